@@ -1,4 +1,4 @@
-"""Words that several processes read and write: loads that acquire, stores that release, and the two steps nobody can come between."""
+"""Atomic words shared by processes: loads that acquire, stores that release, and two read-modify-write operations."""
 
 from libc.stdint cimport int32_t, int64_t, uint64_t
 
@@ -23,8 +23,10 @@ cdef extern from *:
     void store_u64 "tw_store"(uint64_t *pointer, uint64_t value) noexcept nogil
     void store_i64 "tw_store"(int64_t *pointer, int64_t value) noexcept nogil
     void store_i32 "tw_store"(int32_t *pointer, int32_t value) noexcept nogil
-    void fence_release "tw_fence_release"() noexcept nogil                                  # what is stored later is seen later
-    void fence_acquire "tw_fence_acquire"() noexcept nogil                                  # what is loaded later is not older
-    uint64_t count_up "tw_count"(uint64_t *pointer) noexcept nogil                          # the new count
-    bint swap "tw_swap"(uint64_t *pointer, uint64_t old, uint64_t value) noexcept nogil     # False: it was not `old`
+    # later stores become visible later
+    void fence_release "tw_fence_release"() noexcept nogil
+    void fence_acquire "tw_fence_acquire"() noexcept nogil                                  # later loads are not older
+    uint64_t count_up "tw_count"(uint64_t *pointer) noexcept nogil                          # returns the new count
+    # False: the value was not `old`
+    bint swap "tw_swap"(uint64_t *pointer, uint64_t old, uint64_t value) noexcept nogil
     bint swap_i32 "tw_swap_32"(int32_t *pointer, int32_t old, int32_t value) noexcept nogil

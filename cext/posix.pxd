@@ -1,4 +1,4 @@
-"""What cext needs of Linux: clocks, sleeping, signals, polling, memory that stays, datagrams by the dozen, a thread."""
+"""Declarations of Linux and POSIX: clocks, sleeping, signals, polling, locked memory, multiple datagrams, threads."""
 
 cdef extern from "<time.h>" nogil:
     cdef struct timespec:

@@ -1,4 +1,4 @@
-"""Native threads beside the loop: how one begins, what it is called, how it sleeps. None of them ever takes the GIL."""
+"""Native threads beside the loop: start, name, priority, sleep. None of them takes the GIL."""
 
 from libc.stdint cimport int32_t, int64_t
 
@@ -23,20 +23,21 @@ cdef extern from *:
         syscall(SYS_futex, word, FUTEX_WAKE_PRIVATE, 1, NULL, NULL, 0);
     }
     """
-    # Sleep until an instant of CLOCK_MONOTONIC in ns, or until somebody wakes the word, while it is 0.
+    # Sleep until an instant of CLOCK_MONOTONIC in ns, or until the word is woken, while it is 0.
     void doze "tw_doze"(int32_t *word, int64_t until) noexcept nogil
     void wake "tw_wake"(int32_t *word) noexcept nogil
 
 
 cdef inline int start_thread(pthread_t *thread, void *(*enter)(void *) noexcept nogil, void *context, size_t stack) noexcept nogil:
-    """Returns 0, or errno. stack : bytes, all of which are locked in memory where memory is"""
+    """Start a thread. Returns 0 or errno. stack : bytes, which count as locked memory if memory is locked"""
     cdef pthread_attr_t attributes
     cdef sigset_t everything, mine
     cdef int failed
     pthread_attr_init(&attributes)
     pthread_attr_setstacksize(&attributes, stack)
     sigfillset(&everything)
-    pthread_sigmask(SIG_SETMASK, &everything, &mine)        # signals are the loop's: the new thread inherits the mask
+    # signals belong to the loop: the new thread inherits the mask
+    pthread_sigmask(SIG_SETMASK, &everything, &mine)
     failed = pthread_create(thread, &attributes, enter, context)
     pthread_sigmask(SIG_SETMASK, &mine, NULL)
     pthread_attr_destroy(&attributes)
@@ -44,7 +45,7 @@ cdef inline int start_thread(pthread_t *thread, void *(*enter)(void *) noexcept 
 
 
 cdef inline bint be_called(const char *name, int priority) noexcept nogil:
-    """Of the calling thread. priority : of SCHED_FIFO, 0 for an ordinary one. False where it is not granted"""
+    """Name the calling thread. priority : of SCHED_FIFO, 0 for an ordinary one. Returns False if it is not granted."""
     cdef sched_param parameters
     prctl(PR_SET_NAME, <unsigned long>name)
     if priority <= 0:

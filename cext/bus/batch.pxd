@@ -1,4 +1,4 @@
-"""Frames that were encoded at compile time."""
+"""Batches of frames that were encoded at compile time."""
 
 from libc.stdint cimport uint8_t, uint32_t
 
@@ -10,7 +10,7 @@ cdef struct Batch:
 
 
 cdef inline int load_batch(Batch *batch, frames) except -1:
-    """frames: a list of (arbitration id, is extended, data)."""
+    """Fill a batch. frames : list of (arbitration id, is extended, data)"""
     cdef Frame *frame
     cdef int index, position
     if len(frames) > FRAMES_PER_BATCH:

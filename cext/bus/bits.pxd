@@ -2,10 +2,10 @@ from libc.stdint cimport uint8_t, uint32_t
 
 from cext.abi cimport Frame
 
-cdef struct Counter:            # of bits, as they go over the wire
-    int bits                    # stuffed ones included
+cdef struct Counter:            # of the bits on the wire
+    int bits                    # including stuffed bits
     int stuffed
-    int run                     # of equal bits, up to the last
+    int run                     # equal bits at the end
     int last
     uint32_t crc
 

@@ -1,12 +1,13 @@
 # cython: freethreading_compatible=True
-"""How many bits a CAN frame takes on the wire: exactly, with the bits that are stuffed into it and the three between frames.
+"""Length of a CAN frame in bits: exact, including stuffed bits and the intermission.
 
     standard    start, id 11, RTR, IDE, r0, length 4, data, CRC 15
     extended    start, id 11, SRR, IDE, id 18, RTR, r1, r0, length 4, data, CRC 15
     both        CRC delimiter, ACK, its delimiter, end of frame 7, intermission 3: not stuffed
 
-After five equal bits an opposite one is stuffed in, which counts as the first of the next run. The CRC is that of the bits before stuffing,
-with the polynomial 4599 (hex). (ISO 11898-1.) Frames of CAN FD count as if a classic frame could carry as many bytes.
+After five equal bits an opposite one is stuffed, which counts as the first of the next run. The CRC, with the
+polynomial 4599 (hex), covers the bits before stuffing. (ISO 11898-1.) Frames of CAN FD are counted like classic frames
+with more data bytes.
 """
 
 from libc.stdint cimport uint8_t, uint32_t
@@ -20,7 +21,7 @@ cdef enum:
 
 
 cdef void put_bits(Counter *counter, uint32_t value, int count, bint checked) noexcept nogil:
-    """The lowest `count` bits of a value, the highest first. checked : whether they go into the CRC"""
+    """Count the lowest `count` bits of a value, the most significant first. checked : whether the CRC covers them"""
     cdef int place, bit
     for place in range(count - 1, -1, -1):
         bit = value >> place & 1
@@ -63,7 +64,7 @@ cdef int bits_of(const Frame *frame) noexcept nogil:
 
 
 def frame_bits(uint32_t arbitration_id, bytes data, bint extended=False):
-    """(bits on the wire, the three of the gap to the next frame included; how many of them are stuffed in) of a data frame."""
+    """Return (bits on the wire including the intermission, number of stuffed bits) of a data frame."""
     cdef Frame frame
     cdef Counter counter
     if len(data) > FRAME_BYTES:
@@ -77,7 +78,7 @@ def frame_bits(uint32_t arbitration_id, bytes data, bint extended=False):
 
 
 def payload_bits(bytes payload not None):
-    """Bits on the wire, likewise, of a frame as the ring has it: the bytes of a struct Frame."""
+    """Return the bits on the wire of a frame in the ring, given as the bytes of a struct Frame."""
     if len(payload) != sizeof(Frame):
         raise ValueError("a frame has %d bytes, not %d" % (sizeof(Frame), len(payload)))
     return bits_of(<const Frame *><const char *>payload)

@@ -8,12 +8,12 @@ cdef struct Queue:
     long dropped
     Frame frames[QUEUE]
 
-cdef struct End:                 # of a memory bus: reads from one queue, writes to the other
+cdef struct End:                 # of a memory bus: reads one queue, writes the other
     Queue *inbox
     Queue *outbox
 
 cdef class BusEnd:
-    """One end of a bus, as the executor knows it."""
+    """One end of a bus, for the executor."""
     cdef Bus bus
     cdef object owner            # keeps the memory behind the context alive
 

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Buses behind the `Bus` struct. Here: the in-memory bus of a simulation."""
+"""In-memory bus of a simulation, behind the `Bus` struct."""
 
 from libc.stdint cimport int64_t, uint32_t
 from libc.stdlib cimport calloc, free
@@ -33,7 +33,10 @@ cdef int memory_send(void *context, const Frame *frames, int count) noexcept nog
 
 cdef class BusEnd:
     def receive(self, int most=QUEUE):
-        """Take what has arrived: a list of (arbitration id, is extended, data, time in ns). For tests and tools, not for the tick."""
+        """Return received frames as a list of (arbitration id, is extended, data, time in ns).
+
+        For tests and tools, not for the tick.
+        """
         cdef Frame frame
         taken = []
         while len(taken) < most and self.bus.receive(self.bus.context, &frame, 1) == 1:
@@ -41,7 +44,7 @@ cdef class BusEnd:
         return taken
 
     def advance(self, int64_t now):
-        """It is so many ns into the run, for a bus that has a time of its own. For tests and tools."""
+        """Set the time of a bus with its own clock, in ns of the run. For tests and tools."""
         if self.bus.at != NULL:
             self.bus.at(self.bus.context, now)
 
@@ -59,7 +62,9 @@ cdef class BusEnd:
 
 
 cdef class MemoryBus:
-    """A bus without wires: what one end sends, the other receives, in order. `host` is the robot's end, `device` the plant's."""
+    """Bus in memory: what one end sends, the other receives in order. `host` is the robot's end, `device` the
+    plant's.
+    """
 
     def __cinit__(self):
         self.queues = <Queue *>calloc(2, sizeof(Queue))
@@ -82,5 +87,5 @@ cdef class MemoryBus:
 
     @property
     def dropped(self):
-        """Frames that found a queue full."""
+        """Number of frames lost to a full queue."""
         return self.queues[0].dropped + self.queues[1].dropped

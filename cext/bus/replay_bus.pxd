@@ -3,19 +3,19 @@ from libc.stdint cimport int64_t
 from cext.abi cimport Frame
 from cext.bus.memory_bus cimport BusEnd
 
-cdef struct Reel:                # what one bus received, drain by drain
+cdef struct ReplayBuffer:        # frames that one bus received, by drains
     Frame *frames
-    int64_t *ends                # index of the frame behind the last one of each drain
+    int64_t *ends                # index after the last frame of each drain
     int64_t count                # drains
     int64_t next
-    int64_t place                # of the next frame of the drain that is open,
-    int64_t stop                 # and where it ends
+    int64_t place                # next frame of the current drain
+    int64_t stop                 # its end
 
-cdef class TapeBus:
-    cdef Reel reel
+cdef class ReplayBus:
+    cdef ReplayBuffer buffer
     cdef readonly BusEnd host
 
-cdef class Tape:
+cdef class ReplayClock:
     cdef const int64_t *ticks
     cdef const int64_t *late     # ns
     cdef int64_t count, next

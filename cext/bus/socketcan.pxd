@@ -5,7 +5,7 @@ from cext.bus.memory_bus cimport BusEnd
 from cext.posix cimport iovec, mmsghdr
 
 cdef extern from "<linux/can.h>" nogil:
-    cdef struct canfd_frame:        # its first bytes are those of struct can_frame
+    cdef struct canfd_frame:        # begins like struct can_frame
         uint32_t can_id
         uint8_t len
         uint8_t flags
@@ -27,7 +27,7 @@ cdef extern from "<linux/can/error.h>" nogil:
     const int CAN_ERR_CRTL_ACTIVE
 
 cdef enum:
-    CONTROL_WORDS = 8               # of eight bytes: room for one kernel timestamp
+    CONTROL_WORDS = 8               # of eight bytes: space for one kernel timestamp
 
 cdef enum: # states of a controller on its bus
     ACTIVE = 0
@@ -35,27 +35,27 @@ cdef enum: # states of a controller on its bus
     PASSIVE = 2
     OFF = 3
 
-cdef enum: # troubles that are no errno
+cdef enum: # errors other than an errno
     FULL = -1
     BUS_OFF = -2
 
 cdef struct Counts:                 # frames since the begin
-    int64_t refused                 # that found the queue full, and were not sent
-    int64_t echoes                  # that this machine sent itself
-    int64_t corrupt                 # that are no CAN frames
-    int64_t errors                  # in which the controller tells of itself
-    int64_t overflows               # of those, that it lost frames
+    int64_t refused                 # not sent because of a full queue
+    int64_t echoes                  # sent by this machine
+    int64_t corrupt                 # no valid CAN frames
+    int64_t errors                  # error frames of the controller
+    int64_t overflows               # error frames that report lost frames
 
 cdef struct Socket:
     int fd
     bint flexible                   # CAN FD
-    bint shared                     # other nodes are processes of this machine: what it sends may be an answer
-    bint mute                       # nobody to send to: it only hears
-    int patience                    # ticks with a full queue until that is a failure
-    int64_t began                   # ns, CLOCK_MONOTONIC: the zero of the frames' times
-    int64_t drained                 # ns, CLOCK_MONOTONIC: what is read next came later
-    int trouble                     # 0, an errno, or one of the troubles
-    bint told                       # the executor has been told of it
+    bint shared                     # other nodes are processes of this machine, so its own frames may be replies
+    bint mute                       # receives only
+    int patience                    # ticks with a full queue until the bus fails
+    int64_t began                   # ns of CLOCK_MONOTONIC: zero of the frames' times
+    int64_t drained                 # ns of CLOCK_MONOTONIC: the next frames arrived later
+    int trouble                     # 0, an errno, or one of the errors above
+    bint told                       # reported to the executor
     bint refusing                   # in this tick
     int full                        # ticks in a row
     int state

@@ -1,14 +1,16 @@
 # cython: freethreading_compatible=True
-"""A CAN interface behind the `Bus` struct: one recvmmsg and one sendmmsg a tick, and neither waits.
+"""SocketCAN interface behind the `Bus` struct: one recvmmsg and one sendmmsg a tick, both non-blocking.
 
-    time        the kernel stamps a frame when it arrives, by the wall clock. Its age, at the moment it is read, dates it on the
-                clock of the run; a wall clock that is set meanwhile moves it no further than to the reading before
-    echo        what this machine itself has sent is no answer, unless the bus is a virtual one, where everybody is on this machine
-    corrupt     what has not the size of a CAN frame is counted, and goes no further
-    error       frames in which the controller tells of itself are handed over, for the recording; bus-off is a failure
-    full        frames that the interface has no room for are counted; a queue that is full `patience` ticks in a row is a failure
+    time        the kernel stamps a received frame by the wall clock. Its age at the time of reading gives its time on
+                the clock of the run; setting the wall clock moves it back to the previous reading at most
+    echo        a frame that this machine sent is not a reply, except on a virtual bus, where all nodes are on this
+                machine
+    corrupt     a datagram without the size of a CAN frame is counted and discarded
+    error       error frames of the controller are passed on for the recording; bus-off is a failure
+    full        frames that the queue rejects are counted; a queue that is full for `patience` ticks in a row is a
+                failure
 
-A failure is told once, to whoever receives or sends next. The safe stop, which follows, goes on trying.
+A failure is reported once, by the next receive or send. The safe stop that follows continues to send.
 """
 
 from libc.errno cimport EAGAIN, EINTR, ENOBUFS, errno
@@ -38,7 +40,7 @@ cdef inline bint untold(Socket *socket) noexcept nogil:
 
 
 cdef inline int64_t stamp_of(mmsghdr *message) noexcept nogil:
-    """ns of CLOCK_REALTIME at which the kernel had the frame; 0 if it does not say."""
+    """Return the ns of CLOCK_REALTIME at which the kernel received the frame; 0 if unknown."""
     cdef cmsghdr *part = CMSG_FIRSTHDR(&message.msg_hdr)
     cdef timespec stamp
     if part == NULL or part.cmsg_level != SOL_SOCKET or part.cmsg_type != SCM_TIMESTAMPNS:
@@ -48,7 +50,7 @@ cdef inline int64_t stamp_of(mmsghdr *message) noexcept nogil:
 
 
 cdef inline bint is_whole(const Socket *socket, const mmsghdr *message, const canfd_frame *frame) noexcept nogil:
-    """Whether a datagram is a CAN frame, or of a bus with CAN FD either kind."""
+    """Return whether a datagram is a CAN frame; on a bus with CAN FD, of either kind."""
     if message.msg_hdr.msg_flags & MSG_TRUNC:
         return False
     if message.msg_len == <unsigned>CAN_MTU:
@@ -57,7 +59,7 @@ cdef inline bint is_whole(const Socket *socket, const mmsghdr *message, const ca
 
 
 cdef void note(Socket *socket, const canfd_frame *frame) noexcept nogil:
-    """What the controller says of itself."""
+    """Record the controller's state from an error frame."""
     cdef int says = frame.data[1] if frame.can_id & CAN_ERR_CRTL else 0
     cdef int state = socket.state
     socket.counts.errors += 1
@@ -156,7 +158,7 @@ cdef inline void put(Socket *socket, int index, const Frame *frame) noexcept nog
 
 
 cdef void socket_begin(void *context, int64_t began) noexcept nogil:
-    """What has come before is no answer to anything; only what the controller says of itself still holds."""
+    """Discard earlier frames, which are no replies; keep only the state of the controller."""
     cdef Socket *socket = <Socket *>context
     cdef int round, index
     cdef int read = FRAMES_PER_TICK
@@ -169,7 +171,7 @@ cdef void socket_begin(void *context, int64_t began) noexcept nogil:
             if is_whole(socket, &socket.incoming[index], &socket.heard[index]) and socket.heard[index].can_id & ERROR_FRAME:
                 note(socket, &socket.heard[index])
     socket.began = began
-    socket.drained = max(monotonic(), began)            # which is to come: no frame is older than the run
+    socket.drained = max(monotonic(), began)            # no frame is older than the run, which may begin later
     socket.trouble = BUS_OFF if socket.state == OFF else 0
     socket.full = 0
     socket.told = socket.refusing = False
@@ -178,13 +180,13 @@ cdef void socket_begin(void *context, int64_t began) noexcept nogil:
 
 
 cdef class SocketCan:
-    """A bus over a socket that is open and bound: raw CAN, or one of the system's own kinds that keep datagrams apart.
+    """Bus on an open and bound socket: raw CAN, or a packet socket such as UDP or AF_UNIX datagrams.
 
-    file : socket.socket, kept until this is gone
-    fd : whether frames of CAN FD come too
+    file : socket.socket, kept open by this object
+    fd : whether it receives frames of CAN FD
     shared : whether the other nodes are processes of this machine, as on a virtual bus
-    patience : ticks in a row with a full queue, after which the bus fails
-    mute : whether nothing is ever sent, as there is nobody to send to
+    patience : ticks in a row with a full queue until the bus fails
+    mute : whether it never sends
 
     end : the BusEnd
     """
@@ -216,25 +218,25 @@ cdef class SocketCan:
         free(self.socket)
 
     def begin(self, int64_t began):
-        """As before a run: nothing counted, and frames are timed from `began`, in ns of CLOCK_MONOTONIC."""
+        """Reset the counts, and time frames from `began`, in ns of CLOCK_MONOTONIC."""
         socket_begin(self.socket, began)
 
     @property
     def counts(self):
-        """Frames since the begin, by what became of them."""
+        """Frames since the begin, by kind."""
         return self.socket.counts
 
     @property
     def state(self):
-        """Of the controller, as far as it has told: active, warning, passive or off."""
+        """Reported state of the controller: active, warning, passive or off."""
         return STATES[self.socket.state]
 
     @property
     def worst(self):
-        """The worst state since the begin."""
+        """Worst state since the begin."""
         return STATES[self.socket.worst]
 
     @property
     def trouble(self):
-        """Why the bus failed: "full", "bus-off", the errno of a system call, or None."""
+        """Reason for a failure of the bus: "full", "bus-off", the errno of a system call, or None."""
         return TROUBLES.get(self.socket.trouble, self.socket.trouble) if self.socket.trouble else None

@@ -9,13 +9,13 @@ cdef enum:
 cdef struct Wire:
     double bit                  # ns
     int64_t now                 # ns of the run
-    int64_t free                # ns, when the frame that is on the wire has passed
-    int64_t busy                # ns, in which there was one
+    int64_t free                # ns, end of the frame on the wire
+    int64_t busy                # ns with a frame on the wire
     int64_t carried             # frames
-    int64_t dropped             # that found no room
+    int64_t dropped             # frames lost to a full queue
     Queue arrived[2]            # at each end
     int count[2]
-    Frame waiting[2][QUEUE]     # to be sent by each end, in the order in which they were given
+    Frame waiting[2][QUEUE]     # to be sent by each end, in order
 
 cdef struct WireEnd:
     Wire *wire

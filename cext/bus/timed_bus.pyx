@@ -1,10 +1,11 @@
 # cython: freethreading_compatible=True
-"""The in-memory bus with a bitrate: a frame takes the time that its bits take, one frame at a time, the lowest identifier first.
+"""In-memory bus with a bitrate: frames take the time of their bits, one at a time, with the lowest identifier first.
 
-The host's end is one node with one queue: its frames go in the order in which it gave them. At the other end each identifier is a node of
-its own, as drives are. Time is that of the run, as the executor tells it before it receives; a frame that has begun is not broken off.
+The host's end is one node with one queue, which sends frames in order. At the other end each identifier is a separate
+node, as drives are. Time is that of the run, which the executor passes before it receives; a frame in transmission is
+completed.
 
-SlowBus does the same to a bus that is faster: frames of the other side wait until a wire of that bitrate would have brought them.
+SlowBus limits a faster bus: frames of the other side wait for the time that a wire of that bitrate would take.
 """
 
 from libc.math cimport llround
@@ -17,14 +18,16 @@ from cext.bus.bits cimport bits_of
 
 
 cdef inline uint64_t rank(const Frame *frame) noexcept nogil:
-    """What arbitration compares: the lowest wins. Of equal first eleven bits the standard frame does."""
+    """Return the arbitration rank: the lowest wins, and a standard frame wins against an extended one with equal
+    first eleven bits.
+    """
     if frame.id & EXTENDED:
         return <uint64_t>(frame.id & ID_MASK) << 1 | 1
     return <uint64_t>(frame.id & 0x7FF) << 19
 
 
 cdef int chosen(const Wire *wire, int side, int64_t instant) noexcept nogil:
-    """Place of the frame that this end offers at an instant, or -1."""
+    """Return the index of the frame that this end offers at an instant, or -1."""
     cdef int index
     cdef int best = -1
     for index in range(wire.count[side] if side == DEVICE else min(wire.count[side], 1)):
@@ -35,7 +38,7 @@ cdef int chosen(const Wire *wire, int side, int64_t instant) noexcept nogil:
 
 
 cdef int64_t earliest(const Wire *wire) noexcept nogil:
-    """ns, from when on some frame is there to be sent; below 0 if there is none."""
+    """Return the ns from which any frame can be sent; below 0 if there is none."""
     cdef int side, index
     cdef int64_t found = -1
     for side in range(2):
@@ -46,7 +49,7 @@ cdef int64_t earliest(const Wire *wire) noexcept nogil:
 
 
 cdef void advance(Wire *wire, int64_t now) noexcept nogil:
-    """All that begins before `now`. What is given at `now` itself may still come, and take part in its arbitration."""
+    """Send all frames that begin before `now`. Frames given at `now` still take part in its arbitration."""
     cdef int64_t start
     cdef int side, mine, theirs
     wire.now = max(wire.now, now)
@@ -76,7 +79,7 @@ cdef void carry(Wire *wire, int side, int place, int64_t start) noexcept nogil:
 
 
 cdef int take(Wire *wire, int side, Frame *frames, int capacity) noexcept nogil:
-    """What has passed by now."""
+    """Take the frames that have been transmitted by now."""
     cdef Queue *arrived = &wire.arrived[side]
     cdef int count = 0
     advance(wire, wire.now)
@@ -122,7 +125,7 @@ cdef void wire_at(void *context, int64_t now) noexcept nogil:
 
 
 cdef class TimedBus:
-    """As cext.bus.memory_bus.MemoryBus, at a bitrate.
+    """In-memory bus like cext.bus.memory_bus.MemoryBus, with a bitrate.
 
     bitrate : bit/s
     """
@@ -147,22 +150,22 @@ cdef class TimedBus:
 
     @property
     def dropped(self):
-        """Frames that found a queue full."""
+        """Number of frames lost to a full queue."""
         return self.wire.dropped
 
     @property
     def carried(self):
-        """Frames that have been on the wire."""
+        """Number of transmitted frames."""
         return self.wire.carried
 
     @property
     def busy(self):
-        """s, in which a frame was on the wire."""
+        """s with a frame on the wire."""
         return self.wire.busy * 1e-9
 
 
 cdef int slow_receive(void *context, Frame *frames, int capacity) noexcept nogil:
-    """What the other side has sent goes onto the wire; answers that have passed go out, and what has reached us comes in."""
+    """Put frames of the other side on the wire, send replies that have been transmitted, and receive."""
     cdef SlowEnd *slow = <SlowEnd *>context
     cdef Frame[FRAMES_PER_TICK] passing
     cdef int count = slow.real.receive(slow.real.context, passing, FRAMES_PER_TICK)
@@ -195,12 +198,12 @@ cdef void slow_at(void *context, int64_t now) noexcept nogil:
 
 
 cdef class SlowBus:
-    """A bus that is made as slow as a wire of that bitrate, for the plant at its end: to the step of the plant.
+    """Bus slowed down to a bitrate, for the plant at its end, with the resolution of the plant's step.
 
-    real : the BusEnd
+    real : BusEnd of the faster bus
     bitrate : bit/s
 
-    end : the BusEnd of the plant
+    end : BusEnd for the plant
     """
 
     def __cinit__(self, BusEnd real, double bitrate):
@@ -212,5 +215,5 @@ cdef class SlowBus:
 
     @property
     def refused(self):
-        """Answers that the bus behind had no room for."""
+        """Number of replies that the faster bus rejected."""
         return self.context.refused

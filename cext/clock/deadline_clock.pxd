@@ -5,7 +5,7 @@ from cext.posix cimport CLOCK_MONOTONIC, clock_gettime, timespec
 cdef extern from *:
     """
     #include <stdint.h>
-    /* k times a share of 2**64, rounded. */
+    /* k times a fraction of 2**64, rounded. */
     static inline int64_t tw_share(int64_t k, uint64_t share) {
         return (int64_t)(((unsigned __int128)k * share + ((uint64_t)1 << 63)) >> 64);
     }
@@ -28,14 +28,14 @@ cdef inline int64_t clock(int which) noexcept nogil:
 cdef inline int64_t monotonic() noexcept nogil:
     return clock(CLOCK_MONOTONIC)
 
-cdef class Pace:
+cdef class DeadlineClock:
     cdef readonly double rate        # Hz
     cdef int64_t period              # ns, rounded
-    cdef int64_t whole               # ns of a period,
-    cdef uint64_t share              # and 2**64 times the rest
+    cdef int64_t whole               # ns of a period, integer part
+    cdef uint64_t share              # and 2**64 times the fraction
     cdef int64_t window              # ns before a deadline in which it spins
-    cdef readonly int64_t sleeps     # how often it slept, and
-    cdef readonly int64_t spins      # how often it spun
+    cdef readonly int64_t sleeps     # number of sleeps
+    cdef readonly int64_t spins      # number of spins
     cdef const int32_t *caught
 
     cpdef int64_t grid(self, int64_t tick) noexcept nogil

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""The grid of a run, and the waiting for its points: absolute instants of CLOCK_MONOTONIC."""
+"""Deadlines of a run, as absolute times of CLOCK_MONOTONIC, and waiting for them."""
 
 cimport cython
 from libc.errno cimport EINTR
@@ -9,11 +9,11 @@ from cext.clock.signals cimport Signals
 
 
 @cython.final
-cdef class Pace:
-    """Point k of the grid stands at k / rate, to the nanosecond, whatever happened before.
+cdef class DeadlineClock:
+    """Clock with deadline k at k / rate, exact to the nanosecond and independent of earlier delays.
 
-    rate : Hz; taken as the decimal number that it is written as, so that 0.7 Hz means ten seconds for seven periods
-    spin : ns before a point at which sleeping ends and spinning begins
+    rate : Hz; its shortest decimal representation counts, so that seven periods at 0.7 Hz take exactly ten seconds
+    spin : ns before a deadline at which sleeping ends and spinning begins
     """
 
     def __init__(self, double rate, Signals signals, *, int64_t spin=0):
@@ -21,7 +21,7 @@ cdef class Pace:
             raise ValueError("the rate must be above 0 Hz and at most 1e9 Hz, as the grid is in ns, not %r" % rate)
         if spin < 0:
             raise ValueError("the window in which to spin is 0 ns or more, not %d" % spin)
-        from fractions import Fraction              # 9 ms, and whoever reads the page comes by here
+        from fractions import Fraction              # takes 9 ms, and other users of this module do not need it
 
         period = 10**9 / Fraction(repr(rate))
         if period >= 2**62:
@@ -32,11 +32,13 @@ cdef class Pace:
         self.share = ((period - self.whole) * 2**64).__floor__()
 
     cpdef int64_t grid(self, int64_t tick) noexcept nogil:
-        """ns from tick 0 to `tick`, rounded: in whole numbers, where a double would lose count after a hundred days."""
+        """Return the ns from tick 0 to `tick`, rounded; in integers, as a double would be inexact after a hundred
+        days.
+        """
         return tick * self.whole + share_of(tick, self.share)
 
     cpdef int64_t newest(self, int64_t ns) noexcept nogil:
-        """The grid point that is due `ns` after tick 0."""
+        """Return the grid point that is due `ns` after tick 0."""
         cdef int64_t tick = <int64_t>(ns * (self.rate * 1e-9))
         while self.grid(tick) > ns:
             tick -= 1
@@ -45,7 +47,7 @@ cdef class Pace:
         return tick
 
     cdef void wait(self, int64_t deadline) noexcept nogil:
-        """Be there at an absolute instant: sleep, and spin for the last of it where that is asked for."""
+        """Wait for an absolute time: sleep, then spin in the window before it."""
         if monotonic() < deadline - self.window:
             self.sleeps += 1
             self.sleep_until(deadline - self.window)
@@ -55,7 +57,7 @@ cdef class Pace:
                 pause()
 
     cdef void sleep_until(self, int64_t deadline) noexcept nogil:
-        """A signal that we act on ends the sleep, any other does not."""
+        """Sleep until a deadline or a signal that ends the run; other signals do not end the sleep."""
         cdef timespec request
         request.tv_sec = deadline // 1000000000
         request.tv_nsec = deadline % 1000000000

@@ -1,4 +1,4 @@
-"""A histogram of durations in constant memory: 32 buckets an octave, so that a percentile is right within 3 %."""
+"""Histogram of durations in constant memory: 32 buckets per octave, so that a percentile is exact within 3 %."""
 
 from libc.stdint cimport int64_t, uint64_t
 
@@ -13,7 +13,7 @@ cdef struct Histogram:
     uint64_t count
     int64_t total                    # ns
     int64_t largest                  # ns
-    int64_t largest_at               # its tick
+    int64_t largest_at               # tick of the largest
     uint64_t buckets[BUCKETS]
 
 cdef inline void add(Histogram *histogram, int64_t ns, int64_t tick) noexcept nogil:

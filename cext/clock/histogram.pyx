@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""What a histogram tells."""
+"""Percentiles of histograms."""
 
 from libc.string cimport memset
 
@@ -8,7 +8,10 @@ from cext.posix cimport CLOCK_THREAD_CPUTIME_ID
 
 
 cdef dict summary(const Histogram *histogram):
-    """Percentiles in s, where it has any. Each is the upper edge of its bucket, so never better than the truth."""
+    """Return percentiles in s, if there are any.
+
+    Each is the upper edge of its bucket, so never below the true value.
+    """
     cdef uint64_t seen = 0
     cdef int bucket
     result = {
@@ -23,7 +26,9 @@ cdef dict summary(const Histogram *histogram):
 
 
 def percentiles(durations):
-    """Of durations in ns, as the page has them of lateness and execution: a dict in s, each percentile at most 3.2 % above the true one."""
+    """Return the percentiles of durations in ns, as in the statistics: a dict in s, each at most 3.2 % above the
+    true value.
+    """
     cdef Histogram histogram
     memset(&histogram, 0, sizeof(Histogram))
     for index, ns in enumerate(durations):
@@ -32,7 +37,7 @@ def percentiles(durations):
 
 
 def counts_of(durations):
-    """Durations in ns, counted in the buckets of a histogram: an array, to be added to others of its kind."""
+    """Return the bucket counts of durations in ns, as an array that can be added to others."""
     cdef Histogram histogram
     memset(&histogram, 0, sizeof(Histogram))
     for ns in durations:
@@ -41,13 +46,17 @@ def counts_of(durations):
 
 
 cdef object buckets(const Histogram *histogram):
-    import numpy as np                          # the recorder process, which maps the page too, goes without
+    import numpy as np                          # the recorder process uses this module without NumPy
 
     return np.asarray(<uint64_t[:BUCKETS]>(<uint64_t *>histogram.buckets)).copy()
 
 
 def percentile(uint64_t[::1] counts, double share):
-    """s, at most 3.2 % above the duration that this share of all does not exceed. counts : of `counts_of`, or of a page"""
+    """Return a percentile in s, at most 3.2 % above the true value.
+
+    counts : of `counts_of` or SharedState
+    share : 0 to 1
+    """
     cdef uint64_t seen = 0
     cdef uint64_t total = 0
     cdef double wanted
@@ -63,7 +72,7 @@ def percentile(uint64_t[::1] counts, double share):
 
 
 def time_of_add(int64_t[::1] durations, int64_t rounds):
-    """ns of processor time for one `add`, measured over `rounds` times all durations. For `bench`."""
+    """Return the ns of processor time of one `add`, measured over `rounds` times all durations. For `bench`."""
     cdef Histogram histogram
     cdef int64_t began, round
     cdef Py_ssize_t index

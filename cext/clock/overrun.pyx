@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""What a tick does that finds a later grid point due than its own: run late, skip, or end the run."""
+"""Overrun policy: whether a tick that is due later than its grid point runs late, skips, or ends the run."""
 
 import re
 
@@ -7,20 +7,21 @@ cimport cython
 from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
-LARGEST = 1000000
+NUMBER_LIMIT = 1000000
 POLICIES = "skip, catch-up:N, fault:N and fault:N/WINDOW"
 
 
 @cython.final
 cdef class Overrun:
-    """An overrun policy, from words with commas between them.
+    """Overrun policy from comma-separated words.
 
-    skip             the tick that is due runs next; those between are missed. So it is without other words
-    catch-up:N       up to N ticks run late, back to back; what is left then is skipped
+    skip             the tick that is due runs next; those between are missed. This is the default
+    catch-up:N       up to N ticks run late, back to back; the rest is skipped
     fault:N          N missed grid points in a row end the run
     fault:N/WINDOW   N missed among the last WINDOW grid points end the run
 
-    ValueError for any other words.
+    Raises ValueError for any other words.
+    """
     """
 
     def __init__(self, str words="skip"):
@@ -28,8 +29,8 @@ cdef class Overrun:
         for word in given:
             found = re.fullmatch(r"skip|(catch-up|fault):([1-9][0-9]{0,6})(?:/([1-9][0-9]{0,6}))?", word)
             kind, count, window = found.groups() if found else (None, None, None)
-            if not found or (kind == "catch-up" and window) or max(int(count or 0), int(window or 0)) > LARGEST:
-                raise ValueError("there is no overrun policy %r: there are %s, with numbers from 1 to %d" % (word, POLICIES, LARGEST))
+            if not found or (kind == "catch-up" and window) or max(int(count or 0), int(window or 0)) > NUMBER_LIMIT:
+                raise ValueError("there is no overrun policy %r: there are %s, with numbers from 1 to %d" % (word, POLICIES, NUMBER_LIMIT))
             if word == "skip" and len(given) > 1:
                 raise ValueError("the overrun policy skip stands alone; the others skip too, in the end")
             if window and int(count) > int(window):
@@ -53,7 +54,7 @@ cdef class Overrun:
         memset(self.missed, 0, self.window + 1)
 
     cpdef int64_t decide(self, int64_t tick, int64_t newest) noexcept nogil:
-        """The grid point to run at, for a tick that should run at `tick` where `newest` is due. `fault` says whether the run has to end."""
+        """Return the grid point to run at, for tick `tick` when `newest` is due. `fault` is set if the run must end."""
         cdef int64_t count = newest - tick
         if count <= 0:
             self.late = 0

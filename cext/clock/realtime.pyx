@@ -1,8 +1,8 @@
 # cython: freethreading_compatible=True
-"""What a loop needs of Linux so that it does not wait, where Python has no call for it.
+"""Linux system calls of a real-time loop that Python lacks.
 
-Memory that stays, a stack that is there, sleeps that end on time, and a real-time priority that ends when its thread
-spins. Whether and when is decided in runtime.machine.realtime.
+Locked memory, a prefaulted stack, timer slack, slices, and a real-time priority that ends if the thread spins.
+runtime.machine.realtime decides on their use.
 """
 
 import errno
@@ -25,7 +25,7 @@ cdef extern from *:
     #define SCHED_RESET_ON_FORK 0x40000000
     #endif
 
-    // Linux's struct sched_attr as it was at first, which every kernel since takes; libc has no call for it.
+    // The first version of Linux's struct sched_attr, which every later kernel accepts; libc lacks the call.
     struct tw_attributes {
         unsigned int size, policy;
         unsigned long long flags;
@@ -34,7 +34,7 @@ cdef extern from *:
         unsigned long long runtime, deadline, period;
     };
 
-    // 0 or errno. Nothing but the slice is changed.
+    // Returns 0 or errno. Changes the slice only.
     static int tw_set_slice(unsigned long long slice)
     {
         struct tw_attributes found = {0};
@@ -50,12 +50,12 @@ cdef extern from *:
         return syscall(SYS_sched_getattr, 0, &found, sizeof found, 0) == 0 ? found.runtime : 0;
     }
 
-    static volatile int tw_watched = 0;     // the thread whose priority ends, 0: none
+    static volatile int tw_watched = 0;     // thread that loses its priority, 0: none
     static volatile int tw_spun = 0;
 
     static void tw_watch_this_thread(void) { tw_watched = (int)syscall(SYS_gettid); tw_spun = 0; }
 
-    // RLIMIT_RTTIME has run out: a thread of real-time priority has not slept for so long. It goes on, as an ordinary one.
+    // RLIMIT_RTTIME has run out: a real-time thread has not slept for that long. It continues as an ordinary thread.
     static void tw_on_spinning(int number)
     {
         int before = errno;
@@ -66,7 +66,7 @@ cdef extern from *:
         errno = before;
     }
 
-    // Every page of the next `size` bytes below, so that none of them is missing in the middle of a tick.
+    // Touch every page of the next `size` bytes below, to avoid page faults during a tick.
     static void __attribute__((noinline)) tw_touch_stack(long size)
     {
         volatile char block[4096];
@@ -77,7 +77,7 @@ cdef extern from *:
         block[1] = 0;                       // not a tail call
     }
     """
-    int spun "tw_spun"                      # a handler has nowhere else to put it
+    int spun "tw_spun"                      # global, for the signal handler
     int watched "tw_watched"
     void watch_this_thread "tw_watch_this_thread"() noexcept nogil
     void on_spinning "tw_on_spinning"(int number) noexcept nogil
@@ -85,7 +85,7 @@ cdef extern from *:
     unsigned long long current_slice "tw_slice"() noexcept nogil
     int request_slice "tw_set_slice"(unsigned long long slice) noexcept nogil
 
-cdef action before                          # what SIGXCPU did until `watch_for_spinning`
+cdef action before                          # of SIGXCPU until `watch_for_spinning`
 
 
 cdef object failed(int number):
@@ -97,9 +97,9 @@ cdef extern from "<errno.h>" nogil:
 
 
 def lock_memory(bint as_touched=False):
-    """Keep all memory of this process, present and future, from being paged out. OSError.
+    """Lock all present and future memory of this process against paging. Raises OSError.
 
-    as_touched : do not bring in now what nobody has touched yet
+    as_touched : lock untouched pages only when they are first used
     """
     if mlockall(MCL_CURRENT | MCL_FUTURE | (MCL_ONFAULT if as_touched else 0)) != 0:
         raise failed(error_number)
@@ -111,30 +111,30 @@ def unlock_memory():
 
 
 def prefault_stack(long size):
-    """Bring in `size` bytes of this thread's stack, below where it stands."""
+    """Touch `size` bytes of this thread's stack below its present end."""
     touch_stack(size)
 
 
 def timer_slack():
-    """ns by which the kernel may let this thread's sleeps last longer, to save wake-ups."""
+    """Return the ns by which the kernel may delay the end of this thread's sleeps to save wake-ups."""
     return prctl(PR_GET_TIMERSLACK, 0)
 
 
 def set_timer_slack(unsigned long nanoseconds):
-    """ns; 0 for the thread's default. A thread of real-time priority has none."""
+    """Set the timer slack in ns; 0 for the thread's default. A real-time thread has none."""
     prctl(PR_SET_TIMERSLACK, nanoseconds)
 
 
 def slice_length():
-    """ns that this thread may run at a stretch; 0 where the system does not say (Linux before 6.12)."""
+    """Return the time slice of this thread in ns; 0 if unknown (Linux before 6.12)."""
     return current_slice()
 
 
 def set_slice(unsigned long long nanoseconds):
-    """For how long this ordinary thread wants to run at a stretch; 0 for the default, a few ms. OSError.
+    """Request a time slice for this ordinary thread in ns; 0 for the default of a few ms. Raises OSError.
 
-    Who asks for little gets it soon: a thread that wakes takes the processor from one that asked for more. It needs no privilege. Linux before
-    6.12 takes the wish and does nothing.
+    A thread with a short slice preempts threads with a longer one when it wakes. It needs no privilege. Linux before
+    6.12 accepts the request without an effect.
     """
     cdef int number = request_slice(nanoseconds)
     if number != 0:
@@ -142,7 +142,10 @@ def set_slice(unsigned long long nanoseconds):
 
 
 def watch_for_spinning():
-    """From now on SIGXCPU makes the calling thread an ordinary one. What sends it is RLIMIT_RTTIME, which the caller sets."""
+    """Make SIGXCPU turn the calling thread into an ordinary one.
+
+    The caller sets RLIMIT_RTTIME, which sends the signal.
+    """
     cdef action install
     if watched:
         raise OSError(errno.EBUSY, "a thread is watched already")
@@ -154,7 +157,7 @@ def watch_for_spinning():
 
 
 def stop_watching():
-    """SIGXCPU does what it did before. Returns whether the thread has lost its priority."""
+    """Restore the previous action of SIGXCPU. Returns whether the thread has lost its priority."""
     global watched
     if watched:
         sigaction(SIGXCPU, &before, NULL)

@@ -7,9 +7,9 @@ cdef enum:
 
 cdef class Signals:
     cdef action[ENDING] before
-    cdef bint handled                # False: handlers of the process stay as they are
-    cdef int32_t never               # what `caught` points to, then: 0
-    cdef const int32_t *caught       # number of the first signal since `take`, 0 while there is none
+    cdef bint handled                # False: handlers of the process are kept
+    cdef int32_t never               # target of `caught` in that case: 0
+    cdef const int32_t *caught       # number of the first signal since `take`, 0 if none
 
     cdef void take(self)
     cdef void install(self, action *before) noexcept nogil

@@ -1,11 +1,11 @@
 # cython: freethreading_compatible=True
-"""The signals that end a run. Python's own handlers would wait for the end of the loop, so it has its own: they set a flag."""
+"""Signals that end a run. Python's handlers run only after the loop, so these handlers set a flag for the loop."""
 
 from libc.string cimport memset
 
 from cext.posix cimport SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, sigaction
 
-cdef int32_t first = 0                   # a handler has nowhere else to put it
+cdef int32_t first = 0                   # global, for the signal handler
 cdef int[ENDING] SIGNALS = [SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1]
 
 
@@ -16,9 +16,9 @@ cdef void on_signal(int number) noexcept nogil:
 
 
 cdef class Signals:
-    """SIGINT, SIGTERM, SIGHUP, SIGQUIT and SIGUSR1, from `take` to `give_back`.
+    """Handlers of SIGINT, SIGTERM, SIGHUP, SIGQUIT and SIGUSR1, from `take` to `give_back`.
 
-    handled : False leaves the handlers of the process in place, and no signal ends the run
+    handled : False keeps the handlers of the process, and no signal ends the run
     """
 
     def __cinit__(self, bint handled=True):
@@ -33,7 +33,10 @@ cdef class Signals:
         self.install(self.before)
 
     cdef void install(self, action *before) noexcept nogil:
-        """Install the handlers; again where a block may have replaced them. before : what they replace, or NULL"""
+        """Install the handlers, again if a block may have replaced them.
+
+        before : receives the replaced ones, or NULL
+        """
         cdef action ours
         cdef int index
         if not self.handled:

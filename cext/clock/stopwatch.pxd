@@ -3,7 +3,7 @@ from libc.stdint cimport int64_t
 from cext.clock.histogram cimport Histogram, add, summary
 from cext.clock.deadline_clock cimport monotonic
 
-cdef enum: # what a lap was spent with; the steps of the schedule follow, then its devices
+cdef enum: # items of a lap: phases, then the steps of the schedule, then its devices
     WOKEN_LATE = 0
     RECEIVE = 1
     COMMAND = 2
@@ -15,14 +15,14 @@ cdef enum: # what a lap was spent with; the steps of the schedule follow, then i
 
 cdef struct Laps:
     int64_t tick
-    int64_t last                 # ns, CLOCK_MONOTONIC, when the last lap ended
+    int64_t last                 # ns of CLOCK_MONOTONIC, end of the last lap
     int64_t longest              # ns, of the laps of this tick
-    int item                     # what that was spent with
+    int item                     # item of the longest
     Histogram *waits             # for the GIL, or NULL
-    Histogram *each              # one an item, NULL where only the longest is wanted
+    Histogram *each              # one per item, or NULL
 
 cdef inline int64_t lap(Laps *laps, int item) noexcept nogil:
-    """What has passed since the last lap, in ns, was spent with `item`."""
+    """Attribute the time since the last lap to `item`. Returns it in ns."""
     cdef int64_t now = monotonic()
     cdef int64_t took = now - laps.last
     laps.last = now
@@ -36,11 +36,11 @@ cdef struct Blamed:
     int64_t times
     int64_t missed
     int64_t longest              # ns
-    int64_t at                   # its tick
+    int64_t at                   # tick of the longest
 
 cdef class Stopwatch:
     cdef Laps laps
-    cdef Blamed *blamed          # an item
+    cdef Blamed *blamed          # one per item
     cdef int count
     cdef object schedule
     cdef list steps

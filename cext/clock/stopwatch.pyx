@@ -1,8 +1,9 @@
 # cython: freethreading_compatible=True
-"""Where the time of a tick goes: a stamp of the clock between its parts, and what each part was.
+"""Time of the parts of a tick, from clock readings between them.
 
-In real time there is a stamp at each end of a Python step and of a run of native steps, and between the phases: enough to name who took the time
-of a tick that was too long. With a profile there is one after every step, and a histogram of each.
+In real time, the clock is read before and after each Python step and each sequence of native steps, and between phases:
+enough to name the item that made a tick too long. With a profile, it is read after every step, with a histogram for
+each.
 """
 
 cimport cython
@@ -18,12 +19,12 @@ PHASES = {
 
 
 def names(schedule):
-    """What each item is called on its own: words for a phase, the path of a step's block, the path of a device."""
+    """Return the name of each item: text for a phase, the path of a step's block, the path of a device."""
     return [*(PHASES[item] for item in range(FIRST_STEP)), *(step.name for step in (*schedule.output, *schedule.update, *schedule.devices))]
 
 
 def time_of_lap(int64_t laps=20000):
-    """s that one stamp with its histogram takes."""
+    """Return the time of one clock reading with its histogram, in s."""
     cdef Histogram histogram
     cdef Laps watch
     cdef int64_t index
@@ -38,7 +39,7 @@ def time_of_lap(int64_t laps=20000):
 
 @cython.final
 cdef class Stopwatch:
-    """Of one schedule. profile : whether every step is stamped and counted"""
+    """Stopwatch of a schedule. profile : whether every step is timed"""
 
     def __init__(self, schedule, bint profile):
         self.schedule = schedule
@@ -60,7 +61,7 @@ cdef class Stopwatch:
         self.laps.tick, self.laps.last, self.laps.longest, self.laps.item = tick, now, 0, WOKEN_LATE
 
     cdef void blame(self, int item, int64_t ns, int64_t missed) noexcept nogil:
-        """`missed` grid points were lost to `item`, which took `ns` in the tick of the last `begin`."""
+        """Count `missed` grid points against `item`, which took `ns` in the tick of the last `begin`."""
         cdef Blamed *blamed = &self.blamed[item]
         blamed.times += 1
         blamed.missed += missed
@@ -68,7 +69,9 @@ cdef class Stopwatch:
             blamed.longest, blamed.at = ns, self.laps.tick
 
     def name(self, int item):
-        """Path of a block or device, 'left/a to left/b' for a run of native blocks that have no stamps in between, or words for a phase."""
+        """Return the path of a block or device, 'left/a to left/b' for a sequence of native blocks, or text for a
+        phase.
+        """
         cdef int first = item - FIRST_STEP
         cdef int last = first
         if first < 0:
@@ -83,7 +86,7 @@ cdef class Stopwatch:
         return step.name if self.steps[last].name == step.name else "%s to %s" % (step.name, self.steps[last].name)
 
     def follows(self, step, first):
-        """Whether a native step is in the run that `first` begins."""
+        """Return whether a native step is in the sequence that begins with `first`."""
         return step.kernel is not None and (step.every, step.conditions) == (first.every, first.conditions)
 
     def kind(self, int item):
@@ -95,7 +98,9 @@ cdef class Stopwatch:
         return ("native" if self.steps[step].kernel is not None else "Python") + (" update" if step >= len(self.schedule.output) else "")
 
     def overruns(self):
-        """Who took the time where grid points were missed, most of them first: dicts of name, times, missed, longest (s), at_tick."""
+        """Return the items that caused missed grid points, most first: dicts of name, times, missed, longest (s),
+        at_tick.
+        """
         found = [
             {"name": self.name(item), "times": self.blamed[item].times, "missed": self.blamed[item].missed,
              "longest": self.blamed[item].longest * 1e-9, "at_tick": self.blamed[item].at}
@@ -104,7 +109,10 @@ cdef class Stopwatch:
         return sorted(found, key=lambda row: -row["missed"])
 
     def rows(self):
-        """The profile, what took most first: dicts of name, kind, and what a histogram tells. Empty without one."""
+        """Return the profile, longest total first: dicts of name, kind, and the histogram's summary.
+
+        Empty without a profile.
+        """
         if self.laps.each == NULL:
             return []
         found = [

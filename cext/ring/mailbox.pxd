@@ -1,16 +1,17 @@
-"""The mailbox in the shared page: what other processes ask of a run, for its loop to take at the start of a tick.
+"""Mailbox in the shared state: requests of other processes to a run, which its loop takes at the start of a tick.
 
-Any number of processes write, one loop reads, and nobody waits for anybody. A letter's `state` is its step in this round, with
-the process that writes it in the upper half:
+Any number of processes write, one loop reads, and none of them waits. The `state` of a letter has its step in the lower
+half and the ID of the writing process in the upper half:
 
-    FREE      nobody's
-    WRITING   a writer's own
+    FREE      not in use
+    WRITING   owned by a writer
     POSTED    complete: the loop takes it, or its writer withdraws it
-    READING   the loop's
-    ANSWERED  with what became of it, for the writer to read and to free
+    READING   owned by the loop
+    ANSWERED  with the result, for the writer to read and to free
 
-A writer that has died leaves a letter in WRITING or ANSWERED: the next one that finds no other frees it. An idle loop looks at
-`posted` and nothing else.
+A writer that dies leaves a letter in WRITING or ANSWERED: the next writer without a free letter frees it. An idle loop
+reads only `posted`.
+"""
 """
 
 from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
@@ -32,47 +33,47 @@ cdef enum: # kind of a letter
     SET = 0
     MARK = 1
     STOP = 2
-    CONFIRM = 3                 # arm, of a robot that is ready
-    REARM = 4                   # arm again, after a fault
+    CONFIRM = 3                 # arm a robot that is ready
+    REARM = 4                   # arm again after a fault
 
-cdef enum: # who wrote it
+cdef enum: # writer of a letter
     BY_SET = 0                  # `python -m runtime set`
     BY_KEYS = 1                 # the keys of the run's own terminal
-    BY_REPLAY = 2               # nobody: a recording has it
+    BY_REPLAY = 2               # a recording
 
 cdef enum: # answers
     TAKEN = 0
-    OUT_OF_BOUNDS = 1           # a value is outside its bounds, not finite, or not of its type: nothing was changed
-    UNKNOWN = 2                 # there is no such parameter or kind: nothing was changed
-    OVER = 3                    # the run has ended before
-    NOT_NOW = 4                 # nothing waits for it, or what the run waits for is not there: nothing was done
+    OUT_OF_BOUNDS = 1           # a value is outside its bounds, not finite, or of another type: nothing was changed
+    UNKNOWN = 2                 # no such parameter or kind: nothing was changed
+    OVER = 3                    # the run has ended
+    NOT_NOW = 4                 # the run does not wait for it, or its condition is not met: nothing was done
 
 cdef struct Letter:
     uint64_t state              # step | process << 32
-    uint64_t number             # of posting: the order in which letters are taken
+    uint64_t number             # of posting, the order of processing
     int32_t kind
     int32_t origin
     int32_t count               # of changes
     int32_t answer
     int32_t[CHANGES] parameters
     double[CHANGES] values
-    int64_t tick                # at whose start it took effect
+    int64_t tick                # at the start of which it took effect
     int64_t mark                # number of the mark
 
 cdef struct Mailbox:
-    uint64_t posted             # grows when a letter has become POSTED
+    uint64_t posted             # incremented when a letter becomes POSTED
     uint64_t numbers
     Letter[LETTERS] letters
 
-cdef struct Change:             # what has taken effect, as the ring has it
+cdef struct Change:             # a change in effect, for the ring
     int64_t tick
     int32_t kind
     int32_t origin
-    int32_t writer              # its process
+    int32_t writer              # ID of its process
     int32_t parameter
-    double value                # of a mark, its number
+    double value                # number of the mark, for a mark
     double before
-    double slew                 # unit per second with which it goes there; infinite for at once
+    double slew                 # rate in units per second; infinite for a step
 
 cdef inline uint64_t step_of(uint64_t state) noexcept nogil:
     return <uint32_t>state
@@ -84,7 +85,7 @@ cdef inline uint64_t in_step(uint64_t state, uint64_t step) noexcept nogil:
     return state >> 32 << 32 | step
 
 cdef inline Letter *oldest(Mailbox *mailbox, int32_t but) noexcept nogil:
-    """The letter posted first of those that wait, those of the kind `but` left out; or NULL."""
+    """Return the waiting letter that was posted first, except those of the kind `but`; or NULL."""
     cdef int index
     cdef Letter *letter
     cdef Letter *found = NULL

@@ -1,9 +1,9 @@
-"""A ring of frames between two threads in which the newest wins: one writes and never waits, one reads what it has kept.
+"""Ring of frames between two threads that keeps the newest: one thread writes without waiting, one reads.
 
-A tick may stand still for longer than the ring lasts. Then the oldest frames are written over, the reader skips them and counts them, and the
-first frame behind them is marked GAP. Nobody locks: the writer claims a place before it writes there, and the reader, after it has copied a
-frame, looks whether the place has been claimed anew meanwhile (a seqlock a place; Boehm, "Can seqlocks get along with programming language
-memory models?", 2012).
+If the reader stalls for longer than the ring lasts, the writer overwrites the oldest frames; the reader skips and
+counts them, and marks the next frame with GAP. There are no locks: the writer claims a place before it writes, and the
+reader checks after copying a frame whether the place was claimed again (a seqlock for each place; Boehm, "Can seqlocks
+get along with programming language memory models?", 2012).
 """
 
 from libc.stdint cimport uint64_t
@@ -13,18 +13,19 @@ from cext.atomics cimport fence_acquire, fence_release, load_u64, store_u64
 
 cdef enum:
     NEWEST = 1024               # frames of a ring, a power of two
-    AHEAD = 128                 # kept free in front of a writer that has gone round, so that it does not catch up at once
+    # places kept free in front of the writer after a skip, so that it does not catch up at once
+    AHEAD = 128
 
 cdef enum: # flags of a frame from a ring
     GAP = 1                     # frames before this one were lost
-    START = 2                   # the first of what one read has brought: of a datagram, its beginning
+    START = 2                   # first frame of a read, such as the begin of a datagram
 
 cdef struct NewestRing:
-    uint64_t claimed            # frames that the writer has begun;
-    uint64_t head               # and finished
-    uint64_t spare[6]           # keeps the two ends on cache lines of their own
-    uint64_t tail               # frames that the reader has taken or skipped,
-    uint64_t skipped            # and those of them that it never saw
+    uint64_t claimed            # frames begun by the writer
+    uint64_t head               # frames finished by the writer
+    uint64_t spare[6]           # keeps both ends on separate cache lines
+    uint64_t tail               # frames taken or skipped by the reader
+    uint64_t skipped            # frames skipped by the reader
     uint64_t more[6]
     Frame frames[NEWEST]
 
@@ -38,12 +39,12 @@ cdef inline void push(NewestRing *ring, const Frame *frame) noexcept nogil:
 
 
 cdef inline bint pull(NewestRing *ring, Frame *frame) noexcept nogil:
-    """The oldest frame that is left; False if there is none."""
+    """Take the oldest remaining frame; False if there is none."""
     cdef uint64_t head = load_u64(&ring.head)
     cdef uint64_t tail = ring.tail
     cdef bint gap = False
     cdef int rounds
-    for rounds in range(8):                         # a writer that is faster than this is not to hold up a tick
+    for rounds in range(8):                         # limit for a writer that is faster than the reader
         if head - tail > <uint64_t>NEWEST:
             ring.skipped += head - NEWEST + AHEAD - tail
             tail = head - NEWEST + AHEAD
@@ -57,11 +58,11 @@ cdef inline bint pull(NewestRing *ring, Frame *frame) noexcept nogil:
             if gap:
                 frame.flags |= GAP
             return True
-        head = load_u64(&ring.claimed)              # what was copied is torn: nothing up to here is left
+        head = load_u64(&ring.claimed)              # the copy is torn: nothing before this remains
     ring.tail = tail
     return False
 
 
 cdef inline void forget(NewestRing *ring) noexcept nogil:
-    """Take everything that is there, unread."""
+    """Discard all frames."""
     ring.tail = load_u64(&ring.head)

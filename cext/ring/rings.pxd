@@ -1,6 +1,6 @@
-"""Buses that another process owns: for each, a ring of frames out to it and one back.
+"""Lines: buses that another process owns, with a ring of frames in each direction.
 
-One process writes each ring, one reads it, nothing locks.
+Each ring has one writing and one reading process, and no locks.
 """
 
 from libc.stdint cimport int32_t, int64_t, uint64_t
@@ -9,40 +9,40 @@ from cext.abi cimport Frame
 from cext.bus.memory_bus cimport BusEnd
 
 cdef enum:
-    ROOM = 512                      # frames of a ring, a power of two
-    PATIENCE = 10                   # sends in a row that find the ring full, then the bus has failed
+    RING_FRAMES = 512               # a power of two
+    FULL_SENDS_LIMIT = 10           # sends in a row to a full ring until the bus fails
 
-cdef enum: # troubles of a line that are no errno
-    FULL = -1                       # nobody has taken our frames for a while
+cdef enum: # errors of a line other than an errno
+    FULL = -1                       # the owner has not taken frames for a while
 
 cdef struct FrameRing:
-    uint64_t head                   # frames ever written; the writer's
-    uint64_t spare[7]               # keeps the two ends on cache lines of their own
-    uint64_t tail                   # frames ever read; the reader's
+    uint64_t head                   # frames written, in total; owned by the writer
+    uint64_t spare[7]               # keeps both ends on separate cache lines
+    uint64_t tail                   # frames read, in total; owned by the reader
     uint64_t more[7]
-    Frame frames[ROOM]
+    Frame frames[RING_FRAMES]
 
-cdef struct LineCounts:             # frames; the bus's owner counts
-    int64_t refused                 # that the interface had no room for, and were not sent
-    int64_t echoes                  # of our own that the interface handed back
-    int64_t corrupt                 # that are no CAN frames
-    int64_t errors                  # in which the interface tells of itself
-    int64_t overflows               # that found the ring full
-    int64_t withheld                # that came to the owner after the fence was up
+cdef struct LineCounts:             # frames; counted by the owner of the bus
+    int64_t refused                 # rejected by the interface, and not sent
+    int64_t echoes                  # own frames that the interface returned
+    int64_t corrupt                 # no valid CAN frames
+    int64_t errors                  # error frames of the interface
+    int64_t overflows               # lost to a full ring
+    int64_t withheld                # received by the owner after the fence was raised
 
 cdef struct LineLayout:
-    FrameRing outward               # from the loop to the bus
+    FrameRing outward               # from the loop to the owner
     FrameRing inward
-    int32_t failed                  # an errno, once the bus can neither send nor receive
+    int32_t failed                  # an errno, once the bus has failed
     LineCounts counts
 
-cdef struct LineEnd:                # the loop's
+cdef struct LineEnd:                # end of the loop
     LineLayout *line
     int bell                        # eventfd that wakes the owner, or -1
-    int64_t began                   # ns, CLOCK_MONOTONIC: the zero of the frames' times
-    int64_t refused                 # frames that found the ring full
+    int64_t began                   # ns of CLOCK_MONOTONIC: zero of the frames' times
+    int64_t refused                 # frames lost to a full ring
     int trouble
-    int full                        # times in a row
+    int full                        # sends in a row to a full ring
     bint told
 
 cdef class Lines:

@@ -1,8 +1,8 @@
 # cython: freethreading_compatible=True
-"""Buses that another process owns, behind the `Bus` struct: what the loop sends waits in one ring, what it receives in another.
+"""Lines behind the `Bus` struct: buses that another process owns.
 
-The loop never waits. Each send rings a bell, an eventfd, for the owner, which sleeps on that and on its interfaces.
-Frames in the rings carry times of CLOCK_MONOTONIC.
+The loop never waits. Each send signals an eventfd for the owner, which waits for that and for its interfaces. Frames in
+the rings have times of CLOCK_MONOTONIC.
 """
 
 import mmap
@@ -19,9 +19,9 @@ from cext.atomics cimport load_i32, load_u64, store_i32, store_u64
 
 cdef bint put(FrameRing *ring, const Frame *frame) noexcept nogil:
     cdef uint64_t head = ring.head
-    if head - load_u64(&ring.tail) >= <uint64_t>ROOM:
+    if head - load_u64(&ring.tail) >= <uint64_t>RING_FRAMES:
         return False
-    ring.frames[head % ROOM] = frame[0]
+    ring.frames[head % RING_FRAMES] = frame[0]
     store_u64(&ring.head, head + 1)
     return True
 
@@ -30,7 +30,7 @@ cdef bint get(FrameRing *ring, Frame *frame) noexcept nogil:
     cdef uint64_t tail = ring.tail
     if tail == load_u64(&ring.head):
         return False
-    frame[0] = ring.frames[tail % ROOM]
+    frame[0] = ring.frames[tail % RING_FRAMES]
     store_u64(&ring.tail, tail + 1)
     return True
 
@@ -41,7 +41,8 @@ cdef int line_receive(void *context, Frame *frames, int capacity) noexcept nogil
     if failed(end):
         return -1
     while count < capacity and get(&end.line.inward, &frames[count]):
-        frames[count].time = max(frames[count].time - end.began, 0)         # what comes just before the zero is of the run, too
+        # a frame just before the begin belongs to the run
+        frames[count].time = max(frames[count].time - end.began, 0)
         count += 1
     return count
 
@@ -56,7 +57,7 @@ cdef int line_send(void *context, const Frame *frames, int count) noexcept nogil
         sent += 1
     end.full = end.full + 1 if sent < count else 0
     end.refused += count - sent
-    if end.full >= PATIENCE and end.trouble == 0:
+    if end.full >= FULL_SENDS_LIMIT and end.trouble == 0:
         end.trouble = FULL
     if sent > 0 and end.bell >= 0:
         write(end.bell, &once, sizeof(once))
@@ -64,7 +65,7 @@ cdef int line_send(void *context, const Frame *frames, int count) noexcept nogil
 
 
 cdef bint failed(LineEnd *end) noexcept nogil:
-    """Whether to say now that the bus has failed: once, so that the safe stop, which follows, goes on trying."""
+    """Return whether to report a failure of the bus now: once, so that the safe stop continues to send."""
     cdef int why = load_i32(&end.line.failed)
     if why != 0:
         end.trouble = why
@@ -75,7 +76,7 @@ cdef bint failed(LineEnd *end) noexcept nogil:
 
 
 cdef void line_begin(void *context, int64_t began) noexcept nogil:
-    """What has come before is no answer to anything."""
+    """Discard earlier frames, which are no replies."""
     cdef LineEnd *end = <LineEnd *>context
     cdef Frame frame
     while get(&end.line.inward, &frame):
@@ -84,12 +85,12 @@ cdef void line_begin(void *context, int64_t began) noexcept nogil:
 
 
 cdef class Lines:
-    """Memory for some lines, shared by the process that runs the loop and the one that owns the buses.
+    """Memory of several lines, shared by the process of the loop and the owner of the buses.
 
-    Lines(count)    makes it
-    Lines(fd=fd)    maps the one behind `fd`, which another process made
+    Lines(count)    creates it
+    Lines(fd=fd)    maps the memory behind `fd`, which another process created
 
-    The methods here are those of the owner.
+    The methods are for the owner.
     """
 
     def __cinit__(self, int count=0, fd=None):
@@ -105,16 +106,18 @@ cdef class Lines:
             raise ValueError("file descriptor %d does not hold lines of this Tickwork" % fd)
         PyObject_GetBuffer(self.memory, &buffer, PyBUF_WRITABLE)
         self.lines = <LineLayout *>buffer.buf
-        PyBuffer_Release(&buffer)                  # self.memory stays mapped as long as this object lives
+        PyBuffer_Release(&buffer)                  # self.memory keeps the mapping
         if self.made_here:
-            memset(self.lines, 0, len(self.memory))     # the loop is not to be the first to touch it
+            memset(self.lines, 0, len(self.memory))     # touch every page before the loop does
 
     def __dealloc__(self):
         if self.made_here:
             close(self.fd)
 
-    def take(self, int line, int most=ROOM):
-        """What the loop wants sent: a list of (id with the flag bits of struct can_frame, data, CAN FD's flags)."""
+    def take(self, int line, int most=RING_FRAMES):
+        """Return the frames that the loop sends, as a list of (id with the flag bits of struct can_frame, data, CAN
+        FD's flags).
+        """
         cdef Frame frame
         taken = []
         while len(taken) < most and get(&self.lines[self.at(line)].outward, &frame):
@@ -122,7 +125,7 @@ cdef class Lines:
         return taken
 
     def give(self, int line, uint32_t identifier, bytes data, int64_t time, int flags=0):
-        """Hand a frame to the loop, as `take` has them; time in ns of CLOCK_MONOTONIC. Where there is no room it is counted."""
+        """Pass a received frame to the loop; time in ns of CLOCK_MONOTONIC. A full ring counts as an overflow."""
         cdef Frame frame
         cdef LineLayout *place = &self.lines[self.at(line)]
         if len(data) > FRAME_BYTES:
@@ -134,7 +137,7 @@ cdef class Lines:
             place.counts.overflows += 1
 
     def count_up(self, int line, str kind, int64_t more=1):
-        """kind : of LineCounts"""
+        """Add to a count. kind : field of LineCounts"""
         cdef LineCounts *counts = &self.lines[self.at(line)].counts
         if kind == "refused":
             counts.refused += more
@@ -150,20 +153,20 @@ cdef class Lines:
             raise KeyError(kind)
 
     def fail(self, int line, int number):
-        """The bus can neither send nor receive. number : the errno that says why"""
+        """Report a failure of the bus. number : errno of the reason"""
         store_i32(&self.lines[self.at(line)].failed, number)
 
     cdef int at(self, int line) except -1:
         if not 0 <= line < self.count:
-            raise IndexError("there is no line %d" % line)
+            raise IndexError("no line %d" % line)
         return line
 
 
 cdef class Line:
-    """The loop's end of one line.
+    """End of a line for the loop.
 
     lines : Lines
-    index : which of them
+    index : number of the line
     bell : file descriptor of the owner's eventfd, or -1
 
     end : the BusEnd
@@ -179,17 +182,17 @@ cdef class Line:
         self.end.owner = self
 
     def begin(self, int64_t began):
-        """As before a run: frames are timed from `began`, in ns of CLOCK_MONOTONIC."""
+        """Time frames from `began`, in ns of CLOCK_MONOTONIC."""
         line_begin(&self.context, began)
 
     @property
     def counts(self):
-        """Frames by what became of them."""
+        """Frames by kind."""
         counts = dict(self.context.line.counts)
         counts["refused"] += self.context.refused
         return counts
 
     @property
     def trouble(self):
-        """Why the bus failed: "full", an errno, or None."""
+        """Reason for a failure of the bus: "full", an errno, or None."""
         return "full" if self.context.trouble == FULL else self.context.trouble or None

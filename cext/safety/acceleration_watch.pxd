@@ -1,16 +1,18 @@
-"""Acceleration of a joint against the bound on which a drive's law rests: `max_acceleration`.
+"""Monitor of a joint's acceleration against `max_acceleration`, the bound that a drive's control law depends on.
 
 Principle
-    1. Each new reply is compared with those before it, back to max(3 replies, 15 ms): |ω(k) − ω(k−n)| > a Δt + margin for any of them is
-       beyond the bound. Short spans find an impact in the first reply that shows it, the long one finds less through the noise.
-    2. Δt is the difference of the replies' times, and no less than n periods: replies that a bus has held up come close together.
-    3. The margin is two codes and the noise of this drive's velocity, measured where the motion is calm: 4.1 times the mean magnitude of
-       second differences, which is 8 σ of white noise, and 1.2 rad/s at most; that is where it starts.
-    4. Beyond it the share of stiffness and damping is 0 in the same tick: torque alone. Once no span is beyond it any more, which
-       takes the length of the window, the share returns over 100 ms.
-    5. Time beyond the bound adds up, calm takes a quarter of its own length away: more than 50 ms, and more than 6 periods, is a fault.
-       One impact is beyond the bound for one window, 15 ms at 200 Hz and more.
-A velocity that is not a number is beyond the bound.
+    1. Each new reply is compared with earlier ones, back to max(3 replies, 15 ms): |ω(k) − ω(k−n)| > a Δt + margin for
+       any of them exceeds the bound. Short spans detect an impact with its first reply, the long span detects smaller
+       excesses despite noise.
+    2. Δt is the difference of the replies' times, and at least n periods, since replies that a bus delayed arrive close
+       together.
+    3. The margin is two codes plus the noise of this drive's velocity, measured during calm motion: 4.1 times the mean
+       magnitude of second differences, which is 8 σ of white noise, and at most 1.2 rad/s, its initial value.
+    4. Above the bound, the share of stiffness and damping becomes 0 in the same tick, which leaves the torque command.
+       After no span exceeds the bound, which takes the length of the window, the share returns over 100 ms.
+    5. Time above the bound accumulates and calm time subtracts a quarter of its length: more than 50 ms, and more than
+       6 periods, is a fault. One impact exceeds the bound for one window, 15 ms at 200 Hz and more.
+A velocity of NaN exceeds the bound.
 """
 
 from libc.math cimport fabs, fmax, fmin
@@ -24,9 +26,9 @@ from cext.safety.thresholds cimport (
 cdef enum:
     REPLIES = 64                        # kept; a power of two: above 4 kHz the window is shorter than 15 ms
     NOISE_REPLIES = 64                  # memory of the mean of second differences
-    NOISE_PRIOR = 4                     # replies, for which its value at the start counts
+    NOISE_PRIOR = 4                     # replies, weight of its initial value
     NOISE_FACTOR = 410                  # %, margin over that mean
-    CALM = 4                            # s of calm that take one second beyond the bound away
+    CALM = 4                            # s of calm that cancel one second above the bound
 
 cdef struct Acceleration:
     double bound                        # rad/s²
@@ -35,9 +37,9 @@ cdef struct Acceleration:
     double velocities[REPLIES]          # rad/s
     int64_t count                       # of replies
     double noise                        # rad/s, mean magnitude of second differences
-    double beyond                       # s beyond the bound, less the calm
-    double share                        # of stiffness and damping that is allowed
-    double worst                        # rad/s², largest over the span that was beyond the bound, less its margin
+    double beyond                       # s above the bound, less the calm
+    double share                        # permitted share of stiffness and damping
+    double worst                        # rad/s², largest over a span above the bound, less its margin
 
 
 cdef inline void forget_acceleration(Acceleration *a) noexcept nogil:
@@ -48,7 +50,7 @@ cdef inline void forget_acceleration(Acceleration *a) noexcept nogil:
 
 
 cdef inline bint is_beyond(Acceleration *a, int64_t time, double velocity, double period) noexcept nogil:
-    """Whether a new reply is beyond the bound; keeps it."""
+    """Store a new reply, and return whether it exceeds the bound."""
     cdef double margin = a.codes + fmin(1e-2 * NOISE_FACTOR * a.noise, 1e-3 * ACCELERATION_NOISE_LIMIT)
     cdef int most = <int>min(a.count, REPLIES - 1)
     cdef bint found = False
@@ -73,10 +75,10 @@ cdef inline bint is_beyond(Acceleration *a, int64_t time, double velocity, doubl
 
 
 cdef inline bint allow_gains(Acceleration *a, bint beyond, bint commanded, double elapsed, double period) noexcept nogil:
-    """Set the share of stiffness and damping. Whether it was beyond the bound for so long that it is a fault.
+    """Set the share of stiffness and damping. Returns whether the excess has lasted long enough for a fault.
 
-    commanded : whether stiffness or damping is: without them nothing rests on the bound
-    elapsed : s since the reply before
+    commanded : whether stiffness or damping is commanded, since nothing else depends on the bound
+    elapsed : s since the previous reply
     """
     if beyond:
         a.share = 0.0

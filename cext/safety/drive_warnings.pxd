@@ -1,6 +1,6 @@
 from libc.stdint cimport int64_t, uint32_t, uint64_t
 
-from cext.safety.shared_state cimport PageLayout
+from cext.safety.shared_state cimport SharedLayout
 
 cdef enum:
     WARNING_BITS = 32
@@ -8,12 +8,12 @@ cdef enum:
 cdef class DriveWarnings:
     cdef int count
     cdef int *slots                  # of each drive's output `warning`
-    cdef uint32_t *told              # bits of each that have been told in this run
-    cdef void **texts                # News, borrowed: WARNING_BITS of each drive
+    cdef uint32_t *told              # bits of each that have been reported in this run
+    cdef void **texts                # EventTemplate, borrowed: WARNING_BITS of each drive
     cdef list news
     cdef uint64_t most
-    cdef PageLayout *page
+    cdef SharedLayout *page
 
     cdef void reset(self) noexcept nogil
-    cdef uint64_t share(self, PageLayout *page)
+    cdef uint64_t share(self, SharedLayout *page)
     cdef void look(self, double *arena, int64_t tick) noexcept nogil

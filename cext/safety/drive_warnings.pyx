@@ -1,14 +1,14 @@
 # cython: freethreading_compatible=True
-"""Warnings that drives report, bit by bit: each is an event of the recording once a run, at most one a drive and tick."""
+"""Warning bits of drives: each becomes an event of the recording once a run, at most one per drive and tick."""
 
 from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
-from cext.safety.event_template cimport News
+from cext.safety.event_template cimport EventTemplate
 
 
 cdef class DriveWarnings:
-    """Of the devices of a `graph.Schedule` that have an output `warning`."""
+    """Warnings of the devices of a `graph.Schedule` with an output `warning`."""
 
     def __cinit__(self, schedule):
         reporting = [device for device in schedule.devices if device.warning >= 0]
@@ -20,12 +20,12 @@ cdef class DriveWarnings:
             raise MemoryError
         for place, device in enumerate(reporting):
             self.slots[place] = device.warning
-            mine = [News({"event": "warning", "device": device.name, "what": words}) for words in device.warnings]
+            mine = [EventTemplate({"event": "warning", "device": device.name, "what": words}) for words in device.warnings]
             if len(mine) != WARNING_BITS:
                 raise ValueError(f"{device.name} has {len(mine)} texts for {WARNING_BITS} bits of warnings")
             for bit, each in enumerate(mine):
                 self.texts[place * WARNING_BITS + bit] = <void *>each
-            self.most += max(8 + (<News>each).size() for each in mine)
+            self.most += max(8 + (<EventTemplate>each).size() for each in mine)
             self.news += mine
 
     def __dealloc__(self):
@@ -34,8 +34,8 @@ cdef class DriveWarnings:
     cdef void reset(self) noexcept nogil:
         memset(self.told, 0, self.count * sizeof(uint32_t))
 
-    cdef uint64_t share(self, PageLayout *page):
-        """The page that events go to; NULL: none. Returns how many bytes of its ring one tick may take."""
+    cdef uint64_t share(self, SharedLayout *page):
+        """Set the shared state for events, or NULL. Returns the ring bytes that one tick may need."""
         self.page = page
         return self.most
 
@@ -52,6 +52,6 @@ cdef class DriveWarnings:
                 continue
             for bit in range(WARNING_BITS):
                 if fresh >> bit & 1:
-                    (<News>self.texts[place * WARNING_BITS + bit]).tell(self.page, tick)
+                    (<EventTemplate>self.texts[place * WARNING_BITS + bit]).tell(self.page, tick)
                     self.told[place] |= <uint32_t>1 << bit
                     break

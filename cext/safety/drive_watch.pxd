@@ -1,33 +1,33 @@
 from libc.stdint cimport int64_t, uint64_t
 
 from cext.safety.motion_watch cimport Motion
-from cext.safety.shared_state cimport PageLayout
+from cext.safety.shared_state cimport SharedLayout
 
 cdef enum:
-    BUCKETS = 65                     # of a window, and one more that is being filled
+    BUCKETS = 65                     # of a window, plus the current one
 
-cdef enum: # what happens where the RMS torque passes the rated one
+cdef enum: # action when the RMS torque exceeds the rated torque
     SILENT_MODE
     WARN
     SATURATE
     THROTTLE
     DISABLE
 
-cdef enum: # what is told of, once a run each
-    RMS_NEWS
-    WARM_NEWS
-    DERATED_NEWS
-    ACCELERATION_NEWS
-    NEWS_KINDS
+cdef enum: # events, each reported once a run
+    RMS_EVENT
+    WARM_EVENT
+    DERATED_EVENT
+    ACCELERATION_EVENT
+    EVENT_KINDS
 
 cdef struct Watched:
     int device                       # index
     int torque                       # slots
-    int temperature                  # -1: the drive reports none
+    int temperature                  # -1: not reported
     int rms
-    int felt                         # where the kernel finds what is left of its limit; -1: nowhere
-    double full                      # what is there when nothing is taken
-    double left                      # share of it that was left in the last tick
+    int felt                         # slot of the kernel's torque limit; -1: none
+    double full                      # full limit
+    double left                      # fraction of it in the last tick
     int64_t heard                    # ns, of the newest reply
     Motion motion
     int mode
@@ -35,23 +35,23 @@ cdef struct Watched:
     double window                    # s
     double warm, derate, hot         # °C
     double squares[BUCKETS]          # N²·m²·s
-    double filled                    # s in the bucket that is being filled
-    double past                      # sum of the others
+    double filled                    # s in the current bucket
+    double past                      # sum of the other buckets
     int place
     double largest                   # N·m, RMS
     double hottest                   # °C
-    int64_t ticks[NEWS_KINDS]        # in which each was so
+    int64_t ticks[EVENT_KINDS]        # number of ticks of each kind
 
 cdef class DriveWatch:
     cdef Watched *drives
     cdef int count
     cdef list names, news
-    cdef void **told                 # News, borrowed: NEWS_KINDS of each
-    cdef PageLayout *page
+    cdef void **told                 # EventTemplate, borrowed: EVENT_KINDS of each
+    cdef SharedLayout *page
     cdef int failed                  # index of the device, -1
 
     cdef void reset(self) noexcept nogil
-    cdef uint64_t share(self, PageLayout *page)
+    cdef uint64_t share(self, SharedLayout *page)
     cdef int look(self, double *arena, int64_t tick, double dt) noexcept nogil
     cdef void place_motion(self, Watched *drive, steps)
     cdef int look_at(self, Watched *drive, double *arena, int64_t tick, double dt) noexcept nogil

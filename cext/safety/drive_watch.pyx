@@ -1,18 +1,18 @@
 # cython: freethreading_compatible=True
-"""The watch over each actuator: the root mean square of its torque, which heats it, its temperature, and its motion.
+"""Monitor of each actuator: RMS torque, which heats it, temperature, and motion.
 
-    RMS          √(Σ τ² dt / window) over the last window, in 64 buckets; what has not been yet counts as zero
-    warn         it is told once, and counted
-    saturate     from 90 % to 100 % of the rated torque the limit goes down to the rated torque; while a window fills, the RMS then still rises
-                 by at most √2, for what has been before counts until it leaves
-    throttle     from 90 % to 110 % the limit goes down to nothing
-    disable      beyond the rated torque the run ends
-    silent       nothing
+    RMS          √(Σ τ² dt / window) over the last window, in 64 buckets; time before the run counts as zero
+    warn         an event and a count
+    saturate     from 90 % to 100 % of the rated torque the limit decreases to the rated torque; while the window fills,
+                 the RMS may still exceed it by a factor of √2, as earlier torque counts until it leaves the window
+    throttle     from 90 % to 110 % the limit decreases to zero
+    disable      above the rated torque the run ends
+    silent       no action
 
-    temperature  told from `warm` on; from `derate` to `hot` the limit goes down to nothing; at `hot` the run ends
+    temperature  an event from `warm` on; from `derate` to `hot` the limit decreases to zero; at `hot` the run ends
     motion       cext/safety/motion_watch.pxd
 
-The share that is left of a limit, and of stiffness and damping, is written where the drive's kernel finds it, before it encodes.
+The remaining fraction of a limit, and of stiffness and damping, is written to the drive's kernel before it encodes.
 """
 
 from libc.math cimport NAN, log, sqrt
@@ -21,21 +21,21 @@ from libc.string cimport memset
 
 from cext.abi cimport OK, PERIOD, RMS_TORQUE, TOO_HOT
 from cext.safety.motion_watch cimport NOTHING, POSITION, TEMPERATURE, TORQUE, VELOCITY, forget_motion, judge_motion, judge_values
-from cext.safety.event_template cimport News
+from cext.safety.event_template cimport EventTemplate
 
 MODES = {"silent": SILENT_MODE, "warn": WARN, "saturate": SATURATE, "throttle": THROTTLE, "disable": DISABLE}
 ABOUT = {NOTHING: None, TEMPERATURE: "temperature", POSITION: "position", VELOCITY: "velocity", TORQUE: "torque"}
 
 
 cdef class DriveWatch:
-    """Over the devices of a `graph.Schedule` that have a watch."""
+    """Monitor of the devices of a `graph.Schedule` that request it."""
 
     def __cinit__(self, schedule):
         cdef Watched *drive
         watched = [(index, device) for index, device in enumerate(schedule.devices) if device.watch is not None]
         self.count, self.failed = len(watched), -1
         self.drives = <Watched *>calloc(max(1, self.count), sizeof(Watched))
-        self.told = <void **>calloc(max(1, self.count) * NEWS_KINDS, sizeof(void *))
+        self.told = <void **>calloc(max(1, self.count) * EVENT_KINDS, sizeof(void *))
         self.names, self.news = [], []
         for place, (index, device) in enumerate(watched):
             drive, steps, watch = &self.drives[place], device.watch, device.watch.watch
@@ -46,11 +46,11 @@ cdef class DriveWatch:
             self.place_motion(drive, steps)
             self.names.append(device.name)
             for words in watch.words():
-                self.news.append(News({"event": "warning", "device": device.name, "what": words}))
+                self.news.append(EventTemplate({"event": "warning", "device": device.name, "what": words}))
                 self.told[len(self.news) - 1] = <void *>self.news[len(self.news) - 1]
 
     cdef void place_motion(self, Watched *drive, steps):
-        """Where its things lie, and what bounds it."""
+        """Set the slots and bounds of a drive's motion."""
         cdef Motion *m = &drive.motion
         motion = steps.watch.motion
         m.torque = steps.torque
@@ -72,13 +72,15 @@ cdef class DriveWatch:
 
     @property
     def found(self):
-        """Of each drive: its path, largest RMS torque in N·m and temperature in °C, ticks in which each warning held, and what the newest
-        fault of its motion is about, with its value and its bound.
+        """Return a dict for each drive.
+
+        Keys: device (path), rms (N·m) and temperature (°C) maxima, number of ticks of each warning, and about, value and bound
+        of the newest motion fault.
         """
         return [
-            {"device": self.names[i], "rms": self.drives[i].largest, "temperature": self.drives[i].hottest, "rms_ticks": self.drives[i].ticks[RMS_NEWS],
-             "warm_ticks": self.drives[i].ticks[WARM_NEWS], "derated_ticks": self.drives[i].ticks[DERATED_NEWS],
-             "acceleration_ticks": self.drives[i].ticks[ACCELERATION_NEWS], "about": ABOUT[self.drives[i].motion.about],
+            {"device": self.names[i], "rms": self.drives[i].largest, "temperature": self.drives[i].hottest, "rms_ticks": self.drives[i].ticks[RMS_EVENT],
+             "warm_ticks": self.drives[i].ticks[WARM_EVENT], "derated_ticks": self.drives[i].ticks[DERATED_EVENT],
+             "acceleration_ticks": self.drives[i].ticks[ACCELERATION_EVENT], "about": ABOUT[self.drives[i].motion.about],
              "value": self.drives[i].motion.value, "bound": self.drives[i].motion.bound}
             for i in range(self.count)
         ]
@@ -98,13 +100,13 @@ cdef class DriveWatch:
             drive.motion.about = NOTHING
             forget_motion(&drive.motion)
 
-    cdef uint64_t share(self, PageLayout *page):
-        """Where to tell; NULL: nowhere. Returns how many bytes of the ring one tick may take for that."""
+    cdef uint64_t share(self, SharedLayout *page):
+        """Set the shared state for events, or NULL. Returns the ring bytes that one tick may need."""
         self.page = page
-        return sum(8 + (<News>news).size() for news in self.news)
+        return sum(8 + (<EventTemplate>news).size() for news in self.news)
 
     cdef int look(self, double *arena, int64_t tick, double dt) noexcept nogil:
-        """Once a tick, between what was heard and what is commanded. OK, or the fault of the device that is then `failed`."""
+        """Check once a tick, between receiving and commanding. Returns OK, or the fault of the device `failed`."""
         cdef int i
         cdef int status = OK
         for i in range(self.count):
@@ -115,13 +117,16 @@ cdef class DriveWatch:
         return OK
 
     cdef int look_at(self, Watched *drive, double *arena, int64_t tick, double dt) noexcept nogil:
-        """Before the first tick, when nothing has a period yet, what is implausible or too hot is judged alone."""
+        """Check one drive.
+
+        Before the first tick, without a period, only implausible values and temperature are checked.
+        """
         cdef double temperature = arena[drive.temperature] if drive.temperature >= 0 else NAN
         cdef int status = judge_values(&drive.motion, arena, temperature)
         if status == OK and arena[PERIOD] > 0.0:
             status = judge_motion(&drive.motion, arena, drive.heard, arena[PERIOD], drive.left)
             if drive.motion.beyond:
-                self.note(drive, ACCELERATION_NEWS, tick)
+                self.note(drive, ACCELERATION_EVENT, tick)
         return status if status != OK else self.look_at_heat(drive, arena, temperature, tick, dt)
 
     cdef int look_at_heat(self, Watched *drive, double *arena, double temperature, int64_t tick, double dt) noexcept nogil:
@@ -148,20 +153,20 @@ cdef class DriveWatch:
         if drive.mode == SATURATE and drive.limit > drive.rated and rms > 0.9 * drive.rated:
             floor = drive.rated / drive.limit
             left = floor if rms >= drive.rated else floor + (1.0 - floor) * (drive.rated - rms) / (0.1 * drive.rated)
-            self.note(drive, RMS_NEWS, tick)
+            self.note(drive, RMS_EVENT, tick)
         elif drive.mode == THROTTLE and rms > 0.9 * drive.rated:
             left = 0.0 if rms >= 1.1 * drive.rated else (1.1 * drive.rated - rms) / (0.2 * drive.rated)
-            self.note(drive, RMS_NEWS, tick)
+            self.note(drive, RMS_EVENT, tick)
         elif (drive.mode == WARN or drive.mode == DISABLE) and rms > drive.rated:
-            self.note(drive, RMS_NEWS, tick)
+            self.note(drive, RMS_EVENT, tick)
             if drive.mode == DISABLE:
                 return RMS_TORQUE
         if temperature > drive.hottest:
             drive.hottest = temperature
         if temperature >= drive.warm:
-            self.note(drive, WARM_NEWS, tick)
+            self.note(drive, WARM_EVENT, tick)
         if temperature >= drive.derate:
-            self.note(drive, DERATED_NEWS, tick)
+            self.note(drive, DERATED_EVENT, tick)
             if temperature >= drive.hot:
                 return TOO_HOT
             cool = (drive.hot - temperature) / (drive.hot - drive.derate)
@@ -173,5 +178,5 @@ cdef class DriveWatch:
 
     cdef void note(self, Watched *drive, int kind, int64_t tick) noexcept nogil:
         if drive.ticks[kind] == 0:
-            (<News>self.told[(drive - self.drives) * NEWS_KINDS + kind]).tell(self.page, tick)
+            (<EventTemplate>self.told[(drive - self.drives) * EVENT_KINDS + kind]).tell(self.page, tick)
         drive.ticks[kind] += 1

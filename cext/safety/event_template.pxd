@@ -1,11 +1,11 @@
 from libc.stdint cimport int64_t
 
-from cext.safety.shared_state cimport PageLayout
+from cext.safety.shared_state cimport SharedLayout
 
-cdef class News:
+cdef class EventTemplate:
     cdef bytes text                      # JSON up to the number of the tick
     cdef const char *begin
     cdef size_t length
 
     cdef size_t size(self) noexcept nogil
-    cdef void tell(self, PageLayout *page, int64_t tick) noexcept nogil
+    cdef void tell(self, SharedLayout *page, int64_t tick) noexcept nogil

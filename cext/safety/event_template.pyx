@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Events that the tick itself tells of: their words are made before the run, the tick fills in its number."""
+"""Events that the tick itself emits: the text is prepared before the run, and the tick inserts its number."""
 
 import json
 
@@ -10,13 +10,13 @@ from libc.string cimport memcpy, memset
 from cext.safety.shared_state cimport EVENT, commit, reserve
 
 cdef enum:
-    MOST_DIGITS = 20                # of a tick, with its sign
+    TICK_DIGITS = 20                # with the sign
 
 
-cdef class News:
-    """One event of the recording.
+cdef class EventTemplate:
+    """One event of the recording, with space for the tick.
 
-    event : dict that JSON can carry; "tick" is added
+    event : dict that can be encoded as JSON; "tick" is added
     """
 
     def __cinit__(self, dict event):
@@ -24,12 +24,12 @@ cdef class News:
         self.begin, self.length = self.text, len(self.text)
 
     cdef size_t size(self) noexcept nogil:
-        """Bytes of the record in the ring: a multiple of 8."""
-        return (self.length + MOST_DIGITS + 1 + 7) // 8 * 8
+        """Return the bytes of the record in the ring, a multiple of 8."""
+        return (self.length + TICK_DIGITS + 1 + 7) // 8 * 8
 
-    cdef void tell(self, PageLayout *page, int64_t tick) noexcept nogil:
-        """Into the ring, with spaces where the number of the tick is shorter than it may be. `page` may be NULL."""
-        cdef char[MOST_DIGITS + 1] digits
+    cdef void tell(self, SharedLayout *page, int64_t tick) noexcept nogil:
+        """Write the event to the ring, padded with spaces. `page` may be NULL."""
+        cdef char[TICK_DIGITS + 1] digits
         cdef char *room
         if page == NULL:
             return

@@ -1,16 +1,16 @@
 # cython: freethreading_compatible=True
-"""The signals that kill a process from within: SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT.
+"""Fatal signals of the process itself: SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT.
 
-A process that leaves a core behind takes its time to die, and all that time its motors would turn. So the first that happens is that the
-fence goes up, and that the page tells the guardian what has happened, and in which block. Then the signal does what it would have done
-before, on a stack of its own, since there may be none left.
+A process that writes a core dump takes time to end, while its motors would continue. The handler therefore first raises
+the fence and reports the signal and the block to the guardian in the shared state. Then the signal takes its previous
+action, on a separate stack, since the thread's own stack may be exhausted.
 """
 
 from libc.stdint cimport int32_t
 from libc.string cimport memset
 
 from cext.safety.forks cimport is_child
-from cext.safety.shared_state cimport PageLayout, store_i32
+from cext.safety.shared_state cimport SharedLayout, store_i32
 from cext.posix cimport (
     SA_ONSTACK, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, action, pthread_self, pthread_t, raise_signal, sigaction, sigaltstack, stack_t,
 )
@@ -20,16 +20,16 @@ cdef enum:
     STACK = 65536                           # bytes
 
 cdef int[FATAL] SIGNALS = [SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT]
-cdef action[FATAL] before                   # what they did until `take_fatal`
+cdef action[FATAL] before                   # until `take_fatal`
 cdef stack_t stack_before
 cdef char[STACK] room
-cdef PageLayout *told = NULL                # a handler has nowhere else to look
+cdef SharedLayout *told = NULL                # global, for the signal handler
 cdef const int *busy_with = NULL
 cdef pthread_t loop = 0
 
 
 cdef void on_fatal(int number) noexcept nogil:
-    cdef PageLayout *page = told if not is_child() else NULL        # the page of a child is its parent's
+    cdef SharedLayout *page = told if not is_child() else NULL        # a child shares the memory of its parent
     cdef int index
     if page != NULL:
         store_i32(&page.hung, 1 + busy_with[0] if pthread_self() == loop and busy_with[0] >= 0 else -1)
@@ -37,11 +37,11 @@ cdef void on_fatal(int number) noexcept nogil:
         store_i32(&page.fence, 1)
     for index in range(FATAL):
         sigaction(SIGNALS[index], &before[index], NULL)
-    raise_signal(number)                    # comes as soon as this returns, also where nothing would fail again
+    raise_signal(number)                    # delivered on return, even if the instruction would not fail again
 
 
-cdef void take_fatal(PageLayout *page, const int *at) noexcept nogil:
-    """From now on they raise the fence first. at : item of the stopwatch that the calling thread works on, below 0: something else"""
+cdef void take_fatal(SharedLayout *page, const int *at) noexcept nogil:
+    """Raise the fence on fatal signals from now on. at : stopwatch item of the calling thread, below 0: none"""
     global told, busy_with, loop
     cdef action install
     cdef stack_t own
@@ -58,7 +58,7 @@ cdef void take_fatal(PageLayout *page, const int *at) noexcept nogil:
 
 
 cdef void give_back_fatal() noexcept nogil:
-    """All is as before `take_fatal`. Again: nothing."""
+    """Restore the state before `take_fatal`. A second call does nothing."""
     global told
     cdef int index
     if told == NULL:

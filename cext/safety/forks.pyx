@@ -1,8 +1,9 @@
 # cython: freethreading_compatible=True
-"""Children of a run. A block that forks and returns in the child too would run the loop, its buses and its recording a second time.
+"""Detection of forked children.
 
-The child of a fork is marked by the C library itself, so that C code is seen as well as os.fork. A child that executes another program, or
-that ends by itself as those of multiprocessing do, never comes back into the loop and is left alone.
+If a block forks and returns in the child, too, the child must not run the loop with its buses and recording. The C
+library marks the child of a fork, which covers C code as well as os.fork. A child that executes another program, or ends
+without returning, as those of multiprocessing do, is not affected.
 """
 
 from libc.string cimport strlen
@@ -20,7 +21,7 @@ cdef void mark() noexcept nogil:
 
 
 cdef void begin_run() noexcept nogil:
-    """From now on forks count; a process that was forked before may run a loop of its own."""
+    """Detect forks from now on; a process that was forked earlier may run its own loop."""
     global child
     child = 0
 
@@ -30,7 +31,7 @@ cdef bint is_child() noexcept nogil:
 
 
 cdef void leave() noexcept nogil:
-    """End the child at once: no safe stop, no file, nothing that belongs to its parent."""
+    """End the child at once, without a safe stop, and without touching files of its parent."""
     write(2, MESSAGE, strlen(MESSAGE))
     _exit(1)
 

@@ -1,17 +1,20 @@
-"""The watch over the motion and the torque of one drive. Everything is at the joint; each rule is judged once for each new reply.
+"""Monitor of the motion and torque of one drive, at the joint. Each rule is checked once per new reply.
 
-    implausible     position, velocity or torque is not a number: a fault. So is a temperature that is infinite, or at or below -40 °C, which no
-                    motor of a wearable robot has and a broken sensor reports; NaN is the temperature of a drive that reports none
+    implausible     position, velocity or torque is NaN: a fault. So is a temperature that is infinite, or at or below
+                    -40 °C, which is outside the use of a wearable robot and typical of a broken sensor; NaN is the
+                    temperature of a drive without a sensor
     over-travel     more than 0.05 rad outside the joint's `range`: a fault
     overspeed       faster than `max_velocity` in 3 replies in a row: a fault
-    excess torque   measured beyond the limit and the drive's stated accuracy in 4 replies in a row and for 20 ms: a fault
-    acceleration    cext/safety/acceleration_watch.pxd: torque alone at once, a fault where it persists
-    not following   over 60 ms (exponential means) the whole law that was sent is above 10 % of the rated torque, and of it less than 20 % is
-                    measured, of the law of this reply and of the one before, in 4 replies in a row and for 50 ms: a fault
-    scale           cext/safety/scale_watch.pxd: velocity against position, torque against the law that was sent: a fault
+    excess torque   measured torque exceeds the limit plus the drive's stated accuracy in 4 replies in a row and for 20
+                    ms: a fault
+    acceleration    cext/safety/acceleration_watch.pxd: torque command only, at once; a fault if it persists
+    not following   over 60 ms (exponential means) the sent law exceeds 10 % of the rated torque, and less than 20 % of
+                    it is measured, for the law of this reply and of the previous one, in 4 replies in a row and for 50
+                    ms: a fault
+    scale           cext/safety/scale_watch.pxd: velocity against position, torque against the sent law: a fault
 
-The whole law is K (θ₀ − θ) + B (ω₀ − ω) + τ of the last frame, with the newest reply; where a current is commanded, its torque.
-Until the first tick only what is implausible is judged.
+The law is K (θ₀ − θ) + B (ω₀ − ω) + τ of the last frame, with the newest reply; for a current command, its torque.
+Before the first tick only implausible values are checked.
 """
 
 from libc.math cimport NAN, fabs, isfinite, isinf
@@ -28,34 +31,34 @@ from cext.safety.thresholds cimport (
 )
 
 cdef enum:
-    LONGEST_STEP = 50000000             # ns between two replies, as far as it counts
+    REPLY_STEP_LIMIT = 50000000         # ns between two replies that counts
 
-cdef enum: # what a fault is about
+cdef enum: # quantity of a fault
     NOTHING, TEMPERATURE, POSITION, VELOCITY, TORQUE
 
 cdef struct Motion:
-    int position, velocity, torque      # slots of outputs; -1: none, and nothing is judged
+    int position, velocity, torque      # slots of outputs; -1: none, and nothing is checked
     int stiffness, damping              # slots of inputs; -1: none
-    int law                             # slot of the first of five: what the last frame carried; -1: none
-    int current                         # slot of a current that was sent; -1: none
+    int law                             # slot of the first of five values of the last frame; -1: none
+    int current                         # slot of a sent current; -1: none
     double current_scale                # N·m of an A
-    int gains                           # slot of the share of stiffness and damping that is allowed; -1: none
+    int gains                           # slot of the permitted share of stiffness and damping; -1: none
     double low, high                    # rad
     double fastest                      # rad/s
     double limit, accuracy, rated       # N·m
-    double offset                       # rad, and the ends of what is reported:
-    double position_end, velocity_end   # rad, rad/s, infinite where there are none
-    int64_t heard                       # ns, of the newest reply judged; -1: none
+    double offset                       # rad
+    double position_end, velocity_end   # rad, rad/s, ends of the encoded range, infinite for none
+    int64_t heard                       # ns, of the newest checked reply; -1: none
     Acceleration acceleration
     Scale velocity_scale, torque_scale
     Way way
     int fast, excessive, idle           # replies in a row
     double excess_time, idle_time       # s
     double asked, given, given_before   # N·m, means
-    double wanted                       # N·m, the whole law at the reply before
-    bint beyond                         # this reply is beyond the bound of acceleration, and gains are commanded
-    int about                           # of the newest fault
-    double value, bound                 # what it was, and what it must be inside of
+    double wanted                       # N·m, the law at the previous reply
+    bint beyond                         # this reply exceeds the bound of acceleration, and gains are commanded
+    int about                           # quantity of the newest fault
+    double value, bound                 # its value and bound
 
 
 cdef inline void forget_motion(Motion *m) noexcept nogil:
@@ -74,7 +77,7 @@ cdef inline int blame(Motion *m, int status, int about, double value, double bou
 
 
 cdef inline int judge_values(Motion *m, const double *arena, double temperature) noexcept nogil:
-    """Whether what was measured can be."""
+    """Check that the measurements are plausible."""
     if isinf(temperature) or temperature <= TEMPERATURE_MINIMUM:
         return blame(m, IMPLAUSIBLE, TEMPERATURE, temperature, TEMPERATURE_MINIMUM)
     if m.position >= 0 and not isfinite(arena[m.position]):
@@ -87,18 +90,18 @@ cdef inline int judge_values(Motion *m, const double *arena, double temperature)
 
 
 cdef inline int judge_motion(Motion *m, double *arena, int64_t heard, double period, double left) noexcept nogil:
-    """OK, or the fault.
+    """Check the motion. Returns OK or the fault.
 
     heard : ns, of the newest reply
-    left : share of the limit that was allowed when the last command was encoded
+    left : fraction of the limit when the last command was encoded
     """
     cdef double position, velocity, elapsed, wanted, limit
     cdef int64_t step = heard - m.heard
     cdef int status
     if m.position < 0 or m.velocity < 0 or step <= 0:
         return OK
-    if m.heard < 0 or step > LONGEST_STEP:
-        step = LONGEST_STEP if m.heard >= 0 else 0
+    if m.heard < 0 or step > REPLY_STEP_LIMIT:
+        step = REPLY_STEP_LIMIT if m.heard >= 0 else 0
     m.heard = heard
     elapsed = 1e-9 * step
     position, velocity = arena[m.position], arena[m.velocity]
@@ -116,7 +119,7 @@ cdef inline int judge_motion(Motion *m, double *arena, int64_t heard, double per
     status = judge_velocity_scale(m, heard, position, velocity)
     if status != OK or (m.law < 0 and m.current < 0):
         return status
-    if arena[AUTHORITY] == 0.0:                                 # nothing is sent
+    if arena[AUTHORITY] == 0.0:                                 # no command is sent
         m.asked = m.given = m.given_before = m.wanted = 0.0
         return OK
     if m.law >= 0:
@@ -141,7 +144,7 @@ cdef inline int judge_acceleration(
 
 
 cdef inline int judge_torque(Motion *m, double torque, double limit, double elapsed) noexcept nogil:
-    """What is measured, against the limit."""
+    """Check the measured torque against the limit."""
     if fabs(torque) <= limit + m.accuracy:
         m.excessive, m.excess_time = 0, 0.0
         return OK
@@ -160,7 +163,7 @@ cdef inline int judge_velocity_scale(Motion *m, int64_t heard, double position, 
 
 
 cdef inline int judge_following(Motion *m, double wanted, double torque, double elapsed) noexcept nogil:
-    """What is measured, against what was sent."""
+    """Check the measured torque against the sent law."""
     cdef double share = elapsed / (1e-9 * FOLLOWING_MEAN + elapsed)
     cdef double most = 1e-2 * FOLLOWING_COMMANDED * m.rated
     cdef double scale = 0.0

@@ -1,7 +1,7 @@
 # cython: freethreading_compatible=True
-"""Tells that the loop's thread has died, sooner than its process is gone: a thread that waits for the hold on the shared page.
+"""Early detection that the loop's thread has died: a thread that waits for the robust mutex in the shared state.
 
-It never takes the GIL, and does nothing but wait. It lasts as long as its process.
+It never takes the GIL, only waits, and lasts as long as its process.
 """
 
 import os
@@ -11,31 +11,35 @@ from libc.stdint cimport uint64_t
 from posix.unistd cimport write
 
 from cext.safety.robust_mutex cimport EOWNERDEAD, pthread_mutex_lock, pthread_mutex_unlock
-from cext.safety.shared_state cimport Page
+from cext.safety.shared_state cimport SharedState
 from cext.posix cimport pthread_t
 from cext.threads cimport be_called, start_thread
 
 cdef size_t STACK = 64 << 10            # bytes
 
 
-cdef class Mourner:
-    """page : Page whose hold another process has; priority : of SCHED_FIFO where that is granted, 0 for an ordinary thread. OSError
+cdef class OwnerDeathWatcher:
+    """Thread that waits for the death of the mutex's owner. Raises OSError.
 
-    fd : an eventfd that can be read once the holder has died without letting go
+    page : SharedState whose mutex another process holds
+    priority : of SCHED_FIFO if granted, 0 for an ordinary thread
+
+    fd : eventfd that is readable once the owner has died without releasing the mutex
     """
-    cdef Page page
+    cdef SharedState page
     cdef readonly int fd
     cdef int priority
 
-    def __init__(self, Page page, int priority=0):
+    def __init__(self, SharedState page, int priority=0):
         cdef pthread_t thread
         cdef int failed
         self.page, self.priority = page, priority
         self.fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        Py_INCREF(self)                                                 # for good: its thread waits in the kernel, and cannot be ended
+        # never released: the thread waits in the kernel and cannot be ended
+        Py_INCREF(self)
         failed = start_thread(&thread, enter, <void *>self, STACK)
         if failed:
-            raise OSError(failed, "there is no thread that waits for the loop's end")
+            raise OSError(failed, "cannot start the thread that waits for the end of the loop")
 
     cdef void wait(self) noexcept nogil:
         cdef uint64_t one = 1
@@ -49,5 +53,5 @@ cdef class Mourner:
 
 
 cdef void *enter(void *context) noexcept nogil:
-    (<Mourner>context).wait()
+    (<OwnerDeathWatcher>context).wait()
     return NULL

@@ -1,4 +1,4 @@
-"""A hold on life: who has it is there; when its thread dies, the kernel tells who waits for it."""
+"""Robust shared mutex used as a liveness token: the kernel returns EOWNERDEAD to waiters when the owner dies."""
 
 from libc.stdint cimport int32_t
 
@@ -9,8 +9,8 @@ cdef extern from *:
     #include <errno.h>
     #include <pthread.h>
 
-    /* A robust mutex in shared memory. The kernel gives up those of a dying thread first of all, long before it has taken back the memory of
-       the process, which is what a pidfd waits for: with locked memory that can take 20 ms. */
+    /* A robust mutex in shared memory. The kernel releases those of a dying thread first, before it frees the memory of
+    the process, which a pidfd waits for: with locked memory that can take 20 ms. */
     static int tw_hold_make(pthread_mutex_t *hold) {
         pthread_mutexattr_t kind;
         int failed = pthread_mutexattr_init(&kind);
@@ -35,9 +35,9 @@ cdef extern from *:
 
 
 cdef inline bint find_dead(pthread_mutex_t *hold, int32_t *dead) noexcept nogil:
-    """Whether the thread that had it has died. dead : where that is kept, for it is told once
+    """Return whether the owning thread has died. dead : stores the result, which the kernel reports once
 
-    One that another thread has is left as it is, without a system call.
+    A mutex that another thread holds is not touched, and no system call is made.
     """
     cdef int status
     if load_i32(dead):
@@ -46,5 +46,6 @@ cdef inline bint find_dead(pthread_mutex_t *hold, int32_t *dead) noexcept nogil:
     if status == EOWNERDEAD:
         store_i32(dead, 1)
     if status == 0 or status == EOWNERDEAD:
-        pthread_mutex_unlock(hold)                  # who still had it when its memory goes would have a list that leads nowhere
+        # else the kernel's list of held mutexes would point to unmapped memory
+        pthread_mutex_unlock(hold)
     return status == EOWNERDEAD

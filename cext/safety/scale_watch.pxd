@@ -1,13 +1,14 @@
-"""Two measurements of one thing, compared over a second of it: a table or a firmware with another scale.
+"""Comparison of two measurements of one quantity over a second, which detects a table or firmware with another scale.
 
 Principle
-    1. Of pairs (x, y) that should be equal the sums of x², y² and x y are kept. √(Σy²/Σx²) is the scale, whatever lag there is between the two;
-       Σxy/Σx² is the scale, whatever noise there is in y. Both must be off, to the same side: the first by the tolerance,
-       the second by a third of it. Or the first is above 3, which no noise makes, or the second below -0.5: the signs differ.
-    2. Velocity: x is the way that the position has gone in at least 25 ms, y the integral of the reported velocity over it. Counted
-       where either is faster than 0.5 rad/s; not where either is at an end of its range, nor over a gap of more than 60 ms.
-    3. Torque: x is the whole law that was sent, y what was measured. Counted above 10 % of the rated torque, and not where more than half of
-       it is sent: there a drive may be at a limit of its own.
+    1. For pairs (x, y) that should be equal, the sums of x², y² and x y are kept. √(Σy²/Σx²) is the scale, independent
+       of any lag; Σxy/Σx² is the scale, independent of any noise in y. Both must deviate to the same side: the first by
+       the tolerance, the second by a third of it. Or the first is above 3, which noise cannot cause, or the second
+       below -0.5: the signs differ.
+    2. Velocity: x is the change of position in at least 25 ms, y the integral of the reported velocity. Counted if
+       either is faster than 0.5 rad/s; not if either is at an end of its range, nor over a gap of more than 60 ms.
+    3. Torque: x is the sent law, y the measured torque. Counted above 10 % of the rated torque, and not if the law
+       exceeds half of the rated torque, where a drive may limit it.
 """
 
 from libc.math cimport fabs, fmax, isinf, log, sqrt
@@ -18,16 +19,16 @@ from cext.safety.thresholds cimport SCALE_SPEED_MINIMUM, SCALE_TIME
 cdef enum:
     CHUNK = 25000000                    # ns
     GAP = 60000000                      # ns
-    PLAIN = 300                         # %, of a scale that no noise makes: x may stand still
-    ENDS = 990                          # 0.001 of a range: what is beyond is at its end
+    PLAIN = 300                         # %, of a scale that noise cannot cause; x may be zero
+    ENDS = 990                          # 0.001 of a range; positions beyond are at its end
 
 cdef struct Scale:
-    double tolerance                    # ln of the factor that is too much
+    double tolerance                    # ln of the permitted factor
     double xx, yy, xy
     double time                         # s
 
 cdef struct Way:                        # of one chunk
-    int64_t began, time                 # ns, of its first and its newest reply
+    int64_t began, time                 # ns, of its first and newest reply
     double start                        # rad
     double velocity                     # rad/s
     double integral                     # rad
@@ -39,7 +40,7 @@ cdef inline void forget_scale(Scale *scale) noexcept nogil:
 
 
 cdef inline double compare(Scale *scale, double x, double y, double time) noexcept nogil:
-    """Add a pair that has held for so many s. The scale of y over x where it is off, after a second; else 0."""
+    """Add a pair that has held for `time` s. Returns the scale of y over x if it deviates after a second, else 0."""
     cdef double ratio, slope, off
     scale.xx += x * x
     scale.yy += y * y
@@ -67,7 +68,7 @@ cdef inline double follow(
         Way *way, Scale *scale, int64_t time, double position, double velocity, double longest, bint counts) noexcept nogil:
     """Add a reply.
 
-    longest : rad, of a chunk: a position that jumps farther has gone round
+    longest : rad, of a chunk; a larger change of position is a wrap-around
     counts : whether neither is at an end of its range
     """
     cdef double elapsed = 1e-9 * (time - way.time)

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""The shared page from Python: made by the control process, read by the recorder."""
+"""Shared state from Python: created by the control process, read by the recorder."""
 
 import mmap
 import os
@@ -11,18 +11,18 @@ from posix.unistd cimport close
 from cext.clock.histogram cimport buckets, summary
 from cext.safety.robust_mutex cimport EDEADLK, find_dead, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
 
-cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(PageLayout)      # "TICKWRK1", and another for another layout
+cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(SharedLayout)      # "TICKWRK1", and another for another layout
 
 STATES = ("init", "arming", "running", "stopping", "safe", "ready", "waiting")
 RECORD_ROW, RECORD_FRAME, RECORD_EVENT, RECORD_RECEIVED, RECORD_CHANGE = ROW, FRAME, EVENT, RECEIVED, CHANGE
 
 
-cdef class Page:
-    """One memory file shared by the processes of a run.
+cdef class SharedState:
+    """Memory file shared by the processes of a run.
 
-    Page(capacity)                  makes it, with a ring of `capacity` bytes rounded up to a power of two
-    Page(capacity, live=(n, text))  the same with room for n live parameters, which the text (bytes) describes
-    Page(fd=fd)                     maps the one behind `fd`, which another process made
+    SharedState(capacity)                  creates it, with a ring of `capacity` bytes rounded up to a power of two
+    SharedState(capacity, live=(n, text))  also with n live parameters, which the text (bytes) describes
+    SharedState(fd=fd)                     maps the file behind `fd`, which another process created
     """
 
     def __cinit__(self, capacity=1 << 22, fd=None, live=(0, b"")):
@@ -31,20 +31,20 @@ cdef class Page:
             room = 1 << max(12, (int(capacity) - 1).bit_length())
             self.fd = fd = os.memfd_create("tickwork")
             self.made_here = True
-            os.ftruncate(fd, sizeof(PageLayout) + room + live[0] * sizeof(Shown) + len(live[1]))
+            os.ftruncate(fd, sizeof(SharedLayout) + room + live[0] * sizeof(Shown) + len(live[1]))
         self.fd = fd
         self.memory = mmap.mmap(fd, 0)
-        if len(self.memory) <= <Py_ssize_t>sizeof(PageLayout):
-            raise ValueError("file descriptor %d does not hold a Tickwork page" % fd)
+        if len(self.memory) <= <Py_ssize_t>sizeof(SharedLayout):
+            raise ValueError("file descriptor %d is not the shared state of a run" % fd)
         PyObject_GetBuffer(self.memory, &buffer, PyBUF_WRITABLE)
-        self.layout = <PageLayout *>buffer.buf
-        PyBuffer_Release(&buffer)                  # self.memory stays mapped as long as this object lives
+        self.layout = <SharedLayout *>buffer.buf
+        PyBuffer_Release(&buffer)                  # self.memory keeps the mapping
         if self.layout.magic == 0:
             if not self.made_here:
-                raise ValueError("file descriptor %d holds a Tickwork page that is still being made" % fd)
+                raise ValueError("file descriptor %d is the shared state of a run that is not initialized yet" % fd)
             self.layout.capacity = room
             self.layout.tick = -1
-            memset(ring(self.layout), 0, self.layout.capacity)     # the loop is not to be the first to touch it
+            memset(ring(self.layout), 0, self.layout.capacity)     # touch every page before the loop does
             self.layout.control = os.getpid()
             failed = make_hold(&self.layout.hold) or make_hold(&self.layout.guard_hold)
             if failed:
@@ -53,7 +53,7 @@ cdef class Page:
             self.memory[len(self.memory) - len(live[1]) :] = live[1]
             store_u64(&self.layout.magic, MAGIC)
         elif self.layout.magic != MAGIC:
-            raise ValueError("file descriptor %d does not hold a Tickwork page" % fd)
+            raise ValueError("file descriptor %d is not the shared state of a run" % fd)
 
     def __dealloc__(self):
         self.let_go()
@@ -63,31 +63,37 @@ cdef class Page:
             close(self.fd)
 
     def take_hold(self):
-        """The calling thread is there as long as it lives, or lets go: whoever waits for its hold is told when it dies. OSError"""
+        """Lock the loop's mutex in the calling thread: waiters are notified when the thread dies. Raises OSError."""
         failed = pthread_mutex_trylock(&self.layout.hold)
         if failed and failed != EDEADLK:
-            raise OSError(failed, "somebody else has the hold on this page")
+            raise OSError(failed, "another thread holds the loop's mutex of this shared state")
         self.held = True
 
     def take_guard(self):
-        """The calling thread is the guardian's: the loop sees at its next tick when this thread dies. OSError"""
+        """Lock the guardian's mutex in the calling thread: the loop detects its death at the next tick.
+
+        Raises OSError.
+        """
         failed = pthread_mutex_trylock(&self.layout.guard_hold)
         if failed and failed != EDEADLK:
-            raise OSError(failed, "another guardian is on this page")
+            raise OSError(failed, "another guardian holds the mutex of this shared state")
         self.guarding = True
 
     @property
     def guardian_died(self):
-        """Whether the thread that took guard has died. From then on for good."""
+        """Return whether the thread that called `take_guard` has died."""
         return find_dead(&self.layout.guard_hold, &self.layout.guard_dead)
 
     cpdef let_go(self):
-        """Nobody is told any more. Of the thread that took hold."""
+        """Unlock the mutex that the calling thread has locked."""
         if self.held:
             self.held = pthread_mutex_unlock(&self.layout.hold) != 0
 
     def push(self, uint32_t kind, bytes payload):
-        """Append one record from outside the loop, padded with spaces to a multiple of 8 bytes. False: there is no room for it now."""
+        """Append one record from outside the loop, padded with spaces to a multiple of 8 bytes.
+
+        Returns False if the ring is full.
+        """
         payload += b" " * ((8 - len(payload) % 8) % 8)
         cdef void *room = reserve(self.layout, kind, <uint32_t>len(payload))
         if room == NULL:
@@ -97,15 +103,15 @@ cdef class Page:
         return True
 
     def drain(self, int most=4096, bint release=True):
-        """Take up to `most` records out of the ring: a list of (kind, payload) with the payload as bytes.
+        """Take up to `most` records out of the ring. Returns a list of (kind, payload in bytes).
 
-        Without `release` their room is not given back before `release()`: a reader that comes after this one finds them again.
+        Without `release`, their space is kept until `release()`, so that a later reader finds them again.
         """
-        cdef PageLayout *page = self.layout
+        cdef SharedLayout *page = self.layout
         cdef uint64_t head = load_u64(&page.head)
         cdef Header *header
         cdef list records = []
-        if self.cursor < page.tail:                     # another reader was here
+        if self.cursor < page.tail:                     # another reader has taken records
             self.cursor = page.tail
         while self.cursor != head and len(records) < most:
             header = <Header *>(ring(page) + (self.cursor & (page.capacity - 1)))
@@ -117,16 +123,16 @@ cdef class Page:
         return records
 
     def release(self):
-        """Give back the room of everything that was drained."""
+        """Free the space of all drained records."""
         store_u64(&self.layout.tail, self.cursor)
 
     def rewind(self):
-        """Drain again what was drained and not released."""
+        """Make records that were drained but not released available again."""
         self.cursor = self.layout.tail
 
     @property
     def tail(self):
-        """Bytes of the ring that have been given back."""
+        """Bytes of the ring that have been released."""
         return load_u64(&self.layout.tail)
 
     @property
@@ -136,29 +142,29 @@ cdef class Page:
 
     @property
     def held(self):
-        """Share of the ring that was drained and not released."""
+        """Fraction of the ring that was drained but not released."""
         return (self.cursor - self.layout.tail) / <double>self.layout.capacity
 
     def raise_fence(self):
-        """From now on no process of this run sends a command frame. There is no way back."""
+        """Raise the fence permanently: no process of this run sends command frames from now on."""
         store_i32(&self.layout.fence, FENCED_FOR_GOOD)
 
     def look_after(self, int64_t now):
-        """The guardian is there. now : ns, CLOCK_MONOTONIC; 0 when it leaves"""
+        """Record a check of the guardian. now : ns of CLOCK_MONOTONIC; 0 when it ends"""
         store_i64(&self.layout.guard, now)
 
     @property
     def guarded(self):
-        """ns, CLOCK_MONOTONIC of the guardian's newest look; 0 while there is none."""
+        """ns of CLOCK_MONOTONIC of the guardian's newest check; 0 without one."""
         return load_i64(&self.layout.guard)
 
     @property
     def beat(self):
-        """ns, CLOCK_MONOTONIC at which the loop's newest round of arming, tick, or round of the safe stop began."""
+        """ns of CLOCK_MONOTONIC at which the loop's newest round of arming, tick, or round of the safe stop began."""
         return load_i64(&self.layout.beat)
 
     def close(self):
-        """Say that nothing will be pushed any more."""
+        """Announce that no further records follow."""
         store_i32(&self.layout.closed, 1)
 
     @property
@@ -171,13 +177,13 @@ cdef class Page:
 
     @property
     def hung(self):
-        """Item of cext.clock.stopwatch with which a tick hung or the process crashed, -1 where that is not known; None while none did."""
+        """Stopwatch item in which a tick hung or the process crashed, -1 if unknown; None without either."""
         cdef int32_t hung = load_i32(&self.layout.hung)
         return None if hung == 0 else max(hung - 1, -1)
 
     @property
     def crashed(self):
-        """Number of the signal that kills the control process from within, 0 while there is none."""
+        """Number of a fatal signal of the control process, 0 without one."""
         return load_i32(&self.layout.crashed)
 
     @property
@@ -189,15 +195,15 @@ cdef class Page:
         return load_u64(&self.layout.head) == load_u64(&self.layout.tail)
 
     def statistics(self):
-        """A dict of everything the page counts: ticks, missed, dropped, frames, and percentiles in s of
+        """Return a dict of all counts: ticks, missed, dropped, frames, and percentiles in s of
 
-        lateness    of the wake-up behind the grid point that was awaited, which is the one after the tick before
+        lateness    of the wake-up after its grid point, which is the one after the previous tick
         period      |from one wake-up to the next - one period|
         execution   of a tick
         gil         waits for the GIL, in real time
         bus         receiving and sending, in real time
         """
-        cdef PageLayout *page = self.layout
+        cdef SharedLayout *page = self.layout
         return {
             "ticks": load_i64(&page.ticks),
             "last_tick": load_i64(&page.tick),
@@ -223,7 +229,7 @@ cdef class Page:
         }
 
     def counts(self, str name):
-        """The buckets of one of the histograms, to be added up over runs: an array, as cext.clock.histogram.counts_of makes it."""
+        """Return the bucket counts of a histogram, as an array like that of cext.clock.histogram.counts_of."""
         if name == "lateness":
             return buckets(&self.layout.lateness)
         if name == "period":
@@ -232,30 +238,30 @@ cdef class Page:
 
     @property
     def control(self):
-        """Number of the control process."""
+        """ID of the control process."""
         return self.layout.control
 
     @property
     def live(self):
-        """What describes the live parameters, as it was given."""
+        """Description of the live parameters, as bytes."""
         return self.memory[len(self.memory) - self.layout.live_bytes :]
 
     def live_values(self):
-        """Of each live parameter (its value in the latest tick, where it is going)."""
+        """Return (value in the newest tick, target) of each live parameter."""
         cdef Shown *values = shown(self.layout)
         return [(values[index].value, values[index].target) for index in range(self.layout.live_count)]
 
     @property
     def wall(self):
-        """ns, CLOCK_REALTIME of the run's begin; 0 before it."""
+        """ns of CLOCK_REALTIME of the begin of the run; 0 before it."""
         return load_i64(&self.layout.wall)
 
     @property
     def began(self):
-        """ns, CLOCK_MONOTONIC of the run's begin; 0 before it."""
+        """ns of CLOCK_MONOTONIC of the begin of the run; 0 before it."""
         return load_i64(&self.layout.began)
 
     @property
     def first_tick(self):
-        """ns from the run's begin to tick 0."""
+        """ns from the begin of the run to tick 0."""
         return load_i64(&self.layout.first_tick)

@@ -4,10 +4,10 @@ from cext.abi cimport Frame
 from cext.bus.batch cimport Batch
 
 cdef enum:
-    MOST_PATTERNS = 4
+    PATTERN_LIMIT = 4
     PREFIX_BYTES = 4
 
-cdef struct Pattern:             # of a frame that carries the velocity
+cdef struct Pattern:             # of a frame with the velocity
     uint32_t id                  # with the flag bits of struct can_frame
     uint32_t mask
     uint8_t prefix[PREFIX_BYTES]
@@ -15,17 +15,17 @@ cdef struct Pattern:             # of a frame that carries the velocity
 
 cdef class SpeedBands:
     cdef Batch *batches
-    cdef double *speeds          # rad/s, the highest of each band; the last is infinite
+    cdef double *speeds          # rad/s, upper end of each band; the last is infinite
     cdef readonly int count
-    cdef Pattern patterns[MOST_PATTERNS]
-    cdef int pattern_count       # 0: the velocity is in no reply
-    cdef int first, bits         # of the velocity's code, from the first bit of the data
+    cdef Pattern patterns[PATTERN_LIMIT]
+    cdef int pattern_count       # 0: no reply contains the velocity
+    cdef int first, bits         # of the velocity's code, counted from the first bit of the data
     cdef bint signed
-    cdef double low, step        # rad/s, of code 0 and of one code
+    cdef double low, step        # rad/s, value of code 0 and of one code
     cdef double acceleration     # rad/s²
     cdef readonly int64_t round  # ns
     cdef double speed            # rad/s, newest
-    cdef int64_t seen            # ns, when it arrived; -1 before the first
+    cdef int64_t seen            # ns of its arrival; -1 before the first
 
     cdef int load(self, velocity) except -1
     cdef void forget(self) noexcept nogil

@@ -1,11 +1,12 @@
 # cython: freethreading_compatible=True
-"""Damping in a safe stop: frames of pure damping by speed, so that damping times speed stays inside the limit of the torque.
+"""Damping in a safe stop: frames of pure damping by speed, so that damping times speed stays within the torque limit.
 
     note       reads the joint's velocity from a reply
-    choose     the frames of the lowest band that covers |ω| + two codes + a (age + 2 rounds): what the speed can be until the next frame but one
+    choose     the frames of the lowest band that covers |ω| + two codes + a (age + 2 rounds), the highest possible
+               speed until the next frame but one
 
-Loop, watchdog and guardian use this one class. Without a velocity, or with one that is old, the last band applies: it is inside the limit at
-every speed that the drive's wire can express.
+The loop, the watchdog and the guardian use this class. Without a velocity, or with an old one, the last band applies:
+it is within the limit at every speed that the drive can encode.
 """
 
 from libc.math cimport INFINITY, fabs
@@ -18,14 +19,14 @@ from cext.bus.batch cimport load_batch
 
 
 cdef class SpeedBands:
-    """The damping of one device. Times are ns of any one clock.
+    """Damping of one device. Times are ns of any one clock.
 
     Parameters
     ----------
     bands : (highest speed in rad/s, frames as (arbitration id, is extended, data)) in ascending order; the last speed is infinite
     round : ns between frames
-    acceleration : rad/s², the highest of the joint
-    velocity : graph.ReplyField or the like, or None
+    acceleration : rad/s², upper bound of the joint's acceleration
+    velocity : graph.ReplyField or an object with its attributes, or None
     """
 
     def __init__(self, bands, int64_t round, double acceleration, velocity=None):
@@ -53,16 +54,17 @@ cdef class SpeedBands:
 
     cdef int load(self, velocity) except -1:
         cdef bytes prefix
-        if len(velocity.frames) > MOST_PATTERNS:
-            raise ValueError("at most %d kinds of frames carry a velocity, not %d" % (MOST_PATTERNS, len(velocity.frames)))
+        if len(velocity.frames) > PATTERN_LIMIT:
+            raise ValueError("at most %d kinds of frames contain a velocity, not %d"
+                             % (PATTERN_LIMIT, len(velocity.frames)))
         if not (0 <= velocity.first and 0 < velocity.bits <= 32 and velocity.first + velocity.bits <= 8 * FRAME_BYTES):
-            raise ValueError("no field of %r bits begins at bit %r" % (velocity.bits, velocity.first))
+            raise ValueError("no field of %r bits at bit %r" % (velocity.bits, velocity.first))
         self.first, self.bits, self.signed = velocity.first, velocity.bits, velocity.signed
         self.low, self.step = velocity.low, (velocity.high - velocity.low) / (2.0**velocity.bits - 1.0)
         for index, (identifier, mask, extended, first) in enumerate(velocity.frames):
             prefix = first
             if len(prefix) > PREFIX_BYTES:
-                raise ValueError("at most %d first bytes tell a frame, not %d" % (PREFIX_BYTES, len(prefix)))
+                raise ValueError("at most %d first bytes identify a frame, not %d" % (PREFIX_BYTES, len(prefix)))
             self.patterns[index].id = <uint32_t>identifier | (<uint32_t>EXTENDED if extended else 0)
             self.patterns[index].mask = <uint32_t>mask | 0xE0000000u
             memcpy(self.patterns[index].prefix, <const char *>prefix, len(prefix))
@@ -74,7 +76,7 @@ cdef class SpeedBands:
         self.seen = -1
 
     cdef bint note(self, const Frame *frame) noexcept nogil:
-        """Read the velocity from a frame that was received. False: it carries none."""
+        """Read the velocity from a received frame. Returns False if it contains none."""
         cdef uint64_t code = 0
         cdef int index, last
         cdef Pattern *pattern
@@ -85,7 +87,7 @@ cdef class SpeedBands:
                 break
         else:
             return False
-        last = self.first + self.bits                              # bit behind the field
+        last = self.first + self.bits                              # first bit after the field
         if 8 * <int>frame.length < last:
             return False
         for index in range(self.first // 8, (last + 7) // 8):
@@ -99,7 +101,7 @@ cdef class SpeedBands:
         return True
 
     cdef const Batch *choose(self, int64_t now) noexcept nogil:
-        """The frames to send now. now : ns, of the clock that frames are timed with"""
+        """Return the frames to send now. now : ns, on the clock of the frames' times"""
         cdef double age, reach
         cdef int index
         if self.seen < 0:
@@ -112,7 +114,11 @@ cdef class SpeedBands:
         return &self.batches[self.count - 1]
 
     def hear(self, uint32_t identifier, bytes data, int64_t now):
-        """As `note`, for Python. identifier : with the flag bits of struct can_frame; now : ns, when the frame arrived"""
+        """Call `note` from Python.
+
+        identifier : with the flag bits of struct can_frame
+        now : ns, arrival of the frame
+        """
         cdef Frame frame
         if len(data) > FRAME_BYTES:
             return False
@@ -122,7 +128,7 @@ cdef class SpeedBands:
         return self.note(&frame)
 
     def frames(self, int64_t now):
-        """As `choose`, for Python: a list of (identifier with the flag bits of struct can_frame, data)."""
+        """Call `choose` from Python. Returns a list of (identifier with the flag bits of struct can_frame, data)."""
         cdef const Batch *batch = self.choose(now)
         return [
             (batch.frames[index].id, bytes(batch.frames[index].data[: batch.frames[index].length])) for index in range(batch.count)]

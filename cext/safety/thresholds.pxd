@@ -1,6 +1,6 @@
-"""Every threshold of the safety functions, once. cext/safety/thresholds.pyx has the meanings; docs/rigs.md shows the same table.
+"""All thresholds of the safety functions. cext/safety/thresholds.pyx describes them; docs/rigs.md shows the same table.
 
-Times are in ns. Loop, watchdog, guardian and recorder read these names and have no number of their own.
+Times are in ns. The loop, the watchdog, the guardian and the recorder use these names and have no values of their own.
 """
 
 cpdef enum:

@@ -1,7 +1,7 @@
 # cython: freethreading_compatible=True
-"""The table of safety thresholds for Python and for the documentation: `table()`.
+"""Safety thresholds for Python and the documentation: `table()`.
 
-To add one: a line in the .pxd, a line in MEANINGS, and the row in docs/rigs.md that the test of this module prints.
+To add one: a line in the .pxd, a line in MEANINGS, and the row in docs/rigs.md that this module's test prints.
 """
 
 from collections import namedtuple
@@ -58,5 +58,8 @@ MEANINGS = {
 
 
 def table():
-    """One Threshold for each name of cext/safety/thresholds.pxd. Their values become attributes of this module once it has been imported."""
+    """Return one Threshold for each name of cext/safety/thresholds.pxd.
+
+    Their values become attributes of this module on import.
+    """
     return tuple(Threshold(name, globals()[name], *about) for name, about in MEANINGS.items())

@@ -1,24 +1,24 @@
 from libc.stdint cimport int64_t
 
-from cext.schedule.publisher cimport Journal
+from cext.schedule.publisher cimport Publisher
 from cext.clock.overrun cimport Overrun
-from cext.clock.deadline_clock cimport Pace
-from cext.safety.shared_state cimport PageLayout
+from cext.clock.deadline_clock cimport DeadlineClock
+from cext.safety.shared_state cimport SharedLayout
 from cext.schedule.program cimport Program
 from cext.clock.signals cimport Signals
-from cext.bus.replay_bus cimport Tape
+from cext.bus.replay_bus cimport ReplayClock
 from cext.schedule.tick cimport Tick
 from cext.schedule.watchdog cimport Watchdog
 
 cdef class Arming:
     cdef Program control, plant
-    cdef PageLayout *layout
+    cdef SharedLayout *layout
     cdef Signals signals
-    cdef Pace pace
-    cdef Journal journal
+    cdef DeadlineClock pace
+    cdef Publisher journal
     cdef Overrun overrun
     cdef Tick body
-    cdef Tape tape
+    cdef ReplayClock tape
     cdef Watchdog watchdog
     cdef bint virtual, simulated, carried
     cdef int64_t began, first_tick, tick, previous

@@ -16,7 +16,7 @@ from cext.clock.histogram cimport add
 from cext.schedule.live cimport apply_changes
 from cext.ring.mailbox cimport CONFIRM, NOT_NOW, TAKEN
 from cext.clock.deadline_clock cimport clock, monotonic
-from cext.safety.shared_state cimport ARMING, READY, STOPPING, PageLayout, store_i64
+from cext.safety.shared_state cimport ARMING, READY, STOPPING, SharedLayout, store_i64
 from cext.posix cimport CLOCK_REALTIME
 from cext.safety.thresholds cimport STOP_ROUND, STOP_ROUND_MINIMUM
 from cext.schedule.watchdog cimport let_go, take_back
@@ -249,7 +249,7 @@ cdef class Arming:
         awaited : the grid point that lateness and period are counted from: `tick`, or one before it that was missed
         late : ns, behind `tick`
         """
-        cdef PageLayout *page = self.layout
+        cdef SharedLayout *page = self.layout
         cdef int64_t ended = self.control.laps.last if self.control.laps != NULL else monotonic()
         add(&page.execution, ended - began, tick)
         cdef int64_t behind = late + self.pace.grid(tick) - self.pace.grid(awaited)

@@ -6,7 +6,7 @@ from cext.bus.memory_bus cimport BusEnd
 from cext.safety.drive_warnings cimport DriveWarnings
 from cext.safety.drive_watch cimport DriveWatch
 from cext.clock.histogram cimport Histogram
-from cext.safety.shared_state cimport PageLayout
+from cext.safety.shared_state cimport SharedLayout
 from cext.clock.stopwatch cimport Laps
 
 cdef enum:
@@ -86,20 +86,20 @@ cdef class Devices:
     cdef void note_asked(self, int bus, int64_t at) noexcept nogil
     cdef void reset(self)
     cdef void begin(self, int64_t began) noexcept nogil
-    cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil
-    cdef int hear(self, int bus, int count, PageLayout *page) noexcept nogil
+    cdef int receive(self, int64_t now, SharedLayout *page) noexcept nogil
+    cdef int hear(self, int bus, int count, SharedLayout *page) noexcept nogil
     cdef int commanded(self, const Frame *frame) noexcept nogil
     cdef bint may_be_reply(self, Device *device, const Frame *frame) noexcept nogil
     cdef int watch(self, int64_t now) noexcept nogil
     cdef int command(self) noexcept nogil
-    cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil
-    cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil
-    cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, PageLayout *page) noexcept nogil
-    cdef int pump(self, Device *device, int64_t now, PageLayout *page) noexcept nogil
-    cdef int pump_all(self, int64_t now, PageLayout *page) noexcept nogil
+    cdef int transmit(self, int64_t now, SharedLayout *page) noexcept nogil
+    cdef int send(self, int bus, Frame *frames, int count, int64_t now, SharedLayout *page) noexcept nogil
+    cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, SharedLayout *page) noexcept nogil
+    cdef int pump(self, Device *device, int64_t now, SharedLayout *page) noexcept nogil
+    cdef int pump_all(self, int64_t now, SharedLayout *page) noexcept nogil
     cdef void begin_stop(self) noexcept nogil
-    cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, PageLayout *page) noexcept nogil
-    cdef void note_speeds(self, PageLayout *page) noexcept nogil
+    cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, SharedLayout *page) noexcept nogil
+    cdef void note_speeds(self, SharedLayout *page) noexcept nogil
     cdef bint has_answered(self, const Device *device) noexcept nogil
     cdef bint all_answered(self) noexcept nogil
     cdef void begin_arming(self) noexcept nogil

@@ -175,7 +175,7 @@ cdef class Devices:
             if (<BusEnd>self.bus_ends[bus]).bus.begin != NULL:
                 (<BusEnd>self.bus_ends[bus]).bus.begin((<BusEnd>self.bus_ends[bus]).bus.context, began)
 
-    cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil:
+    cdef int receive(self, int64_t now, SharedLayout *page) noexcept nogil:
         """Drain every bus, CAN of at most FRAMES_PER_TICK; offer each frame to the devices on it. `page` may be NULL.
 
         A bus that fails does not keep the others from being heard.
@@ -206,7 +206,7 @@ cdef class Devices:
                 self.arena[device.age] = max(now - device.heard, 0) * 1e-9      # it may be newer than the tick
         return status
 
-    cdef int hear(self, int bus, int count, PageLayout *page) noexcept nogil:
+    cdef int hear(self, int bus, int count, SharedLayout *page) noexcept nogil:
         """Offer what a bus has given to the devices on it. OK, or what one of these frames ends the run with."""
         cdef int index, number
         cdef int status = OK
@@ -323,7 +323,7 @@ cdef class Devices:
             lap(self.laps, COMMAND)
         return OK
 
-    cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil:
+    cdef int transmit(self, int64_t now, SharedLayout *page) noexcept nogil:
         cdef int bus, status
         cdef int first = 0
         for bus in range(self.bus_count):
@@ -352,7 +352,7 @@ cdef class Devices:
                     now = monotonic() - self.began
                 self.devices[number].asked = now
 
-    cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil:
+    cdef int send(self, int bus, Frame *frames, int count, int64_t now, SharedLayout *page) noexcept nogil:
         cdef int index
         if count == 0:
             return OK
@@ -370,7 +370,7 @@ cdef class Devices:
                 log_frame(page, &frames[index])
         return OK
 
-    cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, PageLayout *page) noexcept nogil:
+    cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, SharedLayout *page) noexcept nogil:
         """Frames that were encoded at compile time, to every device; `enable` only to those that have not answered.
 
         Behind the fence only the frames of the safe stop go out: those with `disable`.
@@ -394,14 +394,14 @@ cdef class Devices:
                 status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page)
         return BUS_ERROR if status != OK else OK
 
-    cdef int pump(self, Device *device, int64_t now, PageLayout *page) noexcept nogil:
+    cdef int pump(self, Device *device, int64_t now, SharedLayout *page) noexcept nogil:
         """The next frame of a device that holds a relay, outside of a tick."""
         cdef Frame[FRAMES_PER_DEVICE] frames
         cdef int count = device.encode(self.arena, device.slots, device.sizes, frames)
         device.pumped = now
         return self.send(device.bus, frames, max(count, 0), now, page)
 
-    cdef int pump_all(self, int64_t now, PageLayout *page) noexcept nogil:
+    cdef int pump_all(self, int64_t now, SharedLayout *page) noexcept nogil:
         """Frames to those that hold a relay, and to no other: what is behind the relays starts."""
         cdef int number
         cdef int status = OK
@@ -420,7 +420,7 @@ cdef class Devices:
             self.devices[number].damped = self.devices[number].bands != NULL
             self.devices[number].damp_due = 0
 
-    cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, PageLayout *page) noexcept nogil:
+    cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, SharedLayout *page) noexcept nogil:
         """What is due of the safe stop `since` ns after it began: damping by the newest speeds, zero torque and disable every `round` ns.
 
         A device is damped until the first round after its time. Returns when the next frames are due, in ns since the stop began.
@@ -452,7 +452,7 @@ cdef class Devices:
                 self.send(device.bus, device.disable.frames, device.disable.count, now, page)
         return due
 
-    cdef void note_speeds(self, PageLayout *page) noexcept nogil:
+    cdef void note_speeds(self, SharedLayout *page) noexcept nogil:
         """Take what has come on the buses, for the speeds of what is damped. The arena stays as the tick that hangs has left it."""
         cdef int bus, index, number, count
         for bus in range(self.bus_count):
@@ -550,7 +550,7 @@ cdef inline bint is_same(const Batch *batch, const Frame *frame) noexcept nogil:
     return False
 
 
-cdef inline void log_received(PageLayout *page, int64_t now) noexcept nogil:
+cdef inline void log_received(SharedLayout *page, int64_t now) noexcept nogil:
     cdef int64_t *room = <int64_t *>reserve(page, RECEIVED, sizeof(int64_t))
     if room == NULL:
         page.dropped += 1
@@ -559,7 +559,7 @@ cdef inline void log_received(PageLayout *page, int64_t now) noexcept nogil:
     commit(page)
 
 
-cdef inline void log_frame(PageLayout *page, const Frame *frame) noexcept nogil:
+cdef inline void log_frame(SharedLayout *page, const Frame *frame) noexcept nogil:
     cdef void *room = reserve(page, FRAME, sizeof(Frame))
     if room == NULL:
         page.dropped += 1

@@ -23,17 +23,17 @@ from libc.stdint cimport int64_t
 from cext.abi cimport AUTHORITY, NO_ANSWER, OK, OVERRUN, UNGUARDED
 from cext.safety.forks cimport begin_run
 from cext.safety.fatal cimport give_back_fatal, take_fatal
-from cext.schedule.publisher cimport Journal
+from cext.schedule.publisher cimport Publisher
 from cext.schedule.live cimport STOP_WANTED
 from cext.ring.mailbox cimport NOT_NOW, REARM
 from cext.clock.overrun cimport Overrun
-from cext.clock.deadline_clock cimport Pace, clock, monotonic
-from cext.safety.shared_state cimport RUNNING, SAFE, WAITING, Page, store_i32, store_i64
+from cext.clock.deadline_clock cimport DeadlineClock, clock, monotonic
+from cext.safety.shared_state cimport RUNNING, SAFE, WAITING, SharedState, store_i32, store_i64
 from cext.posix cimport PR_SET_TIMERSLACK, prctl
 from cext.schedule.program cimport Program
 from cext.clock.signals cimport Signals
 from cext.clock.stopwatch cimport RECORD, WOKEN_LATE, lap
-from cext.bus.replay_bus cimport Tape
+from cext.bus.replay_bus cimport ReplayClock
 from cext.safety.thresholds cimport ARMING_LIMIT, FADE_IN, SIGNAL_HANDLER_PERIOD, STOP_LIMIT
 from cext.schedule.tick cimport Tick
 from cext.schedule.lifecycle cimport ENDED, Waiting
@@ -53,32 +53,32 @@ cdef class Executor(Waiting):
     control : Program, the robot's diagram
     rate : Hz
     plant : Program or None, run `substeps` times a tick, at the tick's end
-    page : Page or None; with one, rows, frames and statistics go through it
+    page : SharedState or None; with one, rows, frames and statistics go through it
     virtual : do not sleep: as fast as the machine goes; a full ring makes the loop wait instead of dropping
     reader : a file descriptor that hangs up when nobody drains the page any more, or -1; that frees a loop that waits for it
     overrun : what a tick does that comes too late, in the words of cext.clock.overrun.Overrun
     spin : s before a deadline in which it spins instead of sleeping
     profile : whether every step is timed, as `profile` tells afterwards
-    tape : Tape of a recorded run, whose ticks are run again in virtual time, as late as they were
+    tape : ReplayClock of a recorded run, whose ticks are run again in virtual time, as late as they were
     guard : s of the guardian's silence that end the run; then nobody else may command the devices either, and in real time a watchdog
         looks for blocks that hang. 0 where there is no guardian
     carried : whether the guardian carries the frames of some bus: after its death the safe stop is one round here, the rest is the caller's
     others : processors for the watchdog; where there are none, it has those of the thread that runs
-    rows : as cext.schedule.publisher.Journal fills it, or None
+    rows : as cext.schedule.publisher.Publisher fills it, or None
     hosted : whether the process belongs to another program, such as a notebook or a test: the garbage collector and the switch interval stay
         as they are, and outside the main thread the signal handlers
     """
 
     cdef bint hosted
 
-    def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, Page page=None, bint virtual=False,
-                 int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, Tape tape=None,
+    def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, SharedState page=None, bint virtual=False,
+                 int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, ReplayClock tape=None,
                  double guard=0.0, bint carried=False, others=(), rows=None, bint hosted=False):
         self.hosted = hosted
         self.signals = Signals(not hosted or threading.current_thread() is threading.main_thread())
-        self.pace = Pace(rate, self.signals, spin=round(spin * 1e9))
+        self.pace = DeadlineClock(rate, self.signals, spin=round(spin * 1e9))
         self.overrun = Overrun(overrun)
-        self.journal = Journal(page, control, virtual, reader, self.signals, round(guard * 1e9), rows)
+        self.journal = Publisher(page, control, virtual, reader, self.signals, round(guard * 1e9), rows)
         self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
         self.watchdog = Watchdog(control, self.journal, self.signals, self.pace.period, guard > 0.0 and not virtual, others)
         self.body.handover = self.watchdog.handover
@@ -200,7 +200,7 @@ cdef class Executor(Waiting):
 
     @property
     def newest(self):
-        """The rows of the newest ticks, as cext.schedule.publisher.Journal.newest has them."""
+        """The rows of the newest ticks, as cext.schedule.publisher.Publisher.newest has them."""
         return self.journal.newest()
 
     @property

@@ -4,7 +4,7 @@ from cpython.object cimport PyObject
 from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.ring.mailbox cimport Letter
-from cext.safety.shared_state cimport PageLayout, load_u64
+from cext.safety.shared_state cimport SharedLayout, load_u64
 from cext.clock.stopwatch cimport Laps
 
 cdef enum:
@@ -46,20 +46,20 @@ cdef class LiveTable:
     cdef readonly str culprit   # path of the block where it did
 
     cdef void forgive(self)
-    cdef void show(self, PageLayout *page) noexcept nogil
-    cdef void dismiss(self, PageLayout *page) noexcept nogil
-    cdef int work(self, PageLayout *page, int64_t tick, double dt) noexcept nogil
-    cdef bint stop_wanted(self, PageLayout *page, int64_t tick) noexcept nogil
-    cdef bint waits(self, PageLayout *page, int32_t kind) noexcept nogil
-    cdef bint asked(self, PageLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil
-    cdef void play(self, PageLayout *page, int64_t tick) noexcept nogil
-    cdef int take(self, PageLayout *page, int64_t tick) noexcept nogil
+    cdef void show(self, SharedLayout *page) noexcept nogil
+    cdef void dismiss(self, SharedLayout *page) noexcept nogil
+    cdef int work(self, SharedLayout *page, int64_t tick, double dt) noexcept nogil
+    cdef bint stop_wanted(self, SharedLayout *page, int64_t tick) noexcept nogil
+    cdef bint waits(self, SharedLayout *page, int32_t kind) noexcept nogil
+    cdef bint asked(self, SharedLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil
+    cdef void play(self, SharedLayout *page, int64_t tick) noexcept nogil
+    cdef int take(self, SharedLayout *page, int64_t tick) noexcept nogil
     cdef int check(self, const Letter *letter) noexcept nogil
-    cdef bint carry_out(self, PageLayout *page, const Letter *letter, int64_t tick) noexcept nogil
+    cdef bint carry_out(self, SharedLayout *page, const Letter *letter, int64_t tick) noexcept nogil
     cdef int advance(self, double dt) noexcept nogil
     cdef int tell_python(self, Laps *laps) noexcept nogil
 
-cdef inline int apply_changes(LiveTable live, PageLayout *page, int64_t tick, double dt) noexcept nogil:
+cdef inline int apply_changes(LiveTable live, SharedLayout *page, int64_t tick, double dt) noexcept nogil:
     """What the mailbox asks for and what is on its way, at the start of a tick that comes dt s after the one before.
 
     OK, PYTHON_ERROR or STOP_WANTED. With tick -1, while arming, only a stop is heard; the rest waits for tick 0.

@@ -99,7 +99,7 @@ cdef class LiveTable:
         """What the code behind an attribute has raised is over."""
         self.error = self.culprit = None
 
-    cdef void show(self, PageLayout *page) noexcept nogil:
+    cdef void show(self, SharedLayout *page) noexcept nogil:
         """Where the others can read it."""
         cdef int index
         if page == NULL or page.live_count != self.count:
@@ -107,7 +107,7 @@ cdef class LiveTable:
         for index in range(self.count):
             shown(page)[index].value, shown(page)[index].target = self.parameters[index].value, self.parameters[index].target
 
-    cdef void dismiss(self, PageLayout *page) noexcept nogil:
+    cdef void dismiss(self, SharedLayout *page) noexcept nogil:
         """Answer what still waits: there is no run any more that it could change."""
         cdef Letter *letter
         cdef uint64_t state
@@ -122,7 +122,7 @@ cdef class LiveTable:
             if step_of(state) == POSTED and swap(&letter.state, state, in_step(state, READING)):
                 answer(letter, OVER, -1)
 
-    cdef int work(self, PageLayout *page, int64_t tick, double dt) noexcept nogil:
+    cdef int work(self, SharedLayout *page, int64_t tick, double dt) noexcept nogil:
         cdef int status = OK
         if tick >= self.due:
             self.play(page, tick)
@@ -133,11 +133,11 @@ cdef class LiveTable:
             self.show(page)
         return status
 
-    cdef bint stop_wanted(self, PageLayout *page, int64_t tick) noexcept nogil:
+    cdef bint stop_wanted(self, SharedLayout *page, int64_t tick) noexcept nogil:
         """Whether a letter asks for the end of the run."""
         return self.asked(page, STOP, tick, TAKEN)
 
-    cdef bint waits(self, PageLayout *page, int32_t kind) noexcept nogil:
+    cdef bint waits(self, SharedLayout *page, int32_t kind) noexcept nogil:
         """Whether a letter of this kind waits for an answer."""
         cdef int index
         if page == NULL:
@@ -147,7 +147,7 @@ cdef class LiveTable:
                 return True
         return False
 
-    cdef bint asked(self, PageLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil:
+    cdef bint asked(self, SharedLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil:
         """Whether a letter of this kind waits; it gets that answer. It needs no room in the ring: what follows is recorded anyhow."""
         cdef int index
         cdef Letter *letter
@@ -166,7 +166,7 @@ cdef class LiveTable:
                 return True
         return False
 
-    cdef void play(self, PageLayout *page, int64_t tick) noexcept nogil:
+    cdef void play(self, SharedLayout *page, int64_t tick) noexcept nogil:
         """Carry out what the script has for this tick."""
         cdef Letter letter
         letter.state, letter.kind, letter.origin, letter.count = 0, SET, BY_REPLAY, 1
@@ -178,7 +178,7 @@ cdef class LiveTable:
             self.played += 1
         self.due = self.script[self.played].tick if self.played < self.scripted else NEVER
 
-    cdef int take(self, PageLayout *page, int64_t tick) noexcept nogil:
+    cdef int take(self, SharedLayout *page, int64_t tick) noexcept nogil:
         """Carry out what waits, in the order in which it was posted. What comes in the meantime may wait for the next tick."""
         cdef uint64_t posted = load_u64(&page.mailbox.posted)
         cdef uint64_t state
@@ -225,7 +225,7 @@ cdef class LiveTable:
                 return OUT_OF_BOUNDS
         return TAKEN
 
-    cdef bint carry_out(self, PageLayout *page, const Letter *letter, int64_t tick) noexcept nogil:
+    cdef bint carry_out(self, SharedLayout *page, const Letter *letter, int64_t tick) noexcept nogil:
         """Set targets and record them. False: the ring has no room, and nothing was done."""
         cdef int count = letter.count if letter.kind == SET else 1
         cdef int index

@@ -10,7 +10,7 @@ from cext.ring.mailbox cimport (
     ANSWERED, BY_KEYS, BY_SET, CHANGES, CONFIRM, FREE, LETTERS, MARK, NOT_NOW, OUT_OF_BOUNDS, OVER, POSTED, REARM, SET, STOP, TAKEN, UNKNOWN,
     WRITING, Letter, Mailbox, step_of, writer_of,
 )
-from cext.safety.shared_state cimport Page
+from cext.safety.shared_state cimport SharedState
 
 ORIGINS = {"set": BY_SET, "keys": BY_KEYS}
 ANSWERS = {TAKEN: "taken", OUT_OF_BOUNDS: "out of bounds", UNKNOWN: "unknown", OVER: "over", NOT_NOW: "not now"}
@@ -20,18 +20,18 @@ MOST_CHANGES = CHANGES
 cdef class Writer:
     """Writes to the mailbox of a page.
 
-    page : cext.safety.shared_state.Page
+    page : cext.safety.shared_state.SharedState
     origin : "set" or "keys"
 
     `set` and the others give back a ticket, or None while the mailbox is full. A ticket's letter is the writer's until `answer`
     has given its answer, or `withdraw` has taken it back.
     """
 
-    cdef Page page
+    cdef SharedState page
     cdef Mailbox *mailbox
     cdef int origin
 
-    def __init__(self, Page page, str origin="set"):
+    def __init__(self, SharedState page, str origin="set"):
         self.page, self.mailbox, self.origin = page, &page.layout.mailbox, ORIGINS[origin]
 
     def set(self, changes):

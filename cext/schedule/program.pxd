@@ -4,7 +4,7 @@ from libc.stdint cimport int32_t, int64_t, uint64_t
 from cext.abi cimport kernel_t
 from cext.schedule.devices cimport Devices
 from cext.schedule.live cimport LiveTable
-from cext.safety.shared_state cimport PageLayout
+from cext.safety.shared_state cimport SharedLayout
 from cext.schedule.python_step cimport PythonStep
 from cext.clock.stopwatch cimport Laps, Stopwatch
 
@@ -54,12 +54,12 @@ cdef class Program:
     cdef int64_t gil_taken
     cdef list blocks
     cdef list holding            # PythonSteps that may hold exceptions
-    cdef PageLayout *page        # where the first one held is told; NULL: nowhere
+    cdef SharedLayout *page        # where the first one held is told; NULL: nowhere
     cdef object schedule
 
     cdef void stamp(self, Stopwatch watch)
     cdef int load_phase(self, Phase *phase, steps, bint holds) except -1
-    cdef uint64_t share(self, PageLayout *page)
+    cdef uint64_t share(self, SharedLayout *page)
     cdef int32_t *hold(self, array) except? NULL
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil
     cdef void keep_values(self) noexcept nogil

@@ -317,7 +317,7 @@ cdef class Program:
             leave()
         return OK
 
-    cdef uint64_t share(self, PageLayout *page):
+    cdef uint64_t share(self, SharedLayout *page):
         """Where to tell of exceptions held and of actuators; NULL: nowhere. Returns how many bytes one tick may take of the ring for that."""
         self.page = page
         return self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)

@@ -1,11 +1,11 @@
 from libc.stdint cimport int32_t, int64_t, uint64_t
 
-from cext.safety.shared_state cimport Page, PageLayout
+from cext.safety.shared_state cimport SharedState, SharedLayout
 from cext.schedule.program cimport Program
 
-cdef class Journal:
-    cdef Page page
-    cdef PageLayout *layout          # NULL without a page
+cdef class Publisher:
+    cdef SharedState page
+    cdef SharedLayout *layout          # NULL without a page
     cdef Program program
     cdef bint virtual
     cdef int reader

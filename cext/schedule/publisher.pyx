@@ -21,12 +21,12 @@ cdef enum:
     RECENT = 6                      # rows that are kept to tell of what led to a fault
 
 
-cdef class Journal:
+cdef class Publisher:
     """The page from the side of the loop.
 
     Parameters
     ----------
-    page : Page or None; without one, nothing is told
+    page : SharedState or None; without one, nothing is told
     program : Program whose columns make a row
     virtual : a full ring makes the loop wait instead of dropping
     reader : a file descriptor that hangs up when nobody drains the page any more, or -1; that frees a loop that waits for it
@@ -35,7 +35,7 @@ cdef class Journal:
         A run with more ticks overwrites the first rows
     """
 
-    def __init__(self, Page page, Program program, bint virtual, int reader, Signals signals, int64_t guard=0, rows=None):
+    def __init__(self, SharedState page, Program program, bint virtual, int reader, Signals signals, int64_t guard=0, rows=None):
         if page is not None and 16 * (3 + program.column_count) > <int64_t>page.layout.capacity:
             raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2 + program.column_count))
         self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
@@ -67,7 +67,7 @@ cdef class Journal:
 
     cdef void clear(self):
         """Forget an earlier run on the same page; the ring keeps what has not been read."""
-        cdef PageLayout *page = self.layout
+        cdef SharedLayout *page = self.layout
         self.recent_count = 0
         if page == NULL:
             return
@@ -133,7 +133,7 @@ cdef class Journal:
 
     cdef bint push_row(self, int64_t tick) noexcept nogil:
         """The recorded signals of this tick into the ring and the array of rows. False: a signal came while waiting for room."""
-        cdef PageLayout *page = self.layout
+        cdef SharedLayout *page = self.layout
         cdef int size = 2 + self.program.column_count
         cdef double *kept = self.recent + self.recent_count % self.recent_size * size
         cdef double *row
@@ -166,7 +166,7 @@ cdef class Journal:
 
         False: a signal came. `stopping` waits through signals, for a second at most.
         """
-        cdef PageLayout *page = self.layout
+        cdef SharedLayout *page = self.layout
         cdef int64_t since
         cdef int patience = 1000
         if page == NULL or not self.virtual or page.capacity - (page.head - load_u64(&page.tail)) >= self.most:

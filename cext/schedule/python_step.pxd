@@ -1,7 +1,7 @@
 from cpython.object cimport PyObject
 from libc.stdint cimport int32_t, int64_t
 
-from cext.safety.event_template cimport News
+from cext.safety.event_template cimport EventTemplate
 
 cdef class PythonStep:
     cdef object callable
@@ -22,7 +22,7 @@ cdef class PythonStep:
     cdef readonly int64_t held           # exceptions that were no fault
     cdef readonly int64_t first_held     # tick of the first
     cdef readonly object last_held       # the last of them
-    cdef News news                       # that tells of the first
+    cdef EventTemplate news                       # that tells of the first
     cdef list input_views, output_views, input_names, output_names
     cdef int call(self, double *arena) except -1
     cdef int attempt(self, double *arena, int64_t tick) except -1

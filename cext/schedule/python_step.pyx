@@ -85,7 +85,7 @@ cdef class PythonStep:
             self.output_kinds[index] = ARRAY if shape else KINDS[dtype]
             self.output_views.append(arena[slot : slot + int(np.prod(shape))].reshape(shape) if shape else None)
             self.output_sizes[index] = int(np.prod(shape))
-        self.news = News({"event": "exception held", "block": name})
+        self.news = EventTemplate({"event": "exception held", "block": name})
         self.kept = <double *>calloc(1 + sum(self.output_sizes[i] for i in range(self.output_count)), sizeof(double))
         self.reset()
 

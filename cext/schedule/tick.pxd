@@ -1,15 +1,15 @@
 from libc.stdint cimport int64_t
 
-from cext.schedule.publisher cimport Journal
-from cext.clock.deadline_clock cimport Pace
+from cext.schedule.publisher cimport Publisher
+from cext.clock.deadline_clock cimport DeadlineClock
 from cext.schedule.program cimport Program
 from cext.clock.stopwatch cimport Stopwatch
 from cext.schedule.watchdog cimport Handover
 
 cdef class Tick:
     cdef Program control, plant
-    cdef Journal journal
-    cdef Pace pace
+    cdef Publisher journal
+    cdef DeadlineClock pace
     cdef Handover *handover              # of the watchdog, NULL without one
     cdef int substeps
     cdef int64_t plant_tick

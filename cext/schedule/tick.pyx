@@ -20,7 +20,7 @@ cdef class Tick:
     profile : whether every step is
     """
 
-    def __init__(self, Program control, Program plant, int substeps, Pace pace, Journal journal, bint stamped, bint profile):
+    def __init__(self, Program control, Program plant, int substeps, DeadlineClock pace, Publisher journal, bint stamped, bint profile):
         if substeps < 1:
             raise ValueError("the plant's rate must be a whole multiple of the diagram's")
         self.control, self.plant, self.substeps, self.pace, self.journal = control, plant, substeps, pace, journal

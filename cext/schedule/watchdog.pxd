@@ -1,7 +1,7 @@
 from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.atomics cimport load_i32, store_i64, store_u64, swap
-from cext.schedule.publisher cimport Journal
+from cext.schedule.publisher cimport Publisher
 from cext.posix cimport cpu_set_t, pthread_t
 from cext.schedule.program cimport Program
 
@@ -27,7 +27,7 @@ cdef class Watchdog:
     cdef Handover *handover      # NULL where nobody watches
     cdef Handover shared
     cdef Program program
-    cdef Journal journal
+    cdef Publisher journal
     cdef const int32_t *caught
     cdef pthread_t thread, loop
     cdef bint running

@@ -54,7 +54,7 @@ cdef class Watchdog:
     processors : that it stays on; where there are none, those of the loop
     """
 
-    def __init__(self, Program program, Journal journal, Signals signals, int64_t period, bint wanted, processors):
+    def __init__(self, Program program, Publisher journal, Signals signals, int64_t period, bint wanted, processors):
         CPU_ZERO(&self.processors)
         for number in processors:
             CPU_SET(number, &self.processors)

@@ -18,7 +18,7 @@ import can
 
 from cext.bus.socketcan import SocketCan
 from cext.ring.rings import Line, Lines
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.bus_cost import time_of_ticks
 from runtime.base.system import end_with_parent
 from runtime.bench.drives import node
@@ -132,7 +132,7 @@ def answered(bus):
 @contextmanager
 def through_guardian(group):
     """A bus as the loop has it when the guardian carries its frames."""
-    page, lines, bell = Page(1 << 16), Lines(1), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+    page, lines, bell = SharedState(1 << 16), Lines(1), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
     guardian = GuardianProcess(page, lines, bell, [])
     try:
         guardian.configure(

@@ -13,7 +13,7 @@ from blocks.limiters import TorqueLimiter
 from blocks.sources import Sine
 from cext.bus.memory_bus import MemoryBus
 from cext.bus.socketcan import SocketCan
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.bus_cost import time_of_control, time_of_ticks
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
@@ -166,7 +166,7 @@ def fast_motors(seconds, repeats):
 
 def our_chunk(schedule, sockets, ticks):
     """(answers missed, grid points missed)"""
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     program = Program(schedule, [SocketCan(end, shared=True).end for end in sockets])
     program.count_from(STARTING)
     outcome = uninterrupted(Executor(program, RATE, page=page).run(ticks, fade=0.0))

@@ -10,11 +10,11 @@ import numpy as np
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
-from cext.clock.deadline_clock import Pace
+from cext.clock.deadline_clock import DeadlineClock
 from cext.clock.histogram import time_of_add
 from cext.clock.signals import Signals
 from cext.clock.stopwatch import time_of_lap
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
@@ -45,7 +45,7 @@ def recording(rounds=7, ticks=10_000):
     for _ in range(rounds):
         took = []
         for schedule in schedules:
-            page = Page((ticks + 1) * 8 * (3 + len(schedule.columns)))
+            page = SharedState((ticks + 1) * 8 * (3 + len(schedule.columns)))
             uninterrupted(Executor(Program(schedule), 1000, page=page, virtual=True).run(ticks))
             found = page.statistics()
             took.append(found["busy"] / found["ticks"])
@@ -67,7 +67,7 @@ def stamp(rounds=9):
 def drift():
     """s by which 10**9 points of the grid, the farthest off of some rates, are off."""
     signals = Signals()
-    return max(abs(Pace(float(rate), signals).grid(POINTS) - POINTS * 10**9 / Fraction(rate)) for rate in RATES) * 1e-9
+    return max(abs(DeadlineClock(float(rate), signals).grid(POINTS) - POINTS * 10**9 / Fraction(rate)) for rate in RATES) * 1e-9
 
 
 def growth(few=10_000, many=10_000_000):
@@ -75,7 +75,7 @@ def growth(few=10_000, many=10_000_000):
     reads.
     """
     schedule = compile(diagram(1000, 3, 12))
-    executor = Executor(Program(schedule), 1000, page=Page(1 << 20), virtual=True)
+    executor = Executor(Program(schedule), 1000, page=SharedState(1 << 20), virtual=True)
     uninterrupted(executor.run(few))
     before = resident()
     uninterrupted(executor.run(many))

@@ -15,7 +15,7 @@ from blocks.families import benchmark
 from blocks.mathematics import Gain
 from blocks.sources import Sine
 from cext.clock.histogram import counts_of, percentile
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.kernel_table import feed
 from cext.schedule.program import Program
@@ -95,7 +95,7 @@ def chunk(found, seconds, sensors=None, realtime="off"):
     lines = StreamLines(devices)
     if lines.troubles:
         raise OSError(str(lines.troubles[0]))
-    page = Page(1 << 22)
+    page = SharedState(1 << 22)
     with Realtime(realtime):
         lines.start(PRIORITY - 1 if realtime != "off" else 0)
         control = Program(schedule, [lines.lines[name][1].end for name in schedule.buses])

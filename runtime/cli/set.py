@@ -4,7 +4,7 @@ import math
 import os
 import time
 
-from cext.schedule.mailbox_writer import MOST_CHANGES, Writer
+from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from graph import Param
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import settings
@@ -44,7 +44,7 @@ def set_live(pid, settings):
     """Lines to tell. BadInput, and then nothing was changed unless it says so.
 
     pid : of the run
-    settings : pairs (path or pattern, text); what one pattern matches changes in one tick, up to MOST_CHANGES
+    settings : pairs (path or pattern, text); what one pattern matches changes in one tick, up to CHANGE_LIMIT
         parameters
     """
     page = find(pid)
@@ -61,13 +61,13 @@ def set_live(pid, settings):
 
 
 def letters(groups):
-    """Lists of at most MOST_CHANGES changes, each taken in one tick. A group that fits into one is not divided."""
+    """Lists of at most CHANGE_LIMIT changes, each taken in one tick. A group that fits into one is not divided."""
     found = [[]]
     for group in groups:
-        if len(found[-1]) + len(group) > MOST_CHANGES:
+        if len(found[-1]) + len(group) > CHANGE_LIMIT:
             found.append([])
         found[-1] += group
-    return [letter[first : first + MOST_CHANGES] for letter in found for first in range(0, len(letter), MOST_CHANGES)]
+    return [letter[first : first + CHANGE_LIMIT] for letter in found for first in range(0, len(letter), CHANGE_LIMIT)]
 
 
 def find(pid):

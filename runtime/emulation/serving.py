@@ -6,7 +6,7 @@ import threading
 from contextlib import contextmanager
 
 from cext.bus.timed_bus import SlowBus
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from runtime.console.stderr import Terminal
@@ -20,7 +20,7 @@ class Service:
     """schedule : of the plant; ends : of its buses; bitrate : bit/s that they are slowed down to, or None"""
 
     def __init__(self, schedule, ends, bitrate=None):
-        self.page = Page(ROOM)
+        self.page = SharedState(ROOM)
         self.slowed = [] if bitrate is None else [SlowBus(end, bitrate) for end in ends]
         ends = [slow.end for slow in self.slowed] or ends
         self.program = Program(schedule, ends)

@@ -58,7 +58,7 @@ class GuardianError(Exception):
 class GuardianProcess(ChildProcess):
     """Guardian of one run, spawned at once.
 
-    page : cext.safety.shared_state.Page
+    page : cext.safety.shared_state.SharedState
     lines : cext.ring.rings.Lines, or None where the loop drives every bus itself
     bell : file descriptor of the eventfd that the loop signals, or -1
     locks : runtime.guardian.lock.BusLock of every bus, which the guardian inherits

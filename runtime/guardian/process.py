@@ -22,8 +22,8 @@ from contextlib import suppress
 
 from cext.clock import realtime
 from cext.ring.rings import Lines
-from cext.safety.owner_death import Mourner
-from cext.safety.shared_state import RECORD_EVENT, Page
+from cext.safety.owner_death import OwnerDeathWatcher
+from cext.safety.shared_state import RECORD_EVENT, SharedState
 from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
 from runtime.base.ending import ignore_signals
 from runtime.base.system import CAP_IPC_LOCK, capable, maps
@@ -47,7 +47,7 @@ def main(answers, control, page, lines, bell):
     ignore_signals()
     with open("/proc/self/comm", "w") as file:
         file.write(NAME)
-    guardian = Guardian(Page(fd=page), Lines(fd=lines) if lines >= 0 else None, bell, answers, control)
+    guardian = Guardian(SharedState(fd=page), Lines(fd=lines) if lines >= 0 else None, bell, answers, control)
     if guardian.prepare():
         guardian.run()
 
@@ -99,7 +99,7 @@ class Guardian:
             self.poll.register(descriptor, select.POLLIN)
         self.groups = control_group.enter()
         granted = ["own control group"] * (self.groups is not None) + hold_on(plan["priority"])
-        self.mourner = Mourner(self.page, plan["priority"] or 0)
+        self.mourner = OwnerDeathWatcher(self.page, plan["priority"] or 0)
         self.poll.register(self.mourner.fd, select.POLLIN)
         self.page.take_guard()
         self.page.look_after(time.monotonic_ns())

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 
 MEMORY = "/memfd:tickwork"
 
@@ -24,7 +24,7 @@ def page_of(pid):
         except (FileNotFoundError, ProcessLookupError):
             continue
         try:
-            page = Page(fd=descriptor)
+            page = SharedState(fd=descriptor)
         except ValueError:  # still being made, or another version's
             continue
         finally:
@@ -35,7 +35,7 @@ def page_of(pid):
 
 
 def runs():
-    """{pid: Page} of every run that this user may look at."""
+    """{pid: SharedState} of every run that this user may look at."""
     found = {}
     for name in os.listdir("/proc"):
         if name.isdigit():

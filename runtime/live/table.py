@@ -73,7 +73,7 @@ def nice(number):
 
 
 def describe(schedule):
-    """What Page(live=...) wants of a schedule: (number of live parameters, bytes)."""
+    """What SharedState(live=...) wants of a schedule: (number of live parameters, bytes)."""
     parameters = [
         {
             "path": live.path,

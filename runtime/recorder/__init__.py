@@ -23,7 +23,7 @@ The plan is a dict that JSON can carry:
     limits          {path: (lowest, highest)} of what is recorded, where that is known
     metadata        what else the sidecar file shall carry
 
-Page(fd) -> rows, frames and events -> runtime.recorder.writer -> runtime.recorder.recording -> services
+SharedState(fd) -> rows, frames and events -> runtime.recorder.writer -> runtime.recorder.recording -> services
 (runtime.recorder.service) and files.
 """
 
@@ -61,7 +61,7 @@ class RecorderError(Exception):
 class RecorderProcess(ChildProcess):
     """The recorder process of one run. Spawned at once.
 
-    page : cext.safety.shared_state.Page
+    page : cext.safety.shared_state.SharedState
     lifeline : file descriptor that hangs up when nobody is left that reads the ring
     pid : number of the process
     """

@@ -11,7 +11,7 @@ from contextlib import suppress
 
 
 class Checkpoint:
-    """page : cext.safety.shared_state.Page, of the ring"""
+    """page : cext.safety.shared_state.SharedState, of the ring"""
 
     def __init__(self, page):
         self.page, self.saves = page, 0

@@ -16,7 +16,7 @@ s               save the values in a file that `--set @FILE` reads
 
 import os
 
-from cext.schedule.mailbox_writer import MOST_CHANGES, Writer
+from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from runtime.console.status_layout import part
 from runtime.live import patterns, table
 from runtime.recording.files import create
@@ -34,7 +34,7 @@ HELP = (
 
 class Panel:
     """
-    page : cext.safety.shared_state.Page
+    page : cext.safety.shared_state.SharedState
     keyboard : runtime.console.keys.Keyboard
     recording : runtime.recorder.recording.Recording, beside whose files the values are saved
     """
@@ -183,7 +183,7 @@ def choices(parameters):
     together = {
         pattern: [by_path[path] for path in paths]
         for pattern, paths in patterns.shared(by_path).items()
-        if len({(by_path[path].dtype, by_path[path].unit) for path in paths}) == 1 and len(paths) <= MOST_CHANGES
+        if len({(by_path[path].dtype, by_path[path].unit) for path in paths}) == 1 and len(paths) <= CHANGE_LIMIT
     }
     return [*together.items(), *((parameter.path, [parameter]) for parameter in parameters)]
 

@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from cext.clock import realtime
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from runtime.base.ending import ignore_signals
 from runtime.base.exception_text import name_and_text
 from runtime.base.system import maps
@@ -78,7 +78,7 @@ def main(answers, control, page, keys):
     """
     ignore_signals()
     be_ordinary()
-    page = Page(fd=page)
+    page = SharedState(fd=page)
     orders = Control(control, page)
     plan = orders.plan()
     if plan is None:

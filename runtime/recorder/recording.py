@@ -31,7 +31,7 @@ class RecordingFailed(Exception):
 class Recording:
     """
     plan : as runtime.recorder describes it
-    page : cext.safety.shared_state.Page
+    page : cext.safety.shared_state.SharedState
     part : 1; after the death of a writer 2, and so on
     say : called with a line of text that the person at the terminal shall read
     """

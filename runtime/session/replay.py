@@ -1,7 +1,7 @@
 """`python -m runtime replay`: a recorded run once more, from what its buses received, tick by tick on the recorded
 clock.
 
-    Trial ──> Tape, TapeBus ──> Executor ──> a new recording ──> compare
+    Trial ──> ReplayClock, ReplayBus ──> Executor ──> a new recording ──> compare
 
 An unchanged diagram must give every recorded signal and every frame again, bit for bit. What the recording lacks is a
 divergence, never a guess.
@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from blocks.recorders import CsvRecorder
-from cext.bus.replay_bus import Tape, TapeBus
-from cext.safety.shared_state import RECORD_EVENT, Page
+from cext.bus.replay_bus import ReplayClock, ReplayBus
+from cext.safety.shared_state import RECORD_EVENT, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import DiagramError, Sink
@@ -255,7 +255,7 @@ def buses(trial, schedule):
             if frame.bus == name and not frame.sent and frame.drain > 0:
                 reel[frame.drain - 1].append(frame.payload)
         try:
-            ends.append(TapeBus(reel).host)
+            ends.append(ReplayBus(reel).host)
         except ValueError as error:
             raise BadInput(f"{trial.path} is damaged: of bus {name!r}, {error}") from None
     return ends
@@ -267,7 +267,7 @@ def tape(trial):
     end = (trial.end or {}).get("end")
     if end is not None and end["status"] not in ("ok", *FROM_OUTSIDE) and end["tick"] > ticks[-1]:
         ticks, late = np.append(ticks, end["tick"]), np.append(late, round(end.get("late", 0.0) * 1e9))
-    return Tape(ticks, late, trial.about["simulated"], drained_before(trial))
+    return ReplayClock(ticks, late, trial.about["simulated"], drained_before(trial))
 
 
 def drained_before(trial):
@@ -333,7 +333,7 @@ def live_changes(trial, schedule):
 
 def run(trial, diagram, schedule, ends, changes, folder, origin):
     """(Outcome, the recorder's report)"""
-    page = Page(RING, live=describe(schedule))
+    page = SharedState(RING, live=describe(schedule))
     recorder = RecorderProcess(page)
     try:
         recorder.configure(plan(trial, diagram, schedule, folder, origin))

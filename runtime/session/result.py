@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.program import Program
 from runtime.machine.realtime import Realtime
 from runtime.report.held_exceptions import held
@@ -34,7 +34,7 @@ class Result(Prepared):
     realtime: Realtime
     overruns: list
     profile: tuple
-    page: Page
+    page: SharedState
     newest: list
     report: list = field(default_factory=list)
     waited: float = 0.0

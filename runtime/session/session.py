@@ -12,7 +12,7 @@ import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 
-from cext.safety.shared_state import RECORD_EVENT, Page
+from cext.safety.shared_state import RECORD_EVENT, SharedState
 from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, GUARDIAN_SILENCE
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
@@ -55,7 +55,7 @@ class Session:
         """
         request, rig = self.request, self.rig
         with ExitStack() as undo:
-            self.page = Page(ring_bytes(self.prepared.schedule), live=describe(self.prepared.schedule))
+            self.page = SharedState(ring_bytes(self.prepared.schedule), live=describe(self.prepared.schedule))
             if rig is not None:  # the guardian comes first: without it nothing is armed
                 undo.callback(rig.close)
                 priority = None if request.realtime == "off" else request.priority or PRIORITY

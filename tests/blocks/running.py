@@ -6,7 +6,7 @@ import numpy as np
 
 from blocks.recorders import CsvRecorder
 from cext.bus.memory_bus import MemoryBus
-from cext.safety.shared_state import RECORD_ROW, Page
+from cext.safety.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Output, compile
@@ -43,7 +43,7 @@ def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
     if before is not None:
         before(buses)
     row = struct.Struct(f"={2 + len(schedule.columns)}d")
-    page = Page((row.size + 8 + 800) * (ticks + 1000) if schedule.buses else (row.size + 8) * (ticks + 10))
+    page = SharedState((row.size + 8 + 800) * (ticks + 1000) if schedule.buses else (row.size + 8) * (ticks + 10))
     outcome = Executor(control, schedule.rate, plant=models, substeps=substeps, page=page, virtual=True).run(
         ticks, fade=fade
     )

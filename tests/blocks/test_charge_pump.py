@@ -18,7 +18,7 @@ from blocks.limiters import TorqueLimiter
 from blocks.logic import Not
 from blocks.models import Limb
 from blocks.safety import EmergencyStop, Rearm
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from graph import Block, Diagram, DiagramError, Output, compile
 from runtime.report.failure_coverage import coverage, in_words
 from runtime.session.check import check, told
@@ -300,7 +300,7 @@ def test_while_the_operator_reads_the_table_the_relay_holds():
     "what", ["an exception", "an emergency stop", "the fence of another process", "NaN", "the end"]
 )
 def test_no_pulse_follows_the_fence_whatever_ends_the_run(what):
-    page = Page(1 << 24)
+    page = SharedState(1 << 24)
     law = {"an exception": torn, "the fence of another process": page.raise_fence}.get(what, lambda: None)
 
     def more():

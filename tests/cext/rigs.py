@@ -11,7 +11,7 @@ from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.models import Limb
 from blocks.recorders import CsvRecorder
 from cext.bus.memory_bus import MemoryBus
-from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_ROW, Page
+from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
@@ -50,7 +50,7 @@ class Rig:
     """A robot, its plant and the page between them.
 
     robot, plant : Diagrams
-    page : capacity of the ring in bytes, or a Page
+    page : capacity of the ring in bytes, or a SharedState
     options : of the Executor
     """
 
@@ -66,7 +66,7 @@ class Rig:
             model = compile(plant)
             self.plant = Program(model, [self.buses[name].device for name in model.buses])
             substeps = round(plant.rate / robot.rate)
-        self.page = page if isinstance(page, Page) else Page(page)
+        self.page = page if isinstance(page, SharedState) else SharedState(page)
         self.executor = Executor(
             self.control,
             self.schedule.rate,

@@ -6,7 +6,7 @@ import pytest
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Constant, Ramp
-from cext.safety.shared_state import RECORD_ROW, Page
+from cext.safety.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, DiagramError, Output, compile, stack
@@ -27,7 +27,7 @@ def last(diagram, ticks=3):
     with diagram:
         CsvRecorder()
     schedule = compile(diagram)
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     assert Executor(Program(schedule), diagram.rate, page=page, virtual=True).run(ticks).status == "ok"
     row = [np.frombuffer(payload) for kind, payload in page.drain() if kind == RECORD_ROW][-1]
     return {c.path: row[2 + c.index] for c in schedule.sinks[0].columns}, {

@@ -10,7 +10,7 @@ import pytest
 
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
-from cext.safety.shared_state import RECORD_ROW, Page
+from cext.safety.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, Param, compile, jit
@@ -69,7 +69,7 @@ def trace(kind, ticks=400):
         )
         CsvRecorder()
     schedule = compile(diagram)
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     assert Executor(Program(schedule), 100.0, page=page, virtual=True).run(ticks).status == "ok"
     return schedule, np.array([np.frombuffer(payload) for kind, payload in page.drain() if kind == RECORD_ROW])
 

@@ -11,7 +11,7 @@ from blocks.limiters import Saturation, SlewRate, TorqueLimiter
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
-from cext.safety.shared_state import RECORD_ROW, Page
+from cext.safety.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Interval, Output, Signal, compile, subsystem
@@ -39,7 +39,7 @@ def trace(diagram, ticks):
     with diagram:
         CsvRecorder()
     schedule = compile(diagram)
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     assert Executor(Program(schedule), diagram.rate, page=page, virtual=True).run(ticks).status == "ok"
     rows = np.array([np.frombuffer(payload) for kind, payload in page.drain() if kind == RECORD_ROW])
     return {column.path: rows[:, 2 + column.index] for column in schedule.sinks[0].columns}

@@ -2,7 +2,7 @@
 
 import struct
 
-from cext.safety.shared_state import RECORD_ROW, Page
+from cext.safety.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import compile
@@ -11,7 +11,7 @@ from graph import compile
 def newest(diagram, interface, ticks):
     """{path: value} of the last of so many ticks, on a runtime.rig.i2c.I2cInterface, which is closed then."""
     schedule = compile(diagram)
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     interface.start(0)
     try:
         outcome = Executor(Program(schedule, [interface.end]), schedule.rate, page=page).run(ticks)

@@ -19,7 +19,7 @@ from blocks.charge_pump import ChargePump
 from blocks.gpio import EStopSwitch, GpioInput, SyncIn, SyncOut
 from blocks.recorders import CsvRecorder
 from cext.bus.memory_bus import MemoryBus
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, StreamDevice, compile
@@ -99,7 +99,7 @@ class RealLines(Rig):
                 Program(model, [memory[name].device for name in model.buses]),
                 round(plant.rate / robot.rate),
             )
-        self.page = Page(1 << 24)
+        self.page = SharedState(1 << 24)
         self.executor = Executor(
             self.control, self.schedule.rate, plant=self.plant, substeps=substeps, page=self.page, virtual=False
         )

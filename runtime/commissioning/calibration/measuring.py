@@ -8,7 +8,7 @@ from contextlib import ExitStack
 import numpy as np
 
 from blocks.recorders import CsvRecorder
-from cext.safety.shared_state import RECORD_ROW, Page
+from cext.safety.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Device, Diagram, subsystem
@@ -127,7 +127,7 @@ def read(schedule, recorder, control, seconds, **how):
     ticks = math.ceil(seconds * schedule.rate)
     row = row_struct(len(schedule.columns))
     frames = FRAME_BYTES * 8 * len(schedule.devices)
-    page = Page(max(1 << 20, (row.size + 16 + frames) * (ticks + 1000)))
+    page = SharedState(max(1 << 20, (row.size + 16 + frames) * (ticks + 1000)))
     try:
         outcome = uninterrupted(Executor(control, schedule.rate, page=page, **how).run(ticks))
         records = [row.unpack(payload) for kind, payload in page.drain(1 << 30) if kind == RECORD_ROW]

@@ -13,7 +13,7 @@ from blocks.actuators import CubeMarsServo, CubeMarsV3, EmulatedCubeMarsServo, E
 from blocks.models import Limb
 from blocks.safety import Rearm
 from blocks.sources import Sine
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, DiagramError, Input, Output, compile
@@ -381,7 +381,7 @@ def test_frames_that_get_lost_now_and_then_do_not_end_a_run():
 
 def strange(kind, model, frame, guard=30.0):
     """A run into which somebody else sends a frame at tick 20."""
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     page.look_after(time.monotonic_ns())
     with Diagram("robot", rate=200) as robot:
         drive = kind(model, name="drive")

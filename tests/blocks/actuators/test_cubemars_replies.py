@@ -7,7 +7,7 @@ import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from graph import Block, Diagram, Output
 from tests.blocks.actuators import reference
 from tests.blocks.actuators.wire import FOREIGN, MALFORMED, TAKEN, Wired
@@ -82,7 +82,7 @@ def test_replies_of_another_length_are_counted_and_named(length):
 
 def guarded(walk, plant=None):
     """A rig whose guardian has just looked: other controllers are then a fault."""
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     page.look_after(time.monotonic_ns())
     return Rig(walk, plant, page=page, guard=30.0)
 

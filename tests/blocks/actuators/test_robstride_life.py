@@ -13,7 +13,7 @@ from blocks.actuators import (
     RobStrideMIT,
 )
 from blocks.models import Limb
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from graph import Block, Diagram, Input, Output, Param
 from tests.blocks.actuators import robstride_reference as reference
 from tests.cext.rigs import Rig
@@ -58,7 +58,7 @@ class Watcher(Block):
 
 def lived(action=lambda: None, tick=20, *, kind=RobStride, substeps=5, guard=30.0, **parameters):
     """(rig, drive, watcher): one drive under a guardian that has just looked. action : called in a tick"""
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     page.look_after(time.monotonic_ns())
     with Diagram("robot", rate=200) as robot:
         drive = kind("RS03", name="drive", **parameters)

@@ -22,7 +22,7 @@ from blocks.actuators import CubeMars
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from cext.bus.memory_bus import MemoryBus
 from cext.bus.socketcan import SocketCan
-from cext.safety.shared_state import RECORD_FRAME, Page
+from cext.safety.shared_state import RECORD_FRAME, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
@@ -322,7 +322,7 @@ class Robot:
                 SocketCan(self.wires[f"bus{number}"].far) if number in far else None for number in range(1, drives + 1)
             ]
             plant = Program(model, [MemoryBus().device if can is None else can.end for can in self.far])
-        self.page = Page(1 << 22)
+        self.page = SharedState(1 << 22)
         self.executor = Executor(self.control, 200, plant=plant, page=self.page)
 
     def run(self, ticks):

@@ -6,7 +6,7 @@ from blocks.actuators import CubeMars
 from cext.bus.bits import frame_bits
 from cext.bus.memory_bus import MemoryBus
 from cext.bus.timed_bus import SlowBus, TimedBus
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
@@ -109,7 +109,7 @@ def test_a_robot_on_a_wire_with_a_bitrate_hears_its_answers_when_their_bits_have
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
     bus, schedule, plant = TimedBus(1e6), compile(robot), compile(plant_of(robot))
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     executor = Executor(
         Program(schedule, [bus.host]),
         schedule.rate,

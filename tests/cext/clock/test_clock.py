@@ -11,7 +11,7 @@ from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.clock import Clock
 from blocks.discrete import UnitDelay
 from blocks.mathematics import Gain
-from cext.bus.replay_bus import Tape
+from cext.bus.replay_bus import ReplayClock
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, compile
@@ -117,7 +117,7 @@ def test_a_run_that_is_run_again_has_the_lateness_that_it_had():
     with Diagram("d", rate=RATE) as diagram:
         Gain(2.0, name="g")(1.0)
     ticks, late = [0, 1, 2, 13, 14], [10_000, 20_000, 30_000, 2_600_000, 40_000]
-    again = Rig(diagram, tape=Tape(ticks, late, True))
+    again = Rig(diagram, tape=ReplayClock(ticks, late, True))
     assert again.run(-1).status == "ok" and again.tick.tolist() == ticks
     lateness = again.statistics()["lateness"]
     assert lateness["max"] == pytest.approx(0.0526) and lateness["max_at_tick"] == 13

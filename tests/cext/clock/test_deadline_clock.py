@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cext.clock.deadline_clock import Pace
+from cext.clock.deadline_clock import DeadlineClock
 from cext.clock.signals import Signals
 
 pytestmark = pytest.mark.timing
@@ -15,7 +15,7 @@ TICKS = [0, 1, 2, 3, 999, 10**6, 10**9, 10**9 + 1]
 
 
 def pace(rate):
-    return Pace(rate, Signals())
+    return DeadlineClock(rate, Signals())
 
 
 @pytest.mark.parametrize("rate", ["200", "1000", "3000", "0.7", "333.3", "142.85714285714286", "44100", "1e5", "0.001"])
@@ -45,4 +45,4 @@ def test_a_rate_beyond_the_clock_is_refused():
     with pytest.raises(ValueError, match="longer than the clock can count"):
         pace(1e-11)
     with pytest.raises(ValueError, match="0 ns or more"):
-        Pace(100.0, Signals(), spin=-1)
+        DeadlineClock(100.0, Signals(), spin=-1)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 
 pytestmark = pytest.mark.timing
 
@@ -20,7 +20,7 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 
 ROBOT = """
 import json, os, signal, sys, time
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from blocks.actuators import CubeMars
 from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import Rig, plant_of
@@ -61,7 +61,7 @@ with Diagram("robot", rate=200) as robot:
     knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)
     kind = {"slow": Slow, "ignoring": Ignoring, "forking": Forking}.get((sys.argv[3:] or [None])[0])
     knee(torque_command=kind()(knee.torque) if kind else 5.0)
-rig = Rig(robot, None if "deaf" in sys.argv else plant_of(robot), page=Page(fd=int(sys.argv[1])), virtual=False,
+rig = Rig(robot, None if "deaf" in sys.argv else plant_of(robot), page=SharedState(fd=int(sys.argv[1])), virtual=False,
           spin=1.0 if "spin" in sys.argv else 0.0)
 outcome = rig.run(int(sys.argv[2]), arming_timeout=20.0)
 during = list(heard)
@@ -80,7 +80,7 @@ def robot(*actions, ticks=-1, options=(), state="running", frames=20):
     """Start a robot in a process of its own; once it is in `state` and has sent so many frames, do the actions to it.
     What it tells.
     """
-    page = Page(1 << 22)
+    page = SharedState(1 << 22)
     child = subprocess.Popen(
         [sys.executable, "-c", ROBOT, str(page.fd), str(ticks), *options],
         cwd=ROOT,
@@ -177,7 +177,7 @@ def test_a_block_that_ignores_every_signal_cannot_keep_the_run_from_ending():
 
 
 def test_a_block_that_forks_and_returns_leaves_one_run():
-    page = Page(1 << 22)
+    page = SharedState(1 << 22)
     done = subprocess.run(
         [sys.executable, "-c", ROBOT, str(page.fd), "100", "forking"],
         cwd=ROOT,

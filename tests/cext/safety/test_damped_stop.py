@@ -12,7 +12,7 @@ import pytest
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.limiters import TorqueLimiter
 from blocks.models import Limb
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from graph import Block, Diagram, Input, Output
 from tests.blocks.actuators import reference
 from tests.cext.rigs import STOP, Rig
@@ -212,7 +212,7 @@ def test_a_drive_under_a_tick_that_hangs_is_damped_inside_the_limit_by_the_watch
     with Diagram("plant", rate=200) as plant:
         drive = EmulatedCubeMars.of(robot["knee"], name="drive")
         drive(position=0.0, velocity=0.0)
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     page.look_after(time.monotonic_ns())
     rig = Rig(robot, plant, virtual=False, page=page, guard=60.0)
     law.bus, law.zero, law.drive = rig.buses["can"].device, lambda: rig.page.began, PlayedDrive(AK80_9)

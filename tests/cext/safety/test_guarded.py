@@ -10,7 +10,7 @@ import pytest
 
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.limiters import TorqueLimiter
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from graph import Block, Input, Output
 from tests.cext.rigs import ends_in_the_safe_stop, one_drive
 
@@ -37,7 +37,7 @@ class Then(Block):
 
 def guarded(action=lambda: None, tick=20, *, page=None, **options):
     """One drive under a guardian that has just looked. action : called in a tick"""
-    page = page or Page(1 << 20)
+    page = page or SharedState(1 << 20)
     page.look_after(time.monotonic_ns())
     law = lambda knee: TorqueLimiter(limit=5.0)(Then(tick, action, name="then")(knee.position))  # noqa: E731
     return one_drive(law, options={"page": page, "guard": GUARD, **options})
@@ -67,7 +67,7 @@ def test_a_guardian_that_dies_ends_the_run_in_the_safe_stop():
 
 def test_a_guardian_that_dies_ends_the_run_at_the_next_tick():
     """It has looked just now; the kernel tells that its thread is gone."""
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     alive, dying = os.pipe(), os.pipe()
     guardian = os.fork()
     if guardian == 0:
@@ -92,7 +92,7 @@ def test_a_guardian_that_dies_ends_the_run_at_the_next_tick():
         os.close(descriptor)
     del rig, page  # the dead guardian's mutex goes with its page: this thread's list of mutexes must not lead there
     gc.collect()
-    another = Page(1 << 12)
+    another = SharedState(1 << 12)
     another.take_hold()
     another.let_go()
 

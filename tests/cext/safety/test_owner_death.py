@@ -8,16 +8,16 @@ import sys
 
 import pytest
 
-from cext.safety.owner_death import Mourner
-from cext.safety.shared_state import Page
+from cext.safety.owner_death import OwnerDeathWatcher
+from cext.safety.shared_state import SharedState
 
 pytestmark = pytest.mark.timing
 
 HOLDER = """
 import sys
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 
-page = Page(fd=int(sys.argv[1]))
+page = SharedState(fd=int(sys.argv[1]))
 page.take_hold()
 print("held", flush=True)
 sys.stdin.readline()
@@ -29,7 +29,7 @@ sys.stdin.readline()
 
 @pytest.fixture
 def page():
-    return Page(1 << 12)
+    return SharedState(1 << 12)
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def is_told(mourner, seconds):
 
 
 def test_who_dies_with_the_hold_is_mourned(page, holder):
-    mourner = Mourner(page)
+    mourner = OwnerDeathWatcher(page)
     assert not is_told(mourner, 0.05)
     holder.send_signal(signal.SIGSTOP)
     assert not is_told(mourner, 0.05)  # it stands still, and is there
@@ -65,11 +65,11 @@ def test_who_dies_with_the_hold_is_mourned(page, holder):
 def test_who_has_died_before_anybody_waited_is_mourned(page, holder):
     holder.kill()
     holder.wait()
-    assert is_told(Mourner(page), 5.0)
+    assert is_told(OwnerDeathWatcher(page), 5.0)
 
 
 def test_who_has_let_go_is_not_mourned(page, holder):
-    mourner = Mourner(page)
+    mourner = OwnerDeathWatcher(page)
     print(file=holder.stdin, flush=True)
     assert holder.stdout.readline() == "gone\n"
     holder.kill()
@@ -80,7 +80,7 @@ def test_who_has_let_go_is_not_mourned(page, holder):
 def test_a_hold_is_of_one_process_and_a_second_time_is_the_same_one(page, holder):
     with pytest.raises(OSError, match="somebody else has the hold"):
         page.take_hold()
-    mine = Page(1 << 12)
+    mine = SharedState(1 << 12)
     mine.take_hold()
     mine.take_hold()
     mine.let_go()

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cext.clock.histogram import percentiles
-from cext.safety.shared_state import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, Page
+from cext.safety.shared_state import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, SharedState
 
 pytestmark = pytest.mark.timing
 
@@ -22,7 +22,7 @@ def payload(number, words):
 
 
 def test_what_is_pushed_comes_out_in_order_with_its_kind():
-    page = Page(4096)
+    page = SharedState(4096)
     for number, kind in enumerate((RECORD_ROW, RECORD_FRAME, RECORD_EVENT)):
         assert page.push(kind, payload(number, 1))
     assert page.drain() == [(RECORD_ROW, payload(0, 1)), (RECORD_FRAME, payload(1, 1)), (RECORD_EVENT, payload(2, 1))]
@@ -30,22 +30,22 @@ def test_what_is_pushed_comes_out_in_order_with_its_kind():
 
 
 def test_a_payload_is_filled_up_to_whole_words():
-    page = Page(4096)
+    page = SharedState(4096)
     page.push(RECORD_EVENT, b'{"a": 1}' + b"!")
     page.push(RECORD_EVENT, b"")
     assert page.drain() == [(RECORD_EVENT, b'{"a": 1}!       '), (RECORD_EVENT, b"")]
 
 
 def test_capacity_is_rounded_up_to_a_power_of_two():
-    page = Page(5000)
+    page = SharedState(5000)
     pushed = 0
     while page.push(RECORD_ROW, bytes(56)):
         pushed += 1
-    assert pushed == 8192 // 64 and Page(1).push(RECORD_ROW, bytes(4088)) and not Page(1).push(RECORD_ROW, bytes(4096))
+    assert pushed == 8192 // 64 and SharedState(1).push(RECORD_ROW, bytes(4088)) and not SharedState(1).push(RECORD_ROW, bytes(4096))
 
 
 def test_a_full_ring_refuses_and_takes_again_once_read():
-    page = Page(4096)
+    page = SharedState(4096)
     pushed = sum(page.push(RECORD_ROW, payload(number, 7)) for number in range(100))
     assert pushed == 64
     assert [kind for kind, _ in page.drain(3)] == [RECORD_ROW] * 3
@@ -55,7 +55,7 @@ def test_a_full_ring_refuses_and_takes_again_once_read():
 
 
 def test_a_record_is_never_cut_at_the_end_of_the_ring():
-    page = Page(4096)
+    page = SharedState(4096)
     for lap in range(200):
         assert page.push(RECORD_ROW, payload(lap, 100)), lap  # 808 bytes do not divide 4096
         assert page.drain() == [(RECORD_ROW, payload(lap, 100))]
@@ -64,7 +64,7 @@ def test_a_record_is_never_cut_at_the_end_of_the_ring():
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.one_of(st.integers(0, 300), st.just("drain")), max_size=200), st.integers(1, 20))
 def test_every_record_that_was_taken_comes_out_once_and_in_order(actions, most):
-    page = Page(4096)
+    page = SharedState(4096)
     taken, out = [], []
     for number, action in enumerate(actions):
         if action == "drain":
@@ -80,8 +80,8 @@ def test_every_record_that_was_taken_comes_out_once_and_in_order(actions, most):
 
 READER = """
 import sys
-from cext.safety.shared_state import Page
-page = Page(fd=int(sys.argv[1]))
+from cext.safety.shared_state import SharedState
+page = SharedState(fd=int(sys.argv[1]))
 expected = count = 0
 while True:
     closed = page.closed
@@ -97,7 +97,7 @@ print(count)
 
 
 def test_another_process_reads_every_record_whole_and_in_order_while_this_one_writes():
-    page = Page(1 << 14)
+    page = SharedState(1 << 14)
     reader = subprocess.Popen(
         [sys.executable, "-c", READER, str(page.fd)], pass_fds=[page.fd], stdout=subprocess.PIPE, text=True
     )
@@ -115,8 +115,8 @@ def test_another_process_reads_every_record_whole_and_in_order_while_this_one_wr
 
 
 def test_a_page_is_one_memory_in_all_its_mappings():
-    page = Page(4096)
-    other = Page(fd=page.fd)
+    page = SharedState(4096)
+    other = SharedState(fd=page.fd)
     other.raise_fence()
     page.close()
     assert page.fenced and other.closed and page.state == other.state == "init"
@@ -129,7 +129,7 @@ def test_a_file_that_is_no_page_is_refused(tmp_path):
         file = tmp_path / "file"
         file.write_bytes(b"\x01" + content)
         with open(file, "r+b") as stream, pytest.raises(ValueError, match="does not hold a Tickwork page"):
-            Page(fd=stream.fileno())
+            SharedState(fd=stream.fileno())
 
 
 def test_pages_leave_no_file_open():
@@ -139,8 +139,8 @@ def test_pages_leave_no_file_open():
 
     before = open_files()
     for _ in range(50):
-        page = Page(4096)
-        Page(fd=page.fd)
+        page = SharedState(4096)
+        SharedState(fd=page.fd)
     del page
     assert open_files() == before
 
@@ -170,7 +170,7 @@ def test_a_negative_duration_counts_as_none_and_no_durations_have_no_percentiles
 
 def test_random_bytes_of_a_seeded_writer_come_back_as_they_were():
     source = random.Random(3)
-    page = Page(1 << 13)
+    page = SharedState(1 << 13)
     for _ in range(500):
         record = source.randbytes(8 * source.randrange(1, 60))
         page.push(RECORD_FRAME, record)

@@ -13,7 +13,7 @@ from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.limiters import TorqueLimiter
 from blocks.safety import EmergencyStop, Rearm
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
 from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
@@ -269,7 +269,7 @@ def test_another_process_that_fences_while_it_waits_ends_the_run_for_good():
 
 
 def test_while_it_waits_it_shows_that_it_lives_and_looks_whether_its_guardian_does():
-    beats, page = [], Page(1 << 24)
+    beats, page = [], SharedState(1 << 24)
 
     def live():
         beats.append(page.beat)

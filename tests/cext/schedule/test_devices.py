@@ -13,9 +13,9 @@ from blocks.actuators import CubeMars, EmulatedCubeMars, RobStride
 from blocks.actuators.mit_frames import DISABLE, ENABLE
 from blocks.sources import StepSource
 from cext.bus.memory_bus import MemoryBus
-from cext.bus.replay_bus import TapeBus
+from cext.bus.replay_bus import ReplayBus
 from cext.ring.rings import Line, Lines
-from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, Page
+from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Device, Diagram, Output, Param, compile
@@ -182,8 +182,8 @@ def test_what_is_longer_than_a_frame_comes_neither_from_a_block_nor_from_a_recor
         Rig(robot)
     recorded = bytearray(bytes(Frame(id=1, length=65)))
     with pytest.raises(ValueError, match="at most 64 bytes, not 65"):
-        TapeBus([[bytes(recorded)]])
-    assert TapeBus([[bytes(Frame(id=1, length=64))]]).host.receive() == []
+        ReplayBus([[bytes(recorded)]])
+    assert ReplayBus([[bytes(Frame(id=1, length=64))]]).host.receive() == []
 
 
 DOUBLES, SLOTS, FRAME = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int64)
@@ -467,7 +467,7 @@ def test_of_several_buses_it_is_the_one_that_takes_no_more_which_is_named():
 def test_what_is_like_any_command_of_ours_is_a_foreign_command(batch):
     with Diagram("robot", rate=200) as robot:
         RobStride("RS03", can_id=1, name="knee", timeout=0.0)(torque_command=0.0)
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     page.look_after(time.monotonic_ns())  # where the guardian sees to it that we are alone
     rig = Rig(robot, plant_of(robot), page=page, guard=30.0)
     number, extended, data = getattr(rig.schedule.devices[0], batch)[0]

@@ -21,7 +21,7 @@ from blocks.limiters import RMSTorqueLimiter, SlewRate, TorqueLimiter
 from blocks.mathematics import Gain
 from blocks.safety import EmergencyStop, EmulatedEStop, EStopHeartbeat
 from cext.kernels import mathematics as kernels
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
 from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import STOP, Rig
@@ -317,7 +317,7 @@ def build(fault):
                 **{name: signals[name] for name in signals if name not in drive}
             )
         thief = fault.plant() if fault.plant is not None else None
-    page = Page(1 << 24)
+    page = SharedState(1 << 24)
     page.look_after(time.monotonic_ns())
     rig = Rig(robot, plant, page=page, guard=30.0 if fault.guard else 0.0)
     if acts is not None:

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from tests.cext.rigs import one_drive
 
 pytestmark = pytest.mark.timing
@@ -17,7 +17,7 @@ def test_only_a_rig_in_real_time_times_answers():
 
 
 def test_an_answer_is_timed_from_the_command_it_follows_and_once():
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     page.look_after(time.monotonic_ns())
     rig = one_drive(lambda knee: 0.0, virtual=False, options={"page": page, "guard": 5.0})
     outcome = rig.run(100)

@@ -12,8 +12,8 @@ import pytest
 
 from blocks.controllers import Impedance
 from blocks.limiters import TorqueLimiter
-from cext.safety.shared_state import RECORD_EVENT, Page
-from cext.schedule.mailbox_writer import MOST_CHANGES, Writer
+from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from graph import Block, Diagram, Live, Output, Param
 from tests.blocks.actuators import reference
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, one_drive
@@ -297,7 +297,7 @@ def test_a_stop_is_heard_while_arming_and_a_change_waits_for_tick_0():
 
 
 def test_what_the_ring_cannot_record_waits_until_it_can():
-    page = Page(1 << 12)
+    page = SharedState(1 << 12)
     found = rig(spring, page=page)
     while page.push(RECORD_EVENT, b"x" * 8):
         pass
@@ -316,13 +316,13 @@ def test_what_the_ring_cannot_record_waits_until_it_can():
 
 def test_the_page_shows_values_and_targets():
     live = 2, b"two parameters"
-    page = Page(1 << 16, live=live)
+    page = SharedState(1 << 16, live=live)
     found = rig(lambda: spring(slew=200.0), {2: lambda writer: writer.set([(0, 40.0), (1, 2.0)])}, page=page)
     seen = {}
     poster = found.schedule.python_blocks[0]
     poster.script |= {tick: lambda writer, tick=tick: seen.update({tick: page.live_values()}) for tick in (0, 3, 30)}
     found.run(35)
-    assert page.live == b"two parameters" and Page(fd=page.fd).live == page.live
+    assert page.live == b"two parameters" and SharedState(fd=page.fd).live == page.live
     assert seen == {0: [(30.0, 30.0), (1.0, 1.0)], 3: [(31.0, 40.0), (1.05, 2.0)], 30: [(40.0, 40.0), (2.0, 2.0)]}
 
 
@@ -352,6 +352,6 @@ def test_an_attribute_whose_own_code_raises_is_a_fault_of_its_block():
 
 
 def test_a_letter_has_room_for_so_many_changes():
-    writer = Writer(Page(1 << 12))
+    writer = Writer(SharedState(1 << 12))
     with pytest.raises(ValueError, match="16 changes"):
-        writer.set([(0, 1.0)] * (MOST_CHANGES + 1))
+        writer.set([(0, 1.0)] * (CHANGE_LIMIT + 1))

@@ -9,7 +9,7 @@ from collections import defaultdict
 import pytest
 
 from blocks.controllers import Impedance
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
 from graph import Diagram
 from tests.cext.rigs import Rig
@@ -141,7 +141,7 @@ def test_a_letter_half_written_by_a_dead_process_holds_nobody_up():
 
 
 def test_the_idle_mailbox_of_a_page_changes_nothing_between_runs():
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     rig = springs(2, page=page)
     rig.run(50)
     first = {name: values.copy() for name, values in rig.signals.items()}

@@ -19,7 +19,7 @@ import pytest
 from blocks.actuators import CubeMars
 from blocks.actuators.mit_frames import DISABLE, NOTHING
 from blocks.limiters import TorqueLimiter
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from graph import Block, Diagram, Input, Output
 from tests.cext.clock.test_signals import ENVIRONMENT, ROOT
 from tests.cext.rigs import Rig, plant_of
@@ -78,7 +78,7 @@ def robot(*laws, rate=RATE, virtual=False, guard=GUARD):
         for (side, can_id), law in zip(KNEES.items(), (*laws, *laws)):
             knee = CubeMars("AK10-9-V2.0", bus=side, can_id=can_id, name=f"{side}_knee", timeout=0.0)
             knee(torque_command=TorqueLimiter(limit=5.0, slew=math.inf)(law(side, knee)))
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     page.look_after(time.monotonic_ns())
     rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=virtual, page=page, guard=guard)
     rig.called = lambda: min(

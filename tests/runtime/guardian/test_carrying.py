@@ -14,7 +14,7 @@ import pytest
 
 from blocks.limiters import TorqueLimiter
 from cext.ring.rings import Line, Lines
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from cext.safety.thresholds import HANG_REPORT_DELAY
 from graph import Block, Input, Output
 from runtime.guardian.process import Guardian, decoded
@@ -50,7 +50,7 @@ class Carrying:
     """A guardian in this process, with two buses that it carries and a motor on each; and the loop's ends of them."""
 
     def __init__(self, page=None):
-        self.page, self.lines = page or Page(1 << 12), Lines(2)
+        self.page, self.lines = page or SharedState(1 << 12), Lines(2)
         self.ends = [Line(self.lines, number).end for number in range(2)]
         self.wires = [Log(), Log()]
         read, self.orders = os.pipe()
@@ -207,7 +207,7 @@ class Tells(Block):
 
 def judged(look, tick=20):
     """A guardian that looks at a real loop in the middle of its run: `look(guardian, page)`. Returns it."""
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     guardian = Carrying(page).guardian
     rig = one_drive(
         lambda knee: TorqueLimiter(limit=5.0)(Tells(lambda: look(guardian, page), tick)(knee.position)),
@@ -261,7 +261,7 @@ def test_a_process_that_is_gone_is_stopped_at_once():
     assert judged(look).verdict["because"] == "died"
 
 
-HUNG, CRASHED = 32, 36  # bytes, of cext.safety.shared_state.PageLayout
+HUNG, CRASHED = 32, 36  # bytes, of cext.safety.shared_state.SharedLayout
 
 
 def write(page, offset, number):

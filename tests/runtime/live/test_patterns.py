@@ -2,7 +2,7 @@
 
 import pytest
 
-from cext.schedule.mailbox_writer import MOST_CHANGES
+from cext.schedule.mailbox_writer import CHANGE_LIMIT
 from runtime.base.errors import BadInput
 from runtime.cli.set import letters, wanted
 from runtime.diagrams.file import load
@@ -75,9 +75,9 @@ def test_what_one_pattern_matches_is_one_letter_where_it_fits():
     groups = [
         [("a", index) for index in range(10)],
         [("b", index) for index in range(8)],
-        [("c", index) for index in range(MOST_CHANGES + 1)],
+        [("c", index) for index in range(CHANGE_LIMIT + 1)],
     ]
-    assert [len(letter) for letter in letters(groups)] == [10, 8, MOST_CHANGES, 1]
+    assert [len(letter) for letter in letters(groups)] == [10, 8, CHANGE_LIMIT, 1]
     assert [len(letter) for letter in letters(groups[:1] * 1 + [[("d", 0)]])] == [11]
 
 

@@ -7,7 +7,7 @@ from blocks.actuators import CubeMars
 from blocks.models import Limb
 from blocks.recorders import CsvRecorder
 from cext.bus.memory_bus import MemoryBus
-from cext.safety.shared_state import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, Page
+from cext.safety.shared_state import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Output, compile, subsystem
@@ -68,7 +68,7 @@ def frame(time, identifier, data, *, sent=0, bus=0, flags=0):
 
 def record(plan, records, page=None):
     """The records through a real recorder process. Returns its report."""
-    page = page or Page(1 << 20)
+    page = page or SharedState(1 << 20)
     recorder = RecorderProcess(page)
     recorder.configure(plan)
     for kind, payload in records:
@@ -142,7 +142,7 @@ def run(diagram, folder, ticks, *, plant=None, virtual=True, page=None, before=N
     """Compile, record and run a diagram. Returns (outcome, report, page). before : called with the recorder when all is
     ready to run
     """
-    page = page or Page(1 << 20)
+    page = page or SharedState(1 << 20)
     recorder = RecorderProcess(page)
     schedule = compile(diagram)
     buses = [MemoryBus() for _ in schedule.buses]

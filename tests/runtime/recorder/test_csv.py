@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from blocks.recorders import CsvRecorder
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from graph import Diagram
 from graph.units import canonical
 from runtime.base.errors import BadInput
@@ -233,7 +233,7 @@ def test_a_line_that_a_full_disk_cuts_is_taken_back(tmp_path):
 
 
 def test_the_time_is_that_of_the_device_where_it_is_asked_for(tmp_path):
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     with Diagram("clocked", rate=200) as diagram:
         Counter(name="counter")
         CsvRecorder(time="device")

@@ -18,7 +18,7 @@ import pytest
 from mcap.reader import make_reader
 
 from blocks.recorders import CsvRecorder
-from cext.safety.shared_state import RECORD_EVENT, Page
+from cext.safety.shared_state import RECORD_EVENT, SharedState
 from graph import Block, Diagram, Output
 from runtime.analysis.trial import Trial
 from runtime.recorder import RecorderError, RecorderProcess
@@ -33,7 +33,7 @@ SIGNALS = columns("a.x m")
 
 
 def test_every_row_of_a_run_arrives_in_order_with_what_the_blocks_computed(tmp_path):
-    outcome, report, page = run(counting(), tmp_path, 3000, page=Page(1 << 14))  # a ring of a hundred rows
+    outcome, report, page = run(counting(), tmp_path, 3000, page=SharedState(1 << 14))  # a ring of a hundred rows
     header, rows = read_csv(tmp_path / "counting.csv")
     assert header == ["time [s]", "tick", "counter.odd", "counter.value [m]", "counter.whole"]
     assert rows == [
@@ -85,7 +85,7 @@ def test_the_sidecar_says_what_ran_and_how_it_went(tmp_path):
 
 
 def ended(event, folder):
-    page = Page(1 << 16)
+    page = SharedState(1 << 16)
     recorder = RecorderProcess(page)
     recorder.configure(plan(folder, sink(CSV, "a", SIGNALS)))
     if event:
@@ -103,9 +103,9 @@ def test_the_report_tells_in_words_how_the_run_ended(tmp_path):
 
 CONTROL = """
 import os, sys
-from cext.safety.shared_state import RECORD_EVENT, Page
+from cext.safety.shared_state import RECORD_EVENT, SharedState
 from tests.runtime.recorder.running import counting, run
-page = Page(fd=int(sys.argv[1]))
+page = SharedState(fd=int(sys.argv[1]))
 announce = lambda recorder: print(recorder.pid, flush=True)
 run(counting(rate=500), sys.argv[2], -1, virtual=False, page=page, before=announce)
 """
@@ -129,7 +129,7 @@ class Controller:
     """A control process in real time, and what it and its recorder write to standard error."""
 
     def __init__(self, folder, **options):
-        self.page = Page(1 << 20)
+        self.page = SharedState(1 << 20)
         self.folder = folder
         self.process = subprocess.Popen(
             [sys.executable, "-c", CONTROL, str(self.page.fd), str(folder)],
@@ -270,7 +270,7 @@ def ticks_of(*files):
 @pytest.mark.parametrize("virtual", [True, False])
 def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doubled(tmp_path, virtual, capfd):
     outcome, report, page, killer, session = killed(
-        tmp_path, {150: signal.SIGKILL, 400: signal.SIGSEGV}, virtual=virtual, page=Page(1 << (12 if virtual else 20))
+        tmp_path, {150: signal.SIGKILL, 400: signal.SIGSEGV}, virtual=virtual, page=SharedState(1 << (12 if virtual else 20))
     )
     statistics = page.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500 and statistics["dropped"] == 0
@@ -306,7 +306,7 @@ def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doub
 @pytest.mark.parametrize("virtual", [True, False])
 def test_a_second_death_of_one_cause_ends_the_recording_and_the_run_continues(tmp_path, virtual, capfd):
     outcome, report, page, killer, session = killed(
-        tmp_path, {50: signal.SIGKILL, 100: signal.SIGKILL}, virtual=virtual, page=Page(1 << 12)
+        tmp_path, {50: signal.SIGKILL, 100: signal.SIGKILL}, virtual=virtual, page=SharedState(1 << 12)
     )
     statistics = page.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500 and statistics["dropped"] > 0
@@ -339,7 +339,7 @@ def test_a_folder_that_is_deleted_ends_the_recording_with_one_line_and_leaves_no
     before = os.getcwd()
     os.chdir(tmp_path / "work")
     try:
-        page = Page(1 << 20)
+        page = SharedState(1 << 20)
         recorder = RecorderProcess(page)
         recorder.configure(plan("recordings", sink(CSV, "csv", SIGNALS)))
         session = os.getsid(recorder.pid)
@@ -383,7 +383,7 @@ def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_r
         "class Strange(Service):\n    def state(self):\n        return lambda: 'which nobody can keep'\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     recorder = RecorderProcess(page)
     recorder.configure(plan(tmp_path / "out", sink("mine:Once", "once", SIGNALS), sink(CSV, "csv", SIGNALS)))
     for tick in range(100):
@@ -406,7 +406,7 @@ def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_r
 @pytest.mark.soak
 @pytest.mark.parametrize("attempt", range(12))
 def test_killed_while_it_finishes_itself_and_what_others_left_it_is_replaced_too(tmp_path, attempt):
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     recorder = RecorderProcess(page)
     recorder.configure(plan(tmp_path, sink(CSV, "csv", SIGNALS)))
     session = os.getsid(recorder.pid)
@@ -451,7 +451,7 @@ def test_the_run_continues_without_any_recorder_and_reports_their_death(tmp_path
         {50: signal.SIGKILL},
         lambda session: writers(session, "tickwork-parts") + writers(session),
         virtual=virtual,
-        page=Page(1 << 12),
+        page=SharedState(1 << 12),
     )
     statistics = page.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500
@@ -474,7 +474,7 @@ def messages(path):
 
 
 def refused(folder, *sinks, match):
-    page = Page(1 << 12)
+    page = SharedState(1 << 12)
     recorder = RecorderProcess(page)
     with pytest.raises(RecorderError, match=match) as caught:
         recorder.configure(plan(folder, *sinks))
@@ -518,7 +518,7 @@ def test_a_service_that_cannot_start_is_named(tmp_path, service, match):
 
 
 def test_a_full_disk_stops_the_writer_and_nothing_else(tmp_path, capfd):
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (8192, hard))  # the child inherits it: no file above 8 KiB
     try:
@@ -547,7 +547,7 @@ def test_a_full_disk_stops_the_writer_and_nothing_else(tmp_path, capfd):
 
 
 def test_files_that_are_deleted_while_they_are_written_are_told_and_the_others_go_on(tmp_path, capfd):
-    page, folder = Page(1 << 20), tmp_path / "out"
+    page, folder = SharedState(1 << 20), tmp_path / "out"
     recorder = RecorderProcess(page)
     recorder.configure(plan(folder, sink(CSV, "csv", SIGNALS), sink(CSV, "kept", SIGNALS, file="kept")))
     for tick in range(100):
@@ -622,7 +622,7 @@ def test_a_lab_brings_its_own_service(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("configured", [True, False])
 def test_an_abandoned_recording_leaves_nothing_behind(tmp_path, configured):
-    recorder = RecorderProcess(Page(1 << 12))
+    recorder = RecorderProcess(SharedState(1 << 12))
     if configured:
         recorder.configure(plan(tmp_path / "new", sink(CSV, "a", SIGNALS), buses=["legs"]))
         assert {path.name for path in (tmp_path / "new").iterdir()} >= {
@@ -638,9 +638,9 @@ def test_an_abandoned_recording_leaves_nothing_behind(tmp_path, configured):
 
 def test_control_that_dies_before_anything_began_leaves_nothing_behind(tmp_path):
     script = (
-        "import os, sys\nfrom cext.safety.shared_state import Page\nfrom runtime.recorder import RecorderProcess\n"
+        "import os, sys\nfrom cext.safety.shared_state import SharedState\nfrom runtime.recorder import RecorderProcess\n"
         "from tests.runtime.recorder.running import CSV, columns, plan, sink\n"
-        "recorder = RecorderProcess(Page(4096))\n"
+        "recorder = RecorderProcess(SharedState(4096))\n"
         "if sys.argv[2] == 'configured': recorder.configure(plan(sys.argv[1], sink(CSV, 'a', columns('a.x m'))))\n"
         "print(recorder.pid, flush=True)\nos.kill(os.getpid(), 9)\n"
     )

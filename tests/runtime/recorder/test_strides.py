@@ -7,7 +7,7 @@ import signal
 import pytest
 
 from blocks.recorders import StrideReport
-from cext.safety.shared_state import Page
+from cext.safety.shared_state import SharedState
 from runtime.analysis.average_stride import CURVES, resample
 from runtime.recorder import RecorderProcess
 from runtime.recorder.strides import StrideAverage
@@ -155,7 +155,7 @@ def test_both_legs_make_one_picture(tmp_path):
 
 
 def test_when_a_writer_is_killed_the_next_part_averages_its_own_strides_and_the_report_says_so():
-    rows, page = walk(12), Page(1 << 20)
+    rows, page = walk(12), SharedState(1 << 20)
     recorder = RecorderProcess(page)
     columns = [{**column, "index": index} for index, column in enumerate(INPUTS)]
     recorder.configure(plan(None, sink(STRIDES, "left/stride_report", columns)))

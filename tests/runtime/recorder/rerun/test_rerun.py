@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import runtime
-from cext.safety.shared_state import RECORD_EVENT, Page
+from cext.safety.shared_state import RECORD_EVENT, SharedState
 from runtime.base.errors import OK, BadInput
 from runtime.live.running import page_of
 from runtime.recorder import RecorderError, RecorderProcess
@@ -491,7 +491,7 @@ def test_a_viewer_that_has_gone_does_not_stop_the_recording_of_the_one_that_goes
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    page = Page(1 << 20)
+    page = SharedState(1 << 20)
     recorder = RecorderProcess(page)
     try:
         patient(lambda: listening(port))
