@@ -22,7 +22,6 @@ cdef class Overrun:
 
     Raises ValueError for any other words.
     """
-    """
 
     def __init__(self, str words="skip"):
         given = [word.strip() for word in words.split(",")]

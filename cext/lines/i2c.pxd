@@ -7,13 +7,14 @@ from cext.posix cimport pthread_t
 
 cdef enum:
     STEPS = 4                   # of one exchange
-    BYTES = 16                  # that one step writes, its register not counted; that an answer has behind what was read; of a check
-    LONGEST_READ = 32           # of one step: what a block of SMBus holds
+    # limit of a write (without its register), of bytes appended to an answer, and of a check
+    BYTES = 16
+    READ_LIMIT = 32             # bytes of one step, as for an SMBus block
     MUXES = 8
-    IDENTITIES = 2              # registers that say what a device is
+    IDENTITIES = 2              # identity registers of a device
 
-# One exchange with one chip, whoever carries it: `count` bytes from a register on, read or written; without a register (below 0) they
-# are written, or read, as they are. Returns 0 or an errno.
+# One exchange with one chip: `count` bytes are read or written from a register on, or without a register if it is below
+# 0. Returns 0 or an errno.
 ctypedef int (*exchange_t)(void *context, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil
 
 cdef struct Adapter:
@@ -38,7 +39,7 @@ cdef struct Exchange:
     uint8_t tail[BYTES]
     uint32_t id
 
-cdef struct Cycle:              # exchanges one after the other, one a period
+cdef struct Cycle:              # exchanges in sequence, one a period
     int member
     int first                   # exchange
     int count
@@ -54,7 +55,7 @@ cdef struct SetUp:
     uint8_t data[BYTES]
     int64_t wait
 
-cdef struct Identity:           # what the bits of a register are where the mask is 1
+cdef struct Identity:           # value of a register in the bits where the mask is 1
     uint8_t register
     uint8_t value
     uint8_t mask
@@ -67,7 +68,7 @@ cdef enum: # states of a member
 cdef struct Member:
     int place
     uint8_t address
-    uint32_t trouble            # id of its frames that tell of failures
+    uint32_t trouble            # id of its failure frames
     int first_setup
     int setups
     int said                    # of them
@@ -79,21 +80,21 @@ cdef struct Member:
     int identities
     Identity identity[IDENTITIES]
     int64_t next_check
-    bint doubted                # an exchange has failed: it is checked before it is believed again
+    bint doubted                # an exchange has failed: it is checked before further exchanges
     int32_t state
     int64_t due                 # of the next step of its set-up, or the next attempt
     int in_a_row                # failures
     int32_t error               # errno of the last
-    uint64_t forgiven           # failures before the run began
+    uint64_t forgiven           # failures before the begin of the run
     uint64_t failures
     uint64_t answers
-    uint64_t samples            # of those, to its first round
+    uint64_t samples            # answers of its first round
     uint64_t losses
     uint64_t returns
 
 cdef struct Inbox:
-    int64_t began               # ns, CLOCK_MONOTONIC: the zero of the frames' times; the reader's
-    int32_t runs                # how often that was set
+    int64_t began               # ns of CLOCK_MONOTONIC: zero of the frames' times; owned by the reader
+    int32_t runs                # number of runs
     NewestRing ring
 
 cdef class I2cBus:
@@ -105,13 +106,13 @@ cdef class I2cBus:
     cdef Exchange *exchanges
     cdef SetUp *setups
     cdef int count
-    cdef int open               # place that is open, 0 for none, -1 where that is not known
+    cdef int open               # open place, 0 for none, -1 if unknown
     cdef bint[MUXES] present    # multiplexers
     cdef uint64_t switches
     cdef uint64_t rounds
-    cdef int64_t origin         # ns, CLOCK_MONOTONIC: due is what is whole periods later
-    cdef int64_t ended          # ns, CLOCK_MONOTONIC; 0 while it asks
-    cdef int32_t run            # that failures are counted for
+    cdef int64_t origin         # ns of CLOCK_MONOTONIC: exchanges are due whole periods later
+    cdef int64_t ended          # ns of CLOCK_MONOTONIC; 0 while the thread runs
+    cdef int32_t run            # whose failures are counted
     cdef pthread_t thread
     cdef bint running
     cdef int32_t leave

@@ -1,16 +1,18 @@
 # cython: freethreading_compatible=True
-"""I2C behind the `Bus` struct: one native thread a bus asks its devices, each at its own period, and what they answer waits for the tick.
+"""I2C behind the `Bus` struct: one native thread per bus reads its devices, each at its own period, and keeps the
+answers for the tick.
 
-    round     everything that is due is asked place by place, beginning with the one that is open: with n channels of a multiplexer in use
-              that takes n - 1 switches, the fewest there are
-    answer    a frame: what was read, stamped before it was asked; a ring keeps the newest for the tick
-    failure   is counted and told in a frame; before the device is believed again it has to show that it is still set up. After three in a
-              row it is lost, and tried again every 100 ms
-    set-up    as before the run, one write at a time: while one device wakes up the others are asked
-    return    what was lost has to say first that it is still the kind of chip that it was: another may have been plugged in
-    check     a register is compared ten times a second, since what has lost its supply for a moment may answer with wrong ranges
+    round     all due exchanges, place by place, beginning with the open one: with n channels of a multiplexer in use
+              this takes n - 1 switches, the minimum
+    answer    a frame with the data, time-stamped before the exchange; a ring keeps the newest for the tick
+    failure   counted, and reported in a frame; the device's settings are checked before the next exchange. After three
+              in a row the device is lost, and retried every 100 ms set-up    repeated after a loss, one write at a
+              time, while other devices are read
+    return    a lost device is first identified, since another may have been plugged in
+    check     a register is compared ten times a second, since a device that lost its supply for a moment may use other
+              ranges
 
-An exchange that does not end delays the devices of its bus, until the adapter gives it up, and no other thread.
+An exchange that hangs delays the devices of its bus until the adapter gives it up, and no other thread.
 """
 
 import os
@@ -26,13 +28,13 @@ from cext.clock.deadline_clock cimport monotonic
 from cext.posix cimport pthread_join
 from cext.threads cimport be_called, doze, start_thread, wake
 
-cdef int64_t RETRY = 100000000          # ns between attempts to reach what is lost
-cdef int64_t CHECK = 100000000          # ns between looks whether a device is still set up
-cdef int64_t LONGEST_REST = 1000000000  # ns
+cdef int64_t RETRY = 100000000          # ns between attempts to reach a lost device
+cdef int64_t CHECK = 100000000          # ns between checks of a device's settings
+cdef int64_t REST_LIMIT = 1000000000    # ns of sleep
 cdef size_t STACK = 256 << 10           # bytes
-cdef int PATIENCE = 3                   # failures in a row, then a device is lost
+cdef int FAILURE_LIMIT = 3              # failures in a row until a device is lost
 cdef int FORGOTTEN = -1                 # error of a device that has lost its settings
-cdef int STRANGER = -2                  # and of one that is another kind of chip
+cdef int STRANGER = -2                  # error of a device of another kind
 CHANNELS = 8                            # of a multiplexer
 STATES = ("fine", "setting up", "lost")
 
@@ -42,7 +44,7 @@ cdef enum:
 
 
 cdef inline int mux_of(int place) noexcept nogil:
-    """Number of the multiplexer of a place behind one."""
+    """Return the number of the multiplexer of a place."""
     return (place - 1) // 8
 
 
@@ -67,14 +69,17 @@ cdef void i2c_begin(void *context, int64_t began) noexcept nogil:
 
 
 cdef class I2cAdapter:
-    """What carries exchanges; cext.lines.i2c_adapters has that of Linux, cext.lines.i2c_memory one in memory."""
+    """Carrier of exchanges: cext.lines.i2c_adapters for Linux, cext.lines.i2c_memory in memory."""
 
     def exchange_bytes(self, int address, int register, bytes data=None, int count=0):
-        """One exchange, for tests and tools: write `data`, or read `count` bytes. Returns the bytes read; OSError where nobody answers."""
-        cdef uint8_t[LONGEST_READ] buffer
+        """Write `data`, or read and return `count` bytes; for tests and tools.
+
+        Raises OSError without an acknowledge.
+        """
+        cdef uint8_t[READ_LIMIT] buffer
         cdef int error
-        if not 0 <= count <= LONGEST_READ or (data is not None and len(data) > LONGEST_READ):
-            raise ValueError("an exchange has at most %d bytes" % LONGEST_READ)
+        if not 0 <= count <= READ_LIMIT or (data is not None and len(data) > READ_LIMIT):
+            raise ValueError("an exchange has at most %d bytes" % READ_LIMIT)
         if data is not None:
             memcpy(buffer, <const char *>data, len(data))
         error = self.adapter.exchange(
@@ -85,10 +90,10 @@ cdef class I2cAdapter:
 
 
 cdef class I2cBus:
-    """The devices of one bus, and the thread that asks them.
+    """Devices of one bus, and the thread that reads them.
 
     adapter : I2cAdapter
-    name : of the bus, for people
+    name : of the bus, for messages
 
     end : the BusEnd
     """
@@ -97,7 +102,7 @@ cdef class I2cBus:
         self.inbox = <Inbox *>calloc(1, sizeof(Inbox))
         if self.inbox == NULL:
             raise MemoryError
-        memset(self.inbox, 0, sizeof(Inbox))                        # the tick is not to be the first to touch it
+        memset(self.inbox, 0, sizeof(Inbox))                        # touch every page before the tick does
         self.end = BusEnd()
         self.end.bus.receive, self.end.bus.send, self.end.bus.begin = i2c_receive, i2c_send, i2c_begin
         self.end.bus.context = self.inbox
@@ -115,33 +120,34 @@ cdef class I2cBus:
         free(self.inbox)
 
     def add(self, int place, int address, set_up=(), check=None, rounds=(), identity=()):
-        """Ask a device from `start` on. It has been set up: these bytes are for when it has been lost.
+        """Add a device, which has been set up, before `start`.
 
-        place : as its frames have it; address : of the device
-        set_up : of (address, register, bytes, s to wait)
-        check : (register, bytes) that it has as long as it is set up, or None
-        rounds : of (period in s, s from one to the next at least, exchanges: of (number, address, steps, bytes behind the answer)), the
-            steps being (register, number of bytes to be read) or (register, bytes to be written)
-        identity : (register, byte, mask) of registers, which say when it is back that it is no other; the bits where the mask is 1
+        place : of its frames; address : of the device
+        set_up : list of (address, register, bytes, s to wait), to repeat after a loss
+        check : (register, bytes) that reads back while the device is set up, or None
+        rounds : list of (period in s, minimum s between exchanges, exchanges as (number, address, steps, bytes to
+            append to the answer)); a step is (register, number of bytes to read) or (register, bytes to write)
+        identity : list of (register, byte, mask) that identify the device after a loss, in the bits where the mask is 1
         """
         if self.running:
-            raise ValueError("devices are added before they are asked")
+            raise ValueError("devices must be added before start")
         if not 0 <= place <= CHANNELS * MUXES or not 0 < address < 0x80:
-            raise ValueError("there is no place %d, or no address %d" % (place, address))
+            raise ValueError("invalid place %d or address %d" % (place, address))
         for period, settle, exchanges in rounds:
             if not (period > 0.0 and settle >= 0.0 and len(exchanges) > 0):
-                raise ValueError("a round has a period above 0, and exchanges")
+                raise ValueError("a round needs a period above 0 and exchanges")
             for number, _, steps, appended in exchanges:
                 read = sum(what for _, what in steps if isinstance(what, int))
                 longest = max((what if isinstance(what, int) else 2 * len(what) for _, what in steps), default=0)
-                if not 0 <= number < TROUBLE or not 0 < len(steps) <= STEPS or longest > LONGEST_READ or len(appended) > BYTES:
-                    raise ValueError("an exchange has a number below 15, and at most %d steps of %d bytes" % (STEPS, LONGEST_READ))
+                if not 0 <= number < TROUBLE or not 0 < len(steps) <= STEPS or longest > READ_LIMIT or len(appended) > BYTES:
+                    raise ValueError("an exchange has a number below 15, and at most %d steps of %d bytes"
+                                     % (STEPS, READ_LIMIT))
                 if read + len(appended) > 64:
                     raise ValueError("an answer has at most 64 bytes, not %d" % (read + len(appended)))
         if any(len(data) > BYTES for _, _, data, _ in set_up) or (check is not None and not 0 < len(check[1]) <= BYTES):
-            raise ValueError("at most %d bytes are written at once, or checked" % BYTES)
+            raise ValueError("at most %d bytes are written in one step, or checked" % BYTES)
         if len(identity) > IDENTITIES:
-            raise ValueError("at most %d registers say what a device is" % IDENTITIES)
+            raise ValueError("at most %d registers identify a device" % IDENTITIES)
         self.tables.append((place, address, tuple(set_up), check, tuple(rounds), tuple(identity)))
 
     cdef int lay_out(self) except -1:
@@ -195,7 +201,7 @@ cdef class I2cBus:
         return 0
 
     def start(self, int priority=0):
-        """Ask from now on. priority : of SCHED_FIFO where the system grants it, 0 for an ordinary thread"""
+        """Start the thread. priority : of SCHED_FIFO if granted, 0 for an ordinary thread"""
         cdef int failed, index
         cdef int64_t now
         if self.running:
@@ -210,11 +216,11 @@ cdef class I2cBus:
         self.open, self.leave, self.bell, self.priority = -1, 0, 0, priority
         failed = start_thread(&self.thread, enter, <void *>self, STACK)
         if failed:
-            raise OSError(failed, "there is no thread for an I2C bus")
+            raise OSError(failed, "cannot start the thread of an I2C bus")
         self.running = True
 
     def stop(self):
-        """Ask no longer. What has been answered can still be received."""
+        """Stop the thread. Earlier answers can still be received."""
         if not self.running:
             return
         self.running = False
@@ -226,14 +232,16 @@ cdef class I2cBus:
         self.ended = monotonic()
 
     def begin(self, int64_t began):
-        """As before a run: frames are timed from `began`, in ns of CLOCK_MONOTONIC, and what has come so far is forgotten."""
+        """Discard earlier answers, and time frames from `began`, in ns of CLOCK_MONOTONIC."""
         i2c_begin(self.inbox, began)
 
     @property
     def counts(self):
-        """switches of multiplexers; rounds; frames that were written over before a tick took them; and of each device, in the order added:
-        state, answers, Hz of those to its first round, failures, how often it was lost and came back, errno of the last failure (-1: it had
-        lost its settings; -2: another kind of chip answers in its place; None)"""
+        """Counts of the thread: switches of multiplexers, rounds, overflows (frames overwritten unread), and for each
+        device, in the order
+        added: state, answers, rate (Hz of its first round), failures, losses, returns, and error, the errno of the last
+        failure (-1: it lost
+        its settings; -2: another kind of chip replies instead; None)."""
         cdef int index
         cdef double seconds = max(1, (self.ended or monotonic()) - self.origin) * 1e-9
         cdef Member *member
@@ -258,8 +266,8 @@ cdef class I2cBus:
             doze(&self.bell, due)
 
     cdef int64_t look(self, int64_t now) noexcept nogil:
-        """One round: all that is due by now. Returns when the next thing is, in ns of CLOCK_MONOTONIC."""
-        cdef int64_t next = now + LONGEST_REST
+        """Run all due exchanges. Returns when the next one is due, in ns of CLOCK_MONOTONIC."""
+        cdef int64_t next = now + REST_LIMIT
         cdef int64_t due
         cdef int index, place, mux
         cdef int first = self.open
@@ -272,7 +280,7 @@ cdef class I2cBus:
             any = any or self.due_of(&self.members[index]) <= now
         if any:
             store_u64(&self.rounds, self.rounds + 1)
-            self.look_at_place(0, now)                              # heard whatever is open
+            self.look_at_place(0, now)                              # reached with any open channel
             if first > 0:
                 self.look_at_place(first, now)
                 for place in range(1 + 8 * mux_of(first), 9 + 8 * mux_of(first)):
@@ -294,12 +302,12 @@ cdef class I2cBus:
                 self.attend(&self.members[index], now)
 
     cdef int64_t due_of(self, const Member *member) noexcept nogil:
-        """When something is to be done for it."""
+        """Return when the device needs attention next."""
         cdef int64_t due
         cdef int index
         if member.state != FINE:
             return member.due
-        due = member.next_check if member.checked else monotonic() + LONGEST_REST
+        due = member.next_check if member.checked else monotonic() + REST_LIMIT
         for index in range(member.first_cycle, member.first_cycle + member.cycles):
             due = self.cycles[index].due if self.cycles[index].due < due else due
         return due
@@ -325,7 +333,7 @@ cdef class I2cBus:
         store_i32(&member.state, SETTING_UP)
 
     cdef void go_on(self, Member *member, int64_t now) noexcept nogil:
-        """The next write of its set-up; behind the last it is as it was."""
+        """Write the next step of its set-up; after the last one, resume."""
         cdef SetUp *setup
         cdef int index, error
         if member.said < member.setups:
@@ -344,7 +352,7 @@ cdef class I2cBus:
             self.cycles[index].at = 0
             self.cycles[index].due = now
         member.in_a_row = 0
-        member.doubted = True                                       # it shows first that it is as it was told
+        member.doubted = True                                       # its settings are checked first
         member.next_check = now
         store_i32(&member.state, FINE)
         if member.losses > member.returns:
@@ -352,8 +360,8 @@ cdef class I2cBus:
         self.tell(member, now)
 
     cdef bint is_the_one(self, Member *member, int64_t now) noexcept nogil:
-        """Whether what has been set up again says that it is the kind of chip that it was. It is asked then, since what it was doing is over."""
-        cdef uint8_t[LONGEST_READ] said
+        """Return whether a device that was set up again has the expected identity."""
+        cdef uint8_t[READ_LIMIT] said
         cdef int index
         cdef int error = 0
         for index in range(member.identities):
@@ -366,8 +374,8 @@ cdef class I2cBus:
         return True
 
     cdef bint believed(self, Member *member, int64_t now) noexcept nogil:
-        """Whether it shows that it is still set up. If not, that begins anew."""
-        cdef uint8_t[LONGEST_READ] said
+        """Return whether a device still has its settings. If not, its set-up begins again."""
+        cdef uint8_t[READ_LIMIT] said
         cdef int error = self.exchange(member, member.address, member.check_register, True, said, member.checked)
         if error != 0:
             self.fail(member, error, now)
@@ -384,12 +392,13 @@ cdef class I2cBus:
     cdef bint ask(self, Member *member, Cycle *cycle, int64_t now) noexcept nogil:
         cdef Exchange *asked = &self.exchanges[cycle.first + cycle.at]
         cdef Frame frame
-        cdef uint8_t[LONGEST_READ] written
+        cdef uint8_t[READ_LIMIT] written
         cdef int index, error
         cdef int length = 0
-        # Those that were missed are not made up for. Devices of one period stay in step, so that one round of switches serves them all.
+        # Missed exchanges are skipped. Devices of one period stay in step, so that one round of switches serves all of
+        # them.
         cycle.due = self.origin + ((now - self.origin) // cycle.period + 1) * cycle.period
-        error = self.switch_to(member.place)                        # the time that takes is not the answer's
+        error = self.switch_to(member.place)                        # before the time stamp of the answer
         if error != 0:
             self.fail(member, error, now)
             return False
@@ -427,7 +436,7 @@ cdef class I2cBus:
         return error
 
     cdef int switch_to(self, int place) noexcept nogil:
-        """Have one channel open and no other. Where something failed on the way nothing is known, and the next time all are told."""
+        """Open one channel only. After a failure the state is unknown, and the next call writes to all multiplexers."""
         cdef int mux, error
         cdef int wanted = mux_of(place)
         cdef uint8_t mask
@@ -453,9 +462,9 @@ cdef class I2cBus:
         store_u64(&member.failures, member.failures + 1)
         member.doubted = True
         member.in_a_row += 1
-        if self.open > 0 and member.place > 0:                      # it may be the multiplexer that has forgotten
+        if self.open > 0 and member.place > 0:                      # the multiplexer may have been reset
             self.open = -1
-        if member.state == SETTING_UP or member.in_a_row >= PATIENCE:
+        if member.state == SETTING_UP or member.in_a_row >= FAILURE_LIMIT:
             if member.losses == member.returns:
                 store_u64(&member.losses, member.losses + 1)
             member.due = now + RETRY

@@ -1,9 +1,9 @@
 # cython: freethreading_compatible=True
-"""An I2C adapter of Linux, /dev/i2c-1: one ioctl an exchange.
+"""I2C adapter of Linux, such as /dev/i2c-1, with one ioctl per exchange.
 
-    combined    I2C_RDWR: the register is written and, without letting go of the bus, the answer read. No more than one read a call, and that
-                at its end: all that the Raspberry Pi's own adapter takes
-    SMBus       where the adapter has no such transfers: a byte, a word or a block of up to 32 bytes. On the wire they are the same
+    combined    I2C_RDWR: writes the register, then reads the answer with a repeated start. One read per call, at its
+                end: the limit of the Raspberry Pi's adapter
+    SMBus       for adapters without such transfers: a byte, a word or a block of up to 32 bytes, identical on the wire
 """
 
 import errno
@@ -47,8 +47,9 @@ cdef extern from "<linux/i2c-dev.h>" nogil:
     const unsigned long I2C_RETRIES, I2C_TIMEOUT, I2C_SLAVE, I2C_FUNCS, I2C_RDWR, I2C_SMBUS
 
 cdef enum:
-    TENS_OF_MS = 3                      # after which an exchange is given up: a chip may stretch the clock for some ms
-    LONGEST = 32
+    # time-out of an exchange in units of 10 ms: a chip may stretch the clock for some ms
+    TENS_OF_MS = 3
+    SMBUS_BLOCK_LIMIT = 32
 
 cdef struct Wire:
     int fd
@@ -57,7 +58,7 @@ cdef struct Wire:
 
 cdef int combined(void *context, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil:
     cdef Wire *wire = <Wire *>context
-    cdef uint8_t[LONGEST + 1] written
+    cdef uint8_t[SMBUS_BLOCK_LIMIT + 1] written
     cdef i2c_msg[2] messages
     cdef i2c_rdwr_ioctl_data transfer
     cdef int length = 0
@@ -114,7 +115,7 @@ cdef int by_smbus(void *context, uint8_t address, int register, bint reads, uint
 
 
 cdef class LinuxAdapter(I2cAdapter):
-    """The adapter behind a descriptor, which is duplicated: the caller closes its own. OSError where it is none, or does too little.
+    """Adapter of a file descriptor, which it duplicates: the caller closes its own. Raises OSError if it is unsuitable.
 
     combined : whether it has combined transfers
     """
@@ -130,9 +131,10 @@ cdef class LinuxAdapter(I2cAdapter):
             raise OSError(failed_with, os.strerror(failed_with))
         self.combined = functions & I2C_FUNC_I2C != 0
         if not self.combined and functions & needed != needed:
-            raise OSError(errno.EOPNOTSUPP, "it has neither combined transfers nor blocks of SMBus")
+            raise OSError(errno.EOPNOTSUPP, "the adapter supports neither combined transfers nor SMBus blocks")
         self.wire.fd = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
-        ioctl(self.wire.fd, I2C_TIMEOUT, <unsigned long>TENS_OF_MS)     # of the adapter, for whoever uses it: not every one has it
+        # of the adapter, for all its users; not supported by all
+        ioctl(self.wire.fd, I2C_TIMEOUT, <unsigned long>TENS_OF_MS)
         ioctl(self.wire.fd, I2C_RETRIES, <unsigned long>0)
         self.adapter.exchange = combined if self.combined else by_smbus
         self.adapter.context = &self.wire

@@ -1,9 +1,10 @@
-"""What answers on an I2C bus are as frames, and how numbers stand in them.
+"""Frames of I2C answers, and the encoding of numbers in them.
 
     identifier   EXTENDED | transfer << 16 | place << 8 | address
 
-The place is 0 on the bus itself, 1 + 8 (mux - 0x70) + channel behind a multiplexer; the address is the device's own, of seven bits, also
-where another chip inside it is read. The transfer TROUBLE is no answer: by it the thread of a bus tells how often the device has failed.
+The place is 0 on the bus itself, 1 + 8 (mux - 0x70) + channel behind a multiplexer; the address is the device's own of
+seven bits, even if another chip in it is read. The transfer TROUBLE is not an answer: it reports the failures of a
+device.
 """
 
 from libc.math cimport floor
@@ -12,11 +13,12 @@ from libc.stdint cimport int16_t, int32_t, uint8_t, uint32_t
 from cext.abi cimport EXTENDED, Frame
 
 cdef enum:
-    TROUBLE = 15                # data: whether it is lost, number of failed transfers so far (four bytes, least significant first)
+    # data: whether it is lost, number of failed transfers (four bytes, least significant first)
+    TROUBLE = 15
 
 
 cdef inline int transfer_of(const Frame *frame, uint32_t identity) noexcept nogil:
-    """Number of the transfer that a frame answers; -1 where it is not of the device with that identity, place << 8 | address."""
+    """Return the transfer number of a frame; -1 if it is not of the device with this identity, place << 8 | address."""
     if (frame.id & ~<uint32_t>0xF0000) != (<uint32_t>EXTENDED | identity):
         return -1
     return <int>(frame.id >> 16 & 0xF)
@@ -27,13 +29,13 @@ cdef inline uint32_t answer_id(uint32_t identity, int transfer) noexcept nogil:
 
 
 cdef inline double failures(const Frame *frame) noexcept nogil:
-    """How many transfers have failed, of a TROUBLE frame of five bytes."""
+    """Return the number of failed transfers in a TROUBLE frame of five bytes."""
     return <double>(
         <uint32_t>frame.data[1] | <uint32_t>frame.data[2] << 8 | <uint32_t>frame.data[3] << 16 | <uint32_t>frame.data[4] << 24)
 
 
 cdef inline int16_t big(const uint8_t *data) noexcept nogil:
-    """Two's complement, most significant byte first: -32768 stays what it is."""
+    """Decode two's complement, most significant byte first."""
     return <int16_t>(<uint32_t>data[0] << 8 | data[1])
 
 
@@ -42,7 +44,7 @@ cdef inline int16_t little(const uint8_t *data) noexcept nogil:
 
 
 cdef inline int16_t code_of(double x, double scale) noexcept nogil:
-    """The nearest code, at its ends where the number is beyond. What is not a number must not come here."""
+    """Return the nearest code, saturated at the ends. x must not be NaN."""
     cdef double code = floor(x / scale + 0.5)
     return <int16_t>(32767.0 if code > 32767.0 else -32768.0 if code < -32768.0 else code)
 

@@ -1,8 +1,8 @@
 # cython: freethreading_compatible=True
-"""An I2C bus in memory: chips of 256 registers and multiplexers, for tests of what is asked of them, without a wire.
+"""I2C bus in memory, for tests: chips of 256 registers, and multiplexers.
 
-A register holds one byte and is written and read from any thread. Chips that answer at one address pull the line low together: the bits are
-and-ed. A chip may be absent, or slow, as one that stretches the clock.
+A register holds one byte and is written and read from any thread. Chips that reply at one address pull the line low
+together, so their bits are combined by AND. A chip may be absent, or slow, as with clock stretching.
 """
 
 from libc.errno cimport EREMOTEIO, ETIMEDOUT
@@ -25,7 +25,7 @@ cdef struct Chip:
     bint wide                   # registers of two bytes, most significant first
     bint absent
     bint stuck                  # an exchange with it times out
-    int64_t slow                # ns that each exchange takes
+    int64_t slow                # ns of each exchange
     uint64_t reads
     uint64_t writes
     uint8_t registers[2 * REGISTERS]
@@ -34,7 +34,7 @@ cdef struct Chips:
     int count
     Chip chip[CHIPS]
     bint muxes[MUXES]
-    uint8_t masks[MUXES]        # channels that are open
+    uint8_t masks[MUXES]        # open channels
     uint64_t exchanges
     uint64_t switches
 
@@ -57,7 +57,7 @@ cdef int carry(void *context, uint8_t address, int register, bint reads, uint8_t
         if reads and count > 0:
             data[0] = chips.masks[address - FIRST_MUX]
         elif count > 0:
-            chips.masks[address - FIRST_MUX] = data[count - 1]      # of several bytes it keeps the last
+            chips.masks[address - FIRST_MUX] = data[count - 1]      # the last of several bytes counts
             store_u64(&chips.switches, chips.switches + 1)
         return 0
     for index in range(chips.count):
@@ -84,7 +84,7 @@ cdef int carry(void *context, uint8_t address, int register, bint reads, uint8_t
 
 
 cdef class MemoryI2c(I2cAdapter):
-    """An adapter of such a bus. muxes : addresses of the multiplexers on it"""
+    """Adapter of an I2C bus in memory. muxes : addresses of its multiplexers"""
 
     cdef Chips *chips
 
@@ -100,7 +100,10 @@ cdef class MemoryI2c(I2cAdapter):
         free(self.chips)
 
     def add(self, int address, int place=0, bint wide=False):
-        """A chip whose registers are 0. wide : they have two bytes, most significant first. Returns its number."""
+        """Add a chip with all registers 0.
+
+        wide : registers of two bytes, most significant first. Returns its number.
+        """
         cdef Chip *chip
         if self.chips.count == CHIPS:
             raise ValueError("at most %d chips" % CHIPS)
@@ -115,7 +118,7 @@ cdef class MemoryI2c(I2cAdapter):
         return &self.chips.chip[number]
 
     def write(self, int number, int register, bytes data):
-        """Set registers of a chip, as what it measures does."""
+        """Set registers of a chip."""
         cdef Chip *chip = self.of(number)
         cdef int width = 2 if chip.wide else 1
         cdef int k
@@ -128,14 +131,14 @@ cdef class MemoryI2c(I2cAdapter):
         return bytes([chip.registers[(register * width + k) % (width * REGISTERS)] for k in range(count)])
 
     def clear(self, int number):
-        """As after power on: every register is 0."""
+        """Set every register to 0, as after power-on."""
         cdef Chip *chip = self.of(number)
         cdef int k
         for k in range(2 * REGISTERS):
             chip.registers[k] = 0
 
     def behave(self, int number, *, absent=None, stuck=None, slow=None):
-        """absent : it answers nothing; stuck : an exchange with it times out; slow : s that one takes"""
+        """Set faults. absent : no acknowledge; stuck : exchanges time out; slow : s per exchange"""
         cdef Chip *chip = self.of(number)
         if absent is not None:
             chip.absent = absent
@@ -145,13 +148,13 @@ cdef class MemoryI2c(I2cAdapter):
             chip.slow = round(slow * 1e9)
 
     def of_chip(self, int number):
-        """(exchanges that read, that wrote) of a chip"""
+        """Return (reading exchanges, writing exchanges) of a chip."""
         cdef Chip *chip = self.of(number)
         return load_u64(&chip.reads), load_u64(&chip.writes)
 
     @property
     def switches(self):
-        """Writes to multiplexers."""
+        """Number of writes to multiplexers."""
         return load_u64(&self.chips.switches)
 
     @property

@@ -1,4 +1,4 @@
-"""What the thread that reads lines asks of Linux: to open one, to set and read a GPIO line, to connect, to tell whether it is there."""
+"""Linux calls of the thread that reads lines: open, GPIO levels, connect, and presence checks."""
 
 cdef extern from *:
     """
@@ -16,7 +16,7 @@ cdef extern from *:
     #include <sys/ioctl.h>
     #include <sys/socket.h>
     #include <unistd.h>
-    /* Open a line that is back, ours alone; -1 where it is not to be had. */
+    /* Open a line again, for exclusive use; -1 on failure. */
     static inline int tw_open_line(const char *path, int mine) {
         int fd = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
         if (fd >= 0 && mine && flock(fd, LOCK_EX | LOCK_NB) != 0) {
@@ -25,7 +25,7 @@ cdef extern from *:
         }
         return fd;
     }
-    /* What a line of <linux/gpio.h> asks and is told: GPIO_V2_LINE_GET_VALUES_IOCTL and GPIO_V2_LINE_SET_VALUES_IOCTL, of line 0 of a request. */
+    /* GPIO_V2_LINE_GET_VALUES_IOCTL and GPIO_V2_LINE_SET_VALUES_IOCTL of <linux/gpio.h>, for line 0 of a request. */
     struct tw_line_values { uint64_t bits, mask; };
     static inline int tw_gpio_level(int fd) {
         struct tw_line_values values = {0, 1};
@@ -35,12 +35,13 @@ cdef extern from *:
         struct tw_line_values values = {value != 0, 1};
         return ioctl(fd, _IOWR(0xB4, 0x0F, struct tw_line_values), &values);
     }
-    /* Whether a line has gone without a word: of a GPIO chip that is unplugged Linux before 6.6 wakes nobody. No chip is asked. */
+    /* Whether a line was disconnected without an event: Linux before 6.6 reports none for an unplugged GPIO chip. Does
+    not access the chip. */
     static inline int tw_hung_up(int fd) {
         struct pollfd file = {fd, 0, 0};
         return poll(&file, 1, 0) > 0 && (file.revents & (POLLHUP | POLLERR | POLLNVAL)) != 0;
     }
-    /* Begin a connection; -1 where that fails at once. Whoever has vanished without a word is noticed after some 4 s. */
+    /* Begin a connection; -1 if that fails at once. A silent loss of the peer is detected after some 4 s. */
     static void tw_keep_alive(int fd) {
         int one = 1, probes = 3;
         setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
@@ -60,7 +61,7 @@ cdef extern from *:
         }
         return fd;
     }
-    /* Whether a connection that was begun is there, and not with itself, as one to a free port of this computer may be. */
+    /* Whether a connection is established, and not to itself, which is possible for a free port of this computer. */
     static inline int tw_is_connected(int fd) {
         struct sockaddr_storage here, there;
         socklen_t size = sizeof here, other = sizeof there, of_error = sizeof(int);

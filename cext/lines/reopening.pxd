@@ -15,11 +15,11 @@ cdef extern from "<sys/epoll.h>" nogil:
     const uint32_t EPOLLIN, EPOLLOUT, EPOLLHUP, EPOLLERR
 
 cdef enum:
-    ROOM = 1 << 16                      # bytes of one read: the longest datagram
+    READ_SIZE = 1 << 16                 # bytes of one read: the longest datagram
 
 cdef class Reopening:
     cdef int epoll, nothing
-    cdef uint8_t *buffer                # ROOM bytes of the thread's
+    cdef uint8_t *buffer                # READ_SIZE bytes, of the thread
     cdef int listen(self, int fd, uint32_t events, int index) noexcept nogil
     cdef void lose(self, Source *source, int error, int64_t now) noexcept nogil
     cdef void try_again(self, Source *source, int index, int64_t now) noexcept nogil

@@ -1,9 +1,9 @@
 # cython: freethreading_compatible=True
-"""Lines that go and come back.
+"""Lines that disconnect and reconnect.
 
-One with a path is opened again when it is there: with the settings that its tty had, and with what the device has to be told. One that can be
-asked who it is has to say first that it is the one it was: until then it stays gone, whatever else is there. A TCP connection is made anew,
-without waiting for it: tried after 0.1 s, and ever more rarely, down to every 2 s.
+A line with a path is opened again when it is present, with the previous settings of its tty and the set-up of its
+device. If the line has a proof, the device must identify first; until then the line stays lost. A TCP connection is
+made again without blocking: after 0.1 s, then less often, down to every 2 s.
 """
 
 import os
@@ -21,23 +21,23 @@ from cext.ring.newest_ring cimport push
 from cext.lines.stream cimport TCSANOW, tcsetattr
 from cext.lines.stream_frames cimport BACK, LOST
 
-cdef int64_t RETRY = 100000000          # ns between attempts to open what is gone
-cdef int64_t RAREST = 2000000000        # and between those to connect, at most
-cdef int64_t PATIENCE = 3000000000      # ns for a connection to be made
-cdef int64_t ANSWER = 300000000         # ns for a line that is back to say who it is
+cdef int64_t RETRY = 100000000          # ns between attempts to open a lost line
+cdef int64_t RETRY_LIMIT = 2000000000   # ns between attempts to connect, at most
+cdef int64_t CONNECT_TIMEOUT = 3000000000   # ns
+cdef int64_t PROOF_TIMEOUT = 300000000  # ns for a reconnected line to identify
 
 
 cdef class Reopening:
-    """The part of the thread that reads streams which loses lines and finds them again."""
+    """Part of the thread that reads streams: loss and reconnection of lines."""
 
     def __cinit__(self):
         self.epoll = self.nothing = -1
 
     def __init__(self):
-        self.buffer = <uint8_t *>calloc(ROOM, 1)
+        self.buffer = <uint8_t *>calloc(READ_SIZE, 1)
         if self.buffer == NULL:
             raise MemoryError
-        memset(self.buffer, 0, ROOM)
+        memset(self.buffer, 0, READ_SIZE)
         self.epoll = epoll_create1(EPOLL_CLOEXEC)
         if self.epoll < 0:
             raise OSError(errno, os.strerror(errno))
@@ -50,14 +50,14 @@ cdef class Reopening:
         free(self.buffer)
 
     cdef int listen(self, int fd, uint32_t events, int index) noexcept nogil:
-        """Wake the thread where one of these events is, with a number. Returns 0, or -1."""
+        """Wake the thread on one of these events. Returns 0 or -1."""
         cdef epoll_event event
         memset(&event, 0, sizeof(event))
         event.events, event.data.u32 = events, <uint32_t>index
         return epoll_ctl(self.epoll, EPOLL_CTL_ADD, fd, &event)
 
     cdef void lose(self, Source *source, int error, int64_t now) noexcept nogil:
-        """The line is gone. Its number stays, with nothing behind it, so that whoever writes to it meets nobody else's file."""
+        """Mark the line as lost. Its descriptor stays valid but empty, so that a writer cannot reach another file."""
         cdef Frame frame
         if load_i32(&source.gone):
             return
@@ -70,12 +70,12 @@ cdef class Reopening:
         memset(&frame, 0, sizeof(Frame))
         frame.time, frame.id = now, LOST
         push(&source.ring, &frame)
-        store_i32(&source.gone, 1)                                  # last: who sees that has all that is told of it
+        store_i32(&source.gone, 1)                                  # last, after all details
 
     cdef void try_again(self, Source *source, int index, int64_t now) noexcept nogil:
         cdef int found
         source.due = now + source.wait
-        if source.attempt > 0:                                      # nobody has answered
+        if source.attempt > 0:                                      # no answer
             self.give_up(source, now)
             return
         if source.path[0] != 0:
@@ -94,7 +94,7 @@ cdef class Reopening:
         if source.attempt == 0 or self.listen(source.attempt, EPOLLOUT, index) != 0:
             self.give_up(source, now)
             return
-        source.due = now + PATIENCE
+        source.due = now + CONNECT_TIMEOUT
 
     cdef void ask_who(self, Source *source, int found, int index, int64_t now) noexcept nogil:
         source.attempt, source.seen_length, source.spoken = found, 0, False
@@ -102,17 +102,17 @@ cdef class Reopening:
                 or write(found, source.question, source.question_length) != source.question_length):
             self.give_up(source, now)
             return
-        source.due = now + ANSWER
+        source.due = now + PROOF_TIMEOUT
 
     cdef bint is_the_one(self, Source *source) noexcept nogil:
-        """Whether it has said by now what it has to say. What else it said is nothing that anybody waits for."""
+        """Return whether the device has identified by now. Other data is discarded."""
         cdef ssize_t count
         cdef int kept
         memcpy(self.buffer, source.seen, source.seen_length)
-        count = read(source.attempt, self.buffer + source.seen_length, ROOM - source.seen_length)
+        count = read(source.attempt, self.buffer + source.seen_length, READ_SIZE - source.seen_length)
         if count <= 0:
             if count == 0 or (errno != EAGAIN and errno != EINTR):
-                source.due = 0                                      # gone again
+                source.due = 0                                      # lost again
             return False
         source.spoken = True
         count += source.seen_length
@@ -124,7 +124,7 @@ cdef class Reopening:
         return False
 
     cdef void settle(self, Source *source, int index, int64_t now) noexcept nogil:
-        """What was begun has come to something: a connection, or none; an answer, or a part of one."""
+        """Handle the end of an attempt: a connection or an error, an answer or a part of one."""
         if source.attempt == 0:
             return
         if source.path[0] != 0 and not self.is_the_one(source):
@@ -137,18 +137,18 @@ cdef class Reopening:
             self.give_up(source, now)
 
     cdef void give_up(self, Source *source, int64_t now) noexcept nogil:
-        """Of one attempt. The next is made later than this one was."""
+        """End an attempt. The next one follows after a longer delay."""
         if source.attempt > 0:
-            close(source.attempt)                                   # which takes it out of epoll, too
+            close(source.attempt)                                   # which removes it from epoll, too
         if source.attempt > 0 and source.path[0] != 0 and source.spoken:
             store_u64(&source.strangers, source.strangers + 1)
         source.attempt = 0
         source.due = now + source.wait
         if source.path[0] == 0:
-            source.wait = min(2 * source.wait, RAREST)
+            source.wait = min(2 * source.wait, RETRY_LIMIT)
 
     cdef bint resume(self, Source *source, int found, int index, int64_t now) noexcept nogil:
-        """Put what was found in the place of what is gone."""
+        """Replace the lost line by a new one."""
         cdef Frame frame
         put_in_place(found, source.fd)
         if self.listen(source.fd, EPOLLIN, index) != 0:
@@ -164,7 +164,7 @@ cdef class Reopening:
 
 
 cdef void tell(Source *source) noexcept nogil:
-    """The next message of its set-up."""
+        """Write the next message of its set-up."""
     cdef int begin = source.ends[source.said - 1] if source.said > 0 else 0
     write(source.fd, source.setup + begin, source.ends[source.said] - begin)
     source.said += 1

@@ -16,46 +16,47 @@ cdef extern from "<sys/socket.h>" nogil:
         pass
 
 cdef enum:
-    LONGEST_PATH = 512
+    PATH_LIMIT = 512
     SETUP_BYTES = 2048
     SETUP_MESSAGES = 64
-    LONGEST_PROOF = 256             # bytes of a question who is there, and of the answer
+    PROOF_LIMIT = 256               # bytes of an identification query, and of its answer
 
 cdef struct Source:
-    int fd                          # keeps its number: what is opened anew is put in its place
-    int record                      # bytes that belong together: no frame ends within
+    int fd                          # number is kept: a new line replaces it
+    int record                      # bytes of a record, which a frame never splits
     bint is_tty
-    bint datagrams                  # one of which may be empty
-    bint is_gpio                    # it gives Linux's gpio_v2_line_event, and its level when it is asked
-    bint asks                       # for that, at the next receive
-    char path[LONGEST_PATH]         # "": what is gone stays away, unless it is a connection that is made anew
-    sockaddr_storage peer           # of that
+    bint datagrams                  # which may be empty
+    bint is_gpio                    # reads Linux's gpio_v2_line_event, and has a level
+    bint asks                       # for the level, at the next receive
+    char path[PATH_LIMIT]         # "": not opened again, except for a connection
+    sockaddr_storage peer           # of the connection
     int peer_length                 # 0 for none
-    int attempt                     # descriptor of a connection that is being made, or of a line that has not shown yet what it is; 0 for none
-    uint8_t question[LONGEST_PROOF] # what a line that is back is asked
-    int question_length             # 0: it is taken for what it was
-    uint8_t proof[LONGEST_PROOF]    # bytes that are then somewhere in what it says
+    # descriptor of a new connection, or of a line that has not identified yet; 0 for none
+    int attempt
+    uint8_t question[PROOF_LIMIT]   # identification query of a reconnected line
+    int question_length             # 0: no identification
+    uint8_t proof[PROOF_LIMIT]      # bytes that its answer must contain
     int proof_length
-    uint8_t seen[LONGEST_PROOF]     # the end of what it has said
+    uint8_t seen[PROOF_LIMIT]       # end of its answer
     int seen_length
-    bint spoken                     # whether it has said anything
-    uint64_t strangers              # times that something else answered in its place
+    bint spoken                     # whether it has sent any data
+    uint64_t strangers              # number of failed identifications
     int64_t wait                    # ns to the next attempt
     termios settings                # of a tty
-    uint8_t setup[SETUP_BYTES]      # what is written to a line that is back, message by message
-    int ends[SETUP_MESSAGES]        # where each ends
+    uint8_t setup[SETUP_BYTES]      # messages for a reconnected line
+    int ends[SETUP_MESSAGES]        # end of each message
     int messages
-    int64_t pause                   # ns in front of each
-    int said                        # of them so far
-    int64_t due                     # ns, CLOCK_MONOTONIC: when the next of them, the next attempt to open it, or the next look is due
+    int64_t pause                   # ns before each message
+    int said                        # number of messages sent
+    int64_t due                     # ns of CLOCK_MONOTONIC: when the next message, attempt or check is due
     int32_t gone
-    uint64_t bytes                  # that were read
-    uint64_t losses                 # times that it was gone
+    uint64_t bytes                  # read
+    uint64_t losses                 # of the line
     uint64_t returns
-    int error                       # errno that it went with
+    int error                       # errno of the loss
     NewestRing ring
-    int64_t began                   # ns, CLOCK_MONOTONIC: the zero of the frames' times; the reader's
-    uint64_t refused                # messages of the tick that it did not take
+    int64_t began                   # ns of CLOCK_MONOTONIC: zero of the frames' times; owned by the reader
+    uint64_t refused                # messages of the tick that it did not accept
 
 cdef int gpio_send(void *context, const Frame *frames, int count) noexcept nogil
 

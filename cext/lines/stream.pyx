@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""One stream, as the tick has it: what its thread has read, at times of the run's clock, and what the tick sends, at once or not at all."""
+"""One stream for the tick: data of the thread with times of the run, and non-blocking sends."""
 
 from libc.stdint cimport int64_t, uint8_t
 from libc.stdlib cimport calloc, free
@@ -18,7 +18,7 @@ cdef extern from "<sys/uio.h>" nogil:
     ssize_t writev(int fd, const iovec *parts, int count)
 
 cdef enum:
-    AT_ONCE = 16                        # frames of one write
+    WRITE_FRAMES = 16                   # of one write
     EVENT = 48                          # bytes of a gpio_v2_line_event
 
 
@@ -37,7 +37,7 @@ cdef int stream_receive(void *context, Frame *frames, int capacity) noexcept nog
 
 
 cdef int level_of(Source *source, Frame *frame) noexcept nogil:
-    """A frame with the level of a GPIO line. What was read before has been forgotten, so that any edge since is told behind it."""
+    """Fill a frame with the level of a GPIO line. Earlier edges were discarded, so later ones follow this frame."""
     cdef int level = gpio_level(source.fd)
     if level < 0:
         return 0
@@ -49,7 +49,9 @@ cdef int level_of(Source *source, Frame *frame) noexcept nogil:
 
 
 cdef void move_times(Frame *frame, int64_t began) noexcept nogil:
-    """The kernel's times of edges, ns of CLOCK_MONOTONIC, to the clock of the run. Each begins its record."""
+    """Convert the kernel's time stamps of edges, ns of CLOCK_MONOTONIC at the begin of each record, to the clock of
+    the run.
+    """
     cdef int64_t when
     cdef int at = 0
     while at + EVENT <= frame.length:
@@ -61,12 +63,12 @@ cdef void move_times(Frame *frame, int64_t began) noexcept nogil:
 
 cdef int stream_send(void *context, const Frame *frames, int count) noexcept nogil:
     cdef Source *source = <Source *>context
-    cdef iovec[AT_ONCE] parts
+    cdef iovec[WRITE_FRAMES] parts
     cdef int index, number
     cdef int first = 0
     cdef ssize_t size
-    while first < count:                                            # together: what belongs together arrives together
-        number = min(AT_ONCE, count - first)
+    while first < count:                                            # in one write, so that frames arrive together
+        number = min(WRITE_FRAMES, count - first)
         size = 0
         for index in range(number):
             parts[index].iov_base, parts[index].iov_len = <void *>frames[first + index].data, frames[first + index].length
@@ -78,7 +80,7 @@ cdef int stream_send(void *context, const Frame *frames, int count) noexcept nog
 
 
 cdef int gpio_send(void *context, const Frame *frames, int count) noexcept nogil:
-    """Its level is the first byte of a frame."""
+    """Set the level of a GPIO line from the first byte of a frame."""
     cdef Source *source = <Source *>context
     cdef int index
     for index in range(count):
@@ -95,14 +97,14 @@ cdef void stream_begin(void *context, int64_t began) noexcept nogil:
 
 
 cdef class Stream:
-    """One of them, made by `Streams.add`. end : its BusEnd"""
+    """One stream, created by `Streams.add`. end : its BusEnd"""
 
     def __cinit__(self):
         self.own = -1
         self.source = <Source *>calloc(1, sizeof(Source))
         if self.source == NULL:
             raise MemoryError
-        memset(self.source, 0, sizeof(Source))                      # the tick is not to be the first to touch it
+        memset(self.source, 0, sizeof(Source))                      # touch every page before the tick does
         self.end = BusEnd()
         self.end.bus.receive, self.end.bus.send, self.end.bus.begin = stream_receive, stream_send, stream_begin
         self.end.bus.context = self.source
@@ -113,7 +115,7 @@ cdef class Stream:
         free(self.source)
 
     def close(self):
-        """Let go of the line, once nothing reads it any more. What has been read can still be received."""
+        """Close the line after the thread has ended. Earlier data can still be received."""
         store_i32(&self.source.gone, 1)
         if self.own >= 0:
             close(self.own)
@@ -122,11 +124,11 @@ cdef class Stream:
         self.own, self.source.attempt = -1, 0
 
     def fileno(self):
-        """The descriptor of the line, which stays this stream's."""
+        """Return the descriptor of the line, which this object owns."""
         return self.own
 
     def begin(self, int64_t began):
-        """As before a run: frames are timed from `began`, in ns of CLOCK_MONOTONIC, and what has come so far is forgotten."""
+        """Discard earlier data, and time frames from `began`, in ns of CLOCK_MONOTONIC."""
         stream_begin(self.source, began)
 
     @property
@@ -135,13 +137,14 @@ cdef class Stream:
 
     @property
     def trouble(self):
-        """errno that it went with, None while it is there."""
+        """errno of the loss, None while connected."""
         return (self.source.error or None) if self.gone else None
 
     @property
     def counts(self):
-        """bytes read; frames that were written over before a tick took them; messages refused; how often it was lost, came back, and something
-        else answered in its place."""
+        """Counts: bytes read, overflows (frames overwritten unread), refused messages, losses, returns, and strangers
+        (failed
+        identifications)."""
         return {
             "bytes": load_u64(&self.source.bytes), "overflows": self.source.ring.skipped, "refused": self.source.refused,
             "losses": load_u64(&self.source.losses), "returns": load_u64(&self.source.returns),

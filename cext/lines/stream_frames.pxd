@@ -1,7 +1,7 @@
-"""What the frames of a stream are: every line that is no CAN bus, a tty, a socket, an input of the computer."""
+"""Frames of a stream, which is any line other than a CAN bus: a tty, a socket, a GPIO line, an input device."""
 
 cdef enum: # id of a frame
     BYTES = 0                       # its data
-    LOST = 1                        # the line is gone: unplugged, hung up
-    BACK = 2                        # and there again
-    LEVEL = 3                       # of an input of the computer as a run begins: 1 or 0
+    LOST = 1                        # the line was disconnected
+    BACK = 2                        # the line was connected again
+    LEVEL = 3                       # of a GPIO line at the begin of a run: 1 or 0

@@ -1,13 +1,15 @@
 # cython: freethreading_compatible=True
-"""Streams: everything with a file descriptor that is no CAN bus, a tty, a socket, an input of the computer, behind the `Bus` struct.
+"""Streams behind the `Bus` struct: all descriptors other than CAN buses, such as a tty, a socket, a GPIO line, an input
+device.
 
-One native thread reads them all, whatever comes, stamps each read, and cuts it into frames, which wait in a ring of each stream for the tick
-to drain. It never takes the GIL, never waits for one of them, and sleeps while there is nothing to read.
+One native thread reads all of them, stamps each read, and splits it into frames, which wait for the tick in a ring for
+each stream. It never takes the GIL, never blocks on one of them, and sleeps while there is nothing to read.
 
-    BYTES    up to 64 bytes as they came; flags START on the first of a read, GAP where frames before it were written over unread
-    LOST     the line is gone: nothing more comes
-    BACK     it is there again, set up as it was
-    LEVEL    a GPIO line's level as a run begins: its edges come behind, with the kernel's times on the clock of the run
+    BYTES    up to 64 bytes, unchanged; flags START on the first frame of a read, GAP after frames that were overwritten
+             unread
+    LOST     the line was disconnected
+    BACK     the line was connected and set up again
+    LEVEL    level of a GPIO line at the begin of a run: edges follow, with the kernel's times on the clock of the run
 """
 
 import fcntl
@@ -27,9 +29,9 @@ from cext.lines.line_calls cimport hung_up, keep_alive, peer_of
 from cext.ring.newest_ring cimport START, push
 from cext.clock.deadline_clock cimport monotonic
 from cext.posix cimport pthread_join
-from cext.lines.reopening cimport EPOLLERR, EPOLLHUP, EPOLLIN, ROOM, epoll_event, epoll_wait, tell
+from cext.lines.reopening cimport EPOLLERR, EPOLLHUP, EPOLLIN, READ_SIZE, epoll_event, epoll_wait, tell
 from cext.lines.stream cimport (
-    LONGEST_PATH, LONGEST_PROOF, SETUP_BYTES, SETUP_MESSAGES, TCSANOW, VMIN, VTIME, Stream, gpio_send, tcgetattr, tcsetattr,
+    PATH_LIMIT, PROOF_LIMIT, SETUP_BYTES, SETUP_MESSAGES, TCSANOW, VMIN, VTIME, Stream, gpio_send, tcgetattr, tcsetattr,
 )
 from cext.threads cimport be_called, start_thread
 
@@ -37,12 +39,12 @@ cdef enum:
     BELL = 0xFFFFFFFF
     EVENTS = 32
 
-cdef int64_t LOOK = 20000000            # ns between looks whether the chip of a GPIO line is still there
+cdef int64_t LOOK = 20000000            # ns between presence checks of a GPIO line's chip
 cdef size_t STACK = 256 << 10           # bytes
 
 
 cdef class Streams(Reopening):
-    """All streams of a run, and the thread that reads them: started before arming, ended after the safe stop."""
+    """Streams of a run, and the thread that reads them: started before arming, ended after the safe stop."""
 
     def __cinit__(self):
         self.bell = -1
@@ -62,30 +64,32 @@ cdef class Streams(Reopening):
 
     def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False, bint reconnects=False,
             proof=(b"", b"")):
-        """Read a descriptor from `start` on. It is duplicated: the caller closes its own. Returns a Stream; OSError where it cannot be polled.
+        """Add a descriptor before `start`.
 
-        path : where it can be opened again when it has gone and is back, "" for nowhere. By its id, as in /dev/serial/by-id, it is found at
-            whatever port it returns
-        setup : messages, as bytes, that are then written to it, `pause` s before each
-        record : bytes that belong together, 1 to 64; then a frame holds whole records
-        is_gpio : it is a request of one GPIO line; what is sent to it sets its level
-        reconnects : it is a TCP connection, which is made anew when it is lost
-        proof : (bytes that ask a line with a path who it is, bytes that are in the answer of this one and of no other)
+        It is duplicated: the caller closes its own. Returns a Stream; raises OSError if it cannot be polled.
+
+        path : to open it again after a loss, "" for none. A path by id, as in /dev/serial/by-id, is independent of the
+            port
+        setup : messages, as bytes, that are written after a reconnect, `pause` s before each
+        record : bytes of a record, 1 to 64; a frame contains whole records
+        is_gpio : it is a request of one GPIO line; a sent frame sets its level
+        reconnects : it is a TCP connection, which is made again after a loss
+        proof : (identification query for a line with a path, bytes that only this device's answer contains)
         """
         cdef Stream stream = Stream()
         cdef Source *source = stream.source
         cdef bytes message
         cdef int at = 0
         if self.running:
-            raise ValueError("streams are added before they are read")
+            raise ValueError("streams must be added before start")
         if not 1 <= record <= FRAME_BYTES:
             raise ValueError("a record has 1 to %d bytes, not %d" % (FRAME_BYTES, record))
         encoded = os.fsencode(path)
-        if len(encoded) >= LONGEST_PATH or len(setup) > SETUP_MESSAGES or sum(map(len, setup)) > SETUP_BYTES:
-            raise ValueError("at most %d bytes of path, %d messages and %d bytes of set-up" % (LONGEST_PATH - 1, SETUP_MESSAGES, SETUP_BYTES))
+        if len(encoded) >= PATH_LIMIT or len(setup) > SETUP_MESSAGES or sum(map(len, setup)) > SETUP_BYTES:
+            raise ValueError("at most %d bytes of path, %d messages and %d bytes of set-up" % (PATH_LIMIT - 1, SETUP_MESSAGES, SETUP_BYTES))
         asks, tells = proof
-        if max(len(asks), len(tells)) > LONGEST_PROOF or bool(asks) != bool(tells):
-            raise ValueError("a proof is a question and an answer, each of at most %d bytes" % LONGEST_PROOF)
+        if max(len(asks), len(tells)) > PROOF_LIMIT or bool(asks) != bool(tells):
+            raise ValueError("a proof is a query and an answer, each of at most %d bytes" % PROOF_LIMIT)
         source.question_length, source.proof_length = len(asks), len(tells)
         memcpy(source.question, <const char *>asks, len(asks))
         memcpy(source.proof, <const char *>tells, len(tells))
@@ -99,7 +103,7 @@ cdef class Streams(Reopening):
             at += len(message)
             source.ends[source.messages] = at
             source.messages += 1
-        source.said = source.messages                               # it has been set up by who opened it
+        source.said = source.messages                               # the caller has set it up
         os.set_blocking(fd, False)
         source.is_tty = os.isatty(fd) and stat.S_ISCHR(os.fstat(fd).st_mode)
         source.datagrams = is_datagram_socket(fd)
@@ -111,7 +115,8 @@ cdef class Streams(Reopening):
         if source.is_tty:
             if tcgetattr(fd, &source.settings) != 0:
                 raise OSError(errno, os.strerror(errno))
-            source.settings.c_cc[VMIN], source.settings.c_cc[VTIME] = 1, 0      # with 0 an empty line would read as one that hung up
+            # with 0, an empty line would read like a disconnected one
+            source.settings.c_cc[VMIN], source.settings.c_cc[VTIME] = 1, 0
             tcsetattr(fd, TCSANOW, &source.settings)
         if self.listen(source.fd, EPOLLIN, len(self.streams)) != 0:
             raise OSError(errno, os.strerror(errno))
@@ -119,7 +124,7 @@ cdef class Streams(Reopening):
         return stream
 
     def start(self, int priority=0):
-        """Read from now on. priority : of SCHED_FIFO where the system grants it, 0 for an ordinary thread"""
+        """Start the thread. priority : of SCHED_FIFO if granted, 0 for an ordinary thread"""
         cdef int failed
         if self.running:
             return
@@ -133,11 +138,11 @@ cdef class Streams(Reopening):
         self.leave, self.priority = 0, priority
         failed = start_thread(&self.thread, enter, <void *>self, STACK)
         if failed:
-            raise OSError(failed, "there is no thread to read streams")
+            raise OSError(failed, "cannot start the thread that reads streams")
         self.running = True
 
     def end(self):
-        """Read no longer. What has been read can still be received."""
+        """End the thread. Earlier data can still be received."""
         if not self.running:
             return
         self.running = False
@@ -167,18 +172,19 @@ cdef class Streams(Reopening):
             timeout = self.look_after(now)
 
     cdef bint take(self, Source *source) noexcept nogil:
-        """What there is to read, into frames. False where there was nothing, and the line is no longer read if it is gone."""
+        """Read available data into frames. Returns False if there was none; a lost line is not read any more."""
         cdef Frame frame
         cdef int64_t now
         cdef int at = 0
         cdef int part = FRAME_BYTES // source.record * source.record
-        cdef ssize_t count = read(source.fd, self.buffer, ROOM)
+        cdef ssize_t count = read(source.fd, self.buffer, READ_SIZE)
         cdef int why = errno
         now = monotonic()
         if count < 0:
             if why == EAGAIN or why == EINTR:
                 return False
-            if why == ECONNREFUSED or why == EHOSTUNREACH or why == ENETUNREACH or why == ENETDOWN:     # of a datagram that we sent
+            # of a sent datagram
+            if why == ECONNREFUSED or why == EHOSTUNREACH or why == ENETUNREACH or why == ENETDOWN:
                 return True
             self.lose(source, why, now)
             return True
@@ -197,7 +203,7 @@ cdef class Streams(Reopening):
         return True
 
     cdef int look_after(self, int64_t now) noexcept nogil:
-        """Try to open what is gone; tell what is back how to be. Returns the ms until something is due, -1 for never."""
+        """Reopen lost lines, and set up reconnected ones. Returns the ms until the next action is due, -1 for none."""
         cdef int index
         cdef int64_t due = -1
         cdef Source *source
@@ -230,7 +236,7 @@ cdef void *enter(void *context) noexcept nogil:
 
 
 def is_datagram_socket(fd):
-    """Whether what a descriptor gives are datagrams, of which one may be empty."""
+    """Return whether a descriptor reads datagrams, which may be empty."""
     if not stat.S_ISSOCK(os.fstat(fd).st_mode):
         return False
     with socket.socket(fileno=os.dup(fd)) as copy:

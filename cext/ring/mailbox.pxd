@@ -12,7 +12,6 @@ half and the ID of the writing process in the upper half:
 A writer that dies leaves a letter in WRITING or ANSWERED: the next writer without a free letter frees it. An idle loop
 reads only `posted`.
 """
-"""
 
 from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
 

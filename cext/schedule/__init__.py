@@ -1,1 +1,1 @@
-"""The program of a schedule, its life cycle, and the threads and records that follow it."""
+"""Program of a schedule, its life cycle, the watchdog and the publisher."""

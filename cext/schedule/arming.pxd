@@ -22,13 +22,13 @@ cdef class Arming:
     cdef Watchdog watchdog
     cdef bint virtual, simulated, carried
     cdef int64_t began, first_tick, tick, previous
-    cdef int64_t armed           # the tick from which on it is armed
-    cdef bint halted             # since then it has been brought to its safe stop
-    cdef object answered         # called when every device has answered, or None
-    cdef object permitted        # called before arming: whether every joint stands where its drive reads; or None
-    cdef bint confirm            # whether somebody has to confirm, then
+    cdef int64_t armed           # first tick after arming
+    cdef bint halted             # whether its safe stop has been performed since
+    cdef object answered         # called when every device has replied, or None
+    cdef object permitted        # called before arming: whether the position of every joint is certain; or None
+    cdef bint confirm            # whether arming needs a confirmation
     cdef int64_t late            # ns, of the previous tick
-    cdef int64_t now             # ns from the run's begin to the present round or tick
+    cdef int64_t now             # ns from the begin of the run to the present round or tick
 
     cdef void begin(self) noexcept nogil
     cdef int arm(self, double timeout) noexcept nogil

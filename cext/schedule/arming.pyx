@@ -1,11 +1,11 @@
 # cython: freethreading_compatible=True
-"""How a run comes to life, and how its devices are brought to rest: what of the executor arms, and what stops.
+"""Arming and halting of the executor.
 
-    begin      the zero of the run's time
-    arm        enable and zero-torque frames until every device has answered
-    look over  what was answered is shown; zero torque goes on until somebody confirms
-    start      blocks start from the present measurement
-    halt       the fence; then zero torque and disable until every device has confirmed
+    begin      set the zero of the run's time
+    arm        send enable and zero torque until every device has replied
+    look over  show the replies, and send zero torque until confirmation
+    start      start blocks from the present measurement
+    halt       raise the fence; send zero torque and disable until every device has confirmed
 """
 
 from libc.stdint cimport int64_t
@@ -23,7 +23,7 @@ from cext.schedule.watchdog cimport let_go, take_back
 
 
 cdef class Arming:
-    """Of cext.schedule.executor.Executor."""
+    """Base class of cext.schedule.executor.Executor for arming and halting."""
 
     cdef void begin(self) noexcept nogil:
         """Set the zero of the run's time, one period from now."""
@@ -37,7 +37,10 @@ cdef class Arming:
         self.layout.first_tick = 0
 
     cdef int arm(self, double timeout) noexcept nogil:
-        """Zero-torque frames, one round a period, until every device has answered. First relays pull in, and the drives behind them start."""
+        """Send zero torque, one round a period, until every device has replied.
+
+        First close the relays and wait for the drives to start.
+        """
         cdef int64_t starting = <int64_t>(1e-9 * self.control.devices.start_time * self.pace.rate)
         cdef int64_t rounds = starting + <int64_t>min(timeout * self.pace.rate, 1e15) + 1
         cdef int64_t round, now
@@ -69,7 +72,7 @@ cdef class Arming:
                     if status != OK:
                         return status
                     now = self.now
-                self.first_tick = now                              # tick 0 is here, with the answers just heard
+                self.first_tick = now                              # tick 0 begins with the replies just received
                 if self.layout != NULL:
                     self.layout.first_tick = now
                 self.body.set_clock(0, -1, 0)
@@ -85,7 +88,7 @@ cdef class Arming:
         return NO_ANSWER if self.control.devices.count else OK
 
     cdef int start_from_here(self) noexcept nogil:
-        """Blocks start; that may hang, as a tick may, and take longer."""
+        """Start the blocks; this may hang, as a tick may, and take longer."""
         cdef int status
         self.watchdog.begin_work(monotonic() + self.watchdog.patience)
         let_go(self.watchdog.handover)
@@ -96,9 +99,11 @@ cdef class Arming:
         return status
 
     cdef int look_over(self, double timeout) noexcept nogil:
-        """Show what was answered; then zero torque until somebody has confirmed, and once more. Leaves `now` where it may begin.
+        """Show the replies, then send zero torque until confirmation, and once more.
 
-        Every device has to go on answering, without a fault. OK too where a signal came.
+        Leaves `now` at the begin of tick 0.
+
+        Every device must keep replying without a fault. Returns OK also after a signal.
         """
         cdef int64_t point = self.pace.newest(self.now)
         cdef int64_t patience = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
@@ -107,7 +112,8 @@ cdef class Arming:
         if status == OK and confirmed:
             status = self.permission()
         while self.control.live.asked(self.layout, CONFIRM, -1, NOT_NOW):
-            pass                                                   # who confirmed before anything was shown did not mean it
+            # a confirmation before the table was shown does not count
+            pass
         self.control.devices.want_replies(True, False)
         self.journal.set_state(READY)
         while status == OK:
@@ -141,7 +147,7 @@ cdef class Arming:
         return status
 
     cdef int look_over_again(self, int64_t drain) noexcept nogil:
-        """The same of a recorded run, as often and when it was. drain : how many have been before"""
+        """Repeat `look_over` of a recorded run, at its times. drain : number of earlier drains"""
         cdef int status = OK
         while drain < self.tape.drains:
             self.now = self.tape.drained[drain]
@@ -165,7 +171,7 @@ cdef class Arming:
         return OK
 
     cdef int permission(self) noexcept nogil:
-        """OK, UNCLEAR_POSE where a joint may stand elsewhere than its drive reads, or PYTHON_ERROR."""
+        """Return OK, UNCLEAR_POSE if the position of a joint is ambiguous, or PYTHON_ERROR."""
         if self.permitted is None:
             return OK
         with gil:
@@ -184,11 +190,11 @@ cdef class Arming:
         return status
 
     cdef int64_t next_point(self, int64_t point, int64_t zero) noexcept nogil:
-        """The grid point after this one, in real time one that is not past. zero : ns from the run's begin to point 0"""
+        """Return the next grid point, in real time one in the future. zero : ns from the begin of the run to point 0"""
         return point + 1 if self.virtual else max(point + 1, self.pace.newest(monotonic() - self.began - zero) + 1)
 
     cdef int advance_plant_to(self, int64_t tick) noexcept nogil:
-        """Let the plant move through the ticks that were skipped before this one, until a signal ends the run."""
+        """Advance the plant through skipped ticks before this one, until a signal ends the run."""
         cdef int64_t skipped = self.previous + 1
         cdef int status = OK
         while self.plant is not None and skipped < tick and status == OK and not self.signals.caught[0]:
@@ -197,29 +203,30 @@ cdef class Arming:
         return status
 
     cdef void halt(self, double timeout) noexcept nogil:
-        """Fence, then zero torque and disable, again and again until every device has confirmed or time is up.
+        """Raise the fence, then send zero torque and disable until every device has confirmed or time is up.
 
-        timeout : s after the damping; below 0, one round alone
+        timeout : s after the damping; below 0 for one round only
 
-        Devices that are to be damped first are, where they may have been under torque. On a real bus answers to the last torques may still be on
-        their way, and look like those to the stop: the first round is confirmed by the second.
+        Devices with damping are damped first if they may have been under torque. On a real bus, replies to the last
+        commands may still be in transit and look like those to the stop: only the second round confirms the first.
         """
         cdef int rounds = 0
         cdef int64_t round = max(STOP_ROUND_MINIMUM, min(self.pace.period, STOP_ROUND))
         cdef int64_t now = self.now + self.pace.period if self.virtual else monotonic() - self.began
         cdef int64_t damping = self.control.devices.longest_damping
-        cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the stop began
+        cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the begin of the stop
         cdef int64_t limit = damping + <int64_t>(timeout * 1e9) if timeout >= 0.0 else 0
-        cdef int64_t began = now - since                           # ns from the run's begin
+        cdef int64_t began = now - since                           # ns from the begin of the run
         cdef int64_t due
-        self.control.keep_values()                                 # what the devices say from here on did not lead to this
+        self.control.keep_values()                                 # later replies are not a cause of the fault
         if self.plant is not None:
             self.plant.keep_values()
-        cdef Blame blame = self.control.devices.failed             # what fails from here on is not why
+        cdef Blame blame = self.control.devices.failed             # later failures are not the cause
         self.journal.raise_fence()
         self.journal.set_state(STOPPING)
-        self.body.advance_plant_until(now)                         # it moves on under the last commands
-        self.control.devices.receive(now, self.layout)             # answers to them confirm nothing; the last tick left room
+        self.body.advance_plant_until(now)                         # it moves under the last commands
+        # replies to them confirm nothing; the last tick left space for them
+        self.control.devices.receive(now, self.layout)
         self.control.devices.begin_stop()
         while self.control.devices.count > 0:
             self.journal.attend(monotonic())
@@ -244,10 +251,10 @@ cdef class Arming:
             self.now = now
 
     cdef void count(self, int64_t tick, int64_t awaited, int64_t late, int64_t began) noexcept nogil:
-        """A tick that is done, on the page.
+        """Count a completed tick in the shared state.
 
-        awaited : the grid point that lateness and period are counted from: `tick`, or one before it that was missed
-        late : ns, behind `tick`
+        awaited : grid point for lateness and period: `tick`, or an earlier one that was missed
+        late : ns after `tick`
         """
         cdef SharedLayout *page = self.layout
         cdef int64_t ended = self.control.laps.last if self.control.laps != NULL else monotonic()

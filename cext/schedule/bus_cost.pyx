@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""What a bus costs a tick beside the system calls that it cannot do without, and what drives do. For `bench bus` and `bench can`."""
+"""Cost of a bus in a tick beyond its system calls, and cost of drives. For `bench bus` and `bench can`."""
 
 from libc.stdint cimport int64_t
 from libc.string cimport memcpy, memset
@@ -12,7 +12,7 @@ from cext.posix cimport MSG_DONTWAIT, MSG_NOSIGNAL, iovec, mmsghdr, recvmmsg, se
 from cext.bus.socketcan cimport CAN_MTU, CONTROL_WORDS, canfd_frame
 
 
-cdef struct Calls:                      # what the two system calls need
+cdef struct Calls:                      # arguments of the two system calls
     mmsghdr messages[FRAMES_PER_TICK]
     iovec places[FRAMES_PER_TICK]
     canfd_frame frames[FRAMES_PER_TICK]
@@ -32,7 +32,8 @@ cdef void prepare(Calls *calls, bint stamped) noexcept nogil:
 
 
 def time_of_ticks(BusEnd end, int own, int other, int frames, int rounds):
-    """Two lists of ns: of a tick's receive and send through a bus, and of one recvmmsg and one sendmmsg alone, taken in turn.
+    """Return two lists of ns: of a tick's receive and send through a bus, and of one recvmmsg and one sendmmsg alone,
+    in turns.
 
     end : of a cext.bus.socketcan.SocketCan over the datagram socket `own`
     own, other : file descriptors of two datagram sockets that are connected to each other
@@ -72,10 +73,10 @@ def time_of_ticks(BusEnd end, int own, int other, int frames, int rounds):
 
 
 def time_of_control(Program control, BusEnd other, answers, int rounds, double rate=1000.0):
-    """ns of each of so many ticks of a robot on one bus: receive and decode, watch, steps, limits and encode, transmit.
+    """Return the ns of each tick of a robot on one bus: receive and decode, watch, steps, limits and encode, transmit.
 
     other : the far end of its bus
-    answers : (id, data) of the frames that are there before every tick
+    answers : (id, data) of the frames present before every tick
     """
     cdef Frame[FRAMES_PER_TICK] said, heard
     cdef int64_t zero, began, now

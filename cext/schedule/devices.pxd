@@ -10,8 +10,8 @@ from cext.safety.shared_state cimport SharedLayout
 from cext.clock.stopwatch cimport Laps
 
 cdef enum:
-    READY_NUMBERS = 16           # most that outlive the start
-    DEEPEST = 16                 # rounds: QUEUE and the ring of a stream hold so many times FRAMES_PER_TICK
+    READY_NUMBERS = 16           # limit of values that outlive the start
+    DEEPEST = 16                 # rounds: QUEUE and the ring of a stream hold this many times FRAMES_PER_TICK
 
 cdef struct Device:
     decode_t decode
@@ -22,65 +22,65 @@ cdef struct Device:
     int age                      # slot, -1 if it has none
     int fault                    # slot, -1 if it has none
     int ready                    # slot, -1 if arming reads nothing back
-    int ready_size               # numbers from there on that outlive the start of the blocks
+    int ready_size               # number of values from there that outlive the start of the blocks
     double ready_kept[READY_NUMBERS]
     double timeout               # s
     Batch enable
     Batch zero
     Batch disable
-    void *bands                  # SpeedBands, borrowed: a safe stop begins with them; NULL where it is disabled at once
-    int64_t damping              # ns for which it is damped
-    int64_t damp_due             # ns since the stop began, of the next frame of damping
-    bint damped                  # it is, and has not been disabled yet
+    void *bands                  # SpeedBands, borrowed: damping in a safe stop; NULL for none
+    int64_t damping              # ns of damping
+    int64_t damp_due             # ns since the begin of the stop, of the next damping frame
+    bint damped                  # whether it is damped, and not disabled yet
     int unanswered               # of the frames of disable
     int64_t relay                # ns without a frame after which its relay drops; 0: it holds none
-    int64_t pumped               # ns, when it was last sent a frame
-    int64_t heard                # ns, when the newest sample arrived
-    int64_t asked                # ns, when the newest command went out that has not been answered; -1: none
-    Histogram *latency           # from a command to its answer; NULL where time is not real
-    bint only_reads[FRAMES_PER_BATCH]       # of the frames of enable: from another controller such a frame is no command
-    bint owed                    # the newest command has not been answered
-    int64_t missed               # commands that were not, when the next went out
+    int64_t pumped               # ns of the last frame to it
+    int64_t heard                # ns of the newest sample's arrival
+    int64_t asked                # ns of the newest command without a reply; -1: none
+    Histogram *latency           # from a command to its reply; NULL in virtual time
+    bint only_reads[FRAMES_PER_BATCH]       # of the frames of enable: not a command if sent by another controller
+    bint owed                    # the newest command has no reply yet
+    int64_t missed               # commands without a reply before the next one
     int64_t replies
-    bint answered                # since the run began
-    bint doubtful                # a frame came that is its own reply with another id, or a command of another controller
-    int32_t malformed[FRAME_BYTES + 1]      # frames that its decode rejected, by their length
-    int rejected_id              # first byte of the newest of them
+    bint answered                # since the begin of the run
+    bint doubtful                # a frame was its own reply with another id, or a command of another controller
+    int32_t malformed[FRAME_BYTES + 1]      # frames that its decode rejected, by length
+    int rejected_id              # first byte of the newest rejected one
     int64_t rounds               # of arming so far
-    int64_t replies_wanted       # before it counts as answered
+    int64_t replies_wanted       # before it counts as replying
 
-cdef struct Blame:               # what failed last, -1 where it was something else
+cdef struct Blame:               # last failure, -1 for other causes
     int device
     int bus
 
 cdef class Devices:
-    """The devices of one schedule, ready for the executor."""
+    """Devices of one schedule, for the executor."""
     cdef double *arena
     cdef object schedule, memory
     cdef list keep
-    cdef list ends               # BusEnd, one a bus
+    cdef list ends               # BusEnd, one per bus
     cdef int bus_count
     cdef void **bus_ends         # the same, borrowed
-    cdef int32_t *rounds         # a bus: how often at most it is asked for FRAMES_PER_TICK in one drain
+    cdef int32_t *rounds         # per bus: limit of reads of FRAMES_PER_TICK in one drain
     cdef Device *devices
     cdef int count
     cdef Frame[FRAMES_PER_TICK] received
     cdef Frame *outgoing
-    cdef int32_t *outgoing_count # a bus
+    cdef int32_t *outgoing_count # per bus
     cdef Blame failed
     cdef DriveWatch drives
     cdef DriveWarnings warnings
-    cdef Laps *laps              # NULL: no stamps
-    cdef int item                # of the stopwatch: that of the first device
+    cdef Laps *laps              # NULL: not timed
+    cdef int item                # stopwatch item of the first device
     cdef bint ran
-    cdef bint stopping           # replies are wanted to a safe stop
-    cdef bint alone              # nobody else may command them
+    cdef bint stopping           # replies to a safe stop are expected
+    cdef bint alone              # no other node may command the devices
     cdef int64_t longest_damping # ns
-    cdef int64_t start_time      # ns of arming in which nothing but relays is sent frames
-    cdef int64_t stop_due        # ns since the stop began, of the next round of zero torque and disable
-    cdef public double counted_from     # tick from which on answers that are missing are counted
+    cdef int64_t start_time      # ns of arming in which only relays are sent frames
+    cdef int64_t stop_due        # ns since the begin of the stop, of the next round of zero torque and disable
+    cdef public double counted_from     # tick from which missing replies are counted
 
-    cdef int64_t began           # ns, CLOCK_MONOTONIC: the zero of the frames' times
+    cdef int64_t began           # ns of CLOCK_MONOTONIC: zero of the frames' times
     cdef int load(self) except -1
     cdef int time_replies(self) except -1
     cdef void note_asked(self, int bus, int64_t at) noexcept nogil

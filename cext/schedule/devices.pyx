@@ -1,12 +1,12 @@
 # cython: freethreading_compatible=True
-"""The devices of a schedule and the buses they are on: what of a tick goes over wires.
+"""Devices of a schedule and their buses: the part of a tick that communicates.
 
-    receive    every bus drained, each frame offered to the devices on it
-    watch      who is silent for too long, or reports a fault?
-    command    each device encodes its frames; nothing is sent if one of them refuses
-    transmit   the frames go out
+    receive    drain every bus, and offer each frame to its devices
+    watch      check for silent devices and faults
+    command    encode the frames of each device; nothing is sent if one fails
+    transmit   send the frames
 
-and for arming and the safe stop, frames that were encoded at compile time, with a count of the replies to them.
+For arming and the safe stop, frames are encoded at compile time, and replies to them are counted.
 """
 
 from libc.stdint cimport uint8_t, uintptr_t
@@ -28,18 +28,18 @@ from cext.schedule.kernel_table import address, slot_words, words
 
 
 cdef class Devices:
-    """Those of a `graph.Schedule`.
+    """Devices of a `graph.Schedule`.
 
     Parameters
     ----------
     schedule : graph.Schedule
     ends : BusEnd, one for each of schedule.buses
-    memory : the arena, an array of doubles that outlives this
+    memory : the arena, an array of doubles that outlives this object
     """
 
     def __init__(self, schedule, ends, memory):
         if len(ends) != len(schedule.buses):
-            raise ValueError("the schedule has %d buses, and %d ends were given" % (len(schedule.buses), len(ends)))
+            raise ValueError("the schedule has %d buses, but %d ends were given" % (len(schedule.buses), len(ends)))
         self.schedule, self.memory, self.keep = schedule, memory, []
         self.arena = <double *><uintptr_t>memory.ctypes.data
         self.ends = list(ends)
@@ -59,7 +59,7 @@ cdef class Devices:
         free(self.devices); free(self.outgoing); free(self.outgoing_count); free(self.bus_ends); free(self.rounds)
 
     cdef void reset(self):
-        """As before the first arming. What buses heard in an earlier run is forgotten: an answer to that is none."""
+        """Restore the state before the first arming. Frames from before are discarded, as they are no replies."""
         cdef int index
         if self.ran:
             self.discard()
@@ -86,19 +86,19 @@ cdef class Devices:
         return self.schedule.buses[self.failed.bus] if self.failed.bus >= 0 else None
 
     def silent(self):
-        """Paths of the devices that have sent fewer replies than were wanted of them, or are not ready."""
+        """Return the paths of the devices with too few replies, or not ready."""
         return [self.schedule.devices[index].name for index in range(self.count) if not self.has_answered(&self.devices[index])]
 
     @property
     def unready(self):
-        """Paths of the devices that answer, and have not returned what arming wrote."""
+        """Return the paths of the devices that reply but have not returned what arming wrote."""
         return [
             self.schedule.devices[index].name for index in range(self.count)
             if self.devices[index].ready >= 0 and self.devices[index].answered and self.arena[self.devices[index].ready] == 0.0]
 
     @property
     def latencies(self):
-        """{path: what the histogram of its replies tells, in s} of the devices that were timed, as cext.clock.histogram.summary has it."""
+        """Return {path: cext.clock.histogram.summary of its reply times in s} of the timed devices."""
         return {
             self.schedule.devices[index].name: summary(self.devices[index].latency)
             for index in range(self.count) if self.devices[index].latency != NULL
@@ -106,13 +106,17 @@ cdef class Devices:
 
     @property
     def missed(self):
-        """{path: commands that had not been answered when the next was sent, from tick `counted_from` on} of those that are commanded."""
+        """Return {path: commands without a reply before the next one, from tick `counted_from` on} of the commanded
+        devices.
+        """
         return {
             self.schedule.devices[index].name: self.devices[index].missed for index in range(self.count) if self.devices[index].zero.count}
 
     @property
     def malformed(self):
-        """{path: ({length: frames}, first byte of the newest)} of the devices that have rejected frames of their own id."""
+        """Return {path: ({length: frames}, first byte of the newest)} of the devices that rejected frames of their
+        own id.
+        """
         found = {}
         for index in range(self.count):
             lengths = {length: self.devices[index].malformed[length] for length in range(FRAME_BYTES + 1) if self.devices[index].malformed[length]}
@@ -121,7 +125,7 @@ cdef class Devices:
         return found
 
     cdef int time_replies(self) except -1:
-        """Time from now on how long every device takes to answer a command."""
+        """Time the reply of every device to each command from now on."""
         for index in range(self.count):
             if self.devices[index].latency == NULL and self.devices[index].zero.count:
                 self.devices[index].latency = <Histogram *>calloc(1, sizeof(Histogram))
@@ -149,7 +153,8 @@ cdef class Devices:
             device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
             device.ready, device.ready_size = entry.ready, entry.ready_size
             if entry.ready_size > READY_NUMBERS:
-                raise ValueError(f"{entry.name}: at most {READY_NUMBERS} numbers outlive the start, not {entry.ready_size}")
+                raise ValueError(
+                    f"{entry.name}: at most {READY_NUMBERS} values outlive the start, not {entry.ready_size}")
             load_batch(&device.enable, entry.enable)
             for place, frame in enumerate(entry.enable):
                 device.only_reads[place] = frame in entry.reads
@@ -168,7 +173,7 @@ cdef class Devices:
         return 0
 
     cdef void begin(self, int64_t began) noexcept nogil:
-        """Tell the buses the zero of the frames' times, in ns of CLOCK_MONOTONIC."""
+        """Set the zero of the frames' times of all buses, in ns of CLOCK_MONOTONIC."""
         cdef int bus
         self.began = began
         for bus in range(self.bus_count):
@@ -176,9 +181,9 @@ cdef class Devices:
                 (<BusEnd>self.bus_ends[bus]).bus.begin((<BusEnd>self.bus_ends[bus]).bus.context, began)
 
     cdef int receive(self, int64_t now, SharedLayout *page) noexcept nogil:
-        """Drain every bus, CAN of at most FRAMES_PER_TICK; offer each frame to the devices on it. `page` may be NULL.
+        """Drain every bus, CAN of at most FRAMES_PER_TICK, and offer each frame to its devices. `page` may be NULL.
 
-        A bus that fails does not keep the others from being heard.
+        All other buses are drained even if one fails.
         """
         cdef int bus, count, number, rounds
         cdef int status = OK
@@ -203,11 +208,11 @@ cdef class Devices:
         for number in range(self.count):
             device = &self.devices[number]
             if device.age >= 0:
-                self.arena[device.age] = max(now - device.heard, 0) * 1e-9      # it may be newer than the tick
+                self.arena[device.age] = max(now - device.heard, 0) * 1e-9      # the sample may be newer than the tick
         return status
 
     cdef int hear(self, int bus, int count, SharedLayout *page) noexcept nogil:
-        """Offer what a bus has given to the devices on it. OK, or what one of these frames ends the run with."""
+        """Offer received frames of a bus to its devices. Returns OK, or the status with which a frame ends the run."""
         cdef int index, number
         cdef int status = OK
         cdef Frame *frame
@@ -223,14 +228,15 @@ cdef class Devices:
                 if device.bus != bus:
                     continue
                 answer = device.decode(self.arena, device.slots, device.sizes, frame)
-                if answer == PRESSED:                          # whatever goes on: arming and the wait for a person, too
+                # in every state, including arming and the wait for confirmation
+                if answer == PRESSED:
                     self.failed.device = number
                     status = ESTOP
                     answer = TAKEN
                 if answer == ANSWERED:
                     device.owed, device.asked = False, -1
                 if answer == TAKEN or answer == MOVING:
-                    if device.doubtful and self.alone:         # it answers under its own id: the other frame was a command
+                    if device.doubtful and self.alone:         # a reply under its own id: the other frame was a command
                         self.failed.device = number
                         status = FOREIGN_COMMAND
                     device.owed = device.doubtful = False
@@ -248,11 +254,12 @@ cdef class Devices:
                         (<SpeedBands>device.bands).note(frame)
                     break
             if self.alone and (answer == FOREIGN or answer == COMMANDED or answer == MALFORMED):
-                if answer != COMMANDED:                        # else the device itself has seen it
+                if answer != COMMANDED:                        # otherwise the device has detected the command itself
                     number = self.commanded(frame)
                 if number >= 0 and answer == MALFORMED and self.may_be_reply(&self.devices[number], frame):
                     self.devices[number].doubtful = True
-                elif number >= 0 and not (page != NULL and load_i32(&page.fence) == FENCED_FOR_GOOD):    # behind it the guardian commands
+                # then the guardian commands
+                elif number >= 0 and not (page != NULL and load_i32(&page.fence) == FENCED_FOR_GOOD):
                     self.failed.device = number
                     status = FOREIGN_COMMAND
             if page != NULL:
@@ -263,7 +270,9 @@ cdef class Devices:
         return status
 
     cdef int commanded(self, const Frame *frame) noexcept nogil:
-        """The device that a frame which is no reply commands; -1 if it commands none: it has the id and the length of our own commands."""
+        """Return the device that a frame other than a reply commands, by id and length of its own commands; -1 for
+        none.
+        """
         cdef int number
         for number in range(self.count):
             if self.devices[number].bus == frame.bus and (
@@ -273,18 +282,19 @@ cdef class Devices:
         return -1
 
     cdef bint may_be_reply(self, Device *device, const Frame *frame) noexcept nogil:
-        """Whether a frame with the id and the length of our commands may be the drive's own reply under another id or of another length.
+        """Return whether a frame with the id and length of own commands may be the drive's reply with another id or
+        length.
 
-        Principle: 1. replies and commands of MIT mode share id and length, and the first byte alone tells them apart; 2. a drive answers every
-        command, also those of another controller, so where one commands it, replies under its own id arrive as well: then the next of these
-        tells that this frame was a command; 3. until that arrives, a frame may be a reply where one is owed; where none is owed, or where the
-        frame is one that we send, it is a command.
+        Principle: 1. replies and commands of MIT mode share id and length and differ in the first byte only; 2. a drive
+        replies to every command, also of another controller, so that replies with its own id arrive, too, if another
+        controller commands it: the next of them shows that this frame was a command; 3. until then, a frame may be a
+        reply if one is due; if none is due, or if the frame equals one of the own commands, it is a command.
         """
         return (device.owed or not device.answered) and not (
             is_same(&device.zero, frame) or is_same(&device.disable, frame) or is_same(&device.enable, frame))
 
     cdef int watch(self, int64_t now) noexcept nogil:
-        """A device that is silent past its timeout, reports a fault or is too hot ends the run."""
+        """Check every device for silence, faults and temperature. Returns OK or the fault."""
         cdef int number, status
         cdef Device *device
         for number in range(self.count):
@@ -304,7 +314,10 @@ cdef class Devices:
         return status
 
     cdef int command(self) noexcept nogil:
-        """Each device encodes into `outgoing`, bus by bus. Where one refuses, its reason: nothing of the tick is to be sent."""
+        """Encode the frames of each device into `outgoing`, bus by bus.
+
+        Returns OK, or the status of a device that cannot encode.
+        """
         cdef int number, count
         cdef int total = 0
         cdef Device *device
@@ -337,7 +350,7 @@ cdef class Devices:
         return OK
 
     cdef void note_asked(self, int bus, int64_t at) noexcept nogil:
-        """The devices of a bus have been sent a command: from now on their answer is timed, where that of the one before has come or not."""
+        """Start timing the replies of a bus's devices, unless the previous reply is still due."""
         cdef int number
         cdef int64_t now = -1
         for number in range(self.count):
@@ -364,16 +377,16 @@ cdef class Devices:
         if count < 0:
             self.failed.bus = bus
             return BUS_ERROR
-        if page != NULL:                        # a full queue takes fewer than all: what it took is what was sent
+        if page != NULL:                        # a full queue accepts fewer; only the accepted ones were sent
             page.frames_sent += count
             for index in range(count):
                 log_frame(page, &frames[index])
         return OK
 
     cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, SharedLayout *page) noexcept nogil:
-        """Frames that were encoded at compile time, to every device; `enable` only to those that have not answered.
+        """Send frames that were encoded at compile time to every device; `enable` only to those that have not replied.
 
-        Behind the fence only the frames of the safe stop go out: those with `disable`.
+        Behind the fence only the frames of the safe stop are sent: those with `disable`.
         """
         cdef int number
         cdef Device *device
@@ -383,7 +396,7 @@ cdef class Devices:
             if not disable and page != NULL and load_i32(&page.fence):
                 return FENCED
             if enable and not self.has_answered(device) and device.enable.count > 0:
-                if device.rounds % device.enable.count == 0:       # many frames, seldom: the bus has to carry them
+                if device.rounds % device.enable.count == 0:       # less often for many frames, to limit the bus load
                     status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page)
                 device.rounds += 1
             if zero:
@@ -395,14 +408,14 @@ cdef class Devices:
         return BUS_ERROR if status != OK else OK
 
     cdef int pump(self, Device *device, int64_t now, SharedLayout *page) noexcept nogil:
-        """The next frame of a device that holds a relay, outside of a tick."""
+        """Send the next frame of a device that holds a relay, outside a tick."""
         cdef Frame[FRAMES_PER_DEVICE] frames
         cdef int count = device.encode(self.arena, device.slots, device.sizes, frames)
         device.pumped = now
         return self.send(device.bus, frames, max(count, 0), now, page)
 
     cdef int pump_all(self, int64_t now, SharedLayout *page) noexcept nogil:
-        """Frames to those that hold a relay, and to no other: what is behind the relays starts."""
+        """Send frames to the devices that hold relays, while the drives behind the relays start."""
         cdef int number
         cdef int status = OK
         for number in range(self.count):
@@ -413,7 +426,7 @@ cdef class Devices:
         return BUS_ERROR if status != OK else OK
 
     cdef void begin_stop(self) noexcept nogil:
-        """A safe stop begins. What is damped in it depends on where `send_stop` begins to count."""
+        """Begin a safe stop. Damping depends on the first `since` of `send_stop`."""
         cdef int number
         self.stop_due = 0
         for number in range(self.count):
@@ -421,11 +434,15 @@ cdef class Devices:
             self.devices[number].damp_due = 0
 
     cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, SharedLayout *page) noexcept nogil:
-        """What is due of the safe stop `since` ns after it began: damping by the newest speeds, zero torque and disable every `round` ns.
+        """Send the due frames of the safe stop `since` ns after its begin: damping by the newest speeds, zero torque
+        and disable every
+        `round` ns.
 
-        A device is damped until the first round after its time. Returns when the next frames are due, in ns since the stop began.
+        A device is damped until the first round after its time. Returns when the next frames are due, in ns since the
+        begin of the stop.
 
-        A relay is held while anything is damped, unless it may have dropped: a safe stop gives no drive its power back.
+        A relay is held while any device is damped, unless it may have dropped: a safe stop never restores a drive's
+        power.
         """
         cdef int number
         cdef Device *device
@@ -453,7 +470,7 @@ cdef class Devices:
         return due
 
     cdef void note_speeds(self, SharedLayout *page) noexcept nogil:
-        """Take what has come on the buses, for the speeds of what is damped. The arena stays as the tick that hangs has left it."""
+        """Read frames for the speeds of damped devices. The arena stays as the hung tick has left it."""
         cdef int bus, index, number, count
         for bus in range(self.bus_count):
             for number in range(self.count):
@@ -483,7 +500,9 @@ cdef class Devices:
         return True
 
     cdef void begin_arming(self) noexcept nogil:
-        """Every device has to answer, and to return what is written into it, however often it has before: its power may have been off."""
+        """Require every device to reply and to return what is written to it, even if it has before, as its power may
+        have been off.
+        """
         cdef int number
         for number in range(self.count):
             if self.devices[number].ready >= 0:
@@ -491,7 +510,7 @@ cdef class Devices:
         self.want_replies(True, False)
 
     cdef void keep_ready(self) noexcept nogil:
-        """Before the blocks start anew: what arming has read back is no state of theirs."""
+        """Save the values that arming has read back, before the blocks reset."""
         cdef int number
         for number in range(self.count):
             if self.devices[number].ready >= 0:
@@ -514,7 +533,8 @@ cdef class Devices:
             if zero:
                 device.replies_wanted += device.zero.count
             if zero and not disable and device.zero.count == 0 and device.timeout > 0.0:
-                device.replies_wanted = 1                          # a sensor that is never asked, and is missed when it is silent
+                # a sensor that sends by itself, and is checked for silence
+                device.replies_wanted = 1
             if disable:
                 device.replies_wanted += device.disable.count - device.unanswered
 
@@ -527,7 +547,7 @@ cdef class Devices:
 
 
 cdef inline int64_t next_due(int64_t due, int64_t now, int64_t round) noexcept nogil:
-    """The round after one that was due and is sent now: on the same grid, unless it has been missed as well."""
+    """Return the round after the one sent now: on the same grid, unless that one is missed as well."""
     return due + round if due + round > now else now + round
 
 

@@ -1,15 +1,16 @@
 # cython: freethreading_compatible=True
-"""The executor: one thread, one clock, and the life cycle of a run.
+"""Executor: one thread, one clock, and the life cycle of a run.
 
-    arming     enable and zero-torque frames until every device has answered
-    ready      what was answered is shown; zero torque goes on until somebody confirms
-    settle     blocks start from the present measurement, so that nothing kicks
-    running    the tick, at absolute deadlines that keep their grid
-    stopping   the fence goes up; zero torque and disable until every device has confirmed
-    waiting    after a fault, where the run may be armed again: behind the fence every tick is computed, and nothing of it sent
+    arming     enable and zero torque until every device has replied
+    ready      the replies are shown; zero torque until confirmation
+    settle     blocks start from the present measurement, without a step in their outputs
+    running    the tick, at absolute deadlines on the grid
+    stopping   the fence is raised; zero torque and disable until every device has confirmed
+    waiting    after a fault, if the run may be armed again: ticks are computed behind the fence, and no commands are
+               sent
     safe       nothing moves
 
-It runs on the main thread without the GIL, with signal handlers of its own that set a flag, which is read after every sleep.
+It runs on the main thread without the GIL. Its own signal handlers set a flag, which it reads after every sleep.
 """
 
 import gc
@@ -42,11 +43,12 @@ from cext.schedule.watchdog cimport Watchdog
 from cext.schedule.outcome import name_of
 
 
-SWITCH = 1e-4                   # s after which another Python thread has to hand over the GIL: 5 ms without this, five ticks at 1000 Hz
+# s until another Python thread must release the GIL: by default 5 ms, five ticks at 1000 Hz
+SWITCH = 1e-4
 
 
 cdef class Executor(Waiting):
-    """Runs a program at a fixed rate, with the plant of a simulation behind it if there is one.
+    """Executor of a program at a fixed rate, with the plant of a simulation if there is one.
 
     Parameters
     ----------
@@ -54,19 +56,22 @@ cdef class Executor(Waiting):
     rate : Hz
     plant : Program or None, run `substeps` times a tick, at the tick's end
     page : SharedState or None; with one, rows, frames and statistics go through it
-    virtual : do not sleep: as fast as the machine goes; a full ring makes the loop wait instead of dropping
-    reader : a file descriptor that hangs up when nobody drains the page any more, or -1; that frees a loop that waits for it
-    overrun : what a tick does that comes too late, in the words of cext.clock.overrun.Overrun
+    virtual : run as fast as possible, without sleeping; the loop waits for space in a full ring instead of dropping
+        records
+    reader : file descriptor that hangs up when the reader of the shared state has ended, or -1; it ends a wait for
+        space
+    overrun : policy for late ticks, in the syntax of cext.clock.overrun.Overrun
     spin : s before a deadline in which it spins instead of sleeping
-    profile : whether every step is timed, as `profile` tells afterwards
-    tape : ReplayClock of a recorded run, whose ticks are run again in virtual time, as late as they were
-    guard : s of the guardian's silence that end the run; then nobody else may command the devices either, and in real time a watchdog
-        looks for blocks that hang. 0 where there is no guardian
-    carried : whether the guardian carries the frames of some bus: after its death the safe stop is one round here, the rest is the caller's
-    others : processors for the watchdog; where there are none, it has those of the thread that runs
-    rows : as cext.schedule.publisher.Publisher fills it, or None
-    hosted : whether the process belongs to another program, such as a notebook or a test: the garbage collector and the switch interval stay
-        as they are, and outside the main thread the signal handlers
+    profile : time every step, for `profile`
+    tape : ReplayClock of a recorded run, whose ticks are repeated in virtual time with their lateness
+    guard : s of the guardian's silence that end the run; no other node may then command the devices, and in real time a
+        watchdog checks for blocks that hang. 0 without a guardian
+    carried : whether the guardian carries the frames of any bus: after its death, the safe stop is one round here, and
+        the caller continues it
+    others : processors of the watchdog; by default those of the thread that runs
+    rows : destination of the rows for cext.schedule.publisher.Publisher, or None
+    hosted : whether the process belongs to another program, such as a notebook or a test: the garbage collector and the
+        switch interval are not changed, nor are the signal handlers outside the main thread
     """
 
     cdef bint hosted
@@ -90,23 +95,25 @@ cdef class Executor(Waiting):
         if guard > 0.0 and not virtual:
             control.devices.time_replies()
         if tape is not None and not virtual:
-            raise ValueError("a recorded run is run again in virtual time")
+            raise ValueError("a recorded run can only be repeated in virtual time")
 
     def run(self, int64_t ticks=-1, *, double fade=FADE_IN / 1e9, double arming_timeout=ARMING_LIMIT / 1e9,
             double stopping_timeout=STOP_LIMIT / 1e9, answered=None,
             bint confirm=False, permitted=None, rearm=None, told=None):
-        """Arm, run `ticks` grid points (-1: until a signal), stop safely, and say how it ended.
+        """Arm, run `ticks` grid points (-1: until a signal), and stop safely. Returns an Outcome.
 
-        fade : s, over which commands grow to their full size after arming
-        arming_timeout : s, in which every device must answer
+        fade : s, over which commands increase to full size after arming
+        arming_timeout : s, in which every device must reply
         stopping_timeout : s, after which the safe stop no longer waits for confirmations
-        answered : called once, when every device has answered; it should take a few ms at most. Zero torque goes on for a round or more
-        confirm : with `answered`, until somebody confirms through the mailbox
-        permitted : called before anything is armed, and whenever that is asked for: False refuses it. With `confirm` the run then goes on waiting,
-            without it ends as an unclear pose
-        rearm : slots of the arena that are true while their inputs ask for arming again; with None a fault ends the run. After a fault
-            that may be survived the run waits in its safe stop, until one of them rises or a letter asks, and nothing stands in the way
-        told : called with "fault", "refused" or "rearm", and the Outcome that a fault, or what stands in the way, would be
+        answered : called once, when every device has replied; it should take a few ms at most. Zero torque continues
+            for at least a round
+        confirm : with `answered`, wait for a confirmation through the mailbox
+        permitted : called before arming, and at each request to arm: False refuses it. With `confirm` the run then
+            continues to wait, without it the run ends as an unclear pose
+        rearm : slots of the arena that are true while their inputs request arming again; with None a fault ends the
+            run. After a fault that can be survived, the run waits in its safe stop for one of them to rise or for a
+            letter, and for all conditions of arming
+        told : called with "fault", "refused" or "rearm", and the Outcome of the fault or of the unmet condition
         """
         cdef int status
         cdef int waited = OK
@@ -117,7 +124,7 @@ cdef class Executor(Waiting):
         self.answered, self.confirm, self.permitted, self.told = answered, confirm, permitted, told
         self.request(rearm or ())
         if not (fade >= 0.0 and arming_timeout >= 0.0 and stopping_timeout >= 0.0):
-            raise ValueError("times of a run are 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (
+            raise ValueError("times of a run must be 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (
                 fade, arming_timeout, stopping_timeout))
         self.body.reset()
         self.tick = self.previous = -1
@@ -128,7 +135,7 @@ cdef class Executor(Waiting):
         self.journal.clear()
         switching = sys.getswitchinterval()
         collecting = gc.isenabled()
-        frozen = gc.get_freeze_count()                             # who has frozen objects of its own keeps them so, with what is there now
+        frozen = gc.get_freeze_count()                             # objects that the caller has frozen stay frozen
         if not self.hosted:
             sys.setswitchinterval(min(switching, SWITCH))
             gc.collect()
@@ -140,7 +147,8 @@ cdef class Executor(Waiting):
             self.watchdog.start()
             if self.watchdog.handover != NULL and self.layout != NULL:
                 take_fatal(self.layout, &self.control.at)
-            PyErr_CheckSignals()                                   # one that Python caught until now would wait for the end of the run
+            # else a signal that Python has caught would wait for the end of the run
+            PyErr_CheckSignals()
             with nogil:
                 if not self.virtual:
                     prctl(PR_SET_TIMERSLACK, 1)
@@ -156,7 +164,8 @@ cdef class Executor(Waiting):
                 with nogil:
                     self.halt(stopping_timeout)
                     while self.control.live.asked(self.layout, REARM, self.tick, NOT_NOW):
-                        pass                                       # who asked before the fault was told did not mean it
+                        # a request before the fault was reported does not count
+                        pass
                     self.control.live.awaited = REARM
                     self.journal.set_state(WAITING)
                 fault = self.outcome(status)
@@ -184,7 +193,7 @@ cdef class Executor(Waiting):
             store_i32(&self.layout.status, max(status, 0))
         self.control.live.leave()
         ended = self.outcome(status if status != ENDED else OK, unanswered)
-        if waited == ENDED or waited == STOP_WANTED:                # the fault stood when the run ended
+        if waited == ENDED or waited == STOP_WANTED:                # the fault persisted when the run ended
             ended = replace(faults.pop(), signal=ended.signal, unconfirmed=ended.unconfirmed)
         return replace(ended, stopped=stopped, faults=tuple(faults))
 
@@ -195,28 +204,28 @@ cdef class Executor(Waiting):
 
     @property
     def overruns(self):
-        """Who took the time where grid points were missed: cext.clock.stopwatch.Stopwatch.overruns of the run."""
+        """Items that caused missed grid points: cext.clock.stopwatch.Stopwatch.overruns of the run."""
         return self.body.watch.overruns()
 
     @property
     def newest(self):
-        """The rows of the newest ticks, as cext.schedule.publisher.Publisher.newest has them."""
+        """Rows of the newest ticks, as of cext.schedule.publisher.Publisher.newest."""
         return self.journal.newest()
 
     @property
     def rows(self):
-        """How many rows the run has recorded."""
+        """Number of recorded rows."""
         return self.journal.recent_count
 
     @property
     def profile(self):
-        """(rows of the robot, rows of its plant) as cext.clock.stopwatch.Stopwatch.rows has them."""
+        """(rows of the robot, rows of its plant), as of cext.clock.stopwatch.Stopwatch.rows."""
         return self.body.watch.rows(), [] if self.body.plant_watch is None else self.body.plant_watch.rows()
 
     def spin(self, int64_t ticks):
-        """Run bare ticks as fast as possible: no arming, no clock, no plant, and what is recorded goes nowhere.
+        """Run bare ticks as fast as possible: no arming, no clock, no plant, no recording.
 
-        For `bench`: returns the ns of this thread's processor time that they took.
+        For `bench`. Returns the ns of this thread's processor time.
         """
         status, took = self.body.spin(ticks)
         if status != OK:
@@ -225,10 +234,12 @@ cdef class Executor(Waiting):
 
     cdef int loop(self, int64_t ticks, double fade) noexcept nogil:
         cdef int64_t now, began
-        cdef int64_t held = 0                                      # holds of the GIL after which our handlers were installed
+        # acquisitions of the GIL at the last installation of the handlers
+        cdef int64_t held = 0
         cdef int64_t tick = self.armed
         cdef int64_t late = 0
-        cdef int64_t awaited                                       # the grid point after the tick before; a late tick runs at a newer one
+        # grid point after the previous tick; a late tick runs at a newer one
+        cdef int64_t awaited
         cdef int64_t epoch = self.began + self.first_tick
         cdef int status = OK
         self.journal.set_state(RUNNING)
@@ -260,7 +271,7 @@ cdef class Executor(Waiting):
                 break
             self.body.set_clock(tick, self.previous, late)
             self.control.arena[AUTHORITY] = self.authority(tick - self.armed, fade)
-            status = self.body.run(                                # the first tick after arming is one for every block
+            status = self.body.run(                                # in the first tick after arming every block runs
                 tick, self.previous if self.previous >= self.armed else -1, now if self.simulated else now + late)
             if status != OK or (self.journal.records and not self.journal.push_row(tick)):
                 break
@@ -269,7 +280,7 @@ cdef class Executor(Waiting):
             if self.layout != NULL:
                 self.count(tick, awaited, late, began)
             if self.control.gil_taken != held and (not self.virtual or tick % SIGNAL_HANDLER_PERIOD == 0):
-                self.signals.install(NULL)                         # a block may have installed its own, or ignored them
+                self.signals.install(NULL)                         # a block may have replaced or blocked the handlers
                 held = self.control.gil_taken
             self.previous = tick
             self.late = late
@@ -279,18 +290,21 @@ cdef class Executor(Waiting):
         return status
 
     cdef double authority(self, int64_t ticks, double fade) noexcept nogil:
-        """The share of every command that is let through so many ticks after arming."""
+        """Return the permitted share of every command, `ticks` after arming."""
         return 1.0 if fade <= 0.0 or ticks / self.pace.rate >= fade else ticks / (self.pace.rate * fade)
 
     cdef int64_t place(self, int64_t tick, int64_t since, int64_t ticks) noexcept nogil:
-        """The grid point at which a tick runs that should run at `tick` and wakes up `since` ns after the first. Counts what is missed."""
+        """Return the grid point at which tick `tick` runs if it wakes up `since` ns after the first.
+
+        Counts missed ones.
+        """
         cdef int64_t due = max(tick, self.pace.newest(since))
         cdef int64_t behind = self.overrun.late
         cdef int64_t chosen
         if 0 <= ticks < due:
             due = ticks
         chosen = self.overrun.decide(tick, due)
-        if due > tick and behind == 0:                             # those that catch up did not cause it
+        if due > tick and behind == 0:                             # ticks that catch up did not cause it
             if tick > 0 and self.body.watch.laps.last - self.began - self.first_tick >= self.pace.grid(tick + 1):
                 self.to_blame = self.body.watch.laps.item
                 self.body.watch.blame(self.to_blame, self.body.watch.laps.longest, due - tick)
@@ -303,7 +317,7 @@ cdef class Executor(Waiting):
         return chosen
 
     cdef void stop(self, double timeout) noexcept nogil:
-        """The safe stop, at the end of a run."""
+        """Perform the safe stop at the end of a run."""
         self.halt(timeout)
         self.control.live.dismiss(self.layout)
         self.journal.set_state(SAFE)

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""How a native kernel is handed over from Python, and the tables that it is called with."""
+"""Addresses of native kernels that Python hands over, and the tables of their calls."""
 
 import numpy as np
 
@@ -11,9 +11,10 @@ from cext.abi cimport DECODE, ENCODE, KERNEL, Frame, decode_t, kernel_t
 
 
 def address(kernel, kind="kernel"):
-    """The address of a native kernel, given as a PyCapsule named by its C signature, a ctypes function pointer, or a Numba cfunc.
+    """Return the address of a native kernel: a PyCapsule named by its C signature, a ctypes function pointer, or a
+    Numba cfunc.
 
-    kind is "kernel", "decode" or "encode". TypeError if it is none of these, or its signature is another.
+    kind is "kernel", "decode" or "encode". Raises TypeError for any other object or signature.
     """
     cdef const char *name = DECODE() if kind == "decode" else ENCODE() if kind == "encode" else KERNEL()
     if PyCapsule_CheckExact(kernel):
@@ -29,7 +30,8 @@ def address(kernel, kind="kernel"):
     if not isinstance(kernel, ctypes._CFuncPtr):
         raise TypeError("a native %s is a PyCapsule, a ctypes function or a Numba cfunc, not %r" % (kind, kernel))
     if kernel.argtypes is not None and len(kernel.argtypes) != wanted:
-        raise TypeError("a native %s takes %d arguments, and %r takes %d" % (kind, wanted, kernel, len(kernel.argtypes)))
+        raise TypeError("a native %s takes %d arguments, but %r takes %d"
+                        % (kind, wanted, kernel, len(kernel.argtypes)))
     function = ctypes.cast(kernel, ctypes.c_void_p).value
     if not function:
         raise TypeError("a native %s cannot be a null pointer" % kind)
@@ -52,12 +54,14 @@ def words(values):
 
 
 def slot_words(table):
-    """The counts of a KernelTable, then its slots: a kernel is given the address behind the counts."""
+    """Return the counts of a KernelTable followed by its slots: a kernel receives the address after the counts."""
     return words(table.counts + table.slots + (0,))
 
 
 def feed(decode, double[::1] arena, table, const unsigned char[::1] data, int chunk=64, int64_t time=0, uint32_t identifier=0, int flags=0):
-    """Offer a stream of bytes to a device's decode, cut into frames of `chunk` bytes: {answer of cext.abi: how often}.
+    """Offer a stream of bytes to a device's decode, in frames of `chunk` bytes.
+
+    Returns {return value of decode: count}.
 
     For tests, tools and measurements, not for the tick. time : ns, of all frames
     """

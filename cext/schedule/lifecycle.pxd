@@ -3,15 +3,15 @@ from libc.stdint cimport int32_t, int64_t
 from cext.schedule.arming cimport Arming
 
 cdef enum:
-    REQUESTS = 16               # inputs that ask for arming again
-    ENDED = -2                  # beside the statuses of kernels: the run ends while it waits to be armed again
+    REQUESTS = 16               # inputs that request arming again
+    ENDED = -2                  # in addition to the statuses of kernels: the run ends while it waits to be armed again
 
 cdef class Waiting(Arming):
-    cdef int64_t hung            # ns that a tick had worked which hung, 0 if none has
-    cdef object told             # called with what there is to tell of faults that are survived, or None
-    cdef int[REQUESTS] request_slots         # of the arena, each true while its input asks for arming again
+    cdef int64_t hung            # ns that a hung tick ran, 0 for none
+    cdef object told             # callback for faults that are survived, or None
+    cdef int[REQUESTS] request_slots         # of the arena, each true while its input requests arming again
     cdef int request_count
-    cdef int to_blame            # item of the stopwatch that the last overrun came from
+    cdef int to_blame            # stopwatch item of the last overrun
 
     cdef int request(self, slots) except -1
     cdef int cause(self, int status) noexcept nogil

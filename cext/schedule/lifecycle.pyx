@@ -1,7 +1,7 @@
 # cython: freethreading_compatible=True
-"""After a fault: what it was, and where a run may survive it, the wait behind the fence until somebody arms it again.
+"""Handling of a fault: its cause, and the wait behind the fence until the run is armed again.
 
-While it waits every tick is computed, and nothing of it sent but disable.
+While it waits, every tick is computed, and only disable is sent.
 """
 
 import sys
@@ -23,18 +23,21 @@ from cext.clock.stopwatch import names
 
 
 cdef class Waiting(Arming):
-    """Of cext.schedule.executor.Executor."""
+    """Base class of cext.schedule.executor.Executor for faults."""
 
     cdef int request(self, slots) except -1:
         if len(slots) > REQUESTS:
-            raise ValueError("at most %d inputs ask for arming again, not %d" % (REQUESTS, len(slots)))
+            raise ValueError("at most %d inputs can request arming again, not %d" % (REQUESTS, len(slots)))
         self.request_count = len(slots)
         for index, slot in enumerate(slots):
             self.request_slots[index] = slot
         return 0
 
     cdef int cause(self, int status) noexcept nogil:
-        """Why a run ends. A tick that hung may return anything; drives seem silent where the guardian is late, which carries their frames."""
+        """Return why a run ends.
+
+        A hung tick may return any status, and drives seem silent if the guardian that carries their frames is late.
+        """
         if self.watchdog.has_bitten():
             self.hung = monotonic() - self.watchdog.began + (self.watchdog.patience if self.tick < 0 else 0)
             self.watchdog.dismiss()
@@ -45,9 +48,9 @@ cdef class Waiting(Arming):
         return status
 
     cdef bint is_survived(self, int status):
-        """Whether a run that fails like this may be armed again.
+        """Return whether a run with this fault may be armed again.
 
-        Never where another process has stopped it, where nobody can tell, or where a scale is wrong: it would be wrong again.
+        Not after a stop by another process, without an operator, or for a wrong scale, which would persist.
         """
         if self.plant is not None and self.plant.culprit is not None:
             return False
@@ -57,7 +60,7 @@ cdef class Waiting(Arming):
             or status >= FIRST_OWN_STATUS)
 
     cdef object outcome(self, int status, tuple unanswered=()):
-        """The Outcome of a run that ended here."""
+        """Return the Outcome of a run that ended now."""
         error = self.control.error or self.control.live.error
         culprit = self.control.culprit if status != OK else None
         if self.plant is not None and culprit is None and error is None and status != OK:
@@ -66,7 +69,7 @@ cdef class Waiting(Arming):
             culprit = self.body.watch.name(self.to_blame)
         if status == HUNG:
             culprit = names(self.control.schedule)[self.watchdog.at] if self.watchdog.at >= 0 else self.control.culprit
-            error = error if culprit == self.control.culprit else None      # a later step was broken off in its place
+            error = error if culprit == self.control.culprit else None      # a later step was interrupted instead
         silent = tuple(self.control.devices.silent())
         if status == NO_ANSWER and self.tick >= 0:
             unanswered = silent
@@ -74,7 +77,7 @@ cdef class Waiting(Arming):
             name_of(status), culprit, self.tick, self.signals.caught[0], error, silent, unanswered, hung=self.hung * 1e-9)
 
     cdef void tell(self, str what, outcome):
-        """Tell whoever wants to know. What that raises is no matter of the run."""
+        """Call `told`. Its exceptions do not affect the run."""
         self.journal.attend_fenced(monotonic())
         if self.told is not None:
             try:
@@ -88,9 +91,11 @@ cdef class Waiting(Arming):
             self.tell(what, self.outcome(standing))
 
     cdef int wait(self, int64_t ticks, double arming_timeout) noexcept nogil:
-        """Behind the fence, until somebody asks for arming again after a whole tick in which nothing stood in the way.
+        """Wait behind the fence for a request to arm again, after a whole tick in which all conditions of arming were
+        met.
 
-        Then arms, and returns OK, or why that failed. ENDED or STOP_WANTED where the run ends first, else what is no more survived.
+        Then arms, and returns OK or why that failed. Returns ENDED or STOP_WANTED if the run ends first, or a fault
+        that cannot be survived.
         """
         cdef int64_t epoch = self.began + self.first_tick
         cdef int64_t tick = max(self.tick, self.pace.newest(
@@ -98,9 +103,10 @@ cdef class Waiting(Arming):
         cdef int64_t began
         cdef int status
         cdef int standing = NO_ANSWER
-        cdef bint high = True                                      # an input that was true all the time asks for nothing
+        cdef bint high = True                                      # only a rising input is a request
         cdef bint before
-        cdef int64_t judged = self.first_tick + self.pace.grid(tick) + DISABLE_CONFIRM_LIMIT     # from when on a missing answer stands in the way
+        # from when a missing reply prevents arming
+        cdef int64_t judged = self.first_tick + self.pace.grid(tick) + DISABLE_CONFIRM_LIMIT
         self.control.devices.want_replies(False, True)
         self.previous = tick - 1
         while ticks < 0 or tick < ticks:
@@ -138,7 +144,7 @@ cdef class Waiting(Arming):
         return ENDED
 
     cdef bint asked(self, bint before) noexcept nogil:
-        """Whether an input asks for arming again."""
+        """Return whether an input requests arming again."""
         if self.request_count == 0:
             return before
         cdef int index
@@ -148,9 +154,11 @@ cdef class Waiting(Arming):
         return False
 
     cdef int look_around(self, int64_t tick, int before, int *status) noexcept nogil:
-        """One tick of which nothing is sent but disable. Returns what stands in the way of arming; `status` where the run cannot go on.
+        """Run one tick and send only disable.
 
-        before : what stood in the way in the tick before
+        Returns what prevents arming, OK for nothing; sets `status` if the run cannot continue.
+
+        before : what prevented arming in the previous tick
         """
         cdef int computed
         cdef int standing = OK
@@ -164,13 +172,13 @@ cdef class Waiting(Arming):
             return computed
         status[0] = self.control.devices.receive(self.now, self.layout)
         if status[0] == ESTOP:
-            status[0] = OK                                         # the device holds it against every command from here on
+            status[0] = OK                                         # the device remembers it and refuses commands
         if status[0] != OK:
             return status[0]
         if computed == OK:
             computed = self.control.run(&self.control.output, tick, self.previous)
         if computed == OK:
-            computed = self.control.devices.command()              # what it would be; none of it goes out
+            computed = self.control.devices.command()              # encoded, but not sent
         if computed == OK:
             computed = self.control.run(&self.control.update, tick, self.previous)
         standing = self.control.devices.watch(self.now)
@@ -182,7 +190,7 @@ cdef class Waiting(Arming):
         return standing
 
     cdef void forgive(self, int status) noexcept nogil:
-        """What failed is no longer why anything fails."""
+        """Clear the causes of earlier failures."""
         self.control.devices.failed.device = self.control.devices.failed.bus = -1
         self.control.failed.step = -1
         if status == OK:
@@ -192,7 +200,10 @@ cdef class Waiting(Arming):
             self.control.live.forgive()
 
     cdef int arm_again(self, int64_t tick, double timeout) noexcept nogil:
-        """As at the beginning, from grid point `tick` on: the loop may go on at `armed`. The fence is lowered here, and nowhere else."""
+        """Arm as at the begin, from grid point `tick` on; the loop may continue at `armed`.
+
+        The fence is lowered only here.
+        """
         cdef int64_t rounds = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
         cdef int64_t round
         cdef int status
@@ -214,7 +225,7 @@ cdef class Waiting(Arming):
             self.tick = tick
             status = self.hear_while_arming()
             if round == 0:
-                self.control.devices.begin_arming()                # from here on: what comes now answers the disabling
+                self.control.devices.begin_arming()                # later replies are to the disabling
             elif status == OK and self.control.devices.all_answered():
                 status = self.control.devices.watch(self.now)
                 if status == OK:

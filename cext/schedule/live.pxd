@@ -1,4 +1,4 @@
-"""Live parameters as the loop has them: the table, and what is done about it at the start of a tick."""
+"""Table of live parameters in the loop, and their update at the start of a tick."""
 
 from cpython.object cimport PyObject
 from libc.stdint cimport int32_t, int64_t, uint64_t
@@ -8,21 +8,21 @@ from cext.safety.shared_state cimport SharedLayout, load_u64
 from cext.clock.stopwatch cimport Laps
 
 cdef enum:
-    STOP_WANTED = -1            # beside the statuses of kernels: somebody asks for the end of the run
+    STOP_WANTED = -1            # in addition to the statuses of kernels: a letter requests the end of the run
 
 cdef struct LiveParameter:
-    int32_t slot                # in the arena, -1 if only Python has it
+    int32_t slot                # in the arena, -1 for a Python attribute only
     bint whole                  # an int or a bool
     double low, high
-    double slew                 # unit per second; infinite where it steps
+    double slew                 # unit per second; infinite for a step
     double built_slew           # at reset
     double built                # at reset
     double value
     double target
     bint changed                # in this tick
-    PyObject *block             # whose attribute it is, or NULL
+    PyObject *block             # owner of the attribute, or NULL
 
-cdef struct Scripted:           # a change that a recording has
+cdef struct Scripted:           # a change of a recording
     int64_t tick
     int32_t parameter
     double value
@@ -31,19 +31,19 @@ cdef struct Scripted:           # a change that a recording has
 cdef class LiveTable:
     cdef LiveParameter *parameters
     cdef int count
-    cdef int moving             # how many have not reached their target
+    cdef int moving             # number that have not reached their target
     cdef uint64_t seen          # of the mailbox's `posted`
-    cdef int32_t awaited        # kind of letters that are left to `asked`; -1: none are
+    cdef int32_t awaited        # kind of letters that `asked` handles; -1: none
     cdef Scripted *script
-    cdef int scripted, played   # how many there are, and have been carried out
-    cdef int64_t due            # tick of the next one
+    cdef int scripted, played   # number of changes in the script, and of those carried out
+    cdef int64_t due            # tick of the next change
     cdef int64_t marks
     cdef double *arena
-    cdef Laps *laps             # NULL: the parts of a tick are not timed
+    cdef Laps *laps             # NULL: not timed
     cdef int64_t gil_taken
     cdef list entries
-    cdef readonly object error  # what the code behind an attribute has raised
-    cdef readonly str culprit   # path of the block where it did
+    cdef readonly object error  # exception of setting an attribute
+    cdef readonly str culprit   # path of its block
 
     cdef void forgive(self)
     cdef void show(self, SharedLayout *page) noexcept nogil
@@ -60,9 +60,10 @@ cdef class LiveTable:
     cdef int tell_python(self, Laps *laps) noexcept nogil
 
 cdef inline int apply_changes(LiveTable live, SharedLayout *page, int64_t tick, double dt) noexcept nogil:
-    """What the mailbox asks for and what is on its way, at the start of a tick that comes dt s after the one before.
+    """Apply requests of the mailbox and ramps, at the start of a tick that follows the previous one after dt s.
 
-    OK, PYTHON_ERROR or STOP_WANTED. With tick -1, while arming, only a stop is heard; the rest waits for tick 0.
+    Returns OK, PYTHON_ERROR or STOP_WANTED. With tick -1, while arming, only a stop takes effect; other letters wait
+    for tick 0.
     """
     if page == NULL or live.moving == 0 and tick < live.due and load_u64(&page.mailbox.posted) == live.seen:
         return 0

@@ -1,8 +1,8 @@
 # cython: freethreading_compatible=True
-"""The loop's side of the mailbox: what may be changed, and how far each change has come.
+"""Loop side of the mailbox: live parameters, and the progress of each change.
 
-A change takes effect at the start of a tick, or not at all: it is checked against bounds that no other process can reach, and
-one that the ring cannot record waits. A parameter with a slew goes to its new value by at most slew · dt a tick.
+A change takes effect at the start of a tick, or not at all: it is checked against bounds in private memory, and waits
+if the ring cannot record it. A parameter with a slew approaches its new value by at most slew · dt per tick.
 """
 
 from cpython.object cimport PyObject
@@ -27,9 +27,9 @@ TYPES = {"float": float, "int": int, "bool": bool}
 
 
 cdef class LiveTable:
-    """The live parameters of a schedule.
+    """Live parameters of a schedule.
 
-    entries : graph.schedule.LiveParameter of each, in the order in which letters count them
+    entries : graph.schedule.LiveParameter of each, in the order of their indices in letters
     arena : the float64 array of the program
     """
 
@@ -53,10 +53,10 @@ cdef class LiveTable:
         free(self.script)
 
     def follow(self, changes):
-        """From now on make these changes in every run, besides what the mailbox brings.
+        """Apply these changes in every run from now on, in addition to the mailbox.
 
-        changes : (tick, index of the parameter, value, slew), in the order of ticks; from each change on the parameter ramps with its slew,
-            as it did in the run that was recorded. ValueError for one that the table does not allow
+        changes : (tick, index of the parameter, value, slew), in the order of ticks; each sets the slew of the
+            parameter from then on, as in the recorded run. Raises ValueError for one that the table does not allow
         """
         cdef Letter letter
         free(self.script)
@@ -70,7 +70,7 @@ cdef class LiveTable:
                 raise ValueError("parameter %d cannot be %r" % (index, value))
 
     def reset(self):
-        """Every parameter as it was built. Native ones are as the arena has them at reset."""
+        """Restore every parameter to its built value. Native ones are reset with the arena."""
         cdef int index
         cdef LiveParameter *parameter
         self.moving = 0
@@ -79,7 +79,7 @@ cdef class LiveTable:
         self.gil_taken = 0
         self.played = 0
         self.due = self.script[0].tick if self.scripted else NEVER
-        self.seen = <uint64_t>-1                # whatever waits is looked at in the first tick
+        self.seen = <uint64_t>-1                # check waiting letters in the first tick
         self.error = self.culprit = None
         for index in range(self.count):
             parameter = &self.parameters[index]
@@ -90,17 +90,17 @@ cdef class LiveTable:
             raise self.error
 
     def leave(self):
-        """The blocks of a diagram as they were built, once a run is over. What the run has come to stays in the arena and on the page."""
+        """Restore the blocks of the diagram after a run. The arena and the shared state keep the final values."""
         for entry in self.entries:
             if entry.block is not None:
                 setattr(entry.block, entry.name, TYPES[entry.dtype](entry.built))
 
     cdef void forgive(self):
-        """What the code behind an attribute has raised is over."""
+        """Clear the exception of setting an attribute."""
         self.error = self.culprit = None
 
     cdef void show(self, SharedLayout *page) noexcept nogil:
-        """Where the others can read it."""
+        """Write the values to the shared state."""
         cdef int index
         if page == NULL or page.live_count != self.count:
             return
@@ -108,7 +108,7 @@ cdef class LiveTable:
             shown(page)[index].value, shown(page)[index].target = self.parameters[index].value, self.parameters[index].target
 
     cdef void dismiss(self, SharedLayout *page) noexcept nogil:
-        """Answer what still waits: there is no run any more that it could change."""
+        """Answer the waiting letters: the run has ended."""
         cdef Letter *letter
         cdef uint64_t state
         cdef int rounds
@@ -134,11 +134,11 @@ cdef class LiveTable:
         return status
 
     cdef bint stop_wanted(self, SharedLayout *page, int64_t tick) noexcept nogil:
-        """Whether a letter asks for the end of the run."""
+        """Return whether a letter requests the end of the run."""
         return self.asked(page, STOP, tick, TAKEN)
 
     cdef bint waits(self, SharedLayout *page, int32_t kind) noexcept nogil:
-        """Whether a letter of this kind waits for an answer."""
+        """Return whether a letter of this kind waits for an answer."""
         cdef int index
         if page == NULL:
             return False
@@ -148,7 +148,10 @@ cdef class LiveTable:
         return False
 
     cdef bint asked(self, SharedLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil:
-        """Whether a letter of this kind waits; it gets that answer. It needs no room in the ring: what follows is recorded anyhow."""
+        """Return whether a letter of this kind waits, and answer it.
+
+        It takes no space in the ring: its effect is recorded separately.
+        """
         cdef int index
         cdef Letter *letter
         cdef Letter copy
@@ -167,23 +170,26 @@ cdef class LiveTable:
         return False
 
     cdef void play(self, SharedLayout *page, int64_t tick) noexcept nogil:
-        """Carry out what the script has for this tick."""
+        """Carry out the changes of the script for this tick."""
         cdef Letter letter
         letter.state, letter.kind, letter.origin, letter.count = 0, SET, BY_REPLAY, 1
         while self.played < self.scripted and self.script[self.played].tick <= tick:
             letter.parameters[0], letter.values[0] = self.script[self.played].parameter, self.script[self.played].value
             self.parameters[letter.parameters[0]].slew = self.script[self.played].slew
             if not self.carry_out(page, &letter, tick):
-                break                           # the ring is full: in the next tick then
+                break                           # the ring is full: try again in the next tick
             self.played += 1
         self.due = self.script[self.played].tick if self.played < self.scripted else NEVER
 
     cdef int take(self, SharedLayout *page, int64_t tick) noexcept nogil:
-        """Carry out what waits, in the order in which it was posted. What comes in the meantime may wait for the next tick."""
+        """Carry out waiting letters, in the order of posting.
+
+        Letters that arrive meanwhile may wait for the next tick.
+        """
         cdef uint64_t posted = load_u64(&page.mailbox.posted)
         cdef uint64_t state
         cdef Letter *letter
-        cdef Letter copy                        # a writer gone wild cannot change what has been checked
+        cdef Letter copy                        # a defective writer cannot change what has been checked
         cdef int rounds, verdict
         if self.stop_wanted(page, tick):
             return STOP_WANTED
@@ -213,7 +219,7 @@ cdef class LiveTable:
         if letter.kind == MARK:
             return TAKEN
         if letter.kind == CONFIRM or letter.kind == REARM:
-            return NOT_NOW                          # whoever waits for them asks by `asked`
+            return NOT_NOW                          # `asked` handles those that are waited for
         if letter.kind != SET or not 0 < letter.count <= CHANGES:
             return UNKNOWN
         for index in range(letter.count):
@@ -226,7 +232,7 @@ cdef class LiveTable:
         return TAKEN
 
     cdef bint carry_out(self, SharedLayout *page, const Letter *letter, int64_t tick) noexcept nogil:
-        """Set targets and record them. False: the ring has no room, and nothing was done."""
+        """Set targets and record them. Returns False, with nothing done, if the ring is full."""
         cdef int count = letter.count if letter.kind == SET else 1
         cdef int index
         cdef LiveParameter *parameter
@@ -247,11 +253,11 @@ cdef class LiveTable:
             change += 1
         commit(page)
         if letter.kind == SET:
-            self.moving = self.count            # `advance` counts anew
+            self.moving = self.count            # `advance` counts again
         return True
 
     cdef int advance(self, double dt) noexcept nogil:
-        """Every parameter towards its target, as far as it gets in dt s."""
+        """Move every parameter towards its target, by dt s."""
         cdef int index
         cdef double difference
         cdef bint python = False
@@ -277,7 +283,7 @@ cdef class LiveTable:
         return self.tell_python(self.laps)
 
     cdef int tell_python(self, Laps *laps) noexcept nogil:
-        """Attributes of Python blocks, for what has changed. laps : what times the wait for the GIL, or NULL"""
+        """Set the attributes of Python blocks that have changed. laps : for the wait for the GIL, or NULL"""
         cdef int index
         cdef int64_t waited
         cdef LiveParameter *parameter

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""The writers' side of the mailbox. What is written is not checked here: the loop trusts nobody and checks it itself."""
+"""Writer side of the mailbox. Values are not checked here but by the loop."""
 
 import os
 
@@ -14,17 +14,17 @@ from cext.safety.shared_state cimport SharedState
 
 ORIGINS = {"set": BY_SET, "keys": BY_KEYS}
 ANSWERS = {TAKEN: "taken", OUT_OF_BOUNDS: "out of bounds", UNKNOWN: "unknown", OVER: "over", NOT_NOW: "not now"}
-MOST_CHANGES = CHANGES
+CHANGE_LIMIT = CHANGES
 
 
 cdef class Writer:
-    """Writes to the mailbox of a page.
+    """Writer to the mailbox of a run.
 
     page : cext.safety.shared_state.SharedState
     origin : "set" or "keys"
 
-    `set` and the others give back a ticket, or None while the mailbox is full. A ticket's letter is the writer's until `answer`
-    has given its answer, or `withdraw` has taken it back.
+    `set` and the others return a ticket, or None while the mailbox is full. The letter of a ticket belongs to the
+    writer until `answer` has returned its answer, or `withdraw` has taken it back.
     """
 
     cdef SharedState page
@@ -35,7 +35,10 @@ cdef class Writer:
         self.page, self.mailbox, self.origin = page, &page.layout.mailbox, ORIGINS[origin]
 
     def set(self, changes):
-        """changes : pairs (index of the parameter, value), MOST_CHANGES at most, that take effect in one tick, all or none"""
+        """Set parameters.
+
+        changes : at most CHANGE_LIMIT pairs (index of the parameter, value), which take effect in one tick, all or none
+        """
         if len(changes) > CHANGES:
             raise ValueError("a letter takes at most %d changes, not %d" % (CHANGES, len(changes)))
         return self.post(SET, changes)
@@ -47,11 +50,11 @@ cdef class Writer:
         return self.post(STOP, ())
 
     def confirm(self):
-        """Arm the robot that is ready."""
+        """Arm a robot that is ready."""
         return self.post(CONFIRM, ())
 
     def rearm(self):
-        """Arm again, after a fault."""
+        """Arm again after a fault."""
         return self.post(REARM, ())
 
     cdef object post(self, int kind, changes):
@@ -70,7 +73,7 @@ cdef class Writer:
         return index
 
     cdef int claim(self, uint64_t state):
-        """A letter that is now in `state`, ours; -1 if there is none."""
+        """Claim a letter and set its `state`. Returns its index; -1 if there is none."""
         cdef int index
         cdef uint64_t found
         cdef uint64_t *place
@@ -85,7 +88,9 @@ cdef class Writer:
         return -1
 
     def answer(self, int ticket):
-        """None while the letter waits, else (one of ANSWERS, tick, number of the mark); the ticket is used up then."""
+        """Return None while the letter waits, else (one of ANSWERS, tick, number of the mark), which ends the
+        ticket.
+        """
         cdef Letter *letter = &self.mailbox.letters[ticket]
         if step_of(load_u64(&letter.state)) != ANSWERED:
             return None
@@ -94,7 +99,7 @@ cdef class Writer:
         return answer
 
     def withdraw(self, int ticket):
-        """Take back a letter that waits; the ticket is used up then. False: the loop has it."""
+        """Take back a waiting letter, which ends the ticket. Returns False if the loop has taken it."""
         cdef Letter *letter = &self.mailbox.letters[ticket]
         cdef uint64_t mine = <uint64_t>os.getpid() << 32
         return swap(&letter.state, mine | POSTED, FREE)

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""How a run ended, and the names of the faults."""
+"""Outcome of a run, and the names of the faults."""
 
 from dataclasses import dataclass
 
@@ -39,18 +39,18 @@ STATUS = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended.
+    """Outcome of a run.
 
     status : "ok", or the fault: one of the values of STATUS, or "kernel status N"
-    culprit : path of the block, device or bus the fault came from, or None
-    tick : the grid point it happened at; -1 while arming
-    signal : number of the signal that ended the run, 0 if none
-    error : the exception of a Python block, or None; of one that hung, the KeyboardInterrupt that broke it
+    culprit : path of the block, device or bus that failed, or None
+    tick : grid point of the fault; -1 while arming
+    signal : number of the signal that ended the run, 0 for none
+    error : exception of a Python block, or None; for a hung one, the KeyboardInterrupt of the watchdog
     unconfirmed : paths of the devices that did not confirm the safe stop
-    unanswered : paths of the devices that did not answer while arming
-    stopped : somebody asked for the end through the mailbox
-    hung : s that the tick had worked when it came back to the loop, where a block hung; else 0
-    faults : Outcome of each fault that the run has survived, as somebody armed it again
+    unanswered : paths of the devices that did not reply while arming
+    stopped : whether a letter of the mailbox requested the end
+    hung : s that the tick of a hung block ran until it returned; else 0
+    faults : Outcome of each fault that the run has survived by arming again
     """
 
     status: str
@@ -70,5 +70,5 @@ class Outcome:
 
 
 def name_of(int status):
-    """The word for a status of the tick."""
+    """Return the name of a tick's status."""
     return STATUS.get(status, "kernel status %d" % status)

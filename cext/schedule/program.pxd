@@ -14,12 +14,12 @@ cdef struct Step:
     const int32_t *sizes
     PyObject *python             # a PythonStep
 
-cdef struct Segment:             # neighbours of one kind, one rate and one condition
+cdef struct Segment:             # consecutive steps of one kind, one rate and one condition
     int first
     int last
     int every                    # runs when floor(tick / every) has changed
     int condition_count
-    const int32_t *conditions    # slots that must all be true; the segment holds while one is not
+    const int32_t *conditions    # slots that must all be true; else the segment holds its outputs
     bint python
 
 cdef struct Phase:
@@ -27,34 +27,34 @@ cdef struct Phase:
     Segment *segments
     int step_count
     int segment_count
-    int item                     # of the stopwatch: that of its first step, below 0 where no stamps are wanted
+    int item                     # stopwatch item of its first step, below 0 for none
 
 cdef struct FailedStep:          # -1: none
     int phase
     int step
 
 cdef class Program:
-    """The tables of one schedule, ready for the executor."""
+    """Tables of one schedule, for the executor."""
     cdef double *arena
-    cdef const double *initial   # what the arena holds at reset
+    cdef const double *initial   # arena at reset
     cdef int size
     cdef object memory, image, keep, kept
-    cdef double *last            # the arena as it was when the run ended
+    cdef double *last            # arena at the end of the run
     cdef Phase look, settle, output, update
-    cdef int memory_start        # slot from which on the arena is state
+    cdef int memory_start        # first slot of the state
     cdef Devices devices
     cdef readonly LiveTable live
     cdef int32_t *columns
     cdef int column_count
-    cdef public object error     # what a Python step raised
+    cdef public object error     # exception of a Python step
     cdef FailedStep failed
     cdef Stopwatch watch
-    cdef Laps *laps              # its own; NULL: no stamps
-    cdef int at                  # item of the stopwatch that it is working on, below 0: something else
+    cdef Laps *laps              # NULL: not timed
+    cdef int at                  # present stopwatch item, below 0: none
     cdef int64_t gil_taken
     cdef list blocks
     cdef list holding            # PythonSteps that may hold exceptions
-    cdef SharedLayout *page        # where the first one held is told; NULL: nowhere
+    cdef SharedLayout *page        # for the event of the first held exception; NULL: none
     cdef object schedule
 
     cdef void stamp(self, Stopwatch watch)

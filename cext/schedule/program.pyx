@@ -1,12 +1,12 @@
 # cython: freethreading_compatible=True
-"""A schedule loaded into native memory: its arena, and its steps in order.
+"""Program: a schedule in native memory, with its arena and its steps in order.
 
-    look       what of the present measurement blocks can start from
-    settle     they start from it
-    output     the steps of a tick, in segments of one kind, so that the GIL is taken once for neighbouring Python steps
+    look       steps that read the present measurement for the start of blocks
+    settle     steps that start blocks from it
+    output     steps of a tick, in segments of one kind, so that the GIL is acquired once for consecutive Python steps
     update     steps that prepare the next tick
 
-What goes over wires is its devices' part; the life cycle around these, the clock and the recording are the executor's.
+Its devices communicate; the executor has the life cycle, the clock and the recording.
 """
 
 import numpy as np
@@ -24,11 +24,11 @@ from cext.clock.stopwatch cimport FIRST_STEP, GIL_WAIT, lap
 from cext.schedule.kernel_table import address, words
 
 cdef enum:
-    UNTIMED = -1000000              # so far below 0 that no step of the phase is an item
+    UNTIMED = -1000000              # so far below 0 that no step of the phase becomes an item
 
 
 cdef class Program:
-    """Loads a `graph.Schedule`.
+    """Program of a `graph.Schedule`.
 
     Parameters
     ----------
@@ -70,14 +70,14 @@ cdef class Program:
         free(self.columns)
 
     cdef int load_phase(self, Phase *phase, steps, bint holds) except -1:
-        """Copy the steps and cut them into segments of neighbours of one kind, rate and condition.
+        """Copy the steps, and split them into segments of consecutive steps of one kind, rate and condition.
 
-        holds : whether steps may hold exceptions: not while a robot is being armed
+        holds : whether steps may hold exceptions, which they may not while a robot is being armed
         """
         cdef Step *step
         cdef Segment *segment = NULL
         cdef int index
-        # The tables of all steps lie in one run of memory, in the order of the tick, so that the cache gets them ahead of time.
+        # The tables of all steps are contiguous, in the order of the tick, for prefetching.
         tables = [entry.table for entry in steps if entry.kernel is not None]
         cdef const int32_t *table = self.hold(words(word for each in tables for word in (*each.counts, *each.slots, *each.sizes)))
         phase.steps = <Step *>calloc(max(1, len(steps)), sizeof(Step))
@@ -110,12 +110,12 @@ cdef class Program:
         return 0
 
     cdef int32_t *hold(self, array) except? NULL:
-        """Address of an array that lives as long as the program."""
+        """Return the address of an array, and keep the array as long as the program."""
         self.keep.append(array)
         return <int32_t *><uintptr_t>array.ctypes.data
 
     def reset(self):
-        """Everything as at the first tick: arena, devices, Python blocks."""
+        """Restore the state of the first tick: arena, devices, Python blocks."""
         self.memory[:] = self.image
         self.live.reset()
         for block in self.blocks:
@@ -129,17 +129,17 @@ cdef class Program:
 
     @property
     def values(self):
-        """The arena as an array: the live memory, not a copy."""
+        """The arena as an array that shares its memory."""
         return self.memory
 
     @property
     def late(self):
-        """s, how late the newest tick began."""
+        """Lateness of the newest tick in s."""
         return float(self.arena[LATENESS])
 
     @property
     def held(self):
-        """Exceptions that were no fault: a list of (path, how many, tick of the first, the last one) of each block that held any."""
+        """Held exceptions: a list of (path, count, first tick, last exception) of each block that held any."""
         found = {}
         for call in self.holding:
             if call.held:
@@ -149,31 +149,31 @@ cdef class Program:
 
     @property
     def latencies(self):
-        """How long each device on a rig took to answer, as cext.schedule.devices.Devices.latencies has it."""
+        """Reply times of each device on a rig, as of cext.schedule.devices.Devices.latencies."""
         return self.devices.latencies
 
     @property
     def missed(self):
-        """Commands that were not answered in time, as cext.schedule.devices.Devices.missed has it."""
+        """Commands without a reply in time, as of cext.schedule.devices.Devices.missed."""
         return self.devices.missed
 
     @property
     def malformed(self):
-        """Frames that devices have rejected, as cext.schedule.devices.Devices.malformed has it."""
+        """Frames that devices rejected, as of cext.schedule.devices.Devices.malformed."""
         return self.devices.malformed
 
     @property
     def unready(self):
-        """Devices that answer and have not returned what arming wrote, as cext.schedule.devices.Devices.unready has it."""
+        """Devices that reply but have not returned what arming wrote, as of cext.schedule.devices.Devices.unready."""
         return self.devices.unready
 
     def count_from(self, int64_t tick):
-        """What is not answered in time before this tick, when arming may still fill the bus, is not counted."""
+        """Count missing replies from this tick on, as arming may fill the bus before."""
         self.devices.counted_from = tick
 
     @property
     def watched(self):
-        """What was seen of each actuator, as cext.safety.drive_watch.DriveWatch.found has it."""
+        """Monitored values of each actuator, as of cext.safety.drive_watch.DriveWatch.found."""
         return self.devices.drives.found
 
     @property
@@ -187,18 +187,20 @@ cdef class Program:
         return self.live.culprit
 
     cdef void stamp(self, Stopwatch watch):
-        """Time the parts of each tick with a stopwatch, or with None, not."""
+        """Time the parts of each tick with a stopwatch, or not, with None."""
         self.watch = watch
         self.laps = self.devices.laps = self.live.laps = NULL if watch is None else &watch.laps
         self.devices.item = FIRST_STEP + self.output.step_count + self.update.step_count
 
     def inputs(self, str path):
-        """Values at the scalar inputs of a block when the run ended, by name; empty if the schedule does not know it."""
+        """Return the values at the scalar inputs of a block at the end of the run, by name; empty for an unknown
+        block.
+        """
         return {name: float(self.kept[slot]) for name, slot in self.schedule.inputs.get(path, {}).items()}
 
     @property
     def final(self):
-        """The arena as it was when the run ended, before its safe stop heard anything."""
+        """The arena at the end of the run, before the safe stop received anything."""
         return self.kept
 
     cdef void keep_values(self) noexcept nogil:
@@ -228,13 +230,13 @@ cdef class Program:
         return OK
 
     cdef int64_t due(self, Segment *segment, int64_t tick, int64_t previous) noexcept nogil:
-        """How many of its periods have passed since it ran: 0, and it rests."""
+        """Return how many of its periods have passed since it ran; with 0 it does not run."""
         if segment.condition_count and not self.enabled(segment):
             return 0
         return 1 if segment.every == 1 or previous < 0 else tick // segment.every - previous // segment.every
 
     cdef void set_clock(self, Segment *segment, int64_t periods, double dt, double period) noexcept nogil:
-        """A slow block sees its own clock: its period, and how many of them have passed."""
+        """Set the clock of a slow block: its period, and the number of periods passed."""
         if segment.every != 1:
             period *= segment.every
             dt = periods * period
@@ -275,7 +277,10 @@ cdef class Program:
         self.failed.phase = 0 if phase == &self.look else 1 if phase == &self.settle else 2 if phase == &self.output else 3
 
     cdef int run_python(self, Phase *phase, int *index, int64_t tick, int64_t previous) noexcept nogil:
-        """The segment at `index` and all Python neighbours behind it, under one hold of the GIL. Leaves `index` at the last of them."""
+        """Run the segment at `index` and all consecutive Python segments under one acquisition of the GIL.
+
+        Leaves `index` at the last.
+        """
         cdef Segment *segment
         cdef int step = -1
         cdef int64_t periods
@@ -318,12 +323,15 @@ cdef class Program:
         return OK
 
     cdef uint64_t share(self, SharedLayout *page):
-        """Where to tell of exceptions held and of actuators; NULL: nowhere. Returns how many bytes one tick may take of the ring for that."""
+        """Set the shared state for events of held exceptions and actuators, or NULL.
+
+        Returns the ring bytes that one tick may need.
+        """
         self.page = page
         return self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
 
     cdef int start_from_here(self) noexcept nogil:
-        """Blocks start anew from the present measurement: one look at it, then all state as at reset, then those that can settle do."""
+        """Restart blocks from the present measurement: run `look`, reset all state, then run `settle`."""
         cdef int status = self.run(&self.look, 0, -1)
         self.at = -1
         if status == OK:

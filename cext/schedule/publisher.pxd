@@ -10,12 +10,12 @@ cdef class Publisher:
     cdef bint virtual
     cdef int reader
     cdef const int32_t *caught
-    cdef int64_t guard               # ns of the guardian's silence that end the run, 0: there is none
-    cdef uint64_t most               # bytes that one tick pushes at most
+    cdef int64_t guard               # ns of the guardian's silence that end the run, 0: no guardian
+    cdef uint64_t most               # ring bytes of one tick, at most
     cdef object table                # the array behind `recent`
-    cdef double *recent              # the rows of the newest ticks, a ring of its own; with `table`, of all ticks
-    cdef int64_t recent_size         # rows that fit there
-    cdef int64_t recent_count        # rows that were ever put there
+    cdef double *recent              # rows of the newest ticks, a ring; with `table`, of all ticks
+    cdef int64_t recent_size         # capacity in rows
+    cdef int64_t recent_count        # rows written in total
     cdef bint records                # whether rows have a destination
 
     cdef void clear(self)

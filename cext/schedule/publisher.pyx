@@ -1,5 +1,7 @@
 # cython: freethreading_compatible=True
-"""What a run puts on the shared page: its state, its rows, and the waiting for a reader in virtual time."""
+"""Publisher of a run: it writes the state, the rows and the events to the shared state, and waits for a reader in
+virtual time.
+"""
 
 from libc.stdint cimport uintptr_t
 from libc.string cimport memcpy, memset
@@ -18,20 +20,22 @@ from cext.posix cimport POLLIN, poll, pollfd
 from cext.clock.signals cimport Signals
 
 cdef enum:
-    RECENT = 6                      # rows that are kept to tell of what led to a fault
+    RECENT = 6                      # rows that are kept for the report of a fault
 
 
 cdef class Publisher:
-    """The page from the side of the loop.
+    """Loop side of the shared state.
 
     Parameters
     ----------
-    page : SharedState or None; without one, nothing is told
+    page : SharedState or None; without one, nothing is published
     program : Program whose columns make a row
-    virtual : a full ring makes the loop wait instead of dropping
-    reader : a file descriptor that hangs up when nobody drains the page any more, or -1; that frees a loop that waits for it
-    guard : ns of the guardian's silence that end the run, 0 where there is no guardian
-    rows : C-contiguous float64 array (ticks, 2 + columns) that receives the row of every tick: tick, lateness in s, recorded signals; or None.
+    virtual : the loop waits for space in a full ring instead of dropping records
+    reader : file descriptor that hangs up when the reader of the shared state has ended, or -1; it ends a wait for
+        space
+    guard : ns of the guardian's silence that end the run, 0 without a guardian
+    rows : C-contiguous float64 array (ticks, 2 + columns) for the row of every tick: tick, lateness in s, recorded
+        signals; or None.
         A run with more ticks overwrites the first rows
     """
 
@@ -47,7 +51,7 @@ cdef class Publisher:
         self.most += LETTERS * (8 + CHANGES * sizeof(Change))
         self.most += program.share(self.layout)
         if page is not None:
-            self.most = min(self.most, page.layout.capacity // 2)          # a ring too small for that drops
+            self.most = min(self.most, page.layout.capacity // 2)          # a smaller ring drops records
         self.records = page is not None or rows is not None
         self.table = np.zeros((RECENT, 2 + program.column_count)) if rows is None else rows
         if (self.table.ndim != 2 or len(self.table) == 0 or self.table.shape[1] != 2 + program.column_count or self.table.dtype != np.float64
@@ -57,7 +61,7 @@ cdef class Publisher:
         self.recent_size = len(self.table)
 
     def newest(self):
-        """The newest rows, the oldest first, each as a tuple: the tick, its lateness in s, the recorded signals."""
+        """Return the newest rows in order, each as a tuple: tick, lateness in s, recorded signals."""
         cdef int width = 2 + self.program.column_count
         cdef int64_t row
         return [
@@ -66,7 +70,7 @@ cdef class Publisher:
         ]
 
     cdef void clear(self):
-        """Forget an earlier run on the same page; the ring keeps what has not been read."""
+        """Clear the statistics of an earlier run; the ring keeps what has not been read."""
         cdef SharedLayout *page = self.layout
         self.recent_count = 0
         if page == NULL:
@@ -76,7 +80,7 @@ cdef class Publisher:
         page.frames_received = page.frames_sent = page.frames_foreign = page.frames_malformed = 0
         page.status = page.closed = page.hung = page.crashed = 0
         if page.began != 0:
-            page.fence = 0              # of the run before; one that was raised ahead of the first run holds
+            page.fence = 0              # of the previous run; one that was raised before the first run stays
         memset(&page.lateness, 0, sizeof(Histogram))
         memset(&page.period, 0, sizeof(Histogram))
         memset(&page.execution, 0, sizeof(Histogram))
@@ -92,7 +96,10 @@ cdef class Publisher:
         return self.layout != NULL and load_i32(&self.layout.fence) != 0
 
     cdef int attend(self, int64_t now) noexcept nogil:
-        """Show that the loop is alive, and see whether it may go on: OK, FENCED or UNGUARDED. now : ns, CLOCK_MONOTONIC"""
+        """Record that the loop is alive, and return whether it may continue: OK, FENCED or UNGUARDED.
+
+        now : ns of CLOCK_MONOTONIC
+        """
         if self.layout == NULL:
             return OK
         store_i64(&self.layout.beat, now)
@@ -101,11 +108,13 @@ cdef class Publisher:
         return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK
 
     cdef bint guardian_is_gone(self, int64_t now) noexcept nogil:
-        """Whether the guardian has not looked for too long, or its thread has died: the kernel marks the mutex that it holds."""
+        """Return whether the guardian is silent for too long, or its thread has died, which the kernel marks in its
+        mutex.
+        """
         return now - load_i64(&self.layout.guard) > self.guard or find_dead(&self.layout.guard_hold, &self.layout.guard_dead)
 
     cdef bint guardian_is_late(self) noexcept nogil:
-        """Whether drives that seem silent may be so because the guardian is, which carries their frames."""
+        """Return whether drives may seem silent because the guardian, which carries their frames, is late."""
         return self.guard > 0 and (find_dead(&self.layout.guard_hold, &self.layout.guard_dead) or monotonic() - load_i64(&self.layout.guard) > self.guard // 2)
 
     cdef void raise_fence(self) noexcept nogil:
@@ -113,11 +122,11 @@ cdef class Publisher:
             swap_i32(&self.layout.fence, 0, FENCED_HERE)
 
     cdef bint lower_fence(self) noexcept nogil:
-        """To arm again. False: it is another process's, which has stopped this run."""
+        """Lower the fence to arm again. Returns False if another process has raised it, which stops this run."""
         return self.layout == NULL or swap_i32(&self.layout.fence, FENCED_HERE, 0)
 
     cdef int attend_fenced(self, int64_t now) noexcept nogil:
-        """As `attend`, behind the loop's own fence: FENCED if it is another's by now."""
+        """Like `attend`, behind the loop's own fence: FENCED if another process has raised it, too."""
         if self.layout == NULL:
             return OK
         store_i64(&self.layout.beat, now)
@@ -126,13 +135,19 @@ cdef class Publisher:
         return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK
 
     cdef void raise_fence_for(self, int item) noexcept nogil:
-        """The same where a tick hangs with an item of the stopwatch, -1 where that is not known: the page says why first."""
+        """Raise the fence because of a hung tick.
+
+        item : of the stopwatch, -1 if unknown, which the shared state reports first
+        """
         if self.layout != NULL:
             store_i32(&self.layout.hung, 1 + item if item >= 0 else -1)
         self.raise_fence()
 
     cdef bint push_row(self, int64_t tick) noexcept nogil:
-        """The recorded signals of this tick into the ring and the array of rows. False: a signal came while waiting for room."""
+        """Write the recorded signals of this tick to the ring and the array.
+
+        Returns False if a signal came while waiting for space.
+        """
         cdef SharedLayout *page = self.layout
         cdef int size = 2 + self.program.column_count
         cdef double *kept = self.recent + self.recent_count % self.recent_size * size
@@ -162,9 +177,9 @@ cdef class Publisher:
         return True
 
     cdef bint make_room(self, bint stopping) noexcept nogil:
-        """In virtual time: wait until the ring can take all that one tick pushes, so that nothing is dropped.
+        """Wait, in virtual time, until the ring can take all records of one tick, so that none is dropped.
 
-        False: a signal came. `stopping` waits through signals, for a second at most.
+        Returns False after a signal. `stopping` ignores signals, for a second at most.
         """
         cdef SharedLayout *page = self.layout
         cdef int64_t since
@@ -180,7 +195,7 @@ cdef class Publisher:
         return stopping or not self.caught[0]
 
     cdef bint wait_for_reader(self) noexcept nogil:
-        """A millisecond for the recorder to make room. False: there is no recorder, or it has ended."""
+        """Wait a millisecond for the recorder. Returns False if there is no recorder, or it has ended."""
         cdef pollfd ended
         if self.reader < 0:
             return False

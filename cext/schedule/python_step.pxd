@@ -15,14 +15,14 @@ cdef class PythonStep:
     cdef double[32] output_lows
     cdef double[32] output_highs
     cdef PyObject *arguments[33]
-    cdef readonly int hold               # exceptions in a row that are no fault
+    cdef readonly int hold               # limit of exceptions in a row that are held
     cdef int in_a_row
-    cdef bint given                      # it has returned once: there are values to keep
-    cdef double *kept                    # the outputs of the step before
-    cdef readonly int64_t held           # exceptions that were no fault
+    cdef bint given                      # it has returned once, so that there are values to keep
+    cdef double *kept                    # outputs of the previous step
+    cdef readonly int64_t held           # number of held exceptions
     cdef readonly int64_t first_held     # tick of the first
-    cdef readonly object last_held       # the last of them
-    cdef EventTemplate news                       # that tells of the first
+    cdef readonly object last_held       # last held exception
+    cdef EventTemplate news              # event of the first
     cdef list input_views, output_views, input_names, output_names
     cdef int call(self, double *arena) except -1
     cdef int attempt(self, double *arena, int64_t tick) except -1

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Python steps in the tick: floats out of the arena by vectorcall, results back into it."""
+"""Python steps of a tick: arguments from the arena by vectorcall, results back into it."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ cdef extern from *:
     static inline void tw_incref(PyObject *object) { Py_INCREF(object); }
     static inline int tw_reraise(void) { return -1; }
 
-    /* Put a float into a place. The one that is there is used again while nobody else has it. */
+    /* Store a float in a place. Reuse the object there if nothing else references it. */
     static inline int tw_put_float(PyObject **place, double value) {
         PyObject *old = *place;
     #ifndef Py_GIL_DISABLED
@@ -51,7 +51,7 @@ KINDS = {"float": REAL, "int": INTEGER, "bool": TRUTH}
 
 
 cdef class PythonStep:
-    """A Python callable with its arguments taken from the arena and its results put there.
+    """A Python callable with arguments from the arena and results stored there.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ cdef class PythonStep:
     inputs : list of (name, slot, dtype, shape); dtype is "float", "int" or "bool"; a shape other than () is passed as a view
     outputs : list of (name, slot, dtype, shape, low, high); a result outside its range is an error, NaN passes
     arena : the float64 array that the slots point into
-    hold : exceptions in a row after which the next is an error; until then the outputs keep their last values, once there are any
+    hold : limit of exceptions in a row that are held: the outputs keep their last values, once there are any
     """
 
     def __cinit__(self, callable, str name, inputs, outputs, arena, int hold=0):
@@ -90,14 +90,14 @@ cdef class PythonStep:
         self.reset()
 
     cdef void reset(self):
-        """Nothing has been held, and there is nothing yet that could be kept."""
+        """Clear the held exceptions and kept values."""
         self.in_a_row, self.held, self.first_held, self.last_held = 0, 0, -1, None
         self.given = self.output_count == 0
 
     cdef int attempt(self, double *arena, int64_t tick) except -1:
-        """Like `call`, but an exception leaves the outputs as they were, `hold` times in a row. Returns 1 at the first one held.
+        """Like `call`, but an exception keeps the outputs, `hold` times in a row. Returns 1 at the first held one.
 
-        What ends a program, such as SystemExit, is never held.
+        Exceptions that end a program, such as SystemExit, are never held.
         """
         self.keep(arena)
         try:
@@ -125,7 +125,7 @@ cdef class PythonStep:
             kept += self.output_sizes[index]
 
     cdef void put_back(self, double *arena) noexcept nogil:
-        """What a step that raised has written of its outputs is taken back."""
+        """Restore the outputs after a step that raised."""
         cdef int index
         cdef double *kept = self.kept
         for index in range(self.output_count):
@@ -146,7 +146,7 @@ cdef class PythonStep:
                 put_float(&self.arguments[index + 1], value)
                 continue
             if not isfinite(value):
-                raise ArithmeticError("%s.%s is %r, which is neither a whole number nor a truth" % (
+                raise ArithmeticError("%s.%s is %r, which is neither an int nor a bool" % (
                     self.name, self.input_names[index], value))
             if kind == INTEGER:
                 number = PyLong_FromDouble(value)
@@ -171,7 +171,7 @@ cdef class PythonStep:
                     self.store(0, <object>result, arena)
             elif self.output_count > 1:
                 if not isinstance(<object>result, (tuple, list)) or len(<object>result) != self.output_count:
-                    raise TypeError("%s.step must return %d values (%s), and returned %r" % (
+                    raise TypeError("%s.step must return %d values (%s), but returned %r" % (
                         self.name, self.output_count, ", ".join(self.output_names), <object>result))
                 for index in range(self.output_count):
                     self.store(index, (<object>result)[index], arena)
@@ -189,7 +189,7 @@ cdef class PythonStep:
                 number = value.__index__() if kind == INTEGER else PyFloat_AsDouble(value)
                 if kind == TRUTH:
                     if number != number:
-                        raise ValueError("NaN is neither true nor false")
+                        raise ValueError("NaN is not a bool")
                     number = number != 0.0
                 if number < self.output_lows[index] or number > self.output_highs[index]:
                     self.refuse(index, value)
@@ -206,7 +206,7 @@ cdef class PythonStep:
         if type(value) is not np.ndarray or value.dtype is not FLOAT:
             value = np.asarray(value, dtype=FLOAT)
         if value.shape != view.shape:
-            raise ValueError("shape %s where %s is declared" % (value.shape, view.shape))
+            raise ValueError("shape %s instead of the declared %s" % (value.shape, view.shape))
         if value.flags.c_contiguous:
             PyObject_GetBuffer(value, &buffer, PyBUF_C_CONTIGUOUS)
             memmove(run, buffer.buf, buffer.len)
@@ -219,11 +219,11 @@ cdef class PythonStep:
         return 0
 
     cdef int refuse(self, int index, value) except -1:
-        raise ArithmeticError("%s.%s is %r, outside the range [%g, %g] that it declares" % (
+        raise ArithmeticError("%s.%s is %r, outside its declared range [%g, %g]" % (
             self.name, self.output_names[index], value, self.output_lows[index], self.output_highs[index]))
 
     def __call__(self, arena):
-        """Call it once on an arena of doubles; for tests and for `block.step`."""
+        """Call the step once on an arena of doubles; for tests and for `block.step`."""
         cdef double[::1] view = arena
         self.call(&view[0])
 

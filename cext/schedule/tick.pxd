@@ -13,9 +13,9 @@ cdef class Tick:
     cdef Handover *handover              # of the watchdog, NULL without one
     cdef int substeps
     cdef int64_t plant_tick
-    cdef int64_t plant_due       # ns from the run's begin, at which the next step of the plant begins
+    cdef int64_t plant_due       # ns from the begin of the run to the next step of the plant
     cdef readonly Stopwatch watch        # of the robot
-    cdef readonly Stopwatch plant_watch  # of its plant, where there is a profile
+    cdef readonly Stopwatch plant_watch  # of its plant, with a profile
 
     cdef void reset(self)
     cdef void set_clock(self, int64_t tick, int64_t previous, int64_t late) noexcept nogil

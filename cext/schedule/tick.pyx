@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""One tick of a robot, and the share of its period that its plant has."""
+"""One tick of a robot, and the part of its period for the plant."""
 
 from libc.stdlib cimport calloc, free
 
@@ -13,16 +13,16 @@ from cext.schedule.watchdog cimport let_go, take_back
 
 
 cdef class Tick:
-    """The programs that a tick runs, in their order.
+    """Programs of a tick, in order.
 
-    plant : Program or None, run `substeps` times at the tick's end
+    plant : Program or None, run `substeps` times at the end of the tick
     stamped : whether the parts of a tick are timed
-    profile : whether every step is
+    profile : whether every step is timed
     """
 
     def __init__(self, Program control, Program plant, int substeps, DeadlineClock pace, Publisher journal, bint stamped, bint profile):
         if substeps < 1:
-            raise ValueError("the plant's rate must be a whole multiple of the diagram's")
+            raise ValueError("the plant's rate must be an integer multiple of the diagram's")
         self.control, self.plant, self.substeps, self.pace, self.journal = control, plant, substeps, pace, journal
         self.watch = Stopwatch(control.schedule, profile)
         control.stamp(self.watch if stamped or profile else None)
@@ -45,7 +45,10 @@ cdef class Tick:
         write_clock(self.control.arena, tick, previous, self.pace.rate, late)
 
     cdef int run(self, int64_t tick, int64_t previous, int64_t now) noexcept nogil:
-        """From the mailbox and the first frame received to the last state updated. now : ns from the run's begin"""
+        """Run a tick, from the mailbox and the first received frame to the last state update.
+
+        now : ns from the begin of the run
+        """
         cdef Laps *laps = self.control.laps if self.control.devices.bus_count > 0 else NULL
         cdef int64_t on_wires = 0
         cdef int status
@@ -86,7 +89,7 @@ cdef class Tick:
         return status
 
     cdef int advance_plant(self, int64_t now) noexcept nogil:
-        """The plant's share of a period: it hears what was sent, moves, and answers."""
+        """Run the plant for a period: it receives frames, moves, and replies."""
         cdef int index, status
         if self.plant is None:
             return OK
@@ -98,7 +101,10 @@ cdef class Tick:
         return OK
 
     cdef void advance_plant_until(self, int64_t until) noexcept nogil:
-        """All steps of the plant that begin before `until`, in ns from the run's begin. For a safe stop, whose rounds are no periods."""
+        """Run all steps of the plant that begin before `until`, in ns from the begin of the run.
+
+        For a safe stop, whose rounds are no periods.
+        """
         if self.plant is None:
             return
         while self.plant_due < until:
@@ -127,9 +133,9 @@ cdef class Tick:
         return status
 
     def spin(self, int64_t ticks):
-        """Run bare ticks as fast as possible: no devices, no clock, no plant, and what is recorded goes nowhere.
+        """Run bare ticks as fast as possible: no devices, no clock, no plant, no recording.
 
-        Returns the status, and the ns of this thread's processor time that they took.
+        Returns the status and the ns of this thread's processor time.
         """
         cdef int64_t start, tick
         cdef int status = OK

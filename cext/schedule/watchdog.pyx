@@ -1,17 +1,20 @@
 # cython: freethreading_compatible=True
-"""The watchdog of a run on a rig: a native thread that stops the motors where a step of a tick does not come back.
+"""Watchdog of a run on a rig: a native thread that stops the motors if a step of a tick does not return.
 
-    watch     for how long the present tick has been at work. The sleep between ticks is no work, so a late wake-up is no hang
-    fence     raised when a tick has worked for max(3 periods, 15 ms)
-    stop      the frames of the safe stop to every device, every 5 ms, for 200 ms or until the loop is back
-    break     a signal ends the system call that a Python step may wait in, and becomes a KeyboardInterrupt there
-    exit      what cannot be broken stays, with its motors stopped, until a person asks for the end: then the process exits
+    watch     measure the work of the present tick. The sleep between ticks does not count, so a late wake-up is not a
+              hang
+    fence     raise it when a tick has worked for max(3 periods, 15 ms)
+    stop      send the frames of the safe stop to every device, every 5 ms, for 200 ms or until the loop returns
+    break     send a signal that ends a system call of a Python step and becomes a KeyboardInterrupt there
+    exit      if the step cannot be interrupted, wait with the motors stopped until the operator ends the run, then exit
+              the process
 
-It never takes the GIL, and sleeps until the first moment at which a tick can have worked for too long: a wake-up or two in that time.
+It never takes the GIL, and sleeps until a tick can first have worked for too long: one or two wake-ups in that time.
 
-The buses have one user at a time. The loop lets go of them while it is in steps, and takes them back with a compare-and-swap; the
-watchdog takes them from a step that hangs, with another, and keeps them until the loop, which then sends no command any more, has come
-to its end and dismissed it. Where the tick hangs elsewhere, as in a bus's own call, the fence is up and the guardian stops the motors.
+The buses have one user at a time. The loop releases them during steps, and acquires them with a compare-and-swap; the
+watchdog acquires them from a hung step in the same way, and keeps them until the loop, which then sends no further
+commands, has ended and dismissed it. If the tick hangs elsewhere, as in a bus's own call, the fence is raised and the
+guardian stops the motors.
 """
 
 import signal
@@ -46,12 +49,12 @@ cdef void *enter(void *context) noexcept nogil:
 
 
 cdef class Watchdog:
-    """The watchdog of one Executor.
+    """Watchdog of one Executor.
 
     program : Program whose ticks are watched, and whose devices are stopped
     period : ns
     wanted : whether to watch at all
-    processors : that it stays on; where there are none, those of the loop
+    processors : of the thread; those of the loop if empty
     """
 
     def __init__(self, Program program, Publisher journal, Signals signals, int64_t period, bint wanted, processors):
@@ -64,7 +67,7 @@ cdef class Watchdog:
         self.handover = &self.shared if wanted else NULL
 
     cdef int start(self) except -1:
-        """Watch from now on; the calling thread is the loop's."""
+        """Start to watch; the calling thread is the loop's."""
         cdef sched_param parameters
         cdef int failed
         if self.handover == NULL:
@@ -77,21 +80,22 @@ cdef class Watchdog:
         if sched_getscheduler(0) & ~SCHED_RESET_ON_FORK == SCHED_FIFO and sched_getparam(0, &parameters) == 0:
             self.priority = parameters.sched_priority + 1
         self.before = None
-        if threading.current_thread() is threading.main_thread():       # no other can be interrupted
+        if threading.current_thread() is threading.main_thread():       # only the main thread can be interrupted
             self.before = signal.signal(SIGURG, signal.default_int_handler)
         failed = start_thread(&self.thread, enter, <void *>self, STACK)
         if failed:
-            raise OSError(failed, "there is no thread for the watchdog")
+            raise OSError(failed, "cannot start the thread of the watchdog")
         self.running = True
         return 0
 
     cdef int end(self) except -1:
-        """Everything is as before `start`."""
+        """End the thread, and restore the state before `start`."""
         self.dismiss()
         if self.before is None:
             return 0
         try:
-            PyErr_CheckSignals()                                        # a signal that found the step gone already
+            # a signal that arrived after the step had returned
+            PyErr_CheckSignals()
         except KeyboardInterrupt:
             if not self.has_bitten():
                 raise
@@ -101,7 +105,7 @@ cdef class Watchdog:
         return 0
 
     cdef void dismiss(self) noexcept nogil:
-        """Wait until it has gone. From then on everything is the loop's again."""
+        """Wait until it has ended. The loop then owns everything again."""
         if not self.running:
             return
         self.running = False
@@ -122,11 +126,13 @@ cdef class Watchdog:
         name_and_priority(self.priority)
         while not load_i32(&self.leave):
             self.sleep(due)
-            now = monotonic()                                           # before `since` is read: so long it has worked for certain
+            # before `since` is read, as a lower bound of the work
+            now = monotonic()
             since = load_i64(&self.shared.since)
             if since == 0 or now - since < self.limit:
                 due = (now if since == 0 else since) + self.limit
-            elif now - due > self.limit // 4 and since != spared:       # we were away ourselves: so, perhaps, was the whole machine
+            # this thread was delayed, perhaps with the whole machine
+            elif now - due > self.limit // 4 and since != spared:
                 spared = since
                 due = now + self.limit // 3
             elif now >= due:
@@ -134,10 +140,11 @@ cdef class Watchdog:
                 self.stop(now)
 
     cdef void stop(self, int64_t now) noexcept nogil:
-        """The tick hangs. Returns when the loop is back."""
+        """Stop the motors of a hung tick. Returns when the loop has returned."""
         cdef int64_t began = now
         cdef int64_t damping = self.program.devices.longest_damping
-        cdef int64_t damped = 0 if self.running_ticks() else damping    # ns of damping that are not needed: nothing was under torque
+        # ns of unneeded damping, as nothing was under torque
+        cdef int64_t damped = 0 if self.running_ticks() else damping
         cdef int64_t due = now
         cdef int64_t nudge = now
         cdef bint mine = False
@@ -168,13 +175,16 @@ cdef class Watchdog:
 
 
 cdef void name_and_priority(int priority) noexcept nogil:
-    """One above the loop where that is granted, else beside it. Without a grant the guardian is there, who has one of its own."""
+    """Set a priority one above the loop if granted, else the same.
+
+    Without a grant the guardian, with its own priority, stops the motors.
+    """
     if not be_called("tickwork-watch", priority):
         be_called("tickwork-watch", priority - 1)
 
 
 cdef void hear_signals() noexcept nogil:
-    """Take the signals that end a run here, too: the loop's thread may have blocked them."""
+    """Unblock the signals that end a run, which the loop's thread may have blocked."""
     cdef sigset_t ours
     sigemptyset(&ours)
     sigaddset(&ours, SIGINT)
