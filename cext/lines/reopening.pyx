@@ -164,7 +164,7 @@ cdef class Reopening:
 
 
 cdef void tell(Source *source) noexcept nogil:
-        """Write the next message of its set-up."""
+    """Write the next message of its set-up."""
     cdef int begin = source.ends[source.said - 1] if source.said > 0 else 0
     write(source.fd, source.setup + begin, source.ends[source.said] - begin)
     source.said += 1
