@@ -134,7 +134,7 @@ def test_a_status_of_its_own_is_a_fault_that_names_the_block():
         (b"kernel", "a native kernel is a PyCapsule"),
         ("gain", "a native kernel is a PyCapsule"),
         (object(), "a native kernel is a PyCapsule"),
-        (ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double)(lambda x: 0), "takes 3 arguments, and .* takes 1"),
+        (ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double)(lambda x: 0), "takes 3 arguments, but .* takes 1"),
         (KERNEL(), "cannot be a null pointer"),
     ],
 )

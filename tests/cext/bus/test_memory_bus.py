@@ -70,7 +70,7 @@ def test_a_program_wants_an_end_for_each_bus():
         for bus in ("a", "b"):
             CubeMars("AK80-9", bus=bus, name=bus)(torque_command=0.0)
     schedule = compile(robot)
-    with pytest.raises(ValueError, match="the schedule has 2 buses, and 1 ends were given"):
+    with pytest.raises(ValueError, match="the schedule has 2 buses, but 1 ends were given"):
         Program(schedule, [MemoryBus().host])
     with pytest.raises(TypeError):
         Program(schedule, [MemoryBus(), MemoryBus()])

@@ -78,7 +78,7 @@ def test_who_has_let_go_is_not_mourned(page, holder):
 
 
 def test_a_hold_is_of_one_process_and_a_second_time_is_the_same_one(page, holder):
-    with pytest.raises(OSError, match="somebody else has the hold"):
+    with pytest.raises(OSError, match="another thread holds the loop's mutex"):
         page.take_hold()
     mine = SharedState(1 << 12)
     mine.take_hold()

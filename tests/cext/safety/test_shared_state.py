@@ -128,7 +128,7 @@ def test_a_file_that_is_no_page_is_refused(tmp_path):
     for content in (b"short", bytes(100_000)[:-8] + b"whatever"):
         file = tmp_path / "file"
         file.write_bytes(b"\x01" + content)
-        with open(file, "r+b") as stream, pytest.raises(ValueError, match="does not hold a Tickwork page"):
+        with open(file, "r+b") as stream, pytest.raises(ValueError, match="is not the shared state of a run"):
             SharedState(fd=stream.fileno())
 
 

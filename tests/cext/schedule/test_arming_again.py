@@ -380,7 +380,7 @@ def test_a_plant_that_fails_is_not_survived():
 
 def test_at_most_sixteen_inputs_may_ask():
     robot = Survivor({})
-    with pytest.raises(ValueError, match="at most 16 inputs ask for arming again, not 17"):
+    with pytest.raises(ValueError, match="at most 16 inputs can request arming again, not 17"):
         robot.run(rearm=list(range(17)))
 
 

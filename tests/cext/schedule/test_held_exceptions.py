@@ -94,7 +94,7 @@ def test_a_result_that_cannot_be_taken_is_held_too_and_leaves_no_half_of_itself(
     assert rig.run(6).status == "ok"
     for port in ("pair.first", "pair.many[1]", "pair.last"):
         assert rig[port].tolist() == [0.0, 1.0, 2.0, 3.0, 3.0, 5.0]
-    assert "outside the range" in str(rig.control.held[0][3])
+    assert "outside its declared range" in str(rig.control.held[0][3])
 
 
 def test_an_update_is_held_with_the_state_as_it_left_it():

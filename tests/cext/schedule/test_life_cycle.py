@@ -152,7 +152,7 @@ def test_blocks_start_at_the_present_measurement_and_those_without_a_steady_stat
 )
 def test_times_of_a_run_are_zero_or_more(times):
     rig = one_drive(lambda knee: 1.0)
-    with pytest.raises(ValueError, match="times of a run are 0 s or more"):
+    with pytest.raises(ValueError, match="times of a run must be 0 s or more"):
         rig.run(10, **times)
 
 
