@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from blocks.recorders import CsvRecorder
-from cext.bus.replay_bus import ReplayClock, ReplayBus
+from cext.bus.replay_bus import ReplayBus, ReplayClock
 from cext.safety.shared_state import RECORD_EVENT, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program

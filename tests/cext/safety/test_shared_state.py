@@ -41,7 +41,11 @@ def test_capacity_is_rounded_up_to_a_power_of_two():
     pushed = 0
     while page.push(RECORD_ROW, bytes(56)):
         pushed += 1
-    assert pushed == 8192 // 64 and SharedState(1).push(RECORD_ROW, bytes(4088)) and not SharedState(1).push(RECORD_ROW, bytes(4096))
+    assert (
+        pushed == 8192 // 64
+        and SharedState(1).push(RECORD_ROW, bytes(4088))
+        and not SharedState(1).push(RECORD_ROW, bytes(4096))
+    )
 
 
 def test_a_full_ring_refuses_and_takes_again_once_read():

@@ -270,7 +270,10 @@ def ticks_of(*files):
 @pytest.mark.parametrize("virtual", [True, False])
 def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doubled(tmp_path, virtual, capfd):
     outcome, report, page, killer, session = killed(
-        tmp_path, {150: signal.SIGKILL, 400: signal.SIGSEGV}, virtual=virtual, page=SharedState(1 << (12 if virtual else 20))
+        tmp_path,
+        {150: signal.SIGKILL, 400: signal.SIGSEGV},
+        virtual=virtual,
+        page=SharedState(1 << (12 if virtual else 20)),
     )
     statistics = page.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500 and statistics["dropped"] == 0
@@ -638,7 +641,8 @@ def test_an_abandoned_recording_leaves_nothing_behind(tmp_path, configured):
 
 def test_control_that_dies_before_anything_began_leaves_nothing_behind(tmp_path):
     script = (
-        "import os, sys\nfrom cext.safety.shared_state import SharedState\nfrom runtime.recorder import RecorderProcess\n"
+        "import os, sys\nfrom cext.safety.shared_state import SharedState\n"
+        "from runtime.recorder import RecorderProcess\n"
         "from tests.runtime.recorder.running import CSV, columns, plan, sink\n"
         "recorder = RecorderProcess(SharedState(4096))\n"
         "if sys.argv[2] == 'configured': recorder.configure(plan(sys.argv[1], sink(CSV, 'a', columns('a.x m'))))\n"
