@@ -10,11 +10,11 @@ import json
 import os
 
 from runtime.recording import messages
-from runtime.recording.chunks import Expander, compressed
+from runtime.recording.chunks import Expander
 from runtime.recording.files import WholeFile
 from runtime.recording.mcap_file import HEAD, MESSAGE, McapFile
 from runtime.recording.reader import DAMAGE, LIBRARY, MAGIC
-from runtime.recording.repair import A_CHUNK, A_MESSAGE, ATTACHMENT, CHANNEL, DATA_END, SCHEMA, read, walk
+from runtime.recording.records import A_CHUNK, A_MESSAGE, ATTACHMENT, CHANNEL, DATA_END, SCHEMA, compressed, read, walk
 
 FLUSH = 1 << 20  # bytes that wait in memory
 

@@ -7,19 +7,15 @@ declare.
 import zlib
 from io import BytesIO
 
+from runtime.recording.mcap_file import HEAD
+from runtime.recording.records import A_CHUNK, A_MESSAGE, CHANNEL, read, walk
+
 LARGEST = 64 << 20  # bytes that a chunk may expand to
 RATIO, LEAST = 100, 16 << 20  # all chunks of a file together: so many times its size, and at least so many bytes
-NAMES = (b"\3\0\0\0lz4", b"\4\0\0\0zstd")  # compressions, as the head of a chunk has them
-NAME_AT = 37  # bytes into a chunk's record
 
 
 class TooLarge(ValueError):
     """A chunk expands to more than is read. Its text goes on after the name of the file."""
-
-
-def compressed(head):
-    """Whether a chunk is compressed. head : the first 49 bytes of its record"""
-    return head[NAME_AT:].startswith(NAMES)
 
 
 class Expander:
@@ -53,22 +49,21 @@ class Expander:
 
 
 def parsed(data):
-    """mcap.records.Channel and Message of the bytes of a chunk. ValueError, McapError"""
+    """Yield the mcap.records.Channel and Message of the bytes of a chunk. Raises ValueError or McapError."""
     from mcap.data_stream import ReadDataStream
-    from mcap.opcode import Opcode
-    from mcap.records import Channel, Message
+    from mcap.records import Message
 
-    stream = ReadDataStream(BytesIO(data))
-    while stream.count < len(data):
-        kind, length = stream.read1(), stream.read8()
-        if length > len(data) - stream.count:
-            raise ValueError("a record longer than its chunk")
-        if kind == Opcode.CHANNEL:
-            yield Channel.read(stream)
-        elif kind == Opcode.MESSAGE:
-            yield Message.read(stream, length)
-        else:
-            stream.read(length)
+    end = 0
+    for at, kind, record in walk(BytesIO(data), 0):
+        end, body = at + len(record), record[HEAD.size :]
+        if kind == A_CHUNK:
+            raise ValueError("a chunk inside a chunk")
+        if kind == CHANNEL:
+            yield read("Channel", body)
+        elif kind == A_MESSAGE:
+            yield Message.read(ReadDataStream(BytesIO(body)), len(body))
+    if end != len(data):
+        raise ValueError("a record longer than its chunk")
 
 
 def zstd(data, most):

@@ -15,8 +15,9 @@ from typing import Any
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.recording import messages
-from runtime.recording.chunks import Expander, TooLarge, compressed, parsed
+from runtime.recording.chunks import Expander, TooLarge, parsed
 from runtime.recording.format import Frame
+from runtime.recording.records import compressed
 
 FORMATS = ("1",)
 SPLITTING = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # in a name: what would begin another line on a terminal

@@ -14,17 +14,30 @@ import zlib
 from contextlib import contextmanager
 from struct import Struct
 
-from runtime.recording.chunks import compressed
 from runtime.recording.files import AT_ONCE, WholeFile, claim
-from runtime.recording.mcap_file import CHUNK, CHUNK_HEAD, HEAD, MESSAGE, PRIVATE, McapFile
+from runtime.recording.mcap_file import CHUNK, CHUNK_HEAD, HEAD, MESSAGE, McapFile
 from runtime.recording.reader import DAMAGE, LIBRARY, MAGIC
+from runtime.recording.records import (
+    A_CHUNK,
+    A_MESSAGE,
+    AN_INDEX,
+    ATTACHMENT,
+    CHANNEL,
+    CHUNK_INDEX,
+    DATA_END,
+    FOOTER,
+    HEADER,
+    KINDS,
+    PRIVATE,
+    RECORD_LIMIT,
+    SCHEMA,
+    compressed,
+    length_of,
+    read,
+    walk,
+)
 
-# kinds of records
-HEADER, FOOTER, SCHEMA, CHANNEL, A_MESSAGE, A_CHUNK, AN_INDEX, CHUNK_INDEX, ATTACHMENT = range(1, 10)
-DATA_END = 15
-KINDS = {*range(HEADER, DATA_END + 1), PRIVATE}
 FOOTER_REST = Struct("<QQI")  # summary and its offsets begin, checksum
-LARGEST = 64 << 20  # bytes of a record: an attachment
 SLICE = 128 << 10  # bytes that are looked through at once
 
 
@@ -213,43 +226,6 @@ class Backlog:
             self.problems[path] = f"{path} was not finished: {getattr(error, 'strerror', None) or repr(error)}"
 
 
-def walk(stream, at):
-    """(where it begins, kind, all its bytes) of every record up to one that is not whole.
-
-    Those in a chunk come for themselves, behind its head; a compressed chunk comes whole.
-
-    stream : at that byte of the file
-    """
-    window, place = b"", 0
-    while True:
-        while (size := length_of(window, place)) > (there := len(window) - place):
-            more = stream.read(max(AT_ONCE, size - there)) if size <= LARGEST else b""
-            if not more:
-                return
-            window, place = window[place:] + more, 0
-        yield at, window[place], window[place : place + size]
-        at, place = at + size, place + size
-
-
-def length_of(window, place):
-    """Bytes of a record, of a chunk that is not compressed its head's alone; of a record's head, where not even that is
-    there.
-    """
-    if len(window) - place < HEAD.size:
-        return HEAD.size
-    kind, length = HEAD.unpack_from(window, place)
-    plain = kind == A_CHUNK and not compressed(window[place : place + CHUNK_HEAD.size])
-    return CHUNK_HEAD.size if plain else HEAD.size + length
-
-
-def read(kind, body):
-    """A record of the mcap package."""
-    from mcap import records
-    from mcap.data_stream import ReadDataStream
-
-    return getattr(records, kind).read(ReadDataStream(io.BytesIO(body)))
-
-
 def torn(stream, at, size):
     """Whether nothing but one record that is not whole stands from a byte on, or the zeros that a power cut leaves of
     it.
@@ -261,7 +237,7 @@ def torn(stream, at, size):
     if len(head) < HEAD.size:
         return head[0] in KINDS
     whole = length_of(head, 0)
-    return head[0] in KINDS and whole < (LARGEST if head[0] == ATTACHMENT else CHUNK) and at + whole > size
+    return head[0] in KINDS and whole < (RECORD_LIMIT if head[0] == ATTACHMENT else CHUNK) and at + whole > size
 
 
 def finished(stream, size):

@@ -23,7 +23,8 @@ import runtime
 from runtime.base.errors import BadInput
 from runtime.recording.mcap_file import CHUNK_HEAD
 from runtime.recording.reader import MAGIC
-from runtime.recording.repair import Backlog, Mending, MendingFailed, walk
+from runtime.recording.records import walk
+from runtime.recording.repair import Backlog, Mending, MendingFailed
 from tests.runtime.recorder.running import CSV, columns, leg, plan, record, row, run, sink
 from tests.runtime.recorder.test_mcap import chunks, unfinished
 from tests.runtime.runs import environment

@@ -1,0 +1,57 @@
+"""The walk through the records of an MCAP file, which may end anywhere."""
+
+import io
+
+from runtime.recording.files import AT_ONCE
+from runtime.recording.mcap_file import CHUNK_HEAD, HEAD, PRIVATE
+
+# kinds of records
+HEADER, FOOTER, SCHEMA, CHANNEL, A_MESSAGE, A_CHUNK, AN_INDEX, CHUNK_INDEX, ATTACHMENT = range(1, 10)
+DATA_END = 15
+KINDS = {*range(HEADER, DATA_END + 1), PRIVATE}
+RECORD_LIMIT = 64 << 20  # bytes: an attachment
+COMPRESSIONS = (b"\3\0\0\0lz4", b"\4\0\0\0zstd")  # compressions, as the head of a chunk has them
+COMPRESSION_AT = 37  # bytes into a chunk's record
+
+
+def walk(stream, at):
+    """Yield (position, kind, bytes) of every record, up to an incomplete one.
+
+    The records of a chunk follow its head; a compressed chunk is one record.
+
+    stream : file, at the position `at`
+    """
+    window, place = b"", 0
+    while True:
+        while (size := length_of(window, place)) > (held := len(window) - place):
+            more = stream.read(max(AT_ONCE, size - held)) if size <= RECORD_LIMIT else b""
+            if not more:
+                return
+            window, place = window[place:] + more, 0
+        yield at, window[place], window[place : place + size]
+        at, place = at + size, place + size
+
+
+def length_of(window, place):
+    """Return the bytes of a record; of an uncompressed chunk only those of its head.
+
+    HEAD.size for a record whose head is incomplete.
+    """
+    if len(window) - place < HEAD.size:
+        return HEAD.size
+    kind, length = HEAD.unpack_from(window, place)
+    plain = kind == A_CHUNK and not compressed(window[place : place + CHUNK_HEAD.size])
+    return CHUNK_HEAD.size if plain else HEAD.size + length
+
+
+def read(kind, body):
+    """Parse a record with the mcap package. kind : name of its class; body : bytes behind its head"""
+    from mcap import records
+    from mcap.data_stream import ReadDataStream
+
+    return getattr(records, kind).read(ReadDataStream(io.BytesIO(body)))
+
+
+def compressed(head):
+    """Return whether a chunk is compressed. head : the first 49 bytes of its record"""
+    return head[COMPRESSION_AT:].startswith(COMPRESSIONS)
