@@ -17,7 +17,8 @@ from runtime.base.optional_dependencies import need
 from runtime.recording import messages
 from runtime.recording.chunks import Expander, TooLarge, parsed
 from runtime.recording.format import Frame
-from runtime.recording.records import compressed
+from runtime.recording.mcap_file import CHUNK_HEAD, HEAD
+from runtime.recording.records import A_CHUNK, DATA_END, HEADER, RECORD_LIMIT, compressed
 
 FORMATS = ("1",)
 SPLITTING = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # in a name: what would begin another line on a terminal
@@ -25,10 +26,6 @@ DEEPEST = 64  # levels of lists and objects in JSON
 ATTACHMENTS, LIBRARY = ("about.json", "diagram.json", "end.json"), "tickwork"
 MAGIC = b"\x89MCAP0\r\n"
 LOOK = 4096  # records between two looks at how far the reading is
-# an MCAP chunk: its kind, and the bytes in front of its messages where it is not compressed
-CHUNK, CHUNK_HEAD = b"\x06", 49
-RECORD = struct.Struct("<BQ")  # what an MCAP record begins with: its kind, the bytes that follow
-KINDS, LARGEST = range(1, 16), 64 << 20  # of records that we write
 MENDED = "was cut off, and what there is of it was completed later"
 # what garbage makes of a reader
 DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError, MemoryError)
@@ -132,11 +129,11 @@ class Reader:
                 bad = self.before if self.taking else self.at
                 self.refused = str(error) if isinstance(error, TooLarge) else ""
             stream.seek(bad)
-            head = stream.read(CHUNK_HEAD)
-            if self.taking or head[:1] != CHUNK or compressed(head):
+            head = stream.read(CHUNK_HEAD.size)
+            if self.taking or head[:1] != bytes([A_CHUNK]) or compressed(head):
                 return bad
             self.spoilt = bad if self.spoilt is None else self.spoilt
-            start = bad + CHUNK_HEAD
+            start = bad + CHUNK_HEAD.size
 
     def read_from(self, stream, look):
         """Records up to the end. `before`, `at`: where the newest begins and ends; `taking`: it could be read, and is
@@ -275,9 +272,9 @@ def sound(about):
 def matter(stream, good, size):
     """What is the matter with a file that is good up to a byte, in words."""
     stream.seek(good)
-    head = stream.read(RECORD.size)
-    kind, length = RECORD.unpack(head) if len(head) == RECORD.size else (KINDS[0], 0)
-    if kind in KINDS and length < LARGEST and good + RECORD.size + length >= size:
+    head = stream.read(HEAD.size)
+    kind, length = HEAD.unpack(head) if len(head) == HEAD.size else (HEADER, 0)
+    if HEADER <= kind <= DATA_END and length < RECORD_LIMIT and good + HEAD.size + length >= size:
         return "is not complete: it was cut off, or is still being recorded"
     return f"is damaged from byte {good} of {size} on: what stands before is read"
 
