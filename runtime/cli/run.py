@@ -1,7 +1,5 @@
 """`python -m runtime FILE`, or `run FILE`: run a diagram."""
 
-from typing import Any
-
 from runtime.base.errors import BadInput
 from runtime.cli.parsing import Parser, add_options, fields_of, instance
 from runtime.console.terminal import complain, program, tell
@@ -27,7 +25,7 @@ def carried_out(request):
     from runtime.session.prepare import prepare
     from runtime.session.session import Session
 
-    prepared: Any = prepare(request)
+    prepared = prepare(request)
     complain(map(str, prepared.schedule.warnings))
     try:
         result = Session(prepared, complain).carry_out()

@@ -223,7 +223,8 @@ class Reader:
         fields = messages.read(messages.FRAME, record.data)
         time = record.log_time - self.began
         truths = (bool(fields.get(name)) for name, kind in messages.FRAME if kind == messages.BOOL)
-        frame = Frame(time, fields["id"], *truths, self.about["buses"].index(bus), fields.get("data", b""))
+        values: list[Any] = [time, fields["id"], *truths, self.about["buses"].index(bus), fields.get("data", b"")]
+        frame = Frame(*values)
         sent, payload = frame.sent, frame.pack()
         rows = len(self.messages[messages.ROW_END])
         return Recorded(time, bus, sent, record.sequence, record.publish_time - self.began, rows, payload)

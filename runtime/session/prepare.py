@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler, Rerun
+from graph import Diagram, Schedule
 from runtime.base.errors import BadInput
 from runtime.diagrams.file import compiled, load
 from runtime.diagrams.overrides import set_seeds
@@ -31,8 +32,8 @@ class Prepared:
     """
 
     request: Request
-    diagram: object
-    schedule: object
+    diagram: Diagram
+    schedule: Schedule
     simulation: Simulation | None
     rig: RigBuses | None
     ticks: int

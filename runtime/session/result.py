@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from cext.safety.shared_state import SharedState
+from cext.schedule.executor import Outcome
 from cext.schedule.program import Program
 from runtime.machine.realtime import Realtime
 from runtime.report.held_exceptions import held
@@ -26,7 +27,7 @@ class Result(Prepared):
     waited : s for which the loop's thread was ready to run and had no processor
     """
 
-    outcome: object
+    outcome: Outcome
     statistics: dict
     recording: dict
     seconds: float

@@ -43,7 +43,7 @@ class Session:
         self.prepared, self.request, self.rig = prepared, prepared.request, prepared.rig
         self.say, self.count_from = say, count_from
 
-    def carry_out(self):
+    def carry_out(self) -> Result:
         """Arm, run and finish. Returns a Result; raises as `arm` does."""
         self.arm()
         return self.run()
@@ -108,7 +108,7 @@ class Session:
             others=aside,
         )
 
-    def run(self):
+    def run(self) -> Result:
         """Run until the end, whatever ends it, and finish. Returns a Result."""
         outcome, began = None, time.monotonic()
         self.waited = processor_wait()
