@@ -1,3 +1,1 @@
-"""The library: actuators, filters, controllers, limiters, recorders, sinks, and models of what a robot is attached
-to.
-"""
+"""Block library: actuators, sensors, filters, controllers, limiters, recorders, viewers and plant models."""

@@ -8,8 +8,8 @@ from graph.signal import Operand, Signal
 from blocks.gpio import GpioLine
 from graph import Input, Memory, Output, Param, StreamDevice
 
-MESSAGE: int
-WORST_LOAD: float
+MESSAGE_BYTES: int
+LINE_LOAD_LIMIT: float
 def message(number): ...
 class ChargePump(GpioLine, StreamDevice):
     protects: Param[Sequence[Any] | np.ndarray]

@@ -1,15 +1,17 @@
-"""The clock of the run, as signals."""
+"""Clock of the run, as signals."""
 
 from cext.kernels import sources as kernels
 from graph import Block, Output
 
 
 class Clock(Block):
-    """When the tick should run, and when it did: wake = time + lateness. In virtual time nothing is late."""
+    """Nominal and actual time of the tick: wake = time + lateness. In virtual time the lateness is 0."""
 
-    time = Output("s", "nominal: tick / rate, from the first tick on")
-    wake = Output("s", "when the tick really began, on the same scale")
-    lateness = Output("s", "wake-up behind the nominal time: less than a period, but for ticks that catch up")
-    elapsed = Output("s", "since the tick before: more than a period where grid points were missed")
+    time = Output("s", "nominal time since the first tick: tick / rate")
+    wake = Output("s", "actual start of the tick, on the same time scale")
+    lateness = Output(
+        "s", "delay of the wake-up after the nominal time: less than one period, except in ticks that catch up"
+    )
+    elapsed = Output("s", "time since the previous tick: more than one period after missed ticks")
 
     kernel = kernels.clock

@@ -1,13 +1,11 @@
-"""Something in a person's hands, to tune with while a robot runs: a game controller, or keys of a keyboard. No part of
-what makes a robot safe.
-"""
+"""Game controllers and keyboards, for tuning during a run. No safety function depends on them."""
 
 from cext.kernels.devices import input_devices as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
 KEY, AXIS = 1, 3
 STICK = (-32768, 32767)
-CODES = {  # of <linux/input-event-codes.h>
+CODES = {  # from <linux/input-event-codes.h>
     "ABS_X": 0,
     "ABS_Y": 1,
     "ABS_Z": 2,
@@ -48,21 +46,21 @@ CODES = {  # of <linux/input-event-codes.h>
 
 
 class Controls(StreamDevice):
-    """What a game controller and a keyboard share: an output for each axis and button, by the events of /dev/input.
+    """Input device with one output per axis and button, read from the events of /dev/input.
 
-    Where events were lost, and where it is unplugged, nothing is held: axes are 0 and buttons are up. What was held
-    before a run began is not known until it moves.
+    If events are lost or the device is unplugged, all axes are 0 and all buttons are up. The state before the run is
+    unknown until an axis or button changes.
     """
 
-    axes = Param((), "1", '(name, code, lowest, highest) of each, such as ("left_x", "ABS_X", -32768, 32767)')
-    buttons = Param((), "1", '(name, code) of each, such as ("a", "BTN_SOUTH")')
-    device = Param("", "1", "path of its events, below /dev/input/by-id; a rig says which", dtype=str)
-    dead_zone = Param(0.1, "1", "share of an axis about its middle that counts as 0", min=0.0, below=1.0, fixed=True)
+    axes = Param((), "1", 'axes as (name, code, minimum, maximum), such as ("left_x", "ABS_X", -32768, 32767)')
+    buttons = Param((), "1", 'buttons as (name, code), such as ("a", "BTN_SOUTH")')
+    device = Param("", "1", "path of the event device, below /dev/input/by-id; set in the rig file", dtype=str)
+    dead_zone = Param(0.1, "1", "share of each axis about its centre that reads as 0", min=0.0, below=1.0, fixed=True)
 
-    age = Output("s", "since anything was heard of it: it tells of changes alone")
-    connected = Output("1", "whether it is there, as far as it has been heard", dtype=bool)
-    missed = Output("1", "how often events were lost", dtype=int)
-    plan = Memory((), "kind, code, lowest and highest of each axis and button")
+    age = Output("s", "time since the newest event; devices report changes only")
+    connected = Output("1", "true once an event has arrived, until the device is unplugged", dtype=bool)
+    missed = Output("1", "number of times that events were lost", dtype=int)
+    plan = Memory((), "kind, code, minimum and maximum of each axis and button")
 
     line = "evdev"
     decode = kernels.decode
@@ -72,9 +70,9 @@ class Controls(StreamDevice):
         super().configure()
         named, self.plan = declared(self, type(self).outputs)
         ports = {
-            name: Output("1", "of the axis, -1 to 1", range=(-1.0, 1.0))
+            name: Output("1", "axis position, -1 to 1", range=(-1.0, 1.0))
             if kind == AXIS
-            else Output("1", "whether it is down", dtype=bool)
+            else Output("1", "true while pressed", dtype=bool)
             for name, kind in named.items()
         }
         self.outputs = {name: port.named(name) for name, port in ports.items()} | type(self).outputs
@@ -92,10 +90,10 @@ class Controls(StreamDevice):
 
 
 class GameController(Controls):
-    """A game controller: sticks from −1 to 1 and buttons, for tuning. By default the sticks and letters of those that
-    Linux calls xpad.
+    """Game controller with sticks from −1 to 1 and buttons, for tuning.
 
-    Its ranges: `evtest` or `cat /proc/bus/input/devices`. Everything else is as of Controls.
+    The defaults are the sticks and lettered buttons of controllers with the Linux driver xpad. `evtest` prints the
+    codes and ranges of others. If it is unplugged, all axes are 0 and all buttons are up.
     """
 
     axes = Param(
@@ -115,8 +113,9 @@ class GameController(Controls):
 
 
 class Keyboard(Controls):
-    """Keys of a keyboard, wherever the cursor is: each is down or up. By default the space bar and the arrows. As of
-    Controls in all else.
+    """Keyboard with one boolean output per key, independent of the input focus, for tuning.
+
+    The defaults are the space bar and the arrow keys. If it is unplugged, all keys are up.
     """
 
     buttons = Param(
@@ -127,12 +126,12 @@ class Keyboard(Controls):
 
 
 class EmulatedControls(StreamDevice):
-    """Controls that are not there: an event for each that changes, as Linux tells them, for a plant."""
+    """Emulated game controller or keyboard: one Linux input event per change."""
 
     axes, buttons = Controls.parameters["axes"], Controls.parameters["buttons"]
 
-    plan = Memory((), "kind, code, lowest and highest of each axis and button")
-    last = Memory((), "value of each that was told")
+    plan = Memory((), "kind, code, minimum and maximum of each axis and button")
+    last = Memory((), "last reported value of each")
 
     line = "evdev"
     decode = kernels.emulated_decode
@@ -140,7 +139,7 @@ class EmulatedControls(StreamDevice):
 
     @classmethod
     def of(cls, controls, **parameters):
-        """The emulator of one block of a robot."""
+        """Return the emulator of one GameController or Keyboard."""
         return cls(bus=controls.bus, axes=controls.axes, buttons=controls.buttons, **parameters)
 
     def configure(self):
@@ -149,7 +148,7 @@ class EmulatedControls(StreamDevice):
         self.inputs = {
             name: Input(
                 "1",
-                "of the axis, -1 to 1" if kind == AXIS else "whether it is down",
+                "axis position, -1 to 1" if kind == AXIS else "true while pressed",
                 default=0.0 if kind == AXIS else False,
                 dtype=float if kind == AXIS else bool,
             ).named(name)
@@ -159,23 +158,23 @@ class EmulatedControls(StreamDevice):
 
 
 def declared(block, taken):
-    """({name: kind} of axes and buttons, the plan of a kernel). ValueError"""
+    """Return ({name: kind} of axes and buttons, plan of the kernel). ValueError for an invalid declaration."""
     named, plan = {}, []
     for kind, entries, what in (
-        (AXIS, block.axes, "(name, code, lowest, highest)"),
+        (AXIS, block.axes, "(name, code, minimum, maximum)"),
         (KEY, block.buttons, "(name, code)"),
     ):
         for entry in entries:
             if not isinstance(entry, (tuple, list)) or len(entry) != (4 if kind == AXIS else 2):
-                raise ValueError(f"{'an axis' if kind == AXIS else 'a button'} is {what}, got {entry!r}")
+                raise ValueError(f"{'an axis' if kind == AXIS else 'a button'} must be {what}, got {entry!r}")
             name, code, low, high = (*entry, 0, 1)[:4]
-            words = named.keys() | taken.keys() | block.parameters.keys()
-            if not isinstance(name, str) or not name.isidentifier() or name in words or hasattr(StreamDevice, name):
-                raise ValueError(f"{name!r} is no name that is free here")
+            reserved = named.keys() | taken.keys() | block.parameters.keys()
+            if not isinstance(name, str) or not name.isidentifier() or name in reserved or hasattr(StreamDevice, name):
+                raise ValueError(f"{name!r} is not a valid name, or is already used")
             if code not in CODES and not isinstance(code, int):
-                raise ValueError(f"{name}: no code is called {code!r}; give its number, as evtest tells it")
+                raise ValueError(f"{name}: unknown code {code!r}. Use the number that evtest prints")
             if not low < high:
-                raise ValueError(f"{name}: its lowest value is below its highest, got {low!r} and {high!r}")
+                raise ValueError(f"{name}: the minimum must be below the maximum, got {low!r} and {high!r}")
             named[name] = kind
             plan += [float(kind), float(CODES[code] if code in CODES else code), float(low), float(high)]
     return named, tuple(plan)

@@ -1,4 +1,4 @@
-"""Delays, integrals and derivatives, in discrete time."""
+"""Delays, integrators and derivatives in discrete time."""
 
 import math
 
@@ -9,15 +9,15 @@ from graph.units import divide, multiply
 
 
 class Hold(Block):
-    """Zero-order hold: y = u at its own ticks, and the same until the next of them. Simulink's Rate Transition.
+    """Zero-order hold: y = u at the ticks of the block, constant between them.   (Simulink's Rate Transition)
 
-    `Hold(every=3)` samples its input at every third tick, and may stand where rates meet that do not divide: between
-    them y is up to one of its own periods older than u, by a varying amount. Where rates divide, each block holds its
-    output by itself. Direct feedthrough; NaN passes.
+    `Hold(every=3)` samples its input at every third tick. Use it between rates that are not multiples of each other: y
+    is then older than u by a varying amount of up to one period of the block. Between other rates every block holds its
+    output. Direct feedthrough; NaN passes.
     """
 
     u = Input("any", "input at another rate", shape=...)
-    y = Output("any", "the input at the last of its own ticks", shape=...)
+    y = Output("any", "input at the last tick of the block", shape=...)
 
     kernel = kernels.hold
     resamples = True
@@ -27,16 +27,16 @@ class Hold(Block):
 
 
 class UnitDelay(Block):
-    """The input of the tick before: y[k] = u[k-1], and y[0] = initial.
+    """Delay by one tick: y[k] = u[k-1], y[0] = initial.
 
-    No direct feedthrough, so it may close a loop. NaN comes out a tick later and is not held.
+    No direct feedthrough, so it may close a loop. NaN passes one tick later and is not held.
     """
 
     initial = Param(0.0, "any", "output at the first tick", fixed=True)
 
     u = Input("any", "input", shape=...)
-    y = Output("any", "input of the tick before", shape=...)
-    held = Memory(0.0, "the input of the tick before")
+    y = Output("any", "input of the previous tick", shape=...)
+    held = Memory(0.0, "input of the previous tick")
 
     kernel = kernels.unit_delay
     update_kernel = kernels.unit_delay_next
@@ -53,18 +53,18 @@ class UnitDelay(Block):
 
 
 class Delay(Block):
-    """The input of n steps before: y[k] = u[k-n], and initial until there is one.
+    """Delay by n samples: y[k] = u[k-n], y = initial for the first n steps.
 
-    No direct feedthrough, so it may close a loop. NaN comes out n steps later and is not held.
+    No direct feedthrough, so it may close a loop. NaN passes n steps later and is not held.
     """
 
-    samples = Param(1, "1", "n", min=1, max=1_000_000, fixed=True)
-    initial = Param(0.0, "any", "output at the first n ticks", fixed=True)
+    samples = Param(1, "1", "delay n in samples", min=1, max=1_000_000, fixed=True)
+    initial = Param(0.0, "any", "output for the first n steps", fixed=True)
 
     u = Input("any", "input", shape=...)
-    y = Output("any", "input of n steps before", shape=...)
-    held = Memory(0.0, "the last n inputs")
-    place = Memory(0.0, "where the oldest of them is")
+    y = Output("any", "input n steps before", shape=...)
+    held = Memory(0.0, "last n inputs")
+    place = Memory(0.0, "index of the oldest input")
 
     kernel = kernels.delay
     update_kernel = kernels.delay_next
@@ -81,27 +81,27 @@ class Delay(Block):
 
 
 class Integrator(Block):
-    """Integral over time, held inside limits: y += dt · u, from `initial`.
+    """Integral over time with limits: y += dt · u, starting at `initial`.
 
     forward       y[k] = y[k-1] + dt u[k-1]                  no direct feedthrough of u, so it may close a loop
     backward      y[k] = y[k-1] + dt u[k]
     trapezoidal   y[k] = y[k-1] + dt (u[k] + u[k-1]) / 2     with u[-1] = 0
 
-    It is the state that is limited, so the integral leaves a limit as soon as u turns: no windup. While `restart` is
-    true the output is `initial`. dt is the true time since the step before, also after missed ticks. NaN, or an
-    infinity as NaN, stays until a restart.
+    The state itself is limited, so the integral leaves a limit as soon as u changes sign: no windup. While `restart` is
+    true the output is `initial`. dt is the actual time since the previous step, also after missed ticks. NaN persists
+    until a restart, and infinity becomes NaN.
     """
 
-    initial = Param(0.0, "any", "output at the start and at a restart", fixed=True)
+    initial = Param(0.0, "any", "output at the start and after a restart", fixed=True)
     lower = Param(-math.inf, "any", "smallest output")
     upper = Param(math.inf, "any", "largest output")
-    method = Param("forward", "1", "of integration", choices=("forward", "backward", "trapezoidal"))
+    method = Param("forward", "1", "integration method", choices=("forward", "backward", "trapezoidal"))
 
-    u = Input("any", "what is integrated", shape=...)
-    restart = Input("1", "whether to begin anew", dtype=bool, default=False)
-    y = Output("any", "the integral", shape=...)
-    state = Memory(0.0, "output of the tick before")
-    held = Memory(0.0, "input of the tick before")
+    u = Input("any", "integrand", shape=...)
+    restart = Input("1", "true resets the output to `initial`", dtype=bool, default=False)
+    y = Output("any", "integral of u", shape=...)
+    state = Memory(0.0, "output of the previous tick")
+    held = Memory(0.0, "input of the previous tick")
 
     kernel = kernels.integrator_forward
 
@@ -120,26 +120,25 @@ class Integrator(Block):
 
     def output_range(self, u, restart):
         initial, lower, upper = self.span("initial"), self.span("lower"), self.span("upper")
-        falls, rises = initial | upper, initial | lower  # where an input of one sign leads, live limits included
+        falls, rises = initial | upper, initial | lower  # reachable with an input of one sign, including live limits
         low = falls.low if u.low >= 0.0 else (falls | lower).low
         high = rises.high if u.high <= 0.0 else (rises | upper).high
         return Interval(low, high)
 
 
 class Derivative(Block):
-    """Filtered derivative: y[k] = (u[k] - v[k-1]) / (τ + dt), with v following u by τ dv/dt = u - v in backward
-    differences.
+    """Filtered derivative: H(s) = s / (τ s + 1), y[k] = (u[k] - v[k-1]) / (τ + dt).
 
-    Its transfer function is s / (τ s + 1); with τ = 0 it is the plain difference quotient. Direct feedthrough. Starts
-    at 0, whatever the first input is. dt is the true time since the step before. NaN and infinity pass and are not
-    held: the next slope is taken from the last number.
+    v follows u according to τ dv/dt = u - v, in backward differences. With τ = 0 the output is the difference quotient.
+    Direct feedthrough. Starts at 0 for any first input. dt is the actual time since the previous step. NaN and infinity
+    pass and are not held: the next slope refers to the last finite input.
     """
 
-    time_constant = Param(0.0, "s", "τ of the filter: noise above 1/(2π τ) is not amplified further", min=0.0)
+    time_constant = Param(0.0, "s", "filter time constant τ; above 1/(2π τ) the gain is constant", min=0.0)
 
     u = Input("any", "input", shape=...)
-    y = Output("any", "du/dt", shape=...)
-    follower = Memory(math.nan, "v")
+    y = Output("any", "derivative du/dt", shape=...)
+    follower = Memory(math.nan, "filter state v")
 
     kernel = kernels.derivative
 
@@ -153,5 +152,5 @@ class Derivative(Block):
         if self.dt is None or not u.bounded:
             return EVERYTHING
         rounding = 1e-14 * max(abs(u.low), abs(u.high)) / self.dt
-        most = (u.high - u.low) / (self.span("time_constant").low + self.dt) + rounding
-        return Interval(-most, most)
+        bound = (u.high - u.low) / (self.span("time_constant").low + self.dt) + rounding
+        return Interval(-bound, bound)

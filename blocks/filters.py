@@ -1,4 +1,4 @@
-"""Filters. Each is causal: what it takes away from the signal it pays for in delay."""
+"""Causal filters."""
 
 import math
 from typing import Any
@@ -14,7 +14,7 @@ _EDGE = Param(10.0, "Hz", above=0.0)
 
 
 class _Edges(Param[Any]):
-    """A frequency, or a pair of them."""
+    """Parameter that is a frequency or a pair of frequencies."""
 
     def check(self, value):
         if isinstance(value, (tuple, list)):
@@ -22,32 +22,31 @@ class _Edges(Param[Any]):
         return _EDGE.check(value)
 
     def parse(self, text):
-        found = [_EDGE.parse(part.strip()) for part in text.split(",")]
-        return tuple(found) if len(found) > 1 else found[0]
+        edges = [_EDGE.parse(part.strip()) for part in text.split(",")]
+        return tuple(edges) if len(edges) > 1 else edges[0]
 
 
 class Butterworth(Biquads):
-    """Maximally flat pass band: low-pass |H(f)|² = 1 / (1 + (f / cutoff)^(2 order)), by the bilinear transform with
-    prewarping.
+    """Butterworth filter: low-pass |H(f)|² = 1 / (1 + (f / cutoff)^(2 order)).
 
-    `btype` and `cutoff` are those of scipy.signal.butter: "lowpass" and "highpass" take one frequency, "bandpass" and
-    "bandstop" a pair, with twice as many poles. (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.1.) Direct
-    feedthrough. The filter starts at zero; when a robot has been armed it starts at its present input, so that the
-    first tick does not kick. NaN passes and stays until the next reset. Its output can overshoot its input: the range
-    is that of the 1-norm of the impulse response.
+    Bilinear transform with prewarping (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.1). `btype` and
+    `cutoff` are those of scipy.signal.butter: "lowpass" and "highpass" require one frequency, "bandpass" and "bandstop"
+    a pair, with twice as many poles. Direct feedthrough. The state starts at zero; after arming it starts in steady
+    state for the present input, which avoids an initial transient. NaN passes and persists until the next reset. The
+    output can overshoot the input: its range follows from the 1-norm of the impulse response.
     """
 
-    order = Param(2, "1", "number of poles, and half of them for a band", min=1, max=8, fixed=True)
-    cutoff = _Edges(10.0, "Hz", "frequency where the gain is 1/√2, or a pair of them", dtype=object)
-    btype = Param("lowpass", "1", "what passes", choices=("lowpass", "highpass", "bandpass", "bandstop"))
+    order = Param(2, "1", "number of poles; half the number for band filters", min=1, max=8, fixed=True)
+    cutoff = _Edges(10.0, "Hz", "frequency at which the gain is 1/√2, or a pair of frequencies", dtype=object)
+    btype = Param("lowpass", "1", "pass band", choices=("lowpass", "highpass", "bandpass", "bandstop"))
 
     def configure(self):
         edges = self.cutoff if isinstance(self.cutoff, tuple) else (self.cutoff,)
         if self.btype in ("lowpass", "highpass") and len(edges) != 1:
-            raise ValueError(f"cutoff: a {self.btype} filter takes one frequency in Hz, got {self.cutoff!r}")
+            raise ValueError(f"cutoff: a {self.btype} filter requires one frequency in Hz, got {self.cutoff!r}")
         if self.btype in ("bandpass", "bandstop") and (len(edges) != 2 or not edges[0] < edges[1]):
             raise ValueError(
-                f"cutoff: a {self.btype} filter takes a rising pair of frequencies in Hz, (low, high), "
+                f"cutoff: a {self.btype} filter requires an increasing pair of frequencies in Hz, (low, high), "
                 f"got {self.cutoff!r}"
             )
 
@@ -57,46 +56,43 @@ class Butterworth(Biquads):
 
 
 class Notch(Biquads):
-    """Removes one frequency: H(s) = (s² + ω₀²) / (s² + (ω₀ / q) s + ω₀²), by the bilinear transform, as
-    scipy.signal.iirnotch has it.
+    """Notch filter: H(s) = (s² + ω₀²) / (s² + (ω₀ / q) s + ω₀²).
 
-    Direct feedthrough. Starts at zero, or at its present input when a robot has been armed. NaN passes and stays until
-    the next reset.
+    Bilinear transform, as in scipy.signal.iirnotch. Direct feedthrough. The state starts at zero; after arming it
+    starts in steady state for the present input. NaN passes and persists until the next reset.
     """
 
-    frequency = Param(50.0, "Hz", "what is removed: 50 or 60 Hz for mains hum", above=0.0, fixed=True)
-    q = Param(30.0, "1", "quality: the frequency over the bandwidth at -3 dB", above=0.0, fixed=True)
+    frequency = Param(50.0, "Hz", "notch frequency: 50 or 60 Hz for mains hum", above=0.0, fixed=True)
+    q = Param(30.0, "1", "quality factor: the frequency divided by the -3 dB bandwidth", above=0.0, fixed=True)
 
     def design(self, dt):
         check_frequency("a frequency", self.frequency, dt)
         if self.frequency / self.q * dt >= 0.5:
             raise ValueError(
-                f"q: a bandwidth of {self.frequency / self.q:g} Hz is not below half the rate, {0.5 / dt:g} Hz"
+                f"q: the bandwidth of {self.frequency / self.q:g} Hz must be below half the rate, {0.5 / dt:g} Hz"
             )
         return [biquads.notch(self.frequency, self.q, dt)]
 
 
 def check_frequency(what, frequency, dt):
-    """Raise ValueError for a frequency, in Hz, at or above half the rate 1 / dt."""
+    """Raise ValueError unless the frequency in Hz is below half the rate."""
     if frequency * dt >= 0.5:
-        raise ValueError(
-            f"{what} of {frequency:g} Hz needs a rate above {2 * frequency:g} Hz, and this is {1 / dt:g} Hz"
-        )
+        raise ValueError(f"{what} of {frequency:g} Hz requires a rate above {2 * frequency:g} Hz, got {1 / dt:g} Hz")
 
 
 class Exponential(Block):
-    """First-order low-pass, or exponential smoothing: y[k] = y[k-1] + α (u[k] - y[k-1]), α = dt / (time_constant + dt).
+    """First-order low-pass, or exponential smoothing: y[k] = y[k-1] + α (u[k] - y[k-1]), α = dt / (τ + dt).
 
-    The backward difference of τ dy/dt = u - y. Direct feedthrough. Starts at its first input, and never leaves the
-    interval of its inputs. dt is the true time since the step before, so missed ticks do not slow it. NaN and infinity
-    pass and are not held.
+    Backward difference of τ dy/dt = u - y. Direct feedthrough. Starts at the first input, and never leaves the interval
+    of the inputs. dt is the actual time since the previous step, so missed ticks do not slow the filter. NaN and
+    infinity pass and are not held.
     """
 
-    time_constant = Param(0.05, "s", "τ: 63 % of a step is reached after it", above=0.0)
+    time_constant = Param(0.05, "s", "time constant τ, after which the output has reached 63 % of a step", above=0.0)
 
-    u = Input("any", "raw", shape=...)
-    y = Output("any", "filtered", shape=...)
-    state = Memory(math.nan, "output of the tick before")
+    u = Input("any", "raw signal", shape=...)
+    y = Output("any", "filtered signal", shape=...)
+    state = Memory(math.nan, "output of the previous tick")
 
     kernel = kernels.exponential
 
@@ -108,21 +104,21 @@ class Exponential(Block):
 
 
 class Median(Block):
-    """Middle one of the last N inputs in order, y[k] = median(u[k], ..., u[k-N+1]), N = samples: takes out outliers and
-    keeps edges.
+    """Median of the last N inputs: y[k] = median(u[k], ..., u[k-N+1]), N = samples.
 
-    What it shows is (N - 1) / 2 ticks late. Until there are that many, of those there are; the mean of the middle two
-    where their number is even. Direct feedthrough. A NaN or infinity gives NaN for as long as it is in the window.
+    Removes outliers and preserves edges, with a delay of (N - 1) / 2 ticks. The first N - 1 outputs are the median of
+    the inputs so far (the mean of the middle two for an even number). Direct feedthrough. The output is NaN while a NaN
+    or infinity is in the window.
     """
 
-    samples = Param(3, "1", "how many inputs: an odd number", min=1, max=9999, fixed=True)
+    samples = Param(3, "1", "window length N, an odd number", min=1, max=9999, fixed=True)
 
-    u = Input("any", "raw", shape=...)
-    y = Output("any", "filtered", shape=...)
-    ring = Memory(0.0, "the inputs in the window")
-    ordered = Memory(0.0, "the same in rising order, without NaN")
-    place = Memory(0.0, "where the next input goes")
-    counts = Memory(0.0, "of numbers and of NaN in the window of each element")
+    u = Input("any", "raw signal", shape=...)
+    y = Output("any", "filtered signal", shape=...)
+    ring = Memory(0.0, "inputs in the window")
+    ordered = Memory(0.0, "the same inputs in increasing order, without NaN")
+    place = Memory(0.0, "index of the next input")
+    counts = Memory(0.0, "counts of numbers and of NaN in the window, per element")
 
     kernel = kernels.median
 
@@ -139,20 +135,19 @@ class Median(Block):
 
 
 class Complementary(Block):
-    """Angle from a gyroscope for what is fast and from an accelerometer for what is slow: τ dθ/dt = (angle - θ) + τ ·
-    rate.
+    """Complementary filter of gyroscope and accelerometer: τ dθ/dt = (angle - θ) + τ · rate.   (Higgins 1975)
 
-    The backward difference, θ[k] = (τ (θ[k-1] + dt · rate) + dt · angle) / (τ + dt). Direct feedthrough. Starts at its
-    first angle. A gyroscope that is off by b leaves an error of τ b. NaN or infinity in either passes and is not held.
-    (Higgins, A comparison of complementary and Kalman filtering, 1975.)
+    Backward difference, θ[k] = (τ (θ[k-1] + dt · rate) + dt · angle) / (τ + dt). Direct feedthrough. Starts at the
+    first angle. A gyroscope bias b causes an error of τ b. NaN or infinity in either input passes and is not held. (A
+    comparison of complementary and Kalman filtering.)
     """
 
-    time_constant = Param(0.5, "s", "τ: below 1/(2π τ) the angle counts, above it the rate", above=0.0)
+    time_constant = Param(0.5, "s", "time constant τ: the angle dominates below 1/(2π τ), the rate above", above=0.0)
 
-    rate = Input("rad/s", "from the gyroscope", shape=...)
-    angle = Input("rad", "from the accelerometer", shape=...)
-    fused = Output("rad", "θ", shape=...)
-    state = Memory(math.nan, "output of the tick before")
+    rate = Input("rad/s", "angular rate of the gyroscope", shape=...)
+    angle = Input("rad", "angle of the accelerometer", shape=...)
+    fused = Output("rad", "estimated angle θ", shape=...)
+    state = Memory(math.nan, "output of the previous tick")
 
     kernel = kernels.complementary
 
@@ -161,9 +156,9 @@ class Complementary(Block):
 
     def output_range(self, rate, angle):
         slow = self.span("time_constant").high
-        found = angle + Interval.point(slow) * with_zero(rate)
-        largest = max(abs(found.low), abs(found.high))
+        exact = angle + Interval.point(slow) * with_zero(rate)
+        largest = max(abs(exact.low), abs(exact.high))
         if self.dt is None or not largest * (1.0 + slow) < HUGE:
             return EVERYTHING
-        more = 1e-15 * (1.0 + slow / self.dt) * largest  # the rounding of each step, which is felt for τ / dt steps
-        return Interval(found.low - more, found.high + more)
+        rounding = 1e-15 * (1.0 + slow / self.dt) * largest  # of each step, which decays over τ / dt steps
+        return Interval(exact.low - rounding, exact.high + rounding)

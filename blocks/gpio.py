@@ -1,9 +1,7 @@
-"""Inputs and outputs of the computer itself, on its GPIO header: switches, emergency stops, and pulses that
-synchronise.
+"""GPIO lines of the computer: switches, emergency stops and synchronisation pulses.
 
-A line is taken through libgpiod (the extra `gpio`: pip install 'tickwork[gpio]'), and its edges come with the kernel's
-own times, so that a press between two ticks is not missed and an edge is timed to some µs. A level is that which the
-kernel says after `active_low`.
+Lines are accessed through libgpiod (pip install 'tickwork[gpio]'). Edges carry the kernel's time stamps, so a press
+between two ticks is not missed and edges are timed to a few µs. Levels are logical levels, after `active_low`.
 """
 
 from typing import Any
@@ -16,11 +14,15 @@ BIASES = ("as_is", "disabled", "pull_up", "pull_down")
 
 
 class GpioLine:
-    """Parameters that say which line, and how it is wired."""
+    """Parameters that select a line and describe its wiring."""
 
-    chip = Param("/dev/gpiochip0", "1", "the chip that it is on", dtype=str)
-    pin = Param("", "1", 'the line: its name, such as "GPIO17", or its number on the chip; a rig says which', dtype=str)
-    active_low = Param(False, "1", "whether a low voltage is active: a switch to ground", fixed=True, kernel=False)
+    chip = Param("/dev/gpiochip0", "1", "path of the GPIO chip", dtype=str)
+    pin = Param(
+        "", "1", 'name of the line, such as "GPIO17", or its number on the chip; set in the rig file', dtype=str
+    )
+    active_low = Param(
+        False, "1", "true if a low voltage is active, as for a switch to ground", fixed=True, kernel=False
+    )
 
     bias: Any
     debounce: Any
@@ -30,39 +32,40 @@ class GpioLine:
     hardware = ("chip", "pin", "active_low", "bias", "debounce")
 
     def opening(self):
+        """Return the arguments for opening the line."""
         return {"chip": self.chip, "pin": self.pin, "active_low": self.active_low, "output": True} | (
             {"bias": self.bias, "debounce": self.debounce, "output": False} if "bias" in self.parameters else {}
         )
 
 
 class GpioInput(GpioLine, StreamDevice):
-    """An input of the computer: its level, how often it rose and fell, and when, by the kernel's clock.
+    """GPIO input: level, number of edges, and their times by the kernel's clock.
 
-    For buttons and switches, and as `SyncIn` for what another system's edge says. Times are those of the edge itself,
-    as the kernel stamped it, not of the tick that heard of it; they count from where the frames of a recording do, the
-    beginning of arming.
+    For buttons and switches; `SyncIn` is for the edges of another system. Times are the kernel's time stamps of the
+    edges, not the times of the ticks that receive them. They are measured from the start of arming, like the frames of
+    a recording.
     """
 
-    bias = Param("as_is", "1", "resistor of the chip at the line", choices=BIASES)
+    bias = Param("as_is", "1", "bias resistor of the chip", choices=BIASES)
     debounce = Param(
         0.0,
         "s",
-        "for which a level has to stay before it counts; 0 for none",
+        "time for which a level must be stable; 0 disables debouncing",
         min=0.0,
         max=1.0,
         fixed=True,
         kernel=False,
     )
 
-    on = Output("1", "whether it is active", dtype=bool)
-    known = Output("1", "whether its level is known: it is there", dtype=bool)
-    rises = Output("1", "edges to active so far", dtype=int)
-    falls = Output("1", "edges from active so far", dtype=int)
-    rise_time = Output("s", "of the newest edge to active, since arming began")
-    fall_time = Output("s", "of the newest edge from active, likewise")
-    missed = Output("1", "edges that were more than the kernel could keep", dtype=int)
-    age = Output("s", "since anything was heard of it")
-    state = Memory(0.0, "number of the next event of this line, 0 before the first")
+    on = Output("1", "true while the line is active", dtype=bool)
+    known = Output("1", "true while the level is known", dtype=bool)
+    rises = Output("1", "number of edges to active", dtype=int)
+    falls = Output("1", "number of edges to inactive", dtype=int)
+    rise_time = Output("s", "time of the newest edge to active, since the start of arming")
+    fall_time = Output("s", "time of the newest edge to inactive, since the start of arming")
+    missed = Output("1", "number of edges that exceeded the kernel's buffer", dtype=int)
+    age = Output("s", "time since the newest event")
+    state = Memory(0.0, "sequence number of the next event, 0 before the first")
 
     decode = kernels.decode
 
@@ -81,41 +84,40 @@ class GpioInput(GpioLine, StreamDevice):
 
 
 class SyncIn(GpioInput):
-    """The edge by which another system, such as motion capture, says that it has begun: its number and its time, in
-    both recordings.
+    """Synchronisation input: number and times of the edges of another system, such as motion capture.
 
-    `on` is true from a rise to the next fall: while the other one records, where it holds its line up for that. The
-    rest is as of GpioInput.
+    The edge appears in both recordings. `on` is true from a rising edge to the next falling edge: during the other
+    recording, if that system holds the line high for its duration.
     """
 
 
 class EStopSwitch(GpioLine, StreamDevice):
-    """An emergency stop on a GPIO line: pressed unless the line is active, so that an open contact and a broken wire
-    stop the robot.
+    """Emergency stop on a GPIO line: pressed unless the line is active.
 
-    Wire a contact that is closed as long as nobody presses it between the line and ground (`bias="pull_up"`,
-    `active_low=True`, as it is here by default). A press ends the run in the tick that hears of it, no command of that
-    tick is sent, and it is latched, however short it was, even while the robot is being armed. So does a line that is
-    gone, and one whose level is not known. It is software: it never replaces a switch that cuts the power of the
-    motors.
+    An open contact and a broken wire stop the robot. Connect a normally closed contact between the line and ground
+    (`bias="pull_up"`, `active_low=True`, the defaults). A press ends the run in the tick that receives it: no command
+    of that tick is sent. It is latched, however short it is, also during arming. A disconnected line and an unknown
+    level count as a press. This is software, and never replaces a switch that cuts the power of the motors.
     """
 
-    active_low = Param(True, "1", "whether a low voltage is released: a contact to ground", fixed=True, kernel=False)
-    bias = Param("pull_up", "1", "resistor of the chip at the line", choices=BIASES)
+    active_low = Param(
+        True, "1", "true if a low voltage means released, as for a contact to ground", fixed=True, kernel=False
+    )
+    bias = Param("pull_up", "1", "bias resistor of the chip", choices=BIASES)
     debounce = Param(
         0.0,
         "s",
-        "for which a level has to stay before it counts; 0, so that no press is too short",
+        "time for which a level must be stable; 0 detects every press, however short",
         min=0.0,
         max=0.02,
         fixed=True,
         kernel=False,
     )
 
-    pressed = Output("1", "whether it is pressed", dtype=bool)
-    known = Output("1", "whether its level has been heard", dtype=bool)
-    age = Output("s", "since anything was heard of it: it tells of changes alone")
-    state = Memory(0.0, "whether it has been pressed since it was armed")
+    pressed = Output("1", "true while pressed", dtype=bool)
+    known = Output("1", "true once the level is known", dtype=bool)
+    age = Output("s", "time since the newest event; the line reports changes only")
+    state = Memory(0.0, "1 once pressed since arming")
 
     decode = kernels.estop_decode
     encode = kernels.estop_encode
@@ -128,18 +130,17 @@ class EStopSwitch(GpioLine, StreamDevice):
 
 
 class SyncOut(GpioLine, StreamDevice):
-    """A pulse on a GPIO line at tick 0, where the recording begins, and whenever `pulse` is true: by it other
-    recordings find ours.
+    """Synchronisation output: a pulse at tick 0, where the recording starts, and whenever `pulse` is true.
 
-    It goes out at the end of the tick. When the run is over the line is let go, and what it is then its chip or the
-    other end says.
+    The pulse is sent at the end of the tick. After the run the line is released, and its level depends on the chip and
+    the connected device.
     """
 
-    duration = Param(0.1, "s", "of a pulse", above=0.0, max=3600.0, fixed=True)
+    duration = Param(0.1, "s", "duration of a pulse", above=0.0, max=3600.0, fixed=True)
 
-    pulse = Input("1", "begins a pulse, or makes the present one longer", default=False, dtype=bool)
-    high = Output("1", "whether the line is active", dtype=bool)
-    state = Memory((0.0,) * 3, "s, when the pulse ends; whether there was the first one; the level that was sent + 1")
+    pulse = Input("1", "true starts a pulse or extends the present one", default=False, dtype=bool)
+    high = Output("1", "true while the line is active", dtype=bool)
+    state = Memory((0.0,) * 3, "end of the pulse in s; 1 after the first pulse; level sent + 1")
 
     decode = no_io.ignore_all
     encode = kernels.pulse
@@ -154,13 +155,13 @@ class SyncOut(GpioLine, StreamDevice):
 
 
 class EmulatedGpio(StreamDevice):
-    """A line that is not there: its level, and an event whenever that changes, as Linux tells them, for a plant."""
+    """Emulated GPIO line: its level, and one Linux event per change."""
 
-    rest = Param(False, "1", "whether it is active where nothing is wired to `level`", fixed=True, kernel=False)
+    rest = Param(False, "1", "level if the input `level` is not connected", fixed=True, kernel=False)
 
-    level = Input("1", "whether it is active", default=False, dtype=bool)
-    lost = Input("1", "the chip is gone", default=False, dtype=bool)
-    state = Memory((0.0,) * 3, "level that was told + 1, events so far, whether it is gone")
+    level = Input("1", "true while the line is active", default=False, dtype=bool)
+    lost = Input("1", "true while the chip is disconnected", default=False, dtype=bool)
+    state = Memory((0.0,) * 3, "reported level + 1, number of events, 1 while disconnected")
 
     line = "gpio"
     decode = kernels.emulated_decode
@@ -170,6 +171,6 @@ class EmulatedGpio(StreamDevice):
         super().configure()
         lost = type(self).inputs["lost"]
         self.inputs = {
-            "level": Input("1", "whether it is active", default=self.rest, dtype=bool).named("level"),
+            "level": Input("1", "true while the line is active", default=self.rest, dtype=bool).named("level"),
             "lost": lost,
         }

@@ -1,7 +1,6 @@
-"""Devices on I2C: where they sit, what is written to set them up, and the table of what is read from them.
+"""Devices on I2C: location, configuration, and the table of periodic reads.
 
-A thread of the bus carries the table out (cext/lines/i2c.pyx); each answer becomes a frame
-(cext/lines/i2c_answers.pxd).
+A thread of the bus executes the table (cext/lines/i2c.pyx); each reply becomes a frame (cext/lines/i2c_answers.pxd).
 """
 
 from dataclasses import dataclass
@@ -9,14 +8,17 @@ from dataclasses import dataclass
 from cext.kernels import no_io
 from graph import Device, Param
 
-MUX, CHANNELS = 0x70, 8  # lowest address of a TCA9548A, and how many buses each makes
+MUX, CHANNELS = 0x70, 8  # lowest address and number of channels of a TCA9548A
 EXTENDED_ID = True
 
 
 @dataclass(frozen=True)
 class Write:
-    """Bytes written from a register on. wait : s for which the device is left alone afterwards; address : another chip
-    inside the device
+    """Write of bytes to consecutive registers.
+
+    register : first register
+    wait : s without access to the device afterwards
+    address : of another chip inside the device, or None
     """
 
     register: int
@@ -27,7 +29,7 @@ class Write:
 
 @dataclass(frozen=True)
 class Read:
-    """So many bytes from a register on."""
+    """Read of `count` bytes from consecutive registers, starting at `register`."""
 
     register: int
     count: int
@@ -35,11 +37,11 @@ class Read:
 
 @dataclass(frozen=True)
 class Transfer:
-    """What is asked at once. Its answer is a frame: all bytes read, then those `appended`.
+    """Combined transfer. Its reply is a frame: all bytes read, followed by `appended`.
 
     number : below 15, part of the frame's identifier
-    steps : of Read and Write
-    address : of another chip inside the device
+    steps : sequence of Read and Write
+    address : of another chip inside the device, or None
     """
 
     number: int
@@ -50,10 +52,10 @@ class Transfer:
 
 @dataclass(frozen=True)
 class Round:
-    """Transfers one after the other, one in each period.
+    """Periodic sequence of transfers, one per period.
 
     period : s
-    settle : s at least from one to the next, where the device needs that time
+    settle : minimum time in s between transfers, if the device needs it
     """
 
     period: float
@@ -63,7 +65,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Identity:
-    """What the register of a chip holds that says what it is. values : {byte: name}, of the bits where the mask is 1"""
+    """Identification register of a chip. values : {byte: name}, compared under the mask"""
 
     register: int
     values: dict
@@ -71,58 +73,70 @@ class Identity:
 
 
 class I2cDevice(Device):
-    """A device on an I2C bus, or behind a multiplexer on it."""
+    """Device on an I2C bus, directly or behind a multiplexer."""
 
     abstract = True
     medium = "i2c"
-    kind = ""  # what it is, in words
-    known_addresses = ()  # that its pins can choose
+    kind = ""  # name of the chip
+    known_addresses = ()  # selectable with its pins
     address_hint = (
-        "each chip on a piece of bus has an address of its own: choose another with its pins, or put one "
+        "each chip on a bus segment needs a unique address: select another with its pins, or connect one "
         "behind a multiplexer"
     )
     encode = no_io.send_nothing
 
-    bus = Param("i2c", "1", "logical name of its I2C bus", dtype=str)
-    address = Param(0x08, "1", "its address, of seven bits", min=0x08, max=0x77, fixed=True, kernel=False)
+    bus = Param("i2c", "1", "logical name of the I2C bus", dtype=str)
+    address = Param(0x08, "1", "7-bit address", min=0x08, max=0x77, fixed=True, kernel=False)
     mux = Param(
         0,
         "1",
-        "address of the multiplexer TCA9548A that it is behind, 0x70 to 0x77; 0 for none",
+        "address of the TCA9548A multiplexer in front of the device, 0x70 to 0x77; 0 for none",
         min=0,
         max=0x77,
         fixed=True,
         kernel=False,
     )
-    channel = Param(0, "1", "of that multiplexer", min=0, max=CHANNELS - 1, fixed=True, kernel=False)
+    channel = Param(0, "1", "channel of the multiplexer", min=0, max=CHANNELS - 1, fixed=True, kernel=False)
     timeout = Param(
-        0.1, "s", "of silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False
+        0.1,
+        "s",
+        "time without a reply after which the run ends in the safe stop; 0 disables it",
+        min=0.0,
+        fixed=True,
+        kernel=False,
     )
 
     hardware = ("address", "mux", "channel")
 
     def configure(self):
         if self.known_addresses and self.address not in self.known_addresses:
-            raise ValueError(f"address {self.address:#04x}: a {self.kind} has {listed(self.known_addresses)}")
+            raise ValueError(
+                f"address {self.address:#04x}: the addresses of a {self.kind} are {listed(self.known_addresses)}"
+            )
         if self.mux and not MUX <= self.mux < MUX + 8:
-            raise ValueError(f"mux {self.mux:#04x}: a TCA9548A has 0x70 to 0x77; 0 for none")
+            raise ValueError(
+                f"mux {self.mux:#04x}: the addresses of a TCA9548A are 0x70 to 0x77, and 0 means no multiplexer"
+            )
         if self.channel and not self.mux:
-            raise ValueError("channel is that of a multiplexer: say which one with mux=0x70")
+            raise ValueError("channel requires a multiplexer. Set its address, such as mux=0x70")
 
     @property
     def place(self):
-        """Number of the piece of bus that it is on, as its frames have it."""
+        """Number of the bus segment, as in the frame identifiers: 0 in front of all multiplexers."""
         return 1 + CHANNELS * (self.mux - MUX) + self.channel if self.mux else 0
 
     def own_identity(self):
         return self.place << 8 | self.address
 
     def chips(self):
-        """Addresses that it takes on its piece of bus."""
+        """Return the addresses that the device uses on its bus segment."""
         return (self.address,)
 
     def addresses(self):
-        """What is on the bus itself is heard behind every multiplexer too: nobody there may have its address."""
+        """Return (identifier, is extended) of every address that the device occupies.
+
+        A device in front of the multiplexers also occupies its address on every channel behind them.
+        """
         places = [self.place] if self.mux else range(1 + CHANNELS * 8)
         return [(place << 8 | address, EXTENDED_ID) for address in self.chips() for place in places]
 
@@ -132,36 +146,38 @@ class I2cDevice(Device):
     def address_in_words(self, address):
         return f"I2C address {address[0] & 0xFF:#04x}"
 
-    # What the thread of the bus and the set-up are told
+    # Configuration and reads, for the thread of the bus
 
     def identities(self):
-        """Identity of each chip that tells what it is, to be read before it is set up."""
+        """Return an Identity per identifiable chip, to be checked before the configuration."""
         return ()
 
     def release(self):
-        """Write by Write, before any device of the bus is set up: chips inside it that others have too leave the
-        bus.
+        """Return the Writes that disconnect internal chips with shared addresses from the bus.
+
+        They precede the configuration of every device on the bus.
         """
         return ()
 
     def set_up(self):
-        """Write by Write, from whatever state it is in."""
+        """Return the Writes that configure the device from any state."""
         return ()
 
     def learn(self, read, write):
-        """Ask it, once it is set up, what `rounds` has to know of it. ValueError, in words, if that is wrong.
+        """Read the values that `rounds` needs, after the configuration. ValueError if they are invalid.
 
         read(register, count, address=None) -> bytes, write(Write)
         """
 
     def check(self):
-        """(register, bytes) by which it shows that it is still set up; None for a device that cannot lose that
-        unseen.
+        """Return (register, bytes) that confirm the configuration.
+
+        None for a device that cannot lose its configuration undetected.
         """
         return None
 
     def rounds(self):
-        """Every Round."""
+        """Return every Round."""
         return ()
 
 

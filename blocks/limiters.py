@@ -1,6 +1,4 @@
-"""Limiters: what stands between a controller and a person. NaN passes and infinity becomes NaN, which is a fault at the
-actuator.
-"""
+"""Limiters. NaN passes and infinity becomes NaN, which is a fault at the actuator."""
 
 import math
 
@@ -11,19 +9,22 @@ from graph import Block, Input, Interval, Memory, Output, Param
 
 
 class Saturation(Block):
-    """Clips: y = min(max(u, lower), upper). Direct feedthrough; NaN passes and infinity becomes NaN."""
+    """Saturation: y = min(max(u, lower), upper).
+
+    Direct feedthrough; NaN passes and infinity becomes NaN.
+    """
 
     lower = Param(-1.0, "any", "smallest output")
     upper = Param(1.0, "any", "largest output")
 
     u = Input("any", "input", shape=...)
-    y = Output("any", "clipped", shape=...)
+    y = Output("any", "clipped input", shape=...)
 
     kernel = kernels.saturation
 
     def configure(self):
         if self.lower > self.upper:
-            raise ValueError(f"lower, {self.lower:g}, is above upper, {self.upper:g}")
+            raise ValueError(f"lower, {self.lower:g}, must not exceed upper, {self.upper:g}")
 
     def output_range(self, u):
         lower, upper = self.span("lower"), self.span("upper")
@@ -33,17 +34,17 @@ class Saturation(Block):
 
 
 class SlewRate(Block):
-    """Follows the input at a bounded rate: |y[k] - y[k-1]| <= rate · dt.
+    """Rate limiter: |y[k] - y[k-1]| <= rate · dt.
 
-    Starts at zero, or at the present input when armed. Direct feedthrough; NaN passes, infinity becomes NaN, and
+    Starts at zero, and after arming at the present input. Direct feedthrough; NaN passes, infinity becomes NaN, and
     neither is held.
     """
 
-    rate = Param(1.0, "any", "largest change a second", min=0.0)
+    rate = Param(1.0, "any", "largest change per second", min=0.0)
 
     u = Input("any", "input", shape=...)
-    y = Output("any", "followed", shape=...)
-    previous = Memory(0.0, "output of the tick before")
+    y = Output("any", "rate-limited input", shape=...)
+    previous = Memory(0.0, "output of the previous tick")
 
     kernel = kernels.slew
     settle_kernel = kernels.slew_at_rest
@@ -56,23 +57,20 @@ class SlewRate(Block):
 
 
 class TorqueLimiter(Block):
-    """Bounds a torque and how fast it changes: |τ| <= limit, |dτ/dt| <= slew.
+    """Limiter of a torque and its rate of change: |τ| <= limit, |dτ/dt| <= slew.
 
     Principle: 1. the input is clipped to ± limit; 2. the output moves toward it by at most slew · dt, so it never
-    leaves the interval that holds both. Where no slew is given, the torque crosses the whole range in 0.1 s: slew = 20
-    limit per second, of the limit as it is now where that is live; `slew=math.inf` asks for none. A limit lowered while
-    running holds at once. Starts at zero. NaN passes, infinity becomes NaN, neither is held, and both are a fault at
-    the actuator.
+    leaves the interval between them. The default slew crosses the whole range in 0.1 s: 20 limit per second, following
+    a live limit; `slew=math.inf` disables it. A limit that is lowered during the run applies at once. Starts at zero.
+    NaN passes, infinity becomes NaN, neither is held, and both are a fault at the actuator.
     """
 
-    limit = Param(1.0, "N·m", "largest torque, either way", min=0.0, required=True)
-    slew = Param(
-        None, "N·m/s", "fastest change, either way; the whole range in 0.1 s if left out", min=0.0, dtype=float
-    )
+    limit = Param(1.0, "N·m", "largest magnitude of the torque", min=0.0, required=True)
+    slew = Param(None, "N·m/s", "largest rate of change; the whole range in 0.1 s by default", min=0.0, dtype=float)
 
-    torque = Input("N·m", "asked for")
-    limited = Output("N·m", "let through")
-    previous = Memory(0.0, "output of the tick before")
+    torque = Input("N·m", "requested torque")
+    limited = Output("N·m", "limited torque")
+    previous = Memory(0.0, "output of the previous tick")
 
     kernel = kernels.torque_limiter
     examples = ({"limit": 12.0}, {"limit": 12.0, "slew": 200.0})
@@ -82,26 +80,27 @@ class TorqueLimiter(Block):
 
     @property
     def output_slew(self):
-        """The fastest change in N·m/s: the slew, or what the largest limit gives."""
+        """Largest rate of change in N·m/s: the slew, or its default for the largest limit."""
         return 20.0 * self.span("limit").high if self.slew is None else self.span("slew").high
 
 
 class DeadZone(Block):
-    """Lets nothing small through: y = u - lower below lower, 0 between, u - upper above. NaN passes, infinity becomes
-    NaN.
+    """Dead zone: y = u - lower for u < lower, u - upper for u > upper, 0 between.
+
+    Direct feedthrough; NaN passes, infinity becomes NaN.
     """
 
-    lower = Param(-1.0, "any", "where the zone begins")
-    upper = Param(1.0, "any", "where it ends")
+    lower = Param(-1.0, "any", "lower end of the zone")
+    upper = Param(1.0, "any", "upper end of the zone")
 
     u = Input("any", "input", shape=...)
-    y = Output("any", "what exceeds the zone", shape=...)
+    y = Output("any", "excess of the input over the zone", shape=...)
 
     kernel = kernels.dead_zone
 
     def configure(self):
         if self.lower > self.upper:
-            raise ValueError(f"lower, {self.lower:g}, is above upper, {self.upper:g}")
+            raise ValueError(f"lower, {self.lower:g}, must not exceed upper, {self.upper:g}")
 
     def output_range(self, u):
         lower, upper = self.span("lower"), self.span("upper")
@@ -111,87 +110,86 @@ class DeadZone(Block):
 
 
 def beyond(u, lower, upper):
-    """What of u lies outside [lower, upper], as the kernel computes it; an infinite end stays."""
+    """Return the part of u outside [lower, upper], rounded like the kernel; infinity stays infinite."""
     return u - min(max(u, lower), upper) if math.isfinite(u) else u
 
 
 class PowerLimiter(Block):
-    """Bounds the mechanical power of a joint, driving and braking: |τ ω| <= power, to one rounding.
+    """Limiter of the mechanical power of a joint, driving and braking: |τ ω| <= power, to one rounding.
 
-    At rest every torque passes. Direct feedthrough. NaN or infinity in the torque or the velocity gives NaN.
+    At zero velocity every torque passes. Direct feedthrough. NaN or infinity in the torque or the velocity gives NaN.
     """
 
-    power = Param(100.0, "W", "largest power, either way", min=0.0)
+    power = Param(100.0, "W", "largest magnitude of the power", min=0.0)
 
-    torque = Input("N·m", "asked for", shape=...)
-    velocity = Input("rad/s", "of the joint, ω", shape=...)
-    limited = Output("N·m", "let through", shape=...)
+    torque = Input("N·m", "requested torque", shape=...)
+    velocity = Input("rad/s", "joint velocity ω", shape=...)
+    limited = Output("N·m", "limited torque", shape=...)
 
     kernel = kernels.power
 
     def output_range(self, torque, velocity):
         slowest, power = abs(velocity).low, self.span("power").high
-        most = (power + math.ulp(0.0)) / slowest * (1.0 + 1e-15) if slowest > 0.0 else math.inf
-        return (torque | Interval.point(0.0)) & Interval(-most, most)
+        bound = (power + math.ulp(0.0)) / slowest * (1.0 + 1e-15) if slowest > 0.0 else math.inf
+        return (torque | Interval.point(0.0)) & Interval(-bound, bound)
 
 
 class SoftStop(Block):
-    """A spring and a damper at each end of a range of motion: τ -= K (θ - upper) + B ω beyond upper, and so at lower.
+    """Spring and damper at each end of a range of motion: τ -= K (θ - upper) + B ω for θ > upper.
 
-    The damper resists what moves further out and lets what comes back go. Inside the range the torque passes as it is.
-    A limiter behind it bounds the sum. Direct feedthrough. NaN or infinity in the position or the velocity gives NaN,
-    in the torque passes.
+    The lower end is symmetric. The damper resists outward motion only. Inside the range the torque passes unchanged.
+    Connect a limiter after this block to bound the sum. Direct feedthrough. NaN or infinity in the position or the
+    velocity gives NaN; in the torque it passes.
     """
 
-    lower = Param(-1.0, "rad", "where motion ends")
-    upper = Param(1.0, "rad", "where motion ends")
-    stiffness = Param(100.0, "N·m/rad", "K", min=0.0)
-    damping = Param(1.0, "N·m·s/rad", "B", min=0.0)
+    lower = Param(-1.0, "rad", "lower end of the range of motion")
+    upper = Param(1.0, "rad", "upper end of the range of motion")
+    stiffness = Param(100.0, "N·m/rad", "stiffness K at both ends", min=0.0)
+    damping = Param(1.0, "N·m·s/rad", "damping B at both ends", min=0.0)
 
-    torque = Input("N·m", "asked for")
+    torque = Input("N·m", "requested torque")
     position = Input("rad", "joint angle θ")
     velocity = Input("rad/s", "joint velocity ω")
-    stopped = Output("N·m", "with what the ends add")
+    stopped = Output("N·m", "torque including springs and dampers")
 
     kernel = kernels.soft_stop
 
     def configure(self):
         if self.lower >= self.upper:
-            raise ValueError(f"lower, {self.lower:g} rad, is not below upper, {self.upper:g} rad")
+            raise ValueError(f"lower, {self.lower:g} rad, must be below upper, {self.upper:g} rad")
 
     def output_range(self, torque, position, velocity):
         low, high = torque.low, torque.high
         lower, upper, stiffness, damping = map(self.span, ("lower", "upper", "stiffness", "damping"))
-        if position.high > upper.low:  # beyond upper torque is only taken away
+        if position.high > upper.low:  # above `upper`, torque is only subtracted
             farthest = Interval(0.0, (position - upper).high)
             low = min(low, (torque - stiffness * farthest - damping * Interval(0.0, max(0.0, velocity.high))).low)
-        if position.low < lower.high:  # and below lower only added
+        if position.low < lower.high:  # below `lower`, torque is only added
             farthest = Interval(0.0, (lower - position).high)
             high = max(high, (torque + stiffness * farthest - damping * Interval(min(0.0, velocity.low), 0.0)).high)
         return Interval(low, high)
 
 
 class RMSTorqueLimiter(Block):
-    """Bounds the root mean square of a torque over a window, which is what heats a motor: √(Σ τ² / N) <= limit, N =
-    window / dt.
+    """Limiter of the RMS torque over a window, which heats a motor: √(Σ τ² / N) <= limit, N = window / dt.
 
-    Principle: 1. the squares of the last N outputs are kept and summed without drift; 2. what N limit² still allows is
-    the budget; 3. a tick may take 1/M of it, M = fade / dt, so that a torque that asks for too much is taken back over
-    about two `fade` rather than cut. The bound holds at every tick, from an empty window on. |τ| <= limit √(window /
-    fade). Put it last, or its sum is not that of the motor. Through missed ticks the last torque counts. Direct
+    Principle: 1. the squares of the last N outputs are stored and summed without drift; 2. the remainder of N limit² is
+    the budget; 3. each tick may use 1/M of it, M = fade / dt, so an excessive torque is reduced over about two `fade`
+    instead of being cut. The bound holds at every tick, starting with an empty window. |τ| <= limit √(window / fade).
+    Put this block last, otherwise its sum is not that of the motor. During missed ticks the last torque counts. Direct
     feedthrough. NaN passes, infinity becomes NaN, neither is held.
     """
 
-    limit = Param(1.0, "N·m", "largest root mean square: the rated torque", min=0.0, max=1e6, required=True)
-    window = Param(20.0, "s", "over which it is taken", above=0.0, fixed=True)
-    fade = Param(1.0, "s", "how gently torque is taken back as the budget runs out; 0 cuts it", min=0.0, fixed=True)
+    limit = Param(1.0, "N·m", "largest RMS torque, usually the rated torque", min=0.0, max=1e6, required=True)
+    window = Param(20.0, "s", "length of the window", above=0.0, fixed=True)
+    fade = Param(1.0, "s", "time over which torque is reduced as the budget runs out; 0 cuts it", min=0.0, fixed=True)
 
-    torque = Input("N·m", "asked for")
-    limited = Output("N·m", "let through")
-    squares = Memory(0.0, "of the last outputs")
-    sums = Memory((0.0, 0.0), "sum of the squares, and what rounding lost of it")
-    place = Memory(0.0, "where the next square goes")
-    ticks = Memory(1.0, "M")
+    torque = Input("N·m", "requested torque")
+    limited = Output("N·m", "limited torque")
+    squares = Memory(0.0, "squares of the last outputs")
+    sums = Memory((0.0, 0.0), "sum of the squares, and its rounding error")
+    place = Memory(0.0, "index of the next square")
+    ticks = Memory(1.0, "M = fade / dt")
 
     kernel = kernels.rms_torque
     examples = (
@@ -202,10 +200,10 @@ class RMSTorqueLimiter(Block):
 
     def configure(self):
         if self.fade > self.window:
-            raise ValueError(f"fade, {self.fade:g} s, is longer than the window, {self.window:g} s")
+            raise ValueError(f"fade, {self.fade:g} s, must not exceed the window, {self.window:g} s")
 
     def design(self, dt):
-        """(N, M)"""
+        """Return (N, M). dt : s"""
         return samples_in(self.window, dt), max(1.0, self.fade / dt)
 
     def prepare(self, dt):
@@ -213,49 +211,49 @@ class RMSTorqueLimiter(Block):
         self.squares = [0.0] * count
 
     def output_range(self, torque):
-        found, counts = torque | Interval.point(0.0), designed(self)
+        unlimited, counts = torque | Interval.point(0.0), designed(self)
         if counts is None:
-            return found
+            return unlimited
         count, ticks = counts
-        most = self.span("limit").high * math.sqrt(count / ticks) + 1e-150  # where squares underflow
-        return found & Interval(-most, most)
+        bound = self.span("limit").high * math.sqrt(count / ticks) + 1e-150  # where squares underflow
+        return unlimited & Interval(-bound, bound)
 
 
 class TemperatureDerating(Block):
-    """Takes torque back as a motor gets hot: y = τ · s, s = 1 up to `full`, 0 from `none` on, and straight between.
+    """Torque derating by motor temperature: y = τ · s, s = 1 up to `full`, 0 above `none`, linear between.
 
     Direct feedthrough. NaN in the torque passes. NaN or infinity in the temperature gives NaN.
     """
 
-    full = Param(80.0, "°C", "up to here torque passes in full")
-    none = Param(100.0, "°C", "from here on none passes")
+    full = Param(80.0, "°C", "temperature up to which the full torque passes")
+    none = Param(100.0, "°C", "temperature above which no torque passes")
 
-    torque = Input("N·m", "asked for", shape=...)
-    temperature = Input("°C", "of the motor")
-    derated = Output("N·m", "let through", shape=...)
+    torque = Input("N·m", "requested torque", shape=...)
+    temperature = Input("°C", "motor temperature")
+    derated = Output("N·m", "derated torque", shape=...)
 
     kernel = kernels.derating
 
     def configure(self):
         if self.full >= self.none:
-            raise ValueError(f"full, {self.full:g} °C, is not below none, {self.none:g} °C")
+            raise ValueError(f"full, {self.full:g} °C, must be below none, {self.none:g} °C")
 
     def output_range(self, torque, temperature):
         return torque | Interval.point(0.0)
 
 
 class SoftStart(Block):
-    """Fades a signal in: y = u · min(1, t / duration), t since the start or since `enable` became true.
+    """Fade-in of a signal: y = u · min(1, t / duration), t since the start or since `enable` became true.
 
     While `enable` is false the output is 0. Direct feedthrough. NaN in u or `enable` passes.
     """
 
-    duration = Param(1.0, "s", "until the whole signal passes", above=0.0)
+    duration = Param(1.0, "s", "time until the full signal passes", above=0.0)
 
     u = Input("any", "input", shape=...)
-    enable = Input("1", "whether it may pass at all", dtype=bool, default=True)
-    y = Output("any", "faded in", shape=...)
-    elapsed = Memory(-1.0, "t, in s; negative while it is not enabled")
+    enable = Input("1", "false holds the output at 0", dtype=bool, default=True)
+    y = Output("any", "faded-in signal", shape=...)
+    elapsed = Memory(-1.0, "t in s; negative while disabled")
 
     kernel = kernels.soft_start
 

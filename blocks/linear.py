@@ -1,6 +1,6 @@
-"""Linear systems in discrete time: transfer functions, cascades of biquads, state space.
+"""Linear systems in discrete time: transfer functions, biquad cascades, state space.
 
-Each is proved by the 1-norm of its impulse response; one that is not stable has no range.
+Their output ranges follow from the 1-norm of the impulse response. An unstable system has no range.
 """
 
 import math
@@ -17,26 +17,26 @@ from graph.units import canonical, multiply
 
 
 class TransferFunction(Block):
-    """Rational transfer function: H = (b₀ xⁿ + ... + bₙ) / (a₀ xⁿ + ... + aₙ), x = z, or s by Tustin's bilinear
-    transform.
+    """Rational transfer function: H = (b₀ xⁿ + ... + bₙ) / (a₀ xⁿ + ... + aₙ), x = z or s.
 
-    Coefficients in falling powers, as in scipy.signal.TransferFunction; leading zeros may be left out. Direct
-    feedthrough where numerator and denominator in z are of one degree; else none, and it may close a loop. Starts at
-    zero; when a robot has been armed it starts as if it had seen its present input for ever, if it has such a state.
-    NaN stays until the next reset. For high orders take a BiquadCascade, which rounding hurts less.
+    In the domain s, Tustin's bilinear transform discretises it. Coefficients are in decreasing powers, as in
+    scipy.signal.TransferFunction; leading zeros may be omitted. Direct feedthrough if numerator and denominator in z
+    have the same degree; otherwise none, and the block may close a loop. Starts at zero; after arming it starts in
+    steady state for the present input, if such a state exists. NaN persists until the next reset. For high orders use a
+    BiquadCascade, which is less sensitive to rounding.
     """
 
-    numerator = Param((1.0,), "1", "b, in falling powers", dtype=tuple)
-    denominator = Param((1.0,), "1", "a, in falling powers", dtype=tuple)
-    domain = Param("z", "1", "z: discrete; s: continuous", choices=("z", "s"))
-    unit = Param("1", "1", "unit of the gain; the output has the product of both")
+    numerator = Param((1.0,), "1", "numerator coefficients b, in decreasing powers", dtype=tuple)
+    denominator = Param((1.0,), "1", "denominator coefficients a, in decreasing powers", dtype=tuple)
+    domain = Param("z", "1", "domain of the coefficients: z (discrete) or s (continuous)", choices=("z", "s"))
+    unit = Param("1", "1", "unit of the gain; the output unit is its product with the input unit")
 
     u = Input("any", "input", shape=...)
     y = Output("any", "output", shape=...)
     b = Memory(0.0, "numerator in powers of 1/z")
     a = Memory(0.0, "denominator in powers of 1/z, a₀ = 1")
-    delays = Memory(0.0, "one for each degree and element")
-    rest = Memory(0.0, "the delays of an input of 1 for ever")
+    delays = Memory(0.0, "one delay per degree and element")
+    rest = Memory(0.0, "delays in steady state for an input of 1")
 
     kernel = kernels.transfer
     update_kernel = kernels.transfer_next
@@ -49,9 +49,8 @@ class TransferFunction(Block):
         )
         if len(self.numerator) > len(self.denominator):
             raise ValueError(
-                f"the numerator is of degree {len(self.numerator) - 1}, above the denominator's, "
-                f"{len(self.denominator) - 1}: "
-                f"it would need inputs of the future"
+                f"numerator: its degree, {len(self.numerator) - 1}, must not exceed that of the denominator, "
+                f"{len(self.denominator) - 1}. The system would not be causal"
             )
         self.unit = canonical(self.unit)
         proper = self.domain == "s" or len(self.numerator) == len(self.denominator)
@@ -61,13 +60,13 @@ class TransferFunction(Block):
         return {"y": multiply(u, self.unit)}
 
     def design(self, dt):
-        """(b, a) in powers of 1/z, equally long, a[0] = 1. dt matters in the domain s only."""
+        """Return (b, a) in powers of 1/z, of equal length, a[0] = 1. dt : s, used in the domain s only"""
         degree = len(self.denominator) - 1
         b, a = (np.concatenate([np.zeros(degree + 1 - len(c)), c]) for c in (self.numerator, self.denominator))
         if self.domain == "s":
             b, a = tustin(b, dt), tustin(a, dt)
             if a[0] == 0.0:
-                raise ValueError(f"denominator: a pole at {2 / dt:g} rad/s has no counterpart at this rate")
+                raise ValueError(f"denominator: a pole at {2 / dt:g} rad/s cannot be discretised at this rate")
         return tuple((b / a[0]).tolist()), tuple((a / a[0]).tolist())
 
     def prepare(self, dt):
@@ -82,24 +81,28 @@ class TransferFunction(Block):
 
 
 def polynomial(name, coefficients):
-    """The coefficients as a tuple without leading zeros. ValueError if they are none, not finite or all zero in a
-    denominator.
+    """Return the coefficients as a tuple without leading zeros.
+
+    ValueError if they are missing or not finite, or if a denominator is zero.
     """
     try:
         values = [float(value) for value in coefficients]
     except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected numbers in falling powers, got {coefficients!r}") from None
+        raise ValueError(f"{name}: expected numbers in decreasing powers, got {coefficients!r}") from None
     if not values or not all(map(math.isfinite, values)):
-        raise ValueError(f"{name}: expected finite numbers in falling powers, got {coefficients!r}")
+        raise ValueError(f"{name}: expected finite numbers in decreasing powers, got {coefficients!r}")
     while len(values) > 1 and values[0] == 0.0:
         values.pop(0)
     if name == "denominator" and values[0] == 0.0:
-        raise ValueError("denominator: is zero")
+        raise ValueError("denominator: must not be zero")
     return tuple(values)
 
 
 def tustin(coefficients, dt):
-    """A polynomial in s, in falling powers, as one in z: times (z + 1)^degree, with s = 2/dt (z - 1)/(z + 1)."""
+    """Convert a polynomial in s to one in z: times (z + 1)^degree, with s = 2/dt (z - 1)/(z + 1).
+
+    Coefficients are in decreasing powers.
+    """
     degree = len(coefficients) - 1
     total = np.zeros(degree + 1)
     for power, coefficient in zip(range(degree, -1, -1), coefficients):
@@ -111,10 +114,10 @@ def tustin(coefficients, dt):
 
 
 def delays_at_rest(b, a):
-    """Delays of the transposed direct form II that has seen an input of 1 for ever, from sums that are exact before one
-    rounding.
+    """Return the steady-state delays of the transposed direct form II for an input of 1.
 
-    Zeros for an integrator, which has no such state, and for what differs from one by rounding only.
+    The sums are exact before one rounding. Zeros for an integrator, which has no such state, including systems that
+    differ from an integrator by rounding only.
     """
     if abs(math.fsum(a)) <= 1e-12 * math.fsum(map(abs, a)):
         return [0.0] * (len(b) - 1)
@@ -125,19 +128,19 @@ def delays_at_rest(b, a):
 class BiquadCascade(Biquads):
     """Second-order sections in series: H(z) = Π (b0 + b1/z + b2/z²) / (a0 + a1/z + a2/z²).
 
-    Rows (b0, b1, b2, a0, a1, a2), as SciPy's designs return them with output="sos". Direct form II transposed. Direct
-    feedthrough. Starts at zero; when the robot is armed it starts at its present input. NaN passes and stays until the
-    next reset.
+    Rows (b0, b1, b2, a0, a1, a2), as returned by SciPy's designs with output="sos". Transposed direct form II. Direct
+    feedthrough. Starts at zero; after arming it starts in steady state for the present input. NaN passes and persists
+    until the next reset.
     """
 
-    sos = Param(((1.0, 0.0, 0.0, 1.0, 0.0, 0.0),), "1", "rows b0 b1 b2 a0 a1 a2", dtype=tuple)
+    sos = Param(((1.0, 0.0, 0.0, 1.0, 0.0, 0.0),), "1", "rows (b0, b1, b2, a0, a1, a2), one per section", dtype=tuple)
 
     def configure(self):
         rows = np.asarray(self.sos, dtype=float)
         shaped = rows.ndim == 2 and rows.shape[1] == 6 and len(rows)
         if not shaped or not np.all(np.isfinite(rows)) or not np.all(rows[:, 3]):
             raise ValueError(
-                f"sos: expected rows of six finite numbers, b0 b1 b2 a0 a1 a2, a0 not zero, got {self.sos!r}"
+                f"sos: expected rows of six finite numbers, b0 b1 b2 a0 a1 a2, with a nonzero a0, got {self.sos!r}"
             )
         self.sos = tuple(map(tuple, rows.tolist()))
 
@@ -146,28 +149,28 @@ class BiquadCascade(Biquads):
 
 
 class StateSpace(Block):
-    """Linear system in state space: x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k], x[0] = start.
+    """Linear state-space system: x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k], x[0] = start.
 
-    Matrices are nested tuples or arrays: A (n, n), B (n, m), C (p, n), D (p, m). A port is a scalar where m or p is 1,
-    else a vector. Direct feedthrough where D is not zero; else none, and it may close a loop. When a robot has been
-    armed it starts as if it had seen its present input for ever, unless `start` is given or it is not stable. NaN stays
-    until the next reset.
+    Matrices are nested tuples or arrays: A (n, n), B (n, m), C (p, n), D (p, m). A port is a scalar if m or p is 1, and
+    a vector otherwise. Direct feedthrough if D is not zero; otherwise none, and the block may close a loop. After
+    arming it starts in steady state for the present input, unless `start` is given or the system is unstable. NaN
+    persists until the next reset.
     """
 
-    A = Param((), "1", "system matrix", dtype=tuple, required=True)
-    B = Param((), "1", "input matrix", dtype=tuple, required=True)
-    C = Param((), "1", "output matrix", dtype=tuple, required=True)
-    D = Param((), "1", "feedthrough matrix, zero if left out", dtype=tuple)
-    start = Param((), "1", "state at the start, zero if left out", dtype=tuple)
-    unit = Param("1", "1", "unit of the gain; the output has the product of both")
+    A = Param((), "1", "system matrix A, (n, n)", dtype=tuple, required=True)
+    B = Param((), "1", "input matrix B, (n, m)", dtype=tuple, required=True)
+    C = Param((), "1", "output matrix C, (p, n)", dtype=tuple, required=True)
+    D = Param((), "1", "feedthrough matrix D, (p, m); zero by default", dtype=tuple)
+    start = Param((), "1", "initial state, (n,); zero by default", dtype=tuple)
+    unit = Param("1", "1", "unit of the gain; the output unit is its product with the input unit")
 
     matrix_a = Memory(0.0, "A, row by row")
     matrix_b = Memory(0.0, "B, row by row")
     matrix_c = Memory(0.0, "C, row by row")
-    matrix_d = Memory(0.0, "D, row by row; empty where it is zero")
-    rest = Memory(0.0, "state for inputs of 1 for ever, row by row")
-    state = Memory(0.0, "x")
-    following = Memory(0.0, "room for the next x")
+    matrix_d = Memory(0.0, "D, row by row; empty if it is zero")
+    rest = Memory(0.0, "steady state for inputs of 1, row by row")
+    state = Memory(0.0, "state x")
+    following = Memory(0.0, "buffer for the next state")
 
     kernel = kernels.state_space
     update_kernel = kernels.state_space_next
@@ -183,16 +186,16 @@ class StateSpace(Block):
         n, m, p = len(A), B.shape[1], len(C)
         D = matrix("D", self.D) if len(self.D) else np.zeros((p, m))
         start = np.asarray(self.start, dtype=float) if len(self.start) else np.zeros(n)
-        for name, found, wanted in (
+        for name, shape, expected in (
             ("A", A.shape, (n, n)),
             ("B", B.shape, (n, m)),
             ("C", C.shape, (p, n)),
             ("D", D.shape, (p, m)),
             ("start", start.shape, (n,)),
         ):
-            if found != wanted:
+            if shape != expected:
                 raise ValueError(
-                    f"{name}: expected shape {wanted}, got {found}, with A {A.shape}, B {B.shape} and C {C.shape}"
+                    f"{name}: expected shape {expected}, got {shape}, with A {A.shape}, B {B.shape} and C {C.shape}"
                 )
         self.inputs = {"u": Input("any", "input", shape=() if m == 1 else (m,)).named("u")}
         self.outputs = {"y": Output("any", "output", shape=() if p == 1 else (p,)).named("y")}
@@ -214,18 +217,18 @@ class StateSpace(Block):
 
 
 def matrix(name, rows):
-    """A two-dimensional array of finite numbers. ValueError if it is none."""
+    """Return a two-dimensional array of finite numbers. ValueError for other rows."""
     try:
         array = np.array(rows, dtype=float)
     except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected rows of numbers, all of one length") from None
+        raise ValueError(f"{name}: expected rows of numbers of equal length") from None
     if array.ndim != 2 or not array.size or not np.all(np.isfinite(array)):
         raise ValueError(f"{name}: expected rows of finite numbers, got {rows!r}")
     return array
 
 
 def state_at_rest(A, B):
-    """(I - A)⁻¹ B: where each input of 1 brings the state in the end, exact before one rounding, for a stable A."""
+    """Return (I - A)⁻¹ B, the steady state for each input of 1, exact before one rounding. A must be stable."""
     n, m = B.shape
     rows = [
         [Fraction(int(i == j)) - Fraction(A[i, j]) for j in range(n)] + [Fraction(value) for value in B[i]]
@@ -244,8 +247,9 @@ def state_at_rest(A, B):
 
 
 def zero_order_hold(A, B, dt):
-    """(A, B) of the discrete system that x' = A x + B u is, for u that holds for dt: the matrix exponential, by scaling
-    and squaring.
+    """Return (A, B) of the zero-order-hold discretisation of x' = A x + B u with the period dt in s.
+
+    The matrix exponential is computed by scaling and squaring.
     """
     n, m = B.shape
     step = np.zeros((n + m, n + m))

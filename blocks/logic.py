@@ -1,6 +1,4 @@
-"""Logic. A bool is 0 or 1 in a wire, anything but 0 is true, and NaN is neither: it passes through every one of
-these.
-"""
+"""Logic. A bool is 0 or 1, any nonzero value is true, and NaN is neither: it passes through every block."""
 
 import math
 
@@ -11,15 +9,16 @@ from graph import Block, Input, Interval, Memory, Output, Param
 
 
 class Compare(Block):
-    """Compares two signals: y = a `relation` b, as in Compare(">")(angle, 0.5). Direct feedthrough; element by
-    element.
+    """Comparison of two signals: y = a `relation` b, as in Compare(">")(angle, 0.5).
+
+    Element-wise. Direct feedthrough; NaN passes.
     """
 
-    relation = Param(">", "1", "between a and b", choices=("<", "<=", ">", ">=", "==", "!="))
+    relation = Param(">", "1", "relation between a and b", choices=("<", "<=", ">", ">=", "==", "!="))
 
-    a = Input("any", "left side", shape=...)
-    b = Input("any", "right side", shape=...)
-    y = Output("1", "whether it holds", shape=..., dtype=bool)
+    a = Input("any", "left operand", shape=...)
+    b = Input("any", "right operand", shape=...)
+    y = Output("1", "true if the relation holds", shape=..., dtype=bool)
 
     kernel = kernels.relations[">"]
 
@@ -27,7 +26,7 @@ class Compare(Block):
         self.kernel = kernels.relations[self.relation]
 
     def output_range(self, a, b):
-        less, more, equal = a.low < b.high, a.high > b.low, a.low <= b.high and b.low <= a.high  # what can be
+        less, more, equal = a.low < b.high, a.high > b.low, a.low <= b.high and b.low <= a.high  # possible relations
         true = {"<": less, "<=": less or equal, ">": more, ">=": more or equal, "==": equal, "!=": less or more}[
             self.relation
         ]
@@ -38,11 +37,14 @@ class Compare(Block):
 
 
 class And(Block):
-    """Whether all of several signals are true. Direct feedthrough; element by element."""
+    """Conjunction: y = u1 and u2 and ....
 
-    count = Param(2, "1", "how many inputs", min=2, fixed=True)
+    Element-wise. Direct feedthrough; NaN passes.
+    """
 
-    y = Output("1", "whether all are true", shape=..., dtype=bool)
+    count = Param(2, "1", "number of inputs", min=2, fixed=True)
+
+    y = Output("1", "true if all inputs are true", shape=..., dtype=bool)
 
     kernel = kernels.conjunction
 
@@ -54,11 +56,14 @@ class And(Block):
 
 
 class Or(Block):
-    """Whether one of several signals is true. Direct feedthrough; element by element."""
+    """Disjunction: y = u1 or u2 or ....
 
-    count = Param(2, "1", "how many inputs", min=2, fixed=True)
+    Element-wise. Direct feedthrough; NaN passes.
+    """
 
-    y = Output("1", "whether one is true", shape=..., dtype=bool)
+    count = Param(2, "1", "number of inputs", min=2, fixed=True)
+
+    y = Output("1", "true if any input is true", shape=..., dtype=bool)
 
     kernel = kernels.disjunction
 
@@ -70,13 +75,14 @@ class Or(Block):
 
 
 class Xor(Block):
-    """Whether an odd number of signals are true: of two, whether they differ. Direct feedthrough; element by
-    element.
+    """Exclusive or: y = true if an odd number of inputs are true; for two inputs, if they differ.
+
+    Element-wise. Direct feedthrough; NaN passes.
     """
 
-    count = Param(2, "1", "how many inputs", min=2, fixed=True)
+    count = Param(2, "1", "number of inputs", min=2, fixed=True)
 
-    y = Output("1", "whether an odd number is true", shape=..., dtype=bool)
+    y = Output("1", "true if an odd number of inputs are true", shape=..., dtype=bool)
 
     kernel = kernels.parity
 
@@ -91,10 +97,13 @@ class Xor(Block):
 
 
 class Not(Block):
-    """Whether a signal is false. Direct feedthrough; element by element."""
+    """Negation: y = not u.
+
+    Element-wise. Direct feedthrough; NaN passes.
+    """
 
     u = Input("1", "input", shape=..., dtype=bool)
-    y = Output("1", "whether it is false", shape=..., dtype=bool)
+    y = Output("1", "true if the input is false", shape=..., dtype=bool)
 
     kernel = kernels.negation
 
@@ -103,16 +112,16 @@ class Not(Block):
 
 
 class Edge(Block):
-    """Whether a signal has just become true (rising), false (falling), or either (both): true for one tick.
+    """Edge detector: true for one tick when the input becomes true (rising), false (falling) or either (both).
 
-    Direct feedthrough. The first sample is no edge. A NaN passes and is not remembered: the sample after it is held
-    against the one before.
+    Direct feedthrough. The first sample is not an edge. NaN passes and is not stored: the next sample is compared with
+    the one before the NaN.
     """
 
-    kind = Param("rising", "1", "which edge", choices=("rising", "falling", "both"))
+    kind = Param("rising", "1", "kind of edge", choices=("rising", "falling", "both"))
 
     u = Input("1", "input", dtype=bool)
-    y = Output("1", "whether it is the edge", dtype=bool)
+    y = Output("1", "true at an edge", dtype=bool)
     previous = Memory(math.nan, "last sample that was not NaN")
 
     kernel = kernels.edges["rising"]
@@ -125,17 +134,17 @@ class Edge(Block):
 
 
 class Latch(Block):
-    """Remembers: true from when `on` is true until `off` is; off wins. (The set-reset latch.)
+    """Set-reset latch: true from a true `on` until a true `off`; `off` has priority.
 
-    Direct feedthrough. A NaN at either input passes, and what is remembered stays as it was.
+    Direct feedthrough. NaN at either input passes and leaves the state unchanged.
     """
 
-    initial = Param(False, "1", "what it remembers at the start", fixed=True)
+    initial = Param(False, "1", "initial state", fixed=True)
 
-    on = Input("1", "sets it", dtype=bool)
-    off = Input("1", "resets it", dtype=bool, default=False)
-    y = Output("1", "what it remembers", dtype=bool)
-    held = Memory(0.0, "what it remembers")
+    on = Input("1", "true sets the latch", dtype=bool)
+    off = Input("1", "true resets the latch", dtype=bool, default=False)
+    y = Output("1", "state of the latch", dtype=bool)
+    held = Memory(0.0, "state of the latch")
 
     kernel = kernels.latch
 
@@ -151,18 +160,17 @@ class Latch(Block):
 
 
 class Debounce(Block):
-    """Follows a signal once it has kept its new value for `time`: what is shorter never shows.
+    """Debouncer: y follows u once u has kept its new value for `time`.
 
-    Direct feedthrough; with time = 0 it is the input. The first sample is believed at once. A NaN passes, and the wait
-    begins anew.
+    Direct feedthrough; with time = 0, y = u. The first sample passes at once. NaN passes and restarts the wait.
     """
 
-    time = Param(0.02, "s", "how long a new value must last", min=0.0)
+    time = Param(0.02, "s", "time for which a new value must be stable", min=0.0)
 
-    u = Input("1", "input that bounces", dtype=bool)
-    y = Output("1", "input that has settled", dtype=bool)
-    held = Memory(math.nan, "what has settled")
-    since = Memory(math.nan, "s, when the input left it")
+    u = Input("1", "bouncing input", dtype=bool)
+    y = Output("1", "debounced input", dtype=bool)
+    held = Memory(math.nan, "debounced value")
+    since = Memory(math.nan, "time in s at which the input left this value")
 
     kernel = kernels.debounce
 
@@ -171,16 +179,16 @@ class Debounce(Block):
 
 
 class Counter(Block):
-    """Counts how often a signal becomes true, from 0; `clear` sets it to 0 and wins.
+    """Counter of rising edges, starting at 0; `clear` resets it and has priority.
 
-    Direct feedthrough. The first sample is not counted. A NaN at either input passes, and the count goes on after it.
+    Direct feedthrough. The first sample is not counted. NaN at either input passes, and counting continues after it.
     """
 
-    u = Input("1", "what is counted", dtype=bool)
-    clear = Input("1", "sets the count to 0", dtype=bool, default=False)
-    count = Output("1", "rising edges since then", dtype=int, range=(0.0, 2.0**53))
+    u = Input("1", "signal whose rising edges are counted", dtype=bool)
+    clear = Input("1", "true resets the count to 0", dtype=bool, default=False)
+    count = Output("1", "rising edges since the reset", dtype=int, range=(0.0, 2.0**53))
     previous = Memory(math.nan, "last sample that was not NaN")
-    total = Memory(0.0, "the count")
+    total = Memory(0.0, "count")
 
     kernel = kernels.counter
 
@@ -190,15 +198,15 @@ class Counter(Block):
 
 
 class Timer(Block):
-    """Time since `restart` was last true, or since the start: y = t − t₀, 0 while it is true.
+    """Time since `restart` was last true, or since the start: y = t − t₀, 0 while `restart` is true.
 
-    Direct feedthrough. Time passes by the clock, also while a subsystem that holds the timer is disabled. A NaN passes,
-    and time goes on.
+    Direct feedthrough. Time follows the clock, also while the subsystem of the timer is disabled. NaN passes without
+    stopping the timer.
     """
 
-    restart = Input("1", "begins anew", dtype=bool, default=False)
-    elapsed = Output("s", "time since then", range=(0.0, math.inf))
-    since = Memory(math.nan, "s, when it began")
+    restart = Input("1", "true resets the time to 0", dtype=bool, default=False)
+    elapsed = Output("s", "time since the last restart", range=(0.0, math.inf))
+    since = Memory(math.nan, "start time in s")
 
     kernel = kernels.timer
 
@@ -207,15 +215,15 @@ class Timer(Block):
 
 
 class Switch(Block):
-    """Chooses between two signals: y = a if condition else b.
+    """Switch between two signals: y = a if condition else b.
 
-    Direct feedthrough; a NaN shows only from the one that is chosen, or from the condition.
+    Direct feedthrough; NaN passes from the selected input and from the condition only.
     """
 
-    condition = Input("1", "which one", dtype=bool)
-    a = Input("any", "chosen while the condition is true", shape=...)
-    b = Input("any", "chosen while it is false", shape=...)
-    y = Output("any", "the chosen one", shape=...)
+    condition = Input("1", "true selects a, false selects b", dtype=bool)
+    a = Input("any", "output while the condition is true", shape=...)
+    b = Input("any", "output while the condition is false", shape=...)
+    y = Output("any", "selected input", shape=...)
 
     kernel = kernels.switch
 
@@ -226,22 +234,21 @@ class Switch(Block):
 
 
 class Selector(Block):
-    """Chooses one of several signals by number: y = u[index], counted from 0; NaN, a fault at an actuator, where there
-    is no such input.
+    """Selector of one of several signals: y = u[index], with the index starting at 0.
 
-    Direct feedthrough; an index between two whole numbers chooses the lower. A NaN shows only from the chosen one, or
-    from the index.
+    Direct feedthrough. The index is rounded down; out of range, the output is NaN, a fault at an actuator. NaN passes
+    from the selected input and from the index only.
     """
 
-    count = Param(2, "1", "how many inputs", min=2, fixed=True)
+    count = Param(2, "1", "number of inputs", min=2, fixed=True)
 
-    index = Input("1", "which one, from 0", dtype=int)
-    y = Output("any", "the chosen one", shape=...)
+    index = Input("1", "number of the selected input, from 0", dtype=int)
+    y = Output("any", "selected input", shape=...)
 
     kernel = kernels.select
 
     def configure(self):
-        signals = {f"u{i}": Input("any", f"chosen by {i}", shape=...).named(f"u{i}") for i in range(self.count)}
+        signals = {f"u{i}": Input("any", f"output for index {i}", shape=...).named(f"u{i}") for i in range(self.count)}
         self.inputs = {"index": type(self).index} | signals
 
     def output_range(self, index, **inputs):

@@ -1,7 +1,7 @@
-"""Arithmetic on signals. All have direct feedthrough and no state, and work element by element; NaN passes.
+"""Arithmetic on signals. All blocks are element-wise, with direct feedthrough and without state; NaN passes.
 
-An infinity never becomes a finite number: where arithmetic would make one of it (the smallest of 1 and inf, the sign of
-inf, inf to the power -1) the result is NaN.
+An infinity never becomes a finite number: operations that would return one (the minimum of 1 and inf, the sign of inf,
+inf to the power -1) return NaN.
 """
 
 import math
@@ -10,7 +10,7 @@ from blocks._plumbing.ports import UnitOfOutput, finite_numbers, several
 from blocks._plumbing.ranges import LIBM, falling, horner, rising
 from cext.kernels import mathematics as kernels
 from graph import Block, Input, Interval, Memory, Output, Param, units
-from graph.arithmetic import Divide, Gain, Product, Sum, UnitConversion  # noqa: F401  (the operators of signals are blocks of this room)
+from graph.arithmetic import Divide, Gain, Product, Sum, UnitConversion  # noqa: F401  (re-exported: the blocks of the operators of signals)
 from graph.interval import EVERYTHING
 
 
@@ -18,7 +18,7 @@ class Abs(Block):
     """Absolute value: y = |u|."""
 
     u = Input("any", "input", shape=...)
-    y = Output("any", "|u|", shape=...)
+    y = Output("any", "absolute value", shape=...)
 
     kernel = kernels.magnitude
 
@@ -30,7 +30,7 @@ class Sign(Block):
     """Sign: y = 1 for u > 0, -1 for u < 0, 0 for u = 0."""
 
     u = Input("any", "input", shape=...)
-    y = Output("1", "-1, 0 or 1", shape=..., dtype=int)
+    y = Output("1", "sign: -1, 0 or 1", shape=..., dtype=int)
 
     kernel = kernels.sign
 
@@ -39,11 +39,11 @@ class Sign(Block):
 
 
 class Min(Block):
-    """The smallest of several signals: y = min(u1, u2, ...). NaN where one of them is not finite."""
+    """Minimum of several signals: y = min(u1, u2, ...). NaN if an input is not finite."""
 
-    count = Param(2, "1", "how many inputs", min=2, fixed=True)
+    count = Param(2, "1", "number of inputs", min=2, fixed=True)
 
-    y = Output("any", "the smallest", shape=...)
+    y = Output("any", "smallest input", shape=...)
 
     kernel = kernels.min
 
@@ -55,11 +55,11 @@ class Min(Block):
 
 
 class Max(Block):
-    """The largest of several signals: y = max(u1, u2, ...). NaN where one of them is not finite."""
+    """Maximum of several signals: y = max(u1, u2, ...). NaN if an input is not finite."""
 
-    count = Param(2, "1", "how many inputs", min=2, fixed=True)
+    count = Param(2, "1", "number of inputs", min=2, fixed=True)
 
-    y = Output("any", "the largest", shape=...)
+    y = Output("any", "largest input", shape=...)
 
     kernel = kernels.max
 
@@ -71,14 +71,12 @@ class Max(Block):
 
 
 class Round(Block):
-    """Rounds to a whole number: to the nearest, the even one of two as near (numpy.rint), or down (floor), or up
-    (ceil).
-    """
+    """Rounding to an integer: nearest (half to even, as numpy.rint), floor or ceil."""
 
-    method = Param("nearest", "1", "which way", choices=("nearest", "floor", "ceil"))
+    method = Param("nearest", "1", "rounding method", choices=("nearest", "floor", "ceil"))
 
     u = Input("any", "input", shape=...)
-    y = Output("any", "a whole number", shape=..., dtype=int)
+    y = Output("any", "rounded input", shape=..., dtype=int)
 
     kernel = kernels.roundings["nearest"]
 
@@ -91,12 +89,13 @@ class Round(Block):
 
 
 class SquareRoot(Block):
-    """Square root: y = √u, NaN for u < 0. The output has the root of the unit, "any" where that has no whole
-    exponents.
+    """Square root: y = √u, NaN for u < 0.
+
+    The output unit is the root of the input unit, or "any" if that has fractional exponents.
     """
 
     u = Input("any", "input", shape=...)
-    y = Output("any", "√u", shape=...)
+    y = Output("any", "square root", shape=...)
 
     kernel = kernels.square_root
 
@@ -108,21 +107,22 @@ class SquareRoot(Block):
 
 
 class Power(Block):
-    """A constant power: y = u ^ exponent, NaN for u < 0 unless the exponent is whole, infinite for 0 to a negative one.
+    """Constant power: y = u ^ exponent.
 
-    The output has the power of the unit, "any" where that has no whole exponents.
+    NaN for u < 0 unless the exponent is an integer; infinite for u = 0 with a negative exponent. The output unit is the
+    power of the input unit, or "any" if that has fractional exponents.
     """
 
-    exponent = Param(2.0, "1", "power")
+    exponent = Param(2.0, "1", "exponent")
 
     u = Input("any", "base", shape=...)
-    y = Output("any", "u ^ exponent", shape=...)
+    y = Output("any", "power of the base", shape=...)
 
     kernel = kernels.power
 
     def configure(self):
         if not math.isfinite(self.exponent):
-            raise ValueError(f"the exponent must be finite, got {self.exponent}")
+            raise ValueError(f"exponent: must be finite, got {self.exponent}")
 
     def output_units(self, u):
         return {"y": unit_to_the(u, self.exponent) if not self.live("exponent") else units.ANY}
@@ -133,7 +133,7 @@ class Power(Block):
             return EVERYTHING
         if p == 0.0:
             return Interval.point(1.0)
-        if p % 2.0 == 1.0:  # odd: rises, or falls on both sides of a pole
+        if p % 2.0 == 1.0:  # odd: increasing, or decreasing on both sides of a pole
             if p > 0.0:
                 return rising(lambda x: power(x, p), u, LIBM)
             return EVERYTHING if 0.0 in u else falling(lambda x: power(x, p), u, LIBM)
@@ -142,16 +142,17 @@ class Power(Block):
 
 
 class Polynomial(UnitOfOutput, Block):
-    """A polynomial: y = c₀ uⁿ + c₁ uⁿ⁻¹ + ... + cₙ by Horner's rule, coefficients as numpy.polyval has them, the
-    highest power first.
+    """Polynomial: y = c₀ uⁿ + c₁ uⁿ⁻¹ + ... + cₙ.
+
+    Evaluated by Horner's rule. Coefficients are in decreasing powers, as in numpy.polyval.
     """
 
-    coefficients = Param((1.0, 0.0), "1", "of each power, the highest first")
+    coefficients = Param((1.0, 0.0), "1", "coefficients in decreasing powers")
     unit = Param(units.ANY, "1", "unit of the output")
 
     u = Input("any", "input", shape=...)
-    y = Output("any", "the polynomial at u", shape=...)
-    terms = Memory(0.0, "the coefficients")
+    y = Output("any", "value of the polynomial", shape=...)
+    terms = Memory(0.0, "coefficients")
 
     kernel = kernels.polynomial
 
@@ -164,7 +165,7 @@ class Polynomial(UnitOfOutput, Block):
 
 
 def power(x, p):
-    """x ** p, as C has it where Python raises."""
+    """Return x ** p with the results of C where Python raises."""
     try:
         return math.pow(x, p)
     except OverflowError:
@@ -174,7 +175,7 @@ def power(x, p):
 
 
 def unit_to_the(unit, exponent):
-    """A unit to a power; "any" where it has no whole exponents."""
+    """Return a power of a unit, or "any" if that has fractional exponents."""
     if unit == units.ANY:
         return unit
     powers = [(symbol, count * exponent) for symbol, count in units.parse(unit)]

@@ -1,7 +1,7 @@
 """Quaternions and Euler angles: w first, q = (w, x, y, z), Hamilton's product, right-handed.
 
-Euler angles are yaw, pitch and roll in rad: turn about z by yaw, then about the new y by pitch, then about the newest x
-by roll (intrinsic z-y-x; "ZYX" in scipy.spatial.transform.Rotation). All blocks have direct feedthrough and no state;
+Euler angles are yaw, pitch and roll in rad: rotation about z by yaw, then about the new y by pitch, then about the new
+x by roll (intrinsic z-y-x; "ZYX" in scipy.spatial.transform.Rotation). All blocks have direct feedthrough and no state;
 NaN passes. (Diebel, Representing Attitude: Euler Angles, Unit Quaternions, and Rotation Vectors, 2006.)
 """
 
@@ -17,11 +17,11 @@ QUARTER_TURN = (math.nextafter(-math.pi / 2, -2.0), math.nextafter(math.pi / 2, 
 
 
 class QuaternionMultiply(Block):
-    """Product of two quaternions: y = p ⊗ q, which turns by q first and by p then."""
+    """Product of two quaternions: y = p ⊗ q, the rotation by q followed by the rotation by p."""
 
     p = Input("1", "left factor", shape=(4,))
     q = Input("1", "right factor", shape=(4,))
-    y = Output("1", "p ⊗ q", shape=(4,))
+    y = Output("1", "product p ⊗ q", shape=(4,))
 
     kernel = kernels.multiply
 
@@ -34,7 +34,7 @@ class QuaternionConjugate(Block):
     """Conjugate of a quaternion: y = (w, −x, −y, −z), for a unit quaternion the inverse rotation."""
 
     q = Input("1", "quaternion", shape=(4,))
-    y = Output("1", "its conjugate", shape=(4,))
+    y = Output("1", "conjugate", shape=(4,))
 
     kernel = kernels.conjugate
 
@@ -43,43 +43,46 @@ class QuaternionConjugate(Block):
 
 
 class RotateVector(Block):
-    """Turns a vector by a quaternion: y = q ⊗ v ⊗ q⁻¹. q is normalised first, as SciPy does; NaN for a zero quaternion.
+    """Rotation of a vector by a quaternion: y = q ⊗ v ⊗ q⁻¹.
 
-    Where q is the attitude of a body in the world, v in the body's axes becomes y in the world's; with the conjugate,
-    the other way round.
+    q is normalised first, as in SciPy; NaN for a zero quaternion. If q is the attitude of a body in the world frame, v
+    is in body axes and y in world axes; with the conjugate of q, vice versa.
     """
 
     q = Input("1", "quaternion", shape=(4,))
     v = Input("any", "vector", shape=(3,))
-    y = Output("any", "the vector, turned", shape=(3,))
+    y = Output("any", "rotated vector", shape=(3,))
 
     kernel = kernels.rotate
 
     def output_range(self, q, v):
-        farthest = math.sqrt(3.0) * abs(v).high * (1.0 + 1e-14) + 1e-320  # the length is kept, and no element is longer
+        farthest = (
+            math.sqrt(3.0) * abs(v).high * (1.0 + 1e-14) + 1e-320
+        )  # rotation keeps the length, and no element exceeds it
         return Interval(-farthest, farthest) if farthest < 1e307 else EVERYTHING
 
 
 class QuaternionFromEuler(Block):
     """Unit quaternion of yaw, pitch and roll: intrinsic z-y-x, w first."""
 
-    yaw = Input("rad", "about z, first", default=0.0)
-    pitch = Input("rad", "about the new y, second", default=0.0)
-    roll = Input("rad", "about the newest x, last", default=0.0)
+    yaw = Input("rad", "rotation about z, applied first", default=0.0)
+    pitch = Input("rad", "rotation about the new y, applied second", default=0.0)
+    roll = Input("rad", "rotation about the new x, applied last", default=0.0)
     q = Output("1", "unit quaternion (w, x, y, z)", shape=(4,), range=(-1.0, 1.0))
 
     kernel = kernels.from_euler
 
 
 class QuaternionToEuler(Block):
-    """Yaw, pitch and roll of a quaternion: intrinsic z-y-x. q is normalised first; NaN for a zero quaternion.
+    """Yaw, pitch and roll of a quaternion: intrinsic z-y-x.
 
-    Within 1e-7 of a pitch of ± π/2, where yaw and roll turn about one axis (gimbal lock), roll is 0 and yaw holds both.
+    q is normalised first; NaN for a zero quaternion. Within 1e-7 of a pitch of ± π/2, where yaw and roll share an axis
+    (gimbal lock), roll is 0 and yaw contains both.
     """
 
     q = Input("1", "quaternion (w, x, y, z)", shape=(4,))
-    yaw = Output("rad", "about z, first: -π to π", range=HALF_TURN, circle=(-math.pi, math.pi))
-    pitch = Output("rad", "about the new y, second: -π/2 to π/2", range=QUARTER_TURN)
-    roll = Output("rad", "about the newest x, last: -π to π", range=HALF_TURN, circle=(-math.pi, math.pi))
+    yaw = Output("rad", "rotation about z, applied first: -π to π", range=HALF_TURN, circle=(-math.pi, math.pi))
+    pitch = Output("rad", "rotation about the new y, applied second: -π/2 to π/2", range=QUARTER_TURN)
+    roll = Output("rad", "rotation about the new x, applied last: -π to π", range=HALF_TURN, circle=(-math.pi, math.pi))
 
     kernel = kernels.to_euler

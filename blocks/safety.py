@@ -1,60 +1,58 @@
-"""Emergency stops, and arming again. What ends here is software: it never replaces a switch that cuts the power of the
-motors.
-"""
+"""Emergency stops and re-arming, in software. They never replace a switch that cuts the power of the motors."""
 
 from cext.kernels import safety as kernels
 from graph import Block, Device, Input, Interval, Memory, Output, Param
 
 
 class EmergencyStop(Block):
-    """Ends the run, in the safe stop, as soon as its input is true: no command of that tick is sent. NaN counts as
-    pressed.
+    """Emergency stop: ends the run in the safe stop when its input is true. NaN counts as pressed.
 
-    A diagram may have any number of them; a vector is pressed where any of its elements is. It runs in every tick, so
-    it stands in no subsystem that is slower or may be disabled. Nothing re-enables by itself: the run is over, with
-    exit code 3, unless a person may arm it again.
+    No command of that tick is sent. A diagram may contain several; a vector counts as pressed if any element is. The
+    block runs in every tick, so it cannot be part of a slower or disabled subsystem. The run ends with exit code 3,
+    unless the operator may arm it again; it is never armed again automatically.
     """
 
-    pressed = Input("1", "whether to stop", shape=..., dtype=bool)
+    pressed = Input("1", "true ends the run", shape=..., dtype=bool)
 
     kernel = kernels.emergency_stop
     always = True
 
 
 class Rearm(Block):
-    """Lets a run survive a fault: after its safe stop the run waits, and is armed again when `request` rises and
-    nothing stands in the way.
+    """Re-arming after a fault: the run waits in its safe stop and is armed again when `request` rises.
 
-    For a button in somebody's hand. Only a rising edge counts, and only while the run waits: an input that is held, or
-    rose before, asks for nothing. It resets no emergency stop, and arms nothing at the start of a run.
+    Connect a button of the operator. Arming also requires a tick without any fault. Only a rising edge while the run
+    waits counts: an input that is constantly true, or rose before, has no effect. The block does not reset an emergency
+    stop, and does not arm a robot at the start of a run.
     """
 
-    request = Input("1", "rises when a person wants the robot armed again", dtype=bool)
+    request = Input("1", "rising edge arms the robot again", dtype=bool)
 
     kernel = kernels.rearm
 
 
 class EStopHeartbeat(Device):
-    """An emergency-stop button, wired or wireless, that tells over a bus again and again that it is not pressed.
+    """Emergency-stop button that repeatedly sends "released" over a bus, wired or wireless.
 
-    Its frame: the standard id `can_id`, two bytes. Byte 0 is a counter, one more (modulo 256) in every frame; byte 1 is
-    5A (hex) as long as the button is released, and anything else means pressed. A good sender repeats it every 20 ms,
-    and at once when it is pressed.
+    Frame: standard id `can_id`, two bytes. Byte 0 is a counter that increases by one (modulo 256) in every frame. Byte
+    1 is 5A (hex) while the button is released; any other value means pressed. The sender should repeat it every 20 ms,
+    and immediately when pressed.
 
-    Pressed ends the run in the same tick: no command of that tick is sent. Silence for `timeout`, a counter that stands
-    still and frames of another length, which are counted and ignored, end it too. A press is latched: a run that has
-    seen one ends, even if it was let go within the tick, and even while it was still being armed. Who
-    can send on its bus can say that it is released.
+    A press ends the run in the same tick: no command of that tick is sent. Silence for `timeout` and a constant counter
+    also end it; frames of another length are counted and ignored. A press is latched: the run ends even if the button
+    is released within the tick, and also during arming. Any node on the bus can send "released".
     """
 
-    bus = Param("estop", "1", "logical name of its bus", dtype=str)
-    can_id = Param(0x100, "1", "id of its frames", min=1, max=0x7FF, fixed=True)
-    timeout = Param(0.1, "s", "silence after which the run ends in the safe stop", above=0.0, max=2.0, fixed=True)
+    bus = Param("estop", "1", "logical name of the bus", dtype=str)
+    can_id = Param(0x100, "1", "id of the button's frames", min=1, max=0x7FF, fixed=True)
+    timeout = Param(
+        0.1, "s", "time without a frame after which the run ends in the safe stop", above=0.0, max=2.0, fixed=True
+    )
 
-    pressed = Output("1", "whether the newest frame says anything but released", dtype=bool)
-    age = Output("s", "since the newest frame was heard")
-    count = Output("1", "frames heard, since arming began", dtype=int)
-    state = Memory((0.0,) * 2, "newest counter + 1; whether it has been pressed")
+    pressed = Output("1", 'true unless the newest frame is "released"', dtype=bool)
+    age = Output("s", "time since the newest frame")
+    count = Output("1", "number of frames since the start of arming", dtype=int)
+    state = Memory((0.0,) * 2, "newest counter + 1; 1 once pressed")
 
     decode = kernels.estop_decode
     encode = kernels.estop_encode
@@ -77,22 +75,22 @@ class EStopHeartbeat(Device):
 
 
 class EmulatedEStop(Device):
-    """The button of an EStopHeartbeat that is not there: it sends the same frames, for a plant."""
+    """Emulated emergency-stop button of an EStopHeartbeat."""
 
-    bus = Param("estop", "1", "logical name of its bus", dtype=str)
-    can_id = Param(0x100, "1", "id of its frames", min=1, max=0x7FF, fixed=True)
-    period = Param(0.02, "s", "between its frames", above=0.0, fixed=True)
+    bus = Param("estop", "1", "logical name of the bus", dtype=str)
+    can_id = Param(0x100, "1", "id of the button's frames", min=1, max=0x7FF, fixed=True)
+    period = Param(0.02, "s", "period of the frames", above=0.0, fixed=True)
 
-    pressed = Input("1", "whether it is pressed; NaN is pressed", default=False, dtype=bool)
-    silent = Input("1", "whether it says nothing; NaN is silence", default=False, dtype=bool)
-    state = Memory((0.0,) * 2, "next counter; s, when the next frame is due")
+    pressed = Input("1", "true while pressed; NaN counts as pressed", default=False, dtype=bool)
+    silent = Input("1", "true stops sending; NaN counts as true", default=False, dtype=bool)
+    state = Memory((0.0,) * 2, "next counter; time in s of the next frame")
 
     decode = kernels.button_decode
     encode = kernels.button_encode
 
     @classmethod
     def of(cls, button, **parameters):
-        """The emulator of one EStopHeartbeat of a robot."""
+        """Return the emulator of one EStopHeartbeat. parameters : override those of the button"""
         return cls(bus=button.bus, can_id=button.can_id, **parameters)
 
     def addresses(self):

@@ -1,12 +1,12 @@
-"""Which serial ports have a baud rate that counts: those with a real line behind them. USB devices that only look like
-a port carry what they can.
-"""
+"""Baud rates of serial ports: hardware ports have one, USB devices with a virtual port do not."""
 
 import re
 
-REAL = re.compile(r"^/dev/(tty(USB|AMA|S|THS|mxc|O|PS|SC|LP|MSM)\d+|serial\d+)$|^/dev/serial/by-(id|path)/.*-port\d+$")
+HARDWARE_PORT = re.compile(
+    r"^/dev/(tty(USB|AMA|S|THS|mxc|O|PS|SC|LP|MSM)\d+|serial\d+)$|^/dev/serial/by-(id|path)/.*-port\d+$"
+)
 
 
 def speed_of(port, baudrate):
-    """bit/s of the line behind a port, 0.0 where its name does not say that there is one."""
-    return float(baudrate) if REAL.match(port) else 0.0
+    """Return the speed of a port's line in bit/s, 0.0 unless its name identifies a hardware port."""
+    return float(baudrate) if HARDWARE_PORT.match(port) else 0.0

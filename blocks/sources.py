@@ -1,4 +1,4 @@
-"""Signals out of nothing but time. Each is a function of the tick: late ticks and held subsystems do not shift it."""
+"""Signal sources. Each is a function of the tick: late ticks and disabled subsystems do not shift it."""
 
 import math
 from typing import Any
@@ -12,14 +12,15 @@ from graph import Block, Interval, Memory, Output, Param, units
 
 
 class Constant(UnitOfOutput, Block):
-    """A constant: y = value. A number wired to an input is one already; this one has a name and a unit, and may be
-    recorded, or live.
+    """Constant: y = value.
+
+    A number connected to an input is a constant, too; this block has a name and a unit, and can be recorded or live.
     """
 
-    value = Param(0.0, "any", "what it is")
+    value = Param(0.0, "any", "value of the output")
     unit = Param(units.ANY, "1", "unit of the output")
 
-    y = Output("any", "the value")
+    y = Output("any", "constant")
 
     kernel = kernels.constant
 
@@ -28,14 +29,14 @@ class Constant(UnitOfOutput, Block):
 
 
 class StepSource(UnitOfOutput, Block):
-    """A step: y = before for t < time, after from then on."""
+    """Step: y = before for t < time, y = after for t >= time."""
 
-    before = Param(0.0, "any", "value up to the step")
-    after = Param(1.0, "any", "value from the step on")
-    time = Param(1.0, "s", "when it steps")
+    before = Param(0.0, "any", "value before the step")
+    after = Param(1.0, "any", "value after the step")
+    time = Param(1.0, "s", "time of the step")
     unit = Param(units.ANY, "1", "unit of the output")
 
-    y = Output("any", "the step")
+    y = Output("any", "step")
 
     kernel = kernels.step
 
@@ -44,15 +45,15 @@ class StepSource(UnitOfOutput, Block):
 
 
 class Ramp(UnitOfOutput, Block):
-    """A ramp: y = initial + slope · (t − time) from `time` on, for `duration`, and level before and after."""
+    """Ramp: y = initial + slope · (t − time) from `time` on, for `duration`; constant before and after."""
 
-    slope = Param(1.0, "any", "change a second")
-    time = Param(0.0, "s", "when it begins")
-    initial = Param(0.0, "any", "value up to then")
-    duration = Param(math.inf, "s", "how long it lasts", min=0.0)
+    slope = Param(1.0, "any", "change per second")
+    time = Param(0.0, "s", "start of the ramp")
+    initial = Param(0.0, "any", "value before the ramp")
+    duration = Param(math.inf, "s", "duration of the ramp", min=0.0)
     unit = Param(units.ANY, "1", "unit of the output")
 
-    y = Output("any", "the ramp")
+    y = Output("any", "ramp")
 
     kernel = kernels.ramp
 
@@ -63,13 +64,13 @@ class Ramp(UnitOfOutput, Block):
 class Sine(UnitOfOutput, Block):
     """Sine wave: y = bias + amplitude · sin(2π f t + phase)."""
 
-    amplitude = Param(1.0, "any", "half of peak to peak")
-    frequency = Param(1.0, "Hz", "f", min=0.0)
-    phase = Param(0.0, "rad", "at t = 0")
+    amplitude = Param(1.0, "any", "amplitude, half of peak to peak")
+    frequency = Param(1.0, "Hz", "frequency f", min=0.0)
+    phase = Param(0.0, "rad", "phase at t = 0")
     bias = Param(0.0, "any", "mean value")
     unit = Param(units.ANY, "1", "unit of the output")
 
-    y = Output("any", "the wave")
+    y = Output("any", "wave")
 
     kernel = kernels.sine
 
@@ -78,30 +79,29 @@ class Sine(UnitOfOutput, Block):
 
 
 class Chirp(UnitOfOutput, Block):
-    """A sine wave whose frequency sweeps: y = bias + amplitude · sin(2π ∫ f dt + phase), and stays at `stop` after
-    `duration`.
+    """Sine wave with a frequency sweep: y = bias + amplitude · sin(2π ∫ f dt + phase).
 
-    linear: f = start + (stop − start) t / duration. logarithmic: f = start · (stop / start) ^ (t / duration). It begins
-    as Sine does; scipy.signal.chirp, a cosine, is this with phase = π/2.
+    linear: f = start + (stop − start) t / duration. logarithmic: f = start · (stop / start) ^ (t / duration). The
+    frequency remains at `stop` after `duration`. With phase = π/2 the wave equals scipy.signal.chirp, a cosine.
     """
 
-    amplitude = Param(1.0, "any", "half of peak to peak")
+    amplitude = Param(1.0, "any", "amplitude, half of peak to peak")
     start = Param(0.1, "Hz", "frequency at t = 0", min=0.0)
     stop = Param(10.0, "Hz", "frequency at the end of the sweep", min=0.0)
-    duration = Param(10.0, "s", "of the sweep", above=0.0)
-    method = Param("linear", "1", "how the frequency grows", choices=("linear", "logarithmic"))
-    phase = Param(0.0, "rad", "at t = 0")
+    duration = Param(10.0, "s", "duration of the sweep", above=0.0)
+    method = Param("linear", "1", "course of the frequency", choices=("linear", "logarithmic"))
+    phase = Param(0.0, "rad", "phase at t = 0")
     bias = Param(0.0, "any", "mean value")
     unit = Param(units.ANY, "1", "unit of the output")
 
-    y = Output("any", "the wave")
+    y = Output("any", "wave")
 
     kernel = kernels.chirps["linear"]
 
     def configure(self):
         super().configure()
         if self.method == "logarithmic" and min(self.span("start").low, self.span("stop").low) <= 0.0:
-            raise ValueError("a logarithmic sweep needs start and stop above 0 Hz")
+            raise ValueError("a logarithmic sweep requires start and stop above 0 Hz")
         self.kernel = kernels.chirps[self.method]
 
     def output_range(self):
@@ -109,16 +109,16 @@ class Chirp(UnitOfOutput, Block):
 
 
 class Pulse(UnitOfOutput, Block):
-    """A train of rectangular pulses: y = high for the first `duty` of every period from `delay` on, low otherwise."""
+    """Rectangular pulse train: y = high for the share `duty` of every period from `delay` on, low otherwise."""
 
     low = Param(0.0, "any", "value between pulses")
-    high = Param(1.0, "any", "value in a pulse")
-    period = Param(1.0, "s", "from the start of one pulse to the next", above=0.0)
-    duty = Param(0.5, "1", "share of the period that is high", min=0.0, max=1.0)
-    delay = Param(0.0, "s", "when the first pulse starts")
+    high = Param(1.0, "any", "value during pulses")
+    period = Param(1.0, "s", "period of the pulses", above=0.0)
+    duty = Param(0.5, "1", "duty cycle: high share of the period", min=0.0, max=1.0)
+    delay = Param(0.0, "s", "start of the first pulse")
     unit = Param(units.ANY, "1", "unit of the output")
 
-    y = Output("any", "the pulses")
+    y = Output("any", "pulse train")
 
     kernel = kernels.pulse
 
@@ -127,22 +127,23 @@ class Pulse(UnitOfOutput, Block):
 
 
 class _OverTime(UnitOfOutput):
-    """What a table over time and a played file share: the kernel, and that neither leaves its values."""
+    """Base of tables over time and played files: their kernel and output range."""
 
     kernel = kernels.tables["linear"]
     interpolation: Any
 
     def take(self, times, samples):
+        """Check and store the table. times : s, strictly increasing; samples : one value per time"""
         if len(times) < 2 or len(times) != len(samples):
             raise ValueError(
-                f"at least two times are needed, and as many values: there are {len(times)} and {len(samples)}"
+                f"expected at least two times and as many values, got {len(times)} times and {len(samples)} values"
             )
         if (
             not np.all(np.isfinite(times))
             or not np.all(times[:-1] < times[1:])
             or not math.isfinite(float(times[-1]) - float(times[0]))
         ):
-            raise ValueError("the times must be finite, and rise from each to the next")
+            raise ValueError("the times must be finite and strictly increasing")
         self.instants, self.samples = times, samples
         self.kernel = kernels.tables[self.interpolation]
 
@@ -151,27 +152,23 @@ class _OverTime(UnitOfOutput):
 
 
 class TimeTable(_OverTime, Block):
-    """A table over time: y runs through (times, values), level before the first and after the last, or over and over
-    with `repeat`.
+    """Table over time: y interpolates (times, values), constant before the first and after the last time.
 
-    A table that repeats goes from its last value on with its first, so a closed curve has the first value at its end
-    once more.
+    With `repeat` the table repeats: the first value follows the last one, so a closed curve needs equal first and last
+    values.
     """
 
-    times = Param((0.0, 1.0), "s", "at least two, rising")
-    values = Param((0.0, 1.0), "any", "one for each time")
+    times = Param((0.0, 1.0), "s", "times of the values: at least two, strictly increasing")
+    values = Param((0.0, 1.0), "any", "values, one per time")
     interpolation = Param(
-        "linear",
-        "1",
-        "between two times: on a line, or at the value of the time before",
-        choices=("linear", "previous"),
+        "linear", "1", "interpolation between two times: linear, or the previous value", choices=("linear", "previous")
     )
-    repeat = Param(False, "1", "whether it starts again at the end")
+    repeat = Param(False, "1", "true repeats from the start after the end")
     unit = Param(units.ANY, "1", "unit of the output")
 
-    y = Output("any", "the value now")
-    instants = Memory(0.0, "the times")
-    samples = Memory(0.0, "the values")
+    y = Output("any", "present value")
+    instants = Memory(0.0, "times")
+    samples = Memory(0.0, "values")
 
     def configure(self):
         super().configure()
@@ -179,30 +176,32 @@ class TimeTable(_OverTime, Block):
 
 
 class Playback(_OverTime, Block):
-    """Plays a column of a CSV file by its column of times in s.
+    """Playback of one column of a CSV file, timed by a column of times in s.
 
-    The first row of the file is t = 0. Columns are found by name; the unit is what the header says behind it, as in
-    `knee.position [rad]`. A NaN in the file is played as NaN, and shows on the way to it and from it.
+    The first row is t = 0. Columns are selected by name; the unit follows the name in the header, as in
+    `knee.position [rad]`. A NaN in the file gives NaN, also while interpolating to and from it.
     """
 
-    file = Param("", "1", "path of the CSV file; commas, semicolons or tabs", required=True, dtype=str, file=True)
+    file = Param(
+        "", "1", "path of the CSV file; separated by commas, semicolons or tabs", required=True, dtype=str, file=True
+    )
     column = Param("", "1", "name of the column", required=True, dtype=str)
     time = Param("time", "1", "name of the column of times, in s")
     interpolation = Param(
-        "linear", "1", "between two rows: on a line, or at the value of the row before", choices=("linear", "previous")
+        "linear", "1", "interpolation between two rows: linear, or the previous row", choices=("linear", "previous")
     )
-    repeat = Param(False, "1", "whether it starts again at the end")
-    unit = Param("", "1", "unit of the column, where the header does not say it")
+    repeat = Param(False, "1", "true repeats from the start after the end")
+    unit = Param("", "1", "unit of the column, if the header contains none")
 
-    y = Output("any", "the column now")
-    instants = Memory(0.0, "the times")
-    samples = Memory(0.0, "the column")
+    y = Output("any", "present value of the column")
+    instants = Memory(0.0, "times")
+    samples = Memory(0.0, "values of the column")
 
     def configure(self):
         times, samples, written = read_columns(self.file, self.time, self.column)
         if self.unit and written and units.canonical(self.unit) != written:
             raise ValueError(
-                f"{self.file}: {self.column} is in {written}, not in {self.unit}: convert it with a UnitConversion"
+                f"{self.file}: {self.column} is in {written}, not in {self.unit}. Convert it with a UnitConversion"
             )
         self.of_column = units.canonical(self.unit or written or units.ANY)
         self.take(times - times[0], samples)
@@ -212,19 +211,18 @@ class Playback(_OverTime, Block):
 
 
 class GaussianNoise(UnitOfOutput, Block):
-    """White noise with a normal distribution: each tick's value depends on the seed and the tick alone, so a run can be
-    repeated.
+    """White noise with a normal distribution, a reproducible function of seed and tick.
 
-    Philox 4x64-10 (Salmon et al. 2011) and Box and Muller's transform, which never leaves the mean by more than 8.572
-    deviations. Give each noise of a diagram a seed of its own: two with the same are the same.
+    Philox 4x64-10 (Salmon et al. 2011) and the Box-Muller transform, whose values are within 8.572 deviations of the
+    mean. Give each noise block of a diagram a different seed: blocks with equal seeds have equal values.
     """
 
-    mean = Param(0.0, "any", "of the distribution")
+    mean = Param(0.0, "any", "mean of the distribution")
     deviation = Param(1.0, "any", "standard deviation", min=0.0)
-    seed = Param(0, "1", "which noise", min=0, max=2**53)
+    seed = Param(0, "1", "seed of the generator", min=0, max=2**53)
     unit = Param(units.ANY, "1", "unit of the output")
 
-    y = Output("any", "the noise")
+    y = Output("any", "noise")
 
     kernel = kernels.gaussian
 
@@ -233,25 +231,27 @@ class GaussianNoise(UnitOfOutput, Block):
 
 
 class UniformNoise(UnitOfOutput, Block):
-    """White noise, anywhere from lower to upper with equal chance: each tick's value depends on the seed and the tick
-    alone.
+    """White noise with a uniform distribution from `lower` to `upper`, a reproducible function of seed and tick.
 
-    Philox 4x64-10 (Salmon et al. 2011). Give each noise of a diagram a seed of its own: two with the same are the same.
+    Philox 4x64-10 (Salmon et al. 2011). Give each noise block of a diagram a different seed: blocks with equal seeds
+    have equal values.
     """
 
     lower = Param(0.0, "any", "smallest value")
     upper = Param(1.0, "any", "largest value")
-    seed = Param(0, "1", "which noise", min=0, max=2**53)
+    seed = Param(0, "1", "seed of the generator", min=0, max=2**53)
     unit = Param(units.ANY, "1", "unit of the output")
 
-    y = Output("any", "the noise")
+    y = Output("any", "noise")
 
     kernel = kernels.uniform
 
     def configure(self):
         super().configure()
         if self.span("lower").high > self.span("upper").low or not (self.span("lower") | self.span("upper")).bounded:
-            raise ValueError(f"lower and upper must be finite and in order, got {self.lower:g} and {self.upper:g}")
+            raise ValueError(
+                f"lower and upper must be finite, with lower <= upper, got {self.lower:g} and {self.upper:g}"
+            )
 
     def output_range(self):
         return self.span("lower") | self.span("upper")

@@ -1,4 +1,4 @@
-"""Finite state machines: the commonest high-level controller of prostheses and exoskeletons."""
+"""Finite state machines, a common high-level controller of prostheses and exoskeletons."""
 
 import ast
 
@@ -7,8 +7,7 @@ from graph import Block, Input, Interval, Memory, Output, Param
 
 
 class StateMachine(Block):
-    """A finite state machine: in each state its outputs have given values; conditions on inputs lead from one state to
-    another.
+    """Finite state machine: constant outputs in each state, and transitions on conditions of the inputs.
 
         gait = StateMachine(
             takes={"angle": "rad", "contact": "1"},
@@ -18,27 +17,26 @@ class StateMachine(Block):
             time_in_state > 0.1")],
         )(angle=knee.position, contact=foot.contact)
 
-    Principle: 1. once a tick the conditions that lead out of the present state are looked at in their order; 2. the
-    first that holds is taken, and the outputs are the new state's at once; 3. at most one transition a tick. It starts
-    in the first state, or in `initial`.
+    Principle: 1. once per tick the conditions of the transitions from the present state are evaluated in their order;
+    2. the first that is true is taken, and the outputs of the new state apply at once; 3. there is at most one
+    transition per tick. The machine starts in the first state, or in `initial`.
 
-    A condition is written with the inputs' names, `time_in_state` in s, numbers, + - * / abs(), comparisons, and, or,
-    not. A NaN or an infinity at an input changes no state and makes every value NaN, so that an actuator sees it and
-    faults.
+    A condition consists of names of inputs, `time_in_state` in s, numbers, + - * / abs(), comparisons, and, or, not. A
+    NaN or infinity at an input changes no state and makes every output NaN, which is a fault at an actuator.
     """
 
-    takes = Param({}, "1", "unit by name of input", dtype=dict)
-    gives = Param({}, "1", "unit by name of output", dtype=dict)
-    states = Param({}, "1", "value of each output by name of state", dtype=dict, required=True)
-    transitions = Param((), "1", "(from, to, condition), looked at in this order", dtype=tuple)
-    initial = Param("", "1", "state at the start; the first by default", dtype=str)
+    takes = Param({}, "1", "inputs, as a unit by name", dtype=dict)
+    gives = Param({}, "1", "outputs, as a unit by name", dtype=dict)
+    states = Param({}, "1", "states, as a value of each output by name of the state", dtype=dict, required=True)
+    transitions = Param((), "1", "transitions (from, to, condition), evaluated in this order", dtype=tuple)
+    initial = Param("", "1", "initial state; the first by default", dtype=str)
 
     state = Output("1", "index of the present state, in the order of `states`", dtype=int)
-    time_in_state = Output("s", "since the present state was entered")
-    table = Memory(0.0, "from, to, first operation, count, of each transition")
+    time_in_state = Output("s", "time since the present state was entered")
+    table = Memory(0.0, "from, to, first operation and number of operations of each transition")
     code = Memory(0.0, "operations of all conditions")
     values = Memory(0.0, "outputs of each state")
-    current = Memory((0.0, 0.0, 0.0), "state, periods in it, whether it has begun")
+    current = Memory((0.0, 0.0, 0.0), "state, periods in it, 1 after the first tick")
 
     kernel = kernels.machine
     examples = (
@@ -57,7 +55,7 @@ class StateMachine(Block):
         }
         for name in [*self.inputs, *own]:
             if not name.isidentifier() or name in ("state", "time_in_state") or (name in self.inputs and name in own):
-                raise ValueError(f"{name!r} cannot be the name of a port: it must be an identifier that is used once")
+                raise ValueError(f"{name!r} cannot be the name of a port: it must be a unique identifier")
         self.outputs = {**type(self).outputs, **own}
         self.names = list(self.states)
         self.check_states(own)
@@ -67,7 +65,7 @@ class StateMachine(Block):
         operations, table = [], []
         for entry in self.transitions:
             if len(entry) != 3:
-                raise ValueError(f"a transition is (from, to, condition), not {entry!r}")
+                raise ValueError(f"a transition must be (from, to, condition), got {entry!r}")
             source, target, condition = entry
             code = compile_condition(condition, list(self.inputs))
             table += [self.index(source, condition), self.index(target, condition), len(operations), len(code)]
@@ -77,22 +75,23 @@ class StateMachine(Block):
 
     def check_states(self, outputs):
         if not self.states:
-            raise ValueError("a state machine needs at least one state")
+            raise ValueError("a state machine requires at least one state")
         for state, values in self.states.items():
-            missing, strange = set(outputs) - set(values), set(values) - set(outputs)
-            if missing or strange:
-                what = (
-                    f"gives no {sorted(missing)[0]}"
+            missing, unknown = set(outputs) - set(values), set(values) - set(outputs)
+            if missing or unknown:
+                problem = (
+                    f"has no value for {sorted(missing)[0]}"
                     if missing
-                    else (f"gives {sorted(strange)[0]}, which is not an output")
+                    else (f"has a value for {sorted(unknown)[0]}, which is not an output")
                 )
                 raise ValueError(
-                    f"state {state!r} {what}: each state has a value for each of {', '.join(outputs) or 'no outputs'}"
+                    f"state {state!r} {problem}. "
+                    f"Each state needs a value for each of {', '.join(outputs) or 'no outputs'}"
                 )
 
     def index(self, state, where):
         if state not in self.names:
-            raise ValueError(f"{where!r}: there is no state {state!r}; there are {', '.join(self.names)}")
+            raise ValueError(f"{where!r}: there is no state {state!r}. The states are {', '.join(self.names)}")
         return float(self.names.index(state))
 
     def output_range(self, **inputs):
@@ -108,7 +107,10 @@ _COMPARE = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "=="
 
 
 def compile_condition(text, inputs):
-    """A condition as a list of (operation, operand) for the kernel's stack. ValueError saying what is wrong with it."""
+    """Compile a condition to a list of (operation, operand) for the kernel's stack.
+
+    ValueError for an invalid condition. inputs : names of the inputs
+    """
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, AttributeError):
@@ -170,7 +172,7 @@ def compile_condition(text, inputs):
         depth += 1 if operation <= kernels.OPERATIONS["elapsed"] else 0 if operation in _UNARY else -1
         deepest = max(deepest, depth)
     if deepest > kernels.STACK_DEPTH:
-        raise ValueError(f"the condition {text!r} is too deep: split it over two states")
+        raise ValueError(f"the condition {text!r} is nested too deeply. Divide it between two states")
     return code
 
 

@@ -9,7 +9,7 @@ from blocks._plumbing.ports import UnitOfOutput
 from graph import Block, Input, Memory, Output, Param
 
 ROUNDING: float
-CHOICES: tuple[Any, ...]
+BEYOND_CHOICES: tuple[Any, ...]
 class LookupTable1D(UnitOfOutput, Block):
     breakpoints: Param[Sequence[Any] | np.ndarray]
     values: Param[Sequence[Any] | np.ndarray]

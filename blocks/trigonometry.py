@@ -1,20 +1,21 @@
-"""Trigonometry on signals. All have direct feedthrough and no state, and work element by element; NaN passes, and an
-infinity, which is no angle and no ratio, becomes NaN.
+"""Trigonometric functions. All are element-wise, with direct feedthrough and without state; NaN passes.
+
+Infinity is neither an angle nor a ratio, and becomes NaN.
 """
 
 import math
 
-from blocks._plumbing.ranges import FAR, LIBM, TURN, falling, holds_phase, outward, rising, wave
+from blocks._plumbing.ranges import LIBM, PHASE_LIMIT, TURN, falling, holds_phase, outward, rising, wave
 from cext.kernels import trigonometry as kernels
 from graph import Block, Input, Interval, Output
 from graph.interval import EVERYTHING
 
 
 class Sin(Block):
-    """Sine of an angle: y = sin u; NaN for an infinite one."""
+    """Sine: y = sin u; NaN for an infinite angle."""
 
     u = Input("rad", "angle", shape=...)
-    y = Output("1", "its sine", shape=...)
+    y = Output("1", "sine of the angle", shape=...)
 
     kernel = kernels.sine
 
@@ -23,10 +24,10 @@ class Sin(Block):
 
 
 class Cos(Block):
-    """Cosine of an angle: y = cos u; NaN for an infinite one."""
+    """Cosine: y = cos u; NaN for an infinite angle."""
 
     u = Input("rad", "angle", shape=...)
-    y = Output("1", "its cosine", shape=...)
+    y = Output("1", "cosine of the angle", shape=...)
 
     kernel = kernels.cosine
 
@@ -35,10 +36,10 @@ class Cos(Block):
 
 
 class Tan(Block):
-    """Tangent of an angle: y = tan u; NaN for an infinite one."""
+    """Tangent: y = tan u; NaN for an infinite angle."""
 
     u = Input("rad", "angle", shape=...)
-    y = Output("1", "its tangent", shape=...)
+    y = Output("1", "tangent of the angle", shape=...)
 
     kernel = kernels.tangent
 
@@ -46,14 +47,14 @@ class Tan(Block):
         pole = (
             not u.bounded
             or u.high - u.low >= TURN / 2
-            or max(-u.low, u.high) > FAR
+            or max(-u.low, u.high) > PHASE_LIMIT
             or holds_phase(u, TURN / 4, TURN / 2)
         )
         return EVERYTHING if pole else rising(math.tan, u, LIBM)
 
 
 class Asin(Block):
-    """Angle of a sine: y = arcsin u, from -π/2 to π/2; NaN outside -1 to 1."""
+    """Arc sine: y = arcsin u, from -π/2 to π/2; NaN outside -1 to 1."""
 
     u = Input("1", "sine", shape=...)
     y = Output("rad", "angle", shape=...)
@@ -65,7 +66,7 @@ class Asin(Block):
 
 
 class Acos(Block):
-    """Angle of a cosine: y = arccos u, from 0 to π; NaN outside -1 to 1."""
+    """Arc cosine: y = arccos u, from 0 to π; NaN outside -1 to 1."""
 
     u = Input("1", "cosine", shape=...)
     y = Output("rad", "angle", shape=...)
@@ -77,7 +78,7 @@ class Acos(Block):
 
 
 class Atan(Block):
-    """Angle of a tangent: y = arctan u, from -π/2 to π/2."""
+    """Arc tangent: y = arctan u, from -π/2 to π/2."""
 
     u = Input("1", "tangent", shape=...)
     y = Output("rad", "angle", shape=...)
@@ -89,10 +90,10 @@ class Atan(Block):
 
 
 class Atan2(Block):
-    """Angle of a point: y = atan2(opposite, adjacent), from -π to π, in all four quadrants; atan2(0, 0) = 0."""
+    """Four-quadrant arc tangent: y = atan2(opposite, adjacent), from -π to π; atan2(0, 0) = 0."""
 
-    opposite = Input("any", "its second coordinate", shape=...)
-    adjacent = Input("any", "its first coordinate", shape=...)
+    opposite = Input("any", "second coordinate of the point", shape=...)
+    adjacent = Input("any", "first coordinate of the point", shape=...)
     y = Output("rad", "angle from the first axis towards the second", shape=..., circle=(-math.pi, math.pi))
 
     kernel = kernels.angle

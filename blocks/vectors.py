@@ -1,6 +1,4 @@
-"""Vectors: putting them together, taking them apart, and linear algebra. All have direct feedthrough and no state; NaN
-passes.
-"""
+"""Vectors: concatenation and linear algebra. All have direct feedthrough and no state; NaN passes."""
 
 import math
 
@@ -9,38 +7,38 @@ import numpy as np
 from blocks._plumbing.ranges import hull, total
 from cext.kernels import vectors as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
-from graph.arithmetic import Select, Stack, whole_numbers  # noqa: F401  (Select and Stack stand behind gyro[1] and stack(...))
+from graph.arithmetic import Select, Stack, whole_numbers  # noqa: F401  (re-exported: the blocks of gyro[1] and stack(...))
 from graph.units import multiply
 
 
 class Concatenate(Block):
-    """Joins vectors end to end, as numpy.concatenate does; a size of 1 is a scalar."""
+    """Concatenation of vectors, as in numpy.concatenate; a size of 1 is a scalar."""
 
-    sizes = Param((3, 3), "1", "length of each input")
+    sizes = Param((3, 3), "1", "lengths of the inputs")
 
-    y = Output("any", "one vector")
+    y = Output("any", "concatenated vector")
 
     kernel = kernels.stack
 
     def configure(self):
         sizes = whole_numbers("sizes", self.sizes)
         if not sizes:
-            raise ValueError("sizes must name one length at least")
+            raise ValueError("sizes must contain at least one length")
         self.inputs = {
             f"u{i}": Input("any", f"input {i}", shape=(size,) if size > 1 else ()).named(f"u{i}")
             for i, size in enumerate(sizes, start=1)
         }
-        self.outputs = {"y": Output("any", "one vector", shape=(sum(sizes),)).named("y")}
+        self.outputs = {"y": Output("any", "concatenated vector", shape=(sum(sizes),)).named("y")}
 
     def output_range(self, **inputs):
         return hull(inputs.values())
 
 
 class Norm(Block):
-    """Euclidean length of a vector: y = √(u₁² + u₂² + ...); infinite where a square is above 1e308."""
+    """Euclidean norm: y = √(u₁² + u₂² + ...); infinite if a square exceeds 1e308."""
 
     u = Input("any", "vector", shape=...)
-    y = Output("any", "its length")
+    y = Output("any", "norm of the vector")
 
     kernel = kernels.norm
 
@@ -50,11 +48,11 @@ class Norm(Block):
 
 
 class Dot(Block):
-    """Scalar product of two vectors: y = a₁ b₁ + a₂ b₂ + ...."""
+    """Dot product: y = a₁ b₁ + a₂ b₂ + ...."""
 
-    a = Input("any", "vector", shape=...)
-    b = Input("any", "vector", shape=...)
-    y = Output("any", "their product")
+    a = Input("any", "first vector", shape=...)
+    b = Input("any", "second vector", shape=...)
+    y = Output("any", "dot product")
 
     kernel = kernels.dot
     free_units = ("a", "b")
@@ -67,11 +65,11 @@ class Dot(Block):
 
 
 class Cross(Block):
-    """Vector product in space: y = a × b, right-handed."""
+    """Cross product: y = a × b, right-handed."""
 
-    a = Input("any", "vector", shape=(3,))
-    b = Input("any", "vector", shape=(3,))
-    y = Output("any", "their product", shape=(3,))
+    a = Input("any", "first vector", shape=(3,))
+    b = Input("any", "second vector", shape=(3,))
+    y = Output("any", "cross product", shape=(3,))
 
     kernel = kernels.cross
     free_units = ("a", "b")
@@ -84,16 +82,17 @@ class Cross(Block):
 
 
 class MatrixGain(Block):
-    """Multiplies by a constant matrix: y = A u, as numpy's A @ u: a row for each element of y, and a scalar y for one
-    row of numbers.
+    """Product with a constant matrix: y = A u, as A @ u in NumPy.
+
+    y has one element per row of A; it is a scalar if A is a single row of numbers.
     """
 
-    matrix = Param(((1.0, 0.0), (0.0, 1.0)), "any", "A: a tuple for each row, or one row of numbers")
-    unit = Param("1", "1", "unit of the matrix; the output has the product of both units")
+    matrix = Param(((1.0, 0.0), (0.0, 1.0)), "any", "matrix A: one tuple per row, or a single row of numbers")
+    unit = Param("1", "1", "unit of the matrix; the output unit is its product with the input unit")
 
     u = Input("any", "vector")
-    y = Output("any", "A u")
-    entries = Memory(0.0, "A, one row after the other")
+    y = Output("any", "product A u")
+    entries = Memory(0.0, "A, row by row")
 
     kernel = kernels.matrix
 
@@ -103,11 +102,11 @@ class MatrixGain(Block):
         except (TypeError, ValueError):
             matrix = np.zeros(0)
         if matrix.ndim not in (1, 2) or not matrix.size or not np.all(np.isfinite(matrix)):
-            raise ValueError(f"matrix must be rows of finite numbers, all of one length, got {self.matrix!r}")
+            raise ValueError(f"matrix must be rows of finite numbers of equal length, got {self.matrix!r}")
         self.rows = np.atleast_2d(matrix).tolist()
         self.entries = matrix.ravel()
         self.inputs = {"u": Input("any", "vector", shape=matrix.shape[-1:]).named("u")}
-        self.outputs = {"y": Output("any", "A u", shape=matrix.shape[:-1]).named("y")}
+        self.outputs = {"y": Output("any", "product A u", shape=matrix.shape[:-1]).named("y")}
 
     def output_units(self, u):
         return {"y": multiply(u, self.unit)}
@@ -117,7 +116,7 @@ class MatrixGain(Block):
 
 
 def length(element, count):
-    """Norm of a vector of `count` equal elements, rounded as the kernel does."""
+    """Return the norm of a vector of `count` equal elements, rounded like the kernel."""
     squares = 0.0
     for _ in range(count):
         squares += element * element

@@ -5,7 +5,7 @@ from graph.block import BlockOptions
 from graph.signal import Operand, Signal
 from graph import Block, Input, Memory, Output, Param
 
-LONGEST: int
+WINDOW_SAMPLES_LIMIT: int
 def samples_in(window, dt): ...
 class _Sums(Block):
     window: Param[float]

@@ -1,12 +1,12 @@
-"""A hip exoskeleton: two AK80-9 actuators help the thighs of someone who walks, from an inertial sensor on each thigh.
+"""Hip exoskeleton: two AK80-9 actuators assist the thighs during walking, with an inertial sensor on each thigh.
 
     python -m runtime diagrams/hip_exo.py --duration 10
     python -m runtime diagrams/hip_exo.py --duration 10 --set gain=6
 
-Delayed output feedback: τ = gain · (sin θ_left − sin θ_right)(t − delay) helps the right thigh forward and the left one
-back, a quarter of a stride after they were furthest apart the other way; neither stride nor gait phase has to be known.
-(After Lim et al. 2019, IEEE Transactions on Robotics 35) Angles are flexion from upright; positive torque flexes the
-hip.
+Delayed output feedback: τ = gain · (sin θ_left − sin θ_right)(t − delay) assists the right thigh forward and the left
+one backward, a quarter of a stride after their largest separation in the opposite direction. It requires neither stride
+nor gait phase. (Lim et al. 2019, IEEE Transactions on Robotics 35) Angles are flexion from upright; positive torque
+flexes the hip.
 """
 
 from math import pi
@@ -29,32 +29,33 @@ RATE = 200.0  # Hz
 
 
 def build(gain=4.0, delay=0.25):
-    """The robot. gain : N·m; delay : s, about a quarter of a stride"""
+    """Return the robot. gain : N·m; delay : s, about a quarter of a stride"""
     with Diagram("hip_exo", rate=RATE) as diagram:
         left, right = (thigh(side, serial) for side, serial in (("left", "133931"), ("right", "133932")))
         difference = Butterworth(order=2, cutoff=6.0)(Sin(name="left_sine")(left) - Sin(name="right_sine")(right))
-        help = Gain(gain, unit="N·m", name="gain")(Delay(round(delay * RATE))(difference))
-        hip("left", 1, Gain(-1.0, name="opposite")(help), invert=True)
-        hip("right", 2, help, invert=False)
+        assistance = Gain(gain, unit="N·m", name="gain")(Delay(round(delay * RATE))(difference))
+        hip("left", 1, Gain(-1.0, name="opposite")(assistance), invert=True)
+        hip("right", 2, assistance, invert=False)
         CsvRecorder()
         PlotJuggler()
     return diagram
 
 
 def thigh(side, serial):
-    """Flexion of one thigh: the pitch of the sensor on it, x forward and z down when upright."""
+    """Return the flexion of one thigh: the pitch of its sensor, x forward and z down when upright."""
     with subsystem(side):
         return MicroStrain(serial, channels=("accel", "gyro", "euler"), name="thigh_imu").euler[1]
 
 
 def hip(side, can_id, torque, invert):
+    """Command one hip actuator with a limited torque."""
     with subsystem(side):
         hip = CubeMars("AK80-9", bus="hips", can_id=can_id, invert=invert, name="hip")
         hip(torque_command=TorqueLimiter(limit=6.0, slew=100.0)(torque))
 
 
 def plant(robot, stride_time=1.1):
-    """The wearer: thighs that swing by 22° about 8° of flexion, half a stride apart, and sensors that lie on them."""
+    """Return the wearer: thighs that swing by ±22° about 8° of flexion, half a stride apart, with their sensors."""
     with Diagram("wearer", rate=5 * robot.rate) as wearer:
         for side, start in (("left", 0.0), ("right", pi)):
             with subsystem(side):

@@ -1,4 +1,4 @@
-"""A knee exoskeleton: two AK10-9 actuators help the knees of someone who walks.
+"""Knee exoskeleton: two AK10-9 actuators assist the knees during walking.
 
     python -m runtime diagrams/knee_exo.py --duration 10
     python -m runtime diagrams/knee_exo.py --duration 10 --set assistance=0.5
@@ -17,12 +17,12 @@ from blocks.recorders import CsvRecorder, StrideReport
 from blocks.sinks import PlotJuggler
 from graph import Diagram, deg, subsystem
 
-# Torque over the stride, (gait phase, N·m): hold the knee as it loads, lift it into swing, catch it before heel strike.
+# Torque profile (gait phase, N·m): support the knee under load, lift it into swing, brake it before heel strike.
 PROFILE = ((0.02, 0.0), (0.14, -9.0), (0.32, 0.0), (0.48, 0.0), (0.60, 7.0), (0.74, 0.0), (0.88, 4.0), (0.97, 0.0))
 
 
 def build(assistance=1.0):
-    """The robot. `assistance` is the share of the torque profile that is applied, from 0 to 1."""
+    """Return the robot. assistance : scale of the torque profile, from 0 to 1"""
     with Diagram("knee_exo", rate=200) as diagram:
         leg("left", 1, assistance, invert=False)
         leg("right", 2, assistance, invert=True)
@@ -32,7 +32,7 @@ def build(assistance=1.0):
 
 
 def leg(side, can_id, assistance, invert):
-    """One leg, read as the signal flows: what the knee does, where in the stride that is, what torque helps."""
+    """Add one leg, in the order of the signal flow: knee motion, gait phase, assistive torque."""
     with subsystem(side):
         knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, invert=invert, name="knee")
         velocity = Butterworth(order=2, cutoff=20.0)(knee.velocity)
@@ -50,7 +50,7 @@ def leg(side, can_id, assistance, invert):
 
 
 def plant(robot, gait="", stride_time=1.1):
-    """The wearer: an average adult, or with `gait` a recording of knee flexion in degrees, at 5 steps a tick."""
+    """Return the wearer, an average adult, at 5 steps per tick. gait : recording of knee flexion in degrees"""
     with Diagram("wearer", rate=5 * robot.rate) as wearer:
         for side, column, start in (("left", "knee_flexion_lt_deg", 0.0), ("right", "knee_flexion_rt_deg", 0.5)):
             with subsystem(side):

@@ -1,1 +1,1 @@
-"""What several block files share and no diagram imports."""
+"""Code shared by block files, not imported by diagrams."""

@@ -1,8 +1,8 @@
-"""Cascades of biquads, (b0, b1, b2, a1, a2) of H(z) = (b0 + b1/z + b2/z²) / (1 + a1/z + a2/z²), and designs of them.
+"""Biquad cascades and closed-form filter designs.
 
-The bilinear transform with prewarping keeps the frequencies that are asked for; 1/K is its factor between s and (z -
-1)/(z + 1). (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.1; Orfanidis, Introduction to Signal Processing,
-11.)
+A biquad is (b0, b1, b2, a1, a2) of H(z) = (b0 + b1/z + b2/z²) / (1 + a1/z + a2/z²). The bilinear transform with
+prewarping preserves the design frequencies; 1/K is its factor between s and (z - 1)/(z + 1). (Oppenheim and Schafer,
+Discrete-Time Signal Processing, 7.1; Orfanidis, Introduction to Signal Processing, 11.)
 """
 
 import cmath
@@ -17,13 +17,13 @@ from graph.interval import EVERYTHING
 
 
 class Biquads(Block):
-    """Base of filters that are a cascade of biquads. A subclass has `design(dt)`, which returns them."""
+    """Base of filters that are biquad cascades. Subclasses define `design(dt)`, which returns the biquads."""
 
-    u = Input("any", "unfiltered signal", shape=...)
+    u = Input("any", "raw signal", shape=...)
     y = Output("any", "filtered signal", shape=...)
-    sections = Memory(0.0, "b0 b1 b2 a1 a2 of each biquad")
-    delays = Memory(0.0, "two for each biquad and element")
-    rest = Memory(0.0, "gain and two delays of each biquad after a constant input of 1")
+    sections = Memory(0.0, "coefficients b0 b1 b2 a1 a2 of each biquad")
+    delays = Memory(0.0, "two delays per biquad and element")
+    rest = Memory(0.0, "gain and two delays of each biquad in steady state for an input of 1")
     design: Callable[[float], Any]
 
     abstract = True
@@ -43,8 +43,9 @@ class Biquads(Block):
 
 
 def butterworth(order, cutoff, btype, dt):
-    """Butterworth filter. cutoff in Hz, two for a band; dt in s; btype as in scipy.signal.butter. One biquad for each
-    pair of poles.
+    """Return a Butterworth filter with one biquad per pair of poles.
+
+    cutoff : Hz, a pair for band filters; btype : as in scipy.signal.butter; dt : s
     """
     if btype == "lowpass":
         return [lowpass(damping, math.tan(math.pi * cutoff * dt)) for damping in dampings(order)]
@@ -59,13 +60,13 @@ def butterworth(order, cutoff, btype, dt):
 
 
 def dampings(order):
-    """1/Q of each pair of poles, infinite for the single pole of an odd order."""
+    """Return 1/Q of each pair of poles, infinite for the single pole of an odd order."""
     pairs = [2.0 * math.sin(math.pi * (2 * pair + 1) / (2 * order)) for pair in range(order // 2)]
     return pairs + [math.inf] * (order % 2)
 
 
 def lowpass(damping, K):
-    """1 / (s² + damping s + 1), or 1 / (s + 1) where the damping is infinite."""
+    """Discretise 1 / (s² + damping s + 1), or 1 / (s + 1) for an infinite damping."""
     if damping == math.inf:
         gain = K / (1.0 + K)
         return gain, gain, 0.0, (K - 1.0) / (1.0 + K), 0.0
@@ -75,7 +76,7 @@ def lowpass(damping, K):
 
 
 def highpass(damping, K):
-    """s² / (s² + damping s + 1), or s / (s + 1) where the damping is infinite."""
+    """Discretise s² / (s² + damping s + 1), or s / (s + 1) for an infinite damping."""
     if damping == math.inf:
         gain = 1.0 / (1.0 + K)
         return gain, -gain, 0.0, (K - 1.0) / (1.0 + K), 0.0
@@ -84,25 +85,25 @@ def highpass(damping, K):
 
 
 def prototype_poles(order):
-    """Poles of the analog low-pass of 1 rad/s in the upper half plane, the real one last."""
+    """Return the poles of the 1 rad/s analogue low-pass in the upper half plane, the real one last."""
     poles = [cmath.exp(1j * math.pi * (0.5 + (2 * pair + 1) / (2 * order))) for pair in range(order // 2)]
     return poles + [-1.0 + 0.0j] * (order % 2)
 
 
 def band(pole, width, square, passes):
-    """The biquads into which a band turns a prototype pole and its conjugate: two, or one for a real pole.
+    """Return the biquads of a prototype pole and its conjugate in a band filter: two, or one for a real pole.
 
-    s becomes (s² + square) / (width s) where the band passes, and its reciprocal where it stops; square is the
-    centre's, in prewarped frequency. Each has the gain 1 at the centre, or at 0 and the Nyquist frequency.
+    s becomes (s² + square) / (width s) for a band-pass and its reciprocal for a band-stop; square is the square of the
+    prewarped centre frequency. Each has unit gain at the centre, or at 0 and the Nyquist frequency.
     """
     middle = 0.5 * width * (pole if passes else 1.0 / pole)  # half the sum of the two new poles
     root = cmath.sqrt(middle * middle - square)
     if pole.imag == 0.0:
-        quadratics = [(-2.0 * middle.real, square)]  # s² + c1 s + c0, whatever its roots
+        quadratics = [(-2.0 * middle.real, square)]  # s² + c1 s + c0, for real or complex roots
     else:
-        larger = max(middle + root, middle - root, key=abs)  # the other by their product, which loses nothing
+        larger = max(middle + root, middle - root, key=abs)  # the other from their product, without cancellation
         quadratics = [(-2.0 * s.real, abs(s) ** 2) for s in (larger, square / larger)]
-    cosine = (1.0 - square) / (1.0 + square)  # of the centre's digital frequency
+    cosine = (1.0 - square) / (1.0 + square)  # of the digital centre frequency
     sections = []
     for c1, c0 in quadratics:
         norm = 1.0 / (1.0 + c1 + c0)
@@ -118,8 +119,9 @@ def band(pole, width, square, passes):
 
 
 def notch(frequency, q, dt):
-    """Biquad that removes one frequency, in Hz: -3 dB at a bandwidth of frequency / q, as scipy.signal.iirnotch has
-    it.
+    """Return the biquad of a notch with a -3 dB bandwidth of frequency / q, as scipy.signal.iirnotch.
+
+    frequency : Hz; dt : s
     """
     w = 2.0 * math.pi * frequency * dt
     gain = 1.0 / (1.0 + math.tan(0.5 * w / q))
@@ -132,17 +134,17 @@ def reach(sections):
 
 
 def at_rest(sections):
-    """For each biquad: its gain at frequency 0, and its two delays, having seen an input of 1 for ever.
+    """Return for each biquad the gain at frequency 0 and its two steady-state delays for an input of 1.
 
-    The sums are exact before one rounding, as 1 + a1 + a2 all but cancels. Zeros for an integrator, which has no such
-    state, and for what differs from one by rounding only.
+    The sums are exact before one rounding, because 1 + a1 + a2 nearly cancels. Zeros for an integrator, which has no
+    such state, including systems that differ from an integrator by rounding only.
     """
-    found = []
+    steady = []
     for b0, b1, b2, a1, a2 in sections:
         below = math.fsum((1.0, a1, a2))
         if abs(below) <= 1e-14 * (1.0 + abs(a1) + abs(a2)):
-            found += [0.0, 0.0, 0.0]
+            steady += [0.0, 0.0, 0.0]
             continue
         gain = math.fsum((b0, b1, b2)) / below
-        found += [gain, (b1 + b2) - gain * (a1 + a2), b2 - gain * a2]
-    return found
+        steady += [gain, (b1 + b2) - gain * (a1 + a2), b2 - gain * a2]
+    return steady

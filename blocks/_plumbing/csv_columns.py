@@ -1,4 +1,4 @@
-"""Columns of CSV files, as recorders and spreadsheets write them: `time [s],left/knee.position [rad]`."""
+"""Columns of CSV files written by recorders and spreadsheets: `time [s],left/knee.position [rad]`."""
 
 import csv
 import re
@@ -9,32 +9,33 @@ from graph import units
 
 
 def read_columns(file, time, column):
-    """(times in s, values, unit of the column as the header has it or "") of a CSV file. OSError, or ValueError saying
-    what is wrong.
+    """Read (times in s, values, unit in the header or "") from a CSV file.
+
+    time, column : names of columns. OSError or ValueError if the file cannot be used.
     """
     with open(file, newline="", encoding="utf-8-sig") as stream:
         header = stream.readline()
         delimiter = max(",;\t", key=header.count)
         names = [split_unit(name) for name in next(csv.reader([header], delimiter=delimiter), [])]
-        at = [place_of(name, names, file) for name in (time, column)]
-        if names[at[0]][1] not in ("", "s"):
-            raise ValueError(f"{file}: column {time!r} must be in s, and it is in {names[at[0]][1]}")
-        found = []
+        columns = [column_index(name, names, file) for name in (time, column)]
+        if names[columns[0]][1] not in ("", "s"):
+            raise ValueError(f"{file}: column {time!r} must be in s, got {names[columns[0]][1]}")
+        samples = []
         for number, row in enumerate(csv.reader(stream, delimiter=delimiter), start=2):
             try:
-                found.append([float(row[index]) for index in at])
+                samples.append([float(row[index]) for index in columns])
             except (ValueError, IndexError):
                 raise ValueError(
-                    f"{file}, line {number}: a number is missing in column {time!r} or {column!r}"
+                    f"{file}, line {number}: column {time!r} or {column!r} does not contain a number"
                 ) from None
-    times, values = np.array(found).reshape(-1, 2).T
+    times, values = np.array(samples).reshape(-1, 2).T
     if np.any(np.isinf(values)) or not np.any(np.isfinite(values)):
-        raise ValueError(f"{file}: column {column!r} must hold finite numbers")
-    return times, values, names[at[1]][1]
+        raise ValueError(f"{file}: column {column!r} must contain finite numbers")
+    return times, values, names[columns[1]][1]
 
 
 def split_unit(name):
-    """'left/knee.position [rad]' gives ('left/knee.position', 'rad'); what is no unit stays in the name."""
+    """Split 'left/knee.position [rad]' into ('left/knee.position', 'rad'). Invalid units remain in the name."""
     match = re.match(r"(.*\S)\s*\[([^\[\]]*)\]$", name.strip())
     try:
         return (match[1], units.canonical(match[2])) if match and not match[2].isdigit() else (name.strip(), "")
@@ -42,9 +43,11 @@ def split_unit(name):
         return name.strip(), ""
 
 
-def place_of(name, names, file):
-    """Return the index of a column. Raises ValueError if the file has none of that name."""
-    for index, (found, _) in enumerate(names):
-        if found == name:
+def column_index(name, names, file):
+    """Return the index of a column. names : (name, unit) of each column; ValueError if there is no such column"""
+    for index, (candidate, _) in enumerate(names):
+        if candidate == name:
             return index
-    raise ValueError(f"{file} has no column {name!r}; it has {', '.join(found for found, _ in names) or 'none'}")
+    raise ValueError(
+        f"{file} has no column {name!r}; it has {', '.join(candidate for candidate, _ in names) or 'none'}"
+    )

@@ -1,11 +1,11 @@
-"""Range proof of linear systems: how far the output can go, whatever the input does inside its interval.
+"""Range proof of linear systems: output bounds for arbitrary inputs within an interval.
 
-The bound is the 1-norm of the impulse response, split by sign: with P and N the sums of the positive and of the
-negative parts of h, an input in [low, high] (0 included, where every system starts) gives an output in [P low - N high,
-P high - N low], and some input comes as near to both ends as one likes. On top comes what rounding can add: each
-rounding of the kernel is a small push at a state or an output, and the response to such pushes is summed in the same
-way. (Desoer and Vidyasagar, Feedback Systems, 1975, 2.4; Jackson, On the interaction of roundoff noise and dynamic
-range in digital filters, 1970.)
+The bound is the 1-norm of the impulse response, split by sign: with P and N the sums of the positive and the negative
+parts of h, an input in [low, high] (including 0, the initial state) gives an output in [P low - N high, P high - N
+low], and both ends can be approached arbitrarily closely. Rounding is added to the bound: each rounding of the kernel
+is a small disturbance of a state or an output, and the response to these disturbances is summed in the same way.
+(Desoer and Vidyasagar, Feedback Systems, 1975, 2.4; Jackson, On the interaction of roundoff noise and dynamic range in
+digital filters, 1970.)
 """
 
 from dataclasses import dataclass
@@ -18,17 +18,18 @@ from graph.interval import EVERYTHING, Interval
 
 EPSILON = 2.0**-52
 TINY = 1e-290  # absorbs underflow
-HUGE = 1e307  # beyond which a step on the way may overflow
+HUGE = 1e307  # above which an intermediate result may overflow
 
 
 def with_zero(interval):
-    """The interval and 0, where states start."""
+    """Return the union of the interval and 0, the initial state."""
     return interval | Interval.point(0.0)
 
 
 def designed(block):
-    """What the block's design(dt) gives; None where the rate is not known, or cannot carry it, which `prepare`
-    tells.
+    """Return the block's design(dt), or None if the rate is unknown or unsuitable.
+
+    `prepare` reports an unsuitable rate.
     """
     try:
         return None if block.dt is None else block.design(block.dt)
@@ -38,12 +39,12 @@ def designed(block):
 
 @dataclass(frozen=True)
 class Reach:
-    """What inputs can do to outputs.
+    """Bounds of the effect of inputs on outputs.
 
     positive, negative : (p, m), sums of the two parts of each impulse response
-    slack : (p, m), what rounding may add, for inputs up to 1
+    slack : (p, m), rounding error for inputs up to 1
     free : (p, 2), smallest and largest response to the initial state alone
-    largest : m floats, what no number on the way to the outputs exceeds, for inputs up to 1
+    largest : m floats, bound of all intermediate results for inputs up to 1
     """
 
     positive: np.ndarray
@@ -53,8 +54,8 @@ class Reach:
     largest: tuple
 
     def interval(self, inputs):
-        """Of all outputs together. inputs: one Interval for each input."""
-        found, inputs = None, [with_zero(u) for u in inputs]
+        """Return the Interval of all outputs together. inputs : one Interval per input"""
+        union, inputs = None, [with_zero(u) for u in inputs]
         if not sum(size * max(-u.low, u.high) for size, u in zip(self.largest, inputs)) < HUGE:
             return EVERYTHING
         for row in range(len(self.positive)):
@@ -64,25 +65,31 @@ class Reach:
                 slack = self.slack[row, column] * max(-u.low, u.high)
                 low += p * u.low - n * u.high - slack
                 high += p * u.high - n * u.low + slack
-            more = 8.0 * EPSILON * max(-low, high)  # the sums of this method
-            one = Interval(float(low - more), float(high + more))
-            found = one if found is None else found | one
-        return found
+            rounding = 8.0 * EPSILON * max(-low, high)  # of the sums in this method
+            one = Interval(float(low - rounding), float(high + rounding))
+            union = one if union is None else union | one
+        return union
 
 
 def reach_of_state_space(A, B, C, D, start=None):
-    """Reach of x' = A x + B u, y = C x + D u from x = start, each sum taken in any order. None if it has no bound."""
+    """Return the Reach of x' = A x + B u, y = C x + D u from x = start, or None without a bound.
+
+    Valid for any order of summation in the kernel.
+    """
     A, B, C, D = (np.ascontiguousarray(matrix, dtype=float) for matrix in (A, B, C, D))
     n, m = B.shape
     start = np.zeros(n) if start is None else np.asarray(start, dtype=float)
     if not stable(A):
         return None
-    found = impulse_sums(A, np.column_stack([B, start]), C)
-    if found is None:
+    sums = impulse_sums(A, np.column_stack([B, start]), C)
+    if sums is None:
         return None
-    positive, negative, highest, lowest, states, steps = found
-    pushed = (positive + negative)[:, :n]  # of a push at each state
-    moved, moved_by_start = states[:, n : n + m], states[:, -1:]  # how far each input, and the start, moves each state
+    positive, negative, highest, lowest, states, steps = sums
+    pushed = (positive + negative)[:, :n]  # response to a disturbance of each state
+    moved, moved_by_start = (
+        states[:, n : n + m],
+        states[:, -1:],
+    )  # effect of each input, and of the start, on each state
     unit = (n + m + 2) * EPSILON
     slack = unit * (pushed @ (np.abs(A) @ moved + np.abs(B)) + np.abs(C) @ moved + np.abs(D))
     slack_of_start = unit * (pushed @ (np.abs(A) @ moved_by_start) + np.abs(C) @ moved_by_start)
@@ -100,13 +107,14 @@ def reach_of_state_space(A, B, C, D, start=None):
 
 @lru_cache(maxsize=256)
 def reach_of_cascade(sections):
-    """Reach of sections in series, each (b, a) with a[0] = 1 in direct form II transposed, from zero or settled. None
-    without a bound.
+    """Return the Reach of sections in series, from zero or steady state, or None without a bound.
+
+    Each section is (b, a) with a[0] = 1 in transposed direct form II.
 
     sections : tuple of pairs of equally long tuples, coefficients of z^0, z^-1, ...
     """
     count, n = len(sections), sum(len(b) - 1 for b, _ in sections)
-    # Every signal is a row of weights: of the states, the input, and what rounding adds to the output of each section.
+    # Every signal is a row of weights of the states, the input, and the rounding error of each section's output.
     signals = np.eye(n + 1 + count)
     signal, nexts, outputs, first = signals[n], [], [], 0
     for index, (b, a) in enumerate(sections):
@@ -121,15 +129,15 @@ def reach_of_cascade(sections):
     C, D = outputs[:, :n], outputs[:, n:]
     if not stable(A):
         return None
-    found = impulse_sums(*map(np.ascontiguousarray, (A, E, C)))
-    if found is None:
+    bounds = impulse_sums(*map(np.ascontiguousarray, (A, E, C)))
+    if bounds is None:
         return None
-    positive, negative, _, _, states, steps = found
+    positive, negative, _, _, states, steps = bounds
     positive[:, n:] += np.maximum(D, 0.0)
     negative[:, n:] += np.maximum(-D, 0.0)
     sums = positive + negative
-    reached = sums[:, n]  # each section's output, for inputs up to 1
-    state, pushed = states[:, n], sums[-1]  # each state's; and the output, for a push at each place
+    reached = sums[:, n]  # output of each section, for inputs up to 1
+    state, pushed = states[:, n], sums[-1]  # each state, and the output for a disturbance of each signal
     slack, largest, first = 0.0, 0.0, 0
     for index, (b, a) in enumerate(sections):
         order = len(b) - 1
@@ -141,7 +149,7 @@ def reach_of_cascade(sections):
             largest, abs(b[0]) * x + y, *(abs(b[i + 1]) * x + abs(a[i + 1]) * y + z[i + 1] for i in range(order))
         )
         first += order
-    # A settled start is off by a few roundings of its own, and each section passes its error on.
+    # A steady-state start has a few rounding errors, and each section propagates its error.
     slack = 8.0 * (count + 1) * EPSILON * slack + steps * EPSILON * reached[-1] + TINY * (1.0 + pushed.sum())
     if slack > 1e-3 * reached[-1] + TINY * 1e3 * (1.0 + pushed.sum()):
         return None
@@ -155,5 +163,5 @@ def reach_of_cascade(sections):
 
 
 def stable(A):
-    """Whether every eigenvalue lies inside the unit circle, clearly; what is stable by less is too slow to sum up."""
+    """Return whether every eigenvalue is inside the unit circle by a margin that allows summation."""
     return A.size == 0 or float(np.max(np.abs(np.linalg.eigvals(A)))) < 1.0 - 1e-9

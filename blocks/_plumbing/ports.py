@@ -1,4 +1,4 @@
-"""Ports and parameters that blocks of several rooms declare alike."""
+"""Ports and parameters shared by blocks of several files."""
 
 import math
 
@@ -6,12 +6,12 @@ from graph import Input, units
 
 
 def several(count, unit="any", dtype=float):
-    """Inputs u1, u2, ... of any shape, for a block to set as its `inputs` when it is configured."""
+    """Return inputs u1, u2, ... of any shape, for `inputs` of a block during `configure`."""
     return {f"u{i}": Input(unit, f"input {i}", shape=..., dtype=dtype).named(f"u{i}") for i in range(1, count + 1)}
 
 
 class UnitOfOutput:
-    """For blocks whose parameter `unit` says the unit of their output y."""
+    """Mixin of blocks whose parameter `unit` is the unit of their output y."""
 
     def configure(self):
         self.unit = units.canonical(self.unit)
@@ -21,11 +21,11 @@ class UnitOfOutput:
 
 
 def finite_numbers(name, values):
-    """A tuple of at least one finite float. ValueError if it is not."""
+    """Return a tuple of at least one finite float. ValueError for other values."""
     try:
-        found = tuple(float(value) for value in values)
+        numbers = tuple(float(value) for value in values)
     except TypeError:
-        found = ()
-    if not found or not all(map(math.isfinite, found)):
-        raise ValueError(f"{name} must be finite numbers, at least one, got {values!r}")
-    return found
+        numbers = ()
+    if not numbers or not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{name} must contain at least one number, all finite, got {values!r}")
+    return numbers

@@ -1,4 +1,4 @@
-"""Functions of intervals, for the proof: what an output can be, from what its inputs can be."""
+"""Interval functions for the range proof."""
 
 import math
 
@@ -7,29 +7,29 @@ import numpy as np
 from graph import Interval
 
 TURN = 2.0 * math.pi
-FAR = 1e6  # rad, beyond which nothing is said of where in its turn an angle is
-LIBM = 2  # units in the last place that libm may be off
+PHASE_LIMIT = 1e6  # rad, above which the phase of an angle is considered unknown
+LIBM = 2  # error bound of libm in units in the last place
 
 
 def rising(function, u, ulps=0):
-    """Interval of a function that never falls, from its ends. ulps: how far off the function may be, as libm is."""
+    """Return the interval of a non-decreasing function. ulps : error bound of the function"""
     return outward(function(u.low), function(u.high), ulps)
 
 
 def falling(function, u, ulps=0):
-    """Return the interval of a function that falls over u, rounded outward by some ulps."""
+    """Return the interval of a non-increasing function. ulps : error bound of the function"""
     return outward(function(u.high), function(u.low), ulps)
 
 
 def outward(low, high, ulps):
-    """The interval from low to high, each end moved out by so many units in the last place."""
+    """Return the interval from low to high, widened by `ulps` units in the last place at each end."""
     for _ in range(ulps):
         low, high = math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
     return Interval(low, high)
 
 
 def hull(intervals):
-    """The smallest interval that holds all of them."""
+    """Return the smallest interval that contains all intervals."""
     first, *rest = intervals
     for interval in rest:
         first = first | interval
@@ -37,7 +37,7 @@ def hull(intervals):
 
 
 def total(intervals):
-    """Interval of a sum, added from left to right."""
+    """Return the interval of a sum, added from left to right."""
     first, *rest = intervals
     for interval in rest:
         first = first + interval
@@ -45,23 +45,23 @@ def total(intervals):
 
 
 def can_be_true(u):
-    """Return whether an interval has a value other than 0."""
+    """Return whether the interval contains a nonzero number."""
     return not u.low == u.high == 0.0
 
 
 def can_be_false(u):
-    """Return whether an interval contains 0."""
+    """Return whether the interval contains 0."""
     return 0.0 in u
 
 
 def truth(true, false):
-    """Interval of a bool, from whether it can be true and whether it can be false."""
+    """Return the interval of a bool that can be true and can be false."""
     return Interval(0.0 if false else 1.0, 1.0 if true else 0.0)
 
 
 def wave(function, u, peak):
-    """Interval of a sine or cosine over u, in rad. peak: where it is 1."""
-    if not u.bounded or u.high - u.low >= TURN or max(-u.low, u.high) > FAR:
+    """Return the interval of a sine or cosine over u in rad. peak : angle at which it is 1"""
+    if not u.bounded or u.high - u.low >= TURN or max(-u.low, u.high) > PHASE_LIMIT:
         return Interval(-1.0, 1.0)
     ends = function(u.low), function(u.high)
     low = -1.0 if holds_phase(u, peak + TURN / 2) else min(ends)
@@ -70,15 +70,16 @@ def wave(function, u, peak):
 
 
 def holds_phase(u, phase, turn=TURN):
-    """Whether an interval holds `phase` plus a whole number of turns, or comes near it."""
+    """Return whether an interval contains `phase` plus an integer number of turns, with a small margin."""
     slack = 1e-9
     return math.floor((u.high - phase) / turn + slack) >= math.ceil((u.low - phase) / turn - slack)
 
 
 def horner(coefficients, u, pieces=1000):
-    """Interval of a polynomial, the highest power first: over many pieces of u, so that it is tight.
+    """Return the interval of a polynomial with coefficients in decreasing powers.
 
-    Every step rounds as the kernel does, which keeps order, so the ends hold in floating point.
+    It is evaluated over many pieces of u for a tight bound. Every step rounds like the kernel, and rounding is
+    monotonic, so the bounds are valid in floating point.
     """
     if u.bounded and math.isfinite(u.high - u.low):
         edges = np.linspace(u.low, u.high, pieces + 1)
@@ -89,6 +90,6 @@ def horner(coefficients, u, pieces=1000):
     with np.errstate(all="ignore"):
         for coefficient in coefficients[1:]:
             corners = np.array([a * b for a in (low, high) for b in x])
-            corners[np.isnan(corners)] = 0.0  # a bound of 0 times an infinite one
+            corners[np.isnan(corners)] = 0.0  # 0 times an infinite bound
             low, high = corners.min(axis=0) + coefficient, corners.max(axis=0) + coefficient
     return Interval(float(low.min()), float(high.max()))

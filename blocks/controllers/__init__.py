@@ -1,4 +1,4 @@
-"""Controllers: laws of a joint, PID and its parts, and what the stride says."""
+"""Controllers: joint control laws, PID and its variants, gait phase and torque profiles."""
 
 from blocks.controllers.gait import GaitPhase, TorqueProfile
 from blocks.controllers.joint import Admittance, FeedForward, GravityCompensation, Impedance

@@ -1,4 +1,4 @@
-"""Laws of a joint: what torque or motion answers what it does and feels."""
+"""Joint control laws: impedance, admittance, feed-forward, gravity compensation."""
 
 import math
 
@@ -19,13 +19,13 @@ class Impedance(Block):
     Direct feedthrough; NaN passes.
     """
 
-    stiffness = Param(30.0, "N·m/rad", "K", min=0.0, max=150.0, live=True)
-    damping = Param(1.0, "N·m·s/rad", "B", min=0.0, max=10.0, live=True)
+    stiffness = Param(30.0, "N·m/rad", "stiffness K", min=0.0, max=150.0, live=True)
+    damping = Param(1.0, "N·m·s/rad", "damping B", min=0.0, max=10.0, live=True)
 
     position = Input("rad", "joint angle θ")
     velocity = Input("rad/s", "joint velocity ω")
-    equilibrium = Input("rad", "angle θ₀ at which the spring is slack", default=0.0)
-    torque = Output("N·m", "τ")
+    equilibrium = Input("rad", "equilibrium angle θ₀", default=0.0)
+    torque = Output("N·m", "torque τ")
 
     kernel = kernels.impedance
 
@@ -34,30 +34,29 @@ class Impedance(Block):
 
 
 class Admittance(Block):
-    """Moves as a mass on a spring and a damper would under a torque: M ë + B ė + K e = τ, θ = θ₀ + e.   (Hogan 1985)
+    """Virtual mass, spring and damper driven by a torque: M ë + B ė + K e = τ, θ = θ₀ + e.   (Hogan 1985)
 
-    For drives that are commanded a position and sensors that measure the interaction torque. Exact for a torque that
-    holds from tick to tick. No direct feedthrough of the torque. Starts at rest at the equilibrium. NaN stays until the
-    next reset.
+    For position-controlled drives with a sensor of the interaction torque. Exact for a torque that is constant between
+    ticks. No direct feedthrough of the torque. Starts at rest at the equilibrium. NaN persists until the next reset.
     """
 
-    inertia = Param(0.5, "kg·m²", "M, what the wearer feels as mass", above=0.0, fixed=True)
-    damping = Param(5.0, "N·m·s/rad", "B", min=0.0, fixed=True)
-    stiffness = Param(30.0, "N·m/rad", "K", min=0.0, fixed=True)
+    inertia = Param(0.5, "kg·m²", "virtual inertia M", above=0.0, fixed=True)
+    damping = Param(5.0, "N·m·s/rad", "virtual damping B", min=0.0, fixed=True)
+    stiffness = Param(30.0, "N·m/rad", "virtual stiffness K", min=0.0, fixed=True)
 
-    torque = Input("N·m", "of the interaction, τ: positive moves the joint up")
-    equilibrium = Input("rad", "θ₀, where the joint rests without torque", default=0.0)
-    position = Output("rad", "θ, for the drive")
-    velocity = Output("rad/s", "ė")
-    transition = Memory(0.0, "state matrix, row by row, then the input's column")
-    state = Memory((0.0, 0.0), "e and ė")
+    torque = Input("N·m", "interaction torque τ; positive increases the angle")
+    equilibrium = Input("rad", "equilibrium angle θ₀", default=0.0)
+    position = Output("rad", "position command θ for the drive")
+    velocity = Output("rad/s", "velocity ė of the virtual mass")
+    transition = Memory(0.0, "state matrix, row by row, followed by the input column")
+    state = Memory((0.0, 0.0), "displacement e and velocity ė")
 
     kernel = kernels.admittance
     update_kernel = kernels.admittance_next
     feedthrough = ("equilibrium",)
 
     def design(self, dt):
-        """(A, B) over one period."""
+        """Return (A, B) over one period. dt : s"""
         A = np.array([[0.0, 1.0], [-self.stiffness / self.inertia, -self.damping / self.inertia]])
         return zero_order_hold(A, np.array([[0.0], [1.0 / self.inertia]]), dt)
 
@@ -77,18 +76,19 @@ class Admittance(Block):
 
 
 class FeedForward(Block):
-    """Torque that a joint needs for a planned motion: τ = M α + B ω + τ_c · clip(ω / ω_c, -1, 1). Direct feedthrough;
-    NaN passes.
+    """Feed-forward torque of a planned motion: τ = M α + B ω + τ_c · clip(ω / ω_c, -1, 1).
+
+    Direct feedthrough; NaN passes.
     """
 
-    inertia = Param(0.0, "kg·m²", "M, of the joint and what it moves", min=0.0)
-    damping = Param(0.0, "N·m·s/rad", "B, viscous friction", min=0.0)
-    friction = Param(0.0, "N·m", "τ_c, Coulomb friction", min=0.0)
-    slip = Param(0.1, "rad/s", "ω_c, velocity from which the whole friction counts", above=0.0)
+    inertia = Param(0.0, "kg·m²", "inertia M of the joint and its load", min=0.0)
+    damping = Param(0.0, "N·m·s/rad", "viscous friction B", min=0.0)
+    friction = Param(0.0, "N·m", "Coulomb friction τ_c", min=0.0)
+    slip = Param(0.1, "rad/s", "velocity ω_c above which the full Coulomb friction applies", above=0.0)
 
-    velocity = Input("rad/s", "planned, ω")
-    acceleration = Input("rad/s²", "planned, α", default=0.0)
-    torque = Output("N·m", "τ")
+    velocity = Input("rad/s", "planned velocity ω")
+    acceleration = Input("rad/s²", "planned acceleration α", default=0.0)
+    torque = Output("N·m", "torque τ")
 
     kernel = kernels.feed_forward
 
@@ -101,18 +101,18 @@ class FeedForward(Block):
 
 
 class GravityCompensation(Block):
-    """Torque that holds a limb segment against gravity: τ = share · m g l sin θ, θ from hanging straight down.
+    """Gravity compensation of a limb segment: τ = share · m g l sin θ, with θ = 0 hanging straight down.
 
     Direct feedthrough; NaN passes. g = 9.80665 m/s². For masses and centres of mass of segments see Winter,
     Biomechanics and Motor Control of Human Movement, table 4.1.
     """
 
-    mass = Param(3.0, "kg", "m, of the segment and what it carries", min=0.0)
-    length = Param(0.2, "m", "l, from the joint to the centre of mass", min=0.0)
-    share = Param(1.0, "1", "of the weight that is held", min=0.0, max=1.0, live=True)
+    mass = Param(3.0, "kg", "mass m of the segment and its load", min=0.0)
+    length = Param(0.2, "m", "distance l from the joint to the centre of mass", min=0.0)
+    share = Param(1.0, "1", "share of the weight that is compensated", min=0.0, max=1.0, live=True)
 
-    angle = Input("rad", "of the segment from hanging straight down, θ")
-    torque = Output("N·m", "τ")
+    angle = Input("rad", "segment angle θ; 0 hanging straight down")
+    torque = Output("N·m", "torque τ")
 
     kernel = kernels.gravity
 

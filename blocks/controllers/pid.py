@@ -1,8 +1,8 @@
 """P, PI, PD and PID controllers, in parallel form. (Åström and Hägglund, Advanced PID Control, 2006, chapter 3)
 
-The derivative is filtered. By default it acts on the measurement alone, so that a step in the reference gives no kick.
-The set-point weights b and c scale the reference in the proportional and in the derivative part. `unit` is the unit of
-the command; the gains have units to match.
+The derivative is filtered. By default it acts on the measurement alone, which avoids a derivative kick at a step of the
+reference. The set-point weights b and c scale the reference in the proportional and the derivative part. `unit` is the
+unit of the command; the gains have matching units.
 """
 
 import copy
@@ -19,7 +19,7 @@ class _Controller(Block):
 
     reference = Input("any", "set point r", shape=...)
     measurement = Input("any", "process value y", shape=...)
-    command = Output("any", "what is asked of the drive", shape=...)
+    command = Output("any", "control signal u", shape=...)
 
     abstract = True
 
@@ -44,7 +44,7 @@ class P(_Controller):
     Direct feedthrough. NaN passes.
     """
 
-    unit = Param("any", "1", "unit of the command; default: that of the reference")
+    unit = Param("any", "1", "unit of the command; the unit of the reference by default")
 
     kernel = kernels.p
 
@@ -56,14 +56,14 @@ class PD(_Controller):
     """Proportional and derivative control: u = kp (b r - y) + kd d(c r - y)/dt.
 
     A filter 1 / (filter_time s + 1) smooths the derivative. Backward differences. Direct feedthrough. The derivative
-    starts at 0, without a kick. NaN passes, infinity becomes NaN; neither is stored.
+    starts at 0, without an initial transient. NaN passes, infinity becomes NaN; neither is stored.
     """
 
     kd = Param(0.0, "any", "derivative gain")
     filter_time = Param(0.0, "s", "time constant of the derivative filter", min=0.0)
     b = Param(1.0, "1", "set-point weight of the proportional part", min=0.0)
     c = Param(0.0, "1", "set-point weight of the derivative part", min=0.0)
-    unit = Param("any", "1", "unit of the command; default: that of the reference")
+    unit = Param("any", "1", "unit of the command; the unit of the reference by default")
 
     follower = Memory(math.nan, "state of the derivative filter")
 
@@ -102,7 +102,7 @@ class PID(_Controller):
     tracking_time = Param(
         None, "s", "time constant of the back-calculation; default √(Ti Td), or Ti without kd", above=0.0
     )
-    unit = Param("any", "1", "unit of the command; default: that of the reference")
+    unit = Param("any", "1", "unit of the command; the unit of the reference by default")
 
     manual = Input("1", "whether `manual_command` replaces the control law", dtype=bool, default=False)
     manual_command = Input("any", "command while `manual` is true", shape=..., default=0.0)
@@ -115,7 +115,7 @@ class PID(_Controller):
     def configure(self):
         super().configure()
         if self.lower > self.upper:
-            raise ValueError(f"lower, {self.lower:g}, is above upper, {self.upper:g}")
+            raise ValueError(f"lower, {self.lower:g}, must not exceed upper, {self.upper:g}")
         self.clamps = float(self.anti_windup == "clamping")
 
     def prepare(self, dt):

@@ -1,4 +1,4 @@
-"""Sensors that are no IMUs: voltages, load cells, contacts, insoles, and whatever a microcontroller tells."""
+"""Sensors other than IMUs: voltages, load cells, contacts, insoles, microcontrollers."""
 
 from blocks.sensors.ads1115 import ADS1115, EmulatedADS1115
 from blocks.sensors.forces import FSR, LoadCell

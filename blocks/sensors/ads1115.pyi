@@ -16,8 +16,8 @@ RATES: dict[Any, Any]
 START: int
 SINGLE: int
 NO_COMPARATOR: int
-SLOWEST: float
-WAKE_UP: float
+CLOCK_RATE_MINIMUM: float
+WAKE_UP_TIME: float
 ADDRESSES: tuple[Any, ...]
 class ADS1115(I2cDevice):
     address: Param[int]
@@ -91,4 +91,4 @@ class EmulatedADS1115(I2cDevice):
     def __call__(self, *signals: Operand, **named: Operand) -> EmulatedADS1115: ...
     @classmethod
     def of(cls, converter, **parameters): ...
-def told(name): ...
+def input_description(name): ...

@@ -1,6 +1,4 @@
-"""Fields of a packet, as a block declares them: ("force", "int32", "N", 0.01), ("accel", "int16[3]", "m/s²", 9.80665 /
-2048).
-"""
+"""Typed fields of a packet: ("force", "int32", "N", 0.01), ("accel", "int16[3]", "m/s²", 9.80665 / 2048)."""
 
 import keyword
 import math
@@ -10,7 +8,7 @@ from numbers import Real
 
 from graph import Input, Output, units
 
-# Sizes by type, in the order of cext/kernels/devices/fields_of_bytes.pxd.
+# Size in bytes by type, in the order of cext/kernels/devices/fields_of_bytes.pxd.
 SIZES = {
     "uint8": 1,
     "int8": 1,
@@ -28,7 +26,14 @@ TYPE = re.compile(rf"^({'|'.join(SIZES)})(?:\[(\d+)\])?$")
 
 @dataclass(frozen=True)
 class Field:
-    """name : of its port; type : a key of SIZES; count : how many, None for one alone; unit; scale : unit of a count"""
+    """Field of a packet.
+
+    name : of the port
+    type : key of SIZES
+    count : number of elements, None for a scalar
+    unit : of the port
+    scale : value of one count in that unit
+    """
 
     name: str
     type: str
@@ -50,54 +55,58 @@ class Field:
 
     @property
     def dtype(self):
-        """Whole numbers that nothing scales stay whole."""
+        """Type of the port: int for unscaled integers, otherwise float."""
         return int if self.type.startswith(("int", "uint")) and self.scale == 1.0 else float
 
     def output(self):
         return Output(
-            self.unit, f"{self.type} as it was sent, times {self.scale:g}", shape=self.shape, dtype=self.dtype
+            self.unit, f"transmitted {self.type} times {self.scale:g}", shape=self.shape, dtype=self.dtype
         ).named(self.name)
 
     def input(self):
         default = 0.0 if self.count is None else (0.0,) * self.count
         return Input(
-            self.unit, f"that is sent as {self.type}", shape=self.shape, dtype=self.dtype, default=default
+            self.unit, f"value to transmit as {self.type}", shape=self.shape, dtype=self.dtype, default=default
         ).named(self.name)
 
 
 def read(declared, taken):
-    """Fields of what a block was given. taken : names that they cannot have; ValueError saying which field is wrong,
-    and how
+    """Return the Fields of a declaration.
+
+    declared : sequence of (name, type, unit, scale); taken : reserved names. ValueError for an invalid field.
     """
     if not isinstance(declared, (tuple, list)) or not declared:
-        raise ValueError('fields are wanted, at least one, as in fields=(("force", "int32", "N", 0.01),)')
-    found = [field(each, number) for number, each in enumerate(declared, 1)]
-    for each in found:
-        if each.name in taken or sum(other.name == each.name for other in found) > 1:
-            raise ValueError(f"field {each.name!r}: the name is taken")
-    return found
+        raise ValueError('fields must contain at least one field, as in fields=(("force", "int32", "N", 0.01),)')
+    fields = [field(each, number) for number, each in enumerate(declared, 1)]
+    for each in fields:
+        if each.name in taken or sum(other.name == each.name for other in fields) > 1:
+            raise ValueError(f"field {each.name!r}: the name is already used")
+    return fields
 
 
 def field(declared, number):
     """Return the Field of a declaration (name, type, unit, scale). Raises ValueError if it is invalid."""
     if not isinstance(declared, (tuple, list)) or not 2 <= len(declared) <= 4:
-        raise ValueError(f"field {number} is (name, type, unit, scale), the last two 1 by default, got {declared!r}")
+        raise ValueError(
+            f"field {number} must be (name, type, unit, scale), where unit and scale are 1 by default, got {declared!r}"
+        )
     name, kind, unit, scale = (*declared, *("1", 1.0)[len(declared) - 2 :])
     if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or name.startswith("_"):
-        raise ValueError(f"field {number}: a name is a word as in Python, got {name!r}")
+        raise ValueError(f"field {number}: the name must be a Python identifier, got {name!r}")
     match = TYPE.match(kind) if isinstance(kind, str) else None
     if match is None or match[2] == "0":
         raise ValueError(
-            f"field {name!r}: a type is one of {', '.join(SIZES)}, or several as in int16[3], got {kind!r}"
+            f"field {name!r}: the type must be one of {', '.join(SIZES)}, or an array such as int16[3], got {kind!r}"
         )
     if isinstance(scale, bool) or not isinstance(scale, Real) or not math.isfinite(scale) or scale == 0.0:
-        raise ValueError(f"field {name!r}: a scale is a number other than 0, got {scale!r}")
+        raise ValueError(f"field {name!r}: the scale must be a nonzero number, got {scale!r}")
     return Field(name, match[1], int(match[2]) if match[2] else None, units.canonical(unit), float(scale))
 
 
 def plan(fields, lines, counter):
-    """The same for a kernel: whether they come as lines, whether a counter does, bytes of all, then type and scale of
-    each.
+    """Return the fields as the plan of a kernel.
+
+    The plan is: 1 for text lines, 1 with a counter, total bytes, then type and scale of each field.
     """
     return (
         float(lines),
@@ -108,24 +117,25 @@ def plan(fields, lines, counter):
 
 
 def clock(fields, name, wrap):
-    """For a kernel, of the field of that name: which number it is, s of a count, s after which it begins anew (0:
-    never). "" is none.
+    """Return (index, s per count, wrap period in s) of the clock field for a kernel.
 
-    wrap : s, 0 for as its type has it. ValueError where there is no such field, or it is no time
+    A wrap period of 0 means never. name : of the field, "" for none; wrap : s, 0 to derive it from the type. ValueError
+    if there is no such field, or its unit is not a unit of time.
     """
     if not name:
         return -1.0, 0.0, 0.0
-    found = next((each for each in fields if each.name == name), None)
-    if found is None:
-        raise ValueError(f"clock is one of the fields, {', '.join(each.name for each in fields)}, got {name!r}")
+    match = next((each for each in fields if each.name == name), None)
+    if match is None:
+        raise ValueError(f"clock must be one of the fields {', '.join(each.name for each in fields)}, got {name!r}")
     try:
-        second = units.convert(1.0, found.unit, "s")
+        second = units.convert(1.0, match.unit, "s")
     except ValueError:
         second = None
-    if second is None or found.count is not None or found.scale < 0.0:
+    if second is None or match.count is not None or match.scale < 0.0:
         raise ValueError(
-            f'field {name!r} is no clock: that is one number in a unit of time, such as ("{name}", "uint32", "s", 1e-6)'
+            f"field {name!r} cannot be the clock: it must be a scalar in a unit of time, such as "
+            f'("{name}", "uint32", "s", 1e-6)'
         )
-    count = found.scale * second
-    turn = 2.0 ** (8 * found.size) * count if found.type.startswith("uint") else 0.0
-    return float(sum(each.numbers for each in fields[: fields.index(found)])), count, float(wrap) or turn
+    count = match.scale * second
+    turn = 2.0 ** (8 * match.size) * count if match.type.startswith("uint") else 0.0
+    return float(sum(each.numbers for each in fields[: fields.index(match)])), count, float(wrap) or turn

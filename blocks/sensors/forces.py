@@ -1,4 +1,4 @@
-"""Forces out of voltages: load cells behind an amplifier, force sensitive resistors in a divider."""
+"""Forces from voltages: load cells with an amplifier, force-sensitive resistors in a voltage divider."""
 
 import math
 
@@ -7,64 +7,61 @@ from graph import Block, Input, Interval, Memory, Output, Param
 
 
 class LoadCell(Block):
-    """Force of a load cell behind an amplifier: F = (signal − zero) · capacity / at_capacity, tared at the start or on
-    an input.
+    """Force of a load cell with an amplifier: F = (signal − zero) · capacity / at_capacity.
 
-    Direct feedthrough; NaN passes, and no tare takes it in. While a tare goes on, zero is the mean of what has come so
-    far.
+    Tared at the start or on a rising edge of `tare`. During a tare, zero is the mean of the samples so far. Direct
+    feedthrough; NaN passes and is excluded from a tare.
     """
 
-    capacity = Param(100.0, "N", "force at which the amplifier gives `at_capacity`", above=0.0)
+    capacity = Param(100.0, "N", "force at which the signal is `at_capacity`", above=0.0)
     at_capacity = Param(
-        1.0, "any", "signal at that force, less that without a load; negative where it goes down", fixed=True
+        1.0, "any", "change of the signal from no load to `capacity`; negative if it decreases", fixed=True
     )
-    tare_at_start = Param(True, "1", "whether it is tared with its first samples", fixed=True, kernel=False)
-    tare_time = Param(0.5, "s", "over which a tare takes the mean", above=0.0, max=60.0, fixed=True, kernel=False)
-    zero = Param(0.0, "any", "signal without a load, until it is tared", fixed=True, kernel=False)
+    tare_at_start = Param(True, "1", "true tares with the first samples", fixed=True, kernel=False)
+    tare_time = Param(0.5, "s", "averaging time of a tare", above=0.0, max=60.0, fixed=True, kernel=False)
+    zero = Param(0.0, "any", "signal without a load, until the first tare", fixed=True, kernel=False)
 
-    signal = Input("any", "of the amplifier")
-    tare = Input("1", "its rising edge tares", default=False, dtype=bool)
-    force = Output("N", "tared")
+    signal = Input("any", "signal of the amplifier")
+    tare = Input("1", "rising edge starts a tare", default=False, dtype=bool)
+    force = Output("N", "tared force")
 
-    taring = Memory(
-        (0.0,) * 6, "zero, sum, samples so far, samples wanted, whether a tare goes on, whether it was asked for"
-    )
+    taring = Memory((0.0,) * 6, "zero, sum, number of samples, required samples, 1 during a tare, previous `tare`")
 
     kernel = kernels.load_cell
 
     def configure(self):
         if self.at_capacity == 0.0:
-            raise ValueError("at_capacity: the signal at the cell's capacity is not 0")
+            raise ValueError("at_capacity: must not be 0")
 
     def prepare(self, dt):
         self.taring = (self.zero, 0.0, 0.0, max(1.0, round(self.tare_time / dt)), float(self.tare_at_start), 0.0)
 
 
 class FSR(Block):
-    """Force on a force sensitive resistor in a divider, F = k u / (R (U − u)): its conductance times a constant.
+    """Force on a force-sensitive resistor in a voltage divider: F = k u / (R (U − u)), k times its conductance.
 
-    The sensor lies between the supply U and the converter's input, the resistor R between that and ground. They are
-    rough, 10 % from one press to the next and more from one to another: good for contact and its strength, not for a
-    measurement. Direct feedthrough; NaN passes, and leaves `pressed` as it was.   (Interlink Electronics, FSR 400
-    series, integration guide)
+    The sensor is between the supply U and the converter input, the resistor R between that input and ground. The
+    repeatability is about 10 %, and worse between sensors: suitable to detect contact and its strength, not to measure.
+    Direct feedthrough; NaN passes and leaves `pressed` unchanged.   (Interlink Electronics, FSR 400 series, integration
+    guide)
     """
 
-    supply = Param(3.3, "V", "U of the divider", above=0.0)
-    resistor = Param(10e3, "Ω", "R of the divider", above=0.0)
-    sensitivity = Param(25e3, "N·Ω", "k, force times the sensor's resistance: about 25 kN·Ω for an FSR 402", above=0.0)
-    most = Param(100.0, "N", "told where the voltage reaches the supply, and never passed", above=0.0)
-    press = Param(5.0, "N", "from which on it is pressed", min=0.0)
-    release = Param(3.0, "N", "at which it is no longer", min=0.0)
+    supply = Param(3.3, "V", "supply voltage U of the divider", above=0.0)
+    resistor = Param(10e3, "Ω", "resistor R of the divider", above=0.0)
+    sensitivity = Param(25e3, "N·Ω", "force times resistance k of the sensor; about 25 kN·Ω for an FSR 402", above=0.0)
+    most = Param(100.0, "N", "upper limit of the force, reached at the supply voltage", above=0.0)
+    press = Param(5.0, "N", "force above which `pressed` becomes true", min=0.0)
+    release = Param(3.0, "N", "force below which `pressed` becomes false", min=0.0)
 
-    voltage = Input("V", "at the resistor")
-    force = Output("N", "on the sensor")
-    pressed = Output("1", "whether it is pressed", dtype=bool)
+    voltage = Input("V", "voltage at the resistor")
+    force = Output("N", "force on the sensor")
+    pressed = Output("1", "true while pressed", dtype=bool)
 
     kernel = kernels.force_sensitive_resistor
 
     def configure(self):
         if self.release > self.press:
-            raise ValueError(f"release is at most press, {self.press:g} N, got {self.release:g} N")
+            raise ValueError(f"release must not exceed press, {self.press:g} N, got {self.release:g} N")
 
     def output_range(self, voltage):
         return {

@@ -1,4 +1,4 @@
-"""Pressure insoles: what presses where under a foot, and the steps that show in it."""
+"""Pressure insoles: force, centre of pressure and regions under a foot, and step detection."""
 
 import math
 
@@ -7,12 +7,14 @@ from cext.kernels.devices import insole as kernels
 from graph import Block, Input, Interval, Memory, Output, Param, StreamDevice
 
 SIDES = {"left": 0, "right": 1}
-LARGEST = 65534 * 10.0  # Pa that a cell can say
+CELL_PRESSURE_LIMIT = 65534 * 10.0  # Pa, largest encodable pressure
 
 
 def plan_of(block):
-    """For the kernels: rows, columns, side, length, breadth, force from which on there is a centre, whether a read is a
-    datagram, whether frames have a time.
+    """Return the plan of the kernels.
+
+    The plan is: rows, columns, side, length, breadth, minimum force for a centre, 1 if each read is a datagram, 1 if
+    frames have a time.
     """
     return (
         float(block.rows),
@@ -26,77 +28,78 @@ def plan_of(block):
     )
 
 
-def room(block):
-    """Doubles that hold a frame's bytes."""
+def frame_doubles(block):
+    """Return the number of doubles that hold the bytes of a frame."""
     return (18 + 2 * block.rows * block.columns + 7) // 8
 
 
 class Insole(StreamDevice):
-    """A pressure insole whose frames come over UDP or TCP, from its maker's program or a bridge to it: force, centre of
-    pressure, sums of regions.
+    """Pressure insole over UDP or TCP: force F = Σ p A, centre of pressure Σ p A r / F, forces of regions.
 
-    A frame has the pressures of all cells, row by row from the heel, with a number and a checksum; docs/sensors.md has
-    its bytes and a bridge to begin with. F = Σ p A over the cells, and the centre of pressure is Σ p A r / F: x forward
-    from the heel's end, y to the wearer's left from the middle. Regions are cut across the foot, from the heel on. A
-    centre is NaN under less than `least`.
+    Frames come from the vendor's program or a bridge to it. A frame contains the pressures of all cells, row by row
+    from the heel, with a number and a checksum; docs/sensors.md describes its bytes and an example of a bridge. The
+    centre of pressure is x forward from the end of the heel and y to the wearer's left from the middle; it is NaN for a
+    force below `least`. Regions divide the foot across its length, from the heel on.
     """
 
-    side = Param("left", "1", "whose frames are taken", choices=tuple(SIDES))
+    side = Param("left", "1", "side whose frames are accepted", choices=tuple(SIDES))
     transport = Param(
         "udp",
         "1",
-        "how they come: udp, to the port of `address`, or tcp, from a bridge that waits there",
+        "transport: udp, received on the port of `address`, or tcp, from a bridge that listens there",
         choices=("udp", "tcp"),
     )
     address = Param(
         "127.0.0.1:5005",
         "1",
-        "where this computer listens (udp; 0.0.0.0:5005 for any of its networks), or the bridge does (tcp)",
+        "address on which this computer (udp; 0.0.0.0:5005 for all its networks) or the bridge (tcp) listens",
         dtype=str,
     )
-    rows = Param(31, "1", "of cells, from the heel to the toes", min=1, max=120, fixed=True, kernel=False)
-    columns = Param(9, "1", "of cells", min=1, max=60, fixed=True, kernel=False)
-    length = Param(0.27, "m", "of the field of cells", above=0.0, max=1.0, fixed=True, kernel=False)
-    breadth = Param(0.09, "m", "of it", above=0.0, max=1.0, fixed=True, kernel=False)
+    rows = Param(31, "1", "number of rows of cells, from heel to toes", min=1, max=120, fixed=True, kernel=False)
+    columns = Param(9, "1", "number of columns of cells", min=1, max=60, fixed=True, kernel=False)
+    length = Param(0.27, "m", "length of the cell array", above=0.0, max=1.0, fixed=True, kernel=False)
+    breadth = Param(0.09, "m", "breadth of the cell array", above=0.0, max=1.0, fixed=True, kernel=False)
     regions_at = Param(
         (0.3, 0.6, 0.85),
         "1",
-        "where regions end, as shares of the length from the heel: heel, midfoot, forefoot; the rest are the toes",
+        "ends of the regions as shares of the length from the heel: heel, midfoot, forefoot; the rest is the toes",
     )
-    least = Param(20.0, "N", "under which a centre of pressure means nothing", min=0.0, fixed=True, kernel=False)
+    least = Param(20.0, "N", "force below which the centre of pressure is NaN", min=0.0, fixed=True, kernel=False)
     clock = Param(
         False,
         "1",
-        "whether the sender puts its clock into its frames: then sample_time follows it",
+        "true if frames contain the sender's clock, which then determines sample_time",
         fixed=True,
         kernel=False,
     )
     timeout = Param(
-        0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False
+        0.1,
+        "s",
+        "time without a frame after which the run ends in the safe stop; 0 disables it",
+        min=0.0,
+        fixed=True,
+        kernel=False,
     )
 
-    force = Output("N", "on the whole insole")
-    centre = Output("m", "of pressure: forward from the heel's end, to the left from the middle", shape=(2,))
-    regions = Output("N", "on each region, from the heel on", shape=(4,))
-    age = Output("s", "since the newest frame was heard")
-    received = Output("1", "frames so far", dtype=int)
-    lost = Output("1", "frames so far that their numbers miss", dtype=int)
-    corrupt = Output("1", "frames so far with a wrong checksum or size", dtype=int)
-    dead = Output("1", "places without a cell, or with a broken one", dtype=int)
+    force = Output("N", "total force")
+    centre = Output("m", "centre of pressure: forward from the end of the heel, left from the middle", shape=(2,))
+    regions = Output("N", "force on each region, from the heel on", shape=(4,))
+    age = Output("s", "time since the newest frame")
+    received = Output("1", "number of frames", dtype=int)
+    lost = Output("1", "number of missing frames, according to their numbers", dtype=int)
+    corrupt = Output("1", "number of frames with a wrong checksum or size", dtype=int)
+    dead = Output("1", "number of missing or broken cells", dtype=int)
     sample_time = Output(
-        "s", "when the newest frame was measured, on the clock of the run; without a clock of its own, when it came"
+        "s", "time of the newest frame on the clock of the run; its arrival if frames contain no clock"
     )
-    clock_drift = Output("1", "by how much its clock is slower than the computer's")
-    plan = Memory(
-        (),
-        "rows, columns, side, length, breadth, least force, whether each read is a datagram, whether there is a clock",
-    )
-    bounds = Memory((), "rows at which regions begin")
+    clock_drift = Output("1", "relative slowness of the sender's clock")
+    plan = Memory((), "rows, columns, side, length, breadth, least force, 1 if each read is a datagram, 1 with a clock")
+    bounds = Memory((), "first row of each region")
     parsed = Memory(
-        (0.0, -1.0, 0.0), "bytes of the frame that is coming, number of the next, whether one has ended in front of it"
+        (0.0, -1.0, 0.0), "bytes of the partial frame, number of the next frame, 1 if a frame ended before it"
     )
-    buffer = Memory((), "those bytes")
-    mapped = Memory((0.0,) * kernels.clock_doubles, "map of its clock")
+    buffer = Memory((), "bytes of the partial frame")
+    mapped = Memory((0.0,) * kernels.clock_doubles, "map of the sender's clock")
 
     line = "net"
     decode = kernels.decode
@@ -110,23 +113,23 @@ class Insole(StreamDevice):
             or not all(isinstance(x, float) and 0.0 < x < 1.0 for x in ends)
             or list(ends) != sorted(set(ends))
         ):
-            raise ValueError(f"regions_at are shares of the length between 0.0 and 1.0, rising, got {ends!r}")
+            raise ValueError(f"regions_at must be strictly increasing floats between 0.0 and 1.0, got {ends!r}")
         self.outputs = {name: port for name, port in type(self).outputs.items()}
-        self.outputs["regions"] = Output("N", "on each region, from the heel on", shape=(len(ends) + 1,)).named(
+        self.outputs["regions"] = Output("N", "force on each region, from the heel on", shape=(len(ends) + 1,)).named(
             "regions"
         )
         self.plan, self.bounds = plan_of(self), tuple(math.ceil(x * self.rows - 1e-9) + 0.0 for x in (0.0, *ends))
-        self.buffer = (0.0,) * room(self)
+        self.buffer = (0.0,) * frame_doubles(self)
 
     def opening(self):
         return {"transport": self.transport, "address": self.address}
 
     def output_range(self):
-        most = LARGEST * self.length * self.breadth * (1.0 + 1e-9)
+        force_limit = CELL_PRESSURE_LIMIT * self.length * self.breadth * (1.0 + 1e-9)
         cells = float(self.rows * self.columns)
         return {
-            "force": Interval(0.0, most),
-            "regions": Interval(0.0, most),
+            "force": Interval(0.0, force_limit),
+            "regions": Interval(0.0, force_limit),
             "centre": Interval(-self.breadth, max(self.length, self.breadth)),
             "age": Interval(0.0),
             "received": Interval(0.0),
@@ -140,24 +143,28 @@ class Insole(StreamDevice):
 
 
 class EmulatedInsole(StreamDevice):
-    """An insole that is not there: a force spread about a centre of pressure, in the same frames, for a plant. Near an
-    edge its centre is drawn inwards.
+    """Emulated pressure insole: a force distributed about a centre of pressure.
+
+    Near an edge the measured centre is shifted inwards.
     """
 
     side, rows, columns = (Insole.parameters[name] for name in ("side", "rows", "columns"))
     length, breadth = Insole.parameters["length"], Insole.parameters["breadth"]
-    period = Param(0.01, "s", "between its frames", above=0.0, fixed=True)
+    period = Param(0.01, "s", "period of the frames", above=0.0, fixed=True)
 
-    force = Input("N", "on the insole", default=0.0)
+    force = Input("N", "force on the insole", default=0.0)
     centre = Input(
-        "m", "of pressure: forward from the heel's end, to the left from the middle", shape=(2,), default=(0.1, 0.0)
+        "m",
+        "centre of pressure: forward from the end of the heel, left from the middle",
+        shape=(2,),
+        default=(0.1, 0.0),
     )
-    silent = Input("1", "it sends nothing", default=False, dtype=bool)
-    dropped = Input("1", "share of its frames that get lost, 0 to 1", default=0.0)
-    broken = Input("1", "share of its frames in which a byte is wrong, 0 to 1", default=0.0)
-    plan = Memory((), "rows, columns, side, length, breadth, nothing, nothing")
-    state = Memory((0.0,) * 5, "number of the next frame, when it is due, luck of frames, bytes that wait: from, until")
-    waiting = Memory((), "those bytes")
+    silent = Input("1", "true stops all frames", default=False, dtype=bool)
+    dropped = Input("1", "share of lost frames, 0 to 1", default=0.0)
+    broken = Input("1", "share of frames with a wrong byte, 0 to 1", default=0.0)
+    plan = Memory((), "rows, columns, side, length, breadth, unused, unused")
+    state = Memory((0.0,) * 5, "number and time of the next frame, random state, first and last pending byte")
+    waiting = Memory((), "pending bytes")
 
     line = "net"
     decode = no_io.ignore_all
@@ -165,7 +172,7 @@ class EmulatedInsole(StreamDevice):
 
     @classmethod
     def of(cls, insole, **parameters):
-        """The emulator of one block of a robot."""
+        """Return the emulator of one Insole. parameters : override those of the insole"""
         return cls(
             **{name: getattr(insole, name) for name in ("bus", "side", "rows", "columns", "length", "breadth")}
             | parameters
@@ -173,31 +180,31 @@ class EmulatedInsole(StreamDevice):
 
     def configure(self):
         super().configure()
-        self.plan, self.waiting = plan_of(self), (0.0,) * room(self)
+        self.plan, self.waiting = plan_of(self), (0.0,) * frame_doubles(self)
 
 
 class FootContact(Block):
-    """Heel strike and toe off of one foot, from the force under it: on the ground from `press` on until less than
-    `release`.
+    """Ground contact of one foot with hysteresis: true from force >= `press` until force < `release`.
 
-    A heel strike is a first contact in which the heel has at least `heel_share` of the force; both are true for one
-    tick. A change is believed for `shortest` before there may be another. NaN changes nothing.
+    A heel strike is a first contact in which the heel carries at least `heel_share` of the force; `heel_strike` and
+    `toe_off` are true for one tick. Changes are at least `shortest` apart. Direct feedthrough; NaN leaves the state
+    unchanged.
     """
 
-    press = Param(50.0, "N", "force from which on the foot is on the ground", above=0.0)
-    release = Param(30.0, "N", "force under which it no longer is", min=0.0)
-    heel_share = Param(0.5, "1", "of the force that is on the heel at a heel strike", min=0.0, max=1.0)
-    shortest = Param(0.1, "s", "between two changes", min=0.0)
+    press = Param(50.0, "N", "force above which contact begins", above=0.0)
+    release = Param(30.0, "N", "force below which contact ends", min=0.0)
+    heel_share = Param(0.5, "1", "minimum share of the force on the heel at a heel strike", min=0.0, max=1.0)
+    shortest = Param(0.1, "s", "minimum time between two changes", min=0.0)
 
-    force = Input("N", "under the foot")
-    heel = Input("N", "of it, under the heel")
-    contact = Output("1", "whether the foot is on the ground", dtype=bool)
-    heel_strike = Output("1", "whether it came down on the heel in this tick", dtype=bool)
-    toe_off = Output("1", "whether it left the ground in this tick", dtype=bool)
-    state = Memory((0.0, 1e9), "whether it is on the ground, s since that has changed")
+    force = Input("N", "force under the foot")
+    heel = Input("N", "force under the heel")
+    contact = Output("1", "true while the foot is on the ground", dtype=bool)
+    heel_strike = Output("1", "true in the tick of a heel strike", dtype=bool)
+    toe_off = Output("1", "true in the tick of toe-off", dtype=bool)
+    state = Memory((0.0, 1e9), "1 while on the ground, time in s since the last change")
 
     kernel = kernels.contact
 
     def configure(self):
         if self.release > self.press:
-            raise ValueError(f"release is at most press, {self.press:g} N, got {self.release:g} N")
+            raise ValueError(f"release must not exceed press, {self.press:g} N, got {self.release:g} N")

@@ -9,9 +9,9 @@ from graph.signal import Operand, Signal
 from graph import Block, Input, Memory, Output, Param, StreamDevice
 
 SIDES: dict[Any, Any]
-LARGEST: float
+CELL_PRESSURE_LIMIT: float
 def plan_of(block): ...
-def room(block): ...
+def frame_doubles(block): ...
 class Insole(StreamDevice):
     side: Param[Literal['left', 'right']]
     transport: Param[Literal['udp', 'tcp']]

@@ -1,4 +1,4 @@
-"""A microcontroller at a serial line: whatever it measures, in typed fields."""
+"""Microcontroller on a serial line that sends packets of typed fields."""
 
 from blocks.sensors import fields
 from blocks.serial_lines import speed_of
@@ -6,52 +6,52 @@ from cext.kernels import no_io
 from cext.kernels.devices import microcontroller as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
-LONGEST = 250  # bytes of a packet's fields
-CHECKSUM = 2  # bytes
-MOST = 200  # numbers of a packet
-BYTES = {"cobs": 256, "lines": 1024}  # that a packet or line may have on its way
+FIELD_BYTES_LIMIT = 250  # per packet
+CHECKSUM_BYTES = 2
+FIELD_NUMBERS_LIMIT = 200  # per packet
+PACKET_BYTES_LIMIT = {"cobs": 256, "lines": 1024}  # encoded packet or line
 
 
 class Microcontroller(StreamDevice):
-    """A Teensy, an Arduino or the like that sends packets of typed fields over serial; each field is an output with its
-    unit.
+    """Microcontroller, such as a Teensy or an Arduino, with one output per transmitted field: y = scale · value.
 
-    `format="cobs"`: a counter (one byte), the fields one after another, least significant byte first, and
-    CRC-16/CCITT-FALSE of both; stuffed by COBS, so that a zero ends a packet and is nowhere else. `format="lines"`:
-    counter and numbers as text with commas between, a line each; lines that begin with # are remarks. An output is what
-    was sent times the field's scale. Packets that were lost are counted by the counter, those that are corrupt by
-    checksum and length. docs/sensors.md has the sketch for the other end.
+    `format="cobs"`: a counter (one byte), the fields in order, least significant byte first, and CRC-16/CCITT-FALSE of
+    both; stuffed by COBS, so a zero byte ends a packet and occurs nowhere else. `format="lines"`: counter and numbers
+    as text separated by commas, one line per packet; lines that start with # are comments. Lost packets are detected by
+    the counter, corrupt ones by checksum and length. docs/sensors.md contains a sketch for the microcontroller.
     """
 
     fields = Param(
         (),
         "1",
-        'what is in a packet: ("force", "int32", "N", 0.01), ("accel", "int16[3]", "m/s²", '
+        'fields of a packet, such as ("force", "int32", "N", 0.01), ("accel", "int16[3]", "m/s²", '
         "0.0048); unit and scale are 1 by default",
         required=True,
     )
-    format = Param("cobs", "1", "of the packets", choices=tuple(BYTES))
-    counter = Param(True, "1", "whether a packet begins with a counter, modulo 256", fixed=True, kernel=False)
+    format = Param("cobs", "1", "format of the packets", choices=tuple(PACKET_BYTES_LIMIT))
+    counter = Param(True, "1", "true if packets start with a counter, modulo 256", fixed=True, kernel=False)
     clock = Param(
         "",
         "1",
-        "name of the field that is its clock, in a unit of time, one number: then sample_time follows it",
+        "name of the field with the device clock, a scalar in a unit of time, which determines sample_time",
         dtype=str,
     )
     clock_wrap = Param(
         0.0,
         "s",
-        "after which that begins anew; 0: where its type does, of whole numbers without a sign, else never",
+        "wrap period of the device clock; 0 means that of its type for unsigned integers, otherwise never",
         min=0.0,
         fixed=True,
         kernel=False,
     )
-    port = Param("", "1", "path of its serial port, such as /dev/ttyACM0; a rig says which", dtype=str)
-    serial = Param("", "1", "last characters of its USB serial number, instead of a port; a rig says which", dtype=str)
+    port = Param("", "1", "path of the serial port, such as /dev/ttyACM0; set in the rig file", dtype=str)
+    serial = Param(
+        "", "1", "last characters of the USB serial number, instead of `port`; set in the rig file", dtype=str
+    )
     baudrate = Param(
         115200,
         "1/s",
-        "bit/s of the line; USB ports that are no adapters do not care",
+        "bitrate of the line in bit/s; ignored by USB devices that are not serial adapters",
         min=50,
         max=4_000_000,
         fixed=True,
@@ -60,36 +60,37 @@ class Microcontroller(StreamDevice):
     packet_rate = Param(
         0.0,
         "Hz",
-        "at which it sends, as its program has it, so that `check` tells whether its line can carry that; 0: not known",
+        "packet rate of the device, used by `check` to verify the capacity of its line; 0 if unknown",
         min=0.0,
         fixed=True,
         kernel=False,
     )
-    start = Param("", "1", "text that it is told at the start, and again when it comes back", dtype=str)
+    start = Param("", "1", "bytes sent on connect and after every reconnect", dtype=str)
     timeout = Param(
-        0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False
+        0.1,
+        "s",
+        "time without a packet after which the run ends in the safe stop; 0 disables it",
+        min=0.0,
+        fixed=True,
+        kernel=False,
     )
 
-    age = Output("s", "since the newest packet was heard")
-    received = Output("1", "packets so far", dtype=int)
-    lost = Output("1", "packets so far that the counter misses", dtype=int)
-    corrupt = Output("1", "packets so far with a wrong checksum, length or number", dtype=int)
+    age = Output("s", "time since the newest packet")
+    received = Output("1", "number of packets", dtype=int)
+    lost = Output("1", "number of missing packets, according to the counter", dtype=int)
+    corrupt = Output("1", "number of packets with a wrong checksum or length, or an invalid number", dtype=int)
     sample_time = Output(
-        "s", "when the newest packet was made, on the clock of the run; without a clock of its own, when it came"
+        "s", "creation time of the newest packet on the clock of the run; its arrival without a device clock"
     )
-    clock_drift = Output("1", "by how much its clock is slower than the computer's")
-    plan = Memory(
-        (), "whether they are lines, whether there is a counter, bytes of the fields, then type and scale of each field"
-    )
+    clock_drift = Output("1", "relative slowness of the device clock")
+    plan = Memory((), "1 for text lines, 1 with a counter, bytes of the fields, then type and scale of each field")
     parsed = Memory(
         (0.0, 0.0, 0.0, -1.0),
-        "bytes of the packet that is coming, whether its beginning was heard, whether it is too long, next counter",
+        "bytes of the partial packet, 1 if its start was received, 1 if it is too long, next counter",
     )
-    buffer = Memory((), "those bytes")
-    clock_plan = Memory(
-        (-1.0, 0.0, 0.0), "which of the numbers is its clock, s of a count, s after which it begins anew"
-    )
-    mapped = Memory((0.0,) * kernels.clock_doubles, "map of its clock")
+    buffer = Memory((), "bytes of the partial packet")
+    clock_plan = Memory((-1.0, 0.0, 0.0), "index of the device clock, s per count, wrap period in s")
+    mapped = Memory((0.0,) * kernels.clock_doubles, "map of the device clock")
 
     decode = kernels.decode
     hardware = ("port", "serial", "baudrate")
@@ -101,16 +102,16 @@ class Microcontroller(StreamDevice):
     def configure(self):
         super().configure()
         own = type(self).outputs
-        self.declared = fields.read(self.fields, {*own, *type(self).parameters, *type(self).memory, *_WORDS})
+        self.declared = fields.read(self.fields, {*own, *type(self).parameters, *type(self).memory, *_RESERVED_NAMES})
         self.outputs = {each.name: each.output() for each in self.declared} | own
         sizes = sum(each.size for each in self.declared), sum(each.numbers for each in self.declared)
-        if sizes[0] > LONGEST or sizes[1] > MOST:
+        if sizes[0] > FIELD_BYTES_LIMIT or sizes[1] > FIELD_NUMBERS_LIMIT:
             raise ValueError(
-                f"a packet has at most {LONGEST} bytes and {MOST} numbers, and these fields have "
-                f"{sizes[0]} and {sizes[1]}"
+                f"fields: a packet is limited to {FIELD_BYTES_LIMIT} bytes and {FIELD_NUMBERS_LIMIT} numbers, and "
+                f"these fields have {sizes[0]} and {sizes[1]}"
             )
         self.plan = fields.plan(self.declared, self.format == "lines", self.counter)
-        self.buffer = (0.0,) * (BYTES[self.format] // 8)
+        self.buffer = (0.0,) * (PACKET_BYTES_LIMIT[self.format] // 8)
         self.clock_plan = fields.clock(self.declared, self.clock, self.clock_wrap)
 
     def opening(self):
@@ -120,9 +121,9 @@ class Microcontroller(StreamDevice):
     def sends(self):
         if not self.packet_rate:
             return []
-        if self.format == "lines":  # a digit and what ends it
+        if self.format == "lines":  # at least a digit and a separator per number
             return [(self.packet_rate, 2 * (self.counter + sum(each.numbers for each in self.declared)))]
-        length = self.counter + sum(each.size for each in self.declared) + CHECKSUM
+        length = self.counter + sum(each.size for each in self.declared) + CHECKSUM_BYTES
         return [(self.packet_rate, length + 1 + length // 254 + 1)]
 
     def line_speed(self):
@@ -136,23 +137,22 @@ class Microcontroller(StreamDevice):
 
 
 class EmulatedMicrocontroller(StreamDevice):
-    """A microcontroller that is not there: it sends its fields every `period`, in the same bytes, for a plant. Numbers
-    are rounded as its types are.
+    """Emulated microcontroller that sends its inputs as fields every `period`.
+
+    Numbers are rounded to the types of the fields.
     """
 
     fields = Microcontroller.parameters["fields"]
     format = Microcontroller.parameters["format"]
     counter = Microcontroller.parameters["counter"]
-    period = Param(0.005, "s", "between its packets", above=0.0, fixed=True)
+    period = Param(0.005, "s", "period of the packets", above=0.0, fixed=True)
 
-    silent = Input("1", "it sends nothing", default=False, dtype=bool)
-    dropped = Input("1", "share of its packets that get lost, 0 to 1", default=0.0)
-    broken = Input("1", "share of its packets in which a bit is wrong, 0 to 1", default=0.0)
-    plan = Memory(
-        (), "whether they are lines, whether there is a counter, bytes of the fields, then type and scale of each field"
-    )
-    state = Memory((0.0,) * 5, "next counter, when it is due, luck of packets, bytes that wait: from, until")
-    waiting = Memory((), "those bytes")
+    silent = Input("1", "true stops all packets", default=False, dtype=bool)
+    dropped = Input("1", "share of lost packets, 0 to 1", default=0.0)
+    broken = Input("1", "share of packets with a wrong bit, 0 to 1", default=0.0)
+    plan = Memory((), "1 for text lines, 1 with a counter, bytes of the fields, then type and scale of each field")
+    state = Memory((0.0,) * 5, "next counter and its time, random state, first and last pending byte")
+    waiting = Memory((), "pending bytes")
 
     decode = no_io.ignore_all
     encode = kernels.emulated_encode
@@ -160,7 +160,7 @@ class EmulatedMicrocontroller(StreamDevice):
 
     @classmethod
     def of(cls, microcontroller, **parameters):
-        """The emulator of one block of a robot."""
+        """Return the emulator of one Microcontroller. parameters : override those of the block"""
         return cls(
             **{name: getattr(microcontroller, name) for name in ("bus", "fields", "format", "counter")} | parameters
         )
@@ -168,10 +168,10 @@ class EmulatedMicrocontroller(StreamDevice):
     def configure(self):
         super().configure()
         own = type(self).inputs
-        self.declared = fields.read(self.fields, {*own, *type(self).parameters, *type(self).memory, *_WORDS})
+        self.declared = fields.read(self.fields, {*own, *type(self).parameters, *type(self).memory, *_RESERVED_NAMES})
         self.inputs = {each.name: each.input() for each in self.declared} | own
         self.plan = fields.plan(self.declared, self.format == "lines", self.counter)
-        self.waiting = (0.0,) * (BYTES[self.format] // 8)
+        self.waiting = (0.0,) * (PACKET_BYTES_LIMIT[self.format] // 8)
 
 
-_WORDS = {word for word in dir(StreamDevice) if not word.startswith("_")}
+_RESERVED_NAMES = {name for name in dir(StreamDevice) if not name.startswith("_")}

@@ -8,10 +8,10 @@ from graph.signal import Operand, Signal
 from blocks.sensors import fields
 from graph import Input, Memory, Output, Param, StreamDevice
 
-LONGEST: int
-CHECKSUM: int
-MOST: int
-BYTES: dict[Any, Any]
+FIELD_BYTES_LIMIT: int
+CHECKSUM_BYTES: int
+FIELD_NUMBERS_LIMIT: int
+PACKET_BYTES_LIMIT: dict[Any, Any]
 class Microcontroller(StreamDevice):
     fields: Param[Sequence[Any] | np.ndarray]
     format: Param[Literal['cobs', 'lines']]
@@ -82,4 +82,4 @@ class EmulatedMicrocontroller(StreamDevice):
     def __call__(self, *signals: Operand, **named: Operand) -> EmulatedMicrocontroller: ...
     @classmethod
     def of(cls, microcontroller, **parameters): ...
-_WORDS: Any
+_RESERVED_NAMES: Any

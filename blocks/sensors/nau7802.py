@@ -1,4 +1,4 @@
-"""NAU7802: an amplifier and converter of 24 bits for a load cell, on I2C. (Nuvoton, NAU7802 1.7)"""
+"""NAU7802, a 24-bit amplifier and converter for load cells on I2C. (Nuvoton, NAU7802 1.7)"""
 
 from blocks.i2c import I2cDevice, Identity, Read, Round, Transfer, Write
 from cext.kernels import no_io
@@ -12,54 +12,61 @@ CHOPPER_OFF, CAPACITOR_ON = 0x30, 0x80  # of CONVERTER and POWER_2
 GAINS = (1, 2, 4, 8, 16, 32, 64, 128)
 RATES = {10: 0, 20: 1, 40: 2, 80: 3, 320: 7}
 SUPPLIES = {4.5: 0, 4.2: 1, 3.9: 2, 3.6: 3, 3.3: 4, 3.0: 5, 2.7: 6, 2.4: 7}
-CALIBRATION_TIME = 0.5  # s, for the longest of its own calibration
-SPAN = 2.0**24  # counts from end to end, which is the whole of the supply over the gain
+CALIBRATION_TIME = 0.5  # s, longest internal calibration
+SPAN = 2.0**24  # counts over the full range, the supply divided by the gain
 
 
 class NAU7802(I2cDevice):
-    """An NAU7802 on I2C with a load cell: counts of 24 bits, the cell's signal in V/V, and its force, tared at the
-    start or on an input.
+    """NAU7802 with a load cell: force = (counts − zero) · capacity / (sensitivity 2²⁴ gain).
 
-    ratio = counts / (2²⁴ gain);  force = (counts − zero) · capacity / (sensitivity 2²⁴ gain). The signal does not
-    depend on the supply, which is the converter's reference too. Give `capacity` and `sensitivity` of the cell's data
-    sheet, or `scale`, N of a count, as measured with a weight.   (Nuvoton, NAU7802 1.7)
+    ratio = counts / (2²⁴ gain) does not depend on the supply, which is also the reference of the converter. The force
+    is tared at the start or on a rising edge of `tare`. Set `capacity` and `sensitivity` from the data sheet of the
+    cell, or `scale`, in N per count, from a measurement with a weight.   (Nuvoton, NAU7802 1.7)
     """
 
-    address = Param(0x2A, "1", "its address, the only one it has", min=0x08, max=0x77, fixed=True, kernel=False)
-    rate = Param(80, "1/s", "conversions", choices=tuple(RATES), fixed=True, kernel=False)
-    gain = Param(128, "1", "of its amplifier", choices=GAINS, fixed=True, kernel=False)
+    address = Param(0x2A, "1", "address, fixed in the chip", min=0x08, max=0x77, fixed=True, kernel=False)
+    rate = Param(80, "1/s", "conversions per second", choices=tuple(RATES), fixed=True, kernel=False)
+    gain = Param(128, "1", "gain of the amplifier", choices=GAINS, fixed=True, kernel=False)
     supply = Param(
-        3.0, "V", "of the load cell, 0.3 V below its own at most", choices=tuple(SUPPLIES), fixed=True, kernel=False
-    )
-    capacity = Param(100.0, "N", "force at which the cell gives its full signal", above=0.0, fixed=True, kernel=False)
-    sensitivity = Param(
-        0.002, "1", "full signal, V per V of supply: 2 mV/V is 0.002; negative where it pulls", fixed=True, kernel=False
-    )
-    scale = Param(
-        0.0,
-        "N",
-        "of one count, which then counts instead of capacity and sensitivity; 0 for none",
+        3.0,
+        "V",
+        "supply of the load cell, at least 0.3 V below that of the chip",
+        choices=tuple(SUPPLIES),
         fixed=True,
         kernel=False,
     )
-    tare_at_start = Param(True, "1", "whether it is tared with its first samples", fixed=True, kernel=False)
-    tare_time = Param(0.5, "s", "over which a tare takes the mean", above=0.0, max=60.0, fixed=True, kernel=False)
+    capacity = Param(100.0, "N", "capacity of the load cell", above=0.0, fixed=True, kernel=False)
+    sensitivity = Param(
+        0.002,
+        "1",
+        "full-scale signal in V per V of supply: 2 mV/V is 0.002; negative for tension",
+        fixed=True,
+        kernel=False,
+    )
+    scale = Param(
+        0.0, "N", "force per count, instead of capacity and sensitivity; 0 for none", fixed=True, kernel=False
+    )
+    tare_at_start = Param(True, "1", "true tares with the first samples", fixed=True, kernel=False)
+    tare_time = Param(0.5, "s", "averaging time of a tare", above=0.0, max=60.0, fixed=True, kernel=False)
     timeout = Param(
-        0.5, "s", "of silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False
+        0.5,
+        "s",
+        "time without a reply after which the run ends in the safe stop; 0 disables it",
+        min=0.0,
+        fixed=True,
+        kernel=False,
     )
 
-    tare = Input("1", "its rising edge tares", default=False, dtype=bool)
-    counts = Output("1", "as they were converted", dtype=int)
-    ratio = Output("1", "signal of the cell, V per V of its supply, not tared")
-    force = Output("N", "tared")
-    age = Output("s", "since the newest conversion was read")
-    errors = Output("1", "transfers that have failed since the run began", dtype=int)
+    tare = Input("1", "rising edge starts a tare", default=False, dtype=bool)
+    counts = Output("1", "raw counts of the converter", dtype=int)
+    ratio = Output("1", "signal of the cell in V per V of supply, not tared")
+    force = Output("N", "tared force")
+    age = Output("s", "time since the newest conversion was read")
+    errors = Output("1", "failed transfers since the start of the run", dtype=int)
 
-    identity = Memory(0.0, "place and address")
-    scales = Memory((0.0,) * 2, "V/V and N of a count")
-    taring = Memory(
-        (0.0,) * 6, "zero, sum, samples so far, samples wanted, whether a tare goes on, whether it was asked for"
-    )
+    identity = Memory(0.0, "bus segment and address")
+    scales = Memory((0.0,) * 2, "V/V and N per count")
+    taring = Memory((0.0,) * 6, "zero, sum, number of samples, required samples, 1 during a tare, previous `tare`")
 
     hardware = (*I2cDevice.hardware, "supply", "capacity", "sensitivity", "scale")
     kind = "NAU7802"
@@ -70,7 +77,7 @@ class NAU7802(I2cDevice):
         super().configure()
         if self.sensitivity == 0.0 and self.scale == 0.0:
             raise ValueError(
-                "sensitivity: the cell's data sheet has it, 1 to 3 mV/V as a rule; or give scale, N of a count"
+                "sensitivity: must not be 0. Set it from the data sheet of the cell, usually 1 to 3 mV/V, or set scale"
             )
         self.identity = self.own_identity()
         ratio = 1.0 / (SPAN * self.gain)
@@ -78,11 +85,11 @@ class NAU7802(I2cDevice):
         self.taring = (0.0, 0.0, 0.0, max(1.0, round(self.tare_time * self.rate)), float(self.tare_at_start), 0.0)
 
     def output_range(self, tare=None):
-        most = SPAN / 2.0
-        force = 2.0 * most * abs(self.scales[1])
+        largest = SPAN / 2.0
+        force = 2.0 * largest * abs(self.scales[1])
         return {
-            "counts": Interval(-most, most),
-            "ratio": Interval(-most * self.scales[0], most * self.scales[0]),
+            "counts": Interval(-largest, largest),
+            "ratio": Interval(-largest * self.scales[0], largest * self.scales[0]),
             "force": Interval(-force, force),
             "age": Interval(0.0),
             "errors": Interval(0.0),
@@ -113,15 +120,16 @@ class NAU7802(I2cDevice):
     def learn(self, read, write):
         if read(CONTROL_2, 1)[0] & CALIBRATION_FAILED:
             raise ValueError(
-                "its own calibration has failed: is the supply of the load cell connected, and not shorted?"
+                "the internal calibration failed. Check that the supply of the load cell is connected and not shorted"
             )
 
     def check(self):
         return CONTROL_1, bytes((self.control_1,))
 
     def rounds(self):
-        """As often as it converts, and a little more: none is missed, and the bit of what is new tells those that were
-        read before.
+        """Return the Round of reads, slightly faster than the conversions.
+
+        No conversion is missed, and a status bit identifies those that were read before.
         """
         return (Round(1.0 / (1.1 * self.rate), (Transfer(0, (Read(POWER, 1), Read(COUNTS, 3))),)),)
 
@@ -130,22 +138,22 @@ class NAU7802(I2cDevice):
 
 
 class EmulatedNAU7802(I2cDevice):
-    """An NAU7802 that is not there: it answers with the counts of the signal that is wired to it, V per V, at its rate.
+    """Emulated NAU7802 that converts its input signal in V per V.
 
-    `EmulatedNAU7802.of(robot["handle"])` plays the amplifier of a robot.
+    `EmulatedNAU7802.of(robot["handle"])` emulates the amplifier of a robot.
     """
 
     address, rate, gain = (NAU7802.parameters[name] for name in ("address", "rate", "gain"))
 
-    ratio = Input("1", "signal of the load cell, V per V of its supply", default=0.0)
-    silent = Input("1", "it answers nothing", default=False, dtype=bool)
-    stuck = Input("1", "it goes on with one and the same count", default=False, dtype=bool)
-    wrong_address = Input("1", "address that it answers at instead of its own; 0 for its own", default=0, dtype=int)
-    not_ready = Input("1", "its conversions are never done", default=False, dtype=bool)
+    ratio = Input("1", "signal of the load cell in V per V of supply", default=0.0)
+    silent = Input("1", "true stops all replies", default=False, dtype=bool)
+    stuck = Input("1", "true repeats the last count", default=False, dtype=bool)
+    wrong_address = Input("1", "address used instead of `address`; 0 for none", default=0, dtype=int)
+    not_ready = Input("1", "true never completes a conversion", default=False, dtype=bool)
 
-    identity = Memory(0.0, "place and address")
-    layout = Memory((0.0,) * 2, "V/V of a count, s of a conversion")
-    state = Memory((0.0,) * 4, "when the next answer is due, whether it is stuck, with what")
+    identity = Memory(0.0, "bus segment and address")
+    layout = Memory((0.0,) * 2, "V/V per count, s per conversion")
+    state = Memory((0.0,) * 4, "time of the next reply, 1 while stuck, stuck value")
 
     kind, known_addresses = NAU7802.kind, NAU7802.known_addresses
     decode = no_io.ignore_all

@@ -67,7 +67,7 @@ def test_the_rig_says_which_kind_of_line_it_is(parameters, line):
 
 
 def test_a_gpio_line_and_a_microcontroller_at_once_are_refused():
-    with pytest.raises(DiagramError, match="the output is a GPIO line or a microcontroller, give one of them"):
+    with pytest.raises(DiagramError, match="the output is either a GPIO line or a microcontroller"):
         ChargePump(name="pump", pin="GPIO4", port="/dev/ttyACM0")
 
 
@@ -81,10 +81,10 @@ def pump_diagram(rate=RATE, **parameters):
 @pytest.mark.parametrize(
     "rate, parameters, words",
     [
-        (20, {"hold": 0.2}, "hold 0.2 s: the relay must hold for longer than 0.25 s"),
-        (1000, {"port": "/dev/ttyS0", "baudrate": 57600}, "take 87% of the line"),
+        (20, {"hold": 0.2}, "hold 0.2 s: the relay must hold for longer than the 0.25 s"),
+        (1000, {"port": "/dev/ttyS0", "baudrate": 57600}, "use 87% of the line"),
         # a safe stop has rounds of 5 ms
-        (50, {"port": "/dev/ttyS0", "baudrate": 9600, "hold": 0.5}, "take 104% of the line"),
+        (50, {"port": "/dev/ttyS0", "baudrate": 9600, "hold": 0.5}, "use 104% of the line"),
         (200, {"protects": ("kneee",)}, "no actuator and no bus of actuators named 'kneee'"),
         (200, {"protects": ("pump",)}, "no actuator and no bus of actuators named 'pump'"),
     ],
@@ -371,7 +371,7 @@ def test_a_line_that_is_gone_ends_the_run_at_once():
     rig = Rig(robot, plant_with_relay(robot, [False] * 500 + [True]))
     outcome = rig.run(400)
     assert (outcome.status, outcome.culprit) == ("device fault", "pump") and outcome.tick < 100
-    assert robot["pump"].fault_in_words(1) == "its line is gone, so that the relay drops"
+    assert robot["pump"].fault_in_words(1) == "its line is disconnected, so the relay opens"
 
 
 # What it covers

@@ -109,10 +109,10 @@ def test_in_simulation():
 @pytest.mark.parametrize(
     "parameters, words",
     [
-        ({"axes": (("x", "ABS_X"),)}, "an axis is .name, code, lowest, highest."),
-        ({"buttons": (("go", "BTN_GO"),)}, "go: no code is called 'BTN_GO'"),
-        ({"buttons": (("age", "KEY_A"),)}, "'age' is no name that is free here"),
-        ({"axes": (("x", 0, 5, 5),)}, "x: its lowest value is below its highest"),
+        ({"axes": (("x", "ABS_X"),)}, "an axis must be .name, code, minimum, maximum."),
+        ({"buttons": (("go", "BTN_GO"),)}, "go: unknown code 'BTN_GO'"),
+        ({"buttons": (("age", "KEY_A"),)}, "'age' is not a valid name, or is already used"),
+        ({"axes": (("x", 0, 5, 5),)}, "x: the minimum must be below the maximum"),
     ],
 )
 def test_a_wrong_axis_or_button_is_told(parameters, words):
@@ -123,9 +123,9 @@ def test_a_wrong_axis_or_button_is_told(parameters, words):
 def test_a_device_that_is_not_there_is_told_in_words(tmp_path):
     (tmp_path / "file").write_text("")
     for device, words in (
-        ("", "names no device"),
+        ("", "device is missing"),
         ("/dev/input/by-id/nothing", "No such file"),
-        (str(tmp_path / "file"), "gives no events"),
+        (str(tmp_path / "file"), "is not an input device"),
     ):
         with pytest.raises(Refused) as caught:
             evdev_line.opened("pad", device)

@@ -141,7 +141,7 @@ def test_parameters_out_of_bounds_are_refused(parameters, said):
 def test_a_cutoff_beyond_half_the_rate_is_refused_with_the_rate_it_needs(cutoff):
     with Diagram("slow", rate=RATE) as diagram:
         block = Butterworth(order=2, cutoff=cutoff)
-        said = f"a cutoff of {cutoff:g} Hz needs a rate above {2 * cutoff:g} Hz, and this is 200 Hz"
+        said = f"a cutoff of {cutoff:g} Hz requires a rate above {2 * cutoff:g} Hz, got 200 Hz"
         with pytest.raises((DiagramError, ValueError), match=said):
             block.step(1.0)
         block(player([0.0]))

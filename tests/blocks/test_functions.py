@@ -164,7 +164,7 @@ def test_a_conversion_refuses_a_signal_in_another_unit():
         (lambda: Power(math.inf), "finite"),
         (lambda: Polynomial(()), "at least one"),
         (lambda: Polynomial((1.0, math.nan)), "finite"),
-        (lambda: Polynomial(3.0), "finite numbers"),
+        (lambda: Polynomial(3.0), "all finite"),
         (lambda: Polynomial(unit="newton"), "not a unit"),
         (lambda: Min(1), "at least 2"),
         (lambda: Round("up"), "must be one of nearest, floor, ceil"),

@@ -169,7 +169,7 @@ def test_the_range_of_a_saturation_with_live_bounds_holds_all_that_they_may_beco
 
 
 def test_a_saturation_whose_ends_are_crossed_is_refused():
-    with pytest.raises(DiagramError, match="saturation: lower, 2, is above upper, 1"):
+    with pytest.raises(DiagramError, match="saturation: lower, 2, must not exceed upper, 1"):
         Saturation(lower=2.0)
     assert made(Saturation, lower=1.0, upper=1.0).step(5.0) == 1.0
 

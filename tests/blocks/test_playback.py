@@ -60,8 +60,8 @@ def test_a_table_that_repeats_goes_from_its_last_value_on_with_its_first():
 @pytest.mark.parametrize(
     "parameters, said",
     [
-        ({"times": (0.0, 1.0, 1.0), "values": (0.0, 1.0, 2.0)}, "rise from each to the next"),
-        ({"times": (0.0, 1.0), "values": (0.0,)}, "2 and 1"),
+        ({"times": (0.0, 1.0, 1.0), "values": (0.0, 1.0, 2.0)}, "strictly increasing"),
+        ({"times": (0.0, 1.0), "values": (0.0,)}, "got 2 times and 1 values"),
         ({"times": (0.0,), "values": (0.0,)}, "at least two times"),
         ({"times": (0.0, math.inf)}, "finite"),
         ({"values": (0.0, math.nan)}, "finite"),
@@ -107,7 +107,7 @@ def test_a_column_without_a_unit_may_be_given_one_but_not_another():
     assert Playback(STRIDE, "phase").output_units() == {"y": "any"}
     assert Playback(STRIDE, "left/knee.torque", unit="N·m").output_units() == {"y": "N·m"}
     with pytest.raises(
-        DiagramError, match="left/knee.position is in rad, not in deg: convert it with a UnitConversion"
+        DiagramError, match="left/knee.position is in rad, not in deg. Convert it with a UnitConversion"
     ):
         Playback(STRIDE, "left/knee.position", unit="deg")
 
@@ -137,14 +137,14 @@ def test_semicolons_tabs_uneven_times_and_a_start_that_is_not_zero(tmp_path):
     "text, said",
     [
         ("time,a\n0,1\n1,2\n", "has no column 'u'; it has time, a"),
-        ("time,u\n0,1\n1,x\n", "line 3: a number is missing in column 'time' or 'u'"),
+        ("time,u\n0,1\n1,x\n", "line 3: column 'time' or 'u' does not contain a number"),
         ("time,u\n0,1\n1\n", "line 3"),
         ("time,u\n0,1\n", "at least two times"),
-        ("time,u\n0,1\n0,2\n", "rise"),
+        ("time,u\n0,1\n0,2\n", "strictly increasing"),
         ("time,u\n0,1\n1,inf\n", "finite"),
         ("time,u\n0,nan\n1,nan\n", "finite"),
         ("", "has no column 'time'; it has none"),
-        ("time [ms],u\n0,1\n5,2\n", "must be in s, and it is in ms"),
+        ("time [ms],u\n0,1\n5,2\n", "must be in s, got ms"),
         ("time,u\nnan,1\n1,2\n", "finite"),
         ("time,u\n", "finite"),
     ],

@@ -304,7 +304,7 @@ def test_through_ticks_that_were_missed_the_last_torque_counts():
 
 def test_rms_limits_that_make_no_sense_are_refused():
     for parameters, said in (
-        ({"limit": 9.0, "window": 1.0, "fade": 2.0}, "fade, 2 s, is longer than the window, 1 s"),
+        ({"limit": 9.0, "window": 1.0, "fade": 2.0}, "fade, 2 s, must not exceed the window, 1 s"),
         ({}, "limit is missing"),
         ({"limit": -1.0}, "limit: must be at least 0"),
     ):
@@ -384,9 +384,9 @@ def test_a_soft_start_knows_of_missed_ticks():
 @pytest.mark.parametrize(
     "make, said",
     [
-        (lambda: DeadZone(2.0, 1.0), "lower, 2, is above upper, 1"),
-        (lambda: SoftStop(1.0, 1.0), "lower, 1 rad, is not below upper, 1 rad"),
-        (lambda: TemperatureDerating(100.0, 80.0), "full, 100 °C, is not below none, 80 °C"),
+        (lambda: DeadZone(2.0, 1.0), "lower, 2, must not exceed upper, 1"),
+        (lambda: SoftStop(1.0, 1.0), "lower, 1 rad, must be below upper, 1 rad"),
+        (lambda: TemperatureDerating(100.0, 80.0), "full, 100 °C, must be below none, 80 °C"),
         (lambda: SoftStart(0.0), "duration: must be above 0"),
         (lambda: PowerLimiter(-1.0), "power: must be at least 0"),
         (lambda: SoftStop(stiffness=-1.0), "stiffness: must be at least 0"),

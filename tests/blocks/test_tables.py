@@ -93,15 +93,15 @@ def test_the_output_has_the_unit_it_is_given():
 @pytest.mark.parametrize(
     "make, said",
     [
-        (lambda: LookupTable1D((0.0, 0.0), (1.0, 2.0)), "each above the one before"),
+        (lambda: LookupTable1D((0.0, 0.0), (1.0, 2.0)), "strictly increasing"),
         (lambda: LookupTable1D((0.0,), (1.0,)), "at least two"),
         (lambda: LookupTable1D((0.0, 1.0), (1.0,)), "2 breakpoints and 1 values"),
         (lambda: LookupTable1D((0.0, math.inf), (1.0, 2.0)), "finite"),
-        (lambda: LookupTable1D((-1.7e308, 1.7e308), (1.0, 2.0)), "each above"),
+        (lambda: LookupTable1D((-1.7e308, 1.7e308), (1.0, 2.0)), "strictly increasing"),
         (lambda: LookupTable1D(beyond="wrap"), "must be one of clamp"),
         (lambda: LookupTable2D((0.0, 1.0), (0.0, 1.0), ((1.0, 2.0), (3.0,))), "2 rows of 2 numbers"),
         (lambda: LookupTable2D((0.0, 1.0), (0.0, 1.0), ((1.0, 2.0),)), "2 rows of 2 numbers"),
-        (lambda: LookupTable2D(values=(1.0, 2.0)), "finite numbers"),
+        (lambda: LookupTable2D(values=(1.0, 2.0)), "all finite"),
     ],
 )
 def test_a_table_that_is_none_is_refused(make, said):

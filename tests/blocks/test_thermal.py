@@ -155,7 +155,7 @@ def test_with_derating_a_motor_that_is_asked_for_too_much_settles_below_its_limi
 @pytest.mark.parametrize(
     "make, said",
     [
-        (lambda: ThermalModel(), "loss: name an actuator, or give its rated torque or its loss"),
+        (lambda: ThermalModel(), "loss: set `actuator`, `rated` or `loss`"),
         (lambda: ThermalModel("AK99"), "'AK99' is not a CubeMars model"),
         (lambda: ThermalModel(rated=0.0), "rated: must be above 0"),
         (lambda: ThermalModel(loss=0.1, case_capacity=0.0), "case_capacity: must be above 0"),

@@ -111,7 +111,7 @@ def test_nan_passes_and_is_gone_with_it(make):
         (lambda: Concatenate((2.5,)), "whole numbers"),
         (lambda: Select(1.5), "whole numbers"),
         (lambda: Select(()), "must name an element"),
-        (lambda: MatrixGain(((1.0, 2.0), (3.0,))), "all of one length"),
+        (lambda: MatrixGain(((1.0, 2.0), (3.0,))), "of equal length"),
         (lambda: MatrixGain(((1.0, math.inf),)), "finite"),
         (lambda: MatrixGain(()), "rows of finite numbers"),
         (lambda: MatrixGain("unit"), "rows"),

@@ -75,7 +75,7 @@ def test_after_its_sweep_a_chirp_goes_on_at_the_last_frequency_without_a_jump(me
 
 
 def test_a_logarithmic_chirp_needs_frequencies_above_zero():
-    with pytest.raises(DiagramError, match="needs start and stop above 0 Hz"):
+    with pytest.raises(DiagramError, match="requires start and stop above 0 Hz"):
         Chirp(start=0.0, method="logarithmic")
 
 

@@ -153,7 +153,7 @@ def test_the_window_is_the_nearest_whole_number_of_samples():
     "window, said",
     [
         (0.002, "a window of 0.002 s is shorter than half a sampling period of 0.005 s"),
-        (6000.0, "a window of 6000 s has 1200000 samples at 200 Hz, and 1000000 are the most"),
+        (6000.0, "a window of 6000 s has 1200000 samples at 200 Hz; the limit is 1000000"),
         (0.0, "window: must be above 0.0 s"),
     ],
 )

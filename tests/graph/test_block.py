@@ -265,7 +265,7 @@ def test_a_hook_that_raises_a_value_error_is_told_at_the_users_line():
         at = here(1)
         Saturation(2.0, 1.0)
     (found,) = caught.value.diagnostics
-    assert (found.code, found.message, found.where) == ("TW010", "lower, 2, is above upper, 1", at)
+    assert (found.code, found.message, found.where) == ("TW010", "lower, 2, must not exceed upper, 1", at)
 
 
 def test_class_names_make_block_names():
@@ -309,4 +309,4 @@ def test_a_filter_that_the_rate_cannot_carry_is_told_at_compile_with_every_other
         Butterworth(cutoff=16.0, name="b")(2.0)
     found = complaints(diagram)
     assert [(d.code, d.path) for d in found] == [("TW010", "a"), ("TW010", "b")] and found[0].where == at
-    assert found[0].message == "a cutoff of 20 Hz needs a rate above 40 Hz, and this is 30 Hz"
+    assert found[0].message == "a cutoff of 20 Hz requires a rate above 40 Hz, got 30 Hz"

@@ -129,11 +129,11 @@ def test_the_command_line_sets_parameters_by_text():
     [
         ("limt", "7", "has no parameter 'limt'", "did you mean 'limit'?"),
         ("wavelength", "7", "has no parameter 'wavelength'", "it has limit, slew"),
-        ("limit", "seven", "limit: 'seven' is not a number", "largest torque, either way"),
-        ("limit", "7 rad", "limit: rad does not convert to N·m", "largest torque, either way"),
-        ("limit", "7 furlongs", "limit: 'furlongs' in 'furlongs' is not a unit", "largest torque, either way"),
-        ("limit", "-7", "limit: must be at least 0.0 N·m, got -7.0", "largest torque, either way"),
-        ("limit", "20", "limit: must be between its live bounds 0 and 15, got 20.0", "largest torque, either way"),
+        ("limit", "seven", "limit: 'seven' is not a number", "largest magnitude of the torque"),
+        ("limit", "7 rad", "limit: rad does not convert to N·m", "largest magnitude of the torque"),
+        ("limit", "7 furlongs", "limit: 'furlongs' in 'furlongs' is not a unit", "largest magnitude of the torque"),
+        ("limit", "-7", "limit: must be at least 0.0 N·m, got -7.0", "largest magnitude of the torque"),
+        ("limit", "20", "limit: must be between its live bounds 0 and 15, got 20.0", "largest magnitude of the torque"),
     ],
 )
 def test_what_the_command_line_cannot_set_is_told_with_a_hint(name, text, message, hint):
@@ -160,14 +160,14 @@ def test_a_value_that_a_block_cannot_be_configured_with_is_told_at_the_blocks_li
     saturation = Saturation(-1.0, 1.0, name="s")
     at = here(-1)
     found = refusal(saturation.set, "lower", "2")
-    assert (found.message, found.where) == ("lower, 2, is above upper, 1", at)
+    assert (found.message, found.where) == ("lower, 2, must not exceed upper, 1", at)
 
 
 def test_a_value_that_the_rate_cannot_carry_is_told_at_the_compile():
     with Diagram("d", rate=100) as diagram:
         Butterworth(cutoff=10.0, name="f")(1.0)
     diagram["f"].set("cutoff", "60 Hz")
-    assert complaint(diagram).message == "a cutoff of 60 Hz needs a rate above 120 Hz, and this is 100 Hz"
+    assert complaint(diagram).message == "a cutoff of 60 Hz requires a rate above 120 Hz, got 100 Hz"
 
 
 def test_another_rate_is_taken_at_the_compile():

@@ -260,9 +260,9 @@ def test_the_factory_adjustment_is_read_in_a_mode_of_its_own_and_goes_with_every
 @pytest.mark.parametrize(
     "parameters, words",
     [
-        ({"address": 0x40}, "address 0x40: a MPU-9250 has 0x68, 0x69"),
-        ({"mux": 0x20}, "a TCA9548A has 0x70 to 0x77"),
-        ({"channel": 3}, "say which one with mux"),
+        ({"address": 0x40}, "address 0x40: the addresses of a MPU-9250 are 0x68, 0x69"),
+        ({"mux": 0x20}, "the addresses of a TCA9548A are 0x70 to 0x77"),
+        ({"channel": 3}, "channel requires a multiplexer"),
         ({"rate": 2000.0}, "at most 1000"),
         ({"low_pass": 43}, "must be one of 184"),
     ],

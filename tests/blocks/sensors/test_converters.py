@@ -93,11 +93,11 @@ def test_each_conversion_is_read_when_the_slowest_clock_has_finished_it_and_the_
 @pytest.mark.parametrize(
     "parameters, words",
     [
-        ({"channels": ("a0", "a9")}, "there is no 'a9'"),
-        ({"channels": ()}, "one or more"),
-        ({"channels": ("a0", "a0")}, "each once"),
+        ({"channels": ("a0", "a9")}, "unknown channel 'a9'"),
+        ({"channels": ()}, "at least one channel"),
+        ({"channels": ("a0", "a0")}, "without duplicates"),
         ({"full_scale": 5.0}, "must be one of"),
-        ({"address": 0x50}, "address 0x50: a ADS1115 has 0x48"),
+        ({"address": 0x50}, "address 0x50: the addresses of a ADS1115 are 0x48"),
     ],
 )
 def test_channels_that_it_does_not_have_are_refused(parameters, words):
@@ -165,7 +165,7 @@ def test_the_registers_of_an_nau7802():
         (0x00, 0x96),
     ]
     assert amplifier.check() == (0x01, b"\x2f")
-    with pytest.raises(ValueError, match="its own calibration has failed"):
+    with pytest.raises(ValueError, match="the internal calibration failed"):
         amplifier.learn(lambda register, count: b"\x78", None)
 
 

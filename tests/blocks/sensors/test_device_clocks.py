@@ -121,10 +121,10 @@ def test_an_insole_puts_microseconds_into_its_frames_if_it_is_said_to():
 @pytest.mark.parametrize(
     ("fields", "clock", "words"),
     [
-        ((("t", "uint32", "s", 1e-6),), "time", "clock is one of the fields, t, got 'time'"),
-        ((("t", "uint32", "N", 1e-6),), "t", "is no clock"),
-        ((("t", "uint32[2]", "s"),), "t", "is no clock"),
-        ((("t", "int8", "s", -1.0),), "t", "is no clock"),
+        ((("t", "uint32", "s", 1e-6),), "time", "clock must be one of the fields t, got 'time'"),
+        ((("t", "uint32", "N", 1e-6),), "t", "cannot be the clock"),
+        ((("t", "uint32[2]", "s"),), "t", "cannot be the clock"),
+        ((("t", "int8", "s", -1.0),), "t", "cannot be the clock"),
     ],
 )
 def test_a_field_that_is_no_clock_is_refused_in_words(fields, clock, words):

@@ -61,8 +61,8 @@ def test_contact_has_a_hysteresis_and_nan_leaves_it_as_it_was():
 @pytest.mark.parametrize(
     "kind, parameters, words",
     [
-        (FSR, {"press": 2.0, "release": 3.0}, "release is at most press"),
-        (LoadCell, {"at_capacity": 0.0}, "is not 0"),
+        (FSR, {"press": 2.0, "release": 3.0}, "release must not exceed press"),
+        (LoadCell, {"at_capacity": 0.0}, "must not be 0"),
         (LoadCell, {"capacity": 0.0}, "above 0"),
     ],
 )

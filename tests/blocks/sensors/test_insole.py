@@ -188,7 +188,7 @@ def test_a_foot_is_down_with_hysteresis_and_strikes_with_its_heel_or_does_not():
     outputs = by_hand(block, len(force), force=force, heel=heel)
     assert list(outputs["contact"]) == [0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 1, 0]  # at the sixth it had just left the ground
     assert list(np.flatnonzero(outputs["heel_strike"])) == [2] and list(np.flatnonzero(outputs["toe_off"])) == [4, 11]
-    with pytest.raises(DiagramError, match="release is at most press, 50 N, got 60 N"):
+    with pytest.raises(DiagramError, match="release must not exceed press, 50 N, got 60 N"):
         FootContact(release=60.0)
 
 
@@ -250,7 +250,7 @@ def test_an_address_that_cannot_be_is_told_in_words():
     port = taken.getsockname()[1]
     for transport, address, code, words in (
         ("udp", "5005", "TW102", "expected HOST:PORT"),
-        ("udp", f"127.0.0.1:{port}", "TW121", f"another program has UDP port {port} open"),
+        ("udp", f"127.0.0.1:{port}", "TW121", f"UDP port {port} is in use by another program"),
         ("udp", "192.0.2.1:5005", "TW122", "is an address of another machine"),
         ("tcp", f"127.0.0.1:{free_port(socket.SOCK_STREAM)}", "TW128", "Connection refused"),
     ):
@@ -264,5 +264,5 @@ def test_an_address_that_cannot_be_is_told_in_words():
 def test_regions_are_cut_where_they_are_said_to_be():
     block = Insole(regions_at=(0.5,))
     assert block.outputs["regions"].shape == (2,) and block.bounds == (0.0, 16.0)
-    with pytest.raises(DiagramError, match="regions_at are shares of the length between 0.0 and 1.0, rising"):
+    with pytest.raises(DiagramError, match="regions_at must be strictly increasing floats between 0.0 and 1.0"):
         Insole(regions_at=(0.6, 0.3))

@@ -364,19 +364,19 @@ def test_the_sketch_of_the_docs_sends_what_the_block_reads(tmp_path):
 @pytest.mark.parametrize(
     "declared, words",
     [
-        ((), "fields are wanted, at least one"),
-        ((("force",),), "field 1 is .name, type, unit, scale., the last two 1 by default"),
-        ((("2nd", "int16"),), "field 1: a name is a word as in Python"),
+        ((), "fields must contain at least one field"),
+        ((("force",),), "field 1 must be .name, type, unit, scale., where unit and scale are 1 by default"),
+        ((("2nd", "int16"),), "field 1: the name must be a Python identifier"),
         (
             (("force", "int12"),),
-            "field 'force': a type is one of uint8, int8, .* or several as in int16.3., got 'int12'",
+            "field 'force': the type must be one of uint8, int8, .* or an array such as int16.3., got 'int12'",
         ),
-        ((("force", "int16", "N", 0.0),), "field 'force': a scale is a number other than 0"),
-        ((("force", "int16"), ("force", "int16")), "field 'force': the name is taken"),
-        ((("age", "int16"),), "field 'age': the name is taken"),
+        ((("force", "int16", "N", 0.0),), "field 'force': the scale must be a nonzero number"),
+        ((("force", "int16"), ("force", "int16")), "field 'force': the name is already used"),
+        ((("age", "int16"),), "field 'age': the name is already used"),
         (
             (("force", "float64[40]"),),
-            "a packet has at most 250 bytes and 200 numbers, and these fields have 320 and 40",
+            "a packet is limited to 250 bytes and 200 numbers, and these fields have 320 and 40",
         ),
     ],
 )

@@ -132,7 +132,7 @@ def test_a_setting_that_resembles_nothing_lists_what_there_is(command_line):
 @pytest.mark.parametrize(
     "setting, words",
     [
-        ("left/profile.scale=2", "scale: must be at most 1.0, got 2.0; share of the profile that is applied"),
+        ("left/profile.scale=2", "scale: must be at most 1.0, got 2.0; scale factor of the profile"),
         ("left/profile.scale=-0.1", "scale: must be at least 0.0, got -0.1"),
         ("left/profile.scale=nan", "scale: NaN is not allowed"),
         ("left/profile.scale=much", "scale: 'much' is not a number"),
@@ -154,7 +154,7 @@ def test_a_setting_that_the_file_refuses_has_the_line(command_line):
     line = line_of(KNEE_EXO, "TorqueProfile(")
     assert command_line.refused(KNEE_EXO, "--set", "assistance=3") == (
         f"{KNEE_EXO}:{line}: error TW010 wrong parameter: TorqueProfile: scale: must be at most 1.0, got 3.0\n"
-        "    share of the profile that is applied"
+        "    scale factor of the profile"
     )
 
 
@@ -285,7 +285,7 @@ def test_check_refuses_what_a_run_would_refuse(command_line):
             ("--set", "left/torque_limiter.limit=30"),
             "left/torque_limiter.limited can reach [-30, 30] N·m, and the limit is [-18, 18] N·m",
         ),
-        (("--rate", "30"), "a cutoff of 20 Hz needs a rate above 40 Hz"),
+        (("--rate", "30"), "a cutoff of 20 Hz requires a rate above 40 Hz"),
     ):
         code, out, err = command_line("check", KNEE_EXO, *options)
         assert code == CHECK_FAILED and said in out and "the diagram cannot run" in out and not err

@@ -37,7 +37,7 @@ def test_every_block_of_ours_is_listed_in_one_line_with_its_first_sentence(comma
         "TorqueLimiter",
         "CsvRecorder",
     } <= set(kinds)
-    assert dict(rows)["TorqueLimiter"] == "Bounds a torque and how fast it changes: |τ| <= limit, |dτ/dt| <= slew."
+    assert dict(rows)["TorqueLimiter"] == "Limiter of a torque and its rate of change: |τ| <= limit, |dτ/dt| <= slew."
     assert all(text == summary(kinds[name]) for name, text in rows)
     assert "  limiters  from blocks.limiters" in out and "  actuators  from blocks.actuators" in out
 
@@ -63,8 +63,8 @@ def test_a_name_tells_docstring_ports_and_parameters(command_line):
     )
     assert "  Virtual spring and damper about an equilibrium: τ = K (θ₀ − θ) − B ω. (Hogan 1985)" in lines
     row = {line.split()[0]: line.split(maxsplit=1)[1] for line in lines if line.startswith("  ")}
-    assert row["equilibrium"].split(maxsplit=1) == ["rad", "angle θ₀ at which the spring is slack; default 0 rad"]
-    assert row["stiffness"].split(maxsplit=1) == ["N·m/rad", "K; default 30 N·m/rad; 0 to 150; live"]
+    assert row["equilibrium"].split(maxsplit=1) == ["rad", "equilibrium angle θ₀; default 0 rad"]
+    assert row["stiffness"].split(maxsplit=1) == ["N·m/rad", "stiffness K; default 30 N·m/rad; 0 to 150; live"]
     assert row["torque"].startswith("N·m")
 
 

@@ -165,7 +165,9 @@ def test_a_microcontroller_that_is_unplugged_ends_the_run_with_words(lab):
     _, err = process.communicate(timeout=10)
     bus.listen()
     assert (
-        process.returncode == 3 and "FAULT at pump, tick " in err and "its line is gone, so that the relay drops" in err
+        process.returncode == 3
+        and "FAULT at pump, tick " in err
+        and "its line is disconnected, so the relay opens" in err
     ), err
     assert bus.stopped_after(unplugged) < LATE
 
