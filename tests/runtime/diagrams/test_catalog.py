@@ -167,7 +167,7 @@ def test_a_labs_library_is_listed_beside_ours(installed, tmp_path):  # noqa: F81
     done = run(tmp_path, site=installed)
     assert done.returncode == OK, done.stderr
     assert (
-        "gaitlab 1.0.0  2 blocks" in done.stdout
+        "gaitlab 1.0.0  4 blocks" in done.stdout
         and ("    CadenceMeter      Steps a minute from heel strikes: 60 over") in done.stdout
     )
     said = run(tmp_path, "cadence_meter", site=installed).stdout
@@ -178,7 +178,7 @@ def test_from_tells_version_author_and_what_it_was_tested_with(installed, tmp_pa
     said = run(tmp_path, "--from", "gaitlab", site=installed).stdout.splitlines()
     facts = {line[2:15].strip(): line[15:] for line in said if line.startswith("  ") and line[2:15].strip()}
     assert (said[0], facts["author"], facts["about"]) == (
-        "gaitlab 1.0.0  2 blocks",
+        "gaitlab 1.0.0  4 blocks",
         "The gait laboratory",
         "Blocks of the gait laboratory",
     )
