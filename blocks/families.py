@@ -21,7 +21,7 @@ def families() -> tuple[Family, ...]:
     own = [name for name in modules if name.endswith(".family")]
     loads = [(name, lambda name=name: getattr(importlib.import_module(name), OBJECT)) for name in own]
     loads += [(point.value, point.load) for point in importlib.metadata.entry_points(group=ENTRY_POINTS)]
-    found = []
+    loaded = []
     for name, load in loads:
         try:
             family = load()
@@ -30,8 +30,8 @@ def families() -> tuple[Family, ...]:
         except Exception as error:  # whatever a plug-in does while it is imported, the others work
             warnings.warn(f"device family {name} cannot be loaded: {type(error).__name__}: {error}", stacklevel=2)
         else:
-            found.append(family)
-    return tuple(sorted(found, key=lambda family: -family.precedence))
+            loaded.append(family)
+    return tuple(sorted(loaded, key=lambda family: -family.precedence))
 
 
 def family_of(block: Any) -> Family | None:
@@ -52,8 +52,8 @@ def example_models() -> list[str]:
 
 def benchmark(medium: str) -> Benchmark:
     """Return the graph.family.Benchmark of the first family with one on a medium: can, stream or i2c."""
-    found = [family.benchmark for family in families() if family.benchmark is not None]
-    return next(device for device in found if device.block.medium == medium)
+    devices = [family.benchmark for family in families() if family.benchmark is not None]
+    return next(device for device in devices if device.block.medium == medium)
 
 
 def find_model(name: str, option: str = "") -> tuple[Drive, Any]:

@@ -29,13 +29,13 @@ def state_in_mit_mode(can_id, data, family, block, half, model=None):
 
     half : rad, half the range of the position where the model is not known
     """
-    found = Answer(family, can_id, block=block)
+    answer = Answer(family, can_id, block=block)
     half = half if model is None else model.wire_position
-    found.position = symmetric(data[1] << 8 | data[2], half, 16)
+    answer.position = symmetric(data[1] << 8 | data[2], half, 16)
     if model is not None:
-        found.velocity = symmetric(data[3] << 4 | data[4] >> 4, model.wire_velocity, 12)
-        found.torque = symmetric((data[4] & 15) << 8 | data[5], model.wire_torque, 12)
-    return found
+        answer.velocity = symmetric(data[3] << 4 | data[4] >> 4, model.wire_velocity, 12)
+        answer.torque = symmetric((data[4] & 15) << 8 | data[5], model.wire_torque, 12)
+    return answer
 
 
 def commanded_in_mit_mode(identifier, extended, data):

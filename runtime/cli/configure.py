@@ -38,9 +38,7 @@ def main(arguments):
     )
     parser.add_argument("what", nargs="?", metavar="ID", help="id of a drive; with --joint the diagram file")
     add_bus(parser)
-    parser.add_argument(
-        "--set-id", type=drive_id, metavar="N", help="its new id, 1 to 127, which nobody on the bus may have"
-    )
+    parser.add_argument("--set-id", type=drive_id, metavar="N", help="new id of the drive, 1 to 127, unused on the bus")
     parser.add_argument("--zero", action="store_true", help="its position is zero where it is")
     parser.add_argument("--protocol", metavar="NAME", help="private, mit or canopen, from its next power on")
     parser.add_argument("--read", nargs="+", default=[], metavar="NAME", help="parameters to tell; all for every one")
@@ -95,7 +93,7 @@ def configure_joint(options):
     override(parse(options.rig, text), again)
     compiled(Path(options.what), again)  # what it would break is told before it is written
     tell([f'[device."{block.path}"] of {options.rig}:'])
-    tell([f"  {name}: {before.get(name, 'not said')} -> {value}" for name, value in found.items()])
+    tell([f"  {name}: {before.get(name, 'not set')} -> {value}" for name, value in found.items()])
     if not confirm(f"write that into {options.rig}", options.yes):
         complain(["nothing was written"])
         return OK

@@ -16,7 +16,7 @@ from runtime.console.terminal import tell
 from runtime.report import summary
 from runtime.session.request import Request
 
-SHARE = 0.1  # of the rated torque, unless it is said otherwise
+SHARE = 0.1  # of the rated torque, by default
 SPRING = 2.0  # 1/rad: with the limit, the stiffness of a position; its damping is a fifth of that
 DAMPER = 1.0  # s/rad: with the limit, the damping of a velocity
 

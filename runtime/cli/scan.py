@@ -24,8 +24,8 @@ def main(arguments):
         "and serial ports here.",
         "Nothing is armed: no enable is sent, and drives in MIT mode are asked with disable, which is answered and "
         "leaves them without\n"
-        "torque. Where somebody else commands drives nothing is asked. The exit code is 1 where a bus could not be "
-        "looked at, nobody\n"
+        "torque. Where another controller commands drives nothing is sent. The exit code is 1 where a bus could not be "
+        "opened, no device\n"
         "answers, or something is wrong. Other serial ports, such as those of microcontrollers, are listed and not "
         "opened, since that restarts\n"
         "many a board; so are chips of GPIO lines. What sends over a network, as insoles do, cannot be listed: its "

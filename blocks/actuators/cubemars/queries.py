@@ -29,33 +29,33 @@ def state(identifier, extended, data, can_id, model=None):
     answers = not extended and identifier in (0, can_id) and len(data) in REPLIES
     if not answers or data[0] != can_id or bytes(data) == DISABLE:
         return None
-    found = state_in_mit_mode(can_id, data, MIT, "CubeMars", POSITION, model)
+    answer = state_in_mit_mode(can_id, data, MIT, "CubeMars", POSITION, model)
     if len(data) == 8:
-        found.temperature = data[6] - 40.0
-        found.fault = FAULTS.get(data[7], f"code {data[7]}, which the manual does not list") if data[7] else ""
+        answer.temperature = data[6] - 40.0
+        answer.fault = FAULTS.get(data[7], f"code {data[7]}, which the manual does not list") if data[7] else ""
     else:
-        found.fault = None
-        found.notes.append(
+        answer.fault = None
+        answer.notes.append(
             f"replies of {len(data)} bytes, without temperature and error: its block needs reply={len(data)}"
         )
-        found.settings["reply"] = len(data)
-    return found
+        answer.settings["reply"] = len(data)
+    return answer
 
 
 def states(received, can_ids, before):
     """Return the Answers to the query of MIT mode, one for each id."""
-    found = []
+    drives = []
     for can_id in can_ids:
         answers = [answer for frame in received if (answer := state(*frame, can_id=can_id)) is not None]
-        found += one_of(answers, can_id, any(state(*frame, can_id=can_id) for frame in before))
+        drives += one_of(answers, can_id, any(state(*frame, can_id=can_id) for frame in before))
         named = {name for frame in received if (name := other_id(*frame, can_id=can_id)) is not None}
         if named and not answers:
             remark = (
                 f"replies with id {' and '.join(map(str, sorted(named)))} in byte 0: the drive is configured to answer "
                 "with another id, and no block reads it"
             )
-            found.append(Answer(MIT, can_id, fault=None, remarks=[remark], block="CubeMars"))
-    return found
+            drives.append(Answer(MIT, can_id, fault=None, remarks=[remark], block="CubeMars"))
+    return drives
 
 
 def other_id(identifier, extended, data, can_id):
@@ -79,7 +79,7 @@ def status(identifier, extended, data, model=None):
     if not extended or identifier >> 8 != frames.STATUS or len(data) != 8:
         return None
     position, speed, current, temperature, error = struct.unpack(">hhhbB", data)
-    found = Answer(
+    answer = Answer(
         SERVO,
         identifier & 0xFF,
         position=position * frames.POSITION_CODE,
@@ -89,36 +89,36 @@ def status(identifier, extended, data, model=None):
     )
     if model is not None:
         _, rate, torque = frames.scales(model, 1.0, model.torque_constant or math.nan)
-        found.velocity, found.torque = speed * rate, current * 0.01 * torque
+        answer.velocity, answer.torque = speed * rate, current * 0.01 * torque
     if error == DISABLED:
-        found.family, found.block = V3, "CubeMarsV3"
+        answer.family, answer.block = V3, "CubeMarsV3"
     else:
-        found.fault = frames.in_words(error) if error else ""
-        found.notes.append(
+        answer.fault = frames.in_words(error) if error else ""
+        answer.notes.append(
             "its blocks are CubeMarsServo and, with a V3.0 board, CubeMarsV3; CubeMars wants MIT mode, set with the "
             "vendor's tool"
         )
-    return found
+    return answer
 
 
 def status_of(can_id, model=None):
     """Return a reader of the reports of one drive."""
 
     def read(*frame):
-        found = status(*frame, model=model)
-        return found if found is not None and found.can_id == can_id else None
+        answer = status(*frame, model=model)
+        return answer if answer is not None and answer.can_id == can_id else None
 
     return read
 
 
 def reports(received):
     """Return {id: newest Answer} of drives that report: that of a V3.0 board to a disable before any other."""
-    found = {}
+    newest = {}
     for frame in received:
         answer = status(*frame)
-        if answer is not None and answer.can_id != NO_ID and getattr(found.get(answer.can_id), "family", "") != V3:
-            found[answer.can_id] = answer
-    return found
+        if answer is not None and answer.can_id != NO_ID and getattr(newest.get(answer.can_id), "family", "") != V3:
+            newest[answer.can_id] = answer
+    return newest
 
 
 def all_reports(received, can_ids, before):

@@ -29,7 +29,7 @@ VENDOR_PROGRAM = (
 
 
 @dataclass
-class Found:
+class Target:
     """A drive whose zero can be set. query : dialogue that returns the next Answer, or None; frame : sets the zero"""
 
     answer: Answer
@@ -44,27 +44,27 @@ def set_up(request):
         if (yield from ask(disable_in_mit_mode(request.can_id), "disable", read, attempts=1)) is None:
             return None
         raise Rejected(f"id {request.can_id}: {VENDOR_PROGRAM}")
-    found = yield from find(request.can_id, request.save)
-    if found is None:
+    target = yield from find(request.can_id, request.save)
+    if target is None:
         return None
-    family, in_mit_mode = found.answer.family, found.answer.family == queries.MIT
+    family, in_mit_mode = target.answer.family, target.answer.family == queries.MIT
     if in_mit_mode and request.save:
         raise Rejected(
             f"--save: id {request.can_id} is a CubeMars in MIT mode, which has no frame to save; leave it out"
         )
-    yield from refuse_running(found, request.can_id)
+    yield from refuse_running(target, request.can_id)
     kept = "and it is kept when its power goes" if request.save else "until its power goes"
     if in_mit_mode:
         kept = "whether it is kept when its power goes depends on the firmware; check it with `scan`"
-    position = found.answer.position
+    position = target.answer.position
     yield Tell((f"id {request.can_id}, {family}", f"  position: {position:.4f} rad -> 0 rad, {kept}"))
     if not (yield Confirm("change that")):
         return True
-    yield Send(found.frame, "set zero")
+    yield Send(target.frame, "set zero")
     yield Listen(QUERY_TIME)
     after = None
     for _ in range(round(SILENT_TIME / QUERY_TIME)):
-        if (after := (yield from found.query())) is not None:
+        if (after := (yield from target.query())) is not None:
             break
     confirmed = after is not None and abs(after.position) < ZERO_TOLERANCE
     reported = "not reported" if after is None else f"{after.position:.4f} rad"
@@ -77,7 +77,7 @@ def reader(can_id):
 
 
 def find(can_id, permanent):
-    """Return the Found of an id, None where no CubeMars drive answers."""
+    """Return the Target of an id, None where no CubeMars drive answers."""
 
     def report():
         return queries.reports((yield Listen(QUERY_TIME))).get(can_id)
@@ -95,13 +95,13 @@ def find(can_id, permanent):
         if answer is not None:
             in_mit_mode = answer.family == queries.MIT
             frame = (can_id, False, SET_ZERO) if in_mit_mode else frames.origin(can_id, permanent)
-            return Found(answer, query, frame)
+            return Target(answer, query, frame)
     return None
 
 
-def refuse_running(found, can_id):
+def refuse_running(target, can_id):
     """Raise Rejected if the drive moves or carries current."""
-    first, again = found.answer, (yield from found.query())
+    first, again = target.answer, (yield from target.query())
     if again is None:
         raise Rejected(
             f"id {can_id} has not answered a second time: whether it runs is not known, so nothing was changed"

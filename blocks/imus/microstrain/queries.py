@@ -70,12 +70,14 @@ def ask(packet, attempts=ATTEMPTS, patience=REPLY_TIMEOUT):
         while data:
             packets, rest, _ = mip.split(rest + data)
             for reply in packets:
-                found = mip.fields(reply)
-                codes = [data[1] for field, data in found if field == mip.ACKNOWLEDGE and data[:1] == bytes((command,))]
+                fields = mip.fields(reply)
+                codes = [
+                    data[1] for field, data in fields if field == mip.ACKNOWLEDGE and data[:1] == bytes((command,))
+                ]
                 if reply[2] == descriptor_set and codes:
                     if codes[0]:
                         raise Refusal(command, codes[0])
-                    return {field: data for field, data in found if field != mip.ACKNOWLEDGE}
+                    return {field: data for field, data in fields if field != mip.ACKNOWLEDGE}
             data = yield Exchange()
     raise NoReply
 
@@ -91,10 +93,10 @@ def identify(attempts=ATTEMPTS):
 
 def known():
     """Return the commands and data of a sensor: sets and descriptors in one number each."""
-    found = set()
+    numbers = set()
     for command, reply in ((mip.DESCRIPTORS, 0x82), (mip.MORE_DESCRIPTORS, 0x86)):
-        if command == mip.MORE_DESCRIPTORS and mip.BASE << 8 | command not in found:
+        if command == mip.MORE_DESCRIPTORS and mip.BASE << 8 | command not in numbers:
             break
         data = (yield from ask(mip.command(mip.BASE, command))).get(reply, b"")
-        found |= {data[at] << 8 | data[at + 1] for at in range(0, len(data) - 1, 2)}
-    return found
+        numbers |= {data[at] << 8 | data[at + 1] for at in range(0, len(data) - 1, 2)}
+    return numbers
