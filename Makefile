@@ -8,6 +8,9 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 .PHONY: help run lint stubs test test-hardware soak build wheel clean FORCE
 
+# Without bytecode a start takes twice as long, and the collection of the tests four times.
+unexport PYTHONDONTWRITEBYTECODE
+
 RUN ?= diagrams/knee_exo.py --duration 10
 TESTS ?=
 
@@ -48,10 +51,10 @@ help:
 run: $(VENV)/installed
 	exec $(VENV)/bin/python -m runtime $(RUN)
 
-# Tests that keep time (marked `timing`) run alone, after all others.
+# Tests that depend on real time (marked `timing`) run one at a time, after all others. Of those many wait: one worker more than processors.
 test: lint
 	if [ -z "$(TESTS)" ]; then
-	    $(VENV)/bin/python -m pytest -n auto --dist worksteal -m 'not soak and not timing'
+	    $(VENV)/bin/python -m pytest -n $$(($$(nproc) + 1)) --dist worksteal -m 'not soak and not timing'
 	    exec $(VENV)/bin/python -m pytest -m 'timing and not soak'
 	fi
 	exec $(VENV)/bin/python -m pytest $(TESTS)

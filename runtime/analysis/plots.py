@@ -15,10 +15,10 @@ from runtime.base.errors import BadInput
 from runtime.recording.grouping import CURVES, PLAIN, by_unit
 from runtime.recording.messages import split
 
-MOST = 100  # plots of a picture
+PLOTS_LIMIT = 100  # of one picture
 # of words above the plots: how many above one another, and how wide a letter is, of the width of the plot
 LEVELS, CHARACTER = 3, 0.0085
-WIDEST = 44  # characters of a name beside a plot
+LABEL_WIDTH = 44  # characters of a name beside a plot
 ROOMY = 9  # names beside a plot, in letters of their full size
 VAST = 1e150  # what is larger has no place on an axis
 # (Okabe and Ito 2008)
@@ -57,8 +57,10 @@ def rows_of(trial, paths):
                 dict.fromkeys(elements(trial, signal))
             )
     rows = [list(some)[first : first + CURVES] for some in kinds.values() for first in range(0, len(some), CURVES)]
-    if len(rows) > MOST:
-        raise BadInput(f"{sum(map(len, rows))} signals are {len(rows)} plots, and a picture holds {MOST}: name fewer")
+    if len(rows) > PLOTS_LIMIT:
+        raise BadInput(
+            f"{sum(map(len, rows))} signals are {len(rows)} plots, and a picture holds {PLOTS_LIMIT}: name fewer"
+        )
     return rows
 
 
@@ -123,7 +125,7 @@ def over_time(trial, rows, title, file, kind, told=""):
         )
         # as a label, matplotlib would leave out a name that begins with _
         for text, path in zip(legend.get_texts(), paths):
-            text.set_text(plain(short(path.removeprefix(f"{told}/"), WIDEST)))
+            text.set_text(plain(short(path.removeprefix(f"{told}/"), LABEL_WIDTH)))
         if not any(np.isfinite(drawable(trial[path])).any() for path in paths):
             axis.set_yticks(())
             axis.annotate(
@@ -331,8 +333,8 @@ def over_the_stride(trial, paths, events, file, kind):
     subsystems
     """
     paths = [signal for path in paths for signal in alone(trial, path)]
-    if len(paths) > MOST:
-        raise BadInput(f"{len(paths)} signals are as many plots, and a picture holds {MOST}: name fewer")
+    if len(paths) > PLOTS_LIMIT:
+        raise BadInput(f"{len(paths)} signals are as many plots, and a picture holds {PLOTS_LIMIT}: name fewer")
     figure, axes = sheet(len(paths), f"{trial.about['name']}: the average stride, ± 1 standard deviation")
     for number, (axis, path) in enumerate(zip(axes, paths)):
         values = over(trial, path, bounds(trial, path, events))

@@ -30,7 +30,7 @@ SO_TIMESTAMPNS = 35
 ID, COMMAND = 1, bytes.fromhex("7fff7ff0000007ff")  # zero torque
 DISABLE = bytes.fromhex("fffffffffffffffd")
 PACE = 0.001  # s between round trips
-PATIENCE = 10.0  # s for a process to begin
+PROCESS_START_TIMEOUT = 10.0  # s for a process to begin
 
 ROBOT = """
 from blocks.families import benchmark
@@ -191,7 +191,7 @@ def one_kill(bus, robot, rig):
         preexec_fn=end_with_parent,
     )
     try:
-        if not listen(bus, PATIENCE, under_torque):
+        if not listen(bus, PROCESS_START_TIMEOUT, under_torque):
             raise OSError("the run that was to be killed did not begin")
         time.sleep(random.uniform(0.02, 0.06))  # somewhere in a period
         while bus.recv(0) is not None:

@@ -2,25 +2,25 @@
 
 from dataclasses import dataclass
 
-CHAIN = {"native blocks": 5.0, "Python blocks": 150.0}  # ns a block
-COMPILE = 20.0  # ms, 200 blocks
-START = 450.0  # ms
-MEMORY = 60.0  # MB
-CLOCK = {"native": 1.3, "python": 2.0, "disturbed": 2.0}  # times the C loop
-RECORDED = 0.2  # µs a tick, 60 signals
-ADD = 5.0  # ns
-DRIFT = 1.0  # ns
-GROWTH = 1.0  # MiB
-KNEE_MINUTE = 0.2  # s
-BUS = 1.0  # µs a tick beyond two system calls
-GUARDIAN = 100.0  # µs of a round trip, p99
-DRIVES = 5.0  # µs a tick of eight drives, beyond the system calls
-STOP = 20.0  # ms from kill -9, p99
-SENSORS = 0.1  # of one processor: eight at 500 Hz
-BESIDE = 1.5  # times the lateness of the loop alone
-PARSER = 200.0  # MB/s
-OVER_PYTHON = 10.0
-VIEWS = 1.5  # times the lateness without any, p99
+CHAIN_NS = {"native blocks": 5.0, "Python blocks": 150.0}  # ns a block
+COMPILE_MS = 20.0  # ms, 200 blocks
+START_MS = 450.0  # ms
+MEMORY_MB = 60.0  # MB
+CLOCK_RATIO = {"native": 1.3, "python": 2.0, "disturbed": 2.0}  # times the C loop
+RECORDED_US = 0.2  # µs a tick, 60 signals
+HISTOGRAM_ADD_NS = 5.0  # ns
+DRIFT_NS = 1.0  # ns
+GROWTH_MIB = 1.0  # MiB
+KNEE_MINUTE_S = 0.2  # s
+BUS_US = 1.0  # µs a tick beyond two system calls
+GUARDIAN_US = 100.0  # µs of a round trip, p99
+DRIVES_US = 5.0  # µs a tick of eight drives, beyond the system calls
+STOP_MS = 20.0  # ms from kill -9, p99
+SENSORS_SHARE = 0.1  # of one processor: eight at 500 Hz
+LATENESS_BESIDE_SENSORS_RATIO = 1.5  # times the lateness of the loop alone
+PARSER_MB_S = 200.0  # MB/s
+PARSER_OVER_PYTHON_RATIO = 10.0
+LATENESS_WITH_VIEWS_RATIO = 1.5  # times the lateness without any, p99
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ class Goal:
 
 def of_blocks(rows):
     """Goals of a chain of blocks. rows : of measure.table"""
-    return [Goal(f"a chain, {name}", rows[name]["ns_a_block"], bound, "ns a block") for name, bound in CHAIN.items()]
+    return [Goal(f"a chain, {name}", rows[name]["ns_a_block"], bound, "ns a block") for name, bound in CHAIN_NS.items()]
 
 
 def of_compiles(compiles, exponent, n_log_n):
     return [
-        Goal(f"compile {compiles[0].blocks} blocks", compiles[0].compile.median, COMPILE, "ms"),
+        Goal(f"compile {compiles[0].blocks} blocks", compiles[0].compile.median, COMPILE_MS, "ms"),
         Goal("growth of the compile, p of blocks^p", exponent, n_log_n, ""),
     ]
 
@@ -53,8 +53,8 @@ def of_compiles(compiles, exponent, n_log_n):
 def of_start(found):
     times, memory = found["run"]
     return [
-        Goal("from process start to the first tick", times.median, START, "ms"),
-        Goal("resident memory of the control process", memory.median, MEMORY, "MB"),
+        Goal("from process start to the first tick", times.median, START_MS, "ms"),
+        Goal("resident memory of the control process", memory.median, MEMORY_MB, "MB"),
     ]
 
 
@@ -63,7 +63,7 @@ def of_clock(found, disturbed):
     goals = []
     for rate, contenders in found.items():
         reference, native, python = contenders.values()
-        bound = CLOCK["disturbed" if disturbed else "native"]
+        bound = CLOCK_RATIO["disturbed" if disturbed else "native"]
         goals.append(Goal(f"{rate} Hz, |period-T| p99 over C", native.off(0.99) / reference.off(0.99), bound, "times"))
         if disturbed:
             goals.append(
@@ -72,28 +72,28 @@ def of_clock(found, disturbed):
         else:
             goals.append(Goal(f"{rate} Hz, late p50 over C", native.late(0.5) / reference.late(0.5), bound, "times"))
             slower = python.off(0.99) / reference.off(0.99)
-            goals.append(Goal(f"{rate} Hz, ten Python blocks, p99 over C", slower, CLOCK["python"], "times"))
+            goals.append(Goal(f"{rate} Hz, ten Python blocks, p99 over C", slower, CLOCK_RATIO["python"], "times"))
     return goals
 
 
 def of_costs(found):
     return [
-        Goal("60 recorded signals", found["recorded_signals_us"], RECORDED, "µs a tick"),
-        Goal("a histogram add", found["histogram_add_ns"], ADD, "ns"),
-        Goal("drift over 10^9 grid points", found["drift_ns"], DRIFT, "ns"),
-        Goal("growth of resident memory", found["growth_mib"], GROWTH, "MiB"),
-        Goal("60 s of knee_exo, loop time", found["knee_minute_s"], KNEE_MINUTE, "s"),
+        Goal("60 recorded signals", found["recorded_signals_us"], RECORDED_US, "µs a tick"),
+        Goal("a histogram add", found["histogram_add_ns"], HISTOGRAM_ADD_NS, "ns"),
+        Goal("drift over 10^9 grid points", found["drift_ns"], DRIFT_NS, "ns"),
+        Goal("growth of resident memory", found["growth_mib"], GROWTH_MIB, "MiB"),
+        Goal("60 s of knee_exo, loop time", found["knee_minute_s"], KNEE_MINUTE_S, "s"),
     ]
 
 
 def of_bus(found):
     return [
-        Goal("a bus, beyond its two system calls", found["beyond_us"]["p50"], BUS, "µs a tick"),
-        Goal("the guardian, added to p99 of a round trip", found["added_p99_us"], GUARDIAN, "µs"),
-        Goal("kill -9 to the last first stop frame, p99", found["stop_ms"]["p99"], STOP, "ms"),
+        Goal("a bus, beyond its two system calls", found["beyond_us"]["p50"], BUS_US, "µs a tick"),
+        Goal("the guardian, added to p99 of a round trip", found["added_p99_us"], GUARDIAN_US, "µs"),
+        Goal("kill -9 to the last first stop frame, p99", found["stop_ms"]["p99"], STOP_MS, "ms"),
         Goal("kills that no stop frame followed", found["missed"] + found["guardian_deaths_missed"], 0, ""),
         *(
-            Goal(f"kill -9 of the guardian to the last first stop frame, p99, {name}", each["p99"], STOP, "ms")
+            Goal(f"kill -9 of the guardian to the last first stop frame, p99, {name}", each["p99"], STOP_MS, "ms")
             for name, each in found["guardian_deaths_ms"].items()
         ),
     ]
@@ -101,7 +101,7 @@ def of_bus(found):
 
 def of_can(found):
     return [
-        Goal("eight drives, beyond the bus's system calls", found["native_us"]["p50"], DRIVES, "µs a tick"),
+        Goal("eight drives, beyond the bus's system calls", found["native_us"]["p50"], DRIVES_US, "µs a tick"),
         Goal(
             "answers missed beyond those of the C loop",
             max(0, found["motors"]["tickwork"]["unanswered"] - found["motors"]["c"]["unanswered"]),
@@ -113,19 +113,19 @@ def of_can(found):
 
 def of_sensors(found):
     return [
-        Goal("eight sensors, of one processor", found["processor"], SENSORS, ""),
+        Goal("eight sensors, of one processor", found["processor"], SENSORS_SHARE, ""),
         Goal("packets lost or corrupt", found["lost"] + found["corrupt"] + found["overflows"], 0, ""),
         Goal(
             "late p99 beside them, over the loop alone",
             found["late_p99_us"]["beside"] / found["late_p99_us"]["alone"],
-            BESIDE,
+            LATENESS_BESIDE_SENSORS_RATIO,
             "times",
         ),
-        Goal("MIP, parsed natively", found["native_mb_s"], PARSER, "MB/s", True),
+        Goal("MIP, parsed natively", found["native_mb_s"], PARSER_MB_S, "MB/s", True),
         Goal(
             "the same, over the parser in Python",
             found["native_mb_s"] / found["python_mb_s"],
-            OVER_PYTHON,
+            PARSER_OVER_PYTHON_RATIO,
             "times",
             True,
         ),
@@ -135,6 +135,8 @@ def of_sensors(found):
 def of_views(looked_at, alone, dropped):
     """looked_at, alone : Kept; dropped : records"""
     return [
-        Goal("all viewers on, lateness p99", looked_at.late(0.99) / alone.late(0.99), VIEWS, "times"),
+        Goal(
+            "all viewers on, lateness p99", looked_at.late(0.99) / alone.late(0.99), LATENESS_WITH_VIEWS_RATIO, "times"
+        ),
         Goal("all viewers on, records dropped", dropped, 0, "records"),
     ]

@@ -50,7 +50,7 @@ def one_death(commands, robot, rig):
         preexec_fn=end_with_parent,
     )
     try:
-        deadline = time.monotonic() + bus.PATIENCE
+        deadline = time.monotonic() + bus.PROCESS_START_TIMEOUT
         while not any(data[:7] != b"\xff" * 7 and data != bus.COMMAND for _, _, data in commands(0.02)):
             if time.monotonic() > deadline or process.poll() is not None:
                 raise OSError("the run whose guardian was to be killed did not begin")

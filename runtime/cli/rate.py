@@ -8,8 +8,8 @@ from pathlib import Path
 from graph.budget import frame_bits
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.base.options import count, number
-from runtime.bench.rate.robot import MOST
-from runtime.bench.rate.search import HIGHEST, LOWEST, RESOLUTION, highest
+from runtime.bench.rate.robot import ACTUATORS_LIMIT
+from runtime.bench.rate.search import HIGHEST_RATE, LOWEST_RATE, RESOLUTION, highest
 from runtime.cli.parsing import Parser, add_options
 from runtime.console.progress import Progress
 from runtime.console.terminal import complain, tell
@@ -68,7 +68,7 @@ def main(arguments):
                 f"Hz{row.steps:>8}{validation(row)}{row.why}"
             ]
         )
-    if options.last == MOST:
+    if options.last == ACTUATORS_LIMIT:
         tell(
             [
                 "paper, with 8: 470 Hz on a Jetson, 260 Hz on a Raspberry Pi 3B+; it counts full queues and 0.25 s of "
@@ -94,23 +94,23 @@ def parse(arguments):
     parser.add_argument(
         "--actuators",
         type=span,
-        default=(1, MOST),
+        default=(1, ACTUATORS_LIMIT),
         metavar="N",
         help="how many, or from how many to how many: 8, 1..8 (default: 1..8)",
     )
     parser.add_argument(
         "--low",
         type=number("--low", "Hz"),
-        default=LOWEST,
+        default=LOWEST_RATE,
         metavar="HZ",
-        help=f"begin of the search (default: {LOWEST:g})",
+        help=f"begin of the search (default: {LOWEST_RATE:g})",
     )
     parser.add_argument(
         "--high",
         type=number("--high", "Hz", 1e5),
-        default=HIGHEST,
+        default=HIGHEST_RATE,
         metavar="HZ",
-        help=f"its end (default: {HIGHEST:g})",
+        help=f"its end (default: {HIGHEST_RATE:g})",
     )
     parser.add_argument(
         "--resolution",
@@ -164,7 +164,7 @@ def parse(arguments):
 def span(text):
     """(fewest, most) of "8" or "1..8"."""
     first, dots, last = text.partition("..")
-    read = count("--actuators", MOST)
+    read = count("--actuators", ACTUATORS_LIMIT)
     low, high = read(first), read(last if dots else first)
     if low > high:
         raise BadInput(f"--actuators {text}: from the lower number to the higher")

@@ -4,7 +4,7 @@ from graph import Diagram
 
 UNLIMITED = 1e12  # bit/s: the compiler is not to refuse what is to be tried
 CODES = 0.6  # of a code: where the driver truncates zero to the code below the middle, this is the one above
-MOST = 8  # actuators
+ACTUATORS_LIMIT = 8
 
 
 def robot(make, ids, rate, upper=False):

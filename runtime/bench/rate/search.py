@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-LOWEST, HIGHEST = 50.0, 9000.0  # Hz, of the paper
+LOWEST_RATE, HIGHEST_RATE = 50.0, 9000.0  # Hz, of the paper
 RESOLUTION = 100.0  # Hz, of the paper
 
 
@@ -30,7 +30,7 @@ class Step:
         )
 
 
-def highest(attempt, low=LOWEST, high=HIGHEST, resolution=RESOLUTION):
+def highest(attempt, low=LOWEST_RATE, high=HIGHEST_RATE, resolution=RESOLUTION):
     """(highest rate that passed, 0.0 if none did; every Step). attempt : gives the Step of a rate"""
     if not 0.0 < low < high or not resolution > 0.0:
         raise ValueError(f"a search goes up from {low!r} to {high!r} Hz, by {resolution!r} Hz at last")

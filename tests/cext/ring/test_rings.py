@@ -9,8 +9,6 @@ import pytest
 
 from cext.ring.rings import Line, Lines
 
-pytestmark = pytest.mark.timing
-
 STANDARD, EXTENDED = 0x123, 0x80000456
 ROOM = 512
 

@@ -18,8 +18,6 @@ from tests.blocks.actuators import reference
 from tests.cext.rigs import STOP, Rig
 from tests.played_drive import PlayedDrive, never_gains
 
-pytestmark = pytest.mark.timing
-
 AK80_9 = reference.ranges(velocity=50.0, torque=18.0)
 LIMIT, CODE = 5.0, 36.0 / 4095  # N·m
 STOP_TIME = 1.0  # s

@@ -9,8 +9,6 @@ from graph import Block, Diagram, Output
 from tests.blocks.actuators import robstride_reference as reference
 from tests.cext.rigs import Rig
 
-pytestmark = pytest.mark.timing
-
 
 class Reports(Block):
     """In the plant: a fault report with `warnings[tick]`, as the drive sends it."""

@@ -12,8 +12,6 @@ from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, Rob
 from tests.cext.imposed import accelerated, imposed, sine, still
 from tests.shared import shared
 
-pytestmark = pytest.mark.timing
-
 GAINS = {"stiffness_command": 30.0, "damping_command": 1.0}
 RATES = [100, 200, 500, 1000]
 

@@ -11,8 +11,6 @@ import pytest
 from cext.safety.owner_death import OwnerDeathWatcher
 from cext.safety.shared_state import SharedState
 
-pytestmark = pytest.mark.timing
-
 HOLDER = """
 import sys
 from cext.safety.shared_state import SharedState

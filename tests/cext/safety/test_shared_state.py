@@ -14,8 +14,6 @@ from hypothesis import strategies as st
 from cext.clock.histogram import percentiles
 from cext.safety.shared_state import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, SharedState
 
-pytestmark = pytest.mark.timing
-
 
 def payload(number, words):
     return number.to_bytes(8, "little") * words

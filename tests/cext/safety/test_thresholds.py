@@ -11,8 +11,6 @@ import pytest
 from cext.safety import thresholds
 from tests.runtime.runs import ROOT
 
-pytestmark = pytest.mark.timing
-
 # Modules whose every time is a safety threshold, and literals in them that are none.
 MODULES = (
     "cext/schedule/arming.pyx",

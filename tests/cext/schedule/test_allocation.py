@@ -21,8 +21,6 @@ from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, compile
 from tests.cext.rigs import one_drive
 
-pytestmark = pytest.mark.timing
-
 
 class Python(Block):
     """Numbers, a vector and a whole number, in and out."""

@@ -1,14 +1,10 @@
 """Answers that do not come in time are counted: a command is missed where the next goes out before it was answered."""
 
-import pytest
-
 from blocks.actuators import CubeMars
 from cext.bus.memory_bus import MemoryBus
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
-
-pytestmark = pytest.mark.timing
 
 REPLY = bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0])
 

@@ -14,8 +14,6 @@ from graph import Block, Diagram, Live, Param
 from tests.cext.rigs import Rig, one_drive
 from tests.cext.schedule.test_live import Poster
 
-pytestmark = pytest.mark.timing
-
 RATE = 200
 
 

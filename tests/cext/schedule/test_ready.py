@@ -11,8 +11,6 @@ from cext.schedule.mailbox_writer import Writer
 from graph import Block, Diagram, Output
 from tests.cext.rigs import Rig, ends_in_the_safe_stop
 
-pytestmark = pytest.mark.timing
-
 ANSWERED = 5 * 3  # plant ticks after which the drive has answered, and some
 
 

@@ -11,8 +11,6 @@ from cext.bus.socketcan import SocketCan
 from cext.schedule.bus_cost import time_of_ticks
 from runtime.base.errors import OK
 
-pytestmark = pytest.mark.timing
-
 
 @pytest.fixture
 def ends():

@@ -13,8 +13,6 @@ from runtime.base.errors import OK
 from runtime.bench import clock, costs
 from runtime.bench.c_program import build
 
-pytestmark = pytest.mark.timing
-
 
 def test_it_tells_of_both_loops_at_every_rate_and_what_parts_of_a_tick_cost(command_line):
     code, out, err = command_line("bench", "clock", "--seconds", "0.1", "--repeats", "1", "--ticks", "20000", "--json")

@@ -7,8 +7,6 @@ import pytest
 
 from runtime.commissioning import ports_inventory
 
-pytestmark = pytest.mark.timing
-
 
 def port(device, vid, manufacturer, product, serial):
     return SimpleNamespace(device=device, vid=vid, manufacturer=manufacturer, product=product, serial_number=serial)

@@ -19,8 +19,6 @@ from tests.runtime.recorder.test_status import STATISTICS
 from tests.runtime.runs import Files, finished, writer_of
 from tests.runtime.terminals import Terminal, live_diagram, patient
 
-pytestmark = pytest.mark.timing
-
 UP, DOWN, RIGHT, LEFT, TAB, SHIFT_TAB = b"\x1b[A", b"\x1b[B", b"\x1b[C", b"\x1b[D", b"\t", b"\x1b[Z"
 
 

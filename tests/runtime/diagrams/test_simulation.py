@@ -15,8 +15,6 @@ from runtime.diagrams.file import load
 from runtime.diagrams.simulation import Simulation
 from tests.runtime.runs import KNEE_EXO
 
-pytestmark = pytest.mark.timing
-
 TORQUE = 2.0  # N·m
 
 

@@ -20,8 +20,6 @@ from graph import Block, Input, Output
 from runtime.guardian.process import Guardian, decoded
 from tests.cext.rigs import one_drive
 
-pytestmark = pytest.mark.timing
-
 ENABLE, NOTHING, DISABLE, TORQUE = (
     bytes.fromhex(text) for text in ("FFFFFFFFFFFFFFFC", "7FFF7FF0000007FF", "FFFFFFFFFFFFFFFD", "7FFF7FF00000083E")
 )

@@ -12,8 +12,6 @@ import pytest
 from runtime.guardian.lock import BusLock, BusTaken, in_words, name_of
 from tests.runtime.runs import ROOT
 
-pytestmark = pytest.mark.timing
-
 HOLD = (
     "import sys; from runtime.guardian.lock import BusLock\n"
     "lock = BusLock('socketcan', sys.argv[1]); print('held', flush=True); sys.stdin.read()"

@@ -14,8 +14,6 @@ from runtime.guardian.stop import SafeStop
 from tests.blocks.actuators import reference
 from tests.played_drive import PlayedDrive, never_gains
 
-pytestmark = pytest.mark.timing
-
 ALL = 0xFFFFFFFF
 
 

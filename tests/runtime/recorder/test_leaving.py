@@ -11,8 +11,6 @@ from runtime.recorder.writer import cause_of_death
 from tests.runtime.guardian.bus import Bus
 from tests.runtime.runs import Files, finished, knee, started
 
-pytestmark = pytest.mark.timing
-
 
 @pytest.mark.parametrize(
     "call, code", [("os._exit(0)", 0), ("os._exit(7)", 7), ("os.execv('/bin/sh', ['sh', '-c', 'exit 5'])", 5)]

@@ -10,8 +10,6 @@ from runtime.recorder.report import write_json
 from runtime.recording.files import create, make_folder, mode_in
 from tests.runtime.runs import KNEE_EXO
 
-pytestmark = pytest.mark.timing
-
 
 @pytest.fixture(autouse=True)
 def generous_umask():

@@ -21,8 +21,6 @@ from tests.runtime.runs import KNEE_EXO, finished
 from tests.runtime.terminals import WIDE
 from tests.runtime.terminals import Terminal as PseudoTerminal
 
-pytestmark = pytest.mark.timing
-
 ROOT = Path(__file__).parents[3]
 STATISTICS = {
     "ticks": 1061,

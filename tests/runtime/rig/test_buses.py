@@ -20,8 +20,6 @@ from runtime.rig.file import RigBus
 from tests.runtime.doctor.machines import PI_4, lay_out
 from tests.runtime.runs import KNEE_EXO, knee, write
 
-pytestmark = pytest.mark.timing
-
 LEGS = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n'
 RANGES = '[device."right/knee"]\nrange = [-0.1, 2.0]\n[device."left/knee"]\nrange = [-0.1, 2.0]\n'
 OWN = f"/dev/ttyOf{os.getpid()}"

@@ -19,8 +19,6 @@ from runtime.rig.i2c import I2cInterface, SeveralRefused, in_words, known, open_
 from runtime.rig.overrides import override
 from tests.runtime.rig.wires import ADJUSTMENT, Wires, add_mpu, opened
 
-pytestmark = pytest.mark.timing
-
 RIG = '[bus.imus]\ninterface = "i2c"\nchannel = "/dev/i2c-1"\n'
 
 

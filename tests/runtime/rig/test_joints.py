@@ -8,8 +8,6 @@ from runtime.rig import RigError, override, require_ranges
 from runtime.rig.file import parse
 from tests.runtime.runs import KNEE_EXO, write
 
-pytestmark = pytest.mark.timing
-
 LEGS = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n'
 RANGES = '[device."left/knee"]\nrange = [-0.1, 2.0]\n[device."right/knee"]\nrange = [-0.1, 2.0]\n'
 

@@ -19,8 +19,6 @@ from runtime.rig.line import Opened
 from runtime.rig.streams import StreamLines
 from tests.blocks.imus.hearing import Hearing
 
-pytestmark = pytest.mark.timing
-
 ROOT = Path(__file__).resolve().parents[3]
 
 

@@ -3,16 +3,12 @@
 import re
 from pathlib import Path
 
-import pytest
-
 from blocks.imus import EmulatedMicroStrain, MicroStrain
 from blocks.imus.microstrain.models import MODELS
 from runtime.base.errors import OK
 from runtime.rig.file import parse
 from runtime.rig.overrides import override
 from tests.runtime.runs import ROOT, finished, write
-
-pytestmark = pytest.mark.timing
 
 PAGE = (ROOT / "docs" / "sensors.md").read_text()
 MICROSTRAIN = PAGE[PAGE.index("## MicroStrain") :].split("\n## ")[0]

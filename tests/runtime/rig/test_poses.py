@@ -14,8 +14,6 @@ from runtime.report.preflight import ASK, ASK_AGAIN, text
 from runtime.rig.poses import Poses, readings
 from runtime.session.preflight import Preflight
 
-pytestmark = pytest.mark.timing
-
 TURN = 2.0 * math.pi / 9  # rad, 40°: of an AK10-9
 
 

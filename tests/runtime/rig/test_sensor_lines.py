@@ -22,8 +22,6 @@ from tests.blocks.sensors.test_insole import free_port
 from tests.blocks.sensors.test_microcontroller import packet
 from tests.runtime.runs import ROOT, finished, write
 
-pytestmark = pytest.mark.timing
-
 PAGE = (ROOT / "docs" / "sensors.md").read_text()
 SECTIONS = {
     section.splitlines()[0]: section

@@ -9,8 +9,6 @@ from runtime.base.errors import FAULT, OK
 from tests.runtime.rig.test_microstrain import Sensors
 from tests.runtime.runs import finished, started, write
 
-pytestmark = pytest.mark.timing
-
 ROBOT = """
 from blocks.imus import MicroStrain
 from blocks.recorders import CsvRecorder

@@ -17,8 +17,6 @@ from tests.runtime.rig.wires import Wires, add_mpu
 from tests.runtime.runs import ROOT, write
 from tests.runtime.test_documents import python_of, shown_after
 
-pytestmark = pytest.mark.timing
-
 PAGE = (ROOT / "docs" / "sensors.md").read_text()
 LEG = next(code for code in python_of(PAGE) if "MPU9250(" in code)
 RIG = next(text for text in re.findall(r"^```toml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE) if "i2c" in text)

@@ -17,8 +17,6 @@ from runtime.base.errors import FAULT
 from tests.blocks.actuators import reference
 from tests.runtime.runs import AK10_9, DISABLE, ENABLE, NOTHING, knee, started, write
 
-pytestmark = pytest.mark.timing
-
 
 class Line:
     """Two ports, each of which gets what is written to the other; and a drive, id 1, at the second."""
