@@ -1,4 +1,4 @@
-"""`python -m runtime bench bus`: what it measures, and what it prints."""
+"""`python -m runtime bench bus`."""
 
 import math
 
@@ -8,11 +8,12 @@ from runtime.base.errors import OK, BadInput
 from runtime.base.options import count
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, words
+from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
 
 def main(arguments):
-    """Returns the exit code."""
+    """Run the command. Returns the exit code."""
     parser = Parser(
         "bench bus",
         "Measure what a bus costs a tick, what the guardian adds to it, and how soon the motors stop after kill -9.",
@@ -30,7 +31,7 @@ def main(arguments):
     parser.add_argument(
         "--kills", type=count("--kills"), default=100, metavar="N", help="runs that are killed (default 100)"
     )
-    parser.add_argument("--json", action="store_true", help="print the same for machines")
+    add_options(parser)
     options = parser.parse_args(arguments)
     from runtime.bench import bus, guardian_death
 

@@ -1,17 +1,18 @@
-"""`python -m runtime bench can`: what it measures, and what it prints."""
+"""`python -m runtime bench can`."""
 
 import numpy as np
 
 from runtime.base.errors import OK, BadInput
-from runtime.base.options import count, number
+from runtime.base.options import count
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, words
 from runtime.cli.bench.bus import row, spread
+from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
 
 def main(arguments):
-    """Returns the exit code."""
+    """Run the command. Returns the exit code."""
     parser = Parser("bench can", "Measure what eight drives cost a tick, and whether motors at 1000 Hz lose answers.")
     parser.add_argument(
         "--rounds",
@@ -20,17 +21,7 @@ def main(arguments):
         metavar="N",
         help="ticks of each of five chunks (default 4000)",
     )
-    parser.add_argument(
-        "--seconds",
-        type=number("--seconds", "seconds", 600.0),
-        default=2.0,
-        metavar="S",
-        help="of each chunk of the motors (default 2)",
-    )
-    parser.add_argument(
-        "--repeats", type=count("--repeats"), default=5, metavar="N", help="chunks of each, taken in turn (default 5)"
-    )
-    parser.add_argument("--json", action="store_true", help="print the same for machines")
+    add_options(parser, seconds=2.0, repeats=5, seconds_limit=600.0)
     options = parser.parse_args(arguments)
     from runtime.bench import can_cost
     from runtime.bench.c_program import NoCompiler

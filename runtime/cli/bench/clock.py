@@ -1,34 +1,21 @@
-"""`python -m runtime bench clock`: what it measures, and what it prints."""
+"""`python -m runtime bench clock`."""
 
 from runtime.base.errors import OK, BadInput
-from runtime.base.options import count, number
+from runtime.base.options import count
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, words
+from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
 RATES = (200, 1000, 2000)  # Hz
 
 
 def main(arguments):
-    """Returns the exit code."""
+    """Run the command. Returns the exit code."""
     parser = Parser(
         "bench clock",
         "Measure how well the executor keeps its clock, beside a loop in C that only sleeps, and what "
         "parts of a tick cost.",
-    )
-    parser.add_argument(
-        "--seconds",
-        type=number("--seconds", "seconds", 60.0),
-        default=2.0,
-        metavar="S",
-        help="of each chunk (default 2)",
-    )
-    parser.add_argument(
-        "--repeats",
-        type=count("--repeats"),
-        default=4,
-        metavar="N",
-        help="chunks of each row, taken in turn (default 4)",
     )
     parser.add_argument(
         "--load", action="store_true", help="keep every processor busy with another process; at 1000 Hz only"
@@ -37,19 +24,13 @@ def main(arguments):
         "--busy-thread", action="store_true", help="keep a Python thread of this process busy; at 1000 Hz only"
     )
     parser.add_argument(
-        "--realtime",
-        choices=("off", "try", "require"),
-        default="off",
-        help="as of `run`, for both loops (default: off)",
-    )
-    parser.add_argument(
         "--ticks",
         type=count("--ticks"),
         default=10_000_000,
         metavar="N",
         help="after which memory is looked at (default: 10 million)",
     )
-    parser.add_argument("--json", action="store_true", help="print the same for machines")
+    add_options(parser, seconds=2.0, repeats=4, realtime=True)
     options = parser.parse_args(arguments)
     report = Report(options.json)
     disturbed = options.load or options.busy_thread

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from runtime.base.errors import OK, BadInput
-from runtime.base.options import count, number
 from runtime.bench import goals
 from runtime.bench.measure import interleave, table
 from runtime.bench.report import Report, machine, words
 from runtime.cli.bench import bus, can, clock, sensors, views
+from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
 COMMANDS = {"bus": bus, "can": can, "clock": clock, "sensors": sensors, "views": views}
@@ -30,21 +30,7 @@ def main(arguments):
         "bench sensors       cost of eight inertial sensors on serial lines\n"
         "bench views         lateness of the loop with every recorder and viewer on",
     )
-    parser.add_argument(
-        "--seconds",
-        type=number("--seconds", "seconds", 60.0),
-        default=0.05,
-        metavar="S",
-        help="duration of each measurement (default 0.05)",
-    )
-    parser.add_argument(
-        "--repeats",
-        type=count("--repeats"),
-        default=15,
-        metavar="N",
-        help="measurements of each row, taken in turn (default 15)",
-    )
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    add_options(parser, seconds=0.05, repeats=15)
     options = parser.parse_args(arguments)
     report = Report(options.json)
     what = f"processor time of one thread; {options.repeats} measurements of {options.seconds:g} s of each row"
@@ -95,14 +81,7 @@ def start_command(arguments):
     parser.add_argument(
         "file", type=Path, nargs="?", default=KNEE_EXO, help="a diagram file (default: diagrams/knee_exo.py of a clone)"
     )
-    parser.add_argument(
-        "--repeats",
-        type=count("--repeats"),
-        default=7,
-        metavar="N",
-        help="starts of each kind, taken in turn (default 7)",
-    )
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    add_options(parser, repeats=7)
     options = parser.parse_args(arguments)
     if not options.file.exists():
         raise BadInput(f"there is no file {options.file}")

@@ -1,16 +1,16 @@
-"""`python -m runtime bench sensors`: what it measures, and what it prints."""
+"""`python -m runtime bench sensors`."""
 
 from dataclasses import asdict
 
 from runtime.base.errors import OK, BadInput
-from runtime.base.options import count, number
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, words
+from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
 
 def main(arguments):
-    """Returns the exit code."""
+    """Run the command. Returns the exit code."""
     parser = Parser(
         "bench sensors",
         "Measure what eight inertial sensors at 500 Hz each cost on "
@@ -18,20 +18,7 @@ def main(arguments):
         "beside them, how fast their packets are read, and what the thread of an I2C "
         "bus costs by itself.",
     )
-    parser.add_argument(
-        "--seconds",
-        type=number("--seconds", "seconds", 600.0),
-        default=2.0,
-        metavar="S",
-        help="of each chunk (default 2)",
-    )
-    parser.add_argument(
-        "--repeats", type=count("--repeats"), default=5, metavar="N", help="chunks of each, taken in turn (default 5)"
-    )
-    parser.add_argument(
-        "--realtime", choices=("off", "try", "require"), default="off", help="as of `run` (default: off)"
-    )
-    parser.add_argument("--json", action="store_true", help="print the same for machines")
+    add_options(parser, seconds=2.0, repeats=5, realtime=True, seconds_limit=600.0)
     options = parser.parse_args(arguments)
     from runtime.bench import i2c, sensors
     from runtime.machine.realtime import RealtimeRefused

@@ -1,33 +1,16 @@
 """`python -m runtime bench views`."""
 
 from runtime.base.errors import OK
-from runtime.base.options import count, number
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, words
+from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
 
 def main(arguments):
     """Run the command. Returns the exit code."""
     parser = Parser("bench views", "Measure how late the loop is with every recorder and viewer on, and with none.")
-    parser.add_argument(
-        "--seconds",
-        type=number("--seconds", "seconds", 60.0),
-        default=5.0,
-        metavar="S",
-        help="duration of each chunk (default 5)",
-    )
-    parser.add_argument(
-        "--repeats",
-        type=count("--repeats"),
-        default=6,
-        metavar="N",
-        help="chunks of each row, taken in turn (default 6)",
-    )
-    parser.add_argument(
-        "--realtime", choices=("off", "try", "require"), default="off", help="the same as for `run` (default: off)"
-    )
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    add_options(parser, seconds=5.0, repeats=6, realtime=True)
     options = parser.parse_args(arguments)
     from runtime.bench import views, views_process
 
