@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from cext.safety.shared_state import SharedState
-from cext.schedule.executor import Outcome
+from cext.schedule.outcome import Outcome
 from cext.schedule.program import Program
 from runtime.machine.realtime import Realtime
 from runtime.report.held_exceptions import held
