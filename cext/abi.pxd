@@ -11,7 +11,6 @@ memory of blocks. A kernel is a C function that receives the positions of its it
 The items are in the order of the block's declaration: inputs, outputs, parameters, memory. A kernel runs without the
 GIL; it must not allocate, lock, print or wait. It returns OK, or a status of its own above FIRST_OWN_STATUS, which is a
 fault.
-must not allocate, lock, print or wait. It returns OK, or a status of its own above FIRST_OWN_STATUS, which is a fault.
 
 In Python, a kernel is a PyCapsule named by its C signature (KERNEL below), as for SciPy's LowLevelCallable, or an
 object with a ctypes address, such as a Numba cfunc.

@@ -1,1 +1,1 @@
-"""Trials read back: strides, resampling, plots and differences of recordings."""
+"""Analysis of recordings: trials, strides, resampling, plots and differences."""

@@ -1,43 +1,42 @@
-"""The average stride of one leg, in constant memory: the one definition that the summary, the picture of a run and
-`plot --strides` share.
+"""Average stride of one leg in constant memory, for the summary, the plot of a run and `plot --strides`.
 
-A stride goes from one wrap of the phase to the next, with the leg walking all the while. Work is the integral of torque
-× velocity over its samples by the trapezoidal rule, positive and negative parts apart; curves are resampled over the
-phase and added to running sums. A stride with missing ticks, with a value that is not finite, or of an implausible
-duration is left out and counted.
+A stride lasts from one wrap of the phase to the next, with the leg walking throughout. Work is the integral of torque
+× velocity over its samples by the trapezoidal rule, separately for positive and negative power; curves are resampled
+over the phase and added to running sums. A stride with missing ticks, a non-finite value or an implausible duration is
+excluded and counted.
 """
 
 from math import isfinite, sqrt
 from typing import Any
 
 POINTS = 101  # 0, 1, ... 100 % of the stride
-WRAP = 0.5  # the phase falls by more than this where a stride ends
-SHORTEST, LONGEST = 0.4, 4.0  # s, of a stride: running, and walking with great difficulty
+WRAP = 0.5  # decrease of the phase at the end of a stride
+STRIDE_MINIMUM, STRIDE_LIMIT = 0.4, 4.0  # s: running, and walking with great difficulty
 CURVES = ("angle", "torque", "power")
 INPUTS = ("phase", "walking", "angle", "velocity", "torque")
 
 
 class AverageStride:
-    """rate : Hz, of the rows"""
+    """Average stride. rate : Hz, of the rows"""
 
     def __init__(self, rate):
         self.rate = rate
         self.stride: Any = (
             None  # samples (phase, angle, velocity, torque) since the last wrap, None while there was none
         )
-        self.longest = LONGEST * rate + 1
+        self.longest = STRIDE_LIMIT * rate + 1
         self.before: Any = None
         self.previous: Any = None  # the sample before the stride, one stride back in phase; and the newest
         self.last_tick = self.last_phase = None
         self.strides = 0
         self.left_out = {}  # {reason: strides}
-        # ticks: all, of no walking, of strides that ended or were left out
+        # ticks: all, without walking, of strides that ended or were excluded
         self.rows = self.standing = self.in_strides = 0
         self.time = self.positive_work = self.negative_work = self.peak = 0.0
         self.sums = {name: Sums() for name in CURVES}
 
     def add(self, tick, phase, walking, angle, velocity, torque):
-        """A row, later than the one before. walking : 1.0 where the phase is known"""
+        """Add a row, in the order of ticks. walking : 1.0 if the phase is valid"""
         self.rows += 1
         self.standing += walking != 1.0
         if abs(torque) > self.peak and isfinite(torque):
@@ -56,25 +55,25 @@ class AverageStride:
         elif self.stride is not None:
             self.stride.append(sample)
             if len(self.stride) > self.longest:
-                self.leave_out(f"longer than {LONGEST:g} s")
+                self.leave_out(f"longer than {STRIDE_LIMIT:g} s")
         self.last_tick, self.last_phase, self.previous = tick, phase, sample
 
     def leave_out(self, reason):
-        """End a stride that has begun, if one has, without it."""
+        """Exclude the present stride, if there is one."""
         if self.stride is not None:
             self.left_out[reason] = self.left_out.get(reason, 0) + 1
             self.in_strides += len(self.stride)
         self.stride = None
 
     def complete(self, after):
-        """A whole stride: average it if it is fit for that. after : the first sample of the next one"""
+        """Average a complete stride unless it is excluded. after : first sample of the next one"""
         samples = [*self.stride, after]
         duration = len(self.stride) / self.rate
         reason = (
-            f"shorter than {SHORTEST:g} s"
-            if duration < SHORTEST
-            else f"longer than {LONGEST:g} s"
-            if duration > LONGEST
+            f"shorter than {STRIDE_MINIMUM:g} s"
+            if duration < STRIDE_MINIMUM
+            else f"longer than {STRIDE_LIMIT:g} s"
+            if duration > STRIDE_LIMIT
             else ""
             if all(isfinite(v) for sample in [self.before, *samples] for v in sample)
             else "with a value that is not finite"
@@ -98,8 +97,9 @@ class AverageStride:
             self.sums[name].add(resample(phases, values))
 
     def result(self):
-        """A dict in s, N·m, J, rad and W: means over the strides, and what of the rows is in none. No curve where there
-        is no stride.
+        """Return a dict in s, N·m, J, rad and W: means over the strides, and the rows outside strides.
+
+        It has no curves without a stride.
         """
         count = self.strides
         found = {
@@ -123,12 +123,12 @@ class AverageStride:
 
 
 def left_out_text(result):
-    """Why strides were left out: '1 with missed ticks, 2 longer than 4 s'."""
+    """Return why strides were excluded, such as '1 with missed ticks, 2 longer than 4 s'."""
     return ", ".join(f"{count} {reason}" for reason, count in result["left_out_because"].items())
 
 
 def signals_texts(result):
-    """Which signals the figures are of, each without the folder of the leg, in two parts."""
+    """Return the signals of the figures, without the folder of the leg, as two texts."""
     signals = {name: path.removeprefix(f"{result['title']}/") for name, path in result["signals"].items()}
     return f"work of {signals['torque']} and {signals['velocity']}", (
         f"angle {signals['angle']}, phase {signals['phase']}"
@@ -136,7 +136,7 @@ def signals_texts(result):
 
 
 class Sums:
-    """Mean and standard deviation of curves, without keeping them. (Welford 1962)"""
+    """Running mean and standard deviation of curves. (Welford 1962)"""
 
     def __init__(self):
         self.count = 0
@@ -150,14 +150,12 @@ class Sums:
             self.squares[index] += difference * (value - self.mean[index])
 
     def sd(self):
-        """Of the sample; zero for a single curve."""
+        """Return the sample standard deviation; zero for a single curve."""
         return [sqrt(square / (self.count - 1)) if self.count > 1 else 0.0 for square in self.squares]
 
 
 def resample(phases, values):
-    """Values at 0, 1, ... 100 % of the stride, on straight lines between samples; one that does not advance the phase
-    is passed over.
-    """
+    """Resample values to 0, 1, ... 100 % of the stride, linearly. Samples that do not advance the phase are skipped."""
     xs, ys = [phases[0]], [values[0]]
     for phase, value in zip(phases, values):
         if phase > xs[-1]:

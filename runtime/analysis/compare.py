@@ -1,4 +1,4 @@
-"""Two recordings, signal by signal and tick by tick."""
+"""Comparison of two recordings, signal by signal and tick by tick."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Difference:
-    """Of one signal over the ticks that both have.
+    """Difference of one signal over the common ticks.
 
-    ticks : how many of them differ, to the bit; all NaN count as the same
-    first : the first that does, and what both say there
-    largest, rms : of the absolute difference; NaN in one alone makes them infinite
+    ticks : number of ticks with different bits; all NaN count as equal
+    first : the first such tick, with both values
+    largest, rms : of the absolute difference; infinite if only one is NaN
     """
 
     path: str
@@ -26,12 +26,13 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """
-    ticks : how many both have
-    missing : ticks of `here` that `there` has not, and the other way round
-    only_here, only_there : paths of signals that one alone has
-    same : paths of signals that are the same to the bit
-    differences : [Difference], the earliest first, and of those as `order` has them
+    """Comparison of two recordings.
+
+    ticks : number of common ticks
+    missing : number of ticks only in `here`, and only in `there`
+    only_here, only_there : paths of signals in one recording only
+    same : paths of signals with equal bits
+    differences : [Difference], by first tick, then in the order of `order`
     """
 
     ticks: int
@@ -47,8 +48,10 @@ class Comparison:
 
 
 def compare(here, there, order=()):
-    """here, there : Trial; order : paths in the order of the tick, where it is known, so that of the first to differ
-    causes come before effects
+    """Compare two recordings.
+
+    here, there : Trial
+    order : paths in the order of the tick, if known, so that causes precede effects
     """
     shared, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
     same, differences = [], []
@@ -90,5 +93,5 @@ def compare(here, there, order=()):
 
 
 def sent_frames(trial):
-    """Bytes of what was sent until the last complete row: the safe stop behind it is timed by the clock."""
+    """Return the sent bytes up to the last complete row, since the safe stop after it follows the clock."""
     return [frame.payload for frame in trial.frames if frame.sent and frame.row < len(trial)]

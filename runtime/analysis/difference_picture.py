@@ -1,41 +1,41 @@
-"""`python -m runtime diff A B`: two recordings side by side, as a table and as a picture."""
+"""Differences of two recordings as a table and as a plot: `python -m runtime diff A B`."""
 
 import numpy as np
 
-SHOWN = 20  # rows of the table
-DRAWN = 6  # signals in the picture
-WINDOW = 4.0  # s of it around the largest difference
+TABLE_ROW_LIMIT = 20
+PLOT_SIGNAL_LIMIT = 6
+WINDOW = 4.0  # s of the plot, around the largest difference
 
 
 def table(here, there, comparison):
-    """Lines for standard output."""
+    """Return the lines for standard output."""
     lines = [f"{here.path.name} and {there.path.name}: {comparison.ticks} ticks in both"]
     if any(comparison.missing):
-        lines.append(f"  {comparison.missing[0]} ticks are in the first alone, {comparison.missing[1]} in the second")
+        lines.append(f"  {comparison.missing[0]} ticks only in the first, {comparison.missing[1]} only in the second")
     for label, paths in (("first", comparison.only_here), ("second", comparison.only_there)):
         if paths:
             lines.append(f"  only in the {label}: {', '.join(paths)}")
     if not comparison.differences:
         return lines + [f"  all {len(comparison.same)} signals are the same, bit for bit"]
     ranked = rank(comparison)
-    width = max(len(f"{d.path} [{d.unit}]") for d in ranked[:SHOWN])
+    width = max(len(f"{d.path} [{d.unit}]") for d in ranked[:TABLE_ROW_LIMIT])
     lines.append(f"  {'':{width}}  first tick   ticks that differ       largest           rms")
-    for d in ranked[:SHOWN]:
+    for d in ranked[:TABLE_ROW_LIMIT]:
         lines.append(
             f"  {f'{d.path} [{d.unit}]':{width}}  {d.first:10}  {d.ticks:18}  {d.largest:12.4g}  {d.rms:12.4g}"
         )
-    if len(ranked) > SHOWN:
-        lines.append(f"  and {len(ranked) - SHOWN} more signals differ")
+    if len(ranked) > TABLE_ROW_LIMIT:
+        lines.append(f"  and {len(ranked) - TABLE_ROW_LIMIT} more signals differ")
     return lines + [f"  {len(comparison.same)} signals are the same, bit for bit"]
 
 
 def rank(comparison):
-    """The differences, the earliest first, and of those the largest."""
+    """Return the differences, the earliest first, then the largest."""
     return sorted(comparison.differences, key=lambda d: (d.first, -d.rms))
 
 
 def draw(file, kind, here, there, comparison):
-    """A picture of the first signals that differ: both around their largest difference, and the difference all along.
+    """Plot the first signals that differ: both around their largest difference, and the difference over time.
 
     file : open for writing bytes; kind : "png" or "svg"
     """
@@ -44,7 +44,7 @@ def draw(file, kind, here, there, comparison):
 
     _, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
     time = here.time[mine]
-    chosen = rank(comparison)[:DRAWN]
+    chosen = rank(comparison)[:PLOT_SIGNAL_LIMIT]
     figure = picture.figure(12.0, 1.2 + 1.8 * len(chosen), dpi=120)
     rows = figure.subplots(len(chosen), 2, squeeze=False, width_ratios=(3, 2))
     for (near, far), d in zip(rows, chosen):

@@ -1,7 +1,6 @@
-"""`python -m runtime plot`: signals of a recording over time, or over the gait cycle, as a picture.
+"""Plots of a recording over time or the gait cycle: `python -m runtime plot`.
 
-Faults stand as red lines over all plots, and red where a device reports a fault code; marks are blue, limits grey and
-dashed.
+Red lines mark faults, red areas fault codes of devices, blue lines marks, and dashed grey lines limits.
 """
 
 import numpy as np
@@ -15,12 +14,12 @@ from runtime.base.errors import BadInput
 from runtime.recording.grouping import CURVES, PLAIN, by_unit
 from runtime.recording.messages import split
 
-PLOTS_LIMIT = 100  # of one picture
-# of words above the plots: how many above one another, and how wide a letter is, of the width of the plot
+PLOT_LIMIT = 100  # plots of a figure
+# of texts above the plots: number of levels, and width of a letter as a fraction of the plot
 LEVELS, CHARACTER = 3, 0.0085
-LABEL_WIDTH = 44  # characters of a name beside a plot
-ROOMY = 9  # names beside a plot, in letters of their full size
-VAST = 1e150  # what is larger has no place on an axis
+NAME_LIMIT = 44  # characters beside a plot
+FULL_SIZE_NAMES = 9  # names beside a plot in full size
+AXIS_LIMIT = 1e150  # larger values are not drawn
 # (Okabe and Ito 2008)
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#333333", "#999933")
 FAULT, MARK = "#C1121F", "#0072B2"
@@ -31,8 +30,9 @@ STRIDE_REPORT = "blocks.recorders:StrideReport"
 
 
 def overview(trial):
-    """{subsystem: ([[path], ...], how many of its signals that are, in words)}: a picture each, a plot a unit, every
-    element by itself.
+    """Return {subsystem: (rows, text)}, one figure each: [[path], ...] by unit, and how many signals are drawn.
+
+    Elements of vectors are separate paths.
     """
     name = trial.about["name"]
     signals = [trial.row_of(path) | {"path": path} for path in trial.names]
@@ -45,10 +45,11 @@ def overview(trial):
 
 
 def rows_of(trial, paths):
-    """[[path], ...]: what a person has named, all of it, in their order: a plot a unit, or several where it would be
-    too full. KeyError, BadInput
+    """Return the rows of named paths, in order: a plot for each unit, or several if it would be too full.
 
-    paths : of signals, of blocks or of subsystems
+    paths : of signals, blocks or subsystems
+
+    Raises KeyError or BadInput.
     """
     kinds = {}
     for path in paths:
@@ -57,33 +58,32 @@ def rows_of(trial, paths):
                 dict.fromkeys(elements(trial, signal))
             )
     rows = [list(some)[first : first + CURVES] for some in kinds.values() for first in range(0, len(some), CURVES)]
-    if len(rows) > PLOTS_LIMIT:
-        raise BadInput(
-            f"{sum(map(len, rows))} signals are {len(rows)} plots, and a picture holds {PLOTS_LIMIT}: name fewer"
-        )
+    if len(rows) > PLOT_LIMIT:
+        raise BadInput(f"{sum(map(len, rows))} signals need {len(rows)} plots, more than {PLOT_LIMIT}: name fewer")
     return rows
 
 
 def named(trial, path):
-    """Signals that a path means: one, or all of a block or a subsystem. KeyError"""
+    """Return the signals of a path: one, or all of a block or subsystem. Raises KeyError."""
     within = [name for name in trial.names if path and name.startswith((f"{path}.", f"{path}/"))]
     if not within:
-        trial.find(path)  # or says what it may have meant
+        trial.find(path)  # raises with a suggestion
     return within or [path]
 
 
 def alone(trial, path):
-    """Signals that a path means, each with one number: the path itself, or all elements of all of a block or a
-    subsystem. KeyError
-    """
+    """Return the scalar paths of a path: the path itself, or all elements of a block or subsystem. Raises KeyError."""
     signals = named(trial, path)
     return signals if signals == [path] else [element for signal in signals for element in elements(trial, signal)]
 
 
 def over_time(trial, rows, title, file, kind, told=""):
-    """rows : [[path], ...], a plot each; file : open for writing bytes; kind : "png" or "svg"
+    """Plot signals over time.
 
-    told : the subsystem that the title has named already
+    rows : [[path], ...], one plot each
+    file : open for writing bytes
+    kind : "png" or "svg"
+    told : subsystem that the title already names
     """
     figure, axes = sheet(len(rows), title)
     for axis, paths in zip(axes, rows):
@@ -102,7 +102,7 @@ def over_time(trial, rows, title, file, kind, told=""):
             )
         whole(axis, {trial.dtype(path) for path in paths})
         limits = {tuple(ends) for path, ends in trial.about.get("limits", {}).items() if path in paths}
-        if len(limits) == 1:  # several would need a legend of their own
+        if len(limits) == 1:  # several would need a legend
             for place, end in enumerate(limits.pop()):
                 axis.axhline(
                     end,
@@ -114,7 +114,7 @@ def over_time(trial, rows, title, file, kind, told=""):
                 )
         axis.set_ylabel(unit_label(trial.unit(paths[0])), color=INK)
         dress(axis)
-        full = len(paths) > ROOMY
+        full = len(paths) > FULL_SIZE_NAMES
         legend = axis.legend(
             fontsize=6.5 if full else 7.5,
             labelspacing=0.25 if full else 0.5,
@@ -123,9 +123,9 @@ def over_time(trial, rows, title, file, kind, told=""):
             loc="center left",
             bbox_to_anchor=(1.0, 0.5),
         )
-        # as a label, matplotlib would leave out a name that begins with _
+        # matplotlib omits labels that begin with _
         for text, path in zip(legend.get_texts(), paths):
-            text.set_text(plain(short(path.removeprefix(f"{told}/"), LABEL_WIDTH)))
+            text.set_text(plain(short(path.removeprefix(f"{told}/"), NAME_LIMIT)))
         if not any(np.isfinite(drawable(trial[path])).any() for path in paths):
             axis.set_yticks(())
             axis.annotate(
@@ -135,16 +135,16 @@ def over_time(trial, rows, title, file, kind, told=""):
     axes[-1].set_xlabel("time [s]", color=INK)
     if len(trial):
         first, last = trial.time[0], max([trial.time[-1], *(time for time, _, _ in moments(trial))])
-        if first == last:  # one tick, in the middle
+        if first == last:  # centre a single tick
             first, last = first - 0.5 / trial.about["rate"], last + 0.5 / trial.about["rate"]
-        axes[-1].set_xlim(first, last + 0.005 * (last - first))  # a fault stands behind the last tick
+        axes[-1].set_xlim(first, last + 0.005 * (last - first))  # a fault is after the last tick
     name_troubles(axes[0], trial)
     figure.align_ylabels(axes)
     picture.save(figure, file, kind)
 
 
 def troubles(axis, trial):
-    """Faults, marks, and fault codes of devices."""
+    """Draw faults, marks, and fault codes of devices."""
     for time, _, colour in moments(trial):
         axis.axvline(
             time,
@@ -158,19 +158,20 @@ def troubles(axis, trial):
 
 
 def faulty(trial):
-    """[(path, first, last row)] of each spell in which a device reports a fault code."""
+    """Return [(path, first row, last row)] of the intervals in which a device reports a fault code."""
     paths = [path for path in trial.names if split(path)[2] == "fault" and trial.find(path)[1] == ()]
     return [(path, *ends) for path in paths for ends in spells(trial[path] != 0)]
 
 
 def codes(trial):
-    """[(s, words, colour)] of the fault codes, where each begins."""
+    """Return [(s, text, colour)] of the fault codes, at the begin of each."""
     return [(trial.time[first], f"{path}: {trial[path][first]:g}", FAULT) for path, first, _ in faulty(trial)]
 
 
 def name_troubles(axis, trial):
-    """Words above the first plot, higher where they would stand on one another. Faults come first; of marks there are
-    as many as have room.
+    """Write labels above the first plot, on several levels to avoid overlaps.
+
+    Faults come first; marks are labelled while there is space.
     """
     first, last = axis.get_xlim()
     taken = [[] for _ in range(LEVELS)]
@@ -205,7 +206,7 @@ def name_troubles(axis, trial):
 
 
 def moments(trial):
-    """[(s, words, colour)] of what stands in the picture: faults, marks, what a person should have read."""
+    """Return [(s, text, colour)] of the labels: faults, marks and cautions."""
     rate, found = trial.about["rate"], []
     for event in trial.events:
         kind, tick = event.get("event"), max(0, event.get("tick") or 0)
@@ -218,16 +219,16 @@ def moments(trial):
 
 
 def spells(truths):
-    """[(first, last)] of each run of truths."""
+    """Return [(first, last)] of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], truths, [False])).astype(np.int8)))
     return [(first, last - 1) for first, last in zip(edges[::2], edges[1::2])]
 
 
 def legs(trial, events=None):
-    """What runtime.analysis.stride_picture draws of each leg, from the recorded rows. BadInput where none walks.
+    """Return the legs for runtime.analysis.stride_picture, from the recorded rows. Raises BadInput without a stride.
 
-    Legs are those of the diagram's StrideReports, with the signals that these were given, so that the figures are those
-    of the run; then every other joint with position, velocity and torque.
+    They are those of the diagram's StrideReports with the same signals, so that the figures equal those of the run;
+    then every other joint with position, velocity and torque.
     """
     known = reports(trial)
     used = {signals["angle"] for _, _, signals in known}
@@ -235,7 +236,7 @@ def legs(trial, events=None):
     for title, path, signals in [*known, *(joint for joint in joints(trial) if joint[2]["angle"] not in used)]:
         try:
             rows, phase, walking = gait(trial, signals, events)
-        except BadInput as error:  # this joint has no gait phase: another may have
+        except BadInput as error:  # this joint has no gait phase, but another may have
             refused = refused or error
             continue
         average = AverageStride(trial.about["rate"])
@@ -245,13 +246,13 @@ def legs(trial, events=None):
         result = average.result()
         found += [{"title": title, "path": path, "signals": signals, **result}] if result["strides"] else []
     if not found:
-        raise refused or BadInput(f"{trial.path} holds no whole stride of a joint with position, velocity and torque")
+        raise refused or BadInput(f"{trial.path} has no complete stride of a joint with position, velocity and torque")
     several = len({one["title"] for one in found}) < len(found)
     return [{**one, "title": one["path"] if several else one["title"]} for one in found]
 
 
 def reports(trial):
-    """[(title, path, {input: signal})] of the StrideReports of the recorded diagram whose signals were recorded."""
+    """Return [(title, path, {input: signal})] of the diagram's StrideReports whose signals were recorded."""
     diagram, found = trial.diagram or {}, []
     for block in diagram.get("blocks", []):
         if block["type"] == STRIDE_REPORT:
@@ -269,7 +270,7 @@ def reports(trial):
 
 
 def joints(trial):
-    """The same of every joint with position, velocity and torque; its phase is not among the signals yet."""
+    """Return the same for every joint with position, velocity and torque; its phase is not included."""
     for path in trial.names:
         folder, block, port = split(path)
         stem = f"{folder}/{block}".lstrip("/")
@@ -278,10 +279,11 @@ def joints(trial):
 
 
 def gait(trial, signals, events):
-    """(rows, phase, walking) of the part of the recording that counts; the names of both go into `signals`. events : as
-    Trial.strides has them
+    """Return (rows, phase, walking) of the part of the recording with strides, and add the names to `signals`.
 
-    BadInput where there is no phase.
+    events : as for Trial.strides
+
+    Raises BadInput without a phase.
     """
     everything, ones = slice(None), np.ones(len(trial))
     if events is None:
@@ -290,7 +292,7 @@ def gait(trial, signals, events):
             signals |= {} if walking is None else {"walking": walking}
         return everything, trial[signals["phase"]], trial[signals["walking"]] if "walking" in signals else ones
     signals.pop("walking", None)
-    signals["phase"] = events if isinstance(events, str) else "times that were given"
+    signals["phase"] = events if isinstance(events, str) else "given times"
     if isinstance(events, str) and trial[events].ndim == 1 and trial[events].dtype == float:
         return everything, trial[events], ones
     return between(
@@ -300,8 +302,9 @@ def gait(trial, signals, events):
 
 
 def between(trial, times):
-    """(rows, phase, walking) from the tick before the first event to the last one: the phase is the share of the way to
-    the next. times : s
+    """Return (rows, phase, walking) from the tick before the first event to the last one.
+
+    The phase is the fraction of the time to the next event. times : s
     """
     near = 0.5 / trial.about["rate"]
     places = np.searchsorted(trial.time, times - near)
@@ -312,7 +315,7 @@ def between(trial, times):
     for first, last in zip(events[:-1], events[1:]):
         phase[first:last] = np.arange(last - first) / (last - first)
     begin = max(0, events[0] - 1)
-    if begin < events[0]:  # a stride begins where the phase falls
+    if begin < events[0]:  # a stride begins at a fall of the phase
         phase[begin] = 1.0 - 1.0 / (events[1] - events[0])
     rows = slice(begin, events[-1] + 1)
     return rows, phase[rows], np.ones(events[-1] + 1 - begin)
@@ -324,17 +327,15 @@ def statistics(values):
 
 
 def average_stride(trial, events, file, kind):
-    """Angle, assistance and power of every joint that walks."""
+    """Plot angle, assistance and power of every walking joint."""
     stride_picture.draw(trial.about["name"], legs(trial, events), file, kind)
 
 
 def over_the_stride(trial, paths, events, file, kind):
-    """Mean and standard deviation of what a person has named, a plot a signal. paths : of signals, of blocks or of
-    subsystems
-    """
+    """Plot mean and standard deviation over the stride, one plot a signal. paths : of signals, blocks or subsystems"""
     paths = [signal for path in paths for signal in alone(trial, path)]
-    if len(paths) > PLOTS_LIMIT:
-        raise BadInput(f"{len(paths)} signals are as many plots, and a picture holds {PLOTS_LIMIT}: name fewer")
+    if len(paths) > PLOT_LIMIT:
+        raise BadInput(f"{len(paths)} signals need as many plots, more than {PLOT_LIMIT}: name fewer")
     figure, axes = sheet(len(paths), f"{trial.about['name']}: the average stride, ± 1 standard deviation")
     for number, (axis, path) in enumerate(zip(axes, paths)):
         values = over(trial, path, bounds(trial, path, events))
@@ -342,12 +343,12 @@ def over_the_stride(trial, paths, events, file, kind):
             raise BadInput(f"{path} has {values.shape[2]} elements: name one, as in {elements(trial, path)[0]}")
         values = values[np.isfinite(values).all(axis=(1, 2))]
         if not len(values):
-            raise BadInput(f"{trial.path} holds no whole stride for {path}")
+            raise BadInput(f"{trial.path} has no complete stride for {path}")
         mean, sd = (np.array(part) for part in statistics(values[:, :, 0]).values())
         cycle, colour = np.linspace(0.0, 100.0, len(mean)), COLOURS[number % len(COLOURS)]
         axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0)
         [line] = axis.plot(cycle, mean, color=colour, linewidth=2.0)
-        whole(axis, {trial.dtype(path)} & {"bool"})  # a mean of whole numbers is none
+        whole(axis, {trial.dtype(path)} & {"bool"})  # a mean of integers is not an integer
         axis.set_ylabel(unit_label(trial.unit(path)), color=INK)
         axis.set_xlim(0, 100)
         dress(axis)
@@ -367,7 +368,7 @@ def over_the_stride(trial, paths, events, file, kind):
 
 
 def elements(trial, path):
-    """Paths of a signal's elements, [path] of one that has none."""
+    """Return the paths of a signal's elements, [path] for a scalar."""
     if path in trial.signals:
         return [path]
     names = list(trial.signals)
@@ -375,13 +376,13 @@ def elements(trial, path):
 
 
 def drawable(values):
-    """As floats, without what no axis has a place for."""
+    """Return values as floats, without those beyond AXIS_LIMIT."""
     values = values.astype(float)
-    return np.where(np.abs(values) < VAST, values, np.nan)
+    return np.where(np.abs(values) < AXIS_LIMIT, values, np.nan)
 
 
 def whole(axis, dtypes):
-    """Ticks of an axis of whole numbers, or of truths."""
+    """Set the ticks of an axis of integers or bools."""
     if dtypes == {"bool"}:
         axis.set_yticks((0, 1), ("false", "true"))
         axis.set_ylim(-0.1, 1.1)

@@ -1,4 +1,4 @@
-"""Signals at other times than they were recorded at."""
+"""Resampling of signals to other times."""
 
 import copy
 import os
@@ -7,20 +7,22 @@ import numpy as np
 
 from runtime.base.errors import BadInput
 
-QUATERNION = "quaternion"  # what a port is called whose four elements are one
-MOST = 0.5  # share of the memory that the rows may take: as much again is needed on the way
-UNIT = 1e-3  # by how much the square of what is one may be off 1: sensors send rounded ones
+QUATERNION = "quaternion"  # name of a port with a quaternion of four elements
+MEMORY_FRACTION_LIMIT = 0.5  # of the rows; resampling needs the same again
+UNIT = 1e-3  # tolerance of the squared norm of a unit quaternion, for rounded sensor values
 
 
 def resampled(trial, rate):
-    """A Trial like this one, with rows at whole multiples of 1 / rate. rate : Hz. BadInput where it holds no tick."""
+    """Return a Trial with rows at integer multiples of 1 / rate. rate : Hz. Raises BadInput for an empty trial."""
     if not rate > 0.0 or not np.isfinite(rate):
         raise BadInput(f"resample({rate!r}): expected a rate in Hz above 0")
     if not len(trial):
-        raise BadInput(f"{trial.path} holds no tick")
+        raise BadInput(f"{trial.path} has no ticks")
     near = 1e-6 / rate  # times of ticks are rounded
     first, last = np.ceil((trial.time[0] - near) * rate), np.floor((trial.time[-1] + near) * rate)
-    if 8 * len(trial.signals) * (last - first + 1) > MOST * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"):
+    if 8 * len(trial.signals) * (last - first + 1) > MEMORY_FRACTION_LIMIT * os.sysconf("SC_PHYS_PAGES") * os.sysconf(
+        "SC_PAGE_SIZE"
+    ):
         raise BadInput(
             f"resample({rate:g}): {last - first + 1:.3g} rows of {len(trial.signals)} signals do not fit "
             "into this machine's memory"
@@ -41,9 +43,7 @@ def resampled(trial, rate):
 
 
 def at_rate(event, old, new):
-    """An event of a recording at another rate, so that it stays when it was: its tick is no whole number where none of
-    the new ones was then.
-    """
+    """Convert the tick of an event to another rate. It is fractional if it lies between the new ticks."""
     tick = event.get("tick")
     if tick is None or tick <= 0:  # -1: before the first
         return event
@@ -52,8 +52,9 @@ def at_rate(event, old, new):
 
 
 def kind_of(trial, path):
-    """How a signal goes on between its samples: "held", "turning", "straight", or round between the two ends of its
-    circle, (low, high).
+    """Return how a signal continues between samples.
+
+    "held", "turning" for quaternions, "straight", or (low, high), the ends of its circle.
     """
     if trial.dtype(path) != "float":
         return "held"
@@ -68,8 +69,9 @@ def kind_of(trial, path):
 
 
 def turns(values):
-    """Whether four plain numbers are a unit quaternion in every sample that is finite: no choice of one in four, which
-    is whole numbers, too.
+    """Return whether four dimensionless elements are a unit quaternion in every finite sample.
+
+    A one-hot vector of integers is not.
     """
     known = values[np.isfinite(values).all(axis=1)]
     return (
@@ -80,8 +82,12 @@ def turns(values):
 
 
 def interpolate(kind, time, values, at):
-    """values : (samples, elements) at `time`, which increases. Returns (len(at), elements); exact where a sample
-    stands.
+    """Interpolate values to other times; exact at samples.
+
+    values : (samples, elements) at `time`, which increases
+    at : times of the result
+
+    Returns (len(at), elements).
     """
     near = 1e-9 * (time[1] - time[0]) if len(time) > 1 else 0.0
     left = np.clip(np.searchsorted(time, at + near, side="right") - 1, 0, len(time) - 1)
@@ -102,14 +108,12 @@ def interpolate(kind, time, values, at):
 
 
 def straight(before, after, share):
-    """Between two numbers. What stays is the same to the bit, -0.0 and infinities too, and nothing overflows on the
-    way.
-    """
+    """Interpolate between two numbers without overflow. Equal numbers keep their bits."""
     return np.where(before == after, np.where(share < 0.5, before, after), (1.0 - share) * before + share * after)
 
 
 def gone_round(before, after, share, low, high):
-    """Between two places on a circle on the shorter way; `low` and `high` are one place."""
+    """Interpolate on a circle on the shorter way; `low` and `high` are the same point."""
     turn = high - low
     way = after - before
     between = before + share * (way - turn * np.round(way / turn))
@@ -117,7 +121,7 @@ def gone_round(before, after, share, low, high):
 
 
 def turned(before, after, share):
-    """Between two unit quaternions on the shorter way, at a constant rate. (Shoemake 1985)"""
+    """Interpolate between two unit quaternions on the shorter way, at a constant rate. (Shoemake 1985)"""
     cosine = np.sum(before * after, axis=1, keepdims=True)
     after = np.where(cosine < 0.0, -after, after)
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""The picture of the average stride: a column a leg, angle, torque and power over the gait cycle."""
+"""Plot of the average stride: angle, torque and power over the gait cycle, one column a leg."""
 
 from math import degrees
 
@@ -19,10 +19,10 @@ TITLE_WIDTH, NOTE_WIDTH = 38, 76  # characters of a title, and of a line of the 
 
 
 def draw(name, legs, file, kind="png"):
-    """Write a picture.
+    """Write the plot.
 
     name : of the diagram
-    legs : what StrideAverage reports of each leg, with at least one stride
+    legs : results of AverageStride for each leg, with at least one stride
     file : open for writing bytes
     kind : "png" or "svg"
     """
@@ -48,7 +48,7 @@ def draw(name, legs, file, kind="png"):
 
 
 def plot(axis, curve, colour, convert):
-    """One mean with a band of one standard deviation either side."""
+    """Plot a mean with a band of one standard deviation."""
     mean = [convert(value) for value in curve["mean"]]
     sd = [convert(value) for value in curve["sd"]]
     cycle = range(len(mean))
@@ -71,9 +71,9 @@ def plot(axis, curve, colour, convert):
 
 
 def title(axis, leg):
-    """The leg, and below it its numbers."""
+    """Write the name of the leg with its figures below."""
     count = leg["strides"]
-    lines = [*([f"left out: {left_out_text(leg)}"] if leg["left_out"] else []), *signals_texts(leg)]
+    lines = [*([f"excluded: {left_out_text(leg)}"] if leg["left_out"] else []), *signals_texts(leg)]
     numbers = (
         f"{count} stride{'s' * (count > 1)} of {leg['stride_time']:.2f} s, peak torque {leg['peak_torque']:.1f} N·m\n"
         f"work a stride {leg['positive_work']:+.2f} J and {leg['negative_work']:+.2f} J".replace("-", "−")

@@ -1,20 +1,20 @@
-"""Signals over the gait cycle: where strides begin and end in a recording, and what a signal does in each."""
+"""Signals over the gait cycle: begin and end of strides in a recording, and a signal in each."""
 
 import numpy as np
 
-from runtime.analysis.average_stride import LONGEST, SHORTEST, WRAP
+from runtime.analysis.average_stride import STRIDE_LIMIT, STRIDE_MINIMUM, WRAP
 from runtime.analysis.resample import interpolate, kind_of
 from runtime.base.errors import BadInput
 
 
 def strides(trial, path, events=None, points=101):
-    """As Trial.strides says."""
+    """Return the result of Trial.strides."""
     _, shape = trial.find(path)
     return over(trial, path, bounds(trial, path, events), points).reshape(-1, points, *shape)
 
 
 def over(trial, path, spans, points=101):
-    """A signal over spans of time: (spans, points, elements). spans : (n, 2) array, s"""
+    """Return a signal over intervals, as (spans, points, elements). spans : (n, 2) array in s"""
     places, _ = trial.find(path)
     if not len(spans):
         return np.empty((0, points, len(places)))
@@ -25,8 +25,10 @@ def over(trial, path, spans, points=101):
 
 
 def bounds(trial, path, events=None):
-    """(strides, 2) array of the times at which whole strides begin and end, s. path : of the signal; events : as
-    Trial.strides has them
+    """Return the times at which complete strides begin and end, as a (strides, 2) array in s.
+
+    path : of the signal
+    events : as for Trial.strides
     """
     walking = None
     if events is None:
@@ -34,7 +36,7 @@ def bounds(trial, path, events=None):
     times = beginnings(trial, events) if isinstance(events, str) else np.sort(np.asarray(events, dtype=float).ravel())
     spans = np.column_stack((times[:-1], times[1:]))
     lasting = spans[:, 1] - spans[:, 0]
-    good = (lasting >= SHORTEST) & (lasting <= LONGEST)
+    good = (lasting >= STRIDE_MINIMUM) & (lasting <= STRIDE_LIMIT)
     if not len(trial):
         return spans[:0]
     good &= (spans[:, 0] >= trial.time[0]) & (spans[:, 1] <= trial.time[-1])
@@ -49,8 +51,9 @@ def bounds(trial, path, events=None):
 
 
 def phase_of(trial, path):
-    """(path of the phase, path of `walking` or None) in the subsystem of a signal, or the next around it that has any.
-    BadInput unless it is one.
+    """Return (path of the phase, path of `walking` or None) of the innermost subsystem with a gait phase.
+
+    Raises BadInput unless there is exactly one.
     """
     folder = around = path.rpartition("/")[0]
     phases = [name for name in trial.names if name.endswith(".phase")]
@@ -61,7 +64,7 @@ def phase_of(trial, path):
         where = f"subsystem {folder!r}" if folder else "the recording"
         what = f"has {len(gaits)} gait phases, {', '.join(gaits)}" if gaits else "has no gait phase"
         raise BadInput(
-            f"strides of {path}: {where} {what}: say what they begin with: "
+            f"strides of {path}: {where} {what}: specify the begin of strides: "
             'events="left/gait_phase.phase" (in a command line --events left/gait_phase.phase), or '
             "times in s"
         )
@@ -70,7 +73,7 @@ def phase_of(trial, path):
 
 
 def beginnings(trial, path):
-    """s, at which strides begin, of the path of a bool or of a gait phase."""
+    """Return the times in s at which strides begin, from a bool or a gait phase. path : of the signal"""
     values = trial[path]
     if values.ndim != 1:
         raise BadInput(f"events={path!r} has {values.shape[1]} elements: strides begin with a bool or a gait phase")
@@ -78,6 +81,6 @@ def beginnings(trial, path):
         return trial.time[1:][values[1:] & ~values[:-1]]
     before, after = values[:-1].astype(float), values[1:].astype(float)
     places = np.flatnonzero(before - after > WRAP)
-    rest = 1.0 - before[places]  # of the stride that ends, and `after` of the next one, between two samples
+    rest = 1.0 - before[places]  # of the stride that ends; `after` of the next, between two samples
     share = rest / np.maximum(rest + after[places], 1e-12)
     return trial.time[places] + np.clip(share, 0.0, 1.0) * (trial.time[places + 1] - trial.time[places])

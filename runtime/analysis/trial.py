@@ -1,12 +1,12 @@
-"""A recording, read back: every signal of every tick, the frames, what happened, and what the recording says of itself.
+"""Trial: a recording with every signal of every tick, the frames, the events and the metadata.
 
     trial = Trial("recordings/knee_exo_2026-11-21_10-00-00.mcap")
     trial["left/knee.position"]     # array over the ticks
     trial.unit("left/knee.position")        # "rad"
     trial.time                      # s
 
-A file that was cut off or damaged anywhere is read up to the last complete row before; `complete` then is False. What
-another recorder has gone on with belongs to it.
+A truncated or damaged file is read up to the last complete row; `complete` is then False. It includes the parts that
+standby recorders continued.
 """
 
 import re
@@ -31,22 +31,23 @@ def split(path: str) -> tuple[str, str]:
 
 
 class Trial:
-    """
+    """Recording that has been read.
+
     signals : {path: {"index", "path", "dtype", "unit", "circle"}}, in the order of the row
     rows : (ticks, signals) array of doubles
     tick, time, lateness : arrays over the rows; s
     frames : [Recorded], in order
     events : [dict]
-    about, end, diagram : what the recording says of itself; `end` and `diagram` are None where it does not
-    complete, trouble : whether the recording was finished; if not, what is the matter with the file, in a line
-    parts : [Path] it was read from: several where the recorder was killed and another went on
-    seams : of each but the first of them, how it goes on (runtime.recording.parts.Seam)
+    about, end, diagram : metadata of the recording; `end` and `diagram` may be None
+    complete, trouble : whether the recording was finished; if not, the problem with the file, in one line
+    parts : [Path] of its files: several if another recorder continued it
+    seams : of each part but the first, how it continues (runtime.recording.parts.Seam)
 
-    BadInput if the file is no recording, or one of a newer Tickwork.
+    Raises BadInput if the file is not a recording, or one of a newer Tickwork.
     """
 
     def __init__(self, path, progress=lambda share: None):
-        """progress : called with the share of the file that has been read"""
+        """Read a recording. progress : called with the fraction of the file that has been read"""
         self.path = Path(path)
         reader, self.parts = whole(self.path, Reader, progress)
         self.end, self._diagram = reader.end, reader.diagram
@@ -63,18 +64,16 @@ class Trial:
             try:
                 subsystem.fill(self.rows, reader.messages.get(subsystem.topic, [])[: len(ticks)])
             except ValueError:
-                raise BadInput(
-                    f"{path} is damaged: its rows are not of the signals that its about.json tells of"
-                ) from None
+                raise BadInput(f"{path} is damaged: its rows do not match the signals in its about.json") from None
         self.frames, self.seams = reader.frames, reader.seams
 
     @classmethod
     def in_memory(cls, about, end, diagram, rows):
         """Return the Trial of a run that wrote no file. Its path is the name of the diagram, and it has no frames.
 
-        about : dict with "name", "rate" in Hz, "signals", "buses" and more, as a recording has it
-        end : dict, likewise
-        diagram : function that returns the description of the diagram, called when that is first read
+        about : dict with "name", "rate" in Hz, "signals", "buses" and more, as in a recording
+        end : dict, as in a recording
+        diagram : function that returns the description of the diagram, called on first use
         rows : array (ticks, 2 + signals): tick, lateness in s, and every signal
         """
         made = cls.__new__(cls)
@@ -93,15 +92,16 @@ class Trial:
 
     @property
     def diagram(self):
-        """Description of the diagram that ran, as graph.store has it; None where the recording has none."""
+        """Description of the diagram, as of graph.store; None if the recording has none."""
         if callable(self._diagram):
             self._diagram = self._diagram()
         return self._diagram
 
     @property
     def fault(self):
-        """The fault that ended the run: a dict with its `status`, `culprit`, `tick` and `report`, the lines of text
-        about it; None for a run without a fault, or one whose recording was cut off.
+        """Fault that ended the run: a dict with `status`, `culprit`, `tick` and `report`, the lines of its text.
+
+        None for a run without a fault, or a truncated recording.
         """
         end = (self.end or {}).get("end") or {"status": "ok"}
         return None if end["status"] == "ok" else {key: end.get(key) for key in ("status", "culprit", "tick", "report")}
@@ -115,11 +115,10 @@ class Trial:
         )
 
     def __getitem__(self, path):
-        """A signal over the ticks: (ticks,), or (ticks, ...) for one with elements. float64; int64 or bool where that
-        is what it is.
+        """Return a signal over the ticks, as (ticks,), or (ticks, ...) for a vector; float64, int64 or bool.
 
-        An int or bool of which a tick holds what its type has not got (NaN, an infinity, a number from 2⁶³ on) is
-        float64, as it was recorded. KeyError, with a suggestion, where there is none of that name.
+        An int or bool with values that its type lacks (NaN, infinities, 2⁶³ and larger) is float64, as recorded. Raises
+        KeyError with a suggestion for an unknown name.
         """
         places, shape = self.find(path)
         values = self.rows[:, places[0]] if shape == () else self.rows[:, places].reshape(len(self), *shape)
@@ -130,7 +129,7 @@ class Trial:
         return len(self.tick)
 
     def find(self, path):
-        """(places in the row, shape of a sample) of a signal, or of one element of it. KeyError"""
+        """Return (indices in the row, shape of a sample) of a signal, or of an element of it. Raises KeyError."""
         if path in self.places:
             return [self.places[path]], ()
         indices = {place: split(name)[1] for name, place in self.places.items() if name.startswith(f"{path}[")}
@@ -142,15 +141,15 @@ class Trial:
 
     @property
     def names(self):
-        """Paths of all signals, each once, however many elements it has."""
+        """Paths of all signals, each once for all its elements."""
         return list(dict.fromkeys(split(path)[0] for path in self.signals))
 
     def unit(self, path):
-        """Canonical SI string of a signal: "rad", "N·m"; "1" for a plain number."""
+        """Return the canonical SI unit of a signal: "rad", "N·m"; "1" for a dimensionless one."""
         return self.row_of(path)["unit"]
 
     def dtype(self, path):
-        """ "float", "int" or "bool"."""
+        """Return "float", "int" or "bool"."""
         return self.row_of(path)["dtype"]
 
     def row_of(self, path):
@@ -158,42 +157,42 @@ class Trial:
 
     @property
     def fields(self):
-        """What the trial is, as `--trial` has said: {"subject": "S03", ...}."""
+        """Fields of the trial that `--trial` has set: {"subject": "S03", ...}."""
         return dict(self.about["metadata"].get("trial") or {})
 
     @property
     def marks(self):
-        """s, of each moment that was marked with the key m."""
+        """Times in s of the marks that the key m has set."""
         return np.array([event["tick"] / self.about["rate"] for event in self.events if event["event"] == "mark"])
 
     def resample(self, rate):
-        """The same Trial at a fixed rate in Hz, from its first tick to its last; what ticks it had missed is filled in.
+        """Return this Trial at a fixed rate in Hz, from its first tick to its last, with missed ticks filled in.
 
-        Floats go on straight lines between samples, phases and bearings the shorter way round, ints and bools keep
-        their newest value, quaternions turn at a constant rate. There is no filter: what is faster than half the rate
-        must have been taken out before.
+        Floats are interpolated linearly, phases and bearings on the shorter way, quaternions at a constant rate; ints
+        and bools keep their newest value. There is no filter: remove components above half the rate first.
         """
         from runtime.analysis.resample import resampled
 
         return resampled(self, rate)
 
     def strides(self, path, events=None, points=101):
-        """A signal over the gait cycle: (strides, points), and the elements of the signal behind.
+        """Return a signal over the gait cycle, as (strides, points), or (strides, points, ...) for a vector.
 
-        events : s, when each stride begins, such as heel strikes; or the path of a bool, which becomes true there; or
-            of a gait phase, which falls from 1 to 0 there. By default the phase that the subsystem of the signal has,
-            or the next around it, while its `walking` is true.
+        events : times in s at which strides begin, such as heel strikes; or the path of a bool that becomes true there,
+            or of a gait phase that falls from 1 to 0 there. By default the phase of the innermost subsystem of the
+            signal that has one, while its `walking` is true
 
-        Strides that are shorter than 0.4 s or longer than 4 s, or in which a tick is missing, are left out. KeyError,
-        BadInput
+        Strides shorter than 0.4 s or longer than 4 s, or with a missing tick, are excluded. Raises KeyError or
+        BadInput.
         """
         from runtime.analysis.strides import strides
 
         return strides(self, path, events, points)
 
     def stride_times(self, path, events=None):
-        """When each of those strides begins and ends: (strides, 2), s. One that lasts twice as long as its neighbours
-        is two, between which an event was missed.
+        """Return the begin and end of those strides, as (strides, 2) in s.
+
+        A stride twice as long as its neighbours is counted as two with a missed event.
         """
         from runtime.analysis.strides import bounds
 
@@ -201,8 +200,9 @@ class Trial:
         return bounds(self, path, events)
 
     def table(self):
-        """A pandas DataFrame: a row a tick, `time` its index, a column a number; `attrs` has the units and the fields
-        of the trial. MissingExtra
+        """Return a pandas DataFrame with a row a tick, `time` as its index, and a column a number.
+
+        `attrs` has the units and the fields of the trial. Raises MissingExtra.
         """
         from runtime.analysis.table import table
 
@@ -210,6 +210,6 @@ class Trial:
 
 
 def holds(kind, values):
-    """Whether a type has every one of these doubles."""
+    """Return whether a type can represent every one of these doubles."""
     low, high = (0.0, 1.0) if kind is np.bool_ else (-(2.0**63), np.nextafter(2.0**63, 0.0))
     return bool(np.all((values >= low) & (values <= high)))  # NaN fails every comparison

@@ -1,4 +1,4 @@
-"""Recordings as a table: one of them, or several below each other with the fields of each trial.
+"""Several recordings as one table, one below the other, with the fields of each trial.
 
 trials = load("trials/*.mcap")
 trials["left/knee.torque"]          # array over the rows of all
@@ -19,7 +19,7 @@ from runtime.recording.parts import heads
 
 
 def load(path):
-    """A Trial; or Trials of a pattern or a list of paths. BadInput"""
+    """Return the Trial of a path, or the Trials of a pattern or a list of paths. Raises BadInput."""
     if not isinstance(path, (str, os.PathLike)):
         paths = list(path)
         if not paths:
@@ -30,21 +30,20 @@ def load(path):
         return Trial(path)
     found = sorted(glob.glob(path, recursive=True))
     if not found:
-        raise BadInput(f"there is no recording {path}")
+        raise BadInput(f"no such recording: {path}")
     return Trials([Trial(entry) for entry in heads(found)])
 
 
-OWN = ("trial", "tick", "time")  # columns that every table has
+OWN = ("trial", "tick", "time")  # columns of every table
 
 
 class Trials:
-    """Several trials as one table, a row a tick of each, in their order.
+    """Several trials as one table, a row a tick of each, in order.
 
     trials : [Trial]
-    labels : of each trial, what the column "trial" calls it: the name of its file, with its folder where several files
-        have one name
-    fields : columns of what they say of themselves: "subject", "condition", ...; one that is called as a column of all
-        is "trial.time"
+    labels : name of each trial in the column "trial": its file name, with the folder where file names are equal
+    fields : columns of their fields: "subject", "condition", ...; a field with the name of another column is
+        "trial.NAME"
     """
 
     def __init__(self, trials):
@@ -59,7 +58,7 @@ class Trials:
         return "\n".join([f"<Trials: {len(self)}, {len(self.names)} columns>", *(f"  {trial!r}" for trial in self)])
 
     def __len__(self):
-        """How many trials."""
+        """Return the number of trials."""
         return len(self.trials)
 
     def __iter__(self):
@@ -67,7 +66,7 @@ class Trials:
 
     @property
     def names(self):
-        """Columns: "trial", the fields, "tick", "time", and the signals of all."""
+        """Columns: "trial", the fields, "tick", "time", and the signals of all trials."""
         return [
             "trial",
             *self.fields,
@@ -81,11 +80,10 @@ class Trials:
         return self["time"]
 
     def __getitem__(self, name):
-        """The Trial of a number; or a column over all rows: a signal, a field of the trials ("" where one has not got
-        it), "trial", "tick", "time".
+        """Return the Trial of a number, or a column over all rows: a signal, a field, "trial", "tick" or "time".
 
-        A signal that some trials have not got is NaN there. KeyError where no trial has it, BadInput where two have it
-        in different units or shapes.
+        A signal that a trial lacks is NaN there, and a field "". Raises KeyError if no trial has it, and BadInput if it
+        has different units or shapes.
         """
         if not isinstance(name, str):
             return self.trials[name]
@@ -97,18 +95,18 @@ class Trials:
         parts = [signal(trial, name) for trial in self.trials]
         shape = next((part.shape[1:] for part in parts if part is not None), None)
         if shape is None:
-            return self.trials[0][name]  # which says what it has instead
+            return self.trials[0][name]  # raises with a suggestion
         self.check(name, parts)
         return np.concatenate(
             [np.full((len(trial), *shape), np.nan) if part is None else part for trial, part in zip(self.trials, parts)]
         )
 
     def words(self, field):
-        """What each trial says in a field, "" where it has not got it. field : name of the column"""
+        """Return the field of each trial, "" if it is missing. field : name of the column"""
         return [trial.fields.get(self._fields[field], "") for trial in self.trials]
 
     def check(self, name, parts):
-        """BadInput where a signal is one thing here and another there: a column of both would mean nothing."""
+        """Raise BadInput if a signal has different units or shapes."""
         known = {}
         for trial, label, part in zip(self.trials, self.labels, parts):
             if part is not None:
@@ -116,21 +114,22 @@ class Trials:
                 known.setdefault(f"[{trial.unit(name)}]{elements}", label)
         if len(known) > 1:
             said = ", ".join(f"{what} in {where}" for what, where in known.items())
-            raise BadInput(f"{name} is not the same in all trials: {said}; take those that are alike")
+            raise BadInput(f"{name} differs between trials: {said}; select trials with the same")
 
     def strides(self, path, events=None, points=101):
-        """Those of every trial, in their order: (strides, points, ...). events : a path, or nothing, as Trial.strides
-        has it
+        """Return the strides of every trial in order, as (strides, points, ...).
+
+        events : a path, as for Trial.strides
         """
         self.check(path, [trial[path] for trial in self.trials])
         return np.concatenate([trial.strides(path, events, points) for trial in self.trials])
 
     def resample(self, rate):
-        """The same at a fixed rate in Hz, each as Trial.resample has it."""
+        """Return the trials at a fixed rate in Hz, as Trial.resample does."""
         return Trials([trial.resample(rate) for trial in self.trials])
 
     def table(self):
-        """All as one pandas DataFrame. MissingExtra, BadInput"""
+        """Return all trials as one pandas DataFrame. Raises MissingExtra or BadInput."""
         pandas = need("pandas", "a table")
         for name in dict.fromkeys(name for trial in self.trials for name in trial.names):
             self.check(name, [signal(trial, name) for trial in self.trials])
@@ -147,7 +146,7 @@ class Trials:
 
 
 def labels(paths):
-    """What files are called, each otherwise: without the folders and the ending that they share."""
+    """Return unique names of files, without their common folders and ending."""
     names = [path.stem for path in paths]
     if len(set(names)) == len(names):
         return names

@@ -1,8 +1,7 @@
-"""`python -m runtime emulate FILE --rig RIG`: the plant of a robot on the real buses of its rig, for a robot in another
-process.
+"""Emulation of a robot's plant on the real buses of its rig: `python -m runtime emulate FILE --rig RIG`.
 
-buses       what is opened, and how it is kept from a second emulator
-carrier     the process that carries frames where python-can drives the interface
-serving     the plant's clock, and its status line
-command     the command line, and what it prints
+buses       interfaces, and the lock against a second emulator
+carrier     process that carries frames of python-can's interfaces
+serving     clock of the plant, and status line
+command     command line and its output
 """

@@ -1,6 +1,4 @@
-"""The interfaces behind the buses of a plant: opened as the robot's are, without a guardian, since nothing on them
-moves anything.
-"""
+"""Interfaces of a plant's buses, opened as a robot's but without a guardian, since an emulator moves nothing."""
 
 import json
 import os
@@ -21,16 +19,16 @@ from runtime.rig.interface import Interface
 from runtime.rig.serial_port import look_at_port
 
 READY_TIMEOUT = 30.0  # s
-ONE_MACHINE = ("udp_multicast",)  # kinds of python-can whose nodes are programs
+ONE_MACHINE = ("udp_multicast",)  # kinds of python-can whose nodes are processes
 
 
 class PlantBuses:
-    """The ends of a plant's buses. RigError with everything that keeps them from being opened.
+    """Ends of a plant's buses. Raises RigError with every problem that prevents opening them.
 
     rig : RigFile
     names : of the buses, in the order of the plant's schedule
 
-    remarks : lines that a person should read first
+    remarks : for the operator
     real : channels on which there may be real drives
     """
 
@@ -56,18 +54,18 @@ class PlantBuses:
             raise
 
     def open(self, bus, machine):
-        """What stands behind one bus: a SocketCan, a Line, or a MemoryBus that nobody hears."""
+        """Return the end of one bus: a SocketCan, a Line, or an unconnected MemoryBus."""
         if bus.interface in ONE_PROCESS:
             raise Refused(
                 Trouble(
                     "TW105",
-                    f"[bus.{bus.name}] interface = {bus.interface!r} has no nodes outside of one process",
-                    "take udp_multicast, or vcan, whose nodes are processes of this machine",
+                    f"[bus.{bus.name}] interface = {bus.interface!r} has no nodes outside the process that opens it",
+                    "use udp_multicast or vcan, whose nodes are processes of this machine",
                 )
             )
         if bus.interface == UDP:
             self.remarks.append(
-                f"{self.rig.path}: [bus.{bus.name}] is UDP: who sends there is not emulated; start the sender itself"
+                f"{self.rig.path}: [bus.{bus.name}] is UDP, which is not emulated; start the sender itself"
             )
             return MemoryBus()
         try:
@@ -77,7 +75,7 @@ class PlantBuses:
                 Trouble(
                     "TW107",
                     f"[bus.{bus.name}] {bus.channel} has an emulator: {taken.owner}",
-                    "end that one first: two would answer every frame twice",
+                    "end that process first: two emulators would reply to every frame twice",
                 )
             ) from None
         if bus.interface != SOCKETCAN:
@@ -90,7 +88,7 @@ class PlantBuses:
         return SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=TX_QUEUE_FULL_LIMIT)
 
     def carry(self):
-        """Start the process that has python-can's interfaces. Returns a Trouble for each that cannot be opened."""
+        """Start the process with python-can's interfaces. Returns a Trouble for each that cannot be opened."""
         buses = [self.rig.buses[name] for name in self.carried]
         plan = [
             {
@@ -114,14 +112,14 @@ class PlantBuses:
         ]
 
     def ends(self):
-        """The plant's end of each bus, in the schedule's order."""
+        """Return the plant's end of each bus, in the order of the schedule."""
         return [
             self.cans[name].host if isinstance(self.cans[name], MemoryBus) else self.cans[name].end
             for name in self.names
         ]
 
     def explain(self, name):
-        """Why a bus has failed."""
+        """Return why a bus has failed."""
         trouble = self.cans[name].trouble
         if name in self.carried and self.carrier is not None and not self.carrier.alive:
             return "the process that carries its frames has ended"
@@ -130,7 +128,7 @@ class PlantBuses:
             if isinstance(trouble, str)
             else os.strerror(trouble)
             if trouble and trouble > 0
-            else "it takes no frames"
+            else "it accepts no frames"
         )
 
     def close(self):
@@ -146,7 +144,7 @@ class PlantBuses:
 
 
 class Carrier(ChildProcess):
-    """The process that has python-can's interfaces; it ends when this one does, or on `close`."""
+    """Process with python-can's interfaces; it ends with this process, or on `close`."""
 
     def __init__(self, lines, bell, locks):
         super().__init__(
@@ -154,7 +152,7 @@ class Carrier(ChildProcess):
         )
 
     def configure(self, plan):
-        """Have the buses opened. Returns {name: why not}; BadInput if the process says nothing."""
+        """Open the buses. Returns {name: reason of a failure}; raises BadInput if the process does not respond."""
         with suppress(BrokenPipeError):
             self._child.stdin.write(json.dumps(plan).encode() + b"\n")
             self._child.stdin.flush()

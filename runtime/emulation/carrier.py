@@ -1,6 +1,4 @@
-"""A process that carries frames between the rings of an emulator and python-can's interfaces, until the emulator
-ends.
-"""
+"""Process that carries frames between the rings of an emulator and python-can's interfaces."""
 
 import errno
 import json
@@ -13,12 +11,12 @@ from runtime.base.ending import ignore_signals
 from runtime.guardian.wires import CannotOpen, open_wire
 
 ORDERS = 0  # standard input
-REST = 1  # ms between looks at an interface that has nothing to poll
+REST = 1  # ms between reads of an interface that cannot be polled
 NAME = "tickwork-plant"
 
 
 def main(answers, control, lines, bell):
-    """The process. File descriptors: of the pipe for answers, a pidfd of the emulator, the lines, the bell."""
+    """Run the process. Arguments are file descriptors: answer pipe, pidfd of the emulator, lines, bell."""
     ignore_signals()
     with open("/proc/self/comm", "w") as file:
         file.write(NAME)

@@ -1,4 +1,4 @@
-"""Pseudo-terminals behind the lines of a plant: an emulated sensor speaks there as a real one does behind its port."""
+"""Pseudo-terminals as the serial lines of a plant, in place of the ports of real sensors."""
 
 import os
 import tty
@@ -11,17 +11,18 @@ SERIAL = ("serial", "dialogue")  # kinds of line that a pseudo-terminal can repl
 
 
 def on_terminals(robot, schedule):
-    """Names of the plant's buses that are serial lines of the robot. robot : Diagram; schedule : of the plant"""
+    """Return the names of the plant's buses that are serial lines. robot : Diagram; schedule : of the plant"""
     serial = {block.bus for block in robot if isinstance(block, StreamDevice) and block.line in SERIAL}
     return [name for name in schedule.buses if name in serial]
 
 
 class PtyLines:
-    """
-    names : of the lines; folder : where each gets a link to its terminal, which says the same name at every start, or
-        None
+    """Pseudo-terminals of lines.
 
-    paths : {name: what the robot opens}
+    names : of the lines
+    folder : of links to the terminals, with the same names at every start, or None
+
+    paths : {name: path for the robot}
     """
 
     def __init__(self, names, folder=None):
@@ -29,7 +30,7 @@ class PtyLines:
         for name in names:
             master, slave = os.openpty()
             tty.setraw(slave)
-            self.kept.append(slave)  # a terminal that nobody has open hangs up
+            self.kept.append(slave)  # keeps the terminal from hanging up
             self.paths[name] = os.ttyname(slave)
             self.lines[name] = self.streams.add(master, name)
             os.close(master)
@@ -40,12 +41,12 @@ class PtyLines:
     def link(self, link, name):
         fresh = link.with_name(f".{link.name}.{os.getpid()}")
         fresh.symlink_to(self.paths[name])
-        fresh.replace(link)  # of an emulator that was killed
+        fresh.replace(link)  # a killed emulator may have left one
         self.paths[name] = str(link)
         self.links.append(link)
 
     def end(self, name):
-        """The BusEnd of a line."""
+        """Return the BusEnd of a line."""
         return self.lines[name].end
 
     def close(self):

@@ -1,6 +1,4 @@
-"""A plant that runs in real time on its buses until somebody ends it, with a line on the terminal that says how it
-goes.
-"""
+"""Real-time run of a plant on its buses until a signal, with a status line on the terminal."""
 
 import threading
 from contextlib import contextmanager
@@ -12,23 +10,23 @@ from cext.schedule.program import Program
 from runtime.console.stderr import Terminal
 
 REFRESH = 0.2  # s
-ROOM = 1 << 16  # bytes of the ring, which nobody reads
-BEHIND = 100  # steps that are made up for when the machine was elsewhere
+RING_BYTES = 1 << 16  # of the ring, which has no reader
+CATCH_UP_LIMIT = 100  # steps that run late after a delay
 
 
 class Service:
-    """schedule : of the plant; ends : of its buses; bitrate : bit/s that they are slowed down to, or None"""
+    """Plant in real time. schedule : of the plant; ends : of its buses; bitrate : bit/s limit, or None"""
 
     def __init__(self, schedule, ends, bitrate=None):
-        self.page = SharedState(ROOM)
+        self.page = SharedState(RING_BYTES)
         self.slowed = [] if bitrate is None else [SlowBus(end, bitrate) for end in ends]
         ends = [slow.end for slow in self.slowed] or ends
         self.program = Program(schedule, ends)
-        self.executor = Executor(self.program, schedule.rate, page=self.page, overrun=f"catch-up:{BEHIND}")
+        self.executor = Executor(self.program, schedule.rate, page=self.page, overrun=f"catch-up:{CATCH_UP_LIMIT}")
         self.rate = schedule.rate
 
     def run(self, duration=None):
-        """Until a signal, or for so many s. Returns the Outcome."""
+        """Run until a signal, or for `duration` s. Returns the Outcome."""
         with self.told():
             return self.executor.run(-1 if duration is None else max(1, round(duration * self.rate)))
 
@@ -38,7 +36,7 @@ class Service:
 
     @contextmanager
     def told(self):
-        """With a status line, where there is a terminal. The loop holds no GIL, so another thread can tell."""
+        """Show a status line on a terminal, from another thread, since the loop does not hold the GIL."""
         terminal, over = Terminal(), threading.Event()
 
         def refresh():
@@ -61,9 +59,9 @@ class Service:
 
 
 def line(before, now, rate):
-    """How it goes. before, now : statistics that are REFRESH apart"""
-    heard, said = ((now["frames"][kind] - before["frames"][kind]) / REFRESH for kind in ("received", "sent"))
+    """Return the status line. before, now : statistics at an interval of REFRESH"""
+    received, sent = ((now["frames"][kind] - before["frames"][kind]) / REFRESH for kind in ("received", "sent"))
     return (
-        f"emulating {(now['last_tick'] + 1) / rate:.1f} s · {heard:.0f} frames/s heard, {said:.0f} answered · "
-        f"late {now['lateness']['p99'] * 1e6:.0f} µs · missed {now['missed']} · Ctrl-C ends it"
+        f"emulating {(now['last_tick'] + 1) / rate:.1f} s · {received:.0f} frames/s received, {sent:.0f} sent · "
+        f"late {now['lateness']['p99'] * 1e6:.0f} µs · missed {now['missed']} · Ctrl-C to end"
     )

@@ -1,13 +1,13 @@
-"""Recordings in other formats: every sample of every signal, in order, to the bit where the format has doubles.
+"""Conversion of recordings to other formats: every sample of every signal, exact if the format has doubles.
 
-mcap        finished, with an index, and in one file, whatever became of its recorder
+mcap        complete, with an index, in one file
 csv         as the recorder writes it
-parquet     a column a number, in its own type, units as metadata
+parquet     one column a number, in its type, with units as metadata
 mat         MATLAB: a nested struct with units and time
-rrd         Rerun, with a blueprint made from the recording
+rrd         Rerun, with a blueprint from the recording
 sto, mot    OpenSim: all signals; joint angles
 
-An installed package adds a format in the entry-point group "tickwork.formats", under the ending of its files:
+An installed package adds a format in the entry-point group "tickwork.formats", under its file name extension:
 
     [project.entry-points."tickwork.formats"]
     h5 = "mylab.hdf5"
@@ -15,7 +15,7 @@ An installed package adds a format in the entry-point group "tickwork.formats", 
 Its module has two functions:
 
     check(trial, kind)              raises BadInput or MissingExtra for a Trial that the format cannot hold
-    write(trial, path, progress)    writes the file; `progress` is called with the share that is done, 0 to 1
+    write(trial, path, progress)    writes the file; `progress` is called with the fraction that is done, 0 to 1
 """
 
 import os
@@ -40,12 +40,13 @@ OPENSIM = ("sto", "mot")
 
 
 def convert(trial, kind, stem, progress=lambda share: None):
-    """Write a Trial as `stem` and the ending of its kind, or with a number in between where that exists. Returns the
-    path.
+    """Write a Trial as `stem` with the extension of its kind, numbered if that exists. Returns the path.
 
-    The file has its name once it is whole: who finds one, after a power cut too, has every sample.
+    The file is renamed after it is complete, so that a file with this name has every sample, even after a power loss.
 
-    progress : called with the share that is done. BadInput, MissingExtra, OSError; nothing is then left behind.
+    progress : called with the fraction that is done
+
+    Raises BadInput, MissingExtra or OSError, with nothing left behind.
     """
     module = FORMATS.load(kind)
     module.check(trial, kind)
@@ -63,7 +64,7 @@ def convert(trial, kind, stem, progress=lambda share: None):
 
 
 def reserved(stem, kind):
-    """A path that no file had, and an empty one has now."""
+    """Create an empty file under an unused path, and return the path."""
     path, descriptor = create(stem, f".{kind}")
     os.close(descriptor)
     return path

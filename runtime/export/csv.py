@@ -1,4 +1,4 @@
-"""CSV, byte for byte as the recorder writes it."""
+"""CSV export, byte for byte as the recorder writes it."""
 
 from runtime.recorder.csv import Lines, header
 from runtime.recording.ascii_units import ascii_name

@@ -1,7 +1,6 @@
-"""MATLAB: `trial.left.knee.position` is a column, `trial.time` its time in s, `trial.units.left.knee.position` its
-unit.
+"""MATLAB export: `trial.left.knee.position` is a column, `trial.time` is in s, `trial.units` has the units.
 
-Names that MATLAB would not take are made legal, and kept apart; `trial.paths` has what they were. Vectors are (ticks,
+Names that are illegal in MATLAB are replaced by unique legal ones; `trial.paths` has the originals. Vectors are (ticks,
 elements).
 """
 
@@ -26,8 +25,8 @@ def check(trial, kind):
     need("scipy.io", "a MATLAB file")
     if trial.rows.nbytes > VARIABLE_SIZE_LIMIT:
         raise BadInput(
-            f"{trial.path} has {trial.rows.nbytes} bytes of samples, and a .mat file of this kind holds 2 "
-            "GiB: convert it to Parquet, which MATLAB reads"
+            f"{trial.path} has {trial.rows.nbytes} bytes of samples, more than the 2 GiB of a .mat file: "
+            "convert it to Parquet, which MATLAB reads"
         )
 
 
@@ -51,14 +50,14 @@ def write(trial, path, progress):
 
 
 class Struct:
-    """Nested dicts with legal names. taken : names that its outermost level may not have"""
+    """Nested dicts with legal names. taken : names that its outermost level must not use"""
 
     def __init__(self, taken=()):
         self.content, self.taken = {}, set(taken)
-        self.names, self.inside = {}, {}  # of what was put in: {(name, is a leaf): legal name}, {legal name: Struct}
+        self.names, self.inside = {}, {}  # {(name, is a leaf): legal name}, {legal name: Struct}
 
     def put(self, names, leaf):
-        """names : from the outermost to the signal's own"""
+        """Add a leaf. names : from the outermost to the signal's own"""
         first, *rest = names
         key = first, not rest
         name = self.names.get(key)
@@ -84,5 +83,5 @@ def legal(name, taken):
 
 
 def filled(content):
-    """A struct without fields cannot be written: nothing instead."""
+    """Replace structs without fields, which cannot be written, by an empty value."""
     return {name: (filled(value) or []) if isinstance(value, dict) else value for name, value in content.items()}

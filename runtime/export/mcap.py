@@ -1,8 +1,6 @@
-"""MCAP, finished: what a recorder that was killed has left, and the parts in which others went on, as one file with an
-index.
+"""MCAP export: the parts of a recording, complete or not, as one file with an index.
 
-Every message stands there as it was recorded. Of a recording that was finished, and not damaged, it is a copy to the
-byte.
+Every message is copied unchanged. A complete, undamaged recording is copied byte for byte.
 """
 
 import io
@@ -16,7 +14,7 @@ from runtime.recording.mcap_file import HEAD, MESSAGE, McapFile
 from runtime.recording.reader import DAMAGE, LIBRARY, MAGIC
 from runtime.recording.records import A_CHUNK, A_MESSAGE, ATTACHMENT, CHANNEL, DATA_END, SCHEMA, compressed, read, walk
 
-FLUSH = 1 << 20  # bytes that wait in memory
+FLUSH = 1 << 20  # bytes buffered in memory
 
 
 def check(trial, kind):
@@ -35,7 +33,7 @@ def write(trial, path, progress):
 
 
 class Copy:
-    """What a Trial was read from, in one McapFile."""
+    """Copy of the files of a Trial into one McapFile."""
 
     def __init__(self, trial, file):
         self.trial, self.writer = trial, McapFile(file)
@@ -59,7 +57,7 @@ class Copy:
             for at, kind, data in walk(stream, len(MAGIC)):
                 try:
                     self.record(kind, data, schemas, topics)
-                except (McapError, *DAMAGE):  # as our reader has told
+                except (McapError, *DAMAGE):  # the reader has reported it
                     return
                 if kind == DATA_END:
                     return
@@ -88,7 +86,7 @@ class Copy:
             self.attachment(read("Attachment", body))
 
     def attachment(self, attachment):
-        """What was known before comes from the first part, the end from the last."""
+        """Copy an attachment: the metadata from the first part, the end from the last."""
         if self.seam and attachment.name != "end.json" or self.following and attachment.name == "end.json":
             return
         data = attachment.data
@@ -97,7 +95,7 @@ class Copy:
         self.writer.attach(attachment.name, attachment.media_type, data)
 
     def message(self, topic, data):
-        """A message, if it counts; its drain of the buses counted on from the part before."""
+        """Copy a message if it counts; the number of its drain continues from the previous part."""
         _, _, _, sequence, log_time, publish_time = MESSAGE.unpack_from(data)
         body, limit = data[MESSAGE.size :], self.following.rows if self.following else None
         if topic.startswith(messages.BUS):

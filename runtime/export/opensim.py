@@ -1,9 +1,9 @@
-"""OpenSim: .sto with every signal, .mot with the joint angles alone, in rad.
+"""OpenSim export: .sto with every signal, .mot with the joint angles, in rad.
 
-Both are text: a header, then `time` and a column a number, named by its path, or as --names has it, between tabs. Rows
-are evenly spaced, as OpenSim's filters and tools require. Units stand in the header. OpenSim's older reader
-parts names at spaces, too, and takes a line with `=` in the header for a setting: names have neither here. (OpenSim's
-documentation, Storage (.sto) Files)
+Both are text: a header with the units, then tab-separated columns: `time`, and one for each number, named by its path
+or by --names. Rows are evenly spaced, as OpenSim's filters and tools require. OpenSim's older reader also splits names
+at spaces, and takes a header line with `=` as a setting: names contain neither here. (OpenSim's documentation, Storage
+(.sto) Files)
 """
 
 import copy
@@ -26,24 +26,27 @@ EXAMPLE = '"left/knee.position" = "knee_angle_l"'
 
 
 def read_names(path):
-    """{signal: coordinate} of a TOML file with lines such as "left/knee.position" = "knee_angle_l". BadInput"""
+    """Read {signal: coordinate} from a TOML file with lines like "left/knee.position" = "knee_angle_l".
+
+    Raises BadInput.
+    """
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise BadInput(f"--names {path}: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise BadInput(f"--names {path}: it is not UTF-8 text") from None
+        raise BadInput(f"--names {path}: not UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
-        raise BadInput(f"--names {path}: it is not TOML: {error}; write {EXAMPLE}") from None
+        raise BadInput(f"--names {path}: invalid TOML: {error}; write {EXAMPLE}") from None
     if not content:
-        raise BadInput(f"--names {path}: it names no signal; write {EXAMPLE}")
+        raise BadInput(f"--names {path}: no signals; write {EXAMPLE}")
     taken = {"time": "the time"}
     for signal, name in content.items():
         if not isinstance(name, str):
-            raise BadInput(f"--names {path}: {signal!r} has no name of a coordinate; write {EXAMPLE}, both in quotes")
+            raise BadInput(f"--names {path}: {signal!r} has no coordinate name; write {EXAMPLE}, both in quotes")
         if not name.isprintable() or not re.fullmatch(r"[^\s=]+", name):
             raise BadInput(
-                f"--names {path}: {signal!r}: {name!r} is not a name of a column: it needs letters, and "
+                f"--names {path}: {signal!r}: {name!r} is not a valid column name: use letters, and "
                 "no space, = or control character"
             )
         if name in taken:
@@ -53,9 +56,7 @@ def read_names(path):
 
 
 def named(trial, names, path):
-    """A Trial like this one, whose signals have the names of coordinates. names : as of `read_names`, which read them
-    from `path`. BadInput
-    """
+    """Return a Trial whose signals have the names of coordinates. names : of `read_names(path)`. Raises BadInput."""
     for signal in names:
         if signal not in trial.signals:
             hint = suggestion(signal, trial.signals)
@@ -71,26 +72,26 @@ def named(trial, names, path):
 
 
 def missed(trial):
-    """How many ticks are missing between the first and the last."""
+    """Return the number of missing ticks between the first and the last."""
     return int(trial.tick[-1] - trial.tick[0]) + 1 - len(trial) if len(trial) else 0
 
 
 def check(trial, kind):
     if kind == "mot" and not coordinates(trial):
         raise BadInput(
-            f"{trial.path} has no joint angle: .mot holds signals called `position` or `angle`, in rad, "
+            f"{trial.path} has no joint angle: .mot contains signals called `position` or `angle`, in rad, "
             "or those that --names names; "
-            ".sto holds all"
+            ".sto contains all"
         )
     for path in coordinates(trial) if kind == "mot" else ():
         if trial.unit(path) not in ("rad", "m"):
             raise BadInput(
-                f"{path} is in {trial.unit(path)}: .mot holds coordinates, in rad or m; .sto holds all signals"
+                f"{path} is in {trial.unit(path)}: .mot contains coordinates, in rad or m; .sto contains all signals"
             )
 
 
 def coordinates(trial):
-    """Signals of a .mot file: those that were named, else every joint angle."""
+    """Return the signals of a .mot file: those that were named, else every joint angle."""
     return [path for path, signal in trial.signals.items() if "coordinate" in signal] or [
         path
         for path, signal in trial.signals.items()
@@ -99,7 +100,7 @@ def coordinates(trial):
 
 
 def write(trial, path, progress):
-    """Rows that are missing are filled in, as Trial.resample does it."""
+    """Write the file, with missing rows filled in by Trial.resample."""
     if missed(trial):
         trial = trial.resample(trial.about["rate"])
     paths = coordinates(trial) if path.endswith(".mot") else list(trial.signals)
@@ -130,5 +131,5 @@ def labels(names):
 
 
 def text(value, whole):
-    """The fewest digits that read back as the same number."""
+    """Return the fewest digits that read back as the same number."""
     return str(int(value)) if whole and np.isfinite(value) else repr(value)

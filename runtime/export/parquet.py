@@ -1,5 +1,6 @@
-"""Parquet: `time`, `tick` and a column a number, as double, int64 or bool. Each column's metadata has its unit, the
-file's what the recording says.
+"""Parquet export: `time`, `tick` and one column a number, as double, int64 or bool.
+
+The metadata of columns have the units, that of the file the recording's metadata.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""A recording as a file of Rerun, with the layout in it."""
+"""Rerun export, with the layout in the file."""
 
 import os
 
@@ -7,11 +7,11 @@ from runtime.base.optional_dependencies import need
 from runtime.recorder.rerun.scene import Scene
 
 CHUNK = 5000  # rows
-FLUSHED = 60.0  # s, for a slow disk
+FLUSH_TIMEOUT = 60.0  # s, for a slow disk
 
 
 def check(trial, kind):
-    # or it says on standard error, in lines of its own, what is told here in one
+    # the library would otherwise report this on standard error
     os.environ.setdefault("RUST_LOG", "off")
     need("rerun", "a file of Rerun")
 
@@ -34,7 +34,7 @@ def write(trial, path, progress):
     for event in trial.events:
         stream.event(event)
     try:
-        recording.flush(timeout_sec=FLUSHED)
+        recording.flush(timeout_sec=FLUSH_TIMEOUT)
     except RuntimeError as error:
         raise BadInput(f"cannot write {path.replace('.part.rrd', '.rrd')}: {error}; is the disk full?") from None
     recording.disconnect()

@@ -1,4 +1,4 @@
-"""Patterns of parameters: `*/profile.scale` is that parameter of every leg."""
+"""Patterns of parameters, such as `*/profile.scale` for that parameter of every leg."""
 
 from fnmatch import fnmatchcase
 
@@ -10,9 +10,7 @@ def is_pattern(name):
 
 
 def matching(name, known):
-    """The names that a name or pattern stands for, in the order of `known`; `*` stands for any characters, "/"
-    included.
-    """
+    """Return the names that match a name or pattern, in the order of `known`; `*` matches any characters with "/"."""
     return (
         [other for other in known if fnmatchcase(other, name)]
         if is_pattern(name)
@@ -21,13 +19,14 @@ def matching(name, known):
 
 
 def hint(name, known):
-    """'did you mean ...?' for a name or pattern that matches nothing, or ''."""
+    """Return 'did you mean ...?' for a name or pattern without a match, or ''."""
     return suggestion(name, [*known, *shared(known)] if is_pattern(name) else known)
 
 
 def shared(known):
-    """{pattern: names} of what several parts of a diagram have alike: `*/profile.scale` of left/profile.scale and
-    right/profile.scale.
+    """Return {pattern: names} of parameters that several parts of a diagram share.
+
+    '*/profile.scale' stands for left/profile.scale and right/profile.scale.
     """
     groups = {}
     for name in known:

@@ -1,4 +1,4 @@
-"""The runs on this machine: processes that have made a shared page, found by the descriptor they hold."""
+"""Runs on this machine: processes that have created a shared state, found by its file descriptor."""
 
 import os
 from pathlib import Path
@@ -9,9 +9,7 @@ MEMORY = "/memfd:tickwork"
 
 
 def page_of(pid):
-    """The shared page that a process has made, None while it has none. PermissionError where it may not be looked
-    at.
-    """
+    """Return the SharedState that a process has created, None if it has none. Raises PermissionError."""
     try:
         entries = list(Path("/proc", str(pid), "fd").iterdir())
     except (FileNotFoundError, ProcessLookupError):
@@ -25,11 +23,11 @@ def page_of(pid):
             continue
         try:
             page = SharedState(fd=descriptor)
-        except ValueError:  # still being made, or another version's
+        except ValueError:  # not initialized yet, or of another version
             continue
         finally:
             os.close(descriptor)
-        if page.control == pid:  # the recorder has it too
+        if page.control == pid:  # the recorder has mapped it, too
             return page
     return None
 

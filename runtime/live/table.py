@@ -1,18 +1,16 @@
-"""What may be changed in a run, as its page tells it: read by `set` and by the keys, neither of which knows the
-diagram.
-"""
+"""Table of live parameters in a run's shared state, for `set` and for the keys, which have no diagram."""
 
 import json
 import math
 from dataclasses import dataclass
 
-STEPS = 20  # about so many steps of the keys from bound to bound
-FINE = 10  # and so many fine ones in a step
+STEPS = 20  # approximate number of key steps from bound to bound
+FINE = 10  # fine steps in a step
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A live parameter. dtype is "float", "int" or "bool"; slew in unit per second, math.inf where it steps."""
+    """Live parameter. dtype is "float", "int" or "bool"; slew in unit per second, math.inf for a step."""
 
     index: int
     path: str
@@ -25,15 +23,15 @@ class Parameter:
     slew: float
 
     def plain(self, value):
-        """A value in the parameter's type."""
+        """Return a value in the parameter's type."""
         return {"float": float, "int": int, "bool": bool}[self.dtype](value)
 
     def written(self, value):
-        """A value as `--set` reads it, exactly: '40.0', '3', 'true'."""
+        """Return a value in the syntax of `--set`, exactly: '40.0', '3', 'true'."""
         return repr(self.plain(value)).lower()
 
     def shown(self, value):
-        """A value for people, with its unit: '40 N·m/rad'."""
+        """Return a value with its unit for display: '40 N·m/rad'."""
         return f"{self.plain(value)}".lower() if self.dtype == "bool" else f"{value:.6g}" + self.behind
 
     @property
@@ -45,7 +43,7 @@ class Parameter:
         return "false or true" if self.dtype == "bool" else f"{self.low:g} to {self.high:g}{self.behind}"
 
     def stepped(self, value, steps):
-        """The value that many fine steps of the keys further, on whole steps and within the bounds.
+        """Return the value after a number of fine key steps, on whole steps and within the bounds.
 
         steps : 1 or -1, or FINE times that for a step of about a twentieth of the range, 1, 2 or 5 times a power of ten
         """
@@ -65,7 +63,7 @@ class Parameter:
 
 
 def nice(number):
-    """The largest of 1, 2 and 5 times a power of ten that is not above a number; 0 for 0."""
+    """Return the largest of 1, 2 and 5 times a power of ten that does not exceed a number; 0 for 0."""
     if not number > 0.0:
         return 0.0
     power = 10.0 ** math.floor(math.log10(number))
@@ -94,9 +92,7 @@ def describe(schedule):
 
 @dataclass(frozen=True)
 class Table:
-    """name, rate : of the diagram; parameters : a Parameter for each, in the order in which the page and its mailbox
-    count them
-    """
+    """Table of live parameters. name, rate : of the diagram; parameters : Parameter of each, in mailbox order"""
 
     name: str
     rate: float
@@ -104,14 +100,14 @@ class Table:
 
 
 def values(page, parameters):
-    """Of each live parameter (its value in the latest tick, where it is going)."""
+    """Return (value in the newest tick, target) of each live parameter."""
     return (
         [(parameter.built, parameter.built) for parameter in parameters] if page.state == "init" else page.live_values()
     )
 
 
 def read(page):
-    """The Table that a page carries; an empty one where it carries none."""
+    """Return the Table in a shared state; an empty one if there is none."""
     told = json.loads(page.live or b'{"name": "", "rate": 1.0, "parameters": []}')
     return Table(
         told["name"],

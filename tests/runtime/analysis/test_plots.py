@@ -149,7 +149,7 @@ def test_what_cannot_be_drawn_is_told_in_one_line(command_line, recording, tmp_p
         "b.mcap: plot draws one recording, and signals of it; `diff` compares two"
     )
     assert command_line.refused("plot", recording, "-o", "a.jpg") == "-o a.jpg: a picture ends in .png or .svg"
-    assert "holds no whole stride of a joint" in command_line.refused("plot", recording, "--strides")
+    assert "has no complete stride of a joint" in command_line.refused("plot", recording, "--strides")
     assert command_line.refused("plot", recording, "--events", "x") == "--events needs --strides"
     assert "No such file" in command_line.refused("plot", recording, "-o", tmp_path / "nowhere" / "a.png")
     assert "has 4 elements: name one" in command_line.refused("plot", recording, "--strides", "left/imu.quaternion")
@@ -208,7 +208,7 @@ def test_all_of_a_block_or_a_subsystem_is_drawn_where_that_is_named(command_line
     rows = plots.rows_of(trial, ["left/crowd", "left/knee", "left/crowd.x3"])
     assert [path for paths in rows for path in paths] == [f"left/{text.split()[0]}" for text in (*CROWD, *JOINTS[:4])]
     assert sorted(map(len, rows)) == [1, 1, 1, 1, 2, 12]  # a plot a unit, and no plot too full
-    with pytest.raises(BadInput, match="are 102 plots, and a picture holds 100: name fewer"):
+    with pytest.raises(BadInput, match="need 102 plots, more than 100: name fewer"):
         plots.rows_of(many(trial, 1213), ["many"])
     told = command_line.refused("plot", crowded, "left/crow")
     assert told.startswith("crowd.mcap has no signal 'left/crow': did you mean 'left/crowd.x")

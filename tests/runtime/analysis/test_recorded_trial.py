@@ -221,7 +221,7 @@ def test_several_trials_are_one_table_with_their_fields(tmp_path):
     assert np.isnan(trials["left/knee.position"][10:]).all() and not np.isnan(trials["left/knee.position"][:10]).any()
     with pytest.raises(KeyError, match="has no signal 'nothing'"):
         trials["nothing"]
-    with pytest.raises(BadInput, match="there is no recording"):
+    with pytest.raises(BadInput, match="no such recording"):
         runtime.load(tmp_path / "other*.mcap")
 
 
@@ -286,5 +286,5 @@ def test_every_extra_is_declared():
 
 def test_without_a_gait_phase_somebody_has_to_say_where_strides_begin(tmp_path):
     found = runtime.load(recorded(tmp_path, [(0, 1.0), (1, 2.0)], signals=("right/knee.position rad",)))
-    with pytest.raises(BadInput, match="subsystem 'right' has no gait phase: say what they begin with"):
+    with pytest.raises(BadInput, match="subsystem 'right' has no gait phase: specify the begin of strides"):
         found.strides("right/knee.position")

@@ -63,13 +63,13 @@ def test_numbers_of_two_units_or_shapes_are_not_one_column(folder):
     trials = runtime.load(folder / "*" / "*.mcap")
     with pytest.raises(
         BadInput,
-        match=r"^knee.angle is not the same in all trials: \[rad\] in S01/walk, \[deg\] in "
-        r"S02/walk; take",
+        match=r"^knee.angle differs between trials: \[rad\] in S01/walk, \[deg\] in "
+        r"S02/walk; select",
     ):
         trials["knee.angle"]
     with pytest.raises(
         BadInput,
-        match=r"imu.gyro is not the same in all trials: \[rad/s\] of 2 in .*, \[rad/s\] of "
+        match=r"imu.gyro differs between trials: \[rad/s\] of 2 in .*, \[rad/s\] of "
         r"1 in ",
     ):
         trials["imu.gyro"]

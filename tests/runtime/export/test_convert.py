@@ -172,7 +172,7 @@ def test_signals_get_the_names_of_coordinates(command_line, recording):
         "time",
         *({"left/knee.position": "knee_angle_l", "left/imu.gyro[1]": "turn"}.get(name, name) for name in trial.signals),
     ]
-    assert "left/imu.gyro[1] is in rad/s: .mot holds coordinates" in command_line.refused(
+    assert "left/imu.gyro[1] is in rad/s: .mot contains coordinates" in command_line.refused(
         "convert", recording, "--to", "mot", "--names", names
     )
     names.write_text('"left/knee.position" = "knee_angle_l"\n')
@@ -190,18 +190,18 @@ def test_signals_get_the_names_of_coordinates(command_line, recording):
             '"left/knee.positoin" = "k"',
             "odd.mcap has no signal 'left/knee.positoin': did you mean 'left/knee.position'?",
         ),
-        ('left/knee.position = "k"', "it is not TOML: "),
+        ('left/knee.position = "k"', "invalid TOML: "),
         (
             'knee.position = "k"',
-            '\'knee\' has no name of a coordinate; write "left/knee.position" = "knee_angle_l", both in quotes',
+            '\'knee\' has no coordinate name; write "left/knee.position" = "knee_angle_l", both in quotes',
         ),
-        ('"left/knee.position" = 3', "'left/knee.position' has no name of a coordinate"),
-        ('"left/knee.position" = "knee angle"', "'knee angle' is not a name of a column"),
-        ('"left/knee.position" = ""', "'' is not a name of a column"),
+        ('"left/knee.position" = 3', "'left/knee.position' has no coordinate name"),
+        ('"left/knee.position" = "knee angle"', "'knee angle' is not a valid column name"),
+        ('"left/knee.position" = ""', "'' is not a valid column name"),
         ('"left/knee.position" = "time"', "'time' is already the name of the time"),
         ('"left/knee.position" = "k"\n"left/knee.torque" = "k"', "'k' is already the name of 'left/knee.position'"),
-        ("", "it names no signal"),
-        (b"\xff", "it is not UTF-8 text"),
+        ("", "no signals"),
+        (b"\xff", "not UTF-8 text"),
         (None, "No such file or directory"),
     ],
 )
@@ -281,7 +281,7 @@ def test_nothing_is_overwritten(command_line, recording):
 def test_commands_that_read_need_nothing_that_was_compiled(tmp_path, recording, words, made):
     rooms = copy_rooms(tmp_path / "clone", built=False)
     process = python("-m", "runtime", *words.format(recording).split(), cwd=rooms)
-    assert process.stderr == "" or not made and "holds no whole stride" in process.stderr, process.stderr
+    assert process.stderr == "" or not made and "has no complete stride" in process.stderr, process.stderr
     assert not made or (rooms / made).stat().st_size > 1000
 
 

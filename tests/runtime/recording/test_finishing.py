@@ -212,7 +212,7 @@ def test_a_recording_that_does_not_say_what_its_signals_are_is_told(command_line
     for old, new, told in (
         (b'"path"', b'"pith"', "its about.json does not say which signals it has"),
         (b"left/knee", b"left\\nkne", "its about.json does not say which signals it has"),  # another line, of JSON
-        (b"left/knee", b"lift/knee", "its rows are not of the signals that its about.json tells of"),
+        (b"left/knee", b"lift/knee", "its rows do not match the signals in its about.json"),
     ):
         path.write_bytes(data.replace(old, new, 1))
         assert command_line.refused("convert", "a.mcap", "--to", "csv") == f"a.mcap is damaged: {told}"
