@@ -73,7 +73,7 @@ def test_numbers_of_two_units_or_shapes_are_not_one_column(folder):
         r"1 in ",
     ):
         trials["imu.gyro"]
-    with pytest.raises(BadInput, match="knee.angle is not the same"):
+    with pytest.raises(BadInput, match="knee.angle differs between"):
         trials.table()
 
 
