@@ -99,7 +99,7 @@ def clock_source(machine, wants):
 def word_size(machine, wants):
     kernel, bits = machine.output("uname", "-m"), machine.output("getconf", "LONG_BIT")
     if not kernel or not bits:
-        return Finding("word size", UNKNOWN, "neither uname nor getconf tells")
+        return Finding("word size", UNKNOWN, "neither uname nor getconf reports it")
     if bits == "64":
         return Finding("word size", OK, f"64 bits ({kernel})")
     under = " on a 64-bit kernel" if kernel in ("aarch64", "x86_64") else ""
@@ -137,7 +137,7 @@ def hardware(machine, wants):
             WORSE,
             virtual,
             "its host takes processors away for milliseconds, whatever the priority",
-            "fine for simulation; drive a robot from a machine of its own",
+            "fine for simulation; use a physical machine for a robot",
         )
     return Finding("hardware", OK, machine.model or "not a virtual machine")
 

@@ -75,7 +75,7 @@ def throttling(machine, wants):
         return None
     text = machine.read(GET_THROTTLED) or machine.output("vcgencmd", "get_throttled").rpartition("=")[2]
     if not text:
-        return Finding("throttling", UNKNOWN, "neither the firmware nor vcgencmd tells")
+        return Finding("throttling", UNKNOWN, "neither the firmware nor vcgencmd reports it")
     bits = int(text, 16)
     now = [meaning for bit, meaning in THROTTLED.items() if bits >> bit & 1]
     earlier = [meaning for bit, meaning in THROTTLED.items() if bits >> bit + 16 & 1]

@@ -92,7 +92,7 @@ def interface(machine, wants, name, link):
         trouble(
             WORSE,
             "does not restart by itself",
-            "once withdrawn from the bus it stays so, until somebody takes it down and up again",
+            "after bus-off it stays off the bus until it is taken down and up again",
             down_first,
         )
     if queue < QUEUE_MINIMUM:

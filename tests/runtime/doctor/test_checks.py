@@ -181,7 +181,7 @@ def test_systems_of_32_bits(look, machine, bits, found):
         ),
         (
             {"/sys/devices/platform/soc/soc:firmware/get_throttled": None},
-            (UNKNOWN, "neither the firmware nor vcgencmd tells"),
+            (UNKNOWN, "neither the firmware nor vcgencmd reports it"),
         ),
         (
             {"/sys/devices/platform/soc/soc:firmware/get_throttled": "?\n"},
