@@ -55,6 +55,12 @@ def test_the_wheel_has_every_module_and_what_lies_beside_it_and_nothing_else(arc
     assert {name for name in names if not name.endswith(".so")} == beside
 
 
+def test_the_modules_in_the_wheel_have_no_debug_symbols(archives):
+    with zipfile.ZipFile(archives[2]) as wheel:
+        modules = {name: wheel.read(name) for name in wheel.namelist() if name.endswith(".so")}
+    assert modules and [name for name, data in modules.items() if b".debug_info" in data or b".symtab" in data] == []
+
+
 def test_the_source_archive_has_all_a_builder_needs(archives):
     names = set(archives[1])
     assert sources(".py") | sources(".pyx") | sources(".pxd") <= names
