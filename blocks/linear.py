@@ -164,6 +164,9 @@ class StateSpace(Block):
     start = Param((), "1", "initial state, (n,); zero by default", dtype=tuple)
     unit = Param("1", "1", "unit of the gain; the output unit is its product with the input unit")
 
+    u = Input("any", "input", shape=...)
+    y = Output("any", "output", shape=...)
+
     matrix_a = Memory(0.0, "A, row by row")
     matrix_b = Memory(0.0, "B, row by row")
     matrix_c = Memory(0.0, "C, row by row")

@@ -35,7 +35,7 @@ class StateMachine(Block):
     time_in_state = Output("s", "time since the present state was entered")
     table = Memory(0.0, "from, to, first operation and number of operations of each transition")
     code = Memory(0.0, "operations of all conditions")
-    values = Memory(0.0, "outputs of each state")
+    values = Memory(0.0, "number of outputs, then their values in each state")
     current = Memory((0.0, 0.0, 0.0), "state, periods in it, 1 after the first tick")
 
     kernel = kernels.machine
@@ -56,12 +56,12 @@ class StateMachine(Block):
         for name in [*self.inputs, *own]:
             if not name.isidentifier() or name in ("state", "time_in_state") or (name in self.inputs and name in own):
                 raise ValueError(f"{name!r} cannot be the name of a port: it must be a unique identifier")
-        self.outputs = {**type(self).outputs, **own}
+        self.outputs = {**StateMachine.outputs, **own, **type(self).outputs}  # the kernel finds its own first
         self.names = list(self.states)
         self.check_states(own)
         first = self.initial or self.names[0]
         self.current = (self.index(first, "initial"), 0.0, 0.0)
-        self.values = [float(self.states[state][output]) for state in self.names for output in own]
+        self.values = [len(own), *(float(self.states[state][output]) for state in self.names for output in own)]
         operations, table = [], []
         for entry in self.transitions:
             if len(entry) != 3:

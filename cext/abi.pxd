@@ -1,19 +1,17 @@
 """Kernel ABI of native blocks. Public: labs compile their own blocks against this file.
 
-A schedule computes in one contiguous array of doubles, the arena: the clock first, then signals, parameters and the
-memory of blocks. A kernel is a C function that receives the positions of its items in the arena:
+Everything a schedule computes with lies in one contiguous array of doubles, the arena: the clock first, then signals,
+parameters and the memory of blocks. A kernel is a C function. It gets the arena and two tables of the items that it
+names (cext/kernel.py):
 
-    slots[i]   begin of item i
-    sizes[i]   its number of doubles (1 for a scalar)
+    slots   position of each item in the arena
+    sizes   number of doubles of each item, 1 for a scalar
 
-    slots[INPUTS], slots[OUTPUTS], slots[PARAMETERS], slots[MEMORIES]   numbers of items of each kind
+A kernel runs without the GIL. It must not allocate, lock, print or wait. It returns OK, or a status of its own from
+FIRST_OWN_STATUS on, which is a fault.
 
-The items are in the order of the block's declaration: inputs, outputs, parameters, memory. A kernel runs without the
-GIL; it must not allocate, lock, print or wait. It returns OK, or a status of its own above FIRST_OWN_STATUS, which is a
-fault.
-
-In Python, a kernel is a PyCapsule named by its C signature (KERNEL below), as for SciPy's LowLevelCallable, or an
-object with a ctypes address, such as a Numba cfunc.
+Python holds a kernel as a `cext.kernel.Kernel`: the names of its items, and the function as a PyCapsule whose name is
+its C signature (KERNEL below), as in SciPy's LowLevelCallable, or as a ctypes function pointer or a Numba cfunc.
 """
 
 from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t
@@ -33,12 +31,6 @@ cdef enum: # slots at the start of every arena, written by the executor
     LATENESS = 5            # s, WAKE - TIME
     AUTHORITY = 6           # 0 to 1, permitted share of every command: increases after arming
     CLOCK_SLOTS = 8
-
-cdef enum: # in front of slots[0]
-    INPUTS = -4
-    OUTPUTS = -3
-    PARAMETERS = -2
-    MEMORIES = -1
 
 cdef enum: # return values of a kernel; encode_t returns these negated, or a number of frames
     OK = 0
@@ -125,12 +117,39 @@ cdef inline const char *ENCODE() noexcept nogil:
 
 from cpython.pycapsule cimport PyCapsule_New
 
-cdef inline object export(kernel_t kernel):
-    """Return the capsule of a kernel: `gain = export(gain_kernel)`."""
-    return PyCapsule_New(<void *>kernel, KERNEL(), NULL)
+cdef extern from *:
+    """
+    #define TICKWORK_ITEMS ((void *)(int[1024]){0})
+    """
+    void *ITEMS "TICKWORK_ITEMS"    # (<Gain *>ITEMS)[0] is a Gain, from which `items` reads the names of its fields
 
-cdef inline object export_decode(decode_t decode):
-    return PyCapsule_New(<void *>decode, DECODE(), NULL)
+cdef struct Rest:               # field `inputs` or `outputs` in the struct of a kernel: all that the struct leaves out
+    int32_t count
+    int32_t first               # index in the table, slots or sizes, of the entry of the first of them
 
-cdef inline object export_encode(encode_t encode):
-    return PyCapsule_New(<void *>encode, ENCODE(), NULL)
+cdef inline const int32_t *each(const void *table, Rest rest) noexcept nogil:
+    """The positions, or sizes, of a Rest: `each(at, at.inputs)[k]`."""
+    return <const int32_t *>table + rest.first
+
+cdef inline tuple items(dict fields, str sizes=""):
+    """The items of a kernel from the struct that names them: `GAIN = items((<Gain *>ITEMS)[0], "u[...] y[...]")`.
+
+    sizes : the items that are not one number
+    """
+    from cext.kernel import of_struct
+    return of_struct(fields, sizes)
+
+cdef inline object export(kernel_t kernel, tuple items):
+    """The Kernel of a function: `gain = export(<kernel_t>gain_kernel, GAIN)`."""
+    from cext.kernel import Kernel
+    return Kernel(PyCapsule_New(<void *>kernel, KERNEL(), NULL), items)
+
+cdef inline object export_decode(decode_t decode, tuple items):
+    """The Kernel of a device's decode, as `export`."""
+    from cext.kernel import Kernel
+    return Kernel(PyCapsule_New(<void *>decode, DECODE(), NULL), items)
+
+cdef inline object export_encode(encode_t encode, tuple items):
+    """The Kernel of a device's encode, as `export`."""
+    from cext.kernel import Kernel
+    return Kernel(PyCapsule_New(<void *>encode, ENCODE(), NULL), items)

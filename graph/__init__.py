@@ -3,6 +3,7 @@
 from graph import Block, Diagram, Input, Output, Param, compile, subsystem
 """
 
+from cext.kernel import Kernel
 from graph.arithmetic import stack
 from graph.block import Block, Sink
 from graph.compiler import compile
@@ -28,6 +29,7 @@ __all__ = [
     "DiagramError",
     "Input",
     "Interval",
+    "Kernel",
     "Live",
     "Memory",
     "Motion",

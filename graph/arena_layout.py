@@ -6,15 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from graph.kernel_items import rest_of
+
 CLOCK_SLOTS = 8
 
 
 class KernelTable(NamedTuple):
-    """What a kernel is told of its block: how many inputs, outputs, parameters and memories, where each begins, how
-    long it is.
-    """
+    """The two tables that a kernel is called with: the position of each of its items, and its number of doubles."""
 
-    counts: tuple = (0, 0, 0, 0)
     slots: tuple = ()
     sizes: tuple = ()
 
@@ -39,7 +38,7 @@ class Layout:
 
 
 def place_parameters(block, layout):
-    """{name: slot} of a block's parameters that a kernel may be told of; NaN stands for one that has no value."""
+    """{name: slot} of a block's parameters that have a place in the arena; NaN stands for one that has no value."""
     slots = {}
     for name, param in block.parameters.items():
         if param.placed:
@@ -58,13 +57,35 @@ def place_memory(block, layout):
     return places
 
 
-def kernel_table(inputs, outputs, parameters, memory):
-    """The KernelTable of a block. inputs, outputs, memory : lists of (slot, length); parameters : list of slots."""
-    items = [*inputs, *outputs, *((slot, 1) for slot in parameters), *memory]
-    counts = len(inputs), len(outputs), len(parameters), len(memory)
-    return KernelTable(counts, tuple(slot for slot, _ in items), tuple(length for _, length in items))
-
-
 def size_of(shape: Sequence[int]) -> int:
     """Return the number of elements of an array of this shape."""
     return math.prod(shape)
+
+
+def kernel_table(block, kernel, places):
+    """The KernelTable of one kernel of a block. places : {name: (slot, length)} of all that a kernel may name
+
+    Raises TypeError if an item has another length than the kernel states, as memory that `prepare` has set.
+    """
+    slots, sizes = [], []
+    rests = {item: [places[name] for name in rest_of(block, kernel, item.name)] for item in kernel.items if item.rest}
+    first = len(kernel.items) + len(rests)
+    for item in kernel.items:
+        if item.rest:
+            count = len(rests[item])
+            slots += [count, first]
+            sizes += [count, first]
+            first += count
+            continue
+        slot, length = places[item.name]
+        if item.size not in (None, length):
+            raise TypeError(
+                f"{block.path}: a kernel of {type(block).__name__} takes {item.size} numbers of {item.name!r}, and it "
+                f"has {length}. Set memory of {item.size} numbers in prepare()"
+            )
+        slots.append(slot)
+        sizes.append(length)
+    for rest in rests.values():
+        slots += [slot for slot, _ in rest]
+        sizes += [length for _, length in rest]
+    return KernelTable(tuple(slots), tuple(sizes))

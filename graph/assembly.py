@@ -9,6 +9,7 @@ from graph.block import CLOCK, Sink
 from graph.budget import damping_round
 from graph.device import Actuator, Device
 from graph.interval import EVERYTHING
+from graph.kernel_items import check_kernels
 from graph.order import computes, upstream
 from graph.schedule import Column, DeviceSteps, LiveParameter, Schedule, SignalPlace, SinkColumns, Step, WatchSteps
 from graph.signal import Signal
@@ -40,23 +41,19 @@ class Assembly:
             for name in block.inputs
             if not isinstance(facts.sources[block, name], Signal) and not isinstance(block, Sink)
         }
+        for block in self.native:
+            check_kernels(block)
         parameters = {block: place_parameters(block, self.layout) for block in self.native}
         self.memory_start = len(self.layout)
         self.memory = memory = {block: place_memory(block, self.layout) for block in self.native}
         self.parameters = {
             f"{block.path}.{name}": slot for block in self.native for name, slot in parameters[block].items()
         }
-        self.tables = {
-            block: kernel_table(
-                [(self.input_slot(block, name), self.size(block, name)) for name in block.inputs],
-                [
-                    (self.places[Signal(block, name)].slot, self.size(block, name))
-                    for name, port in block.outputs.items()
-                    if port.kernel
-                ],
-                list(parameters[block].values()),
-                list(memory[block].values()),
-            )
+        self.items = {  # of a native block: {name: (slot, length)}
+            block: {name: (self.input_slot(block, name), self.size(block, name)) for name in block.inputs}
+            | {name: (self.places[Signal(block, name)].slot, self.size(block, name)) for name in block.outputs}
+            | {name: (slot, 1) for name, slot in parameters[block].items()}
+            | memory[block]
             for block in self.native
         }
 
@@ -75,7 +72,10 @@ class Assembly:
     # Steps
 
     def native_step(self, block, kernel):
-        return Step(block.path, block.every, self.conditions(block), kernel=kernel, table=self.tables[block])
+        return Step(block.path, block.every, self.conditions(block), kernel=kernel, table=self.table(block, kernel))
+
+    def table(self, block, kernel):
+        return kernel_table(block, kernel, self.items[block])
 
     def python_step(self, block, method, names, outputs):
         return Step(
@@ -178,6 +178,7 @@ class Assembly:
                 if not isinstance(block, Sink)
             },
             parameters=self.parameters,
+            items={block.path: items for block, items in self.items.items()},
             live=self.live_parameters(),
             proofs=facts.proofs,
             holds=facts.holds,
@@ -219,7 +220,8 @@ class Assembly:
             bus=buses.index(block.bus),
             decode=block.decode,
             encode=block.encode,
-            table=self.tables[block],
+            decode_table=self.table(block, block.decode),
+            encode_table=self.table(block, block.encode),
             age=slot("age"),
             fault=slot("fault") if isinstance(block, Actuator) or block.relay_time else -1,
             timeout=block.timeout,

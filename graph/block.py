@@ -10,7 +10,7 @@ from graph.declarations import Declaration, Input, Live, LiveBounds, Memory, Out
 from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.diagram import current_scope, is_count
 from graph.interval import EVERYTHING, Interval
-from graph.kernel_items import check_inherited_kernels, replace_kernels
+from graph.kernel_items import check_kernels, replace_kernels
 from graph.names import snake_case, suggestion
 from graph.scratch import Scratch
 from graph.signal import Outputs, Signal
@@ -35,8 +35,8 @@ class Block:
     state of the present inputs when the robot is armed. A step may also take `t`, `tick` and `dt`.
 
     A native block names a `kernel`, and `update_kernel` and `settle_kernel` where it needs them; `feedthrough` names
-    the inputs its kernel reads, all by default. A kernel finds its items by position, so a class that inherits one
-    keeps its inputs, outputs, placed parameters and memory as they are; a `step` in Python replaces inherited kernels.
+    the inputs its kernel reads, all by default. A kernel names its items (cext/kernel.py), and the class declares each
+    of them, among others; a `step` in Python replaces inherited kernels.
 
     Hooks: `configure()` after the parameters are set; `prepare(dt)` when the sampling period is known; `output_range`
     for the proof; `output_units` where outputs have units of their own.
@@ -102,7 +102,7 @@ class Block:
                 )
         if cls.step is not Block.step:
             replace_kernels(cls)
-        check_inherited_kernels(cls)
+        check_kernels(cls)
 
     def __init__(
         self, *values: Any, name: str | None = None, every: int = 1, hold_exceptions: int = 0, **named: Any

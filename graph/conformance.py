@@ -9,13 +9,12 @@ import random
 
 import numpy as np
 
-from graph import units
+from graph import kernel_items, units
 from graph.block import Sink, range_of
 from graph.device import Device
 from graph.diagnostics import DiagramError
 from graph.diagram import Diagram
 from graph.interval import Interval
-from graph.kernel_items import check_inherited_kernels
 from graph.store import from_json, loadable, registered, to_json
 
 RATE = 200.0
@@ -33,7 +32,7 @@ def check_block(kind, examples=None):
     6. no output leaves the range that `output_range` states, for inputs at the ends of theirs as well
     7. the block comes back from JSON as it was
     8. a parameter that may be Live has its effect while running; one that has not is declared `fixed`
-    9. a kernel that the class inherits finds its items where they are
+    9. the class declares every item that its kernels name
     """
     made = 0
     for parameters in examples or getattr(kind, "examples", ({},)):
@@ -79,7 +78,7 @@ def check_declarations(kind, parameters):
 def check_kernels(kind, parameters):
     """Check that the class does not change the items of a kernel that it inherits."""
     try:
-        check_inherited_kernels(kind)
+        kernel_items.check_kernels(kind)
     except TypeError as error:
         raise AssertionError(str(error)) from None
 

@@ -16,6 +16,7 @@ import inspect
 import math
 import textwrap
 
+from cext.kernel import Kernel
 from graph.block import CLOCK
 from graph.declarations import Memory
 
@@ -59,7 +60,7 @@ def is_state(block, name):
 
 
 def kernel_of(block, method, slots, outputs):
-    """A Numba cfunc of the kernel ABI from one method of a block."""
+    """The Kernel of one method of a block, compiled by Numba. slots : {name: position} of its items"""
     import numba
     from numba import types
     from numba.core.errors import NumbaError
@@ -79,11 +80,12 @@ def kernel_of(block, method, slots, outputs):
     pointer = types.CPointer
     signature = types.int32(pointer(types.float64), pointer(types.int32), pointer(types.int32))
     try:
-        return numba.cfunc(signature, error_model="numpy")(namespace["kernel"])
+        function = numba.cfunc(signature, error_model="numpy")(namespace["kernel"])
     except NumbaError as error:
         raise CannotCompile(
             f"Numba cannot compile {method.__qualname__}: {str(error).strip().splitlines()[-1]}"
         ) from None
+    return Kernel(function, " ".join(slots))
 
 
 class Rewriter(ast.NodeTransformer):

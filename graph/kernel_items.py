@@ -1,65 +1,71 @@
-"""Guard on inherited kernels: a kernel finds its items by position, so a subclass must not change them."""
+"""Check of a block class against its kernels: a kernel names its items, and the class declares each of them."""
+
+import math
+
+from cext.kernel import Kernel
 
 STEPS = ("kernel", "update_kernel", "settle_kernel")
 KERNELS = (*STEPS, "decode", "encode")
-CURES = {
-    "parameter": "declare it with kernel=False and fixed=True, ",
-    "output": "declare it with kernel=False, ",
-    "input": "",
-    "memory": "",
-}
 
 
-def items_of(kind):
-    """[(what, name, shape)] of everything that the kernels of a block class find by position, in their order."""
-    return [
-        *(("input", name, port.shape) for name, port in kind.inputs.items()),
-        *(("output", name, port.shape) for name, port in kind.outputs.items() if port.kernel),
-        *(("parameter", name, ()) for name, param in kind.parameters.items() if param.placed),
-        *(("memory", name, ...) for name in kind.memory),
-    ]
+def check_kernels(block):
+    """Raise TypeError if a block, or a block class, does not declare an item of its kernels as the kernel takes it.
 
-
-def check_inherited_kernels(kind):
-    """Raise TypeError if a block class inherits a kernel and changes the items that the kernel counts.
-
-    A class that is marked `abstract` is made to be extended: its kernels find their items by the counts in front of the
-    slots.
+    A class that is marked `abstract` may leave items to its subclasses.
     """
-    for name in KERNELS:
-        kernel = getattr(kind, name, None)
-        if kernel is None or name in vars(kind):
+    kind = block if isinstance(block, type) else type(block)
+    incomplete = isinstance(block, type) and vars(kind).get("abstract", False)
+    for attribute in KERNELS:
+        kernel = getattr(block, attribute, None)
+        if kernel is None:
             continue
-        base = next((base for base in kind.__mro__[1:] if is_fixed(base) and getattr(base, name) is kernel), None)
-        if base is not None and items_of(kind) != items_of(base):
-            raise TypeError(difference(kind, base, name))
+        if not isinstance(kernel, Kernel):
+            raise TypeError(
+                f"{kind.__name__}.{attribute} is {kernel!r}, which does not name its items: wrap it with their names "
+                f'in the order of its slots, {attribute} = Kernel(function, "u[...] y[...] gain")'
+            )
+        for item in kernel.items:
+            problem = None if item.rest else problem_of(block, kind, item, incomplete)
+            if problem is not None:
+                reason, remedy = problem
+                raise TypeError(
+                    f"{kind.__name__}.{attribute} needs {str(item)!r}, and {reason}: {remedy}, "
+                    f"or give the class a {attribute} that does not need it"
+                )
 
 
-def is_fixed(base):
-    """Whether it is a block class with items of its own, and neither a mixin nor made to be extended."""
-    return "_own" in vars(base) and not vars(base).get("abstract")
+def problem_of(block, kind, item, incomplete):
+    """The problem with the declaration of an item and its remedy; None if there is none."""
+    name = item.name
+    ports = block.inputs | block.outputs
+    if name in ports:
+        if not getattr(ports[name], "kernel", True):
+            return f"the output {name!r} is declared with kernel=False", "leave that out"
+        shape = ports[name].shape
+        if not fits(shape, item.size):
+            size = "one number" if item.size == 1 else f"{item.size} numbers"
+            shown = "..." if shape is ... else shape
+            return f"{name!r} is declared with shape={shown}", f"declare a port of {size}"
+    elif name in block.parameters:
+        if not block.parameters[name].placed:
+            reason = f"the parameter {name!r} is not a number in the arena"
+            return reason, "declare a number, without kernel=False"
+        if item.size != 1:
+            return f"the parameter {name!r} is one number", "declare an input, an output or memory"
+    elif name not in block.memory and not incomplete:
+        return f"{kind.__name__} does not declare {name!r}", "declare it as an input, an output, a parameter or memory"
+    return None
 
 
-def difference(kind, base, kernel):
-    """The message for the first item that differs."""
-    before, after = items_of(base), items_of(kind)
-    kinds_before, kinds_after = ({(what, name) for what, name, _ in items} for items in (before, after))
-    added = next((item for item in after if item[:2] not in kinds_before), None)
-    removed = next((item for item in before if item[:2] not in kinds_after), None)
-    if added is not None:
-        change, cure = f"adds the {added[0]} {added[1]!r} to {base.__name__}", CURES[added[0]]
-    elif removed is not None:
-        change, cure = f"removes the {removed[0]} {removed[1]!r} of {base.__name__}", f"keep the {removed[0]}, "
-    else:
-        what, name, _ = next(mine for mine, theirs in zip(after, before) if mine != theirs)
-        moved = [item[:2] for item in after] != [item[:2] for item in before]
-        change = f"changes the {'place' if moved else 'shape'} of the {what} {name!r} of {base.__name__}"
-        cure = f"keep the {'order' if moved else 'shape'}, "
-    return (
-        f"{kind.__name__} {change}, whose {kernel} finds its items by position: {cure}give the class a {kernel} "
-        "of its own, "
-        "or wrap the block in a subsystem"
-    )
+def fits(shape, size):
+    """Whether a port of a shape, ... for any, has as many numbers as a kernel takes, None for any."""
+    return size is None or shape is not ... and math.prod(shape) == size
+
+
+def rest_of(block, kernel, kind):
+    """Names of the "inputs" or "outputs" of a block that a kernel takes without naming them, in their order."""
+    ports = [name for name, port in getattr(block, kind).items() if getattr(port, "kernel", True)]
+    return [name for name in ports if name not in kernel.names]
 
 
 def replace_kernels(kind):

@@ -51,13 +51,14 @@ class WatchSteps:
 
 @dataclass(frozen=True)
 class DeviceSteps:
-    """A device: its two kernels, where its things lie, and the frames of arming and of the safe stop."""
+    """A device: its two kernels with their tables, and the frames of arming and of the safe stop."""
 
     name: str
     bus: int
     decode: object
     encode: object
-    table: KernelTable
+    decode_table: KernelTable
+    encode_table: KernelTable
     age: int
     fault: int
     timeout: float
@@ -168,6 +169,7 @@ class Schedule:
     python_blocks: list
     inputs: dict  # path: {input name: slot}, scalars only
     parameters: dict  # "left/impedance.stiffness": slot, native blocks only
+    items: dict  # path: {name: (slot, length)} of ports, parameters and memory, native blocks only
     live: list = field(default_factory=list)  # LiveParameter, by path
     proofs: list = field(default_factory=list)
     loads: list = field(default_factory=list)  # graph.budget.BusLoad, one a bus

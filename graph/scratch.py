@@ -6,6 +6,7 @@ import numpy as np
 
 from cext.schedule.kernel_table import call_kernel
 from graph.arena_layout import Layout, kernel_table, place_memory, place_parameters, size_of
+from graph.kernel_items import check_kernels
 
 
 class Scratch:
@@ -34,18 +35,16 @@ class Scratch:
                 f"{block.path} needs a sampling period: make it inside `with Diagram(..., rate=...)`, or set its dt, "
                 "in s, before the first step"
             ) from None
+        check_kernels(block)
         layout = Layout()
         sizes = {n: size_of(shape) for n, shape in self.shapes.items()}
         self.slots_of = {n: layout.place(np.zeros(sizes[n])) for n in self.shapes}
         self.parameters = place_parameters(block, layout)
         self.memory_start = len(layout)
         memory = place_memory(block, layout)
-        self.table = kernel_table(
-            [(self.slots_of[n], sizes[n]) for n in block.inputs],
-            [(self.slots_of[n], sizes[n]) for n, port in block.outputs.items() if port.kernel],
-            list(self.parameters.values()),
-            list(memory.values()),
-        )
+        self.items = {name: (slot, sizes[name]) for name, slot in self.slots_of.items()}
+        self.items |= {name: (slot, 1) for name, slot in self.parameters.items()} | memory
+        self.tables = {}
         self.arena = layout.arena()
         self.memory = self.arena[self.memory_start :].copy()
         period = block.dt if block.dt is not None else 1e-3
@@ -82,8 +81,14 @@ class Scratch:
             value = getattr(block, name)
             arena[slot] = np.nan if value is None else value
 
+    def table(self, kernel):
+        """The KernelTable of one of the block's kernels."""
+        if kernel not in self.tables:
+            self.tables[kernel] = kernel_table(self.block, kernel, self.items)
+        return self.tables[kernel]
+
     def call(self, kernel):
-        status = call_kernel(kernel, self.arena, self.table)
+        status = call_kernel(kernel, self.arena, self.table(kernel))
         if status != 0:
             raise ArithmeticError(f"the kernel of {self.block.path} returned status {status}")
 

@@ -17,7 +17,7 @@ RANGES = ("position", "velocity", "stiffness", "damping", "torque")
 class Ranges:
     """Parameters for how an actuator's motor sits at its joint, and for the ranges of its frames.
 
-    Not inherited but taken over one by one, as their order is that of the items of a kernel.
+    Not inherited but taken over one by one, as parameters are also given by position.
     """
 
     gear_ratio = Param(

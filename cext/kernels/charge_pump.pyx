@@ -8,21 +8,14 @@ significant byte first, stuffed by COBS, so that zero ends it and is nowhere els
 from libc.stdint cimport int32_t, int64_t, uint8_t
 from libc.string cimport memset
 
-from cext.abi cimport FOREIGN, MALFORMED, NOTED, OK, TIME, Frame, export, export_decode, export_encode
+from cext.abi cimport (
+    FOREIGN, ITEMS, MALFORMED, NOTED, OK, TIME, Frame, decode_t, encode_t, export, export_decode, export_encode,
+    items, kernel_t,
+)
 from cext.kernels.devices.cobs cimport checksum, stuff, unstuff
 from cext.lines.stream_frames cimport BACK, BYTES, LOST
 
-cdef enum: # of ChargePump, in the order of its declaration
-    CHANGES                     # also counts those of arming: memory is reset at tick 0, outputs are not
-    FAULT
-    MESSAGES
-
-cdef enum: # of EmulatedChargePump
-    R_LOST, R_HOLDS, R_CHANGES, R_HOLD, R_MESSAGES
-    R_STATE                     # as the enum below
-    R_BUFFER
-
-cdef enum: # in R_STATE
+cdef enum: # in `state` of a Relay
     NEWEST                      # level or number + 1, 0 before the first
     CHANGED                     # s
     REPORTED
@@ -31,24 +24,31 @@ cdef enum: # in R_STATE
 cdef enum:
     PLAIN = 3                   # bytes of a message before it is stuffed
     STUFFED = PLAIN + 1         # and after, without the zero at the end
-    ROOM = 16                   # bytes of R_BUFFER
+    ROOM = 16                   # bytes of `buffer`
 
 
-cdef int pump_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
+cdef struct Pump:
+    int32_t changes             # counts those of arming too: memory is reset at tick 0, outputs are not
+    int32_t fault, messages
+
+PUMP = items((<Pump *>ITEMS)[0])
+
+
+cdef int pump_decode(double *arena, const Pump *at, const Pump *sizes, const Frame *frame) noexcept nogil:
     if frame.id == LOST:
-        arena[slots[FAULT]] = 1.0
+        arena[at.fault] = 1.0
     elif frame.id == BACK:
-        arena[slots[FAULT]] = 0.0
+        arena[at.fault] = 0.0
     return NOTED
 
 
-cdef int pump_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+cdef int pump_encode(double *arena, const Pump *at, const Pump *sizes, Frame *frames) noexcept nogil:
     cdef uint8_t[PLAIN] plain
-    cdef int number = (<int64_t>arena[slots[CHANGES]] + 1) & 0xFF
+    cdef int number = (<int64_t>arena[at.changes] + 1) & 0xFF
     cdef int crc
-    arena[slots[CHANGES]] += 1.0
+    arena[at.changes] += 1.0
     memset(&frames[0], 0, sizeof(Frame))
-    if arena[slots[MESSAGES]] == 0.0:
+    if arena[at.messages] == 0.0:
         frames[0].length = 1
         frames[0].data[0] = <uint8_t>(number & 1)
         return 1
@@ -59,26 +59,34 @@ cdef int pump_encode(double *arena, const int32_t *slots, const int32_t *sizes, 
     return 1
 
 
-cdef void take(double *arena, const int32_t *slots, double value) noexcept nogil:
-    cdef double *state = arena + slots[R_STATE]
+cdef struct Relay:
+    int32_t lost, holds, changes, hold, messages
+    int32_t state               # the enum above
+    int32_t buffer              # bytes of a message that is not complete
+
+RELAY = items((<Relay *>ITEMS)[0], "state[4] buffer[2]")
+
+
+cdef void take(double *arena, const Relay *at, double value) noexcept nogil:
+    cdef double *state = arena + at.state
     if state[NEWEST] != value + 1.0:
         if state[NEWEST] != 0.0:                                # the first level is none that has changed
-            arena[slots[R_CHANGES]] += 1.0
+            arena[at.changes] += 1.0
             state[CHANGED] = arena[TIME]
         state[NEWEST] = value + 1.0
 
 
-cdef int relay_decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef double *state = arena + slots[R_STATE]
-    cdef uint8_t *buffer = <uint8_t *>(arena + slots[R_BUFFER])
+cdef int relay_decode_kernel(double *arena, const Relay *at, const Relay *sizes, const Frame *frame) noexcept nogil:
+    cdef double *state = arena + at.state
+    cdef uint8_t *buffer = <uint8_t *>(arena + at.buffer)
     cdef int answer = NOTED
     cdef int i, filled
     if frame.id != BYTES:
         return FOREIGN
-    if arena[slots[R_MESSAGES]] == 0.0:
+    if arena[at.messages] == 0.0:
         if frame.length != 1:
             return MALFORMED
-        take(arena, slots, frame.data[0] != 0)
+        take(arena, at, frame.data[0] != 0)
         return NOTED
     for i in range(frame.length):
         filled = <int>state[FILLED]
@@ -88,21 +96,21 @@ cdef int relay_decode_kernel(double *arena, const int32_t *slots, const int32_t 
             continue
         state[FILLED] = 0.0
         if filled == STUFFED and unstuff(buffer, filled) == PLAIN and checksum(buffer, 1) == (buffer[1] | buffer[2] << 8):
-            take(arena, slots, buffer[0])
+            take(arena, at, buffer[0])
         else:
             answer = MALFORMED
     return answer
 
 
-cdef int relay_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    arena[slots[R_HOLDS]] = arena[slots[R_CHANGES]] > 0.0 and arena[TIME] - arena[slots[R_STATE] + CHANGED] < arena[slots[R_HOLD]] - 1e-9
+cdef int relay_kernel(double *arena, const Relay *at, const Relay *sizes) noexcept nogil:
+    arena[at.holds] = arena[at.changes] > 0.0 and arena[TIME] - arena[at.state + CHANGED] < arena[at.hold] - 1e-9
     return OK
 
 
-cdef int relay_encode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+cdef int relay_encode_kernel(double *arena, const Relay *at, const Relay *sizes, Frame *frames) noexcept nogil:
     """The loss of its line, and its return."""
-    cdef double *state = arena + slots[R_STATE]
-    cdef bint lost = not arena[slots[R_LOST]] == 0.0
+    cdef double *state = arena + at.state
+    cdef bint lost = not arena[at.lost] == 0.0
     if lost == (state[REPORTED] != 0.0):
         return 0
     state[REPORTED] = lost
@@ -111,5 +119,7 @@ cdef int relay_encode_kernel(double *arena, const int32_t *slots, const int32_t 
     return 1
 
 
-decode, encode = export_decode(pump_decode), export_encode(pump_encode)
-relay, relay_decode, relay_encode = export(relay_kernel), export_decode(relay_decode_kernel), export_encode(relay_encode_kernel)
+decode, encode = export_decode(<decode_t>pump_decode, PUMP), export_encode(<encode_t>pump_encode, PUMP)
+relay = export(<kernel_t>relay_kernel, RELAY)
+relay_decode = export_decode(<decode_t>relay_decode_kernel, RELAY)
+relay_encode = export_encode(<encode_t>relay_encode_kernel, RELAY)

@@ -4,49 +4,69 @@
 from libc.math cimport sin
 from libc.stdint cimport int32_t
 
-from cext.abi cimport OK, export
+from cext.abi cimport ITEMS, OK, export, items, kernel_t
 from cext.kernels.limits cimport clip
 
 
-cdef int impedance_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # position, velocity, equilibrium, torque, stiffness, damping
-    arena[slots[3]] = arena[slots[4]] * (arena[slots[2]] - arena[slots[0]]) - arena[slots[5]] * arena[slots[1]]
+cdef struct Impedance:
+    int32_t position, velocity, equilibrium, torque, stiffness, damping
+
+IMPEDANCE = items((<Impedance *>ITEMS)[0])
+
+
+cdef int impedance_kernel(double *arena, const Impedance *at, const Impedance *sizes) noexcept nogil:
+    arena[at.torque] = arena[at.stiffness] * (arena[at.equilibrium] - arena[at.position]) - arena[at.damping] * arena[at.velocity]
     return OK
 
 
-cdef int admittance_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # torque, equilibrium, position, velocity, inertia, damping, stiffness, transition[6], state[2]
-    arena[slots[2]] = arena[slots[1]] + arena[slots[8]]
-    arena[slots[3]] = arena[slots[8] + 1]
+cdef struct Admittance:
+    int32_t torque, equilibrium, position, velocity, transition, state
+
+ADMITTANCE = items((<Admittance *>ITEMS)[0], "transition[6] state[2]")
+
+
+cdef int admittance_kernel(double *arena, const Admittance *at, const Admittance *sizes) noexcept nogil:
+    arena[at.position] = arena[at.equilibrium] + arena[at.state]
+    arena[at.velocity] = arena[at.state + 1]
     return OK
 
 
-cdef int admittance_update(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    cdef double *a = arena + slots[7]
-    cdef double *x = arena + slots[8]
-    cdef double torque = arena[slots[0]]
+cdef int admittance_update(double *arena, const Admittance *at, const Admittance *sizes) noexcept nogil:
+    cdef double *a = arena + at.transition
+    cdef double *x = arena + at.state
+    cdef double torque = arena[at.torque]
     cdef double angle = a[0] * x[0] + a[1] * x[1] + a[4] * torque
     x[1] = a[2] * x[0] + a[3] * x[1] + a[5] * torque
     x[0] = angle
     return OK
 
 
-cdef int feed_forward_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # velocity, acceleration, torque, inertia, damping, friction, slip
-    cdef double velocity = arena[slots[0]]
-    cdef double torque = arena[slots[3]] * arena[slots[1]] + arena[slots[4]] * velocity
-    arena[slots[2]] = torque + arena[slots[5]] * clip(velocity / arena[slots[6]], -1.0, 1.0)
+cdef struct FeedForward:
+    int32_t velocity, acceleration, torque, inertia, damping, friction, slip
+
+FEED_FORWARD = items((<FeedForward *>ITEMS)[0])
+
+
+cdef int feed_forward_kernel(double *arena, const FeedForward *at, const FeedForward *sizes) noexcept nogil:
+    cdef double velocity = arena[at.velocity]
+    cdef double torque = arena[at.inertia] * arena[at.acceleration] + arena[at.damping] * velocity
+    arena[at.torque] = torque + arena[at.friction] * clip(velocity / arena[at.slip], -1.0, 1.0)
     return OK
 
 
-cdef int gravity_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # angle, torque, mass, length, share
-    arena[slots[1]] = arena[slots[4]] * arena[slots[2]] * 9.80665 * arena[slots[3]] * sin(arena[slots[0]])
+cdef struct Gravity:
+    int32_t angle, torque, mass, length, share
+
+GRAVITY = items((<Gravity *>ITEMS)[0])
+
+
+cdef int gravity_kernel(double *arena, const Gravity *at, const Gravity *sizes) noexcept nogil:
+    arena[at.torque] = arena[at.share] * arena[at.mass] * 9.80665 * arena[at.length] * sin(arena[at.angle])
     return OK
 
 
-impedance = export(impedance_kernel)
-admittance = export(admittance_kernel)
-admittance_next = export(admittance_update)
-feed_forward = export(feed_forward_kernel)
-gravity = export(gravity_kernel)
+impedance = export(<kernel_t>impedance_kernel, IMPEDANCE)
+admittance = export(<kernel_t>admittance_kernel, ADMITTANCE)
+admittance_next = export(<kernel_t>admittance_update, ADMITTANCE)
+feed_forward = export(<kernel_t>feed_forward_kernel, FEED_FORWARD)
+gravity = export(<kernel_t>gravity_kernel, GRAVITY)

@@ -5,18 +5,23 @@ from libc.math cimport NAN
 from libc.stdint cimport int32_t
 from libc.string cimport memmove
 
-from cext.abi cimport DT, OK, export
+from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
 from cext.kernels.limits cimport clip, finite, is_finite
 
 
-cdef int exponential_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u[n], y[n], time_constant, state[n]
-    cdef double share = arena[DT] / (arena[slots[2]] + arena[DT])
-    cdef double *state = arena + slots[3]
+cdef struct Exponential:
+    int32_t u, y, time_constant, state
+
+EXPONENTIAL = items((<Exponential *>ITEMS)[0], "u[...] y[...] state[...]")
+
+
+cdef int exponential_kernel(double *arena, const Exponential *at, const Exponential *sizes) noexcept nogil:
+    cdef double share = arena[DT] / (arena[at.time_constant] + arena[DT])
+    cdef double *state = arena + at.state
     cdef double u, y
     cdef int i
-    for i in range(sizes[1]):
-        u = arena[slots[0] + i]
+    for i in range(sizes.y):
+        u = arena[at.u + i]
         if is_finite(u):
             y = state[i]
             if y != y:
@@ -31,20 +36,25 @@ cdef int exponential_kernel(double *arena, const int32_t *slots, const int32_t *
                     y = u
             state[i] = y
             u = y
-        arena[slots[1] + i] = u
+        arena[at.y + i] = u
     return OK
 
 
-cdef int complementary_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # rate[n], angle[n], fused[n], time_constant, state[n]
+cdef struct Complementary:
+    int32_t rate, angle, fused, time_constant, state
+
+COMPLEMENTARY = items((<Complementary *>ITEMS)[0], "rate[...] angle[...] fused[...] state[...]")
+
+
+cdef int complementary_kernel(double *arena, const Complementary *at, const Complementary *sizes) noexcept nogil:
     cdef double h = arena[DT]
-    cdef double slow = arena[slots[3]]
-    cdef double *state = arena + slots[4]
+    cdef double slow = arena[at.time_constant]
+    cdef double *state = arena + at.state
     cdef double rate, angle, y
     cdef int i
-    for i in range(sizes[2]):
-        rate = arena[slots[0] + i]
-        angle = arena[slots[1] + i]
+    for i in range(sizes.fused):
+        rate = arena[at.rate + i]
+        angle = arena[at.angle + i]
         y = state[i]
         if y != y:
             y = angle + 0.0 * rate              # the first: the angle, or NaN if either is
@@ -52,20 +62,29 @@ cdef int complementary_kernel(double *arena, const int32_t *slots, const int32_t
             y = (slow * (y + h * rate) + h * angle) / (slow + h)
         if is_finite(y):
             state[i] = y
-        arena[slots[2] + i] = y
+        arena[at.fused + i] = y
     return OK
 
 
-cdef int median_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u[n], y[n], samples, ring[samples n], ordered[samples n], place, counts[2 n]: numbers in `ordered`, NaN in the ring
-    cdef int length = sizes[3] // sizes[1]
-    cdef int place = <int>arena[slots[5]]
-    cdef double *ring = arena + slots[3]
-    cdef double *ordered = arena + slots[4]
-    cdef double *counts = arena + slots[6]
+cdef struct Median:
+    int32_t u, y
+    int32_t ring                # whole inputs
+    int32_t ordered             # of each element, the inputs in the ring in order, without NaN
+    int32_t place
+    int32_t counts              # for each element: numbers in `ordered`, NaN in the ring
+
+MEDIAN = items((<Median *>ITEMS)[0], "u[...] y[...] ring[...] ordered[...] counts[...]")
+
+
+cdef int median_kernel(double *arena, const Median *at, const Median *sizes) noexcept nogil:
+    cdef int length = sizes.ring // sizes.y
+    cdef int place = <int>arena[at.place]
+    cdef double *ring = arena + at.ring
+    cdef double *ordered = arena + at.ordered
+    cdef double *counts = arena + at.counts
     cdef double u
     cdef int i, k, n
-    for i in range(sizes[1]):
+    for i in range(sizes.y):
         n = <int>counts[0]
         if counts[0] + counts[1] == length:     # 1. The oldest leaves.
             u = ring[place]
@@ -77,7 +96,7 @@ cdef int median_kernel(double *arena, const int32_t *slots, const int32_t *sizes
                     k += 1
                 n -= 1
                 memmove(ordered + k, ordered + k + 1, (n - k) * sizeof(double))
-        u = finite(arena[slots[0] + i])
+        u = finite(arena[at.u + i])
         ring[place] = u
         if u != u:
             counts[1] += 1.0
@@ -95,14 +114,14 @@ cdef int median_kernel(double *arena, const int32_t *slots, const int32_t *sizes
             u = ordered[n // 2]
         else:
             u = clip(0.5 * ordered[n // 2 - 1] + 0.5 * ordered[n // 2], ordered[n // 2 - 1], ordered[n // 2])
-        arena[slots[1] + i] = u
+        arena[at.y + i] = u
         ring += length
         ordered += length
         counts += 2
-    arena[slots[5]] = 0.0 if place + 1 == length else place + 1
+    arena[at.place] = 0.0 if place + 1 == length else place + 1
     return OK
 
 
-exponential = export(exponential_kernel)
-complementary = export(complementary_kernel)
-median = export(median_kernel)
+exponential = export(<kernel_t>exponential_kernel, EXPONENTIAL)
+complementary = export(<kernel_t>complementary_kernel, COMPLEMENTARY)
+median = export(<kernel_t>median_kernel, MEDIAN)

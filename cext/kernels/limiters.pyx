@@ -4,122 +4,157 @@
 from libc.math cimport NAN, fabs, sqrt
 from libc.stdint cimport int32_t
 
-from cext.abi cimport DT, OK, PERIOD, export
+from cext.abi cimport DT, ITEMS, OK, PERIOD, export, items, kernel_t
 from cext.kernels.limits cimport clip, is_finite, toward
 from cext.kernels.compensated_sum cimport RUNNING, RUNNING_REST, add
 
 
-cdef int saturation_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u, y, lower, upper
-    cdef double *u = arena + slots[0]
-    cdef double *y = arena + slots[1]
-    cdef double low = arena[slots[2]]
-    cdef double high = arena[slots[3]]
+cdef struct Saturation:
+    int32_t u, y, lower, upper
+
+SATURATION = items((<Saturation *>ITEMS)[0], "u[...] y[...]")
+
+
+cdef int saturation_kernel(double *arena, const Saturation *at, const Saturation *sizes) noexcept nogil:
+    cdef double *u = arena + at.u
+    cdef double *y = arena + at.y
+    cdef double low = arena[at.lower]
+    cdef double high = arena[at.upper]
     cdef int i
-    for i in range(sizes[1]):
+    for i in range(sizes.y):
         y[i] = clip(u[i], low, high)
     return OK
 
 
-cdef int slew_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u, y, rate, previous[n]
-    cdef double most = arena[slots[2]] * arena[DT]
-    cdef double *previous = arena + slots[3]
+cdef struct SlewRate:
+    int32_t u, y, rate, previous
+
+SLEW_RATE = items((<SlewRate *>ITEMS)[0], "u[...] y[...] previous[...]")
+
+
+cdef int slew_kernel(double *arena, const SlewRate *at, const SlewRate *sizes) noexcept nogil:
+    cdef double most = arena[at.rate] * arena[DT]
+    cdef double *previous = arena + at.previous
     cdef double y
     cdef int i
-    for i in range(sizes[1]):
-        y = toward(previous[i], arena[slots[0] + i], most)
-        arena[slots[1] + i] = y
+    for i in range(sizes.y):
+        y = toward(previous[i], arena[at.u + i], most)
+        arena[at.y + i] = y
         if y == y:
             previous[i] = y
     return OK
 
 
-cdef int slew_settle(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+cdef int slew_settle(double *arena, const SlewRate *at, const SlewRate *sizes) noexcept nogil:
     cdef int i
-    for i in range(sizes[1]):
-        if is_finite(arena[slots[0] + i]):
-            arena[slots[3] + i] = arena[slots[0] + i]
+    for i in range(sizes.y):
+        if is_finite(arena[at.u + i]):
+            arena[at.previous + i] = arena[at.u + i]
     return OK
 
 
-cdef int torque_limiter_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # torque, limited, limit, slew, previous; a slew that is not given, NaN, is the whole range in 0.1 s
-    cdef double limit = arena[slots[2]]
-    cdef double slew = arena[slots[3]]
+cdef struct TorqueLimiter:
+    int32_t torque, limited, limit, slew, previous
+
+TORQUE_LIMITER = items((<TorqueLimiter *>ITEMS)[0])
+
+
+cdef int torque_limiter_kernel(double *arena, const TorqueLimiter *at, const TorqueLimiter *sizes) noexcept nogil:
+    # A slew of NaN, none given, is the whole range in 0.1 s.
+    cdef double limit = arena[at.limit]
+    cdef double slew = arena[at.slew]
     cdef double y
     if slew != slew:
         slew = 20.0 * limit
-    y = toward(clip(arena[slots[4]], -limit, limit), clip(arena[slots[0]], -limit, limit), slew * arena[DT])
-    arena[slots[1]] = y
+    y = toward(clip(arena[at.previous], -limit, limit), clip(arena[at.torque], -limit, limit), slew * arena[DT])
+    arena[at.limited] = y
     if y == y:
-        arena[slots[4]] = y
+        arena[at.previous] = y
     return OK
 
 
-cdef int dead_zone_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u[n], y[n], lower, upper
+cdef int dead_zone_kernel(double *arena, const Saturation *at, const Saturation *sizes) noexcept nogil:
     cdef double u
     cdef int i
-    for i in range(sizes[1]):
-        u = arena[slots[0] + i]
-        arena[slots[1] + i] = u - clip(u, arena[slots[2]], arena[slots[3]])
+    for i in range(sizes.y):
+        u = arena[at.u + i]
+        arena[at.y + i] = u - clip(u, arena[at.lower], arena[at.upper])
     return OK
 
 
-cdef int power_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # torque[n], velocity[n], limited[n], power
-    cdef double power = arena[slots[3]]
+cdef struct PowerLimiter:
+    int32_t torque, velocity, limited, power
+
+POWER_LIMITER = items((<PowerLimiter *>ITEMS)[0], "torque[...] velocity[...] limited[...]")
+
+
+cdef int power_kernel(double *arena, const PowerLimiter *at, const PowerLimiter *sizes) noexcept nogil:
+    cdef double power = arena[at.power]
     cdef double torque, velocity
     cdef int i
-    for i in range(sizes[2]):
-        torque = arena[slots[0] + i]
-        velocity = arena[slots[1] + i]
+    for i in range(sizes.limited):
+        torque = arena[at.torque + i]
+        velocity = arena[at.velocity + i]
         if not (is_finite(torque) and is_finite(velocity)):
             torque = NAN
         elif fabs(torque * velocity) > power:
             torque = power / fabs(velocity) if torque > 0.0 else -power / fabs(velocity)
-        arena[slots[2] + i] = torque
+        arena[at.limited + i] = torque
     return OK
 
 
-cdef int soft_stop_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # torque, position, velocity, stopped, lower, upper, stiffness, damping
-    cdef double torque = arena[slots[0]]
-    cdef double position = arena[slots[1]]
-    cdef double velocity = arena[slots[2]]
+cdef struct SoftStop:
+    int32_t torque, position, velocity, stopped, lower, upper, stiffness, damping
+
+SOFT_STOP = items((<SoftStop *>ITEMS)[0])
+
+
+cdef int soft_stop_kernel(double *arena, const SoftStop *at, const SoftStop *sizes) noexcept nogil:
+    cdef double torque = arena[at.torque]
+    cdef double position = arena[at.position]
+    cdef double velocity = arena[at.velocity]
     if not (is_finite(position) and is_finite(velocity)):
         torque = NAN
-    elif position > arena[slots[5]]:
-        torque = torque - arena[slots[6]] * (position - arena[slots[5]])
+    elif position > arena[at.upper]:
+        torque = torque - arena[at.stiffness] * (position - arena[at.upper])
         if velocity > 0.0:
-            torque = torque - arena[slots[7]] * velocity
-    elif position < arena[slots[4]]:
-        torque = torque + arena[slots[6]] * (arena[slots[4]] - position)
+            torque = torque - arena[at.damping] * velocity
+    elif position < arena[at.lower]:
+        torque = torque + arena[at.stiffness] * (arena[at.lower] - position)
         if velocity < 0.0:
-            torque = torque - arena[slots[7]] * velocity
-    arena[slots[3]] = torque
+            torque = torque - arena[at.damping] * velocity
+    arena[at.stopped] = torque
     return OK
 
 
-cdef int derating_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # torque[n], temperature, derated[n], full, none
-    cdef double temperature = arena[slots[1]]
-    cdef double full = arena[slots[3]]
-    cdef double none = arena[slots[4]]
+cdef struct Derating:
+    int32_t torque, temperature, derated, full, none
+
+DERATING = items((<Derating *>ITEMS)[0], "torque[...] derated[...]")
+
+
+cdef int derating_kernel(double *arena, const Derating *at, const Derating *sizes) noexcept nogil:
+    cdef double temperature = arena[at.temperature]
+    cdef double full = arena[at.full]
+    cdef double none = arena[at.none]
     cdef double share = NAN
     cdef int i
     if is_finite(temperature):
         share = 1.0 if temperature <= full else 0.0 if temperature >= none else (none - temperature) / (none - full)
-    for i in range(sizes[2]):
-        arena[slots[2] + i] = share * arena[slots[0] + i]
+    for i in range(sizes.derated):
+        arena[at.derated + i] = share * arena[at.torque + i]
     return OK
 
 
-cdef int soft_start_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u[n], enable, y[n], duration, elapsed
-    cdef double enable = arena[slots[1]]
-    cdef double *elapsed = arena + slots[4]
+cdef struct SoftStart:
+    int32_t u, enable, y, duration, elapsed
+
+SOFT_START = items((<SoftStart *>ITEMS)[0], "u[...] y[...]")
+
+
+cdef int soft_start_kernel(double *arena, const SoftStart *at, const SoftStart *sizes) noexcept nogil:
+    cdef double enable = arena[at.enable]
+    cdef double *elapsed = arena + at.elapsed
     cdef double share = 0.0
     cdef int i
     if enable == 0.0:
@@ -128,52 +163,54 @@ cdef int soft_start_kernel(double *arena, const int32_t *slots, const int32_t *s
         share = enable
     else:
         elapsed[0] = elapsed[0] + arena[DT] if elapsed[0] >= 0.0 else 0.0
-        share = 1.0 if elapsed[0] >= arena[slots[3]] else elapsed[0] / arena[slots[3]]
-    for i in range(sizes[2]):
-        arena[slots[2] + i] = share * arena[slots[0] + i]
+        share = 1.0 if elapsed[0] >= arena[at.duration] else elapsed[0] / arena[at.duration]
+    for i in range(sizes.y):
+        arena[at.y + i] = share * arena[at.u + i]
     return OK
 
 
-cdef enum: # of RMSTorqueLimiter
-    TORQUE, LIMITED, LIMIT, WINDOW, FADE, SQUARES, SUMS, PLACE, TICKS
+cdef struct RMSTorqueLimiter:
+    int32_t torque, limited, limit, squares, sums, place, ticks
+
+RMSTORQUE_LIMITER = items((<RMSTorqueLimiter *>ITEMS)[0], "squares[...] sums[2]")
 
 
-cdef inline void remember(double *arena, const int32_t *slots, const int32_t *sizes, double square) noexcept nogil:
+cdef inline void remember(double *arena, const RMSTorqueLimiter *at, const RMSTorqueLimiter *sizes, double square) noexcept nogil:
     """The newest square takes the place of the oldest; before the window is full, that of a zero."""
-    cdef int place = <int>arena[slots[PLACE]]
-    cdef double *sums = arena + slots[SUMS]
-    add(sums + RUNNING, -arena[slots[SQUARES] + place])
+    cdef int place = <int>arena[at.place]
+    cdef double *sums = arena + at.sums
+    add(sums + RUNNING, -arena[at.squares + place])
     add(sums + RUNNING, square)
-    arena[slots[SQUARES] + place] = square
-    arena[slots[PLACE]] = 0.0 if place + 1 == sizes[SQUARES] else place + 1
+    arena[at.squares + place] = square
+    arena[at.place] = 0.0 if place + 1 == sizes.squares else place + 1
 
 
-cdef int rms_torque_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    cdef int length = sizes[SQUARES]
-    cdef double *sums = arena + slots[SUMS]
-    cdef double limit = arena[slots[LIMIT]]
+cdef int rms_torque_kernel(double *arena, const RMSTorqueLimiter *at, const RMSTorqueLimiter *sizes) noexcept nogil:
+    cdef int length = sizes.squares
+    cdef double *sums = arena + at.sums
+    cdef double limit = arena[at.limit]
     cdef double budget, most, y
     cdef int missed = <int>(min(arena[DT] / arena[PERIOD], <double>length) - 0.5)
     cdef int place
     for _ in range(missed):             # 1. Through the ticks that were missed the motor held the last torque.
-        place = <int>arena[slots[PLACE]]
-        remember(arena, slots, sizes, arena[slots[SQUARES] + (place if place > 0 else length) - 1])
-    place = <int>arena[slots[PLACE]]    # 2. What the window still allows, of which this tick may take its share.
-    budget = length * limit * limit * (1.0 - 1e-12) - (sums[RUNNING] + sums[RUNNING_REST] - arena[slots[SQUARES] + place])
-    most = sqrt(budget / arena[slots[TICKS]]) if budget > 0.0 else 0.0
-    y = clip(arena[slots[TORQUE]], -most, most)
-    arena[slots[LIMITED]] = y
-    remember(arena, slots, sizes, y * y if y == y else 0.0)
+        place = <int>arena[at.place]
+        remember(arena, at, sizes, arena[at.squares + (place if place > 0 else length) - 1])
+    place = <int>arena[at.place]    # 2. What the window still allows, of which this tick may take its share.
+    budget = length * limit * limit * (1.0 - 1e-12) - (sums[RUNNING] + sums[RUNNING_REST] - arena[at.squares + place])
+    most = sqrt(budget / arena[at.ticks]) if budget > 0.0 else 0.0
+    y = clip(arena[at.torque], -most, most)
+    arena[at.limited] = y
+    remember(arena, at, sizes, y * y if y == y else 0.0)
     return OK
 
 
-saturation = export(saturation_kernel)
-slew = export(slew_kernel)
-slew_at_rest = export(slew_settle)
-torque_limiter = export(torque_limiter_kernel)
-dead_zone = export(dead_zone_kernel)
-power = export(power_kernel)
-soft_stop = export(soft_stop_kernel)
-derating = export(derating_kernel)
-soft_start = export(soft_start_kernel)
-rms_torque = export(rms_torque_kernel)
+saturation = export(<kernel_t>saturation_kernel, SATURATION)
+slew = export(<kernel_t>slew_kernel, SLEW_RATE)
+slew_at_rest = export(<kernel_t>slew_settle, SLEW_RATE)
+torque_limiter = export(<kernel_t>torque_limiter_kernel, TORQUE_LIMITER)
+dead_zone = export(<kernel_t>dead_zone_kernel, SATURATION)
+power = export(<kernel_t>power_kernel, POWER_LIMITER)
+soft_stop = export(<kernel_t>soft_stop_kernel, SOFT_STOP)
+derating = export(<kernel_t>derating_kernel, DERATING)
+soft_start = export(<kernel_t>soft_start_kernel, SOFT_START)
+rms_torque = export(<kernel_t>rms_torque_kernel, RMSTORQUE_LIMITER)

@@ -4,20 +4,25 @@
 from libc.math cimport isfinite
 from libc.stdint cimport int32_t
 
-from cext.abi cimport OK, PARAMETERS, export
+from cext.abi cimport ITEMS, OK, export, items, kernel_t
 
 
-cdef int biquads_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u[n], y[n], parameters, then sections[5 s] as b0 b1 b2 a1 a2, delays[2 s n], rest; direct form II transposed
-    cdef int first = 2 + slots[PARAMETERS]
-    cdef int sections = sizes[first] // 5
+cdef struct Biquads:
+    int32_t u, y, sections, delays, rest
+
+BIQUADS = items((<Biquads *>ITEMS)[0], "u[...] y[...] sections[...] delays[...] rest[...]")
+
+
+cdef int biquads_kernel(double *arena, const Biquads *at, const Biquads *sizes) noexcept nogil:
+    """Direct form II transposed. sections : b0 b1 b2 a1 a2 of each; delays : two of each section, for each element"""
+    cdef int sections = sizes.sections // 5
     cdef double *c
-    cdef double *z = arena + slots[first + 1]
+    cdef double *z = arena + at.delays
     cdef double x, y
     cdef int i, s
-    for i in range(sizes[1]):
-        x = arena[slots[0] + i]
-        c = arena + slots[first]
+    for i in range(sizes.y):
+        x = arena[at.u + i]
+        c = arena + at.sections
         for s in range(sections):
             y = c[0] * x + z[0]
             z[0] = c[1] * x - c[3] * y + z[1]
@@ -25,21 +30,20 @@ cdef int biquads_kernel(double *arena, const int32_t *slots, const int32_t *size
             x = y
             c += 5
             z += 2
-        arena[slots[1] + i] = x
+        arena[at.y + i] = x
     return OK
 
 
-cdef int biquads_settle(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+cdef int biquads_settle(double *arena, const Biquads *at, const Biquads *sizes) noexcept nogil:
     """The delays of a filter that has seen the present input for ever. rest[3 s]: gain, first and second delay for an input of 1."""
-    cdef int first = 2 + slots[PARAMETERS]
     cdef double *rest
-    cdef double *z = arena + slots[first + 1]
+    cdef double *z = arena + at.delays
     cdef double x
     cdef int i, s
-    for i in range(sizes[1]):
-        x = arena[slots[0] + i] if isfinite(arena[slots[0] + i]) else 0.0
-        rest = arena + slots[first + 2]
-        for s in range(sizes[first] // 5):
+    for i in range(sizes.y):
+        x = arena[at.u + i] if isfinite(arena[at.u + i]) else 0.0
+        rest = arena + at.rest
+        for s in range(sizes.sections // 5):
             z[0] = rest[1] * x
             z[1] = rest[2] * x
             x = rest[0] * x
@@ -48,52 +52,62 @@ cdef int biquads_settle(double *arena, const int32_t *slots, const int32_t *size
     return OK
 
 
-cdef int transfer_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u[n], y[n], b[o + 1], a[o + 1], delays[o n], rest[o]; direct form II transposed, in two steps
-    cdef int order = sizes[2] - 1
-    cdef double b0 = arena[slots[2]]
-    cdef double *z = arena + slots[4]
+cdef struct Transfer:
+    int32_t u, y, b, a, delays, rest
+
+TRANSFER = items((<Transfer *>ITEMS)[0], "u[...] y[...] b[...] a[...] delays[...] rest[...]")
+
+
+cdef int transfer_kernel(double *arena, const Transfer *at, const Transfer *sizes) noexcept nogil:
+    """Direct form II transposed, in two steps."""
+    cdef int order = sizes.b - 1
+    cdef double b0 = arena[at.b]
+    cdef double *z = arena + at.delays
     cdef int i
-    for i in range(sizes[1]):
+    for i in range(sizes.y):
         if order == 0:
-            arena[slots[1] + i] = b0 * arena[slots[0] + i]
+            arena[at.y + i] = b0 * arena[at.u + i]
         elif b0 == 0.0:
-            arena[slots[1] + i] = z[i * order]          # no feedthrough: u is not there yet
+            arena[at.y + i] = z[i * order]          # no feedthrough: u is not there yet
         else:
-            arena[slots[1] + i] = b0 * arena[slots[0] + i] + z[i * order]
+            arena[at.y + i] = b0 * arena[at.u + i] + z[i * order]
     return OK
 
 
-cdef int transfer_update(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    cdef int order = sizes[2] - 1
-    cdef double *b = arena + slots[2]
-    cdef double *a = arena + slots[3]
-    cdef double *z = arena + slots[4]
+cdef int transfer_update(double *arena, const Transfer *at, const Transfer *sizes) noexcept nogil:
+    cdef int order = sizes.b - 1
+    cdef double *b = arena + at.b
+    cdef double *a = arena + at.a
+    cdef double *z = arena + at.delays
     cdef double u, y
     cdef int i, k
-    for i in range(sizes[1]):
-        u = arena[slots[0] + i]
-        y = arena[slots[1] + i]
+    for i in range(sizes.y):
+        u = arena[at.u + i]
+        y = arena[at.y + i]
         for k in range(order):
             z[k] = b[k + 1] * u - a[k + 1] * y + (z[k + 1] if k + 1 < order else 0.0)
         z += order
     return OK
 
 
-cdef int transfer_settle(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+cdef int transfer_settle(double *arena, const Transfer *at, const Transfer *sizes) noexcept nogil:
     """The delays of a system that has seen the present input for ever."""
-    cdef int order = sizes[2] - 1
+    cdef int order = sizes.b - 1
     cdef double u
     cdef int i, k
-    for i in range(sizes[1]):
-        u = arena[slots[0] + i] if isfinite(arena[slots[0] + i]) else 0.0
+    for i in range(sizes.y):
+        u = arena[at.u + i] if isfinite(arena[at.u + i]) else 0.0
         for k in range(order):
-            arena[slots[4] + i * order + k] = arena[slots[5] + k] * u
+            arena[at.delays + i * order + k] = arena[at.rest + k] * u
     return OK
 
 
-cdef enum: # of StateSpace
-    U, Y, A, B, C, D, REST, STATE, FOLLOWING
+cdef struct StateSpace:
+    int32_t u, y, matrix_a, matrix_b, matrix_c, matrix_d, rest, state, following
+
+STATE_SPACE = items(
+    (<StateSpace *>ITEMS)[0],
+    "u[...] y[...] matrix_a[...] matrix_b[...] matrix_c[...] matrix_d[...] rest[...] state[...] following[...]")
 
 
 cdef inline double dot(const double *a, const double *x, int n) noexcept nogil:
@@ -104,48 +118,48 @@ cdef inline double dot(const double *a, const double *x, int n) noexcept nogil:
     return total
 
 
-cdef int state_space_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+cdef int state_space_kernel(double *arena, const StateSpace *at, const StateSpace *sizes) noexcept nogil:
     """y = C x + D u; where D is empty, u is not there yet."""
-    cdef int n = sizes[STATE]
-    cdef int m = sizes[U]
+    cdef int n = sizes.state
+    cdef int m = sizes.u
     cdef int i
-    for i in range(sizes[Y]):
-        arena[slots[Y] + i] = dot(arena + slots[C] + i * n, arena + slots[STATE], n)
-        if sizes[D] > 0:
-            arena[slots[Y] + i] += dot(arena + slots[D] + i * m, arena + slots[U], m)
+    for i in range(sizes.y):
+        arena[at.y + i] = dot(arena + at.matrix_c + i * n, arena + at.state, n)
+        if sizes.matrix_d > 0:
+            arena[at.y + i] += dot(arena + at.matrix_d + i * m, arena + at.u, m)
     return OK
 
 
-cdef int state_space_update(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+cdef int state_space_update(double *arena, const StateSpace *at, const StateSpace *sizes) noexcept nogil:
     """x = A x + B u."""
-    cdef int n = sizes[STATE]
-    cdef int m = sizes[U]
-    cdef double *x = arena + slots[STATE]
-    cdef double *following = arena + slots[FOLLOWING]
+    cdef int n = sizes.state
+    cdef int m = sizes.u
+    cdef double *x = arena + at.state
+    cdef double *following = arena + at.following
     cdef int i
     for i in range(n):
-        following[i] = dot(arena + slots[A] + i * n, x, n) + dot(arena + slots[B] + i * m, arena + slots[U], m)
+        following[i] = dot(arena + at.matrix_a + i * n, x, n) + dot(arena + at.matrix_b + i * m, arena + at.u, m)
     for i in range(n):
         x[i] = following[i]
     return OK
 
 
-cdef int state_space_settle(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+cdef int state_space_settle(double *arena, const StateSpace *at, const StateSpace *sizes) noexcept nogil:
     """x = (I - A)^-1 B u."""
     cdef int i
-    for i in range(sizes[U]):
-        if not isfinite(arena[slots[U] + i]):
+    for i in range(sizes.u):
+        if not isfinite(arena[at.u + i]):
             return OK
-    for i in range(sizes[STATE]):
-        arena[slots[STATE] + i] = dot(arena + slots[REST] + i * sizes[U], arena + slots[U], sizes[U])
+    for i in range(sizes.state):
+        arena[at.state + i] = dot(arena + at.rest + i * sizes.u, arena + at.u, sizes.u)
     return OK
 
 
-biquads = export(biquads_kernel)
-biquads_at_rest = export(biquads_settle)
-transfer = export(transfer_kernel)
-transfer_next = export(transfer_update)
-transfer_at_rest = export(transfer_settle)
-state_space = export(state_space_kernel)
-state_space_next = export(state_space_update)
-state_space_at_rest = export(state_space_settle)
+biquads = export(<kernel_t>biquads_kernel, BIQUADS)
+biquads_at_rest = export(<kernel_t>biquads_settle, BIQUADS)
+transfer = export(<kernel_t>transfer_kernel, TRANSFER)
+transfer_next = export(<kernel_t>transfer_update, TRANSFER)
+transfer_at_rest = export(<kernel_t>transfer_settle, TRANSFER)
+state_space = export(<kernel_t>state_space_kernel, STATE_SPACE)
+state_space_next = export(<kernel_t>state_space_update, STATE_SPACE)
+state_space_at_rest = export(<kernel_t>state_space_settle, STATE_SPACE)

@@ -4,9 +4,9 @@
 from libc.math cimport NAN, floor
 from libc.stdint cimport int32_t
 
-from cext.abi cimport INPUTS, OK, TIME, export
+from cext.abi cimport ITEMS, OK, TIME, Rest, each, export, items, kernel_t
 from cext.kernels.clock cimport just_after
-from cext.kernels.reduce cimport fold
+from cext.kernels.reduce cimport Fold, fold
 
 cdef extern from "<math.h>" nogil:
     bint isunordered(double a, double b)                    # whether one of them is NaN
@@ -19,14 +19,19 @@ cdef inline double truth(double x) noexcept nogil:
     return x if x != x else <double>(x != 0.0)
 
 
-cdef inline int compare(double *arena, const int32_t *slots, const int32_t *sizes, relation_t holds) noexcept nogil:
-    # a, b, y
+cdef struct Comparison:
+    int32_t a, b, y
+
+COMPARISON = items((<Comparison *>ITEMS)[0], "a[...] b[...] y[...]")
+
+
+cdef inline int compare(double *arena, const Comparison *at, const Comparison *sizes, relation_t holds) noexcept nogil:
     cdef double a, b
     cdef int i
-    for i in range(sizes[2]):
-        a = arena[slots[0] + i]
-        b = arena[slots[1] + i]
-        arena[slots[2] + i] = NAN if isunordered(a, b) else 1.0 if holds(a, b) else 0.0
+    for i in range(sizes.y):
+        a = arena[at.a + i]
+        b = arena[at.b + i]
+        arena[at.y + i] = NAN if isunordered(a, b) else 1.0 if holds(a, b) else 0.0
     return OK
 
 
@@ -37,12 +42,15 @@ cdef inline bint at_least(double a, double b) noexcept nogil: return a >= b
 cdef inline bint equal(double a, double b) noexcept nogil: return a == b
 cdef inline bint unlike(double a, double b) noexcept nogil: return a != b
 
-cdef int less_kernel(double *a, const int32_t *s, const int32_t *n) noexcept nogil: return compare(a, s, n, less)
-cdef int at_most_kernel(double *a, const int32_t *s, const int32_t *n) noexcept nogil: return compare(a, s, n, at_most)
-cdef int more_kernel(double *a, const int32_t *s, const int32_t *n) noexcept nogil: return compare(a, s, n, more)
-cdef int at_least_kernel(double *a, const int32_t *s, const int32_t *n) noexcept nogil: return compare(a, s, n, at_least)
-cdef int equal_kernel(double *a, const int32_t *s, const int32_t *n) noexcept nogil: return compare(a, s, n, equal)
-cdef int unlike_kernel(double *a, const int32_t *s, const int32_t *n) noexcept nogil: return compare(a, s, n, unlike)
+cdef int less_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, less)
+cdef int at_most_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, at_most)
+cdef int more_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, more)
+cdef int at_least_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, at_least)
+cdef int equal_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, equal)
+cdef int unlike_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, unlike)
+
+
+FOLD = items((<Fold *>ITEMS)[0], "y[...]")
 
 
 cdef inline double both(double a, double b) noexcept nogil:
@@ -57,23 +65,28 @@ cdef inline double odd(double a, double b) noexcept nogil:
     return NAN if isunordered(a, b) else 1.0 if (a != 0.0) != (b != 0.0) else 0.0
 
 
-cdef int and_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    return fold(arena, slots, sizes, both)
+cdef int and_kernel(double *arena, const Fold *at, const Fold *sizes) noexcept nogil:
+    return fold(arena, at, sizes, both)
 
 
-cdef int or_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    return fold(arena, slots, sizes, either)
+cdef int or_kernel(double *arena, const Fold *at, const Fold *sizes) noexcept nogil:
+    return fold(arena, at, sizes, either)
 
 
-cdef int xor_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    return fold(arena, slots, sizes, odd)
+cdef int xor_kernel(double *arena, const Fold *at, const Fold *sizes) noexcept nogil:
+    return fold(arena, at, sizes, odd)
 
 
-cdef int not_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u, y
+cdef struct Not:
+    int32_t u, y
+
+NOT = items((<Not *>ITEMS)[0], "u[...] y[...]")
+
+
+cdef int not_kernel(double *arena, const Not *at, const Not *sizes) noexcept nogil:
     cdef int i
-    for i in range(sizes[1]):
-        arena[slots[1] + i] = 1.0 - truth(arena[slots[0] + i])
+    for i in range(sizes.y):
+        arena[at.y + i] = 1.0 - truth(arena[at.u + i])
     return OK
 
 
@@ -88,48 +101,63 @@ cdef inline double step_of(double *previous, double u) noexcept nogil:
     return step
 
 
-cdef int rising_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u, y, previous
-    cdef double step = step_of(arena + slots[2], arena[slots[0]])
-    arena[slots[1]] = step if step != step else <double>(step > 0.0)
+cdef struct Edge:
+    int32_t u, y, previous
+
+EDGE = items((<Edge *>ITEMS)[0])
+
+
+cdef int rising_kernel(double *arena, const Edge *at, const Edge *sizes) noexcept nogil:
+    cdef double step = step_of(arena + at.previous, arena[at.u])
+    arena[at.y] = step if step != step else <double>(step > 0.0)
     return OK
 
 
-cdef int falling_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    cdef double step = step_of(arena + slots[2], arena[slots[0]])
-    arena[slots[1]] = step if step != step else <double>(step < 0.0)
+cdef int falling_kernel(double *arena, const Edge *at, const Edge *sizes) noexcept nogil:
+    cdef double step = step_of(arena + at.previous, arena[at.u])
+    arena[at.y] = step if step != step else <double>(step < 0.0)
     return OK
 
 
-cdef int both_edges_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    cdef double step = step_of(arena + slots[2], arena[slots[0]])
-    arena[slots[1]] = step * step
+cdef int both_edges_kernel(double *arena, const Edge *at, const Edge *sizes) noexcept nogil:
+    cdef double step = step_of(arena + at.previous, arena[at.u])
+    arena[at.y] = step * step
     return OK
 
 
-cdef int latch_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # on, off, y, initial, held
-    cdef double on = arena[slots[0]]
-    cdef double off = arena[slots[1]]
+cdef struct Latch:
+    int32_t on, off, y, held
+
+LATCH = items((<Latch *>ITEMS)[0])
+
+
+cdef int latch_kernel(double *arena, const Latch *at, const Latch *sizes) noexcept nogil:
+    cdef double on = arena[at.on]
+    cdef double off = arena[at.off]
     if isunordered(on, off):
-        arena[slots[2]] = NAN
+        arena[at.y] = NAN
         return OK
     if off != 0.0:
-        arena[slots[4]] = 0.0
+        arena[at.held] = 0.0
     elif on != 0.0:
-        arena[slots[4]] = 1.0
-    arena[slots[2]] = arena[slots[4]]
+        arena[at.held] = 1.0
+    arena[at.y] = arena[at.held]
     return OK
 
 
-cdef int debounce_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u, y, time, held, since
-    cdef double now = truth(arena[slots[0]])
-    cdef double *held = arena + slots[3]
-    cdef double *since = arena + slots[4]
+cdef struct Debounce:
+    int32_t u, y, time, held, since
+
+DEBOUNCE = items((<Debounce *>ITEMS)[0])
+
+
+cdef int debounce_kernel(double *arena, const Debounce *at, const Debounce *sizes) noexcept nogil:
+    cdef double now = truth(arena[at.u])
+    cdef double *held = arena + at.held
+    cdef double *since = arena + at.since
     if now != now:
         since[0] = NAN
-        arena[slots[1]] = now
+        arena[at.y] = now
         return OK
     if held[0] != held[0]:
         held[0] = now           # the first sample is believed
@@ -138,70 +166,94 @@ cdef int debounce_kernel(double *arena, const int32_t *slots, const int32_t *siz
     else:
         if since[0] != since[0]:
             since[0] = arena[TIME]
-        if just_after(arena) - since[0] >= arena[slots[2]]:
+        if just_after(arena) - since[0] >= arena[at.time]:
             held[0] = now
             since[0] = NAN
-    arena[slots[1]] = held[0]
+    arena[at.y] = held[0]
     return OK
 
 
-cdef int counter_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u, clear, count, previous, total
-    cdef double clear = truth(arena[slots[1]])
-    cdef double step = step_of(arena + slots[3], arena[slots[0]])
-    cdef double *total = arena + slots[4]
+cdef struct Counter:
+    int32_t u, clear, count, previous, total
+
+COUNTER = items((<Counter *>ITEMS)[0])
+
+
+cdef int counter_kernel(double *arena, const Counter *at, const Counter *sizes) noexcept nogil:
+    cdef double clear = truth(arena[at.clear])
+    cdef double step = step_of(arena + at.previous, arena[at.u])
+    cdef double *total = arena + at.total
     if step > 0.0:
         total[0] += 1.0
     if clear == 1.0:
         total[0] = 0.0
-    arena[slots[2]] = NAN if isunordered(step, clear) else total[0]
+    arena[at.count] = NAN if isunordered(step, clear) else total[0]
     return OK
 
 
-cdef int timer_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # restart, elapsed, since
-    cdef double restart = truth(arena[slots[0]])
-    cdef double *since = arena + slots[2]
+cdef struct Timer:
+    int32_t restart, elapsed, since
+
+TIMER = items((<Timer *>ITEMS)[0])
+
+
+cdef int timer_kernel(double *arena, const Timer *at, const Timer *sizes) noexcept nogil:
+    cdef double restart = truth(arena[at.restart])
+    cdef double *since = arena + at.since
     if since[0] != since[0] or restart == 1.0:
         since[0] = arena[TIME]
-    arena[slots[1]] = restart if restart != restart else arena[TIME] - since[0]
+    arena[at.elapsed] = restart if restart != restart else arena[TIME] - since[0]
     return OK
 
 
-cdef int switch_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # condition, a, b, y
-    cdef double condition = arena[slots[0]]
-    cdef double *chosen = arena + (slots[1] if condition != 0.0 else slots[2])
+cdef struct Switch:
+    int32_t condition, a, b, y
+
+SWITCH = items((<Switch *>ITEMS)[0], "a[...] b[...] y[...]")
+
+
+cdef int switch_kernel(double *arena, const Switch *at, const Switch *sizes) noexcept nogil:
+    cdef double condition = arena[at.condition]
+    cdef double *chosen = arena + (at.a if condition != 0.0 else at.b)
     cdef int i
-    for i in range(sizes[3]):
-        arena[slots[3] + i] = chosen[i] if condition == condition else condition
+    for i in range(sizes.y):
+        arena[at.y + i] = chosen[i] if condition == condition else condition
     return OK
 
 
-cdef int select_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # index, u0 ... un-1, y
-    cdef int count = slots[INPUTS] - 1
-    cdef double index = floor(arena[slots[0]])
-    cdef bint there = index >= 0.0 and index < count
-    cdef double *chosen = arena + slots[1 + <int>index if there else 1]
+cdef struct Selector:
+    int32_t index, y
+    Rest inputs
+
+SELECTOR = items((<Selector *>ITEMS)[0], "y[...]")
+
+
+cdef int select_kernel(double *arena, const Selector *at, const Selector *sizes) noexcept nogil:
+    cdef double index = floor(arena[at.index])
+    cdef bint exists = index >= 0.0 and index < at.inputs.count
+    cdef double *chosen = arena + each(at, at.inputs)[<int>index if exists else 0]
     cdef int i
-    for i in range(sizes[1 + count]):
-        arena[slots[1 + count] + i] = chosen[i] if there else NAN
+    for i in range(sizes.y):
+        arena[at.y + i] = chosen[i] if exists else NAN
     return OK
 
 
 relations = {
-    "<": export(less_kernel), "<=": export(at_most_kernel), ">": export(more_kernel), ">=": export(at_least_kernel),
-    "==": export(equal_kernel), "!=": export(unlike_kernel),
+    "<": export(<kernel_t>less_kernel, COMPARISON), "<=": export(<kernel_t>at_most_kernel, COMPARISON), ">": export(<kernel_t>more_kernel, COMPARISON), ">=": export(<kernel_t>at_least_kernel, COMPARISON),
+    "==": export(<kernel_t>equal_kernel, COMPARISON), "!=": export(<kernel_t>unlike_kernel, COMPARISON),
 }
-conjunction = export(and_kernel)
-disjunction = export(or_kernel)
-parity = export(xor_kernel)
-negation = export(not_kernel)
-edges = {"rising": export(rising_kernel), "falling": export(falling_kernel), "both": export(both_edges_kernel)}
-latch = export(latch_kernel)
-debounce = export(debounce_kernel)
-counter = export(counter_kernel)
-timer = export(timer_kernel)
-switch = export(switch_kernel)
-select = export(select_kernel)
+conjunction = export(<kernel_t>and_kernel, FOLD)
+disjunction = export(<kernel_t>or_kernel, FOLD)
+parity = export(<kernel_t>xor_kernel, FOLD)
+negation = export(<kernel_t>not_kernel, NOT)
+edges = {
+    "rising": export(<kernel_t>rising_kernel, EDGE),
+    "falling": export(<kernel_t>falling_kernel, EDGE),
+    "both": export(<kernel_t>both_edges_kernel, EDGE),
+}
+latch = export(<kernel_t>latch_kernel, LATCH)
+debounce = export(<kernel_t>debounce_kernel, DEBOUNCE)
+counter = export(<kernel_t>counter_kernel, COUNTER)
+timer = export(<kernel_t>timer_kernel, TIMER)
+switch = export(<kernel_t>switch_kernel, SWITCH)
+select = export(<kernel_t>select_kernel, SELECTOR)

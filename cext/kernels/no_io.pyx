@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Devices that are only heard, and such as are never told anything."""
+"""The decode of a device that receives nothing, and the encode of a device that sends nothing."""
 
 from libc.stdint cimport int32_t
 
@@ -14,4 +14,4 @@ cdef int send_nothing_encode(double *arena, const int32_t *slots, const int32_t 
     return 0
 
 
-ignore_all, send_nothing = export_decode(ignore_all_decode), export_encode(send_nothing_encode)
+ignore_all, send_nothing = export_decode(ignore_all_decode, ()), export_encode(send_nothing_encode, ())

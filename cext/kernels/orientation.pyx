@@ -8,15 +8,13 @@ during a tick; errors are looked for behind that, so that a fast turn is none. W
 from libc.math cimport NAN, atan2, cos, isfinite, sin, sqrt
 from libc.stdint cimport int32_t
 
-from cext.abi cimport DT, OK, export
+from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
 
-cdef enum: # in the order of the declarations
-    GYRO, ACCEL, MAG
-    QUATERNION
-    FIRST_GAIN
-
-cdef enum: # in the memory
+cdef enum: # in `state`
     STARTED, Q, BIAS = 5, STATE = 8
+
+cdef struct Orientation:
+    int32_t gyro, accel, mag, quaternion
 
 
 cdef inline double length(const double *v, int n) noexcept nogil:
@@ -135,12 +133,12 @@ cdef void start(double *q, const double *up, const double *field, bint has_field
     from_axes(north, west, up, q)
 
 
-cdef bint begun(double *arena, const int32_t *slots, double *state, double *up, double *field, bint *has_up, bint *has_field) noexcept nogil:
+cdef bint begun(double *arena, const Orientation *at, double *state, double *up, double *field, bint *has_up, bint *has_field) noexcept nogil:
     """What was measured, as unit vectors. True where there is something to go on from, which an orientation then is."""
-    cdef const double *gyro = arena + slots[GYRO]
-    cdef const double *accel = arena + slots[ACCEL]
-    cdef const double *mag = arena + slots[MAG]
-    cdef double *y = arena + slots[QUATERNION]
+    cdef const double *gyro = arena + at.gyro
+    cdef const double *accel = arena + at.accel
+    cdef const double *mag = arena + at.mag
+    cdef double *y = arena + at.quaternion
     cdef int i
     if not isfinite(gyro[0] + gyro[1] + gyro[2] + accel[0] + accel[1] + accel[2] + mag[0] + mag[1] + mag[2]):
         for i in range(4):
@@ -154,13 +152,13 @@ cdef bint begun(double *arena, const int32_t *slots, double *state, double *up, 
     if has_up[0]:
         start(state + Q, up, field, has_field[0])
         state[STARTED] = 1.0
-    tell(arena, slots, state)
+    tell(arena, at, state)
     return False
 
 
-cdef inline void tell(double *arena, const int32_t *slots, const double *state) noexcept nogil:
+cdef inline void tell(double *arena, const Orientation *at, const double *state) noexcept nogil:
     """q, of which no element is beyond 1 by a rounding."""
-    cdef double *y = arena + slots[QUATERNION]
+    cdef double *y = arena + at.quaternion
     cdef int i
     for i in range(4):
         y[i] = 1.0 if state[Q + i] > 1.0 else -1.0 if state[Q + i] < -1.0 else state[Q + i]
@@ -173,9 +171,16 @@ cdef inline void field_of(const double *q, const double *field, double *b) noexc
     b[0], b[1] = sqrt(h[0] * h[0] + h[1] * h[1]), h[2]
 
 
-cdef int madgwick_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # gyro[3], accel[3], mag[3], quaternion[4], gain, memory[8]: q follows the rate, and goes down the gradient of f at `gain` rad/s
-    cdef double *state = arena + slots[FIRST_GAIN + 1]
+cdef struct Madgwick:
+    Orientation orientation
+    int32_t gain, state
+
+MADGWICK = items((<Madgwick *>ITEMS)[0], "gyro[3] accel[3] mag[3] quaternion[4] state[8]")
+
+
+cdef int madgwick_kernel(double *arena, const Madgwick *at, const Madgwick *sizes) noexcept nogil:
+    """q follows the rate, and goes down the gradient of f at `gain` rad/s."""
+    cdef double *state = arena + at.state
     cdef double *q = state + Q
     cdef double[3] a
     cdef double[3] m
@@ -186,9 +191,9 @@ cdef int madgwick_kernel(double *arena, const int32_t *slots, const int32_t *siz
     cdef double w, x, y, z, norm
     cdef double h = arena[DT]
     cdef int i
-    if not begun(arena, slots, state, a, m, &has_up, &has_field):
+    if not begun(arena, &at.orientation, state, a, m, &has_up, &has_field):
         return OK
-    integrate(q, arena + slots[GYRO], h)
+    integrate(q, arena + at.orientation.gyro, h)
     w, x, y, z = q[0], q[1], q[2], q[3]
     s[0] = s[1] = s[2] = s[3] = 0.0
     if has_up:
@@ -210,17 +215,23 @@ cdef int madgwick_kernel(double *arena, const int32_t *slots, const int32_t *siz
     norm = length(s, 4)
     if norm > 1e-12:
         for i in range(4):
-            q[i] -= arena[slots[FIRST_GAIN]] * h * s[i] / norm
+            q[i] -= arena[at.gain] * h * s[i] / norm
     normalise(q)
-    tell(arena, slots, state)
+    tell(arena, &at.orientation, state)
     return OK
 
 
-cdef int mahony_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # gyro[3], accel[3], mag[3], quaternion[4], bias[3], kp, ki, memory[8]
-    cdef double *state = arena + slots[FIRST_GAIN + 3]
+cdef struct Mahony:
+    Orientation orientation
+    int32_t bias, kp, ki, state
+
+MAHONY = items((<Mahony *>ITEMS)[0], "gyro[3] accel[3] mag[3] quaternion[4] bias[3] state[8]")
+
+
+cdef int mahony_kernel(double *arena, const Mahony *at, const Mahony *sizes) noexcept nogil:
+    cdef double *state = arena + at.state
     cdef double *bias = state + BIAS
-    cdef const double *gyro = arena + slots[GYRO]
+    cdef const double *gyro = arena + at.orientation.gyro
     cdef double[3] a
     cdef double[3] m
     cdef double[3] expected
@@ -231,9 +242,9 @@ cdef int mahony_kernel(double *arena, const int32_t *slots, const int32_t *sizes
     cdef bint has_up, has_field
     cdef double h = arena[DT]
     cdef int i
-    if not begun(arena, slots, state, a, m, &has_up, &has_field):
+    if not begun(arena, &at.orientation, state, a, m, &has_up, &has_field):
         for i in range(3):
-            arena[slots[QUATERNION + 1] + i] = bias[i]
+            arena[at.bias + i] = bias[i]
         return OK
     for i in range(3):
         rate[i] = gyro[i] - bias[i]
@@ -249,12 +260,12 @@ cdef int mahony_kernel(double *arena, const int32_t *slots, const int32_t *sizes
         for i in range(3):
             e[i] += more[i]
     for i in range(3):
-        bias[i] -= arena[slots[FIRST_GAIN + 2]] * e[i] * h
-        rate[i] = arena[slots[FIRST_GAIN + 1]] * e[i]
-        arena[slots[QUATERNION + 1] + i] = bias[i]
+        bias[i] -= arena[at.ki] * e[i] * h
+        rate[i] = arena[at.kp] * e[i]
+        arena[at.bias + i] = bias[i]
     integrate(state + Q, rate, h)
     normalise(state + Q)
-    tell(arena, slots, state)
+    tell(arena, &at.orientation, state)
     return OK
 
 
@@ -267,9 +278,16 @@ cdef inline void turned_back(const double *q, const double *b, double *y) noexce
     turned(back, v, y)
 
 
-cdef int complementary_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # gyro[3], accel[3], mag[3], quaternion[4], time_constant, memory[8]: a share of what is left of the tilt, and of the heading, a tick
-    cdef double *state = arena + slots[FIRST_GAIN + 1]
+cdef struct Complementary:
+    Orientation orientation
+    int32_t time_constant, state
+
+COMPLEMENTARY = items((<Complementary *>ITEMS)[0], "gyro[3] accel[3] mag[3] quaternion[4] state[8]")
+
+
+cdef int complementary_kernel(double *arena, const Complementary *at, const Complementary *sizes) noexcept nogil:
+    """Each tick takes away a share of the remaining tilt, and of the heading."""
+    cdef double *state = arena + at.state
     cdef double *q = state + Q
     cdef double[3] a
     cdef double[3] m
@@ -278,12 +296,12 @@ cdef int complementary_kernel(double *arena, const int32_t *slots, const int32_t
     cdef double[4] before
     cdef bint has_up, has_field
     cdef double h = arena[DT]
-    cdef double share = h / (arena[slots[FIRST_GAIN]] + h)
+    cdef double share = h / (arena[at.time_constant] + h)
     cdef double across, angle
     cdef int i
-    if not begun(arena, slots, state, a, m, &has_up, &has_field):
+    if not begun(arena, &at.orientation, state, a, m, &has_up, &has_field):
         return OK
-    integrate(q, arena + slots[GYRO], h)
+    integrate(q, arena + at.orientation.gyro, h)
     if has_up:
         turned(q, a, v)
         across = sqrt(v[0] * v[0] + v[1] * v[1])
@@ -300,25 +318,27 @@ cdef int complementary_kernel(double *arena, const int32_t *slots, const int32_t
         turn_by(0.0, 0.0, -share * atan2(v[1], v[0]), step)
         product(step, before, q)
     normalise(q)
-    tell(arena, slots, state)
+    tell(arena, &at.orientation, state)
     return OK
 
 
-cdef int madgwick_settle_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    arena[slots[FIRST_GAIN + 1] + STARTED] = 0.0
-    return madgwick_kernel(arena, slots, sizes)
+cdef int madgwick_settle_kernel(double *arena, const Madgwick *at, const Madgwick *sizes) noexcept nogil:
+    arena[at.state + STARTED] = 0.0
+    return madgwick_kernel(arena, at, sizes)
 
 
-cdef int mahony_settle_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    arena[slots[FIRST_GAIN + 3] + STARTED] = 0.0
-    return mahony_kernel(arena, slots, sizes)
+cdef int mahony_settle_kernel(double *arena, const Mahony *at, const Mahony *sizes) noexcept nogil:
+    arena[at.state + STARTED] = 0.0
+    return mahony_kernel(arena, at, sizes)
 
 
-cdef int complementary_settle_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    arena[slots[FIRST_GAIN + 1] + STARTED] = 0.0
-    return complementary_kernel(arena, slots, sizes)
+cdef int complementary_settle_kernel(double *arena, const Complementary *at, const Complementary *sizes) noexcept nogil:
+    arena[at.state + STARTED] = 0.0
+    return complementary_kernel(arena, at, sizes)
 
 
-madgwick, madgwick_settle = export(madgwick_kernel), export(madgwick_settle_kernel)
-mahony, mahony_settle = export(mahony_kernel), export(mahony_settle_kernel)
-complementary, complementary_settle = export(complementary_kernel), export(complementary_settle_kernel)
+madgwick = export(<kernel_t>madgwick_kernel, MADGWICK)
+madgwick_settle = export(<kernel_t>madgwick_settle_kernel, MADGWICK)
+mahony, mahony_settle = export(<kernel_t>mahony_kernel, MAHONY), export(<kernel_t>mahony_settle_kernel, MAHONY)
+complementary = export(<kernel_t>complementary_kernel, COMPLEMENTARY)
+complementary_settle = export(<kernel_t>complementary_settle_kernel, COMPLEMENTARY)

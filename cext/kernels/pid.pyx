@@ -7,7 +7,7 @@
 from libc.math cimport NAN, fabs, sqrt
 from libc.stdint cimport int32_t
 
-from cext.abi cimport DT, OK, export
+from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
 from cext.kernels.limits cimport clip, is_finite
 
 
@@ -64,61 +64,83 @@ cdef inline double control(const Gains *gains, double r, double y, double h, dou
     return u
 
 
-cdef int p_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # reference[n], measurement[n], command[n], kp
+cdef struct PLaw:
+    int32_t reference, measurement, command, kp
+
+P_LAW = items((<PLaw *>ITEMS)[0], "reference[...] measurement[...] command[...]")
+
+
+cdef int p_kernel(double *arena, const PLaw *at, const PLaw *sizes) noexcept nogil:
     cdef int i
-    for i in range(sizes[2]):
-        arena[slots[2] + i] = arena[slots[3]] * (arena[slots[0] + i] - arena[slots[1] + i])
+    for i in range(sizes.command):
+        arena[at.command + i] = arena[at.kp] * (arena[at.reference + i] - arena[at.measurement + i])
     return OK
 
 
-cdef int pd_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # reference[n], measurement[n], command[n], kp, kd, filter_time, b, c, follower[n]
+cdef struct PdLaw:
+    int32_t reference, measurement, command, kp, kd, filter_time, b, c, follower
+
+PD_LAW = items((<PdLaw *>ITEMS)[0], "reference[...] measurement[...] command[...] follower[...]")
+
+
+cdef int pd_kernel(double *arena, const PdLaw *at, const PdLaw *sizes) noexcept nogil:
     cdef Gains gains
     cdef double r, y, u
     cdef int i
-    gains.kp, gains.kd, gains.filter_time = arena[slots[3]], arena[slots[4]], arena[slots[5]]
-    gains.b, gains.c = arena[slots[6]], arena[slots[7]]
-    for i in range(sizes[2]):
-        r = arena[slots[0] + i]
-        y = arena[slots[1] + i]
+    gains.kp, gains.kd, gains.filter_time = arena[at.kp], arena[at.kd], arena[at.filter_time]
+    gains.b, gains.c = arena[at.b], arena[at.c]
+    for i in range(sizes.command):
+        r = arena[at.reference + i]
+        y = arena[at.measurement + i]
         u = NAN
         if is_finite(r) and is_finite(y):
-            u = gains.kp * (gains.b * r - y) + derivative(&gains, gains.c * r - y, arena[DT], arena + slots[8] + i)
-        arena[slots[2] + i] = u
+            u = gains.kp * (gains.b * r - y) + derivative(&gains, gains.c * r - y, arena[DT], arena + at.follower + i)
+        arena[at.command + i] = u
     return OK
 
 
-cdef int pi_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # reference[n], measurement[n], manual, manual_command[n], command[n], kp, ki, b, lower, upper, tracking_time,
-    # clamps, integral[n]
+cdef struct PiLaw:
+    int32_t reference, measurement, manual, manual_command, command, kp, ki, b, lower, upper, tracking_time, clamps
+    int32_t integral
+
+PI_LAW = items((<PiLaw *>ITEMS)[0], "reference[...] measurement[...] manual_command[...] command[...] integral[...]")
+
+
+cdef int pi_kernel(double *arena, const PiLaw *at, const PiLaw *sizes) noexcept nogil:
     cdef Gains gains
     cdef int i
-    gains.kp, gains.ki, gains.kd, gains.b = arena[slots[5]], arena[slots[6]], 0.0, arena[slots[7]]
-    gains.lower, gains.upper = arena[slots[8]], arena[slots[9]]
-    gains.tracking_time, gains.clamping = arena[slots[10]], arena[slots[11]] != 0.0
-    for i in range(sizes[4]):
-        arena[slots[4] + i] = control(&gains, arena[slots[0] + i], arena[slots[1] + i], arena[DT], arena[slots[2]], arena[slots[3] + i],
-                                      arena + slots[12] + i, NULL)
+    gains.kp, gains.ki, gains.kd, gains.b = arena[at.kp], arena[at.ki], 0.0, arena[at.b]
+    gains.lower, gains.upper = arena[at.lower], arena[at.upper]
+    gains.tracking_time, gains.clamping = arena[at.tracking_time], arena[at.clamps] != 0.0
+    for i in range(sizes.command):
+        arena[at.command + i] = control(&gains, arena[at.reference + i], arena[at.measurement + i], arena[DT], arena[at.manual], arena[at.manual_command + i],
+                                      arena + at.integral + i, NULL)
     return OK
 
 
-cdef int pid_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # reference[n], measurement[n], manual, manual_command[n], command[n], kp, ki, kd, filter_time, b, c, lower, upper,
-    # tracking_time, clamps, integral[n], follower[n]
+cdef struct PidLaw:
+    int32_t reference, measurement, manual, manual_command, command, kp, ki, kd, filter_time, b, c, lower, upper
+    int32_t tracking_time, clamps, integral, follower
+
+PID_LAW = items(
+    (<PidLaw *>ITEMS)[0],
+    "reference[...] measurement[...] manual_command[...] command[...] integral[...] follower[...]")
+
+
+cdef int pid_kernel(double *arena, const PidLaw *at, const PidLaw *sizes) noexcept nogil:
     cdef Gains gains
     cdef int i
-    gains.kp, gains.ki, gains.kd, gains.filter_time = arena[slots[5]], arena[slots[6]], arena[slots[7]], arena[slots[8]]
-    gains.b, gains.c = arena[slots[9]], arena[slots[10]]
-    gains.lower, gains.upper = arena[slots[11]], arena[slots[12]]
-    gains.tracking_time, gains.clamping = arena[slots[13]], arena[slots[14]] != 0.0
-    for i in range(sizes[4]):
-        arena[slots[4] + i] = control(&gains, arena[slots[0] + i], arena[slots[1] + i], arena[DT], arena[slots[2]], arena[slots[3] + i],
-                                      arena + slots[15] + i, arena + slots[16] + i)
+    gains.kp, gains.ki, gains.kd, gains.filter_time = arena[at.kp], arena[at.ki], arena[at.kd], arena[at.filter_time]
+    gains.b, gains.c = arena[at.b], arena[at.c]
+    gains.lower, gains.upper = arena[at.lower], arena[at.upper]
+    gains.tracking_time, gains.clamping = arena[at.tracking_time], arena[at.clamps] != 0.0
+    for i in range(sizes.command):
+        arena[at.command + i] = control(&gains, arena[at.reference + i], arena[at.measurement + i], arena[DT], arena[at.manual], arena[at.manual_command + i],
+                                      arena + at.integral + i, arena + at.follower + i)
     return OK
 
 
-p = export(p_kernel)
-pd = export(pd_kernel)
-pi = export(pi_kernel)
-pid = export(pid_kernel)
+p = export(<kernel_t>p_kernel, P_LAW)
+pd = export(<kernel_t>pd_kernel, PD_LAW)
+pi = export(<kernel_t>pi_kernel, PI_LAW)
+pid = export(<kernel_t>pid_kernel, PID_LAW)

@@ -4,14 +4,19 @@
 from libc.math cimport atan2, cos, fabs, sin, sqrt
 from libc.stdint cimport int32_t
 
-from cext.abi cimport OK, export
+from cext.abi cimport ITEMS, OK, export, items, kernel_t
 
 
-cdef int multiply_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # p[4], q[4], y[4]
-    cdef double *p = arena + slots[0]
-    cdef double *q = arena + slots[1]
-    cdef double *y = arena + slots[2]
+cdef struct Multiply:
+    int32_t p, q, y
+
+MULTIPLY = items((<Multiply *>ITEMS)[0], "p[4] q[4] y[4]")
+
+
+cdef int multiply_kernel(double *arena, const Multiply *at, const Multiply *sizes) noexcept nogil:
+    cdef double *p = arena + at.p
+    cdef double *q = arena + at.q
+    cdef double *y = arena + at.y
     y[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3]
     y[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2]
     y[2] = p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1]
@@ -19,10 +24,15 @@ cdef int multiply_kernel(double *arena, const int32_t *slots, const int32_t *siz
     return OK
 
 
-cdef int conjugate_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # q[4], y[4]
-    cdef double *q = arena + slots[0]
-    cdef double *y = arena + slots[1]
+cdef struct Conjugate:
+    int32_t q, y
+
+CONJUGATE = items((<Conjugate *>ITEMS)[0], "q[4] y[4]")
+
+
+cdef int conjugate_kernel(double *arena, const Conjugate *at, const Conjugate *sizes) noexcept nogil:
+    cdef double *q = arena + at.q
+    cdef double *y = arena + at.y
     y[0] = q[0]
     y[1] = -q[1]
     y[2] = -q[2]
@@ -42,12 +52,18 @@ cdef inline double scaled(const double *q, double *s) noexcept nogil:
     return s[0] * s[0] + s[1] * s[1] + s[2] * s[2] + s[3] * s[3]
 
 
-cdef int rotate_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # q[4], v[3], y[3]: v' = v + 2 (w (r × v) + r × (r × v)) / |q|², r the vector part of q
+cdef struct Rotate:
+    int32_t q, v, y
+
+ROTATE = items((<Rotate *>ITEMS)[0], "q[4] v[3] y[3]")
+
+
+cdef int rotate_kernel(double *arena, const Rotate *at, const Rotate *sizes) noexcept nogil:
+    """v' = v + 2 (w (r × v) + r × (r × v)) / |q|², r the vector part of q"""
     cdef double[4] q
-    cdef double twice = 2.0 / scaled(arena + slots[0], q)
-    cdef double *v = arena + slots[1]
-    cdef double *y = arena + slots[2]
+    cdef double twice = 2.0 / scaled(arena + at.q, q)
+    cdef double *v = arena + at.v
+    cdef double *y = arena + at.y
     cdef double cx = q[2] * v[2] - q[3] * v[1]
     cdef double cy = q[3] * v[0] - q[1] * v[2]
     cdef double cz = q[1] * v[1] - q[2] * v[0]
@@ -61,15 +77,20 @@ cdef inline double within_one(double x) noexcept nogil:
     return 1.0 if x > 1.0 else -1.0 if x < -1.0 else x
 
 
-cdef int from_euler_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # yaw, pitch, roll, q[4]
-    cdef double cy = cos(0.5 * arena[slots[0]])
-    cdef double sy = sin(0.5 * arena[slots[0]])
-    cdef double cp = cos(0.5 * arena[slots[1]])
-    cdef double sp = sin(0.5 * arena[slots[1]])
-    cdef double cr = cos(0.5 * arena[slots[2]])
-    cdef double sr = sin(0.5 * arena[slots[2]])
-    cdef double *q = arena + slots[3]
+cdef struct FromEuler:
+    int32_t yaw, pitch, roll, q
+
+FROM_EULER = items((<FromEuler *>ITEMS)[0], "q[4]")
+
+
+cdef int from_euler_kernel(double *arena, const FromEuler *at, const FromEuler *sizes) noexcept nogil:
+    cdef double cy = cos(0.5 * arena[at.yaw])
+    cdef double sy = sin(0.5 * arena[at.yaw])
+    cdef double cp = cos(0.5 * arena[at.pitch])
+    cdef double sp = sin(0.5 * arena[at.pitch])
+    cdef double cr = cos(0.5 * arena[at.roll])
+    cdef double sr = sin(0.5 * arena[at.roll])
+    cdef double *q = arena + at.q
     q[0] = within_one(cr * cp * cy + sr * sp * sy)
     q[1] = within_one(sr * cp * cy - cr * sp * sy)
     q[2] = within_one(cr * sp * cy + sr * cp * sy)
@@ -77,26 +98,31 @@ cdef int from_euler_kernel(double *arena, const int32_t *slots, const int32_t *s
     return OK
 
 
-cdef int to_euler_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # q[4], yaw, pitch, roll, by the elements of the rotation matrix, here all times |q|² / 2
+cdef struct ToEuler:
+    int32_t q, yaw, pitch, roll
+
+TO_EULER = items((<ToEuler *>ITEMS)[0], "q[4]")
+
+
+cdef int to_euler_kernel(double *arena, const ToEuler *at, const ToEuler *sizes) noexcept nogil:
     cdef double[4] q
-    cdef double norm = scaled(arena + slots[0], q)
+    cdef double norm = scaled(arena + at.q, q)
     cdef double forward = 0.5 * norm - q[2] * q[2] - q[3] * q[3]
     cdef double left = q[1] * q[2] + q[0] * q[3]
     cdef double down = q[0] * q[2] - q[1] * q[3]
     cdef double level = sqrt(forward * forward + left * left)
-    arena[slots[2]] = atan2(down, level)
+    arena[at.pitch] = atan2(down, level)
     if level < 1e-7 * norm:     # nose up or down: yaw and roll turn about one axis, and roll is taken as 0
-        arena[slots[1]] = atan2(q[0] * q[3] - q[1] * q[2], 0.5 * norm - q[1] * q[1] - q[3] * q[3])
-        arena[slots[3]] = 0.0
+        arena[at.yaw] = atan2(q[0] * q[3] - q[1] * q[2], 0.5 * norm - q[1] * q[1] - q[3] * q[3])
+        arena[at.roll] = 0.0
     else:
-        arena[slots[1]] = atan2(left, forward)
-        arena[slots[3]] = atan2(q[2] * q[3] + q[0] * q[1], 0.5 * norm - q[1] * q[1] - q[2] * q[2])
+        arena[at.yaw] = atan2(left, forward)
+        arena[at.roll] = atan2(q[2] * q[3] + q[0] * q[1], 0.5 * norm - q[1] * q[1] - q[2] * q[2])
     return OK
 
 
-multiply = export(multiply_kernel)
-conjugate = export(conjugate_kernel)
-rotate = export(rotate_kernel)
-from_euler = export(from_euler_kernel)
-to_euler = export(to_euler_kernel)
+multiply = export(<kernel_t>multiply_kernel, MULTIPLY)
+conjugate = export(<kernel_t>conjugate_kernel, CONJUGATE)
+rotate = export(<kernel_t>rotate_kernel, ROTATE)
+from_euler = export(<kernel_t>from_euler_kernel, FROM_EULER)
+to_euler = export(<kernel_t>to_euler_kernel, TO_EULER)

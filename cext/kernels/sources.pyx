@@ -4,76 +4,106 @@
 from libc.math cimport M_PI, cos, expm1, floor, log, sin, sqrt
 from libc.stdint cimport int32_t, uint64_t
 
-from cext.abi cimport DT, LATENESS, OK, TICK, TIME, WAKE, export
+from cext.abi cimport DT, ITEMS, LATENESS, OK, TICK, TIME, WAKE, export, items, kernel_t
 from cext.kernels.clock cimport just_after
 from cext.kernels.interpolation cimport between, segment, share_of
 from cext.kernels.philox cimport fraction, philox
 
 
-cdef int constant_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # y, value
-    arena[slots[0]] = arena[slots[1]]
+cdef struct Constant:
+    int32_t y, value
+
+CONSTANT = items((<Constant *>ITEMS)[0])
+
+
+cdef int constant_kernel(double *arena, const Constant *at, const Constant *sizes) noexcept nogil:
+    arena[at.y] = arena[at.value]
     return OK
 
 
-cdef int ramp_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # y, slope, time, initial, duration
-    cdef double since = arena[TIME] - arena[slots[2]]
+cdef struct Ramp:
+    int32_t y, slope, time, initial, duration
+
+RAMP = items((<Ramp *>ITEMS)[0])
+
+
+cdef int ramp_kernel(double *arena, const Ramp *at, const Ramp *sizes) noexcept nogil:
+    cdef double since = arena[TIME] - arena[at.time]
     if since < 0.0:
         since = 0.0
-    if since > arena[slots[4]]:
-        since = arena[slots[4]]
-    arena[slots[0]] = arena[slots[3]] + arena[slots[1]] * since
+    if since > arena[at.duration]:
+        since = arena[at.duration]
+    arena[at.y] = arena[at.initial] + arena[at.slope] * since
     return OK
 
 
-cdef int sine_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # y, amplitude, frequency, phase, bias
-    arena[slots[0]] = arena[slots[4]] + arena[slots[1]] * sin(2.0 * M_PI * arena[slots[2]] * arena[TIME] + arena[slots[3]])
+cdef struct Sine:
+    int32_t y, amplitude, frequency, phase, bias
+
+SINE = items((<Sine *>ITEMS)[0])
+
+
+cdef int sine_kernel(double *arena, const Sine *at, const Sine *sizes) noexcept nogil:
+    arena[at.y] = arena[at.bias] + arena[at.amplitude] * sin(2.0 * M_PI * arena[at.frequency] * arena[TIME] + arena[at.phase])
     return OK
 
 
-cdef int step_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # y, before, after, time
-    arena[slots[0]] = arena[slots[1]] if arena[TIME] < arena[slots[3]] else arena[slots[2]]
+cdef struct Step:
+    int32_t y, before, after, time
+
+STEP = items((<Step *>ITEMS)[0])
+
+
+cdef int step_kernel(double *arena, const Step *at, const Step *sizes) noexcept nogil:
+    arena[at.y] = arena[at.before] if arena[TIME] < arena[at.time] else arena[at.after]
     return OK
 
 
-cdef int pulse_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # y, low, high, period, duty, delay
-    cdef double at = (just_after(arena) - arena[slots[5]]) / arena[slots[3]]
-    cdef bint up = at >= 0.0 and at - floor(at) < arena[slots[4]]
-    arena[slots[0]] = arena[slots[2]] if up else arena[slots[1]]
+cdef struct Pulse:
+    int32_t y, low, high, period, duty, delay
+
+PULSE = items((<Pulse *>ITEMS)[0])
+
+
+cdef int pulse_kernel(double *arena, const Pulse *at, const Pulse *sizes) noexcept nogil:
+    cdef double cycles = (just_after(arena) - arena[at.delay]) / arena[at.period]
+    cdef bint up = cycles >= 0.0 and cycles - floor(cycles) < arena[at.duty]
+    arena[at.y] = arena[at.high] if up else arena[at.low]
     return OK
 
 
-cdef inline int sweep(double *arena, const int32_t *slots, double turns) noexcept nogil:
-    # y, amplitude, start, stop, duration, phase, bias
-    arena[slots[0]] = arena[slots[6]] + arena[slots[1]] * sin(2.0 * M_PI * turns + arena[slots[5]])
+cdef struct Chirp:
+    int32_t y, amplitude, start, stop, duration, phase, bias
+
+CHIRP = items((<Chirp *>ITEMS)[0])
+
+
+cdef inline int sweep(double *arena, const Chirp *at, double turns) noexcept nogil:
+    arena[at.y] = arena[at.bias] + arena[at.amplitude] * sin(2.0 * M_PI * turns + arena[at.phase])
     return OK
 
 
-cdef int chirp_linear_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    cdef double start = arena[slots[2]]
-    cdef double stop = arena[slots[3]]
-    cdef double duration = arena[slots[4]]
+cdef int chirp_linear_kernel(double *arena, const Chirp *at, const Chirp *sizes) noexcept nogil:
+    cdef double start = arena[at.start]
+    cdef double stop = arena[at.stop]
+    cdef double duration = arena[at.duration]
     cdef double t = arena[TIME]
     if t > duration:
-        return sweep(arena, slots, 0.5 * (start + stop) * duration + stop * (t - duration))
-    return sweep(arena, slots, (start + 0.5 * (stop - start) * t / duration) * t)
+        return sweep(arena, at, 0.5 * (start + stop) * duration + stop * (t - duration))
+    return sweep(arena, at, (start + 0.5 * (stop - start) * t / duration) * t)
 
 
-cdef int chirp_logarithmic_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    cdef double start = arena[slots[2]]
-    cdef double stop = arena[slots[3]]
-    cdef double duration = arena[slots[4]]
+cdef int chirp_logarithmic_kernel(double *arena, const Chirp *at, const Chirp *sizes) noexcept nogil:
+    cdef double start = arena[at.start]
+    cdef double stop = arena[at.stop]
+    cdef double duration = arena[at.duration]
     cdef double growth = log(stop / start)
     cdef double t = arena[TIME]
     if growth == 0.0:
-        return sweep(arena, slots, start * t)
+        return sweep(arena, at, start * t)
     if t > duration:
-        return sweep(arena, slots, (stop - start) * duration / growth + stop * (t - duration))
-    return sweep(arena, slots, start * duration / growth * expm1(growth * t / duration))
+        return sweep(arena, at, (stop - start) * duration / growth + stop * (t - duration))
+    return sweep(arena, at, start * duration / growth * expm1(growth * t / duration))
 
 
 cdef inline double in_table(double t, bint repeat, const double *times, int count) noexcept nogil:
@@ -83,57 +113,83 @@ cdef inline double in_table(double t, bint repeat, const double *times, int coun
     return t
 
 
-cdef int table_linear_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # y, repeat, times[n], values[n]
-    cdef double *times = arena + slots[2]
-    cdef double *values = arena + slots[3]
-    cdef double t = in_table(arena[TIME], arena[slots[1]] != 0.0, times, sizes[2])
-    cdef int i = segment(times, sizes[2], t)
-    arena[slots[0]] = between(values[i], values[i + 1], share_of(times, i, t))
+cdef struct TimeTable:
+    int32_t y, repeat, instants, samples
+
+TIME_TABLE = items((<TimeTable *>ITEMS)[0], "instants[...] samples[...]")
+
+
+cdef int table_linear_kernel(double *arena, const TimeTable *at, const TimeTable *sizes) noexcept nogil:
+    cdef double *times = arena + at.instants
+    cdef double *values = arena + at.samples
+    cdef double t = in_table(arena[TIME], arena[at.repeat] != 0.0, times, sizes.instants)
+    cdef int i = segment(times, sizes.instants, t)
+    arena[at.y] = between(values[i], values[i + 1], share_of(times, i, t))
     return OK
 
 
-cdef int table_previous_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # y, repeat, times[n], values[n]
-    cdef double *times = arena + slots[2]
-    cdef double t = in_table(just_after(arena), arena[slots[1]] != 0.0, times, sizes[2])
-    cdef int i = segment(times, sizes[2], t)
-    arena[slots[0]] = arena[slots[3] + i + (t >= times[i + 1])]
+cdef int table_previous_kernel(double *arena, const TimeTable *at, const TimeTable *sizes) noexcept nogil:
+    cdef double *times = arena + at.instants
+    cdef double t = in_table(just_after(arena), arena[at.repeat] != 0.0, times, sizes.instants)
+    cdef int i = segment(times, sizes.instants, t)
+    arena[at.y] = arena[at.samples + i + (t >= times[i + 1])]
     return OK
 
 
-cdef int gaussian_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # y, mean, deviation, seed; Box and Muller 1958
+cdef struct Gaussian:
+    int32_t y, mean, deviation, seed
+
+GAUSSIAN = items((<Gaussian *>ITEMS)[0])
+
+
+cdef int gaussian_kernel(double *arena, const Gaussian *at, const Gaussian *sizes) noexcept nogil:
+    """Box and Muller 1958."""
     cdef uint64_t[4] bits
-    philox(<uint64_t>arena[TICK], <uint64_t>arena[slots[3]], bits)
-    arena[slots[0]] = arena[slots[1]] + arena[slots[2]] * (sqrt(-2.0 * log(1.0 - fraction(bits[0]))) * cos(2.0 * M_PI * fraction(bits[1])))
+    philox(<uint64_t>arena[TICK], <uint64_t>arena[at.seed], bits)
+    arena[at.y] = arena[at.mean] + arena[at.deviation] * (sqrt(-2.0 * log(1.0 - fraction(bits[0]))) * cos(2.0 * M_PI * fraction(bits[1])))
     return OK
 
 
-cdef int uniform_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # y, lower, upper, seed
+cdef struct Uniform:
+    int32_t y, lower, upper, seed
+
+UNIFORM = items((<Uniform *>ITEMS)[0])
+
+
+cdef int uniform_kernel(double *arena, const Uniform *at, const Uniform *sizes) noexcept nogil:
     cdef uint64_t[4] bits
-    philox(<uint64_t>arena[TICK], <uint64_t>arena[slots[3]], bits)
-    arena[slots[0]] = between(arena[slots[1]], arena[slots[2]], fraction(bits[0]))
+    philox(<uint64_t>arena[TICK], <uint64_t>arena[at.seed], bits)
+    arena[at.y] = between(arena[at.lower], arena[at.upper], fraction(bits[0]))
     return OK
 
 
-cdef int clock_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # time, wake, lateness, elapsed
-    arena[slots[0]] = arena[TIME]
-    arena[slots[1]] = arena[WAKE]
-    arena[slots[2]] = arena[LATENESS]
-    arena[slots[3]] = arena[DT]
+cdef struct Clock:
+    int32_t time, wake, lateness, elapsed
+
+CLOCK = items((<Clock *>ITEMS)[0])
+
+
+cdef int clock_kernel(double *arena, const Clock *at, const Clock *sizes) noexcept nogil:
+    arena[at.time] = arena[TIME]
+    arena[at.wake] = arena[WAKE]
+    arena[at.lateness] = arena[LATENESS]
+    arena[at.elapsed] = arena[DT]
     return OK
 
 
-clock = export(clock_kernel)
-constant = export(constant_kernel)
-ramp = export(ramp_kernel)
-sine = export(sine_kernel)
-step = export(step_kernel)
-pulse = export(pulse_kernel)
-chirps = {"linear": export(chirp_linear_kernel), "logarithmic": export(chirp_logarithmic_kernel)}
-tables = {"linear": export(table_linear_kernel), "previous": export(table_previous_kernel)}
-gaussian = export(gaussian_kernel)
-uniform = export(uniform_kernel)
+clock = export(<kernel_t>clock_kernel, CLOCK)
+constant = export(<kernel_t>constant_kernel, CONSTANT)
+ramp = export(<kernel_t>ramp_kernel, RAMP)
+sine = export(<kernel_t>sine_kernel, SINE)
+step = export(<kernel_t>step_kernel, STEP)
+pulse = export(<kernel_t>pulse_kernel, PULSE)
+chirps = {
+    "linear": export(<kernel_t>chirp_linear_kernel, CHIRP),
+    "logarithmic": export(<kernel_t>chirp_logarithmic_kernel, CHIRP),
+}
+tables = {
+    "linear": export(<kernel_t>table_linear_kernel, TIME_TABLE),
+    "previous": export(<kernel_t>table_previous_kernel, TIME_TABLE),
+}
+gaussian = export(<kernel_t>gaussian_kernel, GAUSSIAN)
+uniform = export(<kernel_t>uniform_kernel, UNIFORM)

@@ -4,7 +4,7 @@
 from libc.math cimport floor
 from libc.stdint cimport int32_t
 
-from cext.abi cimport DT, INPUTS, OK, PERIOD, export
+from cext.abi cimport DT, ITEMS, OK, PERIOD, Rest, each, export, items, kernel_t
 
 cdef enum:
     DEPTH = 32                  # of the stack; the block refuses a condition that needs more
@@ -19,7 +19,19 @@ OPERATIONS = {
 STACK_DEPTH = DEPTH
 
 
-cdef double evaluate(const double *code, int count, const double *arena, const int32_t *slots, double elapsed) noexcept nogil:
+cdef struct Machine:
+    Rest inputs
+    int32_t state, time_in_state
+    Rest outputs
+    int32_t table               # of each transition: from, to, first operation, number of operations
+    int32_t code                # operation and operand, of each
+    int32_t values              # number of outputs, then their values, state by state
+    int32_t current             # state, periods in it, whether it has begun
+
+MACHINE = items((<Machine *>ITEMS)[0], "table[...] code[...] values[...] current[3]")
+
+
+cdef double evaluate(const double *code, int count, const double *arena, const int32_t *inputs, double elapsed) noexcept nogil:
     cdef double[DEPTH] stack
     cdef double a, b
     cdef int top = 0
@@ -27,7 +39,7 @@ cdef double evaluate(const double *code, int count, const double *arena, const i
     for i in range(count):
         operation = <int>code[2 * i]
         if operation <= ELAPSED:
-            stack[top] = code[2 * i + 1] if operation == CONSTANT else elapsed if operation == ELAPSED else arena[slots[<int>code[2 * i + 1]]]
+            stack[top] = code[2 * i + 1] if operation == CONSTANT else elapsed if operation == ELAPSED else arena[inputs[<int>code[2 * i + 1]]]
             top += 1
             continue
         a = stack[top - 1]
@@ -70,37 +82,34 @@ cdef double evaluate(const double *code, int count, const double *arena, const i
     return stack[0]
 
 
-cdef int machine_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # inputs ..., state, time_in_state, outputs ..., memory: transitions[4 n] (from, to, first operation, count), code[2 m],
-    # values[states * outputs], current[3] (state, periods in it, whether it has begun)
-    cdef int inputs = slots[INPUTS]
-    cdef int outputs = slots[-3] - 2
-    cdef const int32_t *results = slots + inputs
-    cdef const int32_t *memory = results + 2 + outputs
-    cdef const double *transitions = arena + memory[0]
-    cdef const double *code = arena + memory[1]
-    cdef const double *values = arena + memory[2]
-    cdef double *current = arena + memory[3]
+cdef int machine_kernel(double *arena, const Machine *at, const Machine *sizes) noexcept nogil:
+    cdef const int32_t *inputs = each(at, at.inputs)
+    cdef const int32_t *outputs = each(at, at.outputs)
+    cdef const double *transitions = arena + at.table
+    cdef const double *code = arena + at.code
+    cdef int output_count = <int>arena[at.values]
+    cdef const double *values = arena + at.values + 1
+    cdef double *current = arena + at.current
     cdef double poison = 0.0
-    cdef int count = sizes[inputs + 2 + outputs] // 4
+    cdef int count = sizes.table // 4
     cdef int i
-    for i in range(inputs):
-        poison += arena[slots[i]] - arena[slots[i]]         # 0, or NaN if an input is NaN or infinite
+    for i in range(at.inputs.count):
+        poison += arena[inputs[i]] - arena[inputs[i]]        # 0, or NaN if an input is NaN or infinite
     if current[2] != 0.0:
         current[1] += floor(arena[DT] / arena[PERIOD] + 0.5)
     current[2] = 1.0
     if poison == 0.0:
         for i in range(count):
             if transitions[4 * i] == current[0] and evaluate(
-                    code + 2 * <int>transitions[4 * i + 2], <int>transitions[4 * i + 3], arena, slots, current[1] * arena[PERIOD]) != 0.0:
+                    code + 2 * <int>transitions[4 * i + 2], <int>transitions[4 * i + 3], arena, inputs, current[1] * arena[PERIOD]) != 0.0:
                 current[0] = transitions[4 * i + 1]
                 current[1] = 0.0
                 break
-    arena[results[0]] = current[0]
-    arena[results[1]] = current[1] * arena[PERIOD] + poison
-    for i in range(outputs):
-        arena[results[2 + i]] = values[<int>current[0] * outputs + i] + poison
+    arena[at.state] = current[0]
+    arena[at.time_in_state] = current[1] * arena[PERIOD] + poison
+    for i in range(output_count):
+        arena[outputs[i]] = values[<int>current[0] * output_count + i] + poison
     return OK
 
 
-machine = export(machine_kernel)
+machine = export(<kernel_t>machine_kernel, MACHINE)

@@ -4,79 +4,112 @@
 from libc.math cimport sqrt
 from libc.stdint cimport int32_t
 
-from cext.abi cimport INPUTS, OK, export
+from cext.abi cimport ITEMS, OK, Rest, each, export, items, kernel_t
 
 
-cdef int stack_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u1 ... un, y: all of u1, then all of u2, ...
-    cdef int count = slots[INPUTS]
-    cdef double *y = arena + slots[count]
+cdef struct Stack:
+    int32_t y
+    Rest inputs
+
+STACK = items((<Stack *>ITEMS)[0], "y[...]")
+
+
+cdef int stack_kernel(double *arena, const Stack *at, const Stack *sizes) noexcept nogil:
+    """All of the first input, then all of the second, and so on."""
+    cdef const int32_t *inputs = each(at, at.inputs)
+    cdef const int32_t *lengths = each(sizes, sizes.inputs)
+    cdef double *y = arena + at.y
     cdef int i, k
-    for k in range(count):
-        for i in range(sizes[k]):
-            y[i] = arena[slots[k] + i]
-        y += sizes[k]
+    for k in range(at.inputs.count):
+        for i in range(lengths[k]):
+            y[i] = arena[inputs[k] + i]
+        y += lengths[k]
     return OK
 
 
-cdef int select_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u, y, places[m]
+cdef struct Select:
+    int32_t u, y, places
+
+SELECT = items((<Select *>ITEMS)[0], "u[...] y[...] places[...]")
+
+
+cdef int select_kernel(double *arena, const Select *at, const Select *sizes) noexcept nogil:
     cdef int i
-    for i in range(sizes[1]):
-        arena[slots[1] + i] = arena[slots[0] + <int>arena[slots[2] + i]]
+    for i in range(sizes.y):
+        arena[at.y + i] = arena[at.u + <int>arena[at.places + i]]
     return OK
 
 
-cdef int norm_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u, y
-    cdef double *u = arena + slots[0]
+cdef struct Norm:
+    int32_t u, y
+
+NORM = items((<Norm *>ITEMS)[0], "u[...]")
+
+
+cdef int norm_kernel(double *arena, const Norm *at, const Norm *sizes) noexcept nogil:
+    cdef double *u = arena + at.u
     cdef double total = 0.0
     cdef int i
-    for i in range(sizes[0]):
+    for i in range(sizes.u):
         total += u[i] * u[i]
-    arena[slots[1]] = sqrt(total)
+    arena[at.y] = sqrt(total)
     return OK
 
 
-cdef int dot_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # a, b, y
+cdef struct Dot:
+    int32_t a, b, y
+
+DOT = items((<Dot *>ITEMS)[0], "a[...] b[...]")
+
+
+cdef int dot_kernel(double *arena, const Dot *at, const Dot *sizes) noexcept nogil:
     cdef double total = 0.0
     cdef int i
-    for i in range(sizes[0]):
-        total += arena[slots[0] + i] * arena[slots[1] + i]
-    arena[slots[2]] = total
+    for i in range(sizes.a):
+        total += arena[at.a + i] * arena[at.b + i]
+    arena[at.y] = total
     return OK
 
 
-cdef int cross_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # a, b, y
-    cdef double *a = arena + slots[0]
-    cdef double *b = arena + slots[1]
-    cdef double *y = arena + slots[2]
+cdef struct Cross:
+    int32_t a, b, y
+
+CROSS = items((<Cross *>ITEMS)[0], "a[3] b[3] y[3]")
+
+
+cdef int cross_kernel(double *arena, const Cross *at, const Cross *sizes) noexcept nogil:
+    cdef double *a = arena + at.a
+    cdef double *b = arena + at.b
+    cdef double *y = arena + at.y
     y[0] = a[1] * b[2] - a[2] * b[1]
     y[1] = a[2] * b[0] - a[0] * b[2]
     y[2] = a[0] * b[1] - a[1] * b[0]
     return OK
 
 
-cdef int matrix_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u, y, entries[m n], one row after the other
-    cdef double *u = arena + slots[0]
-    cdef double *row = arena + slots[2]
+cdef struct Matrix:
+    int32_t u, y, entries
+
+MATRIX = items((<Matrix *>ITEMS)[0], "u[...] y[...] entries[...]")
+
+
+cdef int matrix_kernel(double *arena, const Matrix *at, const Matrix *sizes) noexcept nogil:
+    cdef double *u = arena + at.u
+    cdef double *row = arena + at.entries
     cdef double total
     cdef int i, k
-    for i in range(sizes[1]):
+    for i in range(sizes.y):
         total = 0.0
-        for k in range(sizes[0]):
+        for k in range(sizes.u):
             total += row[k] * u[k]
-        arena[slots[1] + i] = total
-        row += sizes[0]
+        arena[at.y + i] = total
+        row += sizes.u
     return OK
 
 
-stack = export(stack_kernel)
-select = export(select_kernel)
-norm = export(norm_kernel)
-dot = export(dot_kernel)
-cross = export(cross_kernel)
-matrix = export(matrix_kernel)
+stack = export(<kernel_t>stack_kernel, STACK)
+select = export(<kernel_t>select_kernel, SELECT)
+norm = export(<kernel_t>norm_kernel, NORM)
+dot = export(<kernel_t>dot_kernel, DOT)
+cross = export(<kernel_t>cross_kernel, CROSS)
+matrix = export(<kernel_t>matrix_kernel, MATRIX)

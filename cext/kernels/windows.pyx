@@ -12,32 +12,35 @@ Extremes. A monotonic queue: an input that a later and larger one hides can neve
 from libc.math cimport NAN, sqrt
 from libc.stdint cimport int32_t
 
-from cext.abi cimport OK, export
+from cext.abi cimport ITEMS, OK, export, items, kernel_t
 from cext.kernels.limits cimport finite, is_finite
 from cext.kernels.compensated_sum cimport FRESH, RUNNING, RUNNING_REST, add, begin_anew
 
-cdef enum: # of MovingAverage and MovingRMS
-    U, Y, WINDOW, SAMPLES, SUMS, PLACE
-
-cdef enum: # in SUMS, for each element, behind the two sums
+cdef enum: # in `sums`, for each element, behind the two sums
     STRANGE = 4                 # how many inputs in the window are not finite
     SUMS_PER_ELEMENT
 
 
-cdef inline int window_sums(double *arena, const int32_t *slots, const int32_t *sizes, bint squares) noexcept nogil:
-    cdef int width = sizes[Y]
-    cdef int length = sizes[SAMPLES] // width
-    cdef int place = <int>arena[slots[PLACE]]
-    cdef int count = <int>arena[slots[PLACE] + 1]
+cdef struct Sums:
+    int32_t u, y, samples, sums, place
+
+SUMS = items((<Sums *>ITEMS)[0], "u[...] y[...] samples[...] sums[...] place[2]")
+
+
+cdef inline int window_sums(double *arena, const Sums *at, const Sums *sizes, bint squares) noexcept nogil:
+    cdef int width = sizes.y
+    cdef int length = sizes.samples // width
+    cdef int place = <int>arena[at.place]
+    cdef int count = <int>arena[at.place + 1]
     cdef bint full = count == length
-    cdef double *samples = arena + slots[SAMPLES] + place * width
-    cdef double *sums = arena + slots[SUMS]
+    cdef double *samples = arena + at.samples + place * width
+    cdef double *sums = arena + at.sums
     cdef double x
     cdef int i
     if not full:
         count += 1
     for i in range(width):
-        x = arena[slots[U] + i]
+        x = arena[at.u + i]
         if squares:
             x = x * x
         if full and is_finite(samples[i]):
@@ -55,39 +58,41 @@ cdef inline int window_sums(double *arena, const int32_t *slots, const int32_t *
         x = (sums[RUNNING] + sums[RUNNING_REST]) / count
         if squares:
             x = sqrt(x) if x > 0.0 else 0.0
-        arena[slots[Y] + i] = NAN if sums[STRANGE] > 0.0 else x
+        arena[at.y + i] = NAN if sums[STRANGE] > 0.0 else x
         sums += SUMS_PER_ELEMENT
-    arena[slots[PLACE]] = 0.0 if place + 1 == length else place + 1
-    arena[slots[PLACE] + 1] = count
+    arena[at.place] = 0.0 if place + 1 == length else place + 1
+    arena[at.place + 1] = count
     return OK
 
 
-cdef int average_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    return window_sums(arena, slots, sizes, False)
+cdef int average_kernel(double *arena, const Sums *at, const Sums *sizes) noexcept nogil:
+    return window_sums(arena, at, sizes, False)
 
 
-cdef int rms_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    return window_sums(arena, slots, sizes, True)
+cdef int rms_kernel(double *arena, const Sums *at, const Sums *sizes) noexcept nogil:
+    return window_sums(arena, at, sizes, True)
 
 
-cdef enum: # of MovingMaximum and MovingMinimum
-    VALUES = 3                  # u, y, window before it
-    STEPS                       # when each value came
-    QUEUE                       # for each element: where the queue begins, how long it is, step of the last NaN
-    NOW
+cdef struct Extreme:
+    int32_t u, y, values
+    int32_t steps               # when each value came
+    int32_t queue               # for each element: where the queue begins, its length, step of the last NaN
+    int32_t now
+
+EXTREME = items((<Extreme *>ITEMS)[0], "u[...] y[...] values[...] steps[...] queue[...]")
 
 
-cdef inline int window_extreme(double *arena, const int32_t *slots, const int32_t *sizes, double sign) noexcept nogil:
-    cdef int width = sizes[1]
-    cdef int length = sizes[VALUES] // width
-    cdef double now = arena[slots[NOW]]
-    cdef double *values = arena + slots[VALUES]
-    cdef double *steps = arena + slots[STEPS]
-    cdef double *queue = arena + slots[QUEUE]
+cdef inline int window_extreme(double *arena, const Extreme *at, const Extreme *sizes, double sign) noexcept nogil:
+    cdef int width = sizes.y
+    cdef int length = sizes.values // width
+    cdef double now = arena[at.now]
+    cdef double *values = arena + at.values
+    cdef double *steps = arena + at.steps
+    cdef double *queue = arena + at.queue
     cdef double u
     cdef int i, first, count, last
     for i in range(width):
-        u = finite(arena[slots[0] + i])
+        u = finite(arena[at.u + i])
         first, count = <int>queue[0], <int>queue[1]
         if count > 0 and steps[first] <= now - length:          # 1. The oldest leaves the window.
             first = first + 1 if first + 1 < length else 0
@@ -109,23 +114,23 @@ cdef inline int window_extreme(double *arena, const int32_t *slots, const int32_
             steps[last] = now
             count += 1
         queue[0], queue[1] = first, count
-        arena[slots[1] + i] = NAN if queue[2] > now - length else values[first]
+        arena[at.y + i] = NAN if queue[2] > now - length else values[first]
         values += length
         steps += length
         queue += 3
-    arena[slots[NOW]] = now + 1.0
+    arena[at.now] = now + 1.0
     return OK
 
 
-cdef int maximum_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    return window_extreme(arena, slots, sizes, 1.0)
+cdef int maximum_kernel(double *arena, const Extreme *at, const Extreme *sizes) noexcept nogil:
+    return window_extreme(arena, at, sizes, 1.0)
 
 
-cdef int minimum_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    return window_extreme(arena, slots, sizes, -1.0)
+cdef int minimum_kernel(double *arena, const Extreme *at, const Extreme *sizes) noexcept nogil:
+    return window_extreme(arena, at, sizes, -1.0)
 
 
-average = export(average_kernel)
-rms = export(rms_kernel)
-maximum = export(maximum_kernel)
-minimum = export(minimum_kernel)
+average = export(<kernel_t>average_kernel, SUMS)
+rms = export(<kernel_t>rms_kernel, SUMS)
+maximum = export(<kernel_t>maximum_kernel, EXTREME)
+minimum = export(<kernel_t>minimum_kernel, EXTREME)

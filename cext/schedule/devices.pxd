@@ -16,8 +16,10 @@ cdef enum:
 cdef struct Device:
     decode_t decode
     encode_t encode
-    const int32_t *slots
-    const int32_t *sizes
+    const int32_t *decode_slots
+    const int32_t *decode_sizes
+    const int32_t *encode_slots
+    const int32_t *encode_sizes
     int bus
     int age                      # slot, -1 if it has none
     int fault                    # slot, -1 if it has none

@@ -24,7 +24,7 @@ from cext.safety.shared_state cimport FENCED_FOR_GOOD, FRAME, RECEIVED, commit, 
 from cext.safety.speed_bands cimport SpeedBands
 from cext.clock.stopwatch cimport COMMAND, lap
 
-from cext.schedule.kernel_table import address, slot_words, words
+from cext.schedule.kernel_table import address, words
 
 
 cdef class Devices:
@@ -146,10 +146,12 @@ cdef class Devices:
             device.decode = <decode_t><uintptr_t>address(entry.decode, "decode")
             device.encode = <encode_t><uintptr_t>address(entry.encode, "encode")
             self.keep += [entry.decode, entry.encode]
-            slots, sizes = slot_words(entry.table), words(entry.table.sizes)
-            self.keep += [slots, sizes]
-            device.slots = <int32_t *><uintptr_t>slots.ctypes.data + 4
-            device.sizes = <int32_t *><uintptr_t>sizes.ctypes.data
+            tables = [words(table) for pair in (entry.decode_table, entry.encode_table) for table in (pair.slots, pair.sizes)]
+            self.keep += tables
+            device.decode_slots = <int32_t *><uintptr_t>tables[0].ctypes.data
+            device.decode_sizes = <int32_t *><uintptr_t>tables[1].ctypes.data
+            device.encode_slots = <int32_t *><uintptr_t>tables[2].ctypes.data
+            device.encode_sizes = <int32_t *><uintptr_t>tables[3].ctypes.data
             device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
             device.ready, device.ready_size = entry.ready, entry.ready_size
             if entry.ready_size > READY_NUMBERS:
@@ -227,7 +229,7 @@ cdef class Devices:
                 device = &self.devices[number]
                 if device.bus != bus:
                     continue
-                answer = device.decode(self.arena, device.slots, device.sizes, frame)
+                answer = device.decode(self.arena, device.decode_slots, device.decode_sizes, frame)
                 # in every state, including arming and the wait for confirmation
                 if answer == PRESSED:
                     self.failed.device = number
@@ -324,7 +326,7 @@ cdef class Devices:
         memset(self.outgoing_count, 0, self.bus_count * sizeof(int32_t))
         for number in range(self.count):
             device = &self.devices[number]
-            count = device.encode(self.arena, device.slots, device.sizes, &self.outgoing[total])
+            count = device.encode(self.arena, device.encode_slots, device.encode_sizes, &self.outgoing[total])
             if count < 0:
                 self.failed.device = number
                 return -count
@@ -410,7 +412,7 @@ cdef class Devices:
     cdef int pump(self, Device *device, int64_t now, SharedLayout *page) noexcept nogil:
         """Send the next frame of a device that holds a relay, outside a tick."""
         cdef Frame[FRAMES_PER_DEVICE] frames
-        cdef int count = device.encode(self.arena, device.slots, device.sizes, frames)
+        cdef int count = device.encode(self.arena, device.encode_slots, device.encode_sizes, frames)
         device.pumped = now
         return self.send(device.bus, frames, max(count, 0), now, page)
 

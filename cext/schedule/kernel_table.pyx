@@ -3,6 +3,8 @@
 
 import numpy as np
 
+from cext.kernel import Kernel
+
 from cpython.pycapsule cimport PyCapsule_CheckExact, PyCapsule_GetPointer
 from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t, uintptr_t
 from libc.string cimport memcpy, memset
@@ -11,12 +13,13 @@ from cext.abi cimport DECODE, ENCODE, KERNEL, Frame, decode_t, kernel_t
 
 
 def address(kernel, kind="kernel"):
-    """Return the address of a native kernel: a PyCapsule named by its C signature, a ctypes function pointer, or a
-    Numba cfunc.
+    """Return the address of a native function: of a Kernel, or of what a Kernel holds.
 
     kind is "kernel", "decode" or "encode". Raises TypeError for any other object or signature.
     """
     cdef const char *name = DECODE() if kind == "decode" else ENCODE() if kind == "encode" else KERNEL()
+    if isinstance(kernel, Kernel):
+        kernel = kernel.function
     if PyCapsule_CheckExact(kernel):
         try:
             return <uintptr_t>PyCapsule_GetPointer(kernel, name)
@@ -26,12 +29,12 @@ def address(kernel, kind="kernel"):
         return int(kernel.address)
     import ctypes
 
-    wanted = 3 if kind == "kernel" else 4
+    arguments = 3 if kind == "kernel" else 4
     if not isinstance(kernel, ctypes._CFuncPtr):
         raise TypeError("a native %s is a PyCapsule, a ctypes function or a Numba cfunc, not %r" % (kind, kernel))
-    if kernel.argtypes is not None and len(kernel.argtypes) != wanted:
+    if kernel.argtypes is not None and len(kernel.argtypes) != arguments:
         raise TypeError("a native %s takes %d arguments, but %r takes %d"
-                        % (kind, wanted, kernel, len(kernel.argtypes)))
+                        % (kind, arguments, kernel, len(kernel.argtypes)))
     function = ctypes.cast(kernel, ctypes.c_void_p).value
     if not function:
         raise TypeError("a native %s cannot be a null pointer" % kind)
@@ -44,18 +47,13 @@ def call_kernel(kernel, double[::1] arena, table):
     table : graph.arena_layout.KernelTable
     """
     cdef kernel_t function = <kernel_t><uintptr_t>address(kernel)
-    cdef int32_t[::1] slots = slot_words(table)
+    cdef int32_t[::1] slots = words(table.slots)
     cdef int32_t[::1] sizes = words(table.sizes)
-    return function(&arena[0], &slots[0] + 4, &sizes[0])
+    return function(&arena[0], &slots[0], &sizes[0])
 
 
 def words(values):
     return np.array(list(values) or [0], dtype=np.int32)
-
-
-def slot_words(table):
-    """Return the counts of a KernelTable followed by its slots: a kernel receives the address after the counts."""
-    return words(table.counts + table.slots + (0,))
 
 
 def feed(decode, double[::1] arena, table, const unsigned char[::1] data, int chunk=64, int64_t time=0, uint32_t identifier=0, int flags=0):
@@ -66,7 +64,7 @@ def feed(decode, double[::1] arena, table, const unsigned char[::1] data, int ch
     For tests, tools and measurements, not for the tick. time : ns, of all frames
     """
     cdef decode_t function = <decode_t><uintptr_t>address(decode, "decode")
-    cdef int32_t[::1] slots = slot_words(table)
+    cdef int32_t[::1] slots = words(table.slots)
     cdef int32_t[::1] sizes = words(table.sizes)
     cdef int64_t counts[16]
     cdef Frame frame
@@ -82,7 +80,7 @@ def feed(decode, double[::1] arena, table, const unsigned char[::1] data, int ch
             if size > 0:
                 memcpy(frame.data, &data[at], size)
             frame.length = <uint8_t>size
-            answer = function(&arena[0], &slots[0] + 4, &sizes[0], &frame)
+            answer = function(&arena[0], &slots[0], &sizes[0], &frame)
             counts[(answer + 1) & 15] += 1
             at += size
             frame.flags = 0

@@ -79,7 +79,7 @@ cdef class Program:
         cdef int index
         # The tables of all steps are contiguous, in the order of the tick, for prefetching.
         tables = [entry.table for entry in steps if entry.kernel is not None]
-        cdef const int32_t *table = self.hold(words(word for each in tables for word in (*each.counts, *each.slots, *each.sizes)))
+        cdef const int32_t *table = self.hold(words(word for each in tables for word in (*each.slots, *each.sizes)))
         phase.steps = <Step *>calloc(max(1, len(steps)), sizeof(Step))
         phase.segments = <Segment *>calloc(max(1, len(steps)), sizeof(Segment))
         phase.step_count = len(steps)
@@ -90,7 +90,7 @@ cdef class Program:
             if entry.kernel is not None:
                 step.kernel = <kernel_t><uintptr_t>address(entry.kernel)
                 self.keep.append(entry.kernel)
-                step.slots = table + 4
+                step.slots = table
                 step.sizes = step.slots + len(entry.table.slots)
                 table = step.sizes + len(entry.table.sizes)
             else:

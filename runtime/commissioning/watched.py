@@ -17,7 +17,7 @@ class Fed:
 
     block: Device
     table: object
-    slots: dict
+    items: dict  # {name: (slot, length)}
     channels: tuple
 
 
@@ -37,9 +37,7 @@ class WatchedBlocks:
         self.fed = []
         for steps in schedule.devices:
             block = diagram[steps.name]
-            outputs = [name for name, port in block.outputs.items() if port.kernel]
-            slots = dict(zip(outputs, steps.table.slots[steps.table.counts[0] :]))
-            self.fed.append(Fed(block, steps.table, slots, tuple(channels(block))))
+            self.fed.append(Fed(block, steps.decode_table, schedule.items[steps.name], tuple(channels(block))))
 
     def feed(self, fed, data, when, identifier):
         """Offer a frame to a block. Return {value that its decode returned (cext.abi): how often}."""
@@ -47,8 +45,8 @@ class WatchedBlocks:
 
     def told(self, fed, name):
         """Values of an output."""
-        slot, shape = fed.slots[name], fed.block.outputs[name].shape
-        return self.arena[slot : slot + (shape[0] if shape else 1)].tolist()
+        slot, length = fed.items[name]
+        return self.arena[slot : slot + length].tolist()
 
     def answer(self):
         return {f"{fed.block.path}.{name}": self.told(fed, name) for fed in self.fed for name in fed.channels}

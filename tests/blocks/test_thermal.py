@@ -12,6 +12,7 @@ from blocks.actuators import CubeMars
 from blocks.actuators.cubemars.models import MODELS
 from blocks.limiters import TemperatureDerating
 from blocks.thermal import COPPER, RISE, ThermalModel, loss_of_rating
+from cext.kernels import no_io
 from graph import Actuator, Diagram, DiagramError, Input, Interval, Output, Param, compile
 from tests.blocks.playing import made, play
 
@@ -172,7 +173,7 @@ class Winch(Actuator):
     bus = Param("legs", "1", "its bus", dtype=str)
     torque_command = Input("N·m", "torque", default=0.0)
     torque = Output("N·m", "of the motor")
-    decode, encode = CubeMars.decode, CubeMars.encode
+    decode, encode = no_io.ignore_all, no_io.send_nothing
 
 
 def test_an_actuator_that_tells_no_temperature_wants_a_model_of_its_heat():

@@ -25,12 +25,15 @@ int spin(double *arena, const int *slots, const int *sizes)
 """
 
 BLOCK = '''
+from graph import Kernel
+
+
 class Spin(Block):
     """Spins for u."""
 
     u = Input("s")
     y = Output("s")
-    kernel = ctypes.CDLL("{library}").spin
+    kernel = Kernel(ctypes.CDLL("{library}").spin, "u y")
 '''
 
 

@@ -16,24 +16,23 @@ from cext.kernels.devices.cubemars import mit
 from cext.schedule.executor import Executor
 from cext.schedule.kernel_table import address, call_kernel
 from cext.schedule.program import Program
-from graph import Block, Diagram, Input, Memory, Output, Param, compile
+from graph import Block, Diagram, Input, Kernel, Memory, Output, Param, compile
 from graph.arena_layout import KernelTable
 from tests.cext.rigs import Rig
 
 KERNEL = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int32)
 )
+ITEMS = "u[...] y[...] leak held[...]"
 SIGNATURE = b"int (double *, int32_t const *, int32_t const *)"
 
 new_capsule = ctypes.pythonapi.PyCapsule_New
 new_capsule.restype, new_capsule.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
-calls = []
 
 
 @KERNEL
 def leaky(arena, slots, sizes):
-    """y = held = held + leak (u - held): inputs, outputs, parameters, memory, in the order of the declaration."""
-    calls.append((slots[-4], slots[-3], slots[-2], slots[-1]))
+    """y = held = held + leak (u - held), of the items u, y, leak, held."""
     for i in range(sizes[1]):
         held = arena[slots[3] + i]
         arena[slots[3] + i] = arena[slots[1] + i] = held + arena[slots[2]] * (arena[slots[0] + i] - held)
@@ -55,7 +54,7 @@ class Leaky(Block):
     y = Output("any", "filtered", shape=...)
     held = Memory(0.0, "output of the tick before")
 
-    kernel = leaky
+    kernel = Kernel(leaky, ITEMS)
 
     def prepare(self, dt):
         self.held = [0.0] * self.width
@@ -81,7 +80,7 @@ def test_a_kernel_from_outside_runs_in_a_diagram(kernel):
     class Foreign(Leaky):
         """The same, by each way of handing it over."""
 
-    Foreign.kernel = kernel
+    Foreign.kernel = Kernel(kernel, ITEMS)
     with Diagram("d", rate=100) as diagram:
         Foreign(name="f")(Sine(frequency=3.0, name="s").y)
     outcome, rig = run(diagram, 50)
@@ -95,10 +94,25 @@ def test_a_kernel_from_outside_runs_by_hand():
     assert leak.step([1.0, 2.0]).tolist() == [0.5, 1.0]
 
 
-def test_a_kernel_is_told_how_many_items_of_each_kind_it_has():
-    calls.clear()
-    Leaky().step(1.0)
-    assert calls == [(1, 1, 1, 1)]
+@KERNEL
+def total(arena, slots, sizes):
+    """y = gain times the sum of all inputs, of the items y, *inputs, gain: a number and an index in the table."""
+    first = slots[2]
+    arena[slots[0]] = arena[slots[3]] * sum(arena[slots[first + k]] * sizes[first + k] for k in range(slots[1]))
+    return 0
+
+
+def test_a_kernel_from_outside_takes_any_number_of_inputs():
+    class Total(Block):
+        """The weighted sum of the elements that stand first."""
+
+        gain = Param(2.0, "1", "factor")
+        a = Input("any", "scalar")
+        b = Input("any", "vector", shape=(3,))
+        y = Output("any", "sum")
+        kernel = Kernel(total, "y *inputs gain")
+
+    assert Total().step(1.0, [10.0, 0.0, 0.0]) == 2.0 * (1.0 + 3 * 10.0)
 
 
 def test_a_cfunc_is_known_by_its_address():
@@ -112,7 +126,7 @@ def test_a_status_of_its_own_is_a_fault_that_names_the_block():
     class Refuses(Leaky):
         """Refuses to go on."""
 
-        kernel = refuses
+        kernel = Kernel(refuses, "")
 
     with Diagram("d", rate=100) as diagram:
         Refuses(name="stubborn")(1.0)
@@ -127,7 +141,7 @@ def test_a_status_of_its_own_is_a_fault_that_names_the_block():
     [
         (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), b"double (double)", None), "must be named"),
         (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), None, None), "must be named"),
-        (mit.decode, "must be named"),
+        (mit.decode.function, "must be named"),
         (leaky.__call__, "a native kernel is a PyCapsule, a ctypes function or a Numba cfunc"),
         (lambda arena, slots, sizes: 0, "a native kernel is a PyCapsule"),
         (140_000_000_000, "a native kernel is a PyCapsule"),
@@ -142,7 +156,7 @@ def test_what_is_no_kernel_is_refused_before_anything_runs(kernel, complaint):
     class Odd(Leaky):
         """Names something else as its kernel."""
 
-    Odd.kernel = staticmethod(kernel)
+    Odd.kernel = Kernel(kernel, ITEMS)
     with Diagram("d", rate=100) as diagram:
         Odd()(1.0)
         CsvRecorder()
@@ -159,7 +173,7 @@ def test_a_kernel_is_no_decoder():
 
 def test_one_call_by_hand_gives_the_status():
     arena = np.array([0.0] * 8 + [3.0, 0.0, 2.0])
-    table = KernelTable((1, 1, 1, 0), (8, 9, 10), (1, 1, 1))
+    table = KernelTable((8, 9, 10), (1, 1, 1))
     assert call_kernel(mathematics.gain, arena, table) == 0 and arena[9] == 6.0
 
 
@@ -182,7 +196,7 @@ def test_a_kernel_written_in_c_and_loaded_with_ctypes_runs(tmp_path):
 
         u = Input("any")
         y = Output("any")
-        kernel = ctypes.CDLL(str(tmp_path / "twice.so")).twice
+        kernel = Kernel(ctypes.CDLL(str(tmp_path / "twice.so")).twice, "u y")
 
     with Diagram("d", rate=100) as diagram:
         Twice(name="t")(Sine(name="s").y)

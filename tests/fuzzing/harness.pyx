@@ -19,6 +19,7 @@ from libc.string cimport memcmp, memcpy, memset
 
 from cext.abi cimport FOREIGN, FRAME_BYTES, FRAMES_PER_DEVICE, MALFORMED, PRESSED, TAKEN, TIME, Frame, decode_t, encode_t, kernel_t
 from cext.schedule.kernel_table import address
+from graph.arena_layout import kernel_table
 from cext.ring.newest_ring cimport GAP, START
 from cext.lines.stream_frames cimport BACK, BYTES, LOST
 from tests.fuzzing.oracles cimport COBS, DATAGRAMS, INSOLE, MIP, Found, Protocol, ccitt, find, nothing_found
@@ -67,8 +68,10 @@ cdef struct Target:
     Protocol protocol
     decode_t decode
     encode_t encode
-    int32_t *slots                  # at the counts in front of them
-    int32_t *sizes
+    int32_t *decode_slots
+    int32_t *decode_sizes
+    int32_t *encode_slots
+    int32_t *encode_sizes
     Item items[128]
     int count                       # of items
     int words                       # doubles of the arena
@@ -140,7 +143,7 @@ cdef int offer(const uint8_t *data, int length, uint32_t identifier, uint8_t fla
     if length > 0:
         memcpy(now.frame.data, data, length)
     now.frame.id, now.frame.length, now.frame.flags, now.frame.time = identifier, <uint8_t>length, flags, time
-    answer = now.decode(now.arena, now.slots + 4, now.sizes, now.frame)
+    answer = now.decode(now.arena, now.decode_slots, now.decode_sizes, now.frame)
     if answer < MALFORMED or answer > PRESSED:
         violated("decode returned what is no answer")
     return answer
@@ -153,7 +156,7 @@ cdef void must_encode() noexcept nogil:
         return
     now.arena[TIME] = 2.0
     memset(frames, 0, FRAMES_PER_DEVICE * sizeof(Frame))
-    count = now.encode(now.arena, now.slots + 4, now.sizes, frames)
+    count = now.encode(now.arena, now.encode_slots, now.encode_sizes, frames)
     if count > FRAMES_PER_DEVICE:
         violated("encode filled too many frames")
     for i in range(count):
@@ -376,6 +379,13 @@ cdef int frames_input(const uint8_t *data, size_t length) noexcept nogil:
 
 # What is driven
 
+cdef int32_t *words_of(values) except NULL:
+    cdef int32_t *words = <int32_t *>calloc(len(values) + 1, sizeof(int32_t))
+    for number, value in enumerate(values):
+        words[number] = value
+    return words
+
+
 def drive(words, device):
     """Fuzz one device with libFuzzer's command line; it ends the process by itself. device : tests.fuzzing.targets.Driven"""
     cdef Item *item
@@ -393,15 +403,12 @@ def drive(words, device):
      now.protocol.side) = device.protocol
     now.decode = <decode_t><uintptr_t>address(device.decode, "decode")
     now.encode = <encode_t><uintptr_t>address(device.encode, "encode")
-    now.slots = <int32_t *>calloc(len(device.counts) + len(device.items) + 1, sizeof(int32_t))
-    now.sizes = <int32_t *>calloc(len(device.items) + 1, sizeof(int32_t))
-    for number, value in enumerate(device.counts):
-        now.slots[number] = value
+    places = {}
     now.items[0].slot, now.items[0].size = 0, 8                             # the clock
     for number, (name, values, low, high, is_output, is_same) in enumerate(device.items):
         item = &now.items[number + 1]
         item.slot, item.size, item.low, item.high, item.is_output, item.is_same = slot, len(values), low, high, is_output, is_same
-        now.slots[number + 4], now.sizes[number] = slot, len(values)
+        places[name] = slot, len(values)
         slot += len(values) + APART
         for counter in ("received", "packets"):
             if name == counter:
@@ -410,6 +417,9 @@ def drive(words, device):
             now.lost = item.slot
         if name == "corrupt":
             now.corrupt = item.slot
+    decode, encode = (kernel_table(device.block, kernel, places) for kernel in (device.decode, device.encode))
+    now.decode_slots, now.decode_sizes = words_of(decode.slots), words_of(decode.sizes)
+    now.encode_slots, now.encode_sizes = words_of(encode.slots), words_of(encode.sizes)
     now.count, now.words = len(device.items) + 1, slot
     now.arena, now.fresh = <double *>malloc(slot * sizeof(double)), <double *>calloc(slot, sizeof(double))
     now.first, now.good = <double *>calloc(slot, sizeof(double)), <double *>calloc(slot, sizeof(double))

@@ -65,7 +65,7 @@ class Driven:
         self.is_emulated = target.device.__name__.startswith("Emulated")
         self.is_stream, self.protocol, self.tail = target.is_stream, target.protocol, target.tail
         steps = wired.schedule.devices[0]
-        self.decode, self.encode, self.counts = steps.decode, steps.encode, list(steps.table.counts)
+        self.block, self.decode, self.encode = block, steps.decode, steps.encode
         self.clock = wired.arena[:8].tolist()
         self.items = []
         for name, place in wired.place.items():

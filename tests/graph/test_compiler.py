@@ -13,7 +13,20 @@ from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
 from cext.kernels import mathematics
-from graph import Actuator, Block, Diagram, DiagramError, Input, Interval, Memory, Output, Sink, compile, subsystem
+from graph import (
+    Actuator,
+    Block,
+    Diagram,
+    DiagramError,
+    Input,
+    Interval,
+    Kernel,
+    Memory,
+    Output,
+    Sink,
+    compile,
+    subsystem,
+)
 from tests.graph.complaints import complaint, complaints, here
 
 
@@ -389,7 +402,7 @@ def test_hooks_of_devices_that_raise_are_told_with_their_line():
 
         torque_command = Input("N·m", default=0.0)
         age = Output("s")
-        decode = encode = object()
+        decode = encode = Kernel(None, "")
 
         def command_limits(self):
             raise ValueError("no limits are known of this one")
@@ -426,7 +439,7 @@ def test_memory_of_any_length_is_placed():
 
     with Diagram("d", rate=50) as diagram:
         Buffered()(1.0)
-    assert compile(diagram).output[0].table.sizes[-1] == 50
+    assert compile(diagram).items["buffered"]["buffer"][1] == 50
 
 
 def test_a_sink_with_inputs_of_its_own_must_be_wired():

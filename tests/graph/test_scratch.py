@@ -15,7 +15,7 @@ from blocks.mathematics import Gain, Product, Sum
 from blocks.sources import Sine
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
-from graph import Block, Diagram, Input, Output, compile
+from graph import Block, Diagram, Input, Kernel, Output, compile
 
 
 def test_inputs_go_by_place_by_name_and_by_default():
@@ -112,7 +112,7 @@ def test_a_kernel_that_refuses_is_told():
         """Refuses."""
 
         y = Output("1")
-        kernel = refuses
+        kernel = Kernel(refuses, "y")
 
     with pytest.raises(ArithmeticError, match="the kernel of refuses returned status 70"):
         Refuses().step()

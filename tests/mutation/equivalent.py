@@ -4,11 +4,11 @@ hole in the tests.
 
 EQUIVALENT = {
     "cext/kernels/limiters.pyx remember: add(sums + RUNNING, square) -> add(sums - RUNNING, square)": "RUNNING is 0",
-    "cext/kernels/limiters.pyx remember: add(sums + RUNNING, -arena[slots[SQUARES] + place]) -> "
-    "add(sums - RUNNING, -arena[slots[SQUARES] + place])": "RUNNING is 0",
-    "cext/kernels/limiters.pyx rms_torque_kernel: most = sqrt(budget / arena[slots[TICKS]]) if budget > 0.0 else 0.0 "
+    "cext/kernels/limiters.pyx remember: add(sums + RUNNING, -arena[at.squares + place]) -> "
+    "add(sums - RUNNING, -arena[at.squares + place])": "RUNNING is 0",
+    "cext/kernels/limiters.pyx rms_torque_kernel: most = sqrt(budget / arena[at.ticks]) if budget > 0.0 else 0.0 "
     "-> "
-    "most = sqrt(budget / arena[slots[TICKS]]) if budget >= 0.0 else 0.0": "the root of 0 is 0",
+    "most = sqrt(budget / arena[at.ticks]) if budget >= 0.0 else 0.0": "the root of 0 is 0",
     "cext/kernels/limiters.pyx soft_stop_kernel: if velocity > 0.0: -> if velocity >= 0.0:": "it "
     "takes nothing away then",
     "cext/kernels/limiters.pyx soft_stop_kernel: if velocity < 0.0: -> if velocity <= 0.0:": "it "
@@ -25,15 +25,16 @@ EQUIVALENT = {
     "share = 1.0 if temperature <= full else 0.0 if temperature >= none else (none - temperature) / (none - full) -> "
     "share = 1.0 if temperature <= full else 0.0 if temperature > none else (none - temperature) / (none - full)": "the"
     " share is 0 then, either way",
-    "cext/kernels/limiters.pyx soft_start_kernel: share = 1.0 if elapsed[0] >= arena[slots[3]] else elapsed[0] / "
-    "arena[slots[3]] -> "
-    "share = 1.0 if elapsed[0] > arena[slots[3]] else elapsed[0] / arena[slots[3]]": "the share is 1 then, either way",
+    "cext/kernels/limiters.pyx soft_start_kernel: share = 1.0 if elapsed[0] >= arena[at.duration] else elapsed[0] / "
+    "arena[at.duration] -> "
+    "share = 1.0 if elapsed[0] > arena[at.duration] else elapsed[0] / arena[at.duration]": "the share "
+    "is 1 then, either way",
     "cext/kernels/limiters.pyx soft_start_kernel: elapsed[0] = -1.0 -> elapsed[0] = -2.0": "anything below 0 says "
     "that it has not begun",
     "cext/kernels/limiters.pyx rms_torque_kernel: "
-    "budget = length * limit * limit * (1.0 - 1e-12) - (sums[RUNNING] + sums[RUNNING_REST] - arena[slots[SQUARES] + "
+    "budget = length * limit * limit * (1.0 - 1e-12) - (sums[RUNNING] + sums[RUNNING_REST] - arena[at.squares + "
     "place]) -> "
-    "budget = length * limit * limit * (1.0 - 1e-13) - (sums[RUNNING] + sums[RUNNING_REST] - arena[slots[SQUARES] + "
+    "budget = length * limit * limit * (1.0 - 1e-13) - (sums[RUNNING] + sums[RUNNING_REST] - arena[at.squares + "
     "place])": "the margin for rounding is a thousand times what is lost",
     "cext/kernels/limits.pxd clip: return high if high < x else x -> return high if high <= x else x": "they "
     "are the same number",

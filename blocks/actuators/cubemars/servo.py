@@ -121,7 +121,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     hardware = ("can_id", "invert", "offset", "range", "wake_shift", "known_pose", "reference", "report_rate")
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
-    encode = kernels.encode
+    encode = kernels.encode.renamed(command="current_command", sent="current_sent")
     unanswered_frames = 1  # of the stop's two: nothing is answered, and one report may confirm it
     reports_a_tick: int
     # Joint and Reporting are not base classes, since this block does not have all of their ports
@@ -190,6 +190,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         quantity = "position" if self.mode in POSITIONS else self.mode
         self.command_name, self.sent_name = f"{quantity}_command", f"{quantity}_sent"
         self.sent_outputs = (self.sent_name,)
+        self.encode = kernels.encode.renamed(command=self.command_name, sent=self.sent_name)
         if quantity != "current":
             command, sent = COMMANDS[quantity]
             self.inputs = {self.command_name: command.named(self.command_name)}

@@ -112,7 +112,7 @@ class RobStride(Joint, Actuator):
             for name, port in type(self).outputs.items()
         }
         self.sent_outputs = (self.sent_name,)
-        self.encode = kernels.encode_written
+        self.encode = kernels.encode_written.renamed(command=self.command_name, command_sent=self.sent_name)
         limit = {"position": self.limits[0], "velocity": self.velocity_limit, "current": self.current_limit}[quantity]
         self.limits, self.felt = (limit, 1.0), ("limits", 1)
         limited = (0.0, 0.0) if quantity == "current" else (frames.LIMIT_CUR, self.current_limit)

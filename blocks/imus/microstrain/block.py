@@ -147,7 +147,9 @@ class MicroStrain(StreamDevice):
 
     def tabulate(self):
         """The table that the kernel reads: see cext/kernels/devices/microstrain/mip.pyx."""
-        items = {name: 1 + place for place, name in enumerate(self.outputs)}
+        places = kernels.decode.names
+        places += [name for name in self.outputs if name not in places]
+        items = {name: places.index(name) for name in self.outputs}
         meant = {
             **COMMON,
             "raw_quaternion": CHANNELS[self.attitude]["quaternion"],

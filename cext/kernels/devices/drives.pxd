@@ -1,29 +1,27 @@
-"""What all emulated drives share: where their items stand, what can be wrong with them, and the answers that they owe.
+"""What all emulated drives share: their items, what can be wrong with them, and the answers that they owe.
 
-Items in the order of blocks.actuators.emulated.EmulatedDrive; what a family adds comes behind. All is at the joint: ranges, positions,
-torques. Of the faults every input at zero is a healthy drive.
+All is at the joint: ranges, positions, torques. With every fault input at zero the drive is healthy.
 """
 
 from libc.math cimport floor, isfinite
 from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t, uint64_t
 from libc.string cimport memcpy, memset
 
-from cext.abi cimport FRAMES_PER_DEVICE, INPUTS, OUTPUTS, PARAMETERS, TIME, Frame
+from cext.abi cimport FRAMES_PER_DEVICE, TIME, Frame
 
-cdef enum:
-    POSITION, VELOCITY, TEMPERATURE, FAULT, SILENT, DROPPED, WRONG_ID, STUCK_ENCODER, DELAY, POWER_LOST
-    TORQUE, ENABLED
-    CAN_ID, INVERT, OFFSET, GEAR_RATIO, PEAK, TRIP_TEMPERATURE, WIRE_POSITION, WIRE_VELOCITY, WIRE_STIFFNESS, WIRE_DAMPING, WIRE_TORQUE
-    FIRST_OWN                   # parameter of a family
+cdef struct Drive:              # of blocks.actuators.emulated.EmulatedDrive; a family has these in a struct of its own
+    int32_t position, velocity, temperature, fault
+    int32_t silent, dropped, wrong_id, stuck_encoder, delay, power_lost     # what can be wrong
+    int32_t torque, enabled
+    int32_t can_id, invert, offset, gear_ratio, peak, trip_temperature
+    int32_t wire                # position, velocity, stiffness, damping, torque: half ranges at the joint
+    int32_t command             # position, velocity, stiffness, damping, torque last received, at the joint, in the motor's direction
+    int32_t state               # the enum below
+    int32_t outbox              # first, count, then ANSWERS times: time due, identifier, length, eight bytes as they are
 
-cdef enum: # items of memory
-    WIRE                        # position, velocity, stiffness, damping, torque: half ranges at the joint
-    COMMAND                     # position, velocity, stiffness, damping, torque last heard, at the joint, the way the motor turns
-    STATE                       # as the enum below
-    OUTBOX                      # first, count, then ANSWERS times: time due, identifier, length, eight bytes as they are
-    OWN                         # first of a family
+cdef inline str drive_sizes(): return "wire[5] command[5] state[7] outbox[...]"
 
-cdef enum: # in STATE
+cdef enum: # in `state`
     RUNNING                     # whether it is enabled
     ZERO                        # of the encoder
     LUCK                        # of frames that may be dropped
@@ -38,50 +36,45 @@ cdef enum:
     UNWRITTEN = 255             # length of an answer that is written when it is owed: with the state at the end of the step
 
 
-cdef inline double *kept(double *arena, const int32_t *slots, int item) noexcept nogil:
-    """An item of memory: it lies behind what parameters a family has."""
-    return arena + slots[slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS] + item]
-
-
-cdef inline bint drops(double *arena, const int32_t *slots) noexcept nogil:
+cdef inline bint drops(double *arena, const Drive *at) noexcept nogil:
     """Whether the next frame is lost on its way. A linear congruence: the same in every run."""
-    cdef double *luck = kept(arena, slots, STATE) + LUCK
-    if not arena[slots[DROPPED]] > 0.0:
+    cdef double *luck = arena + at.state + LUCK
+    if not arena[at.dropped] > 0.0:
         return False
     luck[0] = <double>((<uint64_t>luck[0] * 1103515245u + 12345u) & 0x7FFFFFFFu)
-    return luck[0] < arena[slots[DROPPED]] * 2147483648.0
+    return luck[0] < arena[at.dropped] * 2147483648.0
 
 
-cdef inline bint unreachable(double *arena, const int32_t *slots) noexcept nogil:
+cdef inline bint unreachable(double *arena, const Drive *at) noexcept nogil:
     """Whether a frame that is for it does not reach it."""
-    return arena[slots[POWER_LOST]] != 0.0 or drops(arena, slots)
+    return arena[at.power_lost] != 0.0 or drops(arena, at)
 
 
-cdef inline void owe(double *arena, const int32_t *slots, uint32_t id, int length, const uint8_t *data) noexcept nogil:
+cdef inline void owe(double *arena, const Drive *at, uint32_t id, int length, const uint8_t *data) noexcept nogil:
     """Promise an answer; without data it is written at the end of the step. One too many is forgotten."""
-    cdef double *outbox = kept(arena, slots, OUTBOX)
+    cdef double *outbox = arena + at.outbox
     cdef double *answer
     if outbox[1] >= ANSWERS:
         return
     answer = outbox + 2 + WORDS * (<int>(outbox[0] + outbox[1]) % ANSWERS)
     outbox[1] += 1.0
-    answer[0] = arena[TIME] + (arena[slots[DELAY]] if arena[slots[DELAY]] > 0.0 else 0.0)
+    answer[0] = arena[TIME] + (arena[at.delay] if arena[at.delay] > 0.0 else 0.0)
     answer[1] = id
     answer[2] = UNWRITTEN if data == NULL else length
     if data != NULL:
         memcpy(&answer[3], data, 8)
 
 
-cdef inline double *unwritten(double *arena, const int32_t *slots, int index) noexcept nogil:
+cdef inline double *unwritten(double *arena, const Drive *at, int index) noexcept nogil:
     """The answer at that place of the queue if it waits to be written; NULL if there is none or it is."""
-    cdef double *outbox = kept(arena, slots, OUTBOX)
+    cdef double *outbox = arena + at.outbox
     cdef double *answer = outbox + 2 + WORDS * (<int>(outbox[0] + index) % ANSWERS)
     return answer if index < outbox[1] and answer[2] == UNWRITTEN else NULL
 
 
-cdef inline int deliver(double *arena, const int32_t *slots, Frame *frames) noexcept nogil:
+cdef inline int deliver(double *arena, const Drive *at, Frame *frames) noexcept nogil:
     """The answers that are due, oldest first: as many as fit; those that get lost do not count."""
-    cdef double *outbox = kept(arena, slots, OUTBOX)
+    cdef double *outbox = arena + at.outbox
     cdef double *answer
     cdef int count = 0
     while outbox[1] > 0.0 and count < FRAMES_PER_DEVICE:
@@ -90,7 +83,7 @@ cdef inline int deliver(double *arena, const int32_t *slots, Frame *frames) noex
             break
         outbox[0] = (<int>outbox[0] + 1) % ANSWERS
         outbox[1] -= 1.0
-        if arena[slots[SILENT]] != 0.0 or arena[slots[POWER_LOST]] != 0.0 or drops(arena, slots):
+        if arena[at.silent] != 0.0 or arena[at.power_lost] != 0.0 or drops(arena, at):
             continue
         memset(&frames[count], 0, sizeof(Frame))
         frames[count].id = <uint32_t>answer[1]
@@ -100,57 +93,57 @@ cdef inline int deliver(double *arena, const int32_t *slots, Frame *frames) noex
     return count
 
 
-cdef inline uint32_t own_id(double *arena, const int32_t *slots) noexcept nogil:
+cdef inline uint32_t own_id(double *arena, const Drive *at) noexcept nogil:
     """The id that it says it has."""
-    return <uint32_t>arena[slots[WRONG_ID] if arena[slots[WRONG_ID]] > 0.0 else slots[CAN_ID]]
+    return <uint32_t>arena[at.wrong_id if arena[at.wrong_id] > 0.0 else at.can_id]
 
 
-cdef inline double turned(double *arena, const int32_t *slots, double x) noexcept nogil:
+cdef inline double turned(double *arena, const Drive *at, double x) noexcept nogil:
     """Between the joint and the motor's way of turning."""
-    return -x if arena[slots[INVERT]] != 0.0 else x
+    return -x if arena[at.invert] != 0.0 else x
 
 
-cdef inline double true_position(double *arena, const int32_t *slots) noexcept nogil:
-    return turned(arena, slots, arena[slots[POSITION]] + arena[slots[OFFSET]])
+cdef inline double true_position(double *arena, const Drive *at) noexcept nogil:
+    return turned(arena, at, arena[at.position] + arena[at.offset])
 
 
-cdef inline double seen_position(double *arena, const int32_t *slots) noexcept nogil:
+cdef inline double seen_position(double *arena, const Drive *at) noexcept nogil:
     """What its encoder says, its zero taken away."""
-    cdef double *state = kept(arena, slots, STATE)
-    return (state[HELD] if state[HOLDS] != 0.0 else true_position(arena, slots)) - state[ZERO]
+    cdef double *state = arena + at.state
+    return (state[HELD] if state[HOLDS] != 0.0 else true_position(arena, at)) - state[ZERO]
 
 
-cdef inline double seen_velocity(double *arena, const int32_t *slots) noexcept nogil:
-    if kept(arena, slots, STATE)[HOLDS] != 0.0:
+cdef inline double seen_velocity(double *arena, const Drive *at) noexcept nogil:
+    if (arena + at.state)[HOLDS] != 0.0:
         return 0.0
-    return turned(arena, slots, arena[slots[VELOCITY]])
+    return turned(arena, at, arena[at.velocity])
 
 
-cdef inline void look(double *arena, const int32_t *slots) noexcept nogil:
+cdef inline void look(double *arena, const Drive *at) noexcept nogil:
     """Begin of a step: the encoder sticks where it is, or lets go."""
-    cdef double *state = kept(arena, slots, STATE)
-    if arena[slots[STUCK_ENCODER]] == 0.0:
+    cdef double *state = arena + at.state
+    if arena[at.stuck_encoder] == 0.0:
         state[HOLDS] = 0.0
     elif state[HOLDS] == 0.0:
-        state[HELD] = true_position(arena, slots)
+        state[HELD] = true_position(arena, at)
         state[HOLDS] = 1.0
 
 
-cdef inline void forget(double *arena, const int32_t *slots) noexcept nogil:
+cdef inline void forget(double *arena, const Drive *at) noexcept nogil:
     """Power is gone: what it was told, what it would have said, and how many turns the motor has made."""
-    cdef double *state = kept(arena, slots, STATE)
-    cdef double seen = seen_position(arena, slots)
+    cdef double *state = arena + at.state
+    cdef double seen = seen_position(arena, at)
     state[RUNNING] = 0.0
     if state[SHIFT] > 0.0 and isfinite(seen):
         state[ZERO] += state[SHIFT] * floor(seen / state[SHIFT] + 0.5)
-    memset(kept(arena, slots, COMMAND), 0, 5 * sizeof(double))
-    kept(arena, slots, OUTBOX)[1] = 0.0
+    memset(arena + at.command, 0, 5 * sizeof(double))
+    (arena + at.outbox)[1] = 0.0
 
 
-cdef inline double law(double *arena, const int32_t *slots) noexcept nogil:
+cdef inline double law(double *arena, const Drive *at) noexcept nogil:
     """kp (p_des - p) + kd (v_des - v) + t of what it was told."""
-    cdef double *command = kept(arena, slots, COMMAND)
-    return (command[2] * (command[0] - seen_position(arena, slots)) + command[3] * (command[1] - seen_velocity(arena, slots))
+    cdef double *command = arena + at.command
+    return (command[2] * (command[0] - seen_position(arena, at)) + command[3] * (command[1] - seen_velocity(arena, at))
             + command[4])
 
 
@@ -158,6 +151,6 @@ cdef inline double within(double x, double most) noexcept nogil:
     return most if x > most else -most if x < -most else x
 
 
-cdef inline bint answerable(double *arena, const int32_t *slots) noexcept nogil:
+cdef inline bint answerable(double *arena, const Drive *at) noexcept nogil:
     """Whether its state can be said in codes: that of a plant that has blown up cannot."""
-    return isfinite(arena[slots[POSITION]]) and isfinite(arena[slots[VELOCITY]])
+    return isfinite(arena[at.position]) and isfinite(arena[at.velocity])

@@ -4,37 +4,47 @@
 from libc.math cimport NAN
 from libc.stdint cimport int32_t
 
-from cext.abi cimport OK, export
+from cext.abi cimport ITEMS, OK, export, items, kernel_t
 from cext.kernels.limits cimport is_finite
 from cext.kernels.devices.taring cimport tared
 
 
-cdef int load_cell_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # signal, tare, force, capacity, at_capacity, memory: tare
-    arena[slots[2]] = tared(arena + slots[5], arena[slots[0]], arena[slots[1]] != 0.0) * arena[slots[3]] / arena[slots[4]]
+cdef struct LoadCell:
+    int32_t signal, tare, force, capacity, at_capacity, taring
+
+LOAD_CELL = items((<LoadCell *>ITEMS)[0], "taring[6]")
+
+
+cdef int load_cell_kernel(double *arena, const LoadCell *at, const LoadCell *sizes) noexcept nogil:
+    arena[at.force] = tared(arena + at.taring, arena[at.signal], arena[at.tare] != 0.0) * arena[at.capacity] / arena[at.at_capacity]
     return OK
 
 
-cdef int force_sensitive_resistor_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # voltage, force, pressed, supply, resistor, sensitivity, most, press, release
-    cdef double voltage = arena[slots[0]]
-    cdef double supply = arena[slots[3]]
-    cdef double most = arena[slots[6]]
+cdef struct Resistor:
+    int32_t voltage, force, pressed, supply, resistor, sensitivity, most, press, release
+
+RESISTOR = items((<Resistor *>ITEMS)[0])
+
+
+cdef int force_sensitive_resistor_kernel(double *arena, const Resistor *at, const Resistor *sizes) noexcept nogil:
+    cdef double voltage = arena[at.voltage]
+    cdef double supply = arena[at.supply]
+    cdef double most = arena[at.most]
     cdef double force
     if not is_finite(voltage):
-        arena[slots[1]] = NAN
+        arena[at.force] = NAN
         return OK
     if voltage <= 0.0:
         force = 0.0
     elif voltage >= supply:
         force = most
     else:
-        force = arena[slots[5]] * voltage / (arena[slots[4]] * (supply - voltage))
+        force = arena[at.sensitivity] * voltage / (arena[at.resistor] * (supply - voltage))
         force = most if force > most else force
-    arena[slots[1]] = force
-    arena[slots[2]] = force > arena[slots[8]] if arena[slots[2]] != 0.0 else force >= arena[slots[7]]
+    arena[at.force] = force
+    arena[at.pressed] = force > arena[at.release] if arena[at.pressed] != 0.0 else force >= arena[at.press]
     return OK
 
 
-load_cell = export(load_cell_kernel)
-force_sensitive_resistor = export(force_sensitive_resistor_kernel)
+load_cell = export(<kernel_t>load_cell_kernel, LOAD_CELL)
+force_sensitive_resistor = export(<kernel_t>force_sensitive_resistor_kernel, RESISTOR)

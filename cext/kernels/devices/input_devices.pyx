@@ -8,13 +8,13 @@ from libc.math cimport fabs, isfinite, rint
 from libc.stdint cimport int32_t, uint8_t, uint16_t, uint32_t
 from libc.string cimport memcpy, memset
 
-from cext.abi cimport FOREIGN, INPUTS, MALFORMED, NOT_FINITE, NOTED, OUTPUTS, PARAMETERS, TAKEN, Frame, export_decode, export_encode
+from cext.abi cimport (
+    FOREIGN, ITEMS, MALFORMED, NOTED, NOT_FINITE, TAKEN, Frame, Rest, decode_t, each, encode_t, export_decode,
+    export_encode, items,
+)
 from cext.lines.stream_frames cimport BACK, BYTES, LOST
 
-cdef enum: # outputs behind those of axes and buttons
-    AGE, CONNECTED, MISSED, OTHERS
-
-cdef enum: # of each axis or button in the plan, its first memory
+cdef enum: # of each axis or button, in `plan`
     KIND, CODE, LOW, HIGH, WORDS
 
 cdef enum:
@@ -23,14 +23,6 @@ cdef enum:
     KEY = 1
     AXIS = 3
     DROPPED = 3                 # code of a STREAM event: some were lost
-
-
-cdef inline double *memory(double *arena, const int32_t *slots) noexcept nogil:
-    return arena + slots[slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS]]
-
-
-cdef inline double *told(double *arena, const int32_t *slots, int index) noexcept nogil:
-    return arena + slots[slots[INPUTS] + index]
 
 
 cdef inline uint32_t u16(const uint8_t *data) noexcept nogil:
@@ -44,41 +36,49 @@ cdef inline double share(double value, double low, double high, double dead) noe
     return 0.0 if fabs(x) <= dead else (x - dead if x > 0.0 else x + dead) / (1.0 - dead)
 
 
-cdef void let_go(double *arena, const int32_t *slots) noexcept nogil:
-    """Whoever held it cannot be asked: nothing is held."""
+cdef struct Controls:
+    int32_t age, connected, missed, dead_zone, plan
+    Rest outputs                # axes and buttons, in the order of `plan`
+
+CONTROLS = items((<Controls *>ITEMS)[0], "plan[...]")
+
+
+cdef void release_all(double *arena, const Controls *at, const Controls *sizes) noexcept nogil:
+    """The state of the device is unknown: nothing is held down."""
     cdef int index
-    for index in range(slots[OUTPUTS] - OTHERS):
-        told(arena, slots, index)[0] = 0.0
+    for index in range(sizes.plan // WORDS):
+        arena[each(at, at.outputs)[index]] = 0.0
 
 
-cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef int count = slots[OUTPUTS] - OTHERS
-    cdef const double *plan = memory(arena, slots)
-    cdef double dead = (arena + slots[slots[INPUTS] + slots[OUTPUTS]])[0]
+cdef int decode_kernel(double *arena, const Controls *at, const Controls *sizes, const Frame *frame) noexcept nogil:
+    cdef const int32_t *outputs = each(at, at.outputs)
+    cdef int count = sizes.plan // WORDS
+    cdef const double *plan = arena + at.plan
+    cdef double dead = arena[at.dead_zone]
     cdef const uint8_t *data
     cdef uint32_t kind, code
     cdef int32_t value
-    cdef int at = 0
+    cdef int offset = 0
     cdef int index
     if frame.id == LOST or frame.id == BACK:
-        let_go(arena, slots)
-        told(arena, slots, count + CONNECTED)[0] = frame.id == BACK
+        release_all(arena, at, sizes)
+        arena[at.connected] = frame.id == BACK
         return NOTED
     if frame.id != BYTES or frame.length % EVENT != 0:
         return MALFORMED
-    while at < frame.length:
-        data = &frame.data[at]
-        at += EVENT
+    while offset < frame.length:
+        data = &frame.data[offset]
+        offset += EVENT
         kind, code = u16(data + 16), u16(data + 18)
         memcpy(&value, data + 20, 4)
         if kind == STREAM and code == DROPPED:
-            told(arena, slots, count + MISSED)[0] += 1.0
-            let_go(arena, slots)
+            arena[at.missed] += 1.0
+            release_all(arena, at, sizes)
         for index in range(count):
             if kind == <uint32_t>plan[WORDS * index + KIND] and code == <uint32_t>plan[WORDS * index + CODE]:
-                told(arena, slots, index)[0] = (
+                arena[outputs[index]] = (
                     share(value, plan[WORDS * index + LOW], plan[WORDS * index + HIGH], dead) if kind == AXIS else value != 0)
-    told(arena, slots, count + CONNECTED)[0] = 1.0
+    arena[at.connected] = 1.0
     return TAKEN
 
 
@@ -86,22 +86,30 @@ cdef int emulated_decode_kernel(double *arena, const int32_t *slots, const int32
     return FOREIGN
 
 
-cdef int emulated_encode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+cdef struct Emulated:
+    int32_t plan, last
+    Rest inputs                 # axes and buttons, in the order of `plan`
+
+EMULATED = items((<Emulated *>ITEMS)[0], "plan[...] last[...]")
+
+
+cdef int emulated_encode_kernel(double *arena, const Emulated *at, const Emulated *sizes, Frame *frames) noexcept nogil:
     """An event for what has changed, at most four a tick."""
-    cdef const double *plan = memory(arena, slots)
-    cdef double *last = arena + slots[slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS] + 1]
+    cdef const int32_t *inputs = each(at, at.inputs)
+    cdef const double *plan = arena + at.plan
+    cdef double *last = arena + at.last
     cdef int count = 0
     cdef int index
     cdef int32_t value
     cdef uint16_t kind, code
-    for index in range(slots[INPUTS]):
-        if not isfinite(arena[slots[index]]):
+    for index in range(sizes.plan // WORDS):
+        if not isfinite(arena[inputs[index]]):
             return -NOT_FINITE
         kind, code = <uint16_t>plan[WORDS * index + KIND], <uint16_t>plan[WORDS * index + CODE]
-        value = <int32_t>(arena[slots[index]] != 0.0)
+        value = <int32_t>(arena[inputs[index]] != 0.0)
         if kind == AXIS:
             value = <int32_t>rint(plan[WORDS * index + LOW]
-                                  + 0.5 * (1.0 + arena[slots[index]]) * (plan[WORDS * index + HIGH] - plan[WORDS * index + LOW]))
+                                  + 0.5 * (1.0 + arena[inputs[index]]) * (plan[WORDS * index + HIGH] - plan[WORDS * index + LOW]))
         if value == <int32_t>last[index] or count == 4:
             continue
         last[index] = value
@@ -114,5 +122,6 @@ cdef int emulated_encode_kernel(double *arena, const int32_t *slots, const int32
     return count
 
 
-decode = export_decode(decode_kernel)
-emulated_decode, emulated_encode = export_decode(emulated_decode_kernel), export_encode(emulated_encode_kernel)
+decode = export_decode(<decode_t>decode_kernel, CONTROLS)
+emulated_decode = export_decode(emulated_decode_kernel, ())
+emulated_encode = export_encode(<encode_t>emulated_encode_kernel, EMULATED)

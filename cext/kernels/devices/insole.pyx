@@ -14,7 +14,8 @@ from libc.stdint cimport int32_t, uint8_t, uint32_t, uint64_t
 from libc.string cimport memcpy, memmove, memset
 
 from cext.abi cimport (
-    DT, FRAME_BYTES, MALFORMED, NOT_FINITE, NOTED, OK, TAKEN, TIME, Frame, export, export_decode, export_encode,
+    DT, FRAME_BYTES, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, TAKEN, TIME, Frame, decode_t, encode_t, export,
+    export_decode, export_encode, items, kernel_t,
 )
 from cext.kernels.devices.clock_map cimport DeviceClock, sampled
 from cext.kernels.devices.cobs cimport checksum
@@ -22,18 +23,10 @@ from cext.kernels.bernoulli cimport lucky
 from cext.ring.newest_ring cimport GAP, START
 from cext.lines.stream_frames cimport BYTES
 
-cdef enum: # of Insole, in the order of its declaration
-    FORCE, CENTRE, REGIONS, AGE, RECEIVED, LOST, CORRUPT, DEAD, SAMPLE_TIME, CLOCK_DRIFT
-    PLAN                        # as the enum below
-    BOUNDS                      # rows at which regions begin, the first 0
-    STATE                       # as the enum below
-    BUFFER                      # bytes of the frame that is coming, as they are
-    CLOCK                       # a DeviceClock
-
-cdef enum: # in PLAN
+cdef enum: # in `plan`
     ROWS, COLUMNS, SIDE, LENGTH, WIDTH, LEAST, DATAGRAMS, CLOCKED
 
-cdef enum: # in STATE
+cdef enum: # in `parsed`
     FILLED
     NEXT                        # number of the next frame, -1: any
     WHOLE                       # whether a frame has ended where this one begins
@@ -44,19 +37,8 @@ cdef enum:
     UNIT = 10                   # Pa
     MOST = 65536                # bytes of a frame that is emulated
 
-cdef enum: # of EmulatedInsole
-    E_FORCE, E_CENTRE, E_SILENT, E_DROPPED, E_BROKEN
-    E_PERIOD
-    E_PLAN
-    E_STATE                     # as the enum below
-    E_OUT                       # bytes that wait to be sent
-
-cdef enum: # in E_STATE
+cdef enum: # in `state` of an emulated insole
     NUMBER, DUE, LUCK, FROM, UNTIL
-
-cdef enum: # of FootContact
-    C_FORCE, C_HEEL, C_CONTACT, C_STRIKE, C_OFF, C_PRESS, C_RELEASE, C_SHARE, C_SHORTEST
-    C_STATE                     # whether it is on the ground, s since that has changed
 
 cdef double ROUND = 4294.967296 # s, of a clock of 32 bits in µs
 
@@ -89,10 +71,21 @@ cdef void look_on(double *state, uint8_t *data) noexcept nogil:
     state[FILLED] = filled - at
 
 
-cdef void sum_up(double *arena, const int32_t *slots, const int32_t *sizes, const double *plan, const uint8_t *cells) noexcept nogil:
+cdef struct Insole:
+    int32_t force, centre, regions, received, lost, corrupt, dead, sample_time, clock_drift
+    int32_t plan                # the enum above
+    int32_t bounds              # rows at which regions begin, the first 0
+    int32_t parsed              # the enum above
+    int32_t buffer              # bytes of the frame that is being received
+    int32_t mapped              # a DeviceClock
+
+INSOLE = items((<Insole *>ITEMS)[0], "centre[2] regions[...] plan[8] bounds[...] parsed[3] buffer[...] mapped[46]")
+
+
+cdef void sum_up(double *arena, const Insole *at, const Insole *sizes, const double *plan, const uint8_t *cells) noexcept nogil:
     """Force, centre of pressure and sums of regions. x is forward from the heel's end, y to the left from the middle."""
-    cdef const double *bounds = arena + slots[BOUNDS]
-    cdef double *regions = arena + slots[REGIONS]
+    cdef const double *bounds = arena + at.bounds
+    cdef double *regions = arena + at.regions
     cdef int rows = <int>plan[ROWS]
     cdef int columns = <int>plan[COLUMNS]
     cdef double area = plan[LENGTH] * plan[WIDTH] / (rows * columns)
@@ -104,10 +97,10 @@ cdef void sum_up(double *arena, const int32_t *slots, const int32_t *sizes, cons
     cdef int region = 0
     cdef int row, column, i
     cdef uint32_t raw
-    for i in range(sizes[REGIONS]):
+    for i in range(sizes.regions):
         regions[i] = 0.0
     for row in range(rows):
-        while region + 1 < sizes[REGIONS] and row >= bounds[region + 1]:
+        while region + 1 < sizes.regions and row >= bounds[region + 1]:
             region += 1
         for column in range(columns):
             raw = u16(cells + 2 * (row * columns + column))
@@ -119,47 +112,47 @@ cdef void sum_up(double *arena, const int32_t *slots, const int32_t *sizes, cons
             along += pressed * (row + 0.5)
             across += pressed * (0.5 * columns - column - 0.5)
             regions[region] += pressed
-    arena[slots[FORCE]] = total
-    arena[slots[CENTRE]] = along / total * plan[LENGTH] / rows if total >= plan[LEAST] else NAN
-    arena[slots[CENTRE] + 1] = across / total * plan[WIDTH] / columns if total >= plan[LEAST] else NAN
-    arena[slots[DEAD]] = dead
+    arena[at.force] = total
+    arena[at.centre] = along / total * plan[LENGTH] / rows if total >= plan[LEAST] else NAN
+    arena[at.centre + 1] = across / total * plan[WIDTH] / columns if total >= plan[LEAST] else NAN
+    arena[at.dead] = dead
 
 
-cdef int whole_frame(double *arena, const int32_t *slots, const int32_t *sizes, const double *plan, double *state,
+cdef int whole_frame(double *arena, const Insole *at, const Insole *sizes, const double *plan, double *state,
                      const uint8_t *data, double came) noexcept nogil:
     """TAKEN, NOTED for one of the other foot, MALFORMED"""
     cdef int size = bytes_of(plan)
     cdef uint32_t number = u16(data + 6)
-    cdef DeviceClock *clock = <DeviceClock *>(arena + slots[CLOCK])
+    cdef DeviceClock *clock = <DeviceClock *>(arena + at.mapped)
     if checksum(data, size - 2) != u16(data + size - 2):
         return MALFORMED
     if data[8] != <int>plan[ROWS] or data[9] != <int>plan[COLUMNS]:
         return MALFORMED
     if data[5] != <int>plan[SIDE]:
         return NOTED
-    sum_up(arena, slots, sizes, plan, data + HEADER)
+    sum_up(arena, at, sizes, plan, data + HEADER)
     if plan[CLOCKED] != 0.0:
         came = sampled(clock, 1e-6 * (u16(data + 12) | u16(data + 14) << 16), ROUND, came)
-        arena[slots[CLOCK_DRIFT]] = clock.map.slope
-    arena[slots[SAMPLE_TIME]] = came
-    arena[slots[RECEIVED]] += 1.0
+        arena[at.clock_drift] = clock.map.slope
+    arena[at.sample_time] = came
+    arena[at.received] += 1.0
     if state[NEXT] >= 0.0:
-        arena[slots[LOST]] += <double>((number - <uint32_t>state[NEXT]) & 0xFFFF)
+        arena[at.lost] += <double>((number - <uint32_t>state[NEXT]) & 0xFFFF)
     state[NEXT] = <double>((number + 1) & 0xFFFF)
     return TAKEN
 
 
-cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef const double *plan = arena + slots[PLAN]
-    cdef double *state = arena + slots[STATE]
-    cdef uint8_t *data = <uint8_t *>(arena + slots[BUFFER])
+cdef int decode_kernel(double *arena, const Insole *at, const Insole *sizes, const Frame *frame) noexcept nogil:
+    cdef const double *plan = arena + at.plan
+    cdef double *state = arena + at.parsed
+    cdef uint8_t *data = <uint8_t *>(arena + at.buffer)
     cdef int size = bytes_of(plan)
     cdef bint taken = False
     cdef bint corrupt = False
     cdef int i, answer
     if frame.id != BYTES or frame.flags & GAP or (frame.flags & START and plan[DATAGRAMS] != 0.0):
         if frame.id == BYTES and not frame.flags & GAP and state[FILLED] > 0.0:     # a datagram that was cut short
-            arena[slots[CORRUPT]] += 1.0
+            arena[at.corrupt] += 1.0
             corrupt = True
         state[FILLED] = 0.0
         state[WHOLE] = frame.id == BYTES and plan[DATAGRAMS] != 0.0
@@ -170,16 +163,16 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
         state[FILLED] += 1.0
         if state[FILLED] <= 5.0 and not begins(data, <int>state[FILLED]):
             if state[WHOLE] != 0.0:                                                 # something else than a frame, once
-                arena[slots[CORRUPT]] += 1.0
+                arena[at.corrupt] += 1.0
                 corrupt = True
                 state[WHOLE] = 0.0
             look_on(state, data)
         if state[FILLED] < size:
             continue
-        answer = whole_frame(arena, slots, sizes, plan, state, data, frame.time * 1e-9)
+        answer = whole_frame(arena, at, sizes, plan, state, data, frame.time * 1e-9)
         if answer == MALFORMED:
             if state[WHOLE] != 0.0:
-                arena[slots[CORRUPT]] += 1.0
+                arena[at.corrupt] += 1.0
                 corrupt = True
                 state[WHOLE] = 0.0
             look_on(state, data)
@@ -196,12 +189,19 @@ cdef inline double hat(double distance, double reach) noexcept nogil:
     return (1.0 - distance) / reach if distance < 1.0 else 0.0
 
 
-cdef int make_frame(double *arena, const int32_t *slots, const double *plan, double number, uint8_t *out) noexcept nogil:
+cdef struct Emulated:
+    int32_t force, centre, silent, dropped, broken, period, plan, state
+    int32_t waiting             # bytes that wait to be sent
+
+EMULATED = items((<Emulated *>ITEMS)[0], "centre[2] plan[8] state[5] waiting[...]")
+
+
+cdef int make_frame(double *arena, const Emulated *at, const double *plan, double number, uint8_t *out) noexcept nogil:
     cdef int rows = <int>plan[ROWS]
     cdef int columns = <int>plan[COLUMNS]
     cdef double area = plan[LENGTH] * plan[WIDTH] / (rows * columns)
-    cdef double at_row = arena[slots[E_CENTRE]] * rows / plan[LENGTH] - 0.5
-    cdef double at_column = 0.5 * columns - 0.5 - arena[slots[E_CENTRE] + 1] * columns / plan[WIDTH]
+    cdef double at_row = arena[at.centre] * rows / plan[LENGTH] - 0.5
+    cdef double at_column = 0.5 * columns - 0.5 - arena[at.centre + 1] * columns / plan[WIDTH]
     cdef double high = rows // 5 if rows >= 10 else 1
     cdef double wide = columns // 3 if columns >= 6 else 1
     cdef double raw
@@ -217,30 +217,30 @@ cdef int make_frame(double *arena, const int32_t *slots, const double *plan, dou
     put16(out + 14, micros >> 16)
     for row in range(rows):
         for column in range(columns):
-            raw = rint(arena[slots[E_FORCE]] * hat(row - at_row, high) * hat(column - at_column, wide) / (area * UNIT))
+            raw = rint(arena[at.force] * hat(row - at_row, high) * hat(column - at_column, wide) / (area * UNIT))
             put16(out + HEADER + 2 * (row * columns + column), 0 if not raw > 0.0 else NO_CELL - 1 if raw >= NO_CELL else <uint32_t>raw)
     put16(out + size - 2, checksum(out, size - 2))
     return size
 
 
-cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    cdef const double *plan = arena + slots[E_PLAN]
-    cdef double *state = arena + slots[E_STATE]
-    cdef uint8_t *out = <uint8_t *>(arena + slots[E_OUT])
+cdef int send_encode(double *arena, const Emulated *at, const Emulated *sizes, Frame *frames) noexcept nogil:
+    cdef const double *plan = arena + at.plan
+    cdef double *state = arena + at.state
+    cdef uint8_t *out = <uint8_t *>(arena + at.waiting)
     cdef int count = 0
     cdef int place
-    if not isfinite(arena[slots[E_FORCE]] + arena[slots[E_CENTRE]] + arena[slots[E_CENTRE] + 1]):
+    if not isfinite(arena[at.force] + arena[at.centre] + arena[at.centre + 1]):
         return -NOT_FINITE
     if state[FROM] >= state[UNTIL] and arena[TIME] >= state[DUE] - 1e-9:
-        state[DUE] += arena[slots[E_PERIOD]]
+        state[DUE] += arena[at.period]
         if state[DUE] < arena[TIME]:
-            state[DUE] = arena[TIME] + arena[slots[E_PERIOD]]
+            state[DUE] = arena[TIME] + arena[at.period]
         state[FROM] = 0.0
-        state[UNTIL] = make_frame(arena, slots, plan, state[NUMBER], out)
+        state[UNTIL] = make_frame(arena, at, plan, state[NUMBER], out)
         state[NUMBER] = <double>((<int>state[NUMBER] + 1) & 0xFFFF)
-        if arena[slots[E_SILENT]] != 0.0 or lucky(&state[LUCK], arena[slots[E_DROPPED]]):
+        if arena[at.silent] != 0.0 or lucky(&state[LUCK], arena[at.dropped]):
             state[UNTIL] = 0.0
-        elif lucky(&state[LUCK], arena[slots[E_BROKEN]]):
+        elif lucky(&state[LUCK], arena[at.broken]):
             place = <int>state[UNTIL] // 2
             out[place] = out[place] ^ 0x15
     while state[FROM] < state[UNTIL] and count < 4:
@@ -253,26 +253,32 @@ cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, 
     return count
 
 
-cdef int contact_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # force, heel, contact, heel_strike, toe_off, press, release, heel_share, shortest, state[2]
-    cdef double *state = arena + slots[C_STATE]
-    cdef double force = arena[slots[C_FORCE]]
-    cdef double heel = arena[slots[C_HEEL]]
+cdef struct Contact:
+    int32_t force, heel, contact, heel_strike, toe_off, press, release, heel_share, shortest
+    int32_t state               # whether the foot is on the ground; time since that changed, s
+
+CONTACT = items((<Contact *>ITEMS)[0], "state[2]")
+
+
+cdef int contact_kernel(double *arena, const Contact *at, const Contact *sizes) noexcept nogil:
+    cdef double *state = arena + at.state
+    cdef double force = arena[at.force]
+    cdef double heel = arena[at.heel]
     cdef bint down = state[0] != 0.0
-    arena[slots[C_STRIKE]] = arena[slots[C_OFF]] = 0.0
+    arena[at.heel_strike] = arena[at.toe_off] = 0.0
     state[1] += arena[DT]
-    if state[1] >= arena[slots[C_SHORTEST]]:
-        if not down and force >= arena[slots[C_PRESS]]:
+    if state[1] >= arena[at.shortest]:
+        if not down and force >= arena[at.press]:
             state[0], state[1] = 1.0, 0.0
-            arena[slots[C_STRIKE]] = heel >= arena[slots[C_SHARE]] * force
-        elif down and force < arena[slots[C_RELEASE]]:
+            arena[at.heel_strike] = heel >= arena[at.heel_share] * force
+        elif down and force < arena[at.release]:
             state[0], state[1] = 0.0, 0.0
-            arena[slots[C_OFF]] = 1.0
-    arena[slots[C_CONTACT]] = state[0]
+            arena[at.toe_off] = 1.0
+    arena[at.contact] = state[0]
     return OK
 
 
-decode = export_decode(decode_kernel)
+decode = export_decode(<decode_t>decode_kernel, INSOLE)
 clock_doubles = sizeof(DeviceClock) // 8
-emulated_encode = export_encode(send_encode)
-contact = export(contact_kernel)
+emulated_encode = export_encode(<encode_t>send_encode, EMULATED)
+contact = export(<kernel_t>contact_kernel, CONTACT)

@@ -14,8 +14,8 @@ from libc.stdio cimport snprintf
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    FRAME_BYTES, INPUTS, MALFORMED, NOT_FINITE, NOTED, OUTPUTS, PARAMETERS, TAKEN, TIME, Frame, export_decode,
-    export_encode,
+    FRAME_BYTES, ITEMS, MALFORMED, NOTED, NOT_FINITE, TAKEN, TIME, Frame, Rest, decode_t, each, encode_t,
+    export_decode, export_encode, items,
 )
 from cext.kernels.devices.clock_map cimport DeviceClock, sampled
 from cext.kernels.devices.cobs cimport checksum, stuff, unstuff
@@ -38,35 +38,19 @@ cdef extern from *:
     void prepare "tw_prepare"() noexcept nogil
     double number_of "tw_number"(const char *text, char **end) noexcept nogil
 
-cdef enum: # outputs behind those of the fields
-    AGE, COUNT, LOST, CORRUPT, SAMPLE_TIME, CLOCK_DRIFT, COUNTERS
+cdef enum: # in `plan`; behind them the type and the scale of each field
+    LINES                       # whether packets come as lines
+    COUNTED                     # whether there is a counter
+    SIZE                        # bytes of a packet's fields
+    FIRST_FIELD
 
-cdef enum: # memory
-    PLAN                        # lines?, whether there is a counter, bytes of a packet's fields, then of each field: type, scale
-    STATE                       # as the enum below
-    BUFFER                      # bytes of the packet that is coming, as they are
-    CLOCK_PLAN                  # which of the numbers is the device's clock, -1: none; s of a count; s after which it begins anew, 0: never
-    CLOCK                       # a DeviceClock
-
-cdef enum:
-    LINES, COUNTED, SIZE, FIRST_FIELD
-
-cdef enum: # in STATE
-    FILLED                      # bytes in BUFFER
+cdef enum: # in `parsed`
+    FILLED                      # bytes in `buffer`
     WHOLE                       # whether it was heard from its beginning
     TOO_LONG
     NEXT                        # counter that is expected, -1: any
 
-cdef enum: # the emulated one's inputs behind those of the fields
-    SILENT, DROPPED, BROKEN, FAULTS
-
-cdef enum: # its parameters and memory
-    PERIOD = 0
-    E_PLAN = 0
-    E_STATE                     # as the enum below
-    E_OUT                       # bytes that wait to be sent
-
-cdef enum: # in E_STATE
+cdef enum: # in `state`
     NUMBER                      # counter of the next packet
     DUE                         # s
     LUCK
@@ -78,117 +62,119 @@ cdef enum:
     LINE = 1024                 # of a line
 
 
-cdef inline double *item(double *arena, const int32_t *slots, int kind, int index) noexcept nogil:
-    """Of a kind: 0 inputs, 1 outputs, 2 parameters, 3 memory."""
-    cdef int place = index
-    if kind > 0:
-        place += slots[INPUTS]
-    if kind > 1:
-        place += slots[OUTPUTS]
-    if kind > 2:
-        place += slots[PARAMETERS]
-    return arena + slots[place]
+cdef struct Driver:
+    int32_t age, received, lost, corrupt, sample_time, clock_drift
+    int32_t plan                # the enum above
+    int32_t parsed              # the enum above
+    int32_t buffer              # bytes of the packet that is being received
+    int32_t clock_plan          # which of the numbers is the device's clock, -1: none; s of a count; s after which it wraps, 0: never
+    int32_t mapped              # a DeviceClock
+    Rest outputs                # fields, in the order of `plan`
+
+DRIVER = items((<Driver *>ITEMS)[0], "plan[...] parsed[4] buffer[...] clock_plan[3] mapped[46]")
 
 
-cdef void put(double *arena, const int32_t *slots, const int32_t *sizes, const double *plan, const double *values) noexcept nogil:
+cdef inline int fields(int plan_size) noexcept nogil:
+    return (plan_size - FIRST_FIELD) // 2
+
+
+cdef void put(double *arena, const Driver *at, const Driver *sizes, const double *plan, const double *values) noexcept nogil:
     """The values of a packet, scaled, to the outputs."""
     cdef int field, i
-    cdef int at = 0
+    cdef int offset = 0
     cdef double *y
-    for field in range(slots[OUTPUTS] - COUNTERS):
-        y = item(arena, slots, 1, field)
-        for i in range(sizes[slots[INPUTS] + field]):
-            y[i] = values[at] * plan[FIRST_FIELD + 2 * field + 1]
-            at += 1
+    for field in range(fields(sizes.plan)):
+        y = arena + each(at, at.outputs)[field]
+        for i in range(each(sizes, sizes.outputs)[field]):
+            y[i] = values[offset] * plan[FIRST_FIELD + 2 * field + 1]
+            offset += 1
 
 
-cdef void count(double *arena, const int32_t *slots, double *state, double counter) noexcept nogil:
+cdef void count(double *arena, const Driver *at, double *state, double counter) noexcept nogil:
     """A packet, and those that the counter says are missing in front of it."""
-    cdef int first = slots[OUTPUTS] - COUNTERS
-    item(arena, slots, 1, first + COUNT)[0] += 1.0
+    arena[at.received] += 1.0
     if counter < 0.0:
         return
     if state[NEXT] >= 0.0:
-        item(arena, slots, 1, first + LOST)[0] += <double>((<int>counter - <int>state[NEXT]) & 0xFF)
+        arena[at.lost] += <double>((<int>counter - <int>state[NEXT]) & 0xFF)
     state[NEXT] = <double>((<int>counter + 1) & 0xFF)
 
 
-cdef void note_time(double *arena, const int32_t *slots, const double *values, double came) noexcept nogil:
+cdef void note_time(double *arena, const Driver *at, const double *values, double came) noexcept nogil:
     """When the packet was taken: by its own clock, or else when it came. came : s"""
-    cdef const double *plan = item(arena, slots, 3, CLOCK_PLAN)
-    cdef DeviceClock *clock = <DeviceClock *>item(arena, slots, 3, CLOCK)
-    cdef int first = slots[OUTPUTS] - COUNTERS
+    cdef const double *plan = arena + at.clock_plan
+    cdef DeviceClock *clock = <DeviceClock *>(arena + at.mapped)
     if plan[0] >= 0.0:
         came = sampled(clock, values[<int>plan[0]] * plan[1], plan[2], came)
-        item(arena, slots, 1, first + CLOCK_DRIFT)[0] = clock.map.slope
-    item(arena, slots, 1, first + SAMPLE_TIME)[0] = came
+        arena[at.clock_drift] = clock.map.slope
+    arena[at.sample_time] = came
 
 
-cdef int packet(double *arena, const int32_t *slots, const int32_t *sizes, double *state, const double *plan, uint8_t *data,
+cdef int packet(double *arena, const Driver *at, const Driver *sizes, double *state, const double *plan, uint8_t *data,
                 double came) noexcept nogil:
     """What stood in front of a zero. TAKEN, or MALFORMED"""
     cdef double[MOST] values
     cdef int size = <int>plan[SIZE]
     cdef int counted = <int>plan[COUNTED]
     cdef int length = unstuff(data, <int>state[FILLED])
-    cdef int at = counted
+    cdef int offset = counted
     cdef int values_count = 0
     cdef int field, i, kind
     if length != counted + size + 2 or checksum(data, length - 2) != (data[length - 2] | data[length - 1] << 8):
         return MALFORMED
-    for field in range(slots[OUTPUTS] - COUNTERS):
+    for field in range(fields(sizes.plan)):
         kind = <int>plan[FIRST_FIELD + 2 * field]
-        for i in range(sizes[slots[INPUTS] + field]):
-            values[values_count] = number(data + at, kind)
+        for i in range(each(sizes, sizes.outputs)[field]):
+            values[values_count] = number(data + offset, kind)
             values_count += 1
-            at += size_of(kind)
-    put(arena, slots, sizes, plan, values)
-    note_time(arena, slots, values, came)
-    count(arena, slots, state, data[0] if counted else -1.0)
+            offset += size_of(kind)
+    put(arena, at, sizes, plan, values)
+    note_time(arena, at, values, came)
+    count(arena, at, state, data[0] if counted else -1.0)
     return TAKEN
 
 
-cdef int line(double *arena, const int32_t *slots, const int32_t *sizes, double *state, const double *plan, uint8_t *data,
+cdef int line(double *arena, const Driver *at, const Driver *sizes, double *state, const double *plan, uint8_t *data,
               double came) noexcept nogil:
     """What stood in front of a line feed. TAKEN, NOTED for a remark, or MALFORMED"""
     cdef double[MOST] values
     cdef int length = <int>state[FILLED]
     cdef int wanted = <int>plan[COUNTED]
     cdef int counted = wanted
-    cdef char *at = <char *>data
+    cdef char *offset = <char *>data
     cdef char *after = NULL
     cdef int field, i
-    for field in range(slots[OUTPUTS] - COUNTERS):
-        wanted += sizes[slots[INPUTS] + field]
+    for field in range(fields(sizes.plan)):
+        wanted += each(sizes, sizes.outputs)[field]
     while length > 0 and (data[length - 1] == 13 or data[length - 1] == 32 or data[length - 1] == 9):
         length -= 1
     data[length] = 0
     if length == 0 or data[0] == 35:
         return NOTED
     for i in range(wanted):
-        values[i] = number_of(at, &after)
-        if after == at:
+        values[i] = number_of(offset, &after)
+        if after == offset:
             return MALFORMED
-        at = after
-        while at[0] == 32 or at[0] == 9:
-            at += 1
-        if at[0] != (44 if i < wanted - 1 else 0):
+        offset = after
+        while offset[0] == 32 or offset[0] == 9:
+            offset += 1
+        if offset[0] != (44 if i < wanted - 1 else 0):
             return MALFORMED
-        at += 1
-    if at - 1 != <char *>data + length:             # a zero within
+        offset += 1
+    if offset - 1 != <char *>data + length:             # a zero within
         return MALFORMED
     if counted and not 0.0 <= values[0] < 4294967296.0:
         return MALFORMED
-    put(arena, slots, sizes, plan, values + counted)
-    note_time(arena, slots, values + counted, came)
-    count(arena, slots, state, <double>(<uint64_t>values[0] & 0xFF) if counted else -1.0)
+    put(arena, at, sizes, plan, values + counted)
+    note_time(arena, at, values + counted, came)
+    count(arena, at, state, <double>(<uint64_t>values[0] & 0xFF) if counted else -1.0)
     return TAKEN
 
 
-cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef const double *plan = item(arena, slots, 3, PLAN)
-    cdef double *state = item(arena, slots, 3, STATE)
-    cdef uint8_t *data = <uint8_t *>item(arena, slots, 3, BUFFER)
+cdef int decode_kernel(double *arena, const Driver *at, const Driver *sizes, const Frame *frame) noexcept nogil:
+    cdef const double *plan = arena + at.plan
+    cdef double *state = arena + at.parsed
+    cdef uint8_t *data = <uint8_t *>(arena + at.buffer)
     cdef bint lines = plan[LINES] != 0.0
     cdef uint8_t end = 10 if lines else 0
     cdef int room = (LINE if lines else MOST) - 1
@@ -211,69 +197,77 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
         if state[TOO_LONG] != 0.0:
             answer = MALFORMED
         elif state[FILLED] > 0.0 and (state[WHOLE] != 0.0 or not lines):
-            answer = (line if lines else packet)(arena, slots, sizes, state, plan, data, frame.time * 1e-9)
+            answer = (line if lines else packet)(arena, at, sizes, state, plan, data, frame.time * 1e-9)
         if answer == TAKEN:
             taken = True
         elif answer == MALFORMED and state[WHOLE] != 0.0:
             corrupt = True
-            item(arena, slots, 1, slots[OUTPUTS] - COUNTERS + CORRUPT)[0] += 1.0
+            arena[at.corrupt] += 1.0
         state[FILLED] = state[TOO_LONG] = 0.0
         state[WHOLE] = 1.0
     return TAKEN if taken else MALFORMED if corrupt else NOTED
 
 
-cdef int make_packet(double *arena, const int32_t *slots, const int32_t *sizes, const double *plan, double counter, uint8_t *out) noexcept nogil:
+cdef struct Emulated:
+    int32_t silent, dropped, broken, period
+    int32_t plan, state         # the enums above
+    int32_t waiting             # bytes that wait to be sent
+    Rest inputs                 # fields, in the order of `plan`
+
+EMULATED = items((<Emulated *>ITEMS)[0], "plan[...] state[5] waiting[...]")
+
+
+cdef int make_packet(double *arena, const Emulated *at, const Emulated *sizes, const double *plan, double counter, uint8_t *out) noexcept nogil:
     cdef uint8_t[MOST] plain
-    cdef int at = 0
+    cdef int offset = 0
     cdef int field, i, kind
     cdef int crc
     if plan[COUNTED] != 0.0:
         plain[0] = <uint8_t>counter
-        at = 1
-    for field in range(slots[INPUTS] - FAULTS):
+        offset = 1
+    for field in range(fields(sizes.plan)):
         kind = <int>plan[FIRST_FIELD + 2 * field]
-        for i in range(sizes[field]):
-            put_number(plain + at, kind, arena[slots[field] + i] / plan[FIRST_FIELD + 2 * field + 1])
-            at += size_of(kind)
-    crc = checksum(plain, at)
-    plain[at], plain[at + 1] = <uint8_t>crc, <uint8_t>(crc >> 8)
-    return stuff(plain, at + 2, out)
+        for i in range(each(sizes, sizes.inputs)[field]):
+            put_number(plain + offset, kind, arena[each(at, at.inputs)[field] + i] / plan[FIRST_FIELD + 2 * field + 1])
+            offset += size_of(kind)
+    crc = checksum(plain, offset)
+    plain[offset], plain[offset + 1] = <uint8_t>crc, <uint8_t>(crc >> 8)
+    return stuff(plain, offset + 2, out)
 
 
-cdef int make_line(double *arena, const int32_t *slots, const int32_t *sizes, const double *plan, double counter, uint8_t *out) noexcept nogil:
+cdef int make_line(double *arena, const Emulated *at, const Emulated *sizes, const double *plan, double counter, uint8_t *out) noexcept nogil:
     cdef char *text = <char *>out
-    cdef int at = 0
+    cdef int offset = 0
     cdef int field, i
     if plan[COUNTED] != 0.0:
-        at = snprintf(text, LINE, "%d,", <int>counter)
-    for field in range(slots[INPUTS] - FAULTS):
-        for i in range(sizes[field]):
-            at += snprintf(text + at, LINE - at, "%.9g,", arena[slots[field] + i] / plan[FIRST_FIELD + 2 * field + 1])
-    text[at - 1] = 10
-    return at
+        offset = snprintf(text, LINE, "%d,", <int>counter)
+    for field in range(fields(sizes.plan)):
+        for i in range(each(sizes, sizes.inputs)[field]):
+            offset += snprintf(text + offset, LINE - offset, "%.9g,", arena[each(at, at.inputs)[field] + i] / plan[FIRST_FIELD + 2 * field + 1])
+    text[offset - 1] = 10
+    return offset
 
 
-cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    cdef const double *plan = item(arena, slots, 3, E_PLAN)
-    cdef double *state = item(arena, slots, 3, E_STATE)
-    cdef uint8_t *out = <uint8_t *>item(arena, slots, 3, E_OUT)
-    cdef int faults = slots[INPUTS] - FAULTS
+cdef int send_encode(double *arena, const Emulated *at, const Emulated *sizes, Frame *frames) noexcept nogil:
+    cdef const double *plan = arena + at.plan
+    cdef double *state = arena + at.state
+    cdef uint8_t *out = <uint8_t *>(arena + at.waiting)
     cdef int count = 0
     cdef int field, i
-    for field in range(faults):
-        for i in range(sizes[field]):
-            if not isfinite(arena[slots[field] + i]):
+    for field in range(fields(sizes.plan)):
+        for i in range(each(sizes, sizes.inputs)[field]):
+            if not isfinite(arena[each(at, at.inputs)[field] + i]):
                 return -NOT_FINITE
     if state[FROM] >= state[UNTIL] and arena[TIME] >= state[DUE] - 1e-9:
-        state[DUE] += item(arena, slots, 2, PERIOD)[0]
+        state[DUE] += arena[at.period]
         if state[DUE] < arena[TIME]:
-            state[DUE] = arena[TIME] + item(arena, slots, 2, PERIOD)[0]
+            state[DUE] = arena[TIME] + arena[at.period]
         state[FROM] = 0.0
-        state[UNTIL] = (make_line if plan[LINES] != 0.0 else make_packet)(arena, slots, sizes, plan, state[NUMBER], out)
+        state[UNTIL] = (make_line if plan[LINES] != 0.0 else make_packet)(arena, at, sizes, plan, state[NUMBER], out)
         state[NUMBER] = <double>((<int>state[NUMBER] + 1) & 0xFF)
-        if arena[slots[faults + SILENT]] != 0.0 or lucky(&state[LUCK], arena[slots[faults + DROPPED]]):
+        if arena[at.silent] != 0.0 or lucky(&state[LUCK], arena[at.dropped]):
             state[UNTIL] = 0.0
-        elif lucky(&state[LUCK], arena[slots[faults + BROKEN]]):
+        elif lucky(&state[LUCK], arena[at.broken]):
             out[<int>state[UNTIL] // 2] ^= 0x15
     while state[FROM] < state[UNTIL] and count < 4:
         memset(&frames[count], 0, sizeof(Frame))
@@ -285,6 +279,6 @@ cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, 
 
 
 prepare()
-decode = export_decode(decode_kernel)
+decode = export_decode(<decode_t>decode_kernel, DRIVER)
 clock_doubles = sizeof(DeviceClock) // 8
-emulated_encode = export_encode(send_encode)
+emulated_encode = export_encode(<encode_t>send_encode, EMULATED)

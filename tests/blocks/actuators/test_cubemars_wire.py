@@ -72,7 +72,7 @@ def test_every_code_of_position_is_what_the_middle_of_its_interval_encodes_to():
     wired = DRIVES["AK80-9"]
     for code in range(65535):
         wired["position_command"] = -12.5 + (code + 0.5) * 25.0 / 65535
-        assert wired.native_encode(*wired.tables, wired.frames) == 1
+        assert wired.native_encode(*wired.of_encode, wired.frames) == 1
         data = wired.frames[0].data
         assert data[0] << 8 | data[1] == code
 

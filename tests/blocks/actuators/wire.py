@@ -8,6 +8,7 @@ import numpy as np
 
 from cext.schedule.kernel_table import address, call_kernel
 from graph import Diagram, compile
+from graph.arena_layout import kernel_table
 
 FOREIGN, TAKEN, MALFORMED = 0, 1, -1  # cext/abi.pxd: what a decode returns
 NOT_FINITE, OUT_OF_LIMITS = -1, -2  # and an encode that refuses
@@ -43,18 +44,11 @@ class Wired:
         steps = self.schedule.devices[0]
         self.arena = self.schedule.arena.copy()
         self.arena[AUTHORITY] = 1.0
-        self.table = steps.table
-        self.slots, self.sizes = (
-            np.array(steps.table.counts + steps.table.slots, np.int32),
-            np.array(steps.table.sizes, np.int32),
-        )
-        told = [n for n, p in self.block.outputs.items() if p.kernel] + [
-            n for n, p in self.block.parameters.items() if p.placed
+        self.tables = [
+            [np.array(words, np.int32) for words in table] for table in (steps.decode_table, steps.encode_table)
         ]
-        items = [*self.block.inputs, *told, *self.block.memory]
-        self.place = {
-            name: slice(slot, slot + size) for name, slot, size in zip(items, steps.table.slots, steps.table.sizes)
-        }
+        self.items = self.schedule.items[self.block.path]
+        self.place = {name: slice(slot, slot + size) for name, (slot, size) in self.items.items()}
         self.native_decode = ctypes.CFUNCTYPE(ctypes.c_int, *TABLES, ctypes.POINTER(Frame))(
             address(steps.decode, "decode")
         )
@@ -65,7 +59,9 @@ class Wired:
         self.frames = (Frame * 4)()
 
     def point(self):
-        self.tables = self.arena.ctypes.data, self.slots.ctypes.data + 16, self.sizes.ctypes.data
+        self.of_decode, self.of_encode = (
+            (self.arena.ctypes.data, *(words.ctypes.data for words in table)) for table in self.tables
+        )
 
     @classmethod
     def again(cls, wired):
@@ -89,17 +85,18 @@ class Wired:
         """
         frame = Frame(id=identifier, length=len(data) if length is None else length, time=time)
         frame.data[: len(data)] = data
-        return self.native_decode(*self.tables, frame)
+        return self.native_decode(*self.of_decode, frame)
 
     def say(self, **inputs):
         """Set inputs, encode: a list of (identifier, data), or the number below zero by which it refuses."""
         for name, value in inputs.items():
             self[name] = value
-        count = self.native_encode(*self.tables, self.frames)
+        count = self.native_encode(*self.of_encode, self.frames)
         return count if count < 0 else [(f.id, bytes(f.data[: f.length])) for f in self.frames[:count]]
 
     def step(self, **inputs):
         """Set inputs and run the device's own step, where it has one."""
         for name, value in inputs.items():
             self[name] = value
-        assert call_kernel(self.block.kernel, self.arena, self.table) == 0
+        table = kernel_table(self.block, self.block.kernel, self.items)
+        assert call_kernel(self.block.kernel, self.arena, table) == 0

@@ -24,7 +24,14 @@ class Hearing:
     def feed(self, data, chunk=64, time=0.0, flags=0, identifier=0):
         """{answer of its decode: how often}. time : s"""
         return feed(
-            self.block.decode, self.scratch.arena, self.scratch.table, data, chunk, round(time * 1e9), identifier, flags
+            self.block.decode,
+            self.scratch.arena,
+            self.scratch.table(self.block.decode),
+            data,
+            chunk,
+            round(time * 1e9),
+            identifier,
+            flags,
         )
 
     def __getitem__(self, name):

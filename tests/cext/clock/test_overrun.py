@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from blocks.actuators import CubeMars
 from blocks.mathematics import Gain
 from cext.clock.overrun import Overrun
-from graph import Block, Diagram, Input, Output
+from graph import Block, Diagram, Input, Kernel, Output
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 
 pytestmark = pytest.mark.timing
@@ -71,7 +71,7 @@ def test_a_device_that_holds_the_loop_while_it_encodes_is_told_as_that():
     class Slow(CubeMars):
         pass
 
-    Slow.encode = encode
+    Slow.encode = Kernel(encode, "")
     with Diagram("robot", rate=RATE) as diagram:
         Slow("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)(torque_command=0.5)
     rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=False, overrun="fault:3")

@@ -15,7 +15,7 @@ from blocks.limiters import TorqueLimiter
 from blocks.safety import EmergencyStop, Rearm
 from cext.safety.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
-from graph import Block, Diagram, Input, Output
+from graph import Block, Diagram, Input, Kernel, Output
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 
 pytestmark = pytest.mark.timing
@@ -236,7 +236,7 @@ def test_a_status_of_a_labs_own_kernel_is_survived(status):
     class Own(Block):
         y = Output("1")
 
-    Own.kernel = kernel
+    Own.kernel = Kernel(kernel, "y")
     robot = Survivor({}, asks=[80], more=lambda: Own(name="own"))
     outcome = robot.run(120)
     assert outcome.status == "ok" and [(fault.culprit, fault.tick) for fault in outcome.faults] == [("own", 50)]

@@ -18,7 +18,7 @@ from cext.ring.rings import Line, Lines
 from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
-from graph import Block, Device, Diagram, Output, Param, compile
+from graph import Block, Device, Diagram, Kernel, Output, Param, compile
 from tests.blocks.actuators.wire import Frame
 from tests.cext.rigs import STOP, Rig, ends_in_the_safe_stop, one_drive, plant_of
 
@@ -208,7 +208,7 @@ class Sensor(Device):
     timeout = Param(0.05, "s", min=0.0)
     reading = Output("1")
     bus = "can"
-    decode, encode = sensor_decode, sensor_encode
+    decode, encode = Kernel(sensor_decode, "reading"), Kernel(sensor_encode, "")
 
 
 def test_a_sensor_that_speaks_by_itself_is_waited_for_too():
@@ -239,7 +239,7 @@ def test_a_fence_that_is_raised_while_a_robot_is_armed_lets_no_more_of_arming_ou
         return 1
 
     class Spy(Sensor):
-        bus, decode = "other", raises_the_fence
+        bus, decode = "other", Kernel(raises_the_fence, "")
 
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
@@ -255,7 +255,7 @@ def test_what_happens_during_the_stop_is_not_blamed_for_it():
         return 5  # PRESSED of cext/abi.pxd
 
     class Button(Sensor):
-        bus, decode = "other", is_pressed
+        bus, decode = "other", Kernel(is_pressed, "")
 
     class Presser(Block):
         """In the plant: presses the button as soon as the drive is disabled."""
@@ -429,7 +429,7 @@ def test_of_several_buses_it_is_the_one_that_fails_while_it_is_sent_to_which_is_
         return 1
 
     class Spy(Sensor):
-        bus, decode = "spy", pulls_the_plug
+        bus, decode = "spy", Kernel(pulls_the_plug, "")
 
     class Wires(Block):
         """In the plant: drives that answer, and a word to the spy."""

@@ -23,7 +23,7 @@ from blocks.safety import EmergencyStop, EmulatedEStop, EStopHeartbeat
 from cext.kernels import mathematics as kernels
 from cext.safety.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
-from graph import Block, Diagram, Input, Output
+from graph import Block, Diagram, Input, Kernel, Output
 from tests.cext.rigs import STOP, Rig
 
 RATE, SUBSTEPS = 200, 5
@@ -127,7 +127,7 @@ def own_status(arena, slots, sizes):
 class Own(Block):
     """A native kernel with a fault of its own."""
 
-    kernel = own_status
+    kernel = Kernel(own_status, "")
 
 
 def raises(error):

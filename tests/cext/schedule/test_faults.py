@@ -11,7 +11,7 @@ from blocks.filters import Butterworth
 from blocks.limiters import Saturation, SlewRate, TorqueLimiter
 from blocks.mathematics import Gain, Product, Sum
 from cext.kernels import mathematics as kernels
-from graph import Block, Diagram, Input, Output, compile
+from graph import Block, Diagram, Input, Kernel, Output, compile
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, one_drive, plant_of
 
 
@@ -55,7 +55,7 @@ def test_a_share_of_nan_is_a_fault_and_not_full_torque():
     class Rogue(Block):
         """A kernel that writes where it has no business."""
 
-        kernel = rogue
+        kernel = Kernel(rogue, "")
 
     rig = one_drive(lambda knee: (Rogue(), 1.0)[1])
     outcome = rig.run(20)

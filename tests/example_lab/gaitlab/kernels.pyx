@@ -3,16 +3,20 @@
 
 from libc.stdint cimport int32_t
 
-from cext.abi cimport OK, export
+from cext.abi cimport ITEMS, OK, export, items, kernel_t
+
+cdef struct Leaky:
+    int32_t u, y, leak, held
+
+LEAKY = items((<Leaky *>ITEMS)[0])
 
 
-cdef int leaky_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # u, y, leak, held
-    cdef double y = arena[slots[0]] + (1.0 - arena[slots[2]]) * arena[slots[3]]
-    arena[slots[1]] = y
+cdef int leaky_kernel(double *arena, const Leaky *at, const Leaky *sizes) noexcept nogil:
+    cdef double y = arena[at.u] + (1.0 - arena[at.leak]) * arena[at.held]
+    arena[at.y] = y
     if y == y:
-        arena[slots[3]] = y
+        arena[at.held] = y
     return OK
 
 
-leaky = export(leaky_kernel)
+leaky = export(<kernel_t>leaky_kernel, LEAKY)

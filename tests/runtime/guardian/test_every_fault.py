@@ -37,7 +37,7 @@ import time
 from blocks.actuators import CubeMars
 from blocks.limiters import TorqueLimiter
 from blocks.safety import EmergencyStop, EStopHeartbeat
-from graph import Block, Diagram, Input, Output, subsystem
+from graph import Block, Diagram, Input, Kernel, Output, subsystem
 
 
 class Law(Block):
@@ -60,7 +60,7 @@ def own_status(arena, slots, sizes):
 class Own(Block):
     """A native kernel with a fault of its own."""
 
-    kernel = own_status
+    kernel = Kernel(own_status, "")
 
 
 {before}

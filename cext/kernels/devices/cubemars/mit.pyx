@@ -14,53 +14,68 @@ from libc.math cimport NAN
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memcpy, memset
 
-from cext.abi cimport FOREIGN, MALFORMED, NOT_FINITE, OK, TAKEN, Frame, export, export_decode, export_encode
+from cext.abi cimport (
+    FOREIGN, ITEMS, MALFORMED, NOT_FINITE, OK, TAKEN, Frame, decode_t, encode_t, export, export_decode,
+    export_encode, items, kernel_t,
+)
 cimport cext.kernels.devices.drives as drives
-from cext.kernels.devices.mit cimport CAN_ID, FAULT, OWN, TEMPERATURE, all_ones, decode_motion, encode_command, pack_motion, unpack
+from cext.kernels.devices.mit cimport Mit, all_ones, decode_motion, encode_command, mit_sizes, pack_motion, unpack
 
 cdef enum:
     TOO_HOT = 1                 # error code
-    REPLY = OWN                 # parameter of CubeMars: bytes of a reply
     VOLTAGE = 48                # V, in a reply of 7 bytes
-    E_REPLY = drives.FIRST_OWN  # the same of EmulatedCubeMars
 
 
 cdef bint is_special(const uint8_t *data) noexcept nogil:
     return all_ones(data, 7) and data[7] >= 0xFC and data[7] <= 0xFE
 
 
-cdef int cubemars_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef uint32_t id = <uint32_t>arena[slots[CAN_ID]]
+cdef struct CubeMars:
+    Mit mit
+    int32_t reply               # bytes of a reply
+
+CUBE_MARS = items((<CubeMars *>ITEMS)[0], mit_sizes())
+
+
+cdef int cubemars_decode(double *arena, const CubeMars *at, const CubeMars *sizes, const Frame *frame) noexcept nogil:
+    cdef uint32_t id = <uint32_t>arena[at.mit.can_id]
     cdef const uint8_t *data = &frame.data[0]
     if frame.id != id and (frame.id != 0 or frame.length == 0 or data[0] != id):
         return FOREIGN          # an extended, remote or error frame differs in its high bits
-    if frame.length != arena[slots[REPLY]] or data[0] != id:
+    if frame.length != arena[at.reply] or data[0] != id:
         return MALFORMED
-    decode_motion(arena, slots, data)
+    decode_motion(arena, &at.mit, data)
     if frame.length == 8:
-        arena[slots[TEMPERATURE]] = <double>data[6] - 40.0
-        arena[slots[FAULT]] = data[7]
+        arena[at.mit.temperature] = <double>data[6] - 40.0
+        arena[at.mit.fault] = data[7]
     else:
-        arena[slots[TEMPERATURE]] = NAN
+        arena[at.mit.temperature] = NAN
     return TAKEN
 
 
-cdef int cubemars_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    cdef int count = encode_command(arena, slots, &frames[0])
+cdef int cubemars_encode(double *arena, const CubeMars *at, const CubeMars *sizes, Frame *frames) noexcept nogil:
+    cdef int count = encode_command(arena, &at.mit, &frames[0])
     if count == 1 and is_special(frames[0].data):
         frames[0].data[1] -= 1  # every range at its top reads as enable, disable or zero: one code less of position does not
     return count
 
 
-cdef int emulated_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef double *state = drives.kept(arena, slots, drives.STATE)
-    cdef double *command = drives.kept(arena, slots, drives.COMMAND)
+cdef struct Emulated:
+    drives.Drive drive
+    int32_t reply               # bytes of a reply
+
+EMULATED = items((<Emulated *>ITEMS)[0], drives.drive_sizes())
+
+
+cdef int emulated_decode(double *arena, const Emulated *at, const Emulated *sizes, const Frame *frame) noexcept nogil:
+    cdef double *state = arena + at.drive.state
+    cdef double *command = arena + at.drive.command
     cdef const uint8_t *data = &frame.data[0]
-    if frame.id != <uint32_t>arena[slots[drives.CAN_ID]]:
+    if frame.id != <uint32_t>arena[at.drive.can_id]:
         return FOREIGN
     if frame.length != 8:
         return MALFORMED
-    if drives.unreachable(arena, slots):
+    if drives.unreachable(arena, &at.drive):
         return TAKEN
     if is_special(data):
         if data[7] == 0xFC:
@@ -69,60 +84,60 @@ cdef int emulated_decode(double *arena, const int32_t *slots, const int32_t *siz
             state[drives.RUNNING] = 0.0
             memset(command, 0, 5 * sizeof(double))
         else:
-            state[drives.ZERO] += drives.seen_position(arena, slots)
+            state[drives.ZERO] += drives.seen_position(arena, &at.drive)
     elif state[drives.RUNNING] != 0.0:
-        unpack(data, drives.kept(arena, slots, drives.WIRE), command)
-    drives.owe(arena, slots, 0, 0, NULL)
+        unpack(data, arena + at.drive.wire, command)
+    drives.owe(arena, &at.drive, 0, 0, NULL)
     return TAKEN
 
 
-cdef inline uint8_t error_code(double *arena, const int32_t *slots) noexcept nogil:
-    if arena[slots[drives.FAULT]] != 0.0:
-        return <uint8_t>arena[slots[drives.FAULT]]
-    return TOO_HOT if arena[slots[drives.TEMPERATURE]] >= arena[slots[drives.TRIP_TEMPERATURE]] else 0
+cdef inline uint8_t error_code(double *arena, const drives.Drive *at) noexcept nogil:
+    if arena[at.fault] != 0.0:
+        return <uint8_t>arena[at.fault]
+    return TOO_HOT if arena[at.temperature] >= arena[at.trip_temperature] else 0
 
 
-cdef inline double motor_torque(double *arena, const int32_t *slots) noexcept nogil:
+cdef inline double motor_torque(double *arena, const drives.Drive *at) noexcept nogil:
     """The drive's law, as far as its current goes."""
-    if drives.kept(arena, slots, drives.STATE)[drives.RUNNING] == 0.0 or error_code(arena, slots) != 0:
+    if (arena + at.state)[drives.RUNNING] == 0.0 or error_code(arena, at) != 0:
         return 0.0
-    return drives.within(drives.law(arena, slots), arena[slots[drives.PEAK]])
+    return drives.within(drives.law(arena, at), arena[at.peak])
 
 
-cdef int emulated_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    drives.look(arena, slots)
-    if arena[slots[drives.POWER_LOST]] != 0.0:
-        drives.forget(arena, slots)
-    arena[slots[drives.TORQUE]] = drives.turned(arena, slots, motor_torque(arena, slots))
-    arena[slots[drives.ENABLED]] = drives.kept(arena, slots, drives.STATE)[drives.RUNNING]
+cdef int emulated_kernel(double *arena, const Emulated *at, const Emulated *sizes) noexcept nogil:
+    drives.look(arena, &at.drive)
+    if arena[at.drive.power_lost] != 0.0:
+        drives.forget(arena, &at.drive)
+    arena[at.drive.torque] = drives.turned(arena, &at.drive, motor_torque(arena, &at.drive))
+    arena[at.drive.enabled] = (arena + at.drive.state)[drives.RUNNING]
     return OK
 
 
-cdef int emulated_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+cdef int emulated_encode(double *arena, const Emulated *at, const Emulated *sizes, Frame *frames) noexcept nogil:
     """One reply for each frame that was heard, with the state of now."""
-    cdef double raw = arena[slots[drives.TEMPERATURE]] + 40.0
-    cdef uint32_t id = drives.own_id(arena, slots)
+    cdef double raw = arena[at.drive.temperature] + 40.0
+    cdef uint32_t id = drives.own_id(arena, &at.drive)
     cdef uint8_t data[8]
     cdef double *answer
     cdef int index
-    if not drives.answerable(arena, slots):
+    if not drives.answerable(arena, &at.drive):
         return -NOT_FINITE      # a plant that has blown up has no answer
-    pack_motion(data, id, drives.kept(arena, slots, drives.WIRE), drives.seen_position(arena, slots), drives.seen_velocity(arena, slots),
-                motor_torque(arena, slots))
+    pack_motion(data, id, arena + at.drive.wire, drives.seen_position(arena, &at.drive), drives.seen_velocity(arena, &at.drive),
+                motor_torque(arena, &at.drive))
     data[6] = 0 if not raw > 0.0 else 255 if raw > 255.0 else <uint8_t>raw
-    data[7] = error_code(arena, slots)
-    if arena[slots[E_REPLY]] == 7.0:
+    data[7] = error_code(arena, &at.drive)
+    if arena[at.reply] == 7.0:
         data[6] = VOLTAGE
-    for index in range(<int>drives.kept(arena, slots, drives.OUTBOX)[1]):
-        answer = drives.unwritten(arena, slots, index)
+    for index in range(<int>(arena + at.drive.outbox)[1]):
+        answer = drives.unwritten(arena, &at.drive, index)
         if answer != NULL:
-            answer[1], answer[2] = id, arena[slots[E_REPLY]]
+            answer[1], answer[2] = id, arena[at.reply]
             memcpy(&answer[3], data, 8)
-    return drives.deliver(arena, slots, frames)
+    return drives.deliver(arena, &at.drive, frames)
 
 
-decode = export_decode(cubemars_decode)
-encode = export_encode(cubemars_encode)
-drive = export(emulated_kernel)
-drive_decode = export_decode(emulated_decode)
-drive_encode = export_encode(emulated_encode)
+decode = export_decode(<decode_t>cubemars_decode, CUBE_MARS)
+encode = export_encode(<encode_t>cubemars_encode, CUBE_MARS)
+drive = export(<kernel_t>emulated_kernel, EMULATED)
+drive_decode = export_decode(<decode_t>emulated_decode, EMULATED)
+drive_encode = export_encode(<encode_t>emulated_encode, EMULATED)

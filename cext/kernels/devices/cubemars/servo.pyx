@@ -14,75 +14,80 @@ from libc.math cimport isfinite
 from libc.stdint cimport int32_t, uint32_t
 from libc.string cimport memset
 
-from cext.abi cimport AUTHORITY, EXTENDED, INPUTS, MOVING, NOTED, NOT_FINITE, OUT_OF_LIMITS, TAKEN, Frame, export_decode, export_encode
+from cext.abi cimport (
+    AUTHORITY, EXTENDED, ITEMS, MOVING, NOTED, NOT_FINITE, OUT_OF_LIMITS, TAKEN, Frame, decode_t, encode_t,
+    export_decode, export_encode, items,
+)
 from cext.kernels.devices.cubemars.status cimport BRAKE, Status, put_long, put_word, read_frame
 from cext.kernels.devices.cubemars.status cimport POSITION as GO_TO, POSITION_SPEED as GO_TO_AT
-from cext.kernels.devices.mit cimport memory_of
-
-cdef enum: # behind the one input
-    POSITION, VELOCITY, TORQUE, CURRENT, TEMPERATURE, FAULT, AGE, SENT
-    CAN_ID, INVERT, OFFSET
-
-cdef enum: # memory
-    SCALES, NOTICE
-    LIMITS                      # lowest and highest command, and the share that the watch leaves of it
-    WRITTEN                     # kind of the command, codes of its unit at the joint, largest code, speed and acceleration as they are sent
 
 
-cdef int servo_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef const int32_t *own = slots + slots[INPUTS]
-    cdef int memory = memory_of(slots)
-    cdef double *notice = arena + slots[memory + NOTICE]
-    cdef double sign = -1.0 if arena[own[INVERT]] != 0.0 else 1.0
+cdef struct Drive:
+    int32_t position, velocity, torque, current, temperature, fault, can_id, invert, offset
+    int32_t scales, notice      # cext/kernels/devices/cubemars/status.pxd
+
+DRIVE = items((<Drive *>ITEMS)[0], "scales[3]")
+
+cdef struct Command:
+    int32_t command             # the input of the mode,
+    int32_t sent                # the output of what was sent of it
+    int32_t position, can_id, invert, offset
+    int32_t limits              # lowest and highest command, and the share of it that the watch leaves
+    int32_t written             # kind of the command, codes of its unit at the joint, largest code, speed and acceleration as they are sent
+
+COMMAND = items((<Command *>ITEMS)[0], "limits[3] written[5]")
+
+
+cdef int servo_decode(double *arena, const Drive *at, const Drive *sizes, const Frame *frame) noexcept nogil:
+    cdef double *notice = arena + at.notice
+    cdef double sign = -1.0 if arena[at.invert] != 0.0 else 1.0
     cdef Status status
-    cdef int answer = read_frame(arena, frame, <uint32_t>arena[own[CAN_ID]], sign, arena + slots[memory + SCALES], notice, &status)
+    cdef int answer = read_frame(arena, frame, <uint32_t>arena[at.can_id], sign, arena + at.scales, notice, &status)
     if answer == NOTED and notice[0] != 0.0:
-        arena[own[FAULT]] = notice[0]
+        arena[at.fault] = notice[0]
     if answer != TAKEN and answer != MOVING:
         return answer
-    arena[own[POSITION]] = status.position - arena[own[OFFSET]]
-    arena[own[VELOCITY]] = status.velocity
-    arena[own[CURRENT]] = status.current
-    arena[own[TORQUE]] = status.torque
-    arena[own[TEMPERATURE]] = status.temperature
-    arena[own[FAULT]] = status.fault
+    arena[at.position] = status.position - arena[at.offset]
+    arena[at.velocity] = status.velocity
+    arena[at.current] = status.current
+    arena[at.torque] = status.torque
+    arena[at.temperature] = status.temperature
+    arena[at.fault] = status.fault
     return answer
 
 
-cdef int servo_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+cdef int servo_encode(double *arena, const Command *at, const Command *sizes, Frame *frames) noexcept nogil:
     """While commands fade in, a position is that share of the way from where the joint is; of all others that share is sent."""
-    cdef const int32_t *own = slots + slots[INPUTS]
-    cdef int memory = memory_of(slots)
-    cdef double *limits = arena + slots[memory + LIMITS]
-    cdef double *written = arena + slots[memory + WRITTEN]
+    cdef double *limits = arena + at.limits
+    cdef double *written = arena + at.written
     cdef uint32_t kind = <uint32_t>written[0]
     cdef bint goes = kind == GO_TO or kind == GO_TO_AT
-    cdef double sign = -1.0 if arena[own[INVERT]] != 0.0 and kind != BRAKE else 1.0
-    cdef double shift = arena[own[OFFSET]] if goes else 0.0
+    cdef double sign = -1.0 if arena[at.invert] != 0.0 and kind != BRAKE else 1.0
+    cdef double shift = arena[at.offset] if goes else 0.0
     cdef double share = arena[AUTHORITY]
-    cdef double command = arena[slots[0]]
+    cdef double command = arena[at.command]
     cdef double code
     if not isfinite(command):
         return -NOT_FINITE
     if not limits[0] <= command <= limits[1] or not 0.0 <= share <= 1.0 or not 0.0 <= limits[2] <= 1.0:
         return -OUT_OF_LIMITS   # a share of NaN would be anything
     if goes:
-        command = arena[own[POSITION]] + share * (command - arena[own[POSITION]]) if share < 1.0 else command
+        command = arena[at.position] + share * (command - arena[at.position]) if share < 1.0 else command
     else:
         command *= share * limits[2]
     code = sign * (command + shift) * written[1]
     code = written[2] if code > written[2] else -written[2] if code < -written[2] else code
     memset(&frames[0], 0, sizeof(Frame))
-    frames[0].id = <uint32_t>EXTENDED | kind << 8 | <uint32_t>arena[own[CAN_ID]]
+    frames[0].id = <uint32_t>EXTENDED | kind << 8 | <uint32_t>arena[at.can_id]
     frames[0].length = 4
     put_long(frames[0].data, <int32_t>code)
     if kind == GO_TO_AT:
         frames[0].length = 8
         put_word(&frames[0].data[4], written[3])
         put_word(&frames[0].data[6], written[4])
-    arena[own[SENT]] = sign * <int32_t>code / written[1] - shift
+    arena[at.sent] = sign * <int32_t>code / written[1] - shift
     return 1
 
 
-decode = export_decode(servo_decode)
-encode = export_encode(servo_encode)
+decode = export_decode(<decode_t>servo_decode, DRIVE)
+encode = export_encode(<encode_t>servo_encode, COMMAND)

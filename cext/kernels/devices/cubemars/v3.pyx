@@ -11,50 +11,48 @@ AKA Series Product Manual V3.0.0, AK Series Product Manual V3.2.0. Codes are tru
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
-from cext.abi cimport EXTENDED, MOVING, NOTED, OK, TAKEN, Frame, export_decode, export_encode
-from cext.kernels.devices.cubemars.status cimport FORCE, Status, read_frame
-from cext.kernels.devices.mit cimport (
-    CAN_ID, FAULT, INVERT, LIMITED, OFFSET, POSITION, TEMPERATURE, TORQUE, VELOCITY, Codes, all_ones, memory_of, quantise,
+from cext.abi cimport (
+    EXTENDED, ITEMS, MOVING, NOTED, OK, TAKEN, Frame, decode_t, encode_t, export_decode, export_encode, items,
 )
+from cext.kernels.devices.cubemars.status cimport FORCE, Status, read_frame
+from cext.kernels.devices.mit cimport Codes, Mit, all_ones, mit_sizes, quantise
 
-cdef enum:
-    MORE = 1                    # output behind LIMITED, by which the parameters stand further behind: the current
-    CURRENT = LIMITED + 1
-    SCALES = 3                  # memory, behind WIRE, LIMITS and SENT
-    NOTICE
+cdef struct ForceControl:
+    Mit mit
+    int32_t current, scales, notice     # cext/kernels/devices/cubemars/status.pxd has the last two
+
+FORCE_CONTROL = items((<ForceControl *>ITEMS)[0], mit_sizes() + " scales[3]")
 
 
-cdef int v3_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef int memory = memory_of(slots)
-    cdef double sign = -1.0 if arena[slots[INVERT + MORE]] != 0.0 else 1.0
+cdef int v3_decode(double *arena, const ForceControl *at, const ForceControl *sizes, const Frame *frame) noexcept nogil:
+    cdef double sign = -1.0 if arena[at.mit.invert] != 0.0 else 1.0
     cdef Status status
     cdef int answer = read_frame(
-        arena, frame, <uint32_t>arena[slots[CAN_ID + MORE]], sign, arena + slots[memory + SCALES], arena + slots[memory + NOTICE], &status)
-    if answer == NOTED and arena[slots[memory + NOTICE]] != 0.0:
-        arena[slots[FAULT]] = arena[slots[memory + NOTICE]]
+        arena, frame, <uint32_t>arena[at.mit.can_id], sign, arena + at.scales, arena + at.notice, &status)
+    if answer == NOTED and arena[at.notice] != 0.0:
+        arena[at.mit.fault] = arena[at.notice]
     if answer != TAKEN and answer != MOVING:
         return answer
-    arena[slots[POSITION]] = status.position - arena[slots[OFFSET + MORE]]
-    arena[slots[VELOCITY]] = status.velocity
-    arena[slots[CURRENT]] = status.current
-    arena[slots[TORQUE]] = status.torque
-    arena[slots[TEMPERATURE]] = status.temperature
-    arena[slots[FAULT]] = status.fault
+    arena[at.mit.position] = status.position - arena[at.mit.offset]
+    arena[at.mit.velocity] = status.velocity
+    arena[at.current] = status.current
+    arena[at.mit.torque] = status.torque
+    arena[at.mit.temperature] = status.temperature
+    arena[at.mit.fault] = status.fault
     return answer
 
 
-cdef int v3_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    cdef int memory = memory_of(slots)
-    cdef double *wire = arena + slots[memory]
-    cdef double *scales = arena + slots[memory + SCALES]
+cdef int v3_encode(double *arena, const ForceControl *at, const ForceControl *sizes, Frame *frames) noexcept nogil:
+    cdef double *wire = arena + at.mit.wire
+    cdef double *scales = arena + at.scales
     cdef uint8_t *data = frames[0].data
     cdef Codes codes
     cdef int status = quantise(
-        arena, slots, MORE, max(2.0 * wire[0] / 0xFFFF, scales[0]), max(2.0 * wire[1] / 0xFFF, scales[1]), &codes)
+        arena, &at.mit, max(2.0 * wire[0] / 0xFFFF, scales[0]), max(2.0 * wire[1] / 0xFFF, scales[1]), &codes)
     if status != OK:
         return -status
     memset(&frames[0], 0, sizeof(Frame))
-    frames[0].id = <uint32_t>EXTENDED | FORCE << 8 | <uint32_t>arena[slots[CAN_ID + MORE]]
+    frames[0].id = <uint32_t>EXTENDED | FORCE << 8 | <uint32_t>arena[at.mit.can_id]
     frames[0].length = 8
     data[0] = <uint8_t>(codes.stiffness >> 4)
     data[1] = <uint8_t>((codes.stiffness & 15) << 4 | codes.damping >> 8)
@@ -69,5 +67,5 @@ cdef int v3_encode(double *arena, const int32_t *slots, const int32_t *sizes, Fr
     return 1
 
 
-decode = export_decode(v3_decode)
-encode = export_encode(v3_encode)
+decode = export_decode(<decode_t>v3_decode, FORCE_CONTROL)
+encode = export_encode(<encode_t>v3_encode, FORCE_CONTROL)

@@ -10,19 +10,15 @@ from libc.math cimport NAN, asin, atan2
 from libc.stdint cimport int32_t, int64_t, uint8_t, uint16_t, uint64_t
 from libc.string cimport memcpy, memmove, memset
 
-from cext.abi cimport FRAME_BYTES, FRAMES_PER_DEVICE, INPUTS, OUTPUTS, PARAMETERS, TAKEN, TIME, Frame, export_decode, export_encode
+from cext.abi cimport (
+    FRAMES_PER_DEVICE, FRAME_BYTES, ITEMS, TAKEN, TIME, Frame, decode_t, encode_t, export_decode, export_encode,
+    items,
+)
 from cext.kernels.devices.microstrain.mip cimport (
     HEAD, READ, SYNC_1, SYNC_2, WRITE, Pending, finish, float_32, next_packet, put_16, put_64, put_double, put_float,
 )
 from cext.ring.newest_ring cimport START
 from cext.lines.stream_frames cimport BACK, BYTES, LOST
-
-cdef enum: # items, in the order of blocks.imus.microstrain.emulator.EmulatedMicroStrain
-    ACCEL, GYRO, MAG, QUATERNION, TEMPERATURE, SILENT, GARBAGE, DROPPED, FLIPPED, SKIPPED, NOT_A_NUMBER, UNINITIALISED, DISCONNECTED
-    STREAMING, HEADING, CUTOFF, SENT
-
-cdef enum: # memories
-    ABOUT, KNOWN, SETTINGS, POWER_ON, STATE
 
 cdef enum:
     MOST = 16                   # fields of a format
@@ -66,10 +62,6 @@ cdef struct State:
     int64_t corrupt
 
 
-cdef inline double *part(double *arena, const int32_t *slots, int which) noexcept nogil:
-    return arena + slots[slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS] + which]
-
-
 cdef inline double chance(State *state) noexcept nogil:
     """Evenly from 0 to 1: xorshift64*. (Vigna 2016)"""
     state.luck ^= state.luck >> 12
@@ -78,9 +70,23 @@ cdef inline double chance(State *state) noexcept nogil:
     return <double>((state.luck * <uint64_t>0x2545F4914F6CDD1D) >> 11) * (1.0 / 9007199254740992.0)
 
 
-cdef bint knows(double *arena, const int32_t *slots, const int32_t *sizes, int descriptor_set, int descriptor) noexcept nogil:
-    cdef double *known = part(arena, slots, KNOWN)
-    cdef int count = sizes[slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS] + KNOWN]
+cdef struct Sensor:
+    int32_t accel, gyro, mag, quaternion, temperature, silent, garbage, dropped, flipped, skipped, not_a_number
+    int32_t uninitialised, disconnected, streaming, heading, cutoff, sent
+    int32_t about               # bytes of the reply to device info
+    int32_t known               # commands and fields, set << 8 | descriptor
+    int32_t settings            # Settings
+    int32_t power_on            # formats, and whether it streams
+    int32_t state               # State
+
+SENSOR = items(
+    (<Sensor *>ITEMS)[0],
+    "accel[3] gyro[3] mag[3] quaternion[4] about[82] known[...] settings[5] power_on[68] state[...]")
+
+
+cdef bint knows(double *arena, const Sensor *at, const Sensor *sizes, int descriptor_set, int descriptor) noexcept nogil:
+    cdef double *known = arena + at.known
+    cdef int count = sizes.known
     cdef int index
     for index in range(count):
         if known[index] == descriptor_set << 8 | descriptor:
@@ -88,10 +94,10 @@ cdef bint knows(double *arena, const int32_t *slots, const int32_t *sizes, int d
     return False
 
 
-cdef void post(double *arena, const int32_t *slots, State *state, const uint8_t *data, int count) noexcept nogil:
+cdef void post(double *arena, const Sensor *at, State *state, const uint8_t *data, int count) noexcept nogil:
     """Onto the line, with what gets lost on it."""
     cdef int index
-    cdef double dropped = arena[slots[DROPPED]]
+    cdef double dropped = arena[at.dropped]
     for index in range(count):
         if state.waiting < OUTBOX and not (dropped > 0.0 and chance(state) < dropped):
             state.outbox[state.waiting] = data[index]
@@ -100,17 +106,17 @@ cdef void post(double *arena, const int32_t *slots, State *state, const uint8_t 
 
 # Commands
 
-cdef int reply(double *arena, const int32_t *slots, const int32_t *sizes, State *state, uint8_t *out, int descriptor_set,
+cdef int reply(double *arena, const Sensor *at, const Sensor *sizes, State *state, uint8_t *out, int descriptor_set,
                const uint8_t *field) noexcept nogil:
     """What answers one command: fields behind the acknowledgement. Returns their bytes, or below zero the error code."""
-    cdef const Settings *settings = <const Settings *>part(arena, slots, SETTINGS)
-    cdef double *about = part(arena, slots, ABOUT)
-    cdef double *known = part(arena, slots, KNOWN)
+    cdef const Settings *settings = <const Settings *>(arena + at.settings)
+    cdef double *about = arena + at.about
+    cdef double *known = arena + at.known
     cdef const uint8_t *data = field + 2
     cdef int length = field[0] - 2
     cdef int command = descriptor_set << 8 | field[1]
     cdef int index, stream, count
-    if not knows(arena, slots, sizes, descriptor_set, field[1]):
+    if not knows(arena, at, sizes, descriptor_set, field[1]):
         return -1
     if command == 0x0102:
         state.idle = 1
@@ -124,7 +130,7 @@ cdef int reply(double *arena, const int32_t *slots, const int32_t *sizes, State 
             out[2 + index] = <uint8_t>about[index]
         return INFO + 2
     elif command == 0x0104 or command == 0x0107:
-        count = sizes[slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS] + KNOWN]
+        count = sizes.known
         if command == 0x0104:
             count = min(count, 60)
             index = 0
@@ -148,11 +154,11 @@ cdef int reply(double *arena, const int32_t *slots, const int32_t *sizes, State 
         put_16(out + 3, <uint16_t>settings.base_rate)
         return 5
     elif command == 0x0C08 or command == 0x0C0A:
-        return set_format(arena, slots, sizes, state, out, 0 if field[1] == 0x08 else 1, field[1] + 0x78, data, length, 0)
+        return set_format(arena, at, sizes, state, out, 0 if field[1] == 0x08 else 1, field[1] + 0x78, data, length, 0)
     elif command == 0x0C0F:
         if length < 2 or (data[1] != 0x80 and data[1] != 0x82):
             return -3
-        return set_format(arena, slots, sizes, state, out, data[1] >> 1 & 1, 0x8F, data, length, 1)
+        return set_format(arena, at, sizes, state, out, data[1] >> 1 & 1, 0x8F, data, length, 1)
     elif command == 0x0C11:
         if length < 2:
             return -3
@@ -171,29 +177,29 @@ cdef int reply(double *arena, const int32_t *slots, const int32_t *sizes, State 
     elif command == 0x0C30:
         state.saved = state.now
     elif command == 0x0C50 or command == 0x0C54:
-        return low_pass(arena, slots, sizes, state, out, field[1] == 0x54, data, length)
+        return low_pass(arena, at, sizes, state, out, field[1] == 0x54, data, length)
     elif command == 0x0D18:
         if length < 1:
             return -3
         if data[0] == READ:
-            out[0], out[1], out[2] = 3, 0x87, <uint8_t>arena[slots[HEADING]]
+            out[0], out[1], out[2] = 3, 0x87, <uint8_t>arena[at.heading]
             return 3
         if data[0] == WRITE:
             if length < 2 or data[1] > 1:
                 return -3
-            arena[slots[HEADING]] = data[1]
+            arena[at.heading] = data[1]
     elif command == 0x0D50:
         if length < 3:
             return -3
         if data[0] == READ:
             if data[1] != 0 or data[2] != 4:
                 return -3
-            out[0], out[1], out[2], out[3], out[4] = 5, 0xD0, data[1], data[2], <uint8_t>arena[slots[HEADING]]
+            out[0], out[1], out[2], out[3], out[4] = 5, 0xD0, data[1], data[2], <uint8_t>arena[at.heading]
             return 5
         if data[0] == WRITE:
-            if length < 4 or data[1] != 0 or data[2] != 4 or not knows(arena, slots, sizes, 0x80, 0x06):
+            if length < 4 or data[1] != 0 or data[2] != 4 or not knows(arena, at, sizes, 0x80, 0x06):
                 return -3                           # of what it may be aided by, there is its own magnetometer
-            arena[slots[HEADING]] = data[3]
+            arena[at.heading] = data[3]
     return 0
 
 
@@ -203,10 +209,10 @@ cdef inline int low_pass_of(int descriptor) noexcept nogil:
         FILTERED if descriptor == 0 else -1)
 
 
-cdef int low_pass(double *arena, const int32_t *slots, const int32_t *sizes, State *state, uint8_t *out, bint newer, const uint8_t *data,
+cdef int low_pass(double *arena, const Sensor *at, const Sensor *sizes, State *state, uint8_t *out, bint newer, const uint8_t *data,
                   int length) noexcept nogil:
     """0C 50: field, enabled, manual, cutoff u16, reserved; reply 8B. 0C 54: set, field, enabled, manual, cutoff f32; reply D4."""
-    cdef const Settings *settings = <const Settings *>part(arena, slots, SETTINGS)
+    cdef const Settings *settings = <const Settings *>(arena + at.settings)
     cdef int more = 1 if newer else 0
     cdef const uint8_t *values = data + 2 + more
     cdef int index, place, first
@@ -214,7 +220,7 @@ cdef int low_pass(double *arena, const int32_t *slots, const int32_t *sizes, Sta
     if length < 2 + more or (newer and data[1] != 0x80 and (data[1] != 0 or data[2] != 0)):
         return -3
     place = low_pass_of(data[1 + more])
-    if place < 0 or (place < FILTERED and not knows(arena, slots, sizes, 0x80, data[1 + more])):
+    if place < 0 or (place < FILTERED and not knows(arena, at, sizes, 0x80, data[1 + more])):
         return -3
     if data[0] == READ:
         if place == FILTERED:
@@ -241,11 +247,11 @@ cdef int low_pass(double *arena, const int32_t *slots, const int32_t *sizes, Sta
         first = 0 if place == FILTERED else place
         for index in range(first, FILTERED if place == FILTERED else place + 1):
             state.now.low_pass[index] = wanted
-        arena[slots[CUTOFF]] = wanted.cutoff
+        arena[at.cutoff] = wanted.cutoff
     return 0
 
 
-cdef int set_format(double *arena, const int32_t *slots, const int32_t *sizes, State *state, uint8_t *out, int which, int answer,
+cdef int set_format(double *arena, const Sensor *at, const Sensor *sizes, State *state, uint8_t *out, int which, int answer,
                     const uint8_t *data, int length, int more) noexcept nogil:
     """more : bytes of the set that stand before the number of fields"""
     cdef Format *format = &state.now.format[which]
@@ -273,44 +279,44 @@ cdef int set_format(double *arena, const int32_t *slots, const int32_t *sizes, S
     for index in range(count):
         wanted.descriptor[index] = data[2 + more + 3 * index]
         wanted.decimation[index] = <uint16_t>data[3 + more + 3 * index] << 8 | data[4 + more + 3 * index]
-        if not knows(arena, slots, sizes, 0x82 if which else 0x80, wanted.descriptor[index]) or wanted.decimation[index] == 0:
+        if not knows(arena, at, sizes, 0x82 if which else 0x80, wanted.descriptor[index]) or wanted.decimation[index] == 0:
             return -3
     format[0] = wanted
     return 0
 
 
-cdef void answer(double *arena, const int32_t *slots, const int32_t *sizes, State *state, const uint8_t *packet) noexcept nogil:
+cdef void answer(double *arena, const Sensor *at, const Sensor *sizes, State *state, const uint8_t *packet) noexcept nogil:
     cdef uint8_t out[400]
-    cdef int at = HEAD
+    cdef int offset = HEAD
     cdef int end = HEAD + packet[3]
     cdef int count
-    while at < end and packet[at] >= 2 and at + packet[at] <= end:
+    while offset < end and packet[offset] >= 2 and offset + packet[offset] <= end:
         memset(out, 0, sizeof(out))
         out[2] = packet[2]
-        count = reply(arena, slots, sizes, state, out + HEAD + 4, packet[2], packet + at)
-        out[HEAD], out[HEAD + 1], out[HEAD + 2], out[HEAD + 3] = 4, 0xF1, packet[at + 1], <uint8_t>(-count if count < 0 else 0)
-        post(arena, slots, state, out, finish(out, 4 + max(count, 0)))
-        at += packet[at]
+        count = reply(arena, at, sizes, state, out + HEAD + 4, packet[2], packet + offset)
+        out[HEAD], out[HEAD + 1], out[HEAD + 2], out[HEAD + 3] = 4, 0xF1, packet[offset + 1], <uint8_t>(-count if count < 0 else 0)
+        post(arena, at, state, out, finish(out, 4 + max(count, 0)))
+        offset += packet[offset]
 
 
-cdef int sensor_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef State *state = <State *>part(arena, slots, STATE)
-    cdef int at = 0
+cdef int sensor_decode(double *arena, const Sensor *at, const Sensor *sizes, const Frame *frame) noexcept nogil:
+    cdef State *state = <State *>(arena + at.state)
+    cdef int offset = 0
     cdef int need
-    start_up(arena, slots, state)
-    if frame.id != BYTES or arena[slots[DISCONNECTED]] != 0.0:
+    start_up(arena, at, state)
+    if frame.id != BYTES or arena[at.disconnected] != 0.0:
         return TAKEN
     memcpy(state.inbox.bytes + state.inbox.length, frame.data, frame.length)
     state.inbox.length += frame.length
     while True:
-        need = next_packet(state.inbox.bytes, <int>state.inbox.length, &at, False, &state.corrupt)
+        need = next_packet(state.inbox.bytes, <int>state.inbox.length, &offset, False, &state.corrupt)
         if need == 0:
             break
-        if arena[slots[SILENT]] == 0.0:
-            answer(arena, slots, sizes, state, state.inbox.bytes + at)
-        at += need
-    state.inbox.length -= at
-    memmove(state.inbox.bytes, state.inbox.bytes + at, state.inbox.length)
+        if arena[at.silent] == 0.0:
+            answer(arena, at, sizes, state, state.inbox.bytes + offset)
+        offset += need
+    state.inbox.length -= offset
+    memmove(state.inbox.bytes, state.inbox.bytes + offset, state.inbox.length)
     return TAKEN
 
 
@@ -325,13 +331,13 @@ cdef inline int floats(uint8_t *out, const double *values, int count, double sca
     return 4 * count + (2 if flagged else 0)
 
 
-cdef int fill(double *arena, const int32_t *slots, int descriptor_set, int descriptor, double clock, double period, uint8_t *out) noexcept nogil:
+cdef int fill(double *arena, const Sensor *at, int descriptor_set, int descriptor, double clock, double period, uint8_t *out) noexcept nogil:
     """Data of a field; 0 if it has none."""
-    cdef double *q = arena + slots[QUATERNION]
+    cdef double *q = arena + at.quaternion
     cdef double values[9]
     cdef bint filtered = descriptor_set == 0x82
-    cdef bint spoilt = arena[slots[NOT_A_NUMBER]] != 0.0
-    cdef bint valid = arena[slots[UNINITIALISED]] == 0.0
+    cdef bint spoilt = arena[at.not_a_number] != 0.0
+    cdef bint valid = arena[at.uninitialised] == 0.0
     cdef int key = descriptor_set << 8 | descriptor
     cdef int index
     for index in range(9):
@@ -353,11 +359,11 @@ cdef int fill(double *arena, const int32_t *slots, int descriptor_set, int descr
         put_16(out + 4, 0)
         return 6
     if key == 0x8004 or key == 0x8011 or key == 0x821C or key == 0x820D:
-        return floats(out, arena + slots[ACCEL], 3, 1.0 / 9.80665 if not filtered else 1.0, filtered, valid, spoilt)
+        return floats(out, arena + at.accel, 3, 1.0 / 9.80665 if not filtered else 1.0, filtered, valid, spoilt)
     if key == 0x8005 or key == 0x820E:
-        return floats(out, arena + slots[GYRO], 3, 1.0, filtered, valid, spoilt)
+        return floats(out, arena + at.gyro, 3, 1.0, filtered, valid, spoilt)
     if key == 0x8006 or key == 0x8010:
-        return floats(out, arena + slots[MAG], 3, 0.01, False, valid, spoilt)
+        return floats(out, arena + at.mag, 3, 0.01, False, valid, spoilt)
     if key == 0x800A or key == 0x8203:
         return floats(out, q, 4, 1.0, filtered, valid, spoilt)
     if key == 0x800C or key == 0x8205:
@@ -366,14 +372,14 @@ cdef int fill(double *arena, const int32_t *slots, int descriptor_set, int descr
         values[2] = atan2(2.0 * (q[1] * q[2] + q[0] * q[3]), 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3]))
         return floats(out, values, 3, 1.0, filtered, valid, spoilt)
     if key == 0x8014:
-        values[0] = values[1] = values[2] = arena[slots[TEMPERATURE]]
+        values[0] = values[1] = values[2] = arena[at.temperature]
         return floats(out, values, 3, 1.0, False, valid, spoilt)
     if key == 0x8017:
         values[0] = 1013.25
         return floats(out, values, 1, 1.0, False, valid, spoilt)
     if key == 0x8007 or key == 0x8008:
         for index in range(3):
-            values[index] = (arena + slots[GYRO if descriptor == 7 else ACCEL])[index] * period * (1.0 if descriptor == 7 else 1.0 / 9.80665)
+            values[index] = (arena + (at.gyro if descriptor == 7 else at.accel))[index] * period * (1.0 if descriptor == 7 else 1.0 / 9.80665)
         return floats(out, values, 3, 1.0, False, valid, spoilt)
     if key == 0x8206 or key == 0x8213:
         values[2] = 9.80665 if descriptor == 0x13 else 0.0
@@ -381,44 +387,44 @@ cdef int fill(double *arena, const int32_t *slots, int descriptor_set, int descr
     return 0
 
 
-cdef void sample(double *arena, const int32_t *slots, State *state, int which, double clock, double period) noexcept nogil:
+cdef void sample(double *arena, const Sensor *at, State *state, int which, double clock, double period) noexcept nogil:
     """One packet of one set, if one is due."""
     cdef uint8_t packet[400]
     cdef const Format *format = &state.now.format[which]
-    cdef int at = HEAD
+    cdef int offset = HEAD
     cdef int index, count, bit
     packet[2] = 0x82 if which else 0x80
     for index in range(format.count):
         if state.sample % format.decimation[index] == 0:
-            count = fill(arena, slots, packet[2], format.descriptor[index], clock, period * format.decimation[index], packet + at + 2)
-            if count > 0 and at + 2 + count <= HEAD + 255:
-                packet[at], packet[at + 1] = <uint8_t>(2 + count), format.descriptor[index]
-                at += 2 + count
-    if at == HEAD:
+            count = fill(arena, at, packet[2], format.descriptor[index], clock, period * format.decimation[index], packet + offset + 2)
+            if count > 0 and offset + 2 + count <= HEAD + 255:
+                packet[offset], packet[offset + 1] = <uint8_t>(2 + count), format.descriptor[index]
+                offset += 2 + count
+    if offset == HEAD:
         return
-    if arena[slots[SKIPPED]] > 0.0 and chance(state) < arena[slots[SKIPPED]]:
+    if arena[at.skipped] > 0.0 and chance(state) < arena[at.skipped]:
         return
-    count = finish(packet, at - HEAD)
-    if arena[slots[FLIPPED]] > 0.0 and chance(state) < arena[slots[FLIPPED]]:
+    count = finish(packet, offset - HEAD)
+    if arena[at.flipped] > 0.0 and chance(state) < arena[at.flipped]:
         bit = <int>(chance(state) * 8 * count)
         packet[bit >> 3] ^= <uint8_t>(1 << (bit & 7))
-    litter(arena, slots, state)
-    post(arena, slots, state, packet, count)
-    arena[slots[SENT]] += 1.0
+    litter(arena, at, state)
+    post(arena, at, state, packet, count)
+    arena[at.sent] += 1.0
 
 
-cdef void litter(double *arena, const int32_t *slots, State *state) noexcept nogil:
+cdef void litter(double *arena, const Sensor *at, State *state) noexcept nogil:
     """Garbage between packets, so many bytes on the mean."""
     cdef uint8_t byte
-    cdef double garbage = arena[slots[GARBAGE]]
+    cdef double garbage = arena[at.garbage]
     while garbage > 0.0 and chance(state) < garbage / (1.0 + garbage):
         byte = SYNC_1 if chance(state) < 0.05 else SYNC_2 if chance(state) < 0.05 else <uint8_t>(256.0 * chance(state))
-        post(arena, slots, state, &byte, 1)
+        post(arena, at, state, &byte, 1)
 
 
-cdef void start_up(double *arena, const int32_t *slots, State *state) noexcept nogil:
+cdef void start_up(double *arena, const Sensor *at, State *state) noexcept nogil:
     """What the block has prepared is how it was saved: of each set how many fields, descriptor and decimation of each; whether it streams."""
-    cdef const double *saved = part(arena, slots, POWER_ON)
+    cdef const double *saved = arena + at.power_on
     cdef int which, index
     if state.begun == 0:
         state.begun = 1
@@ -432,20 +438,20 @@ cdef void start_up(double *arena, const int32_t *slots, State *state) noexcept n
         for index in range(FILTERED):
             state.now.low_pass[index].enabled = 1
         state.saved = state.now
-        state.luck = <uint64_t>(<const Settings *>part(arena, slots, SETTINGS)).seed * 2 + 1
+        state.luck = <uint64_t>(<const Settings *>(arena + at.settings)).seed * 2 + 1
         chance(state)
 
 
-cdef int sensor_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    cdef State *state = <State *>part(arena, slots, STATE)
-    cdef const Settings *settings = <const Settings *>part(arena, slots, SETTINGS)
+cdef int sensor_encode(double *arena, const Sensor *at, const Sensor *sizes, Frame *frames) noexcept nogil:
+    cdef State *state = <State *>(arena + at.state)
+    cdef const Settings *settings = <const Settings *>(arena + at.settings)
     cdef double now = arena[TIME]
     cdef double period = 1.0 / settings.base_rate
     cdef int64_t due = <int64_t>(now * settings.base_rate + 1e-6)
     cdef int which, size
     cdef int count = 0
-    cdef bint gone = arena[slots[DISCONNECTED]] != 0.0
-    start_up(arena, slots, state)
+    cdef bint gone = arena[at.disconnected] != 0.0
+    start_up(arena, at, state)
     memset(frames, 0, FRAMES_PER_DEVICE * sizeof(Frame))
     if gone != (state.gone != 0):
         state.gone = gone
@@ -456,12 +462,12 @@ cdef int sensor_encode(double *arena, const int32_t *slots, const int32_t *sizes
     if due - state.sample > 100:
         state.sample = due - 100                # it was not looked at for long
     while state.sample <= due:
-        if not gone and state.idle == 0 and arena[slots[SILENT]] == 0.0:
+        if not gone and state.idle == 0 and arena[at.silent] == 0.0:
             for which in range(2):
                 if state.now.streams[which]:
-                    sample(arena, slots, state, which, settings.clock_start + state.sample * period / (1.0 + settings.clock_drift), period)
+                    sample(arena, at, state, which, settings.clock_start + state.sample * period / (1.0 + settings.clock_drift), period)
         state.sample += 1
-    arena[slots[STREAMING]] = state.idle == 0 and not gone and (state.now.streams[0] != 0 or state.now.streams[1] != 0)
+    arena[at.streaming] = state.idle == 0 and not gone and (state.now.streams[0] != 0 or state.now.streams[1] != 0)
     while state.waiting > 0 and count < FRAMES_PER_DEVICE:
         size = <int>min(<int64_t>FRAME_BYTES, state.waiting)
         frames[count].length, frames[count].flags = <uint8_t>size, START if count == 0 else 0
@@ -472,5 +478,5 @@ cdef int sensor_encode(double *arena, const int32_t *slots, const int32_t *sizes
     return count
 
 
-decode, encode = export_decode(sensor_decode), export_encode(sensor_encode)
+decode, encode = export_decode(<decode_t>sensor_decode, SENSOR), export_encode(<encode_t>sensor_encode, SENSOR)
 state_doubles = (sizeof(State) + 7) // 8

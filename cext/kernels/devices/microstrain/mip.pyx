@@ -9,17 +9,12 @@ from libc.math cimport NAN, asin, atan2, cos, isfinite, sin, sqrt
 from libc.stdint cimport int32_t
 from libc.string cimport memset
 
-from cext.abi cimport INPUTS, MALFORMED, NOTED, OK, OUTPUTS, PARAMETERS, TAKEN, export, export_decode, export_encode
+from cext.abi cimport (
+    ITEMS, MALFORMED, NOTED, OK, TAKEN, Rest, decode_t, each, encode_t, export, export_decode, export_encode, items,
+    kernel_t,
+)
 from cext.kernels.devices.clock_map cimport ClockMap, mapped
 from cext.lines.stream_frames cimport BACK, LOST
-
-cdef enum: # items, in the order of blocks.imus.microstrain.block.MicroStrain
-    TARE
-    ACCEL, GYRO, MAG, QUATERNION, EULER, ROTATION, RAW_QUATERNION, RAW_EULER, TEMPERATURE, AGE, SAMPLE_TIME, CLOCK_DRIFT, MEASURED_RATE
-    PACKETS, CORRUPT, LOST_PACKETS, VALID, TARED, TARE_ATTITUDE, CONNECTED
-
-cdef enum: # memories
-    PENDING_MEMORY, INDEX, ROWS, SETTINGS, STATE
 
 cdef enum: # of a field's values
     FLOAT, DOUBLE, UNSIGNED_8, UNSIGNED_16, UNSIGNED_32, UNSIGNED_64
@@ -60,12 +55,33 @@ cdef struct State:
     double time                 # s that the packet tells, NaN: none
 
 
-cdef inline int memory(const int32_t *slots) noexcept nogil:
-    return slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS]
+cdef struct Measured:
+    int32_t accel, gyro, mag, quaternion, euler, rotation, raw_quaternion, raw_euler, temperature
+
+cdef struct MicroStrain:
+    Measured measured
+    int32_t tare, age, sample_time, clock_drift, measured_rate, packets, corrupt, lost, valid, tared, tare_attitude
+    int32_t connected
+    int32_t pending             # a Pending
+    int32_t index, rows         # the table
+    int32_t settings            # Settings
+    int32_t state               # State
+    Rest outputs                # of channels that have an output of their own
+
+MICRO_STRAIN = items(
+    (<MicroStrain *>ITEMS)[0],
+    "accel[3] gyro[3] mag[3] quaternion[4] euler[3] rotation[9] raw_quaternion[4] raw_euler[3] tare_attitude[4] "
+    "pending[65] index[768] rows[...] settings[4] state[72]")
 
 
-cdef inline State *state_of(double *arena, const int32_t *slots) noexcept nogil:
-    return <State *>(arena + slots[memory(slots) + STATE])
+cdef inline int32_t place_of(const MicroStrain *at, int item) noexcept nogil:
+    """Position of an item of the table: its place in the struct, or behind those, in `outputs`."""
+    cdef int named = (sizeof(MicroStrain) - sizeof(Rest)) // sizeof(int32_t)
+    return (<const int32_t *>at)[item] if item < named else each(at, at.outputs)[item - named]
+
+
+cdef inline State *state_of(double *arena, const MicroStrain *at) noexcept nogil:
+    return <State *>(arena + at.state)
 
 
 cdef inline double value_at(const uint8_t *data, int kind, int index) noexcept nogil:
@@ -86,10 +102,9 @@ cdef inline int width_of(int kind) noexcept nogil:
     return 8 if kind == DOUBLE or kind == UNSIGNED_64 else 1 if kind == UNSIGNED_8 else 2 if kind == UNSIGNED_16 else 4
 
 
-cdef void take_field(double *arena, const int32_t *slots, int set_index, const uint8_t *field) noexcept nogil:
-    cdef int place = memory(slots)
-    cdef int number = <int>(arena + slots[place + INDEX])[256 * set_index + field[1]]
-    cdef State *state = state_of(arena, slots)
+cdef void take_field(double *arena, const MicroStrain *at, int set_index, const uint8_t *field) noexcept nogil:
+    cdef int number = <int>(arena + at.index)[256 * set_index + field[1]]
+    cdef State *state = state_of(arena, at)
     cdef const Row *row
     cdef const uint8_t *data
     cdef double *target
@@ -98,7 +113,7 @@ cdef void take_field(double *arena, const int32_t *slots, int set_index, const u
     cdef bint valid = True
     if number == 0:
         return
-    row = <const Row *>(arena + slots[place + ROWS]) + number - 1
+    row = <const Row *>(arena + at.rows) + number - 1
     kind, count = <int>row.kind, <int>row.count
     size = width_of(kind) * count
     data = field + 2 + <int>row.first
@@ -113,7 +128,7 @@ cdef void take_field(double *arena, const int32_t *slots, int set_index, const u
             state.time = value
     if row.item < 0.0:
         return
-    target = arena + slots[<int>row.item]
+    target = arena + place_of(at, <int>row.item)
     if kind == FLOAT and valid:
         for index in range(count):
             target[index] = float_32(data + 4 * index) * row.scale
@@ -137,75 +152,77 @@ cdef bint is_whole(const uint8_t *packet) noexcept nogil:
     return True
 
 
-cdef bint take_packet(double *arena, const int32_t *slots, const int32_t *sizes, const uint8_t *packet, double came) noexcept nogil:
+cdef bint take_packet(double *arena, const MicroStrain *at, const MicroStrain *sizes, const uint8_t *packet, double came) noexcept nogil:
     """One whose checksum is right. True where it is one of data. came : s"""
-    cdef State *state = state_of(arena, slots)
-    cdef int at = HEAD
+    cdef State *state = state_of(arena, at)
+    cdef int offset = HEAD
     cdef int end = HEAD + packet[3]
     cdef int set_index = 0 if packet[2] == 0x80 else 1 if packet[2] == 0x82 else 2
     if packet[2] < 0x80 or packet[3] == 0 or not is_whole(packet):
         return False
     if state.begun == 0.0:
-        begin(arena, slots, sizes, came)
+        begin(arena, at, sizes, came)
     state.attitude, state.time, state.valid = 0.0, NAN, -1.0
-    while at < end:
-        take_field(arena, slots, set_index, packet + at)
-        at += packet[at]
+    while offset < end:
+        take_field(arena, at, set_index, packet + offset)
+        offset += packet[offset]
     if state.valid >= 0.0:
-        arena[slots[VALID]] = state.valid
-    arena[slots[PACKETS]] += 1.0
+        arena[at.valid] = state.valid
+    arena[at.packets] += 1.0
     if set_index < 2:
-        count_losses(arena, slots, state, set_index)
+        count_losses(arena, at, state, set_index)
     if state.time == state.time:
-        arena[slots[SAMPLE_TIME]] = mapped(&state.clock, state.time, came)
-        arena[slots[CLOCK_DRIFT]] = state.clock.slope
+        arena[at.sample_time] = mapped(&state.clock, state.time, came)
+        arena[at.clock_drift] = state.clock.slope
     else:
-        arena[slots[SAMPLE_TIME]] = came
-    measure_rate(arena, slots, state, set_index, came)
+        arena[at.sample_time] = came
+    measure_rate(arena, at, state, set_index, came)
     if state.attitude != 0.0:
-        turn(arena, slots, state, came)
+        turn(arena, at, state, came)
     return set_index < 2
 
 
-cdef void begin(double *arena, const int32_t *slots, const int32_t *sizes, double came) noexcept nogil:
-    cdef State *state = state_of(arena, slots)
-    cdef const Settings *settings = <const Settings *>(arena + slots[memory(slots) + SETTINGS])
+cdef void begin(double *arena, const MicroStrain *at, const MicroStrain *sizes, double came) noexcept nogil:
+    cdef State *state = state_of(arena, at)
+    cdef const Settings *settings = <const Settings *>(arena + at.settings)
     state.begun = 1.0
     state.since, state.taring = came, IDLE
-    if arena[slots[PACKETS]] == 0.0:                # a start and a second arming make its state anew, and leave what it tells
-        blank(arena, slots, sizes)
-        arena[slots[VALID]] = (arena + slots[TARE_ATTITUDE])[0] = 1.0
-    if settings.tare_at_start != 0.0 and arena[slots[TARED]] == 0.0:
+    if arena[at.packets] == 0.0:                # a start and a second arming make its state anew, and leave what it tells
+        blank(arena, at, sizes)
+        arena[at.valid] = (arena + at.tare_attitude)[0] = 1.0
+    if settings.tare_at_start != 0.0 and arena[at.tared] == 0.0:
         state.taring = WANTED
 
 
-cdef void blank(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    """What the sensor has never told is no number."""
+cdef void blank(double *arena, const MicroStrain *at, const MicroStrain *sizes) noexcept nogil:
+    """NaN for what the sensor has not sent yet."""
     cdef int item, index
-    for item in range(ACCEL, slots[INPUTS] + slots[OUTPUTS]):
-        if item <= TEMPERATURE or item > CONNECTED:
-            for index in range(sizes[item]):
-                (arena + slots[item])[index] = NAN
+    for item in range(sizeof(Measured) // sizeof(int32_t)):
+        for index in range((<const int32_t *>&sizes.measured)[item]):
+            arena[(<const int32_t *>&at.measured)[item] + index] = NAN
+    for item in range(at.outputs.count):
+        for index in range(each(sizes, sizes.outputs)[item]):
+            arena[each(at, at.outputs)[item] + index] = NAN
 
 
-cdef void count_losses(double *arena, const int32_t *slots, State *state, int set_index) noexcept nogil:
+cdef void count_losses(double *arena, const MicroStrain *at, State *state, int set_index) noexcept nogil:
     """Samples of which the times tell that they were taken and never came."""
-    cdef const Settings *settings = <const Settings *>(arena + slots[memory(slots) + SETTINGS])
+    cdef const Settings *settings = <const Settings *>(arena + at.settings)
     cdef double gap
     if not state.time == state.time:
         return
     gap = (state.time - state.last[set_index]) * settings.rate
     if state.last[set_index] != 0.0 and 1.5 < gap < 60.0 * settings.rate:
-        arena[slots[LOST_PACKETS]] += <double><int64_t>(gap - 0.5)
+        arena[at.lost] += <double><int64_t>(gap - 0.5)
     state.last[set_index] = state.time
 
 
-cdef void measure_rate(double *arena, const int32_t *slots, State *state, int set_index, double came) noexcept nogil:
-    if set_index != <int>(<const Settings *>(arena + slots[memory(slots) + SETTINGS])).primary:
+cdef void measure_rate(double *arena, const MicroStrain *at, State *state, int set_index, double came) noexcept nogil:
+    if set_index != <int>(<const Settings *>(arena + at.settings)).primary:
         return
     state.counted += 1.0
     if came - state.since >= 1.0:
-        arena[slots[MEASURED_RATE]] = state.counted / (came - state.since)
+        arena[at.measured_rate] = state.counted / (came - state.since)
         state.counted, state.since = 0.0, came
 
 
@@ -251,16 +268,16 @@ cdef void to_angles(const double *r, double *euler) noexcept nogil:
     euler[2] = atan2(r[3], r[0])
 
 
-cdef void turn(double *arena, const int32_t *slots, State *state, double came) noexcept nogil:
+cdef void turn(double *arena, const MicroStrain *at, State *state, double came) noexcept nogil:
     """From the attitude that the sensor has told to the one that is asked for: relative to where it was tared."""
-    cdef const Settings *settings = <const Settings *>(arena + slots[memory(slots) + SETTINGS])
+    cdef const Settings *settings = <const Settings *>(arena + at.settings)
     cdef double q[4]
-    cdef double *raw = arena + slots[RAW_QUATERNION]
-    cdef double *told = arena + slots[QUATERNION]
+    cdef double *raw = arena + at.measured.raw_quaternion
+    cdef double *told = arena + at.measured.quaternion
     cdef double norm, sign
     cdef int index
     if state.attitude == 1.0:
-        from_angles(arena + slots[RAW_EULER], raw)
+        from_angles(arena + at.measured.raw_euler, raw)
     norm = sqrt(raw[0] * raw[0] + raw[1] * raw[1] + raw[2] * raw[2] + raw[3] * raw[3])
     for index in range(4):
         q[index] = raw[index] / norm if norm > 0.1 else NAN
@@ -274,26 +291,26 @@ cdef void turn(double *arena, const int32_t *slots, State *state, double came) n
         if came - state.taring >= settings.tare_time:
             norm = sqrt(state.sum[0] * state.sum[0] + state.sum[1] * state.sum[1] + state.sum[2] * state.sum[2] + state.sum[3] * state.sum[3])
             for index in range(4):
-                (arena + slots[TARE_ATTITUDE])[index] = state.sum[index] / norm
-            state.taring, arena[slots[TARED]] = IDLE, 1.0
-    product(arena + slots[TARE_ATTITUDE], q, told)
-    to_matrix(told, arena + slots[ROTATION])
-    to_angles(arena + slots[ROTATION], arena + slots[EULER])
+                (arena + at.tare_attitude)[index] = state.sum[index] / norm
+            state.taring, arena[at.tared] = IDLE, 1.0
+    product(arena + at.tare_attitude, q, told)
+    to_matrix(told, arena + at.measured.rotation)
+    to_angles(arena + at.measured.rotation, arena + at.measured.euler)
 
 
 # The device
 
-cdef int mip_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef Pending *pending = <Pending *>(arena + slots[memory(slots) + PENDING_MEMORY])
+cdef int mip_decode(double *arena, const MicroStrain *at, const MicroStrain *sizes, const Frame *frame) noexcept nogil:
+    cdef Pending *pending = <Pending *>(arena + at.pending)
     cdef bint taken = False
     cdef int64_t corrupt = 0
     cdef double came = frame.time * 1e-9
-    cdef int at, need
+    cdef int offset, need
     cdef int rounds
     if frame.id == LOST or frame.id == BACK:
-        arena[slots[CONNECTED]] = frame.id == BACK
+        arena[at.connected] = frame.id == BACK
     elif frame.id == BYTES:
-        arena[slots[CONNECTED]] = 1.0
+        arena[at.connected] = 1.0
     for rounds in range(2):
         if rounds == 0 and not (frame.flags & GAP or frame.id != BYTES):
             continue
@@ -302,36 +319,38 @@ cdef int mip_decode(double *arena, const int32_t *slots, const int32_t *sizes, c
                 break
             memcpy(pending.bytes + pending.length, frame.data, frame.length)
             pending.length += frame.length
-        at = 0
+        offset = 0
         while True:
-            need = next_packet(pending.bytes, <int>pending.length, &at, rounds == 0, &corrupt)
+            need = next_packet(pending.bytes, <int>pending.length, &offset, rounds == 0, &corrupt)
             if need == 0:
                 break
-            if take_packet(arena, slots, sizes, pending.bytes + at, came):
+            if take_packet(arena, at, sizes, pending.bytes + offset, came):
                 taken = True
-            at += need
-        pending.length -= at
-        memmove(pending.bytes, pending.bytes + at, pending.length)
-    arena[slots[CORRUPT]] += corrupt
-    if taken and (<const Settings *>(arena + slots[memory(slots) + SETTINGS])).tare_at_start != 0.0 and arena[slots[TARED]] == 0.0:
+            offset += need
+        pending.length -= offset
+        memmove(pending.bytes, pending.bytes + offset, pending.length)
+    arena[at.corrupt] += corrupt
+    if taken and (<const Settings *>(arena + at.settings)).tare_at_start != 0.0 and arena[at.tared] == 0.0:
         return NOTED                                # nothing is armed before it is tared
     return TAKEN if taken else MALFORMED if corrupt > 0 else NOTED
 
 
-cdef int mip_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+cdef int mip_encode(double *arena, const MicroStrain *at, const MicroStrain *sizes, Frame *frames) noexcept nogil:
     """Nothing to send; at the end of the tick it is seen whether a tare is asked for."""
-    cdef State *state = state_of(arena, slots)
-    cdef double asked = 1.0 if arena[slots[TARE]] != 0.0 else 0.0
+    cdef State *state = state_of(arena, at)
+    cdef double asked = 1.0 if arena[at.tare] != 0.0 else 0.0
     if asked != 0.0 and state.asked == 0.0 and state.begun != 0.0:
         state.taring = WANTED
     state.asked = asked
     return 0
 
 
-cdef int mip_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    if arena[slots[PACKETS]] == 0.0:
-        blank(arena, slots, sizes)
+cdef int mip_kernel(double *arena, const MicroStrain *at, const MicroStrain *sizes) noexcept nogil:
+    if arena[at.packets] == 0.0:
+        blank(arena, at, sizes)
     return OK
 
 
-decode, encode, before = export_decode(mip_decode), export_encode(mip_encode), export(mip_kernel)
+decode = export_decode(<decode_t>mip_decode, MICRO_STRAIN)
+encode = export_encode(<encode_t>mip_encode, MICRO_STRAIN)
+before = export(<kernel_t>mip_kernel, MICRO_STRAIN)

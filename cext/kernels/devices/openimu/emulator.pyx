@@ -11,7 +11,8 @@ from libc.stdint cimport int32_t, uint8_t, uint32_t, uint64_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    EXTENDED, FOREIGN, FRAMES_PER_DEVICE, MALFORMED, NOT_FINITE, OK, TAKEN, TIME, Frame, export, export_decode, export_encode,
+    EXTENDED, FOREIGN, FRAMES_PER_DEVICE, ITEMS, MALFORMED, NOT_FINITE, OK, TAKEN, TIME, Frame, decode_t, encode_t,
+    export, export_decode, export_encode, items, kernel_t,
 )
 from cext.kernels.devices.openimu.frames cimport (
     ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, FINE_ACCELERATION, FINE_RATE, MAGNETIC_FIELD,
@@ -20,13 +21,7 @@ from cext.kernels.devices.openimu.frames cimport (
     SLOPE, SLOPE_1, group_of, u16,
 )
 
-cdef enum: # in the order of the declaration
-    ACCEL, GYRO, MAG, ROLL, PITCH, SILENT, DROPPED, POWER_LOST
-    ADDRESS, ROUNDS
-    STORED                      # as the enum below: what it is at power on
-    STATE                       # the same, and what follows
-
-cdef enum: # in STORED and STATE
+cdef enum: # in `stored` and `state`
     DIVIDER, TYPES, BITS, ORIENTED, RATE_FILTER, ACCEL_FILTER
     SETTINGS                    # how many
     OWED = SETTINGS             # answers, a bit each, as the enum below
@@ -54,19 +49,27 @@ cdef enum:
     EVERYBODY = 0xFF
 
 
-cdef bint drops(double *arena, const int32_t *slots) noexcept nogil:
+cdef struct Unit:
+    int32_t accel, gyro, mag, roll, pitch, silent, dropped, power_lost, address, rounds
+    int32_t stored              # the enum above: settings at power on
+    int32_t state               # the enum above
+
+UNIT = items((<Unit *>ITEMS)[0], "accel[3] gyro[3] mag[3] stored[6] state[11]")
+
+
+cdef bint drops(double *arena, const Unit *at) noexcept nogil:
     """Whether the next frame is lost on its way. A linear congruence: the same in every run."""
-    cdef double *luck = arena + slots[STATE] + LUCK
-    if not arena[slots[DROPPED]] > 0.0:
+    cdef double *luck = arena + at.state + LUCK
+    if not arena[at.dropped] > 0.0:
         return False
     luck[0] = <double>((<uint64_t>luck[0] * 1103515245u + 12345u) & 0x7FFFFFFFu)
-    return luck[0] < arena[slots[DROPPED]] * 2147483648.0
+    return luck[0] < arena[at.dropped] * 2147483648.0
 
 
-cdef void asked(double *arena, const int32_t *slots, const uint8_t *data) noexcept nogil:
+cdef void asked(double *arena, const Unit *at, const uint8_t *data) noexcept nogil:
     """A request of a parameter group: its bytes in the order that the firmware has been told, of the 335RI as its stock firmware."""
-    cdef double *state = arena + slots[STATE]
-    cdef bint modern = arena[slots[ROUNDS]] != 0.0 or <uint32_t>state[BITS] & NEW_REQUEST
+    cdef double *state = arena + at.state
+    cdef bint modern = arena[at.rounds] != 0.0 or <uint32_t>state[BITS] & NEW_REQUEST
     cdef uint32_t group = (u16(data) if modern else <uint32_t>data[1] << 8 | data[2])
     cdef uint32_t owed = (
         OWES_CLAIM if group == ADDRESS_CLAIM else OWES_RATE if group == PACKET_RATE else OWES_TYPE if group == PACKET_TYPE
@@ -75,23 +78,23 @@ cdef void asked(double *arena, const int32_t *slots, const uint8_t *data) noexce
     state[OWED] = <double>(<uint32_t>state[OWED] | owed)
 
 
-cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef double *state = arena + slots[STATE]
+cdef int heard_decode(double *arena, const Unit *at, const Unit *sizes, const Frame *frame) noexcept nogil:
+    cdef double *state = arena + at.state
     cdef const uint8_t *data = &frame.data[0]
     cdef uint32_t group = group_of(frame.id)
-    cdef uint32_t own = <uint32_t>arena[slots[ADDRESS]]
+    cdef uint32_t own = <uint32_t>arena[at.address]
     cdef uint32_t destination = frame.id >> 8 & 0xFF
     if group == REQUEST and (destination == own or destination == EVERYBODY):
         if frame.length != 3:
             return MALFORMED
-        if state[DEAD] == 0.0 and not drops(arena, slots):
-            asked(arena, slots, data)
+        if state[DEAD] == 0.0 and not drops(arena, at):
+            asked(arena, at, data)
         return TAKEN if destination == own else FOREIGN         # who asks everybody asks others too
     if not PACKET_RATE <= group <= BEHAVIOUR or frame.length < 2 or data[0] != own or (frame.id & 0xFF) == own:
         return FOREIGN
     if frame.length < (2 if group == PACKET_RATE or group == PACKET_TYPE else 3):
         return MALFORMED
-    if state[DEAD] != 0.0 or drops(arena, slots):
+    if state[DEAD] != 0.0 or drops(arena, at):
         return TAKEN
     if group == PACKET_RATE:
         state[DIVIDER] = data[1]
@@ -101,7 +104,7 @@ cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes,
         state[RATE_FILTER], state[ACCEL_FILTER] = data[1], data[2]
     elif group == ORIENTATION:
         state[ORIENTED] = <uint32_t>data[1] << 8 | data[2]
-    elif arena[slots[ROUNDS]] == 0.0:
+    elif arena[at.rounds] == 0.0:
         state[BITS] = u16(&data[1])
     elif frame.length >= 5:                                     # bits to set, bits to take away
         state[BITS] = (<uint32_t>state[BITS] | u16(&data[1])) & ~u16(&data[3])
@@ -137,10 +140,10 @@ cdef inline double clamped(double x, double most) noexcept nogil:
     return most if x > most else -most if x < -most else x
 
 
-cdef void put_fine(double *arena, const int32_t *slots, uint32_t packet, uint32_t bits, uint8_t *data) noexcept nogil:
+cdef void put_fine(double *arena, const Unit *at, uint32_t packet, uint32_t bits, uint8_t *data) noexcept nogil:
     """Three codes of 19 bits, rounded, in the axes that it has been set to."""
     cdef bint turns = packet == SENDS_FINE_RATE
-    cdef const double *u = arena + slots[GYRO if turns else ACCEL]
+    cdef const double *u = arena + (at.gyro if turns else at.accel)
     cdef uint64_t word = 0
     cdef uint32_t code
     cdef double x
@@ -157,45 +160,45 @@ cdef void put_fine(double *arena, const int32_t *slots, uint32_t packet, uint32_
     memcpy(data, &word, 8)
 
 
-cdef void measure(double *arena, const int32_t *slots, uint32_t packet, Frame *frame) noexcept nogil:
+cdef void measure(double *arena, const Unit *at, uint32_t packet, Frame *frame) noexcept nogil:
     """The data of one packet. 57.296 is the degrees of a radian as the firmware has them."""
-    cdef uint32_t bits = <uint32_t>arena[slots[STATE] + BITS]
-    cdef bint rounds = arena[slots[ROUNDS]] != 0.0
+    cdef uint32_t bits = <uint32_t>arena[at.state + BITS]
+    cdef bint rounds = arena[at.rounds] != 0.0
     cdef uint8_t *data = &frame.data[0]
     cdef const double *u
     cdef int i
     if packet == SENDS_SLOPE:
-        put24(data, (arena[slots[PITCH]] * 57.296 + 250.0) * 32768.0, rounds)
-        put24(&data[3], (arena[slots[ROLL]] * 57.296 + 250.0) * 32768.0, rounds)
+        put24(data, (arena[at.pitch] * 57.296 + 250.0) * 32768.0, rounds)
+        put24(&data[3], (arena[at.roll] * 57.296 + 250.0) * 32768.0, rounds)
         data[6] = 0x00 if rounds else 0xCC                       # merit: 3 is "not available"
     elif packet == SENDS_RATE:
-        u = arena + slots[GYRO]
+        u = arena + at.gyro
         for i in range(3):
             put16(&data[2 * i], (clamped(<float>(u[i] * (180.0 / 3.14159265358979323846)), 250.0) + 250.0) * 128.0, rounds)
         data[6] = 0x00 if rounds else 0x3F
     elif packet == SENDS_ACCELERATION:
-        u = arena + slots[ACCEL]
+        u = arena + at.accel
         for i in range(3):
             put16(&data[2 * i], ((-u[i] if i > 0 and bits & ACCEL_NWU else u[i]) + 320.0) * 100.0, rounds)
         data[6] = 0x80 if rounds else 0xBF
     elif rounds and packet == SENDS_SLOPE_1:
-        put16(data, (clamped(<float>(arena[slots[PITCH]] * 57.296), 64.0) + 64.0) * 500.0, False)
-        put16(&data[2], (clamped(<float>(arena[slots[ROLL]] * 57.296), 64.0) + 64.0) * 500.0, False)
-        put16(&data[4], (clamped(<float>(arena[slots[GYRO] + 1] * 57.296), 64.0) + 64.0) * 500.0, False)
+        put16(data, (clamped(<float>(arena[at.pitch] * 57.296), 64.0) + 64.0) * 500.0, False)
+        put16(&data[2], (clamped(<float>(arena[at.roll] * 57.296), 64.0) + 64.0) * 500.0, False)
+        put16(&data[4], (clamped(<float>(arena[at.gyro + 1] * 57.296), 64.0) + 64.0) * 500.0, False)
     elif rounds:
-        put_fine(arena, slots, packet, bits, data)
+        put_fine(arena, at, packet, bits, data)
     else:
-        u = arena + slots[MAG]
+        u = arena + at.mag
         for i in range(3):
             put16(&data[2 * i], (0.01 * u[i] + 8.0) / 0.00025, False)
     if bits & SWAP_PITCH_ROLL and (packet == SENDS_RATE or packet == SENDS_ACCELERATION):
         exchange(data)
 
 
-cdef void answer(double *arena, const int32_t *slots, uint32_t owed, Frame *frame) noexcept nogil:
+cdef void answer(double *arena, const Unit *at, uint32_t owed, Frame *frame) noexcept nogil:
     """A setting as it is. The 335RI begins with the address of who asked, and has the filters in another order."""
-    cdef const double *state = arena + slots[STATE]
-    cdef bint rounds = arena[slots[ROUNDS]] != 0.0
+    cdef const double *state = arena + at.state
+    cdef bint rounds = arena[at.rounds] != 0.0
     cdef uint8_t *data = &frame.data[0]
     cdef uint32_t value = 0
     cdef uint64_t name
@@ -203,9 +206,9 @@ cdef void answer(double *arena, const int32_t *slots, uint32_t owed, Frame *fram
         PACKET_RATE if owed == OWES_RATE else PACKET_TYPE if owed == OWES_TYPE else FILTERS if owed == OWES_FILTERS
         else ORIENTATION if owed == OWES_ORIENTATION else BEHAVIOUR if owed == OWES_BEHAVIOUR else VERSION if owed == OWES_VERSION
         else ADDRESS_CLAIM | EVERYBODY)
-    frame.id = <uint32_t>EXTENDED | 6 << 26 | group << 8 | <uint32_t>arena[slots[ADDRESS]]
+    frame.id = <uint32_t>EXTENDED | 6 << 26 | group << 8 | <uint32_t>arena[at.address]
     frame.length = 3
-    data[0] = 0xF9 if rounds else <uint8_t>arena[slots[ADDRESS]]
+    data[0] = 0xF9 if rounds else <uint8_t>arena[at.address]
     if owed == OWES_CLAIM:                                      # NAME: Aceinna's manufacturer code 823, function 131
         name = <uint64_t>state[NAME] & 0x1FFFFF | <uint64_t>823 << 21 | <uint64_t>131 << 40
         memcpy(data, &name, 8)
@@ -228,14 +231,14 @@ cdef void answer(double *arena, const int32_t *slots, uint32_t owed, Frame *fram
         data[1], data[2] = <uint8_t>(value >> 8), <uint8_t>value
 
 
-cdef int unit_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+cdef int unit_kernel(double *arena, const Unit *at, const Unit *sizes) noexcept nogil:
     """Without power it is dead; when power is back it is as it is stored, and claims its address."""
-    cdef double *state = arena + slots[STATE]
-    if arena[slots[POWER_LOST]] != 0.0:
+    cdef double *state = arena + at.state
+    if arena[at.power_lost] != 0.0:
         state[DEAD] = 1.0
         state[OWED] = 0.0
     elif state[DEAD] != 0.0:
-        memcpy(state, arena + slots[STORED], SETTINGS * sizeof(double))
+        memcpy(state, arena + at.stored, SETTINGS * sizeof(double))
         state[DEAD] = 0.0
         state[OWED] = OWES_CLAIM
         state[DUE] = arena[TIME]
@@ -261,62 +264,62 @@ cdef inline bint finite(const double *x, int count) noexcept nogil:
     return True
 
 
-cdef int send(double *arena, const int32_t *slots, uint32_t packet, Frame *frames, int count) noexcept nogil:
+cdef int send(double *arena, const Unit *at, uint32_t packet, Frame *frames, int count) noexcept nogil:
     """One packet behind `count` others, if it is sent at all. Returns how many there are then."""
-    if count == FRAMES_PER_DEVICE or not <uint32_t>arena[slots[STATE] + TYPES] & packet:
+    if count == FRAMES_PER_DEVICE or not <uint32_t>arena[at.state + TYPES] & packet:
         return count
-    if arena[slots[SILENT]] != 0.0 or drops(arena, slots):
+    if arena[at.silent] != 0.0 or drops(arena, at):
         return count
     memset(&frames[count], 0, sizeof(Frame))
-    frames[count].id = identifier(packet, <uint32_t>arena[slots[ADDRESS]], arena[slots[ROUNDS]] != 0.0)
+    frames[count].id = identifier(packet, <uint32_t>arena[at.address], arena[at.rounds] != 0.0)
     frames[count].length = 8
-    measure(arena, slots, packet, &frames[count])
+    measure(arena, at, packet, &frames[count])
     return count + 1
 
 
-cdef int say(double *arena, const int32_t *slots, uint32_t owed, Frame *frames, int count) noexcept nogil:
+cdef int say(double *arena, const Unit *at, uint32_t owed, Frame *frames, int count) noexcept nogil:
     """An answer behind `count` other frames, if it is owed. Returns how many there are then."""
-    cdef double *state = arena + slots[STATE]
+    cdef double *state = arena + at.state
     if not <uint32_t>state[OWED] & owed:
         return count
     state[OWED] = <double>(<uint32_t>state[OWED] & ~owed)
-    if arena[slots[SILENT]] != 0.0 or drops(arena, slots):
+    if arena[at.silent] != 0.0 or drops(arena, at):
         return count
     memset(&frames[count], 0, sizeof(Frame))
-    answer(arena, slots, owed, &frames[count])
+    answer(arena, at, owed, &frames[count])
     return count + 1
 
 
-cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    cdef double *state = arena + slots[STATE]
+cdef int send_encode(double *arena, const Unit *at, const Unit *sizes, Frame *frames) noexcept nogil:
+    cdef double *state = arena + at.state
     cdef uint32_t bit = 1
     cdef int count = 0
-    if not (finite(arena + slots[ACCEL], 3) and finite(arena + slots[GYRO], 3) and finite(arena + slots[MAG], 3)
-            and finite(arena + slots[ROLL], 1) and finite(arena + slots[PITCH], 1)):
+    if not (finite(arena + at.accel, 3) and finite(arena + at.gyro, 3) and finite(arena + at.mag, 3)
+            and finite(arena + at.roll, 1) and finite(arena + at.pitch, 1)):
         return -NOT_FINITE
     if state[DEAD] != 0.0:
         return 0
     if <uint32_t>state[OWED] & OWES_CLAIM:                      # before it says anything else
-        count = say(arena, slots, OWES_CLAIM, frames, count)
+        count = say(arena, at, OWES_CLAIM, frames, count)
     elif state[DIVIDER] > 0.0 and arena[TIME] >= state[DUE] - 1e-9:
         state[DUE] += 0.01 * state[DIVIDER]
         if state[DUE] < arena[TIME]:
             state[DUE] = arena[TIME] + 0.01 * state[DIVIDER]
-        count = send(arena, slots, SENDS_SLOPE, frames, count)
-        count = send(arena, slots, SENDS_ACCELERATION, frames, count)
-        if arena[slots[ROUNDS]] == 0.0:
-            count = send(arena, slots, SENDS_FIELD, frames, count)
-        count = send(arena, slots, SENDS_RATE, frames, count)
-        if arena[slots[ROUNDS]] != 0.0:
-            count = send(arena, slots, SENDS_SLOPE_1, frames, count)
-            count = send(arena, slots, SENDS_FINE_ACCELERATION, frames, count)
-            count = send(arena, slots, SENDS_FINE_RATE, frames, count)
+        count = send(arena, at, SENDS_SLOPE, frames, count)
+        count = send(arena, at, SENDS_ACCELERATION, frames, count)
+        if arena[at.rounds] == 0.0:
+            count = send(arena, at, SENDS_FIELD, frames, count)
+        count = send(arena, at, SENDS_RATE, frames, count)
+        if arena[at.rounds] != 0.0:
+            count = send(arena, at, SENDS_SLOPE_1, frames, count)
+            count = send(arena, at, SENDS_FINE_ACCELERATION, frames, count)
+            count = send(arena, at, SENDS_FINE_RATE, frames, count)
     while bit <= OWES_VERSION and count < FRAMES_PER_DEVICE:
-        count = say(arena, slots, bit, frames, count)
+        count = say(arena, at, bit, frames, count)
         bit <<= 1
     return count
 
 
-unit = export(unit_kernel)
-unit_decode = export_decode(heard_decode)
-unit_encode = export_encode(send_encode)
+unit = export(<kernel_t>unit_kernel, UNIT)
+unit_decode = export_decode(<decode_t>heard_decode, UNIT)
+unit_encode = export_encode(<encode_t>send_encode, UNIT)

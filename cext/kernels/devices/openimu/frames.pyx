@@ -19,7 +19,10 @@ from libc.math cimport NAN, M_PI
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
-from cext.abi cimport EXTENDED, FOREIGN, MALFORMED, NOTED, TAKEN, Frame, export_decode, export_encode
+from cext.abi cimport (
+    EXTENDED, FOREIGN, ITEMS, MALFORMED, NOTED, TAKEN, Frame, decode_t, encode_t, export_decode, export_encode,
+    items,
+)
 from cext.kernels.devices.openimu.frames cimport (
     ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, MAGNETIC_FIELD, ORIENTATION, PACKET_RATE, PACKET_TYPE,
     FINE_ACCELERATION, FINE_RATE, SENDS_ACCELERATION, SENDS_FIELD, SENDS_FINE_ACCELERATION, SENDS_FINE_RATE, SENDS_RATE, SENDS_SLOPE,
@@ -27,38 +30,40 @@ from cext.kernels.devices.openimu.frames cimport (
     fine, group_of, merit, u16, u24,
 )
 
-cdef enum: # in the order of the declaration
-    ACCEL, GYRO, MAG, ROLL, PITCH, AGE, SETTINGS, INVALID
-    ADDRESS
-    WANTED                      # as the enum below
-    SET_UP                      # identifier, length, eight bytes of each frame that sets it up or asks what is set
-    STATE                       # as the enum below
-
-cdef enum: # in WANTED
+cdef enum: # in `wanted`
     DIVIDER, TYPES, BITS, MASK, ORIENTED, RATE_FILTER, ACCEL_FILTER, SIGN, NEEDED, GAP, NEWER
 
-cdef enum: # in STATE
+cdef enum: # in `state`
     ARRIVED                     # packets since the last whole sample
     STARTED                     # whether anything was heard
-    NEXT                        # frame of SET_UP that is sent next; -1: none
+    NEXT                        # frame of `set_up` that is sent next; -1: none
     LAST                        # s, when the newest packet came
 
 cdef enum:
-    WORDS = 10                  # of a frame in SET_UP
+    WORDS = 10                  # of a frame in `set_up`
     SENT_PER_TICK = 2
     NO_VALUE = 0xFE00           # from here on J1939 has "error" and "not available"
 
 cdef double DEGREE = M_PI / 180.0
 
 
-cdef inline void invalid(double *arena, const int32_t *slots, bint is_so) noexcept nogil:
+cdef struct OpenImu:
+    int32_t accel, gyro, mag, roll, pitch, settings, invalid, address
+    int32_t wanted              # the enum above
+    int32_t set_up              # identifier, length, eight bytes of each frame that sets the unit up or reads its settings
+    int32_t state               # the enum above
+
+OPEN_IMU = items((<OpenImu *>ITEMS)[0], "accel[3] gyro[3] mag[3] wanted[11] set_up[...] state[4]")
+
+
+cdef inline void invalid(double *arena, const OpenImu *at, bint is_so) noexcept nogil:
     if is_so:
-        arena[slots[INVALID]] += 1.0
+        arena[at.invalid] += 1.0
 
 
-cdef int told(double *arena, const int32_t *slots, uint32_t group, const Frame *frame) noexcept nogil:
+cdef int told(double *arena, const OpenImu *at, uint32_t group, const Frame *frame) noexcept nogil:
     """An answer about a setting: noted whether it is as wanted."""
-    cdef const double *wanted = arena + slots[WANTED]
+    cdef const double *wanted = arena + at.wanted
     cdef const uint8_t *data = &frame.data[0]
     cdef int bit = 0
     cdef bint agrees = False
@@ -76,23 +81,23 @@ cdef int told(double *arena, const int32_t *slots, uint32_t group, const Frame *
         bit = TOLD_FILTERS
         agrees = ((data[1] == <uint32_t>wanted[ACCEL_FILTER] and data[2] == <uint32_t>wanted[RATE_FILTER])
                   or (data[2] == <uint32_t>wanted[ACCEL_FILTER] and data[1] == <uint32_t>wanted[RATE_FILTER]))
-    bit = <int>arena[slots[SETTINGS]] & ~bit | (bit if agrees else 0)
-    arena[slots[SETTINGS]] = bit
+    bit = <int>arena[at.settings] & ~bit | (bit if agrees else 0)
+    arena[at.settings] = bit
     return NOTED
 
 
-cdef void never(double *arena, const int32_t *slots, bint nothing_yet) noexcept nogil:
+cdef void never(double *arena, const OpenImu *at, bint nothing_yet) noexcept nogil:
     """What it does not send is NaN, and so is all of it before it has told its settings."""
-    cdef uint32_t types = <uint32_t>arena[slots[WANTED] + TYPES]
+    cdef uint32_t types = <uint32_t>arena[at.wanted + TYPES]
     cdef int i
-    cdef bint newer = (arena + slots[WANTED])[NEWER] != 0.0
+    cdef bint newer = (arena + at.wanted)[NEWER] != 0.0
     if not types & SENDS_SLOPE and not (newer and types & SENDS_SLOPE_1):
-        arena[slots[ROLL]] = arena[slots[PITCH]] = NAN
+        arena[at.roll] = arena[at.pitch] = NAN
     for i in range(3):
         if newer or not types & SENDS_FIELD:
-            arena[slots[MAG] + i] = NAN
+            arena[at.mag + i] = NAN
         if nothing_yet:
-            arena[slots[ACCEL] + i] = arena[slots[GYRO] + i] = NAN
+            arena[at.accel + i] = arena[at.gyro + i] = NAN
 
 
 cdef inline uint32_t packet_of(uint32_t group, bint newer) noexcept nogil:
@@ -110,26 +115,26 @@ cdef inline uint32_t packet_of(uint32_t group, bint newer) noexcept nogil:
     return SENDS_FINE_ACCELERATION if group == FINE_ACCELERATION else SENDS_SLOPE_1 if group == SLOPE_1 else 0
 
 
-cdef void take_fine(double *arena, const int32_t *slots, uint32_t packet, const uint8_t *data, double sign) noexcept nogil:
+cdef void take_fine(double *arena, const OpenImu *at, uint32_t packet, const uint8_t *data, double sign) noexcept nogil:
     """One of the packets that a 335RI alone has."""
     cdef double *y
     cdef int i
     if packet == SENDS_SLOPE_1:
-        arena[slots[PITCH]] = sign * DEGREE * (u16(data) / 500.0 - 64.0)
-        arena[slots[ROLL]] = DEGREE * (u16(&data[2]) / 500.0 - 64.0)
+        arena[at.pitch] = sign * DEGREE * (u16(data) / 500.0 - 64.0)
+        arena[at.roll] = DEGREE * (u16(&data[2]) / 500.0 - 64.0)
         for i in range(2):
-            invalid(arena, slots, merit(data, 48, i) >= 2)
+            invalid(arena, at, merit(data, 48, i) >= 2)
         return
-    y = arena + slots[GYRO if packet == SENDS_FINE_RATE else ACCEL]
+    y = arena + (at.gyro if packet == SENDS_FINE_RATE else at.accel)
     for i in range(3):
         y[i] = DEGREE * (fine(data, i) / 1024.0 - 250.0) if packet == SENDS_FINE_RATE else fine(data, i) / 800.0 - 320.0
         y[i] *= 1.0 if i == 0 else sign
-        invalid(arena, slots, merit(data, 57, i) >= 2)
+        invalid(arena, at, merit(data, 57, i) >= 2)
 
 
-cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef const double *wanted = arena + slots[WANTED]
-    cdef double *state = arena + slots[STATE]
+cdef int decode_kernel(double *arena, const OpenImu *at, const OpenImu *sizes, const Frame *frame) noexcept nogil:
+    cdef const double *wanted = arena + at.wanted
+    cdef double *state = arena + at.state
     cdef double *y
     cdef const uint8_t *data = &frame.data[0]
     cdef uint32_t group = group_of(frame.id)
@@ -137,45 +142,45 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
     cdef uint32_t needed = <uint32_t>wanted[NEEDED]
     cdef uint32_t packet
     cdef int i
-    if group == 0 or (frame.id & 0xFF) != <uint32_t>arena[slots[ADDRESS]]:
+    if group == 0 or (frame.id & 0xFF) != <uint32_t>arena[at.address]:
         return FOREIGN
     if group == ADDRESS_CLAIM:                                  # power is back, and it is again as it is stored
-        arena[slots[SETTINGS]] = state[ARRIVED] = state[NEXT] = 0.0
+        arena[at.settings] = state[ARRIVED] = state[NEXT] = 0.0
         return NOTED
     if PACKET_RATE <= group <= BEHAVIOUR:
-        return told(arena, slots, group, frame)
+        return told(arena, at, group, frame)
     packet = packet_of(group, wanted[NEWER] != 0.0)
     if packet == 0:
         return NOTED
     if frame.length != 8:
         return MALFORMED
     if state[LAST] > 0.0 and frame.time * 1e-9 - state[LAST] > wanted[GAP]:     # it may have lost its power, and its claim been lost
-        arena[slots[SETTINGS]] = state[ARRIVED] = state[NEXT] = 0.0
+        arena[at.settings] = state[ARRIVED] = state[NEXT] = 0.0
     state[LAST] = frame.time * 1e-9
     if state[STARTED] == 0.0:                                   # at the start, and once more when it has been armed
         state[STARTED] = 1.0
-        never(arena, slots, (<uint32_t>arena[slots[SETTINGS]] & needed) != needed)
-    if (<uint32_t>arena[slots[SETTINGS]] & needed) != needed or not packet & <uint32_t>wanted[TYPES]:
+        never(arena, at, (<uint32_t>arena[at.settings] & needed) != needed)
+    if (<uint32_t>arena[at.settings] & needed) != needed or not packet & <uint32_t>wanted[TYPES]:
         return NOTED
     state[NEXT] = -1.0
     if wanted[NEWER] != 0.0 and packet & (SENDS_FINE_RATE | SENDS_FINE_ACCELERATION | SENDS_SLOPE_1):
-        take_fine(arena, slots, packet, data, sign)
+        take_fine(arena, at, packet, data, sign)
     elif packet == SENDS_SLOPE:
-        arena[slots[PITCH]] = sign * DEGREE * (u24(data) / 32768.0 - 250.0)
-        arena[slots[ROLL]] = DEGREE * (u24(&data[3]) / 32768.0 - 250.0)
-        invalid(arena, slots, data[2] >= NO_VALUE >> 8 or data[5] >= NO_VALUE >> 8)
+        arena[at.pitch] = sign * DEGREE * (u24(data) / 32768.0 - 250.0)
+        arena[at.roll] = DEGREE * (u24(&data[3]) / 32768.0 - 250.0)
+        invalid(arena, at, data[2] >= NO_VALUE >> 8 or data[5] >= NO_VALUE >> 8)
     elif packet == SENDS_RATE:
-        y = arena + slots[GYRO]
+        y = arena + at.gyro
         for i in range(3):
             y[i] = DEGREE * (u16(&data[2 * i]) / 128.0 - 250.0) * (1.0 if i == 0 else sign)
-            invalid(arena, slots, u16(&data[2 * i]) >= NO_VALUE)
+            invalid(arena, at, u16(&data[2 * i]) >= NO_VALUE)
     elif packet == SENDS_ACCELERATION:
-        y = arena + slots[ACCEL]
+        y = arena + at.accel
         for i in range(3):
             y[i] = (u16(&data[2 * i]) * 0.01 - 320.0) * (1.0 if i == 0 else sign)
-            invalid(arena, slots, u16(&data[2 * i]) >= NO_VALUE)
+            invalid(arena, at, u16(&data[2 * i]) >= NO_VALUE)
     else:
-        y = arena + slots[MAG]
+        y = arena + at.mag
         for i in range(3):
             y[i] = 100.0 * (u16(&data[2 * i]) / 4000.0 - 8.0) * (1.0 if i == 0 else sign)
     packet |= <uint32_t>state[ARRIVED]
@@ -186,16 +191,16 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
     return TAKEN                                                # a whole sample
 
 
-cdef int encode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+cdef int encode_kernel(double *arena, const OpenImu *at, const OpenImu *sizes, Frame *frames) noexcept nogil:
     """Its settings, to a unit that arming did not wait for, and to one that has lost its power since."""
-    cdef double *state = arena + slots[STATE]
+    cdef double *state = arena + at.state
     cdef const double *kept
-    cdef int stored = sizes[SET_UP] // WORDS
+    cdef int stored = sizes.set_up // WORDS
     cdef int count, i
     if state[NEXT] < 0.0 or stored == 0:
         return 0
     for count in range(SENT_PER_TICK):
-        kept = arena + slots[SET_UP] + WORDS * <int>state[NEXT]
+        kept = arena + at.set_up + WORDS * <int>state[NEXT]
         memset(&frames[count], 0, sizeof(Frame))
         frames[count].id = <uint32_t>EXTENDED | <uint32_t>kept[0]
         frames[count].length = <uint8_t>kept[1]
@@ -205,5 +210,5 @@ cdef int encode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
     return SENT_PER_TICK
 
 
-decode = export_decode(decode_kernel)
-encode = export_encode(encode_kernel)
+decode = export_decode(<decode_t>decode_kernel, OPEN_IMU)
+encode = export_encode(<encode_t>encode_kernel, OPEN_IMU)

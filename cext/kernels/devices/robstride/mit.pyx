@@ -20,18 +20,13 @@ from libc.stdint cimport int16_t, int32_t, uint8_t, uint16_t, uint32_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    ANSWERED, AUTHORITY, COMMANDED, FOREIGN, MALFORMED, NOT_FINITE, NOTED, OK, PERIOD, TAKEN, TIME, Frame, export, export_decode, export_encode,
+    ANSWERED, AUTHORITY, COMMANDED, FOREIGN, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, PERIOD, TAKEN, TIME, Frame,
+    decode_t, encode_t, export, export_decode, export_encode, items, kernel_t,
 )
 cimport cext.kernels.devices.drives as drives
-from cext.kernels.devices.mit cimport (
-    AGE, CAN_ID, FAULT, OWN, TEMPERATURE, TORQUE_SENT, all_ones, decode_motion, encode_command, memory_of, pack_motion, unpack,
-)
+from cext.kernels.devices.mit cimport Mit, all_ones, decode_motion, encode_command, mit_sizes, pack_motion, unpack
 
-cdef enum:
-    HOST_ID = OWN               # parameter of RobStrideMIT
-    TALK = 3                    # memory behind WIRE, LIMITS and SENT: as the enum below
-
-cdef enum: # in TALK
+cdef enum: # in `talk`
     READY                       # the drive has returned the time-out that was written, or another one too often
     DIFFERENT                   # how often another one
     COUNTS                      # of the time-out that was written
@@ -53,14 +48,8 @@ cdef enum:
     LOST_AFTER = 50             # ticks after which a reply that is missing was lost
     KNOWN_FAULTS = 0x408F       # bits 0, 1, 2, 3, 7, 14
 
-cdef double NO_TIMEOUT = 4294967296.0           # in FAULT: the time-out that was read is not the one that was written
+cdef double NO_TIMEOUT = 4294967296.0           # in `fault`: the time-out that was read is not the one that was written
 cdef double READ_PERIOD = 1.0                   # s, between two reads of the faults
-
-cdef enum: # parameter and memory of EmulatedRobStrideMIT
-    E_HOST_ID = drives.FIRST_OWN
-    REGISTERS = drives.OWN      # values of the parameters 0x7000 to 0x703F as they are on the wire
-    LATCHED                     # faults until they are cleared
-    TOO_OLD                     # firmware without parameters
 
 cdef enum:
     FAULTS_ASKED = 1            # in place of the id of an answer that is not yet written
@@ -92,11 +81,19 @@ cdef inline uint32_t fault_word(const uint8_t *data) noexcept nogil:
     return other if word & ~<uint32_t>KNOWN_FAULTS and not other & ~<uint32_t>KNOWN_FAULTS else word
 
 
-cdef inline void tell_fault(double *arena, const int32_t *slots, const double *talk) noexcept nogil:
-    arena[slots[FAULT]] = talk[WORD] + (NO_TIMEOUT if talk[DIFFERENT] >= WRONG_READS else 0.0)
+cdef struct Driver:
+    Mit mit
+    int32_t host_id
+    int32_t talk                # the enum above
+
+DRIVER = items((<Driver *>ITEMS)[0], mit_sizes() + " talk[10]")
 
 
-cdef int parameter_read(double *arena, const int32_t *slots, double *talk, const uint8_t *data) noexcept nogil:
+cdef inline void tell_fault(double *arena, const Driver *at, const double *talk) noexcept nogil:
+    arena[at.mit.fault] = talk[WORD] + (NO_TIMEOUT if talk[DIFFERENT] >= WRONG_READS else 0.0)
+
+
+cdef int parameter_read(double *arena, const Driver *at, double *talk, const uint8_t *data) noexcept nogil:
     """The time-out, which arming reads back; the question about faults follows it."""
     if index_of(data) != TIMEOUT_INDEX:
         return NOTED
@@ -109,7 +106,7 @@ cdef int parameter_read(double *arena, const int32_t *slots, double *talk, const
         talk[DIFFERENT] += 1.0
         if talk[DIFFERENT] >= WRONG_READS:
             talk[READY] = 1.0
-    tell_fault(arena, slots, talk)
+    tell_fault(arena, at, talk)
     return NOTED
 
 
@@ -122,15 +119,15 @@ cdef int parameter_written(const double *talk, const uint8_t *data) noexcept nog
     return COMMANDED
 
 
-cdef int mit_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
+cdef int mit_decode(double *arena, const Driver *at, const Driver *sizes, const Frame *frame) noexcept nogil:
     cdef const uint8_t *data = &frame.data[0]
-    cdef double *talk = arena + slots[memory_of(slots) + TALK]
-    cdef uint32_t id = <uint32_t>arena[slots[CAN_ID]]
+    cdef double *talk = arena + at.talk
+    cdef uint32_t id = <uint32_t>arena[at.mit.can_id]
     if frame.id == (READ | id) or frame.id == (WRITE | id):
         if frame.length != 8:
             return MALFORMED
-        return parameter_read(arena, slots, talk, data) if frame.id == (READ | id) else parameter_written(talk, data)
-    if frame.id != <uint32_t>arena[slots[HOST_ID]] or frame.length == 0 or data[0] != id:
+        return parameter_read(arena, at, talk, data) if frame.id == (READ | id) else parameter_written(talk, data)
+    if frame.id != <uint32_t>arena[at.host_id] or frame.length == 0 or data[0] != id:
         return FOREIGN          # drives share the host's id
     if frame.length != 8:
         return MALFORMED
@@ -139,17 +136,17 @@ cdef int mit_decode(double *arena, const int32_t *slots, const int32_t *sizes, c
             talk[OUTSTANDING] = 0.0
             talk[NEXT] = arena[TIME] + READ_PERIOD
             talk[WORD] = fault_word(data)
-            tell_fault(arena, slots, talk)
+            tell_fault(arena, at, talk)
             return ANSWERED
         talk[OUTSTANDING] -= 1.0
     if talk[OWED] > 0.0:
         talk[OWED] -= 1.0
-    decode_motion(arena, slots, data)
-    arena[slots[TEMPERATURE]] = 0.1 * <int16_t>(<uint16_t>(data[6] << 8 | data[7]))
+    decode_motion(arena, &at.mit, data)
+    arena[at.mit.temperature] = 0.1 * <int16_t>(<uint16_t>(data[6] << 8 | data[7]))
     return TAKEN
 
 
-cdef inline bint reads_faults_now(double *arena, const int32_t *slots, double *talk) noexcept nogil:
+cdef inline bint reads_faults_now(double *arena, const Driver *at, double *talk) noexcept nogil:
     """Whether this tick carries the question instead of a command."""
     if not arena[AUTHORITY] > 0.0 or arena[TIME] + 1e-9 < talk[NEXT]:
         return False            # of a run that waits to be armed again nothing is sent
@@ -163,26 +160,26 @@ cdef inline bint reads_faults_now(double *arena, const int32_t *slots, double *t
     return talk[PREPARED] != 0.0
 
 
-cdef int mit_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    cdef double *talk = arena + slots[memory_of(slots) + TALK]
-    cdef double *sent = arena + slots[memory_of(slots) + 2]
+cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame *frames) noexcept nogil:
+    cdef double *talk = arena + at.talk
+    cdef double *sent = arena + at.mit.sent
     cdef double period = arena[PERIOD]
-    cdef double torque = arena[slots[TORQUE_SENT]]
+    cdef double torque = arena[at.mit.torque_sent]
     cdef double[5] held
-    cdef bint asks = reads_faults_now(arena, slots, talk)
+    cdef bint asks = reads_faults_now(arena, at, talk)
     cdef int count
     memcpy(held, sent, sizeof(held))
     # The command before a question is in force for one period more: its law is bounded over that, too.
-    talk[PREPARED] = not asks and (talk[READY] != 0.0 or talk[COUNTS] == 0.0) and arena[TIME] + period + 1e-9 >= talk[NEXT] and arena[slots[AGE]] <= 2.0 * period + 1e-9
+    talk[PREPARED] = not asks and (talk[READY] != 0.0 or talk[COUNTS] == 0.0) and arena[TIME] + period + 1e-9 >= talk[NEXT] and arena[at.mit.age] <= 2.0 * period + 1e-9
     if talk[PREPARED] != 0.0:
         arena[PERIOD] = 1.5 * period
-    count = encode_command(arena, slots, &frames[0])
+    count = encode_command(arena, &at.mit, &frames[0])
     arena[PERIOD] = period
     if count != 1:
         return count
     if asks:                    # what was commanded is checked, and the last command stays in force
         memcpy(sent, held, sizeof(held))
-        arena[slots[TORQUE_SENT]] = torque
+        arena[at.mit.torque_sent] = torque
         memset(frames[0].data, 0xFF, 6)
         frames[0].data[6], frames[0].data[7] = 0, 0xFB
         talk[OUTSTANDING], talk[WAITED] = LATE_REPLIES, 0.0
@@ -196,119 +193,129 @@ cdef int mit_encode(double *arena, const int32_t *slots, const int32_t *sizes, F
 
 # The emulated drive
 
-cdef inline double motor_torque(double *arena, const int32_t *slots) noexcept nogil:
+cdef struct Emulated:
+    drives.Drive drive
+    int32_t host_id
+    int32_t registers           # values of the parameters 0x7000 to 0x703F as they are on the wire
+    int32_t latched             # faults until they are cleared
+    int32_t too_old             # whether its firmware has no parameters
+
+EMULATED = items((<Emulated *>ITEMS)[0], drives.drive_sizes() + " registers[64]")
+
+
+cdef inline double motor_torque(double *arena, const Emulated *at) noexcept nogil:
     """The drive's law. A torque limit that was written has no effect, as users report of some firmware."""
-    if drives.kept(arena, slots, drives.STATE)[drives.RUNNING] == 0.0:
+    if (arena + at.drive.state)[drives.RUNNING] == 0.0:
         return 0.0
-    return drives.within(drives.law(arena, slots), arena[slots[drives.PEAK]])
+    return drives.within(drives.law(arena, &at.drive), arena[at.drive.peak])
 
 
-cdef inline void reset(double *arena, const int32_t *slots) noexcept nogil:
-    drives.kept(arena, slots, drives.STATE)[drives.RUNNING] = 0.0
-    memset(drives.kept(arena, slots, drives.COMMAND), 0, 5 * sizeof(double))
+cdef inline void reset(double *arena, const Emulated *at) noexcept nogil:
+    (arena + at.drive.state)[drives.RUNNING] = 0.0
+    memset(arena + at.drive.command, 0, 5 * sizeof(double))
 
 
-cdef bint obey(double *arena, const int32_t *slots, const uint8_t *data) noexcept nogil:
+cdef bint obey(double *arena, const Emulated *at, const uint8_t *data) noexcept nogil:
     """A frame of six bytes of ones: those that are known. Whether its answer is the drive's state."""
-    cdef double *state = drives.kept(arena, slots, drives.STATE)
+    cdef double *state = arena + at.drive.state
     if data[7] == 0xFC:
-        if data[6] == 0xFF and drives.kept(arena, slots, LATCHED)[0] == 0.0:
+        if data[6] == 0xFF and (arena + at.latched)[0] == 0.0:
             state[drives.RUNNING] = 1.0
     elif data[7] == 0xFD and data[6] == 0xFF:
-        reset(arena, slots)
+        reset(arena, at)
     elif data[7] == 0xFE and data[6] == 0xFF:
-        state[drives.ZERO] += drives.seen_position(arena, slots)
+        state[drives.ZERO] += drives.seen_position(arena, &at.drive)
     elif data[7] == 0xFB and data[6] == 0xFF:
-        drives.kept(arena, slots, LATCHED)[0] = 0.0
+        (arena + at.latched)[0] = 0.0
     elif data[7] == 0xFB:
-        drives.owe(arena, slots, FAULTS_ASKED, 0, NULL)
+        drives.owe(arena, &at.drive, FAULTS_ASKED, 0, NULL)
         return False
     return True
 
 
-cdef void parameter(double *arena, const int32_t *slots, uint32_t kind, const uint8_t *data) noexcept nogil:
+cdef void parameter(double *arena, const Emulated *at, uint32_t kind, const uint8_t *data) noexcept nogil:
     """A read or a write of what is known, and its answer from the same id."""
-    cdef double *registers = drives.kept(arena, slots, REGISTERS)
+    cdef double *registers = arena + at.registers
     cdef uint32_t index = index_of(data)
     cdef uint8_t out[8]
-    if drives.kept(arena, slots, TOO_OLD)[0] != 0.0 or index >> 6 != 0x7000 >> 6:
+    if (arena + at.too_old)[0] != 0.0 or index >> 6 != 0x7000 >> 6:
         return
     memcpy(out, data, 8)
     if kind == WRITE:
         registers[index & 63] = little_endian(data + 4)
     put_little(out + 4, <uint32_t>registers[index & 63])
-    drives.owe(arena, slots, kind | drives.own_id(arena, slots), 8, out)
+    drives.owe(arena, &at.drive, kind | drives.own_id(arena, &at.drive), 8, out)
 
 
-cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef uint32_t id = <uint32_t>arena[slots[drives.CAN_ID]]
+cdef int heard_decode(double *arena, const Emulated *at, const Emulated *sizes, const Frame *frame) noexcept nogil:
+    cdef uint32_t id = <uint32_t>arena[at.drive.can_id]
     cdef uint32_t kind = frame.id & ~<uint32_t>0xFF
     if frame.id != id and frame.id != (READ | id) and frame.id != (WRITE | id):
         return FOREIGN
     if frame.length != 8:
         return MALFORMED
-    if drives.unreachable(arena, slots):
+    if drives.unreachable(arena, &at.drive):
         return TAKEN
-    drives.kept(arena, slots, drives.STATE)[drives.HEARD] = arena[TIME]
+    (arena + at.drive.state)[drives.HEARD] = arena[TIME]
     if kind != 0:
-        parameter(arena, slots, kind, frame.data)
+        parameter(arena, at, kind, frame.data)
         return TAKEN
     if all_ones(frame.data, 6) and (frame.data[7] >= 0xF8 and frame.data[7] != 0xFF or frame.data[7] == 1):
-        if not obey(arena, slots, frame.data):
+        if not obey(arena, at, frame.data):
             return TAKEN
-    elif drives.kept(arena, slots, drives.STATE)[drives.RUNNING] != 0.0:
-        unpack(frame.data, drives.kept(arena, slots, drives.WIRE), drives.kept(arena, slots, drives.COMMAND))
-    drives.owe(arena, slots, 0, 0, NULL)
+    elif (arena + at.drive.state)[drives.RUNNING] != 0.0:
+        unpack(frame.data, arena + at.drive.wire, arena + at.drive.command)
+    drives.owe(arena, &at.drive, 0, 0, NULL)
     return TAKEN
 
 
-cdef int drive_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    cdef double *state = drives.kept(arena, slots, drives.STATE)
-    cdef double *registers = drives.kept(arena, slots, REGISTERS)
-    cdef double *latched = drives.kept(arena, slots, LATCHED)
+cdef int drive_kernel(double *arena, const Emulated *at, const Emulated *sizes) noexcept nogil:
+    cdef double *state = arena + at.drive.state
+    cdef double *registers = arena + at.registers
+    cdef double *latched = arena + at.latched
     cdef double patience = registers[TIMEOUT_INDEX & 63] / 20000.0
-    cdef double fault = arena[slots[drives.FAULT]]
-    drives.look(arena, slots)
-    if arena[slots[drives.POWER_LOST]] != 0.0:
-        drives.forget(arena, slots)
+    cdef double fault = arena[at.drive.fault]
+    drives.look(arena, &at.drive)
+    if arena[at.drive.power_lost] != 0.0:
+        drives.forget(arena, &at.drive)
         memset(registers, 0, 64 * sizeof(double))
         latched[0] = 0.0
     latched[0] = <double>(<uint32_t>latched[0] | (<uint32_t>fault if fault > 0.0 else 0) | (
-        1 if arena[slots[drives.TEMPERATURE]] >= arena[slots[drives.TRIP_TEMPERATURE]] else 0))
+        1 if arena[at.drive.temperature] >= arena[at.drive.trip_temperature] else 0))
     if latched[0] != 0.0 or (patience > 0.0 and state[drives.RUNNING] != 0.0 and arena[TIME] - state[drives.HEARD] > patience):
-        reset(arena, slots)
-    arena[slots[drives.TORQUE]] = drives.turned(arena, slots, motor_torque(arena, slots))
-    arena[slots[drives.ENABLED]] = state[drives.RUNNING]
+        reset(arena, at)
+    arena[at.drive.torque] = drives.turned(arena, &at.drive, motor_torque(arena, at))
+    arena[at.drive.enabled] = state[drives.RUNNING]
     return OK
 
 
-cdef int answer_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    cdef double raw = arena[slots[drives.TEMPERATURE]] * 10.0
+cdef int answer_encode(double *arena, const Emulated *at, const Emulated *sizes, Frame *frames) noexcept nogil:
+    cdef double raw = arena[at.drive.temperature] * 10.0
     cdef uint32_t code
     cdef uint8_t data[8]
     cdef uint8_t faults[8]
     cdef double *answer
     cdef int index
-    if not drives.answerable(arena, slots):
+    if not drives.answerable(arena, &at.drive):
         return -NOT_FINITE
-    pack_motion(data, drives.own_id(arena, slots), drives.kept(arena, slots, drives.WIRE), drives.seen_position(arena, slots),
-                drives.seen_velocity(arena, slots), motor_torque(arena, slots))
+    pack_motion(data, drives.own_id(arena, &at.drive), arena + at.drive.wire, drives.seen_position(arena, &at.drive),
+                drives.seen_velocity(arena, &at.drive), motor_torque(arena, at))
     code = <uint32_t><int16_t>(32767.0 if raw > 32767.0 else raw if raw > -32768.0 else -32768.0)
     data[6] = <uint8_t>(code >> 8)
     data[7] = <uint8_t>code
     memset(faults, 0, 8)
     faults[0] = data[0]
-    put_little(faults + 1, <uint32_t>drives.kept(arena, slots, LATCHED)[0])
-    for index in range(<int>drives.kept(arena, slots, drives.OUTBOX)[1]):
-        answer = drives.unwritten(arena, slots, index)
+    put_little(faults + 1, <uint32_t>(arena + at.latched)[0])
+    for index in range(<int>(arena + at.drive.outbox)[1]):
+        answer = drives.unwritten(arena, &at.drive, index)
         if answer != NULL:
             memcpy(&answer[3], &faults[0] if answer[1] == FAULTS_ASKED else &data[0], 8)
-            answer[1], answer[2] = arena[slots[E_HOST_ID]], 8.0
-    return drives.deliver(arena, slots, frames)
+            answer[1], answer[2] = arena[at.host_id], 8.0
+    return drives.deliver(arena, &at.drive, frames)
 
 
-decode = export_decode(mit_decode)
-encode = export_encode(mit_encode)
-drive = export(drive_kernel)
-drive_decode = export_decode(heard_decode)
-drive_encode = export_encode(answer_encode)
+decode = export_decode(<decode_t>mit_decode, DRIVER)
+encode = export_encode(<encode_t>mit_encode, DRIVER)
+drive = export(<kernel_t>drive_kernel, EMULATED)
+drive_decode = export_decode(<decode_t>heard_decode, EMULATED)
+drive_encode = export_encode(<encode_t>answer_encode, EMULATED)

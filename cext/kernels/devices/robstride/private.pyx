@@ -17,37 +17,21 @@ from libc.stdint cimport int16_t, int32_t, uint8_t, uint16_t, uint32_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    AUTHORITY, COMMANDED, EXTENDED, FOREIGN, ID_MASK, INPUTS, MALFORMED, NOT_FINITE, NOTED, OUT_OF_LIMITS, PERIOD, TAKEN, Frame,
-    export_decode, export_encode,
+    AUTHORITY, COMMANDED, EXTENDED, FOREIGN, ID_MASK, ITEMS, MALFORMED, NOTED, NOT_FINITE, OUT_OF_LIMITS, PERIOD,
+    TAKEN, Frame, decode_t, encode_t, export_decode, export_encode, items,
 )
 from cext.kernels.devices.drive_law cimport Known, Law, keep_inside
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
 
-cdef enum: # inputs of a RobStride in operation control; in other modes it has one
-    POSITION_COMMAND, VELOCITY_COMMAND, TORQUE_COMMAND, STIFFNESS_COMMAND, DAMPING_COMMAND
-
-cdef enum: # what comes behind the inputs
-    POSITION, VELOCITY, TORQUE, TEMPERATURE, FAULT, AGE, SENT, LIMITED, WARNING
-    CAN_ID, INVERT, OFFSET, TIMEOUT, GEAR_RATIO, WIRE_POSITION, WIRE_VELOCITY, WIRE_STIFFNESS, WIRE_DAMPING, WIRE_TORQUE
-    MAX_ACCELERATION
-    HOST_ID, CAN_TIMEOUT, ACTIVE_REPORTING, VELOCITY_LIMIT, ACCELERATION
-    WIRE                        # position, velocity, stiffness, damping, torque: half the range of each, at the joint
-    LIMITS                      # of the commands: five in operation control, of the drive's whole law, and the share of stiffness and
-                                # damping allowed; else one, and the share that is left
-    SENT_LAW                    # position, velocity, stiffness, damping, torque of the last frame in operation control
-    STATE                       # has been seen running, replies in a row that say it is not, faults of type 21
-    WRITTEN                     # index of the command, its scale to the motor, whether the offset moves it, index of the current limit, A
-    TIMEOUT_READ                # as the enum below
-
 cdef enum:
     RUN = 2                     # mode of a drive that obeys
     PATIENCE = 12               # replies of a drive that has stopped by itself; those to the frames of arming are fewer
-    STOPPED = 64                # in FAULT, beside the six bits of type 2
+    STOPPED = 64                # in `fault`, beside the six bits of type 2
     NO_TIMEOUT = 128            # the same: the time-out that was read is not the one that was written
     WORD = 256                  # and where the 32 of type 21 begin
 
 
-cdef enum: # of TIMEOUT_READ
+cdef enum: # in `timeout_read`
     READY                       # the drive has returned the time-out that was written, or another one too often
     DIFFERENT                   # how often
     COUNTS                      # that were written
@@ -65,41 +49,54 @@ cdef inline double big_endian(const uint8_t *data, double half) noexcept nogil:
     return from_code(<uint32_t>data[0] << 8 | data[1], -half, half, 16)
 
 
-cdef int feedback(double *arena, const int32_t *own, const Frame *frame, bint asked) noexcept nogil:
+cdef struct Address:
+    int32_t can_id, host_id
+
+cdef struct Feedback:
+    Address address
+    int32_t position, velocity, torque, temperature, fault, warning, invert, offset
+    int32_t wire                # position, velocity, stiffness, damping, torque: half the range of each, at the joint
+    int32_t state               # has been seen running, replies in a row that it is not, faults of type 21
+    int32_t timeout_read        # the enum above
+
+FEEDBACK = items((<Feedback *>ITEMS)[0], "wire[5] state[3] timeout_read[3]")
+
+
+cdef int feedback(double *arena, const Feedback *at, const Frame *frame, bint asked) noexcept nogil:
     """The content of types 2 and 24."""
-    cdef double *wire = arena + own[WIRE]
-    cdef double *state = arena + own[STATE]
-    cdef double sign = -1.0 if arena[own[INVERT]] != 0.0 else 1.0
+    cdef double *wire = arena + at.wire
+    cdef double *state = arena + at.state
+    cdef double sign = -1.0 if arena[at.invert] != 0.0 else 1.0
     cdef uint32_t faults = frame.id >> 16 & 63
     cdef bint runs = (frame.id >> 22 & 3) == RUN
-    arena[own[POSITION]] = sign * big_endian(&frame.data[0], wire[0]) - arena[own[OFFSET]]
-    arena[own[VELOCITY]] = sign * big_endian(&frame.data[2], wire[1])
-    arena[own[TORQUE]] = sign * big_endian(&frame.data[4], wire[4])
-    arena[own[TEMPERATURE]] = 0.1 * <int16_t>(<uint16_t>(frame.data[6] << 8 | frame.data[7]))
+    arena[at.position] = sign * big_endian(&frame.data[0], wire[0]) - arena[at.offset]
+    arena[at.velocity] = sign * big_endian(&frame.data[2], wire[1])
+    arena[at.torque] = sign * big_endian(&frame.data[4], wire[4])
+    arena[at.temperature] = 0.1 * <int16_t>(<uint16_t>(frame.data[6] << 8 | frame.data[7]))
     if runs:
         state[0], state[1] = 1.0, 0.0
     elif state[0] != 0.0 and state[1] <= PATIENCE:
         state[1] += 1.0
-    arena[own[FAULT]] = faults + (STOPPED if state[1] > PATIENCE else 0) + WORD * state[2] + (
-        NO_TIMEOUT if arena[own[TIMEOUT_READ] + DIFFERENT] >= WRONG_READS else 0)
+    arena[at.fault] = faults + (STOPPED if state[1] > PATIENCE else 0) + WORD * state[2] + (
+        NO_TIMEOUT if arena[at.timeout_read + DIFFERENT] >= WRONG_READS else 0)
     if not asked:
         return NOTED            # a drive that only reports has not heard us
     return TAKEN if state[0] != 0.0 or faults != 0 else NOTED       # one that does not run yet has not answered to arming
 
 
-cdef int report(double *arena, const int32_t *own, const Frame *frame) noexcept nogil:
-    cdef double *state = arena + own[STATE]
+cdef int report(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
+    cdef double *state = arena + at.state
     cdef const uint8_t *data = &frame.data[0]
-    cdef double known = arena[own[FAULT]] - WORD * state[2]
+    cdef double known = arena[at.fault] - WORD * state[2]
     state[2] = little_endian(data)
-    arena[own[FAULT]] = known + WORD * state[2]
-    arena[own[WARNING]] = little_endian(data + 4)
+    arena[at.fault] = known + WORD * state[2]
+    arena[at.warning] = little_endian(data + 4)
     return NOTED
 
 
-cdef int parameter(double *arena, const int32_t *own, const Frame *frame) noexcept nogil:
+cdef int parameter(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
     """The content of type 17: the time-out, which arming reads back."""
-    cdef double *read = arena + own[TIMEOUT_READ]
+    cdef double *read = arena + at.timeout_read
     if (<uint32_t>frame.data[1] << 8 | frame.data[0]) != TIMEOUT_INDEX or read[READY] != 0.0:
         return NOTED
     if (frame.id >> 16 & 255) == 0 and little_endian(&frame.data[4]) == read[COUNTS]:
@@ -108,14 +105,13 @@ cdef int parameter(double *arena, const int32_t *own, const Frame *frame) noexce
     read[DIFFERENT] += 1.0
     if read[DIFFERENT] >= WRONG_READS:
         read[READY] = 1.0
-        arena[own[FAULT]] += NO_TIMEOUT
+        arena[at.fault] += NO_TIMEOUT
     return NOTED
 
 
-cdef int robstride_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef const int32_t *own = slots + slots[INPUTS]
-    cdef uint32_t motor = <uint32_t>arena[own[CAN_ID]]
-    cdef uint32_t host = <uint32_t>arena[own[HOST_ID]]
+cdef int robstride_decode(double *arena, const Feedback *at, const Feedback *sizes, const Frame *frame) noexcept nogil:
+    cdef uint32_t motor = <uint32_t>arena[at.address.can_id]
+    cdef uint32_t host = <uint32_t>arena[at.address.host_id]
     cdef uint32_t type = frame.id >> 24 & 31
     cdef uint32_t target = frame.id & 255
     cdef uint32_t source = frame.id >> 8 & 255
@@ -126,17 +122,17 @@ cdef int robstride_decode(double *arena, const int32_t *slots, const int32_t *si
     if type == 21:              # the manual has motor and host both ways round
         if not (target == host and source == motor or target == motor and source == host):
             return FOREIGN
-        return report(arena, own, frame) if frame.length == 8 else MALFORMED
+        return report(arena, at, frame) if frame.length == 8 else MALFORMED
     if target != host or source != motor or type not in (2, 17, 24):
         return FOREIGN
     if frame.length != 8:
         return MALFORMED
-    return parameter(arena, own, frame) if type == 17 else feedback(arena, own, frame, type == 2)
+    return parameter(arena, at, frame) if type == 17 else feedback(arena, at, frame, type == 2)
 
 
-cdef inline void address(double *arena, const int32_t *own, Frame *frame, uint32_t type, uint32_t data) noexcept nogil:
+cdef inline void address(double *arena, const Address *at, Frame *frame, uint32_t type, uint32_t data) noexcept nogil:
     memset(frame, 0, sizeof(Frame))
-    frame.id = <uint32_t>EXTENDED | type << 24 | data << 8 | <uint32_t>arena[own[CAN_ID]]
+    frame.id = <uint32_t>EXTENDED | type << 24 | data << 8 | <uint32_t>arena[at.can_id]
     frame.length = 8
 
 
@@ -145,32 +141,41 @@ cdef inline void put(uint8_t *data, uint32_t code) noexcept nogil:
     data[1] = <uint8_t>code
 
 
-cdef bint limit_law(double *arena, const int32_t *own, Law *law) noexcept nogil:
+cdef struct Operation:
+    Address address
+    int32_t position_command, velocity_command, torque_command, stiffness_command, damping_command, position
+    int32_t velocity, age, torque_sent, limited, invert, offset, max_acceleration, wire
+    int32_t limits              # of the five commands, of the drive's whole law, and the share of stiffness and damping allowed
+    int32_t sent                # position, velocity, stiffness, damping, torque of the last frame
+
+OPERATION = items((<Operation *>ITEMS)[0], "wire[5] limits[7] sent[5]")
+
+
+cdef bint limit_law(double *arena, const Operation *at, Law *law) noexcept nogil:
     """Keep a law that has stiffness or damping inside its limit. Returns whether it was changed."""
-    cdef double *wire = arena + own[WIRE]
-    cdef double *limits = arena + own[LIMITS]
+    cdef double *wire = arena + at.wire
+    cdef double *limits = arena + at.limits
     cdef Known known
-    known.position, known.velocity, known.age = arena[own[POSITION]], arena[own[VELOCITY]], arena[own[AGE]]
-    known.period, known.acceleration, known.gains = arena[PERIOD], arena[own[MAX_ACCELERATION]], limits[6]
-    known.offset, known.position_end, known.velocity_end = arena[own[OFFSET]], wire[0], wire[1]
+    known.position, known.velocity, known.age = arena[at.position], arena[at.velocity], arena[at.age]
+    known.period, known.acceleration, known.gains = arena[PERIOD], arena[at.max_acceleration], limits[6]
+    known.offset, known.position_end, known.velocity_end = arena[at.offset], wire[0], wire[1]
     known.position_step, known.velocity_step = 2.0 * wire[0] / 0xFFFF, 2.0 * wire[1] / 0xFFFF
     known.stiffness_step, known.damping_step = wire[2] / 0xFFFF, wire[3] / 0xFFFF
     return keep_inside(law, &known, limits[5])
 
 
-cdef int operation_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    cdef const int32_t *own = slots + slots[INPUTS]
-    cdef double *wire = arena + own[WIRE]
-    cdef double *limits = arena + own[LIMITS]
-    cdef double *sent = arena + own[SENT_LAW]
-    cdef double sign = -1.0 if arena[own[INVERT]] != 0.0 else 1.0
+cdef int operation_encode(double *arena, const Operation *at, const Operation *sizes, Frame *frames) noexcept nogil:
+    cdef double *wire = arena + at.wire
+    cdef double *limits = arena + at.limits
+    cdef double *sent = arena + at.sent
+    cdef double sign = -1.0 if arena[at.invert] != 0.0 else 1.0
     cdef double share = arena[AUTHORITY]
     cdef Law law
     cdef bint limited
     cdef uint32_t code
     law.position, law.velocity, law.torque = (
-        arena[slots[POSITION_COMMAND]], arena[slots[VELOCITY_COMMAND]], arena[slots[TORQUE_COMMAND]])
-    law.stiffness, law.damping = arena[slots[STIFFNESS_COMMAND]], arena[slots[DAMPING_COMMAND]]
+        arena[at.position_command], arena[at.velocity_command], arena[at.torque_command])
+    law.stiffness, law.damping = arena[at.stiffness_command], arena[at.damping_command]
     if not (isfinite(law.position) and isfinite(law.velocity) and isfinite(law.stiffness) and isfinite(law.damping)
             and isfinite(law.torque)):
         return -NOT_FINITE
@@ -182,15 +187,15 @@ cdef int operation_encode(double *arena, const int32_t *slots, const int32_t *si
     if limited:
         law.torque = copysign(limits[5], law.torque)
     if law.stiffness > 0.0 or law.damping > 0.0:
-        limited |= limit_law(arena, own, &law)
-    arena[own[LIMITED]] += limited
+        limited |= limit_law(arena, at, &law)
+    arena[at.limited] += limited
     law.torque *= sign * share
     code = to_code_inward(law.torque, wire[4], 16) if limited else to_code(law.torque, -wire[4], wire[4], 16)
-    address(arena, own, &frames[0], 1, code)
-    sent[4] = arena[own[SENT]] = sign * from_code(code, -wire[4], wire[4], 16)
-    code = to_code(sign * (law.position + arena[own[OFFSET]]), -wire[0], wire[0], 16)
+    address(arena, &at.address, &frames[0], 1, code)
+    sent[4] = arena[at.torque_sent] = sign * from_code(code, -wire[4], wire[4], 16)
+    code = to_code(sign * (law.position + arena[at.offset]), -wire[0], wire[0], 16)
     put(&frames[0].data[0], code)
-    sent[0] = sign * from_code(code, -wire[0], wire[0], 16) - arena[own[OFFSET]]
+    sent[0] = sign * from_code(code, -wire[0], wire[0], 16) - arena[at.offset]
     code = to_code(sign * law.velocity, -wire[1], wire[1], 16)
     put(&frames[0].data[2], code)
     sent[1] = sign * from_code(code, -wire[1], wire[1], 16)
@@ -203,42 +208,52 @@ cdef int operation_encode(double *arena, const int32_t *slots, const int32_t *si
     return 1
 
 
-cdef inline float write(double *arena, const int32_t *own, Frame *frame, double index, double value) noexcept nogil:
+cdef inline float write(double *arena, const Address *at, Frame *frame, double index, double value) noexcept nogil:
     """A frame of type 18; returns the value as it is sent, little-endian as the machines are that this runs on."""
     cdef float single = <float>value
     cdef uint32_t where = <uint32_t>index
-    address(arena, own, frame, 18, <uint32_t>arena[own[HOST_ID]])
+    address(arena, at, frame, 18, <uint32_t>arena[at.host_id])
     frame.data[0] = <uint8_t>where
     frame.data[1] = <uint8_t>(where >> 8)
     memcpy(&frame.data[4], &single, 4)
     return single
 
 
-cdef int written_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+cdef struct Written:
+    Address address
+    int32_t command             # the input of the mode,
+    int32_t command_sent        # the output of what was sent of it
+    int32_t invert, offset
+    int32_t limits              # of the command, and the share of it that the watch leaves
+    int32_t written             # index of the command, its scale to the motor, whether the offset moves it, index of the current limit, A
+
+WRITTEN = items((<Written *>ITEMS)[0], "limits[2] written[5]")
+
+
+cdef int written_encode(double *arena, const Written *at, const Written *sizes, Frame *frames) noexcept nogil:
     """The one command of a mode in which parameters are written, and behind it the current limit, where the mode has one."""
-    cdef const int32_t *own = slots + slots[INPUTS]
-    cdef double *written = arena + own[WRITTEN]
-    cdef double limit = arena[own[LIMITS]]
-    cdef double sign = -1.0 if arena[own[INVERT]] != 0.0 else 1.0
+    cdef double *written = arena + at.written
+    cdef double limit = arena[at.limits]
+    cdef double sign = -1.0 if arena[at.invert] != 0.0 else 1.0
     cdef double share = arena[AUTHORITY]
-    cdef double command = arena[slots[0]]
-    cdef double shift = arena[own[OFFSET]] if written[2] != 0.0 else 0.0
+    cdef double command = arena[at.command]
+    cdef double shift = arena[at.offset] if written[2] != 0.0 else 0.0
     cdef double sent
     if not isfinite(command):
         return -NOT_FINITE
     if not -limit <= command <= limit or not 0.0 <= share <= 1.0:
         return -OUT_OF_LIMITS
-    share *= arena[own[LIMITS] + 1]
+    share *= arena[at.limits + 1]
     if written[3] == 0.0:       # the command itself makes the torque
         command *= share
-    sent = write(arena, own, &frames[0], written[0], sign * (command + shift) * written[1])
-    arena[own[SENT]] = sign * sent / written[1] - shift
+    sent = write(arena, &at.address, &frames[0], written[0], sign * (command + shift) * written[1])
+    arena[at.command_sent] = sign * sent / written[1] - shift
     if written[3] == 0.0:
         return 1
-    write(arena, own, &frames[1], written[3], share * written[4])
+    write(arena, &at.address, &frames[1], written[3], share * written[4])
     return 2
 
 
-decode = export_decode(robstride_decode)
-encode_operation = export_encode(operation_encode)
-encode_written = export_encode(written_encode)
+decode = export_decode(<decode_t>robstride_decode, FEEDBACK)
+encode_operation = export_encode(<encode_t>operation_encode, OPERATION)
+encode_written = export_encode(<encode_t>written_encode, WRITTEN)

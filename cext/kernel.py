@@ -1,0 +1,118 @@
+"""Kernels and the items that they name.
+
+A kernel is a C function, `int kernel(double *arena, const int32_t *slots, const int32_t *sizes)`. Beside its code it
+names, once, the items of a block that it works on; for each, `slots` has the position in the arena and `sizes` the
+number of doubles. In Cython a struct names them, and `items` reads the names from the struct, so that code and list
+cannot disagree. Both tables are of that struct:
+
+    cdef struct Exponential:
+        int32_t u, y, time_constant, state
+
+    EXPONENTIAL = items((<Exponential *>ITEMS)[0], "u[...] y[...] state[...]")
+
+    cdef int exponential_kernel(double *arena, const Exponential *at, const Exponential *sizes) noexcept nogil:
+        cdef double share = arena[DT] / (arena[at.time_constant] + arena[DT])
+        ...
+
+    exponential = export(<kernel_t>exponential_kernel, EXPONENTIAL)
+
+A function pointer from elsewhere is wrapped with the list: `Kernel(pointer, "u[...] y[...] time_constant state[...]")`.
+
+The list:
+
+    gain            one number: an input, output, parameter or memory of that name
+    limits[7]       so many numbers
+    u[...]          any number of them; the kernel reads it from `sizes`
+    *inputs         all inputs that the list does not name, in two places of each table: their number, and the index in
+                    the table from which on it has the position (or size) of each. `*outputs` likewise
+
+In a struct the last of these is a field `Rest inputs` or `Rest outputs`. A struct may contain another one, for what
+several kernels share. The schedule builds the two tables of each kernel from the names, so the order in which a block
+declares its items, and what else it declares, make no difference. `graph.kernel_items` checks a class against its
+kernels.
+"""
+
+import re
+from typing import NamedTuple
+
+ITEM = re.compile(r"(\*?)(\w+)(?:\[(\d+|\.\.\.)\])?")
+REST = {"count", "first"}  # fields of cext.abi.Rest
+
+
+class Item(NamedTuple):
+    """One item of a kernel. size : number of doubles, None for any; rest : it is *inputs or *outputs"""
+
+    name: str
+    size: int | None = 1
+    rest: bool = False
+
+    def __str__(self):
+        length = "" if self.size == 1 else f"[{self.size or '...'}]"
+        return "*" * self.rest + self.name + length * (not self.rest)
+
+
+class Kernel:
+    """A native function of the kernel ABI and the names of its items.
+
+    Parameters
+    ----------
+    function : PyCapsule named by its C signature, ctypes function pointer, or Numba cfunc
+    items : str, as in "u[...] y[...] gain *inputs"
+    """
+
+    __slots__ = ("function", "items")
+
+    def __init__(self, function, items):
+        self.function = function
+        self.items = tuple(parsed(word) for word in items.split()) if isinstance(items, str) else tuple(items)
+        names = [item.name for item in self.items]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"a kernel names {twice!r} twice: name each item once")
+
+    @property
+    def names(self):
+        """Names of the items, in their order; without *inputs and *outputs."""
+        return [item.name for item in self.items if not item.rest]
+
+    def renamed(self, **names):
+        """The same kernel for a block that calls items otherwise: `encode.renamed(command="velocity_command")`."""
+        unknown = next((name for name in names if name not in self.names), None)
+        if unknown is not None:
+            raise ValueError(f"the kernel has no item {unknown!r}: it has {', '.join(self.names)}")
+        return Kernel(self.function, [item._replace(name=names.get(item.name, item.name)) for item in self.items])
+
+    def __repr__(self):
+        return f"<Kernel {' '.join(map(str, self.items))}>"
+
+
+def of_struct(fields, sizes):
+    """The Items of a C struct, given as the dict that Cython makes of one.
+
+    sizes : str, the items that are not one number, as in "u[...] limits[7]"
+    """
+    stated = {item.name: item for item in map(parsed, sizes.split())}
+    items = tuple(stated.pop(item.name, item) for item in named(fields))
+    if stated:
+        raise ValueError(f"a size is stated of {', '.join(stated)}, which the struct does not have")
+    return items
+
+
+def named(fields):
+    """The Items of a struct, those of the structs in it included."""
+    for name, value in fields.items():
+        if not isinstance(value, dict):
+            yield Item(name)
+        elif set(value) == REST:
+            yield parsed("*" + name)
+        else:
+            yield from named(value)
+
+
+def parsed(word):
+    """The Item of a word such as "limits[7]". ValueError"""
+    match = ITEM.fullmatch(word)
+    if match is None or match[1] and (match[2] not in ("inputs", "outputs") or match[3]):
+        raise ValueError(f"{word!r} is not an item of a kernel: write a name, name[3], name[...], *inputs or *outputs")
+    size = 1 if match[3] is None else None if match[3] == "..." else int(match[3])
+    return Item(match[2], size, bool(match[1]))
