@@ -3,7 +3,7 @@
 from runtime.base.errors import CHECK_FAILED, OK
 from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import tell
-from runtime.session.check import KEYS, check, told
+from runtime.session.check import KEYS, check, report_lines
 from runtime.session.request import Request
 
 
@@ -13,5 +13,5 @@ def main(arguments):
     parser.add_argument("--json", action="store_true", help="for machines: one JSON object with the keys below")
     options = parser.parse_args(arguments)
     found = check(options.file, options.settings, options.rate, options.rig)
-    tell(told(found, options.json))
+    tell(report_lines(found, options.json))
     return OK if found["ok"] else CHECK_FAILED

@@ -6,7 +6,7 @@ from runtime.base.errors import CHECK_FAILED, OK
 from runtime.base.options import folder
 from runtime.cli.parsing import Parser
 from runtime.console.terminal import one_line, tell
-from runtime.session.replay import opened, replay, source_of, told
+from runtime.session.replay import opened, replay, report_lines, source_of
 
 
 def main(arguments):
@@ -29,5 +29,5 @@ def main(arguments):
     if source.sha256 is not None:  # named by the recording alone, and not by the operator
         tell([one_line(f"running {source.file}: its content is the recorded one")])
     result = replay(trial, source, options.record)
-    tell(map(one_line, told(result)))
+    tell(map(one_line, report_lines(result)))
     return OK if result.same else CHECK_FAILED

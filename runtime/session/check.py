@@ -1,5 +1,5 @@
-"""`python -m runtime check FILE`: compiles a diagram and tells what was found: ports, schedule, proof, buses, and what
-is wrong.
+"""`python -m runtime check FILE`: compile a diagram and report its ports, schedule,
+proofs, buses and errors.
 """
 
 import itertools
@@ -22,46 +22,46 @@ from runtime.report.failure_coverage import coverage
 from runtime.rig import read, require_ranges
 from runtime.session.preflight import stop_of
 
-KEYS = """The keys of --json. Numbers are in the unit beside them; null stands for no bound.
-  diagram, file, rate, ok       name; path; Hz; whether nothing is wrong
+KEYS = """The keys of --json. Numbers are in the unit beside them; null: no bound.
+  diagram, file, rate, ok       name; path; Hz; true without errors
   blocks                        path, type, module, made (file:line), runs, rate, conditions, hold_exceptions, inputs,
                                 outputs
     inputs                        name, unit, shape, dtype, and source (a port), constant or default
     outputs                       name, unit, shape, dtype, low, high, targets (ports)
-  schedule                      null where something is wrong
-    devices, recorded             paths, in order; how many numbers are recorded each tick
-    output, update                steps in order: block, native, every, rate (Hz), while, gil (number of the hold of the
-                                  GIL, or null)
-    gil_sections                  how often a tick takes the GIL
-  holds                         where rates meet: source, source_every, target, target_every (ticks)
+  schedule                      null if there are errors
+    devices, recorded             paths, in order; number of values recorded each tick
+    output, update                steps in order: block, native, every, rate (Hz), while, gil (index of the section that
+                                  holds the GIL, or null)
+    gil_sections                  number of times a tick takes the GIL
+  holds                         rate transitions: source, source_every, target, target_every (ticks)
   proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line),
-                                slew (fastest change of the command in its unit per second; null where nothing bounds
-                                it), holds, safe_stop,
-                                assumes (on what the torque limit of its actuator rests besides; null for nothing)
-  torque                        what bounds the torque of each actuator: actuator, bound, limit (N·m), holds,
+                                slew (largest rate of change of the command per second; null: no bound), holds,
+                                safe_stop, assumes (further condition of the torque limit; null: none)
+  torque                        torque limit of each actuator: actuator, bound, limit (N·m), holds,
                                 acceleration (rad/s²), figures
-    bound                         proved; assumed, while |α| <= acceleration; drive, by a limit in the drive; none
-    figures                       name, value, unit, description: usable damping, smallest inertia, what a stall can add
-  buses                         bus, medium (can, stream, i2c), devices, coverage, and where its traffic is known
-                                bitrate (bit/s), frames (1/s), typical, worst (of the bitrate)
-    coverage                      of each failure of a run on a rig: failure, covered, by (what stops the drives, or
-                                  which drives nothing stops)
-  plant                         given (by the file), blocks, rate; null without devices
+    bound                         proved; assumed (while |α| <= acceleration); drive (a limit in the drive); none
+    figures                       name, value, unit, description: usable damping, smallest inertia, stall torque
+  buses                         bus, medium (can, stream, i2c), devices, coverage, and if the traffic is known
+                                bitrate (bit/s), frames (1/s), typical, worst (share of the bitrate)
+    coverage                      for each failure of a run on a rig: failure, covered, by (what stops the drives, or
+                                  the drives that nothing stops)
+  plant                         given (true: defined in the file), blocks, rate; null without devices
   errors, warnings              code, title, path, port, at (file:line), message, hint"""
 
 
-def told(found, as_json):
-    """Lines of what was found."""
-    return [json.dumps(found, indent=1, ensure_ascii=False)] if as_json else text(found, console_for())
+def report_lines(report, as_json):
+    """Return the lines of a report for standard output."""
+    return [json.dumps(report, indent=1, ensure_ascii=False)] if as_json else text(report, console_for())
 
 
 def check(path, settings=(), rate=None, rig=None):
-    """What there is to tell of a diagram file, as plain data with the keys above. Raises BadInput for a file that
-    cannot be read.
+    """Check a diagram file. Returns a report as plain data with the keys above.
 
     settings : pairs (name, text) from --set
-    rate : Hz instead of the diagram's own
-    rig : path of a rig file; its devices and bitrates are what is checked
+    rate : Hz, replaces the diagram's rate
+    rig : path of a rig file, whose devices and bitrates are checked
+
+    Raises BadInput if a file cannot be read.
     """
     rig = None if rig is None else read(rig)
     try:
@@ -74,9 +74,9 @@ def check(path, settings=(), rate=None, rig=None):
         require_ranges(rig, diagram)
     if rate is not None:
         diagram.rate = rate
-    found = blamed(path, examine, diagram)
-    errors, plant = list(found.errors), None
-    schedule = None if errors else blamed(path, assemble, found)
+    analysis = blamed(path, examine, diagram)
+    errors, plant = list(analysis.errors), None
+    schedule = None if errors else blamed(path, assemble, analysis)
     if schedule is not None:
         try:
             plant = describe_plant(Simulation(file, diagram, schedule))
@@ -91,22 +91,24 @@ def check(path, settings=(), rate=None, rig=None):
         "file": str(path),
         "rate": diagram.rate,
         "ok": not errors,
-        "blocks": blocks(diagram, found),
+        "blocks": blocks(diagram, analysis),
         "schedule": None if schedule is None else describe_schedule(schedule),
-        "holds": [dict(zip(("source", "source_every", "target", "target_every"), hold)) for hold in found.holds],
-        "proofs": [describe_proof(proof, diagram, found.torque_bounds[proof.path]) for proof in found.proofs],
-        "torque": [describe_torque(path, torque) for path, torque in found.torque_bounds.items() if torque is not None],
+        "holds": [dict(zip(("source", "source_every", "target", "target_every"), hold)) for hold in analysis.holds],
+        "proofs": [describe_proof(proof, diagram, analysis.torque_bounds[proof.path]) for proof in analysis.proofs],
+        "torque": [
+            describe_torque(path, torque) for path, torque in analysis.torque_bounds.items() if torque is not None
+        ],
         "buses": buses(diagram, schedule),
         "plant": plant,
         "errors": [describe(d) for d in errors],
-        "warnings": [describe(d) for d in found.diagnostics if d.severity == "warning"],
+        "warnings": [describe(d) for d in analysis.diagnostics if d.severity == "warning"],
     }
 
 
 def refused(path, diagnostics):
-    """What is told of a file whose diagram could not be made."""
-    nothing = {key: [] for key in ("blocks", "holds", "proofs", "torque", "buses", "warnings")}
-    return nothing | {
+    """Return the report of a file whose diagram could not be built."""
+    empty = {key: [] for key in ("blocks", "holds", "proofs", "torque", "buses", "warnings")}
+    return empty | {
         "diagram": path.stem,
         "file": str(path),
         "rate": None,
@@ -121,23 +123,23 @@ def bound(value):
     return value if math.isfinite(value) else None
 
 
-def blocks(diagram, found):
-    """Each block with its ports: devices first, then as they run, then what only takes."""
+def blocks(diagram, analysis):
+    """Describe each block: devices first, then in order of execution, then sinks."""
     order = [block for block in diagram if isinstance(block, Device)] + [
-        block for block in found.order if not isinstance(block, Device)
+        block for block in analysis.order if not isinstance(block, Device)
     ]
     order += [block for block in diagram if block not in set(order)]
-    targets = wired_to(diagram, found)
-    return [describe_block(block, block_card(block, found, targets, place), found) for block in order]
+    targets = wired_to(diagram, analysis)
+    return [describe_block(block, block_card(block, analysis, targets, place), analysis) for block in order]
 
 
-def describe_block(block, card, found):
+def describe_block(block, card, analysis):
     keys = ("name", "unit", "shape", "dtype", "source", "constant", "default", "targets")
     sides = {
         side: [{key: port[key] for key in keys if key in port} for port in card[side]] for side in ("inputs", "outputs")
     }
     for port in sides["outputs"]:
-        interval = found.ranges.get(Signal(block, port["name"]), EVERYTHING)
+        interval = analysis.ranges.get(Signal(block, port["name"]), EVERYTHING)
         port |= {"low": bound(interval.low), "high": bound(interval.high)}
     return (
         {key: card[key] for key in ("path", "type", "module", "made", "runs", "rate", "conditions")}
@@ -159,7 +161,7 @@ def describe_schedule(schedule):
 
 
 def describe_steps(schedule, steps, names, sections):
-    """The steps of one phase. sections : hands out the numbers of the holds of the GIL."""
+    """Describe the steps of one phase. sections : iterator of indices of sections that hold the GIL"""
     described, gil = [], None
     for step in steps:
         native = step.kernel is not None
@@ -208,10 +210,10 @@ def describe_proof(proof, diagram, torque):
 
 
 def buses(diagram, schedule):
-    """Every bus with who is on it, and its load as far as the schedule knows it."""
-    everything = [block for block in diagram if isinstance(block, Device)]
+    """Describe each bus: its devices, and its load if the schedule has computed it."""
+    every_device = [block for block in diagram if isinstance(block, Device)]
     devices = {}
-    for block in everything:
+    for block in every_device:
         devices.setdefault(block.bus, []).append(block)
     loads = {load.bus: load for load in schedule.loads} if schedule is not None else {}
     return [
@@ -219,7 +221,7 @@ def buses(diagram, schedule):
             "bus": bus,
             "medium": own[0].medium,
             "devices": [block.path for block in own],
-            "coverage": coverage(own, everything),
+            "coverage": coverage(own, every_device),
         }
         | (asdict(loads[bus]) if bus in loads else {})
         for bus, own in sorted(devices.items())

@@ -1,23 +1,23 @@
-"""The pre-flight table: what every device has answered, and what would stop it, for a person to read before anything
-may move.
+"""The pre-flight table: the first sample and the safe stop of every device.
 
-It is made in the control process as plain data, between two rounds of arming, and told by the recorder, which has the
-terminal (runtime.report.preflight).
+The control process makes it as plain data between two rounds of arming. The recorder, which owns the terminal, prints
+it (runtime.report.preflight), and the operator confirms it before a drive is enabled.
 """
 
 from graph.signal import Signal
 from runtime.report.failure_coverage import coverage
 
-OLD = 0.5  # share of its timeout beyond which a sample is old
-NEAR = 1e-3  # share of its range within which a position counts as at its end
+OLD_SAMPLE_AGE = 0.5  # share of the device's timeout
+RANGE_END_MARGIN = 1e-3  # share of the position range
 
 
 class Preflight:
-    """
-    diagram, schedule : of the robot, as its rig has it
+    """The pre-flight table of a robot on its rig.
+
+    diagram, schedule : of the robot, with the parameters of its rig
     interfaces : {bus: (interface, channel)}
-    confirm : whether somebody is asked
-    granted : what the system has granted the guardian, in words
+    confirm : whether the operator confirms the table
+    granted : texts, the real-time privileges of the guardian
     poses : runtime.rig.poses.Poses, or None
     """
 
@@ -40,7 +40,7 @@ class Preflight:
         }
 
     def event(self, values):
-        """What there is to tell. values : the arena"""
+        """Return the table as an event. values : the arena"""
         refusals = {} if self.poses is None else self.poses.look(values)
         rows = [self.row(block, values) for block in self.devices]
         for row in rows:
@@ -60,19 +60,19 @@ class Preflight:
             place = self.schedule.signals.get(Signal(block, name).path) if name in block.outputs else None
             return None if place is None or place.size != 1 else float(values[place.slot])
 
-        found = {name: measured(name) for name in ("age", "position", "velocity", "temperature", "fault")}
-        if found["temperature"] is not None and found["temperature"] != found["temperature"]:
-            found["temperature"] = None  # replies of this drive carry none
+        sample = {name: measured(name) for name in ("age", "position", "velocity", "temperature", "fault")}
+        if sample["temperature"] is not None and sample["temperature"] != sample["temperature"]:
+            sample["temperature"] = None  # NaN: the replies of this drive carry no temperature
         span = position_range(block)
         row = {
             "device": block.path,
             "bus": block.bus,
             "ids": block.told_addresses(),
             "answered": True,
-            **found,
+            **sample,
             "low": span[0],
             "high": span[1],
-            "fault_words": None if found["fault"] is None else block.fault_in_words(int(found["fault"])),
+            "fault_words": None if sample["fault"] is None else block.fault_in_words(int(sample["fault"])),
             "limit": getattr(block, "torque_limit", None),
             "own_timeout": block.own_timeout,
             "stop": stop_of(block),
@@ -81,21 +81,21 @@ class Preflight:
 
 
 def position_range(block):
-    """(low, high) of the position in rad, the joint's own where its rig says it; None where nothing bounds it."""
+    """Return (low, high) of the position in rad: of the joint if its rig defines them; (None, None) without bounds."""
     if getattr(block, "range", ()):
         return tuple(block.range)
     if "position" not in block.outputs:
         return None, None
     try:
         span = block.output_range().get("position")
-    except TypeError:  # it wants to know its inputs
+    except TypeError:  # the range depends on the inputs
         span = None
     finite = span is not None and abs(span.low) < 1e300 and abs(span.high) < 1e300
     return (span.low, span.high) if finite else (None, None)
 
 
 def stop_of(block):
-    """How its safe stop is done, in words."""
+    """Return a description of a device's safe stop."""
     damped = block.damped_stop()
     if damped is not None:
         first = f"damped within {damped.limit:.3g} N·m for {damped.duration:g} s"
@@ -105,17 +105,17 @@ def stop_of(block):
 
 
 def marks(row, block):
-    """What of a row is out of the ordinary: {key of the row: why}."""
-    found = {}
+    """Return the abnormal values of a row: {key of the row: reason}."""
+    reasons = {}
     position, low, high = row["position"], row["low"], row["high"]
     if position is not None and low is not None:
-        margin = NEAR * (high - low)
-        if not low + margin < position < high - margin:  # NaN is out of the ordinary, too
-            found["position"] = "at the end of its range" if low <= position <= high else "outside its range"
+        margin = RANGE_END_MARGIN * (high - low)
+        if not low + margin < position < high - margin:  # also true for NaN
+            reasons["position"] = "at the end of its range" if low <= position <= high else "outside its range"
     if row["temperature"] is not None and block.hot is not None and not row["temperature"] < block.hot:
-        found["temperature"] = "hot"
+        reasons["temperature"] = "hot"
     if row["fault"]:
-        found["fault"] = row["fault_words"]
-    if row["age"] is not None and block.timeout > 0.0 and not row["age"] <= OLD * block.timeout:
-        found["age"] = "an old sample"
-    return found
+        reasons["fault"] = row["fault_words"]
+    if row["age"] is not None and block.timeout > 0.0 and not row["age"] <= OLD_SAMPLE_AGE * block.timeout:
+        reasons["age"] = "old sample"
+    return reasons

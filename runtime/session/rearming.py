@@ -1,7 +1,6 @@
-"""A run that may be armed again after a fault: who may ask for that, and what a person is told meanwhile.
+"""Arming again after a fault: the requests for it, and the events meanwhile.
 
-The executor waits behind its fence and calls back; what is said goes into the ring as events, and the recorder shows it
-at once.
+The executor waits in its safe stop and calls back. Each event goes into the ring, and the recorder prints it at once.
 """
 
 import json
@@ -12,27 +11,28 @@ from cext.safety.shared_state import RECORD_EVENT
 from runtime.base.errors import BadInput
 from runtime.report.fault import explain, what
 
-NOBODY = (
-    "--rearm: nobody could ask for it: here is no terminal for the key r (standard input, output and error), and the "
-    "diagram has no Rearm block"
+NO_REQUEST = (
+    "--rearm: nothing can request arming: standard input, output and error are not all a terminal for the key r, and "
+    "the diagram has no Rearm block. Run in a terminal or add a Rearm block"
 )
 
 
 def requests(diagram, schedule):
-    """{path: slot of the arena} of every input that asks for arming again."""
+    """Return {path: slot of the arena} of the inputs that request arming again."""
     return {
         f"{block.path}.request": schedule.inputs[block.path]["request"] for block in diagram if isinstance(block, Rearm)
     }
 
 
-def check(diagram, wanted, keys):
-    """BadInput where --rearm would wait for nobody. keys : whether there is a terminal"""
-    if wanted and not keys and not any(isinstance(block, Rearm) for block in diagram):
-        raise BadInput(NOBODY)
+def check(diagram, enabled, keys):
+    """Raise BadInput if --rearm has no source of requests. keys : whether there is a terminal for the key r"""
+    if enabled and not keys and not any(isinstance(block, Rearm) for block in diagram):
+        raise BadInput(NO_REQUEST)
 
 
 class Rearming:
-    """
+    """The requests for arming again, and the report of the fault before.
+
     prepared : runtime.session.prepare.Prepared
     keys : whether there is a terminal for the key r
     """
@@ -40,16 +40,17 @@ class Rearming:
     def __init__(self, prepared, page, control, executor, keys):
         self.prepared, self.page, self.control, self.executor, self.keys = prepared, page, control, executor, keys
         self.slots = requests(prepared.diagram, prepared.schedule)
-        self.wanted = prepared.request.rearm or bool(self.slots)
-        self.fault, self.report = None, []  # the newest one, and what was told of it
+        self.enabled = prepared.request.rearm or bool(self.slots)
+        self.fault, self.report = None, []  # Outcome of the newest fault, and its lines
 
     def options(self):
-        """Of Executor.run."""
-        return {"rearm": list(self.slots.values()), "told": self.tell} if self.wanted else {}
+        """Return the options of Executor.run."""
+        return {"rearm": list(self.slots.values()), "told": self.publish} if self.enabled else {}
 
-    def tell(self, kind, outcome):
-        """Called by the executor: a fault that may be survived, what stands in the way of arming again, or that it arms
-        again.
+    def publish(self, kind, outcome):
+        """Publish an event. Called by the executor.
+
+        kind : "fault", "refused" (a request, as the cause persists) or "rearm"
         """
         event = {
             "event": {"fault": "fault", "refused": "rearm refused", "rearm": "armed again"}[kind],
@@ -63,35 +64,36 @@ class Rearming:
                 "late": self.control.late,
                 "report": self.report,
             }
-            event["lines"] = [*self.report, f"the run waits in its safe stop: {self.ways()}"]
+            event["lines"] = [*self.report, f"the run waits in its safe stop: {self.instructions()}"]
         elif kind == "refused":
-            because = self.in_the_way(outcome)
+            cause = self.cause(outcome)
             event |= {
                 "status": outcome.status,
                 "culprit": outcome.culprit,
-                "lines": [f"not armed again, as the cause stands: {because}"],
+                "lines": [f"not armed again, the cause persists: {cause}"],
             }
         else:
             event["lines"] = [f"arming again at tick {outcome.tick}"]
         self.page.push(RECORD_EVENT, json.dumps(event).encode())
 
-    def ways(self):
-        """What may be done now."""
-        asked = [f"a rising {name}" for name in self.slots]
+    def instructions(self):
+        """Return the text of what the operator can do now."""
+        inputs = [f"a rising {name}" for name in self.slots]
         return "; ".join(
             [
-                f"{' or '.join((['press r'] if self.keys else []) + asked)} to arm again",
+                f"{' or '.join((['press r'] if self.keys else []) + inputs)} to arm again",
                 "space to end" if self.keys else "Ctrl-C to end",
             ]
         )
 
-    def in_the_way(self, outcome):
+    def cause(self, outcome):
+        """Return the text of the fault that prevents arming again."""
         moment = self.moment(outcome)
         block = self.prepared.diagram.blocks.get(outcome.culprit)
         return (f"{outcome.culprit}: " if outcome.culprit else "") + what(moment, block, self.control)
 
     def moment(self, outcome):
-        """What a Result would be, had the run ended here. The buses are asked at the end alone."""
+        """Return the fields of a Result as if the run had ended now, without the report of its rig."""
         return SimpleNamespace(
             **{
                 **vars(self.prepared),
@@ -105,8 +107,8 @@ class Rearming:
             }
         )
 
-    def told(self, outcome):
-        """What there is to tell of a run that ended while it waited; None where it ended otherwise."""
+    def report_of(self, outcome):
+        """Return the lines of a run that ended while it waited after a fault; None for any other end."""
         fault = self.fault
         if fault is None or (outcome.status, outcome.culprit, outcome.tick) != (
             fault.status,

@@ -1,10 +1,9 @@
-"""`python -m runtime replay`: a recorded run once more, from what its buses received, tick by tick on the recorded
-clock.
+"""`python -m runtime replay`: run a recording again from its received frames, on the recorded clock.
 
     Trial ──> ReplayClock, ReplayBus ──> Executor ──> a new recording ──> compare
 
-An unchanged diagram must give every recorded signal and every frame again, bit for bit. What the recording lacks is a
-divergence, never a guess.
+An unchanged diagram reproduces every recorded signal and every sent frame bit for bit. A missing input is reported as
+a divergence and never replaced by an estimate.
 """
 
 import hashlib
@@ -35,21 +34,20 @@ from runtime.live.table import describe
 from runtime.recorder import RecorderError, RecorderProcess
 from runtime.rig.file import parse
 
-RING = 1 << 22  # bytes
-PIECE = 1 << 20  # bytes of a file that are read at once
+RING_SIZE = 1 << 22  # bytes
+READ_SIZE = 1 << 20  # bytes
 SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")
-# ends whose cause is not among what was recorded
-FROM_OUTSIDE = ("bus error", "fenced", "foreign command", "hung", "overrun", "unguarded")
+# how a run ended whose cause is not in the recording
+EXTERNAL_ENDS = ("bus error", "fenced", "foreign command", "hung", "overrun", "unguarded")
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where the diagram to run comes from.
+    """Source of the diagram to run.
 
-    file : Path of Python that is run; None for the diagram that is stored in the recording, which runs no code but that
-        of installed libraries
-    sha256 : hex digest of the only content of `file` that may be run; None for any, where the operator has named it
-    instead : why the stored diagram is used, not the recorded file
+    file : Path of a Python file; None for the diagram in the recording, which runs code of installed libraries only
+    sha256 : hex digest that the content of `file` must have; None for any content, if the operator has named the file
+    instead : reason why the diagram in the recording is used instead of the recorded file
     """
 
     file: Path | None
@@ -59,16 +57,18 @@ class Source:
 
 @dataclass
 class Replayed:
-    """
-    there : Trial, the recording; here : Trial, what came of it now
+    """A recording, its replay and their comparison.
+
+    there : Trial of the recording
+    here : Trial of the replay
     source : Source of the diagram
-    unchanged : whether the diagram has the recorded content
+    unchanged : whether the diagram computes the same as the recorded one
     outcome : cext.schedule.executor.Outcome
     comparison : Comparison of `there` with `here`
-    frame : number of the first sent frame that differs, None where all are the same
-    frames : how many there were
+    frame : index of the first sent frame that differs; None if all are equal
+    frames : number of sent frames in the recording
     files : paths of the new recording, if it was kept
-    fault : tick of the first fault, where the run waited to be armed again after it; None where it did not
+    fault : tick of the first fault after which the run waited to be armed again; None without one
     """
 
     there: Trial
@@ -88,18 +88,18 @@ class Replayed:
 
     @property
     def end(self):
-        """How the recorded run ended, as `status` and `culprit`; {} where the recording does not say."""
+        """The end of the recorded run with `status` and `culprit`; {} if it is not recorded."""
         return (self.there.end or {}).get("end") or {}
 
     @property
     def ended_alike(self):
-        if self.end.get("status") in FROM_OUTSIDE:
+        if self.end.get("status") in EXTERNAL_ENDS:
             return self.outcome.status == "ok"
         return not self.end or (self.end["status"], self.end["culprit"]) == (self.outcome.status, self.outcome.culprit)
 
 
 def opened(path):
-    """The Trial of a recording that can be run again. path : of the .mcap file. BadInput"""
+    """Return the Trial of a recording. path : of the .mcap file. Raises BadInput if it cannot be replayed."""
     with Progress(f"reading {Path(path).name}") as progress:
         trial = Trial(path, progress)
     check(trial)
@@ -107,10 +107,10 @@ def opened(path):
 
 
 def source_of(trial, file=None):
-    """The Source of the diagram to run.
+    """Return the Source of the diagram to run.
 
-    A recording may come from anywhere, and to load a diagram file is to run it. So a file that only the recording names
-    is run if its content is the recorded one, and not looked at by Python otherwise.
+    Loading a diagram file runs its code, and a recording can come from an untrusted source. A file named by the
+    recording alone is therefore loaded only if its content has the recorded hash.
 
     file : a diagram file that the operator has named
     """
@@ -119,24 +119,24 @@ def source_of(trial, file=None):
     metadata = trial.about["metadata"]
     recorded, sha256 = str(metadata.get("diagram_file") or ""), metadata.get("source_sha256")
     if not os.path.isfile(recorded):
-        return Source(None, instead=f"{recorded or 'its diagram file'} is not there")
+        return Source(None, instead=f"{recorded or 'its diagram file'} does not exist")
     if not sha256:
-        return Source(None, instead=f"the recording has no hash to compare {recorded} with")
+        return Source(None, instead=f"the recording has no hash of {recorded}")
     if sha256_of(recorded) != sha256:
         return Source(None, instead=f"{recorded} has changed since the recording")
     return Source(Path(recorded), sha256)
 
 
 def sha256_of(path):
-    """Hex digest of a file's content; "" where it cannot be read."""
+    """Return the hex digest of a file's content; "" if it cannot be read."""
     try:
         with open(path, "rb") as stream:
-            found = hashlib.sha256()
-            while piece := stream.read(PIECE):
-                found.update(piece)
+            digest = hashlib.sha256()
+            while data := stream.read(READ_SIZE):
+                digest.update(data)
     except OSError:
         return ""
-    return found.hexdigest()
+    return digest.hexdigest()
 
 
 def replay(trial, source, folder=None):
@@ -144,9 +144,9 @@ def replay(trial, source, folder=None):
 
     trial : as `opened` returns it
     source : as `source_of` returns it
-    folder : keeps the new recording; by default it goes away
+    folder : for the new recording; None deletes it after the comparison
 
-    BadInput where the recording cannot be run again.
+    Raises BadInput if the recording cannot be replayed.
     """
     fault = up_to_the_first_fault(trial)
     diagram, where, origin = diagram_of(trial, source)
@@ -183,20 +183,20 @@ def replay(trial, source, folder=None):
 
 
 def check(trial):
-    """BadInput where something that went in is not in the recording."""
+    """Raise BadInput if inputs of the run are missing from the recording."""
     if trial.about.get("part", 1) > 1:
-        raise BadInput(f"{trial.path} is part {trial.about['part']} of a recording, and a run begins in part 1")
+        raise BadInput(
+            f"{trial.path} is part {trial.about['part']} of a recording, which begins in part 1: replay part 1"
+        )
     dropped = (trial.end or {}).get("statistics", {}).get("dropped", 0)
     if dropped:
-        raise BadInput(
-            f"{trial.path}: {dropped} records were dropped while it was made, so that it cannot be run again"
-        )
+        raise BadInput(f"{trial.path}: {dropped} records were dropped during the run, so it cannot be replayed")
     if not len(trial):
-        raise BadInput(f"{trial.path} holds no tick")
+        raise BadInput(f"{trial.path} contains no ticks")
 
 
 def diagram_of(trial, source):
-    """(the diagram to run, where it is from, what a new recording says of that). BadInput"""
+    """Return (Diagram, path of its source, metadata of the source for the new recording). Raises BadInput."""
     metadata = trial.about["metadata"]
     if source.file is None:
         diagram, where, origin = stored(trial, source), trial.path, {}
@@ -209,22 +209,22 @@ def diagram_of(trial, source):
 
 
 def stored(trial, source):
-    """The diagram that is stored in a recording. BadInput, with the reason why it is asked for"""
-    cure = "name the diagram file with --diagram FILE, which runs it"
+    """Return the diagram that is stored in a recording. Raises BadInput."""
+    remedy = "run a diagram file with --diagram FILE"
     if trial.diagram is None:
-        raise BadInput(f"{trial.path}: {source.instead}, and the recording holds no diagram: {cure}")
+        raise BadInput(f"{trial.path}: {source.instead}, and the recording contains no diagram: {remedy}")
     try:
         return from_json(json.dumps(trial.diagram))
     except DiagramError as error:
         raise BadInput(
-            f"{trial.path}: {source.instead}, and the diagram in the recording cannot be used: {error}\n{cure}"
+            f"{trial.path}: {source.instead}, and the diagram in the recording cannot be used: {error}\n{remedy}"
         ) from None
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise BadInput(f"{trial.path} is damaged: its diagram.json describes no diagram ({error!r}); {cure}") from None
+        raise BadInput(f"{trial.path} is damaged: its diagram.json is not a diagram ({error!r}); {remedy}") from None
 
 
 def add_recorder(trial, diagram):
-    """As `--record` added one then; and to a diagram that has nothing that records."""
+    """Add a recorder if `--record` had added one, or if the diagram has no sink."""
     recorded = any(block["type"].endswith(":CsvRecorder") for block in (trial.diagram or {}).get("blocks", []))
     if not any(isinstance(block, CsvRecorder) if recorded else isinstance(block, Sink) for block in diagram):
         with diagram:
@@ -232,58 +232,57 @@ def add_recorder(trial, diagram):
 
 
 def computation(description):
-    """What a described diagram computes: without what takes alone, as the options of a run add it."""
-    taking = {block["path"] for block in description.get("blocks", []) if block["type"] in SINKS}
+    """Return the description of a diagram without its sinks, which options of a run can add."""
+    sinks = {block["path"] for block in description.get("blocks", []) if block["type"] in SINKS}
     return {key: value for key, value in description.items() if key not in ("hash", "blocks", "wires", "libraries")} | {
-        "blocks": [block for block in description.get("blocks", []) if block["path"] not in taking],
-        "wires": [wire for wire in description.get("wires", []) if wire["to"] not in taking],
+        "blocks": [block for block in description.get("blocks", []) if block["path"] not in sinks],
+        "wires": [wire for wire in description.get("wires", []) if wire["to"] not in sinks],
     }
 
 
 def buses(trial, schedule):
-    """The robot's end of each bus. BadInput for one that was not recorded."""
+    """Return the robot's end of each bus. Raises BadInput for a bus that is not in the recording."""
     drains = max((frame.drain for frame in trial.frames), default=0)
     ends = []
     for name in schedule.buses:
         if name not in trial.about["buses"]:
             known = ", ".join(trial.about["buses"]) or "none"
-            raise BadInput(
-                f"the diagram is on bus {name!r}, of which the recording has no frames; its buses are {known}"
-            )
-        reel = [[] for _ in range(drains)]
+            raise BadInput(f"bus {name!r} of the diagram is not in the recording, whose buses are {known}")
+        batches = [[] for _ in range(drains)]
         for frame in trial.frames:
             if frame.bus == name and not frame.sent and frame.drain > 0:
-                reel[frame.drain - 1].append(frame.payload)
+                batches[frame.drain - 1].append(frame.payload)
         try:
-            ends.append(ReplayBus(reel).host)
+            ends.append(ReplayBus(batches).host)
         except ValueError as error:
-            raise BadInput(f"{trial.path} is damaged: of bus {name!r}, {error}") from None
+            raise BadInput(f"{trial.path} is damaged: bus {name!r}: {error}") from None
     return ends
 
 
 def tape(trial):
-    """The ticks that ran: those with a row, and the one that a fault ended whose cause was recorded."""
+    """Return the ReplayClock of the recorded ticks, with the tick of a fault whose cause was recorded."""
     ticks, late = trial.tick, np.rint(trial.lateness * 1e9).astype(np.int64)
     end = (trial.end or {}).get("end")
-    if end is not None and end["status"] not in ("ok", *FROM_OUTSIDE) and end["tick"] > ticks[-1]:
+    if end is not None and end["status"] not in ("ok", *EXTERNAL_ENDS) and end["tick"] > ticks[-1]:
         ticks, late = np.append(ticks, end["tick"]), np.append(late, round(end.get("late", 0.0) * 1e9))
     return ReplayClock(ticks, late, trial.about["simulated"], drained_before(trial))
 
 
 def drained_before(trial):
-    """ns from the run's begin of each time that the buses were drained before tick 0."""
+    """Return the times of the bus drains before tick 0, in ns from the start of the run."""
     times = {frame.drain: frame.drained for frame in trial.frames if frame.row == 0}
-    # of tick 0: one drain a row
+    # drain of tick 0; from there one per row
     first = next((frame.drain - frame.row for frame in trial.frames if frame.row > 0), max(times, default=0))
     before = []
-    for drain in range(1, first):  # one that found nothing, and was followed by nothing sent, left no trace
+    for drain in range(1, first):  # a drain without received or sent frames is not in the recording
         before.append(times.get(drain, before[-1] + round(1e9 / trial.about["rate"]) if before else 0))
     return before
 
 
 def up_to_the_first_fault(trial):
-    """A run that was armed again is run again up to there: cut it, and return the tick. None where there was no such
-    fault.
+    """Cut a Trial before the first fault after which the run could be armed again.
+
+    Returns the tick of that fault, or None without one.
     """
     fault = next((event for event in trial.events if event["event"] == "fault"), None)
     if fault is None:
@@ -300,8 +299,9 @@ def up_to_the_first_fault(trial):
 
 
 def order(schedule):
-    """Paths of what is recorded, in the order in which a tick computes it; devices last, as what they heard is the same
-    and what they sent an effect.
+    """Return the paths of the recorded signals in order of computation, devices last.
+
+    The received values of a device are equal by construction, and its sent values are effects of other signals.
     """
     devices = {device.name for device in schedule.devices}
     place = {
@@ -312,8 +312,9 @@ def order(schedule):
 
 
 def live_changes(trial, schedule):
-    """What was changed while it ran: (tick, index among the live parameters, value, slew). BadInput for what the
-    diagram does not allow.
+    """Return the live changes of a run: (tick, index of the live parameter, value, slew).
+
+    Raises BadInput for a change that the diagram does not allow.
     """
     index = {live.path: number for number, live in enumerate(schedule.live)}
     changes = []
@@ -321,19 +322,19 @@ def live_changes(trial, schedule):
         if event["event"] != "set":
             continue
         path, value = event["path"], event["value"]
-        what = one_line(f"{trial.path}: {path} was set to {value} at tick {event['tick']}")
+        change = one_line(f"{trial.path}: {path} was set to {value} at tick {event['tick']}")
         if path not in index:
-            raise BadInput(f"{what}, and the diagram has no live parameter of that name")
+            raise BadInput(f"{change}, but the diagram has no such live parameter")
         live = schedule.live[index[path]]
         if not live.low <= value <= live.high:
-            raise BadInput(f"{what}, and the diagram has it live from {live.low:g} to {live.high:g}")
+            raise BadInput(f"{change}, but its live range in the diagram is {live.low:g} to {live.high:g}")
         changes.append((event["tick"], index[path], float(value), event.get("slew", math.inf)))
     return changes
 
 
 def run(trial, diagram, schedule, ends, changes, folder, origin):
-    """(Outcome, the recorder's report)"""
-    page = SharedState(RING, live=describe(schedule))
+    """Run the schedule on the recorded clock. Returns (Outcome, report of the recorder)."""
+    page = SharedState(RING_SIZE, live=describe(schedule))
     recorder = RecorderProcess(page)
     try:
         recorder.configure(plan(trial, diagram, schedule, folder, origin))
@@ -360,6 +361,7 @@ def run(trial, diagram, schedule, ends, changes, folder, origin):
 
 
 def plan(trial, diagram, schedule, folder, origin):
+    """Return the configuration of the recorder."""
     return {
         "name": schedule.name,
         "folder": folder,
@@ -380,47 +382,50 @@ def plan(trial, diagram, schedule, folder, origin):
     }
 
 
-def told(result):
-    """Lines for standard output."""
+def report_lines(result):
+    """Return the lines of a Replayed for standard output."""
     there, comparison = result.there, result.comparison
-    what = "the diagram as it was recorded" if result.unchanged else "a changed diagram"
-    lines = [f"{there.about['name']}: {comparison.ticks} ticks of {there.path.name} run again, {what}"]
+    diagram = "the recorded diagram" if result.unchanged else "a changed diagram"
+    lines = [f"{there.about['name']}: {comparison.ticks} ticks of {there.path.name} replayed with {diagram}"]
     if result.source.file is None:
         lines.append(
-            f"  the diagram in the recording was run: {result.source.instead}. Pass --diagram FILE to run a file"
+            f"  the diagram in the recording was used: {result.source.instead}. Pass --diagram FILE to use a file"
         )
     if result.fault is not None:
-        lines.append(
-            f"  after the fault at tick {result.fault} it waited to be armed again: it was run again up to there"
-        )
+        lines.append(f"  replayed up to the fault at tick {result.fault}, after which the run waited to be armed again")
     if not there.complete:
-        lines.append("  the recording was cut off; it was run again up to its last complete tick")
+        lines.append("  the recording is incomplete; replayed up to its last complete tick")
     signals = len(comparison.same) + len(comparison.differences)
     if result.same:
         lines.append(f"  all {signals} signals and {result.frames} sent frames are the same, bit for bit")
-    if result.end.get("status") in FROM_OUTSIDE:
-        lines.append(f"  then it ended from outside, which a replay does not repeat: {result.end['status']}")
+    if result.end.get("status") in EXTERNAL_ENDS:
+        lines.append(
+            f"  the recorded run ended by an external cause, which a replay does not repeat: {result.end['status']}"
+        )
     if comparison.differences:
         first = comparison.differences[0]
         lines.append(
-            f"  differs first: {first.path} at tick {first.first}: {first.here!r} was recorded, and now it "
-            f"is {first.there!r} {first.unit}"
+            f"  first difference: {first.path} at tick {first.first}: recorded {first.here!r}, "
+            f"replayed {first.there!r} {first.unit}"
         )
         lines.append(
             f"  {len(comparison.differences)} of {signals} signals differ, {len(comparison.same)} are the same"
         )
     if result.frame is not None:
-        lines.append(f"  the frames sent differ from number {result.frame} of {result.frames} on")
-    for label, paths in (("only in the recording", comparison.only_here), ("only now", comparison.only_there)):
+        lines.append(f"  the sent frames differ from index {result.frame} of {result.frames}")
+    for label, paths in (
+        ("only in the recording", comparison.only_here),
+        ("only in the replay", comparison.only_there),
+    ):
         if paths:
             lines.append(f"  {label}: {', '.join(paths[:5])}{f' and {len(paths) - 5} more' if len(paths) > 5 else ''}")
     if any(comparison.missing):
         lines.append(
-            f"  {comparison.missing[0]} ticks of the recording did not run now, {comparison.missing[1]} ran now only"
+            f"  {comparison.missing[0]} ticks are only in the recording, {comparison.missing[1]} only in the replay"
         )
     if not result.ended_alike:
         lines.append(
-            f"  it ended otherwise: {result.end['status']} at {result.end['culprit']} then, "
-            f"{result.outcome.status} at {result.outcome.culprit} now"
+            f"  different end: recorded {result.end['status']} at {result.end['culprit']}, "
+            f"replayed {result.outcome.status} at {result.outcome.culprit}"
         )
     return lines + [f"  {path}" for path in result.files]

@@ -192,7 +192,7 @@ class Session:
             waited=processor_wait() - self.waited,
         )
         if outcome.faulted:
-            result.report += self.rearming.told(outcome) or explain(result)
+            result.report += self.rearming.report_of(outcome) or explain(result)
         return result
 
     def record(self, event):

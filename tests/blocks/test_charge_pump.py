@@ -21,7 +21,7 @@ from blocks.safety import EmergencyStop, Rearm
 from cext.safety.shared_state import SharedState
 from graph import Block, Diagram, DiagramError, Output, compile
 from runtime.report.failure_coverage import coverage, in_words
-from runtime.session.check import check, told
+from runtime.session.check import check, report_lines
 from tests.blocks.actuators.wire import MALFORMED, Wired
 from tests.blocks.running import player
 from tests.cext.rigs import STOP, Rig
@@ -410,7 +410,7 @@ with Diagram("robot", rate=200) as diagram:
     ChargePump(name="pump")
 """,
     )
-    out = " ".join(" ".join(told(check(file), False)).split())
+    out = " ".join(" ".join(report_lines(check(file), False)).split())
     assert f"{both} (the charge pump 'pump')" in out and "not covered" not in out
 
 

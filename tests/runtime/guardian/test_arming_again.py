@@ -55,7 +55,7 @@ def test_a_nan_is_survived_once_it_is_gone_and_r_is_pressed_with_torque_faded_in
     shown = terminal.look()
     assert WAITS in shown and "FAULT at left/knee, tick 60 (0.3 s): a command is NaN or infinite" in shown
     terminal.press(b"r")
-    terminal.wait_for("not armed again, as the cause stands: left/knee: a command is NaN or infinite")
+    terminal.wait_for("not armed again, the cause persists: left/knee: a command is NaN or infinite")
     terminal.wait_for("waiting .* r arms again, space ends")
     bus.listen(1.5)  # until tick 300 has passed
     assert not bus.commands(1)[-1].data == ENABLE and set(between(bus, 1)) <= {NOTHING, DISABLE}
@@ -90,7 +90,7 @@ def test_a_nan_is_survived_once_it_is_gone_and_r_is_pressed_with_torque_faded_in
     assert ticks == sorted(set(ticks))
     replayed = finished("replay", files.one(".mcap"), cwd=tmp_path)
     assert replayed.returncode == 0, replayed.stdout
-    assert "after the fault at tick 60 it waited to be armed again: it was run again up to there" in replayed.stdout
+    assert "replayed up to the fault at tick 60, after which the run waited to be armed again" in replayed.stdout
     assert "are the same, bit for bit" in replayed.stdout
 
 
@@ -107,7 +107,7 @@ def test_drives_that_fail_and_recover_are_armed_again_by_a_person_alone(bus, ter
     terminal.wait_for("press r to arm again")
     assert words in terminal.look()
     terminal.press(b"r")
-    terminal.wait_for(rf"not armed again, as the cause stands: (left|right)/knee: {words.split(' (')[0]}")
+    terminal.wait_for(rf"not armed again, the cause persists: (left|right)/knee: {words.split(' (')[0]}")
     bus.drives.send_signal(end)
     bus.listen(0.3)
     # the cause is gone, and nobody has asked:
@@ -165,7 +165,7 @@ def test_who_ends_a_run_that_waits_ends_it_with_the_fault(bus, terminal):
 
 def test_rearm_is_refused_where_nobody_could_ask_for_it(command_line):
     robot = knee(command_line.folder)
-    assert "--rearm: nobody could ask for it" in command_line.refused(robot, "--rearm", "--duration", "1")
+    assert "--rearm: nothing can request arming" in command_line.refused(robot, "--rearm", "--duration", "1")
     assert "--fast and --rearm exclude each other" in command_line.refused(
         robot, "--rearm", "--fast", "--duration", "1"
     )

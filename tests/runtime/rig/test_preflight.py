@@ -240,7 +240,7 @@ def test_a_drive_as_it_should_be(knee):
         ({"temperature": 70.0}, "70 °C !", "hot"),
         ({"fault": 5.0}, "encoder !", "encoder"),
         ({"fault": 77.0}, "code 77, which the manual does not know !", "code 77, which the manual does not know"),
-        ({"age": 0.06}, "60.0 ms !", "an old sample"),
+        ({"age": 0.06}, "60.0 ms !", "old sample"),
     ],
 )
 def test_what_is_out_of_the_ordinary_is_marked_and_counted(knee, outputs, mark, why):

@@ -81,7 +81,7 @@ def test_the_knee_exoskeleton_is_replayed_bit_for_bit(recorded, command_line):
     assert (code, err) == (OK, "")
     assert out == (
         f"running {KNEE_EXO}: its content is the recorded one\n"
-        f"knee_exo: 1000 ticks of {file.name} run again, the diagram as it was recorded\n"
+        f"knee_exo: 1000 ticks of {file.name} replayed with the recorded diagram\n"
         "  all 36 signals and 2004 sent frames are the same, bit for bit\n"
     )
     assert sorted(path.name for path in file.parent.iterdir() if "replay" in path.name) == []
@@ -121,7 +121,7 @@ def test_a_block_that_throws_dice_is_named_with_the_first_tick(recorded, command
     file = recorded(path, "--fast", "--duration", "0.2")
     code, out, _ = command_line("replay", file)
     assert code == CHECK_FAILED
-    assert "the diagram as it was recorded" in out and "differs first: law.torque at tick 41: 0." in out
+    assert "the recorded diagram" in out and "first difference: law.torque at tick 41: recorded 0." in out
 
 
 def test_a_fault_happens_again(recorded, command_line, tmp_path):
@@ -132,7 +132,7 @@ def test_a_fault_happens_again(recorded, command_line, tmp_path):
     assert code == OK and "70 ticks of" in out and "bit for bit" in out
     law(tmp_path, "return 1.0 / (tick - 70) if tick != 70 else 0.0")  # the fault is mended
     code, out, _ = command_line("replay", file, "--diagram", path)
-    assert code == CHECK_FAILED and "it ended otherwise: exception at law then, ok at None now" in out
+    assert code == CHECK_FAILED and "different end: recorded exception at law, replayed ok at None" in out
 
 
 def test_a_drive_that_fell_silent_on_a_rig_falls_silent_again_in_the_same_tick(command_line, tmp_path):
@@ -159,13 +159,13 @@ def test_an_end_that_came_from_outside_is_told_and_not_repeated(recorded, comman
     )
     assert Trial(file).end["end"]["status"] == "overrun"
     code, out, _ = command_line("replay", file)
-    assert code == OK and "bit for bit" in out and "from outside, which a replay does not repeat: overrun" in out
+    assert code == OK and "bit for bit" in out and "external cause, which a replay does not repeat: overrun" in out
 
 
 def test_a_viewer_that_was_asked_for_on_the_command_line_is_no_change(recorded, command_line, tmp_path):
     file = recorded(law(tmp_path), "--fast", "--duration", "0.2", "--plotjuggler", "127.0.0.1:9")
     code, out, err = command_line("replay", file)
-    assert (code, err) == (OK, "") and "the diagram as it was recorded" in out
+    assert (code, err) == (OK, "") and "the recorded diagram" in out
 
 
 def test_a_changed_diagram_gives_a_recording_to_compare(recorded, command_line, tmp_path):
@@ -176,7 +176,7 @@ def test_a_changed_diagram_gives_a_recording_to_compare(recorded, command_line, 
         (code, err) == (CHECK_FAILED, "")
         and "250 ticks" in out
         and "a changed diagram" in out
-        and "differs first: law.torque at tick " in out
+        and "first difference: law.torque at tick " in out
     )
     [new] = (tmp_path / "again").glob("*_replay.mcap")
     there, here = Trial(file), Trial(new)
@@ -211,7 +211,7 @@ def test_a_bus_that_was_not_recorded_is_a_divergence_and_no_guess(recorded, comm
     file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
     other = write(tmp_path, LAW.format(law=STEADY).replace('bus="legs"', 'bus="arms"'), "other.py")
     complaint = command_line.refused("replay", file, "--diagram", other)
-    assert complaint == "the diagram is on bus 'arms', of which the recording has no frames; its buses are legs"
+    assert complaint == "bus 'arms' of the diagram is not in the recording, whose buses are legs"
 
 
 def test_a_recording_without_its_diagram_asks_for_one(recorded, command_line, tmp_path):
@@ -219,7 +219,7 @@ def test_a_recording_without_its_diagram_asks_for_one(recorded, command_line, tm
     file = recorded(path, "--fast", "--duration", "0.1")
     path.unlink()
     code, _, err = command_line("replay", file)
-    assert code == BAD_INPUT and "robot.py is not there" in err
+    assert code == BAD_INPUT and "robot.py does not exist" in err
     file = recorded(KNEE_EXO, "--fast", "--duration", "0.1")
     data = json.loads(file.with_suffix(".json").read_text())
     assert data["metadata"]["diagram_file"].endswith("knee_exo.py")
@@ -292,11 +292,11 @@ def test_a_changed_file_gives_way_to_the_diagram_in_the_recording_where_that_nee
         (code, err) == (OK, "")
         and not (tmp_path / "trap").exists()
         and "bit for bit" in out
-        and "the diagram as it was recorded" in out
+        and "the recorded diagram" in out
     )
     assert (
-        f"  the diagram in the recording was run: {path} has changed since the recording. Pass --diagram FILE to "
-        "run a file\n"
+        f"  the diagram in the recording was used: {path} has changed since the recording. Pass --diagram FILE to "
+        "use a file\n"
     ) in out
 
 
@@ -310,7 +310,7 @@ def test_a_recording_of_before_without_the_hash_of_its_file_asks_before_code_is_
     about_of(file, without("source_sha256"))
     path.write_text(path.read_text() + TRAP)
     complaint = command_line.refused("replay", file)
-    assert "the recording has no hash to compare " in complaint and not (tmp_path / "trap").exists()
+    assert "the recording has no hash of " in complaint and not (tmp_path / "trap").exists()
     assert command_line("replay", file, "--diagram", path)[0] == OK
 
 
@@ -381,7 +381,7 @@ def test_a_recording_that_was_cut_anywhere_is_replayed_up_to_its_last_complete_t
         trial = Trial(cut)
         code, out, _ = command_line("replay", cut)
         assert not trial.complete and 0 < len(trial) < 100
-        assert code == OK and f"{len(trial)} ticks of cut.mcap" in out and "the recording was cut off" in out
+        assert code == OK and f"{len(trial)} ticks of cut.mcap" in out and "the recording is incomplete" in out
 
 
 def test_after_kill_9_what_was_recorded_is_replayed(command_line, tmp_path):
@@ -416,11 +416,11 @@ def test_a_run_whose_recorder_was_killed_is_replayed_from_all_its_parts(command_
     first = min(tmp_path.glob("*.mcap"), key=lambda path: len(path.name))
     assert run.returncode == OK and first.with_stem(f"{first.stem}_part2").exists()
     code, out, err = command_line("replay", first)
-    assert (code, err) == (OK, "") and f"3000 ticks of {first.name} run again" in out and "the same, bit for bit" in out
+    assert (code, err) == (OK, "") and f"3000 ticks of {first.name} replayed" in out and "the same, bit for bit" in out
     code, out, err = command_line("convert", first, "--to", "mcap", "-o", tmp_path / "whole")
     assert (code, err) == (OK, "") and len(Trial(out.strip()).parts) == 1
     code, out, err = command_line("replay", out.strip())
-    assert (code, err) == (OK, "") and f"3000 ticks of {first.name} run again" in out and "the same, bit for bit" in out
+    assert (code, err) == (OK, "") and f"3000 ticks of {first.name} replayed" in out and "the same, bit for bit" in out
 
 
 def test_settings_of_the_recorded_run_are_used_again(recorded, command_line):
@@ -437,7 +437,7 @@ def test_settings_of_the_recorded_run_are_used_again(recorded, command_line):
         "left/damper.damping=0.4",
     )
     code, out, err = command_line("replay", file)
-    assert (code, err) == (OK, "") and "100 ticks" in out and "as it was recorded" in out
+    assert (code, err) == (OK, "") and "100 ticks" in out and "the recorded diagram" in out
 
 
 @pytest.mark.parametrize("folder", ["/proc/self/mem", "9" * 300, "/dev/null"])
