@@ -35,7 +35,7 @@ class StatusLine:
         self.torques = torques_of(plan)
         self.enabled = plan["status_line"] and terminal.interactive
         self.next = 0.0
-        self.history = deque(maxlen=WINDOW + 1)
+        self.history, self.state = deque(maxlen=WINDOW + 1), None  # of the present state alone
         # by which steps the newest lines were; on how many columns
         self.narrowed, self.columns = deque(maxlen=STEADY), None
 
@@ -46,6 +46,9 @@ class StatusLine:
         self.next = now + REFRESH
         statistics = self.page.statistics()
         frames = statistics["frames"]["sent"] + statistics["frames"]["received"]
+        if self.page.state != self.state:  # arming has other rates than running
+            self.state = self.page.state
+            self.history.clear()
         buses = (*self.recording.traffic, *self.recording.bits) if self.recording is not None else ()
         self.history.append((now, statistics["ticks"], statistics["busy"], frames, *buses))
         parts = describe(

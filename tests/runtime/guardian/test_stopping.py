@@ -49,7 +49,7 @@ def test_a_run_tells_how_fast_its_drives_have_answered(bus, tmp_path):
     process = bus.start("--record", "out", "--duration", "1")
     out, _ = process.communicate(timeout=20)
     assert (
-        process.returncode == 0 and "  answers     left/knee after " in out and "              right/knee after " in out
+        process.returncode == 0 and "  replies     left/knee after " in out and "              right/knee after " in out
     )
     [file] = (tmp_path / "out").glob("*.mcap")
     for path, found in Trial(file).end["end"]["answers"].items():
@@ -74,7 +74,7 @@ def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
     _, err = process.communicate(timeout=10)
     bus.listen()
     assert bus.stopped_after(stopped) < STALL  # and none since
-    assert process.returncode == 3 and "fenced by the guardian" in err and "stood still for" in err
+    assert process.returncode == 3 and "fenced by the guardian" in err and "had stalled for" in err
     assert_nothing_is_left(everybody, bus.channel)
 
 

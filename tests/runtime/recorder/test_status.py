@@ -181,6 +181,30 @@ def test_rates_are_taken_over_the_window():
     assert rates([(10.0, 100, 1.0, 50)]) is None
 
 
+def test_rates_of_arming_do_not_count_in_the_run():
+    sheet, page, recording = Sheet(), Still(), Heard([0], None, [0])
+    sheet.columns = 200
+    status = StatusLine(
+        sheet,
+        plan(None, status_line=True, virtual=False, rate=200.0, buses=["legs"], bitrates={"legs": 1e6}),
+        page,
+        None,
+        recording,
+    )
+    now = 0.0
+
+    def drawn(state, bits):
+        nonlocal now
+        now += 0.1
+        page.state, recording.bits = state, [recording.bits[0] + bits]
+        status.update(now)
+        return sheet.line
+
+    assert "legs 1 % full" in [drawn("arming", 1_000) for _ in range(5)][-1]
+    assert "legs" not in drawn("running", 50_000)
+    assert "legs 10 % full" in drawn("running", 10_000)
+
+
 @pytest.fixture
 def screen():
     """(what the recorder writes to, a function that reads what the person sees)"""

@@ -184,7 +184,7 @@ def test_without_a_terminal_a_rig_is_refused_before_anything_is_sent(command_lin
         complaint = command_line.refused(KNEE_EXO, "--rig", bus.rig)
         bus.listen(0.2)
         assert not bus.frames
-    assert "here is no terminal" in complaint and "--yes arms without asking" in complaint
+    assert "are not a terminal" in complaint and "--yes to arm without confirmation" in complaint
 
 
 # The table

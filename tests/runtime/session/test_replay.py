@@ -342,7 +342,7 @@ def test_control_characters_of_a_recording_never_reach_the_terminal(recorded, co
     about_of(file, lambda data: data.replace(b"robot.py", b"\\u001b]0;title\\u0007\\u001b[2J.py"))
     complaint = command_line.refused("replay", file)
     assert (
-        "\\x1b]0;title\\x07\\x1b[2J.py is not there" in complaint
+        "\\x1b]0;title\\x07\\x1b[2J.py does not exist" in complaint
         and "\x1b" not in complaint
         and "\x07" not in complaint
     )
