@@ -7,7 +7,10 @@ from runtime.base import working_folder
 
 FOLDER = working_folder.move_back() if __name__ == "__main__" else None  # before anything that it could hide
 
-import signal  # noqa: E402
+from runtime.base import ending  # noqa: E402
+
+if __name__ == "__main__":
+    ending.leave_on_signals()
 
 from runtime.base import installation_check  # noqa: E402
 
@@ -17,23 +20,19 @@ def main(folder=FOLDER):
 
     folder : the folder that Python had put first on the path, None if it had not
     """
+    ending.leave_on_signals()
     occupy_standard_streams()
     try:
         code = start(folder)
-    except KeyboardInterrupt as interrupt:  # while still importing
-        code = 128 + getattr(interrupt, "number", signal.SIGINT)
-    from runtime.base.ending import leave
-
-    leave(code)
+    except ending.Interrupted as interrupt:  # after its command
+        code = 128 + interrupt.number
+    ending.leave(code)
 
 
 def start(folder):
     problem = installation_check.problem(*sys.argv[1:2], folder=folder)
     if problem is None:
         try:
-            from runtime.base.ending import raise_on_signals
-
-            raise_on_signals()
             from runtime.cli.main import main as command_line
         except ImportError as error:
             problem = installation_check.explain(error)

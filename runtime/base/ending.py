@@ -1,36 +1,117 @@
-"""How a process of Tickwork ends: the signals that end a command, and the exit itself."""
+"""How a process of Tickwork ends: the signals that end a command, and the exit itself.
+
+    imports of the command      leave_on_signals    a signal ends the process at once; nothing is armed yet
+    the command                 raise_on_signals    a signal raises Interrupted
+    Executor.run                cext.clock.signals  a signal ends the run
+
+Library code may swallow the exception or replace it by another. It is raised again every RETRY_PERIOD until it is
+handled, and `as_interrupt` replaces what surfaces instead.
+
+This file must parse on Python 3.6 or newer.
+"""
 
 import atexit
 import gc
 import io
 import os
 import signal
+import sys
 import threading
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1)
 FLUSH_LIMIT = 1.0  # s for the files that user code has left open
+RETRY_PERIOD = 0.03  # s after which a swallowed Interrupted is raised again
 
 
-class Interrupted(KeyboardInterrupt):
-    """A signal that ends the command. number : of the signal"""
+class Interrupted(BaseException):
+    """A signal that ends the command. number : of the signal
+
+    It is no KeyboardInterrupt, after which `subprocess` waits 250 ms for a child.
+    """
 
     def __init__(self, number):
         super().__init__(number)
         self.number = number
 
 
-def raise_on_signals():
-    """Let the ending signals raise Interrupted in this process, so that `finally` and `with` are carried out. SIGINT
-    keeps its handler, and so does a signal that is ignored or handled already.
-    """
-
-    def interrupt(number, frame):
-        raise Interrupted(number)
-
+def leave_on_signals():
+    """Let the ending signals end this process at once. One that is ignored or handled already keeps its handler."""
     for number in ENDING_SIGNALS:
-        if signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, interrupt)
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, _leave)
+
+
+def raise_on_signals():
+    """Let the signals of leave_on_signals raise Interrupted from now on, so that `finally` and `with` are carried
+    out.
+    """
+    for number in ENDING_SIGNALS:
+        if signal.getsignal(number) is _leave:
+            signal.signal(number, _interrupt)
+            sys.unraisablehook = _unraisable
+
+
+def _leave(number, frame):
+    with suppress(OSError):
+        os.write(2, f"tickwork: {stopped_by(number)}\n".encode())
+    os._exit(128 + number)
+
+
+def stopped_by(number):
+    """Return what a command reports that a signal has ended. number : of the signal"""
+    name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
+    return f"stopped by {name}; nothing is armed"
+
+
+_raised = None  # the last Interrupted, until it is handled
+
+
+def _interrupt(number, frame):
+    global _raised
+    _raised = Interrupted(number)
+    signal.signal(signal.SIGALRM, _retry)
+    signal.setitimer(signal.ITIMER_REAL, RETRY_PERIOD, RETRY_PERIOD)
+    raise _raised
+
+
+def _retry(number, frame):
+    """Raise the last Interrupted again, unless an `except`, `finally` or `with` is being carried out for it."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, Interrupted):
+        error = error.__context__
+    if error is None:
+        raise_if_interrupted()
+
+
+def _unraisable(entry):
+    if _raised is None:
+        sys.__unraisablehook__(entry)
+
+
+def raise_if_interrupted():
+    """Raise Interrupted if a signal has arrived and is not handled yet."""
+    if _raised is not None:
+        raise Interrupted(_raised.number)
+
+
+def handled():
+    """Go on after an Interrupted: it is not raised again."""
+    global _raised
+    if _raised is not None:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    _raised = None
+
+
+@contextmanager
+def as_interrupt():
+    """Raise Interrupted at the end of a `with` block in which a signal has arrived that is not handled yet, in place
+    of any other exception.
+    """
+    try:
+        yield
+    finally:
+        raise_if_interrupted()
 
 
 def ignore_signals():

@@ -4,6 +4,7 @@ import os
 import time
 from pathlib import Path
 
+from runtime.base.ending import Interrupted, handled
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.base.options import number
 from runtime.cli.parsing import Parser, add_options
@@ -109,9 +110,10 @@ def watched(there, options):
             if now != before:
                 complain([f"  {part}: {why}" for part, why in found.missing.items()])
             before = now
-    except KeyboardInterrupt:
+    except Interrupted:
         if not len(readings.time):
             raise
+        handled()
     return readings
 
 

@@ -1,12 +1,11 @@
 """The command line: `python -m runtime FILE` runs a diagram; the other commands are listed in GROUPS."""
 
 import errno
-import signal
 import sys
 from importlib import import_module
 from pathlib import Path
 
-from runtime.base import installation_check
+from runtime.base import ending, installation_check
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
 from runtime.base.suggestions import suggestion
 from runtime.cli.parsing import short_program
@@ -56,9 +55,10 @@ def main(arguments=None, folder=None):
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     DiagramError = ()
     try:
-        DiagramError = refusal(arguments)
-        check_encoding(arguments)
-        code = command(arguments, folder)
+        with ending.as_interrupt():
+            DiagramError = refusal(arguments)
+            check_encoding(arguments)
+            code = command(arguments, folder)
     except BadInput as error:
         complain([f"tickwork: {error}"])
         code = error.code
@@ -71,17 +71,12 @@ def main(arguments=None, folder=None):
             raise
         complain([f"tickwork: {str(error.filename)[:SHOWN]}: {error.strerror}"])
         code = BAD_INPUT
-    except KeyboardInterrupt as interrupt:
-        number = getattr(interrupt, "number", signal.SIGINT)
-        complain([f"tickwork: stopped by {signal_name(number)}; nothing is armed"])
-        code = 128 + number
+    except ending.Interrupted as interrupt:
+        complain([f"tickwork: {ending.stopped_by(interrupt.number)}"])
+        code = 128 + interrupt.number
+    ending.handled()
     tell([])  # flush what the user's code has printed
     return code
-
-
-def signal_name(number):
-    """Return the name of a signal, or of the key that sends it."""
-    return "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
 
 
 def check_encoding(arguments):
@@ -123,6 +118,7 @@ def run(name, arguments, folder):
     trouble = installation_check.namesake(folder)  # after the imports that this command needs
     if trouble is not None:
         raise BadInput(trouble)
+    ending.raise_on_signals()
     return module.main(arguments)
 
 

@@ -4,6 +4,7 @@ import math
 import time
 from pathlib import Path
 
+from runtime.base.ending import Interrupted, handled
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import host_and_port
 from runtime.cli.parsing import Parser, add_options
@@ -100,8 +101,8 @@ def stream(name, rate, signals, parameters, duration):
             at = tick / rate
             sender.row(tick, at, [wave(signal["dtype"], place, at) for place, signal in enumerate(signals)])
             tick += 1
-    except KeyboardInterrupt:
-        pass
+    except Interrupted:
+        handled()
     told = sender.close()
     tell(
         [

@@ -8,6 +8,7 @@ import re
 import time
 from dataclasses import dataclass
 
+from runtime.base.ending import Interrupted, handled
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import merged_stop_queries, refuse_company
 from runtime.console.stderr import STDOUT, Terminal
@@ -166,8 +167,8 @@ def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=Non
             elif clock() - heard > SILENT and now - shown >= SLOW:
                 shown = show(now, f"{now:8.1f} s  silent for {clock() - heard:.0f} s", screen)
             tick += 1
-    except KeyboardInterrupt:
-        pass
+    except Interrupted:
+        handled()
     finally:
         for sink in sinks:
             said = sink.close()

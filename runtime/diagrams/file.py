@@ -16,6 +16,7 @@ from typing import Any
 
 from graph import Block, Diagram, DiagramError, compile
 from graph.names import suggestion
+from runtime.base.ending import Interrupted
 from runtime.base.errors import BadInput
 from runtime.base.exception_text import TEXT_LIMIT, bounded, text_of
 from runtime.diagrams.overrides import set_block_parameters, share_out
@@ -239,7 +240,7 @@ def guarded(path, function, /, *arguments, **named):
         raise BadInput(exception(path, error)) from error
     except SystemExit as error:
         raise BadInput(exception(path, error)) from None
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Interrupted):
         raise
     except BaseException as error:  # user code may derive exceptions from BaseException
         raise BadInput(exception(path, error)) from error

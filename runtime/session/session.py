@@ -16,7 +16,7 @@ from cext.safety.shared_state import RECORD_EVENT, SharedState
 from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, GUARDIAN_SILENCE
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
-from runtime.base.ending import ENDING_SIGNALS
+from runtime.base.ending import ENDING_SIGNALS, raise_if_interrupted
 from runtime.base.system import processor_wait
 from runtime.live.table import describe
 from runtime.machine.realtime import PRIORITY, Realtime
@@ -114,6 +114,7 @@ class Session:
         self.waited = processor_wait()
         handler = one_interrupt(self.page)
         try:
+            raise_if_interrupted()
             outcome = self.executor.run(self.prepared.ticks, **self.confirmation(), **self.rearming.options())
         finally:
             with undisturbed(handler):
@@ -228,9 +229,11 @@ def one_interrupt(page):
     Returns the handler before.
     """
 
+    before = signal.getsignal(signal.SIGINT)
+
     def interrupt(number, frame):
         if page.state not in ("stopping", "safe"):
-            raise KeyboardInterrupt
+            (before if callable(before) else signal.default_int_handler)(number, frame)
 
     return signal.signal(signal.SIGINT, interrupt)
 

@@ -2,6 +2,7 @@
 counted.
 """
 
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from cext.bus.timed_bus import TimedBus
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import compile
-from runtime.base.ending import uninterrupted
+from runtime.base.ending import Interrupted, uninterrupted
 from runtime.bench.rate.robot import UNLIMITED, plant, robot
 from runtime.bench.rate.search import Step
 
@@ -101,7 +102,7 @@ class OnRig:
         self.confirmed = True  # a person has seen the table: the drives stay the same
         outcome, statistics = result.outcome, result.statistics
         if outcome.stopped:
-            raise KeyboardInterrupt
+            raise Interrupted(signal.SIGINT)
         uninterrupted(outcome)
         why = (
             ""

@@ -1,6 +1,7 @@
 """Every command ends soon after a signal, and leaves neither a process nor a file behind, however it ends."""
 
 import os
+import random
 import select
 import signal
 import subprocess
@@ -140,18 +141,112 @@ def test_an_outcome_that_a_signal_has_ended_is_an_interrupt_with_its_number():
     outcome.signal = signal.SIGTERM
     with pytest.raises(Interrupted) as interrupted:
         uninterrupted(outcome)
-    assert interrupted.value.number == signal.SIGTERM and isinstance(interrupted.value, KeyboardInterrupt)
+    assert interrupted.value.number == signal.SIGTERM and not isinstance(interrupted.value, Exception)
 
 
 def test_a_signal_that_is_ignored_by_the_shell_stays_ignored(tmp_path):
     """As under nohup."""
     script = write(
         tmp_path,
-        "import signal\nfrom runtime.base.ending import raise_on_signals\n"
+        "import signal\nfrom runtime.base.ending import leave_on_signals, raise_on_signals\n"
         "signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "raise_on_signals()\nassert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN\n"
+        "leave_on_signals()\nraise_on_signals()\nassert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN\n"
         "import os\nos.kill(os.getpid(), signal.SIGHUP)\nprint('alive')\n",
         "script.py",
     )
     done = subprocess.run([sys.executable, script], env=environment(), capture_output=True, text=True, cwd=ROOT)
     assert done.stdout == "alive\n", done.stderr
+
+
+def caught(pid, number):
+    """Whether a process handles a signal."""
+    with open(f"/proc/{pid}/status") as file:
+        mask = next(line.split()[1] for line in file if line.startswith("SigCgt:"))
+    return bool(int(mask, 16) >> (number - 1) & 1)
+
+
+def await_handlers(process):
+    """Wait until the first lines of Tickwork are run: Python itself handles SIGINT, with a traceback, and no other."""
+    while process.poll() is None and not caught(process.pid, signal.SIGUSR1):
+        time.sleep(0.0005)
+
+
+STARTS = ("check", "run", "rate", "bench", "plot", "convert")
+
+
+@pytest.mark.parametrize("command", STARTS)
+def test_a_signal_at_any_time_of_the_start_ends_the_command(tmp_path, command):
+    path, draw = knee(tmp_path), random.Random(STARTS.index(command))
+    recording = tmp_path / "trial.mcap"
+    if command in ("plot", "convert"):
+        assert finished(path, "--fast", "--duration", "1", "--record", "out", cwd=tmp_path).returncode == 0
+        recording = next((tmp_path / "out").rglob("*.mcap"))
+    arguments = {
+        "check": [path],
+        "run": [path, "--duration", "60", "--no-record"],
+        "plot": [recording],
+        "convert": [recording, "--to", "csv"],
+    }.get(command, [])
+    times = []
+    for _ in range(10):
+        number = draw.choice(ENDING_SIGNALS)
+        process = started(command, *arguments, cwd=tmp_path)
+        await_handlers(process)
+        time.sleep(draw.uniform(0.0, 0.6))
+        if process.poll() is None:
+            times.append(took(process, number))
+        _, err = process.communicate()
+        assert "Traceback" not in err and "Exception ignored" not in err, err
+        if process.returncode == 0:  # it had finished
+            assert command in ("check", "plot", "convert") and "stopped by" not in err, err
+        else:
+            assert process.returncode == 128 + number and "stopped by" in err, (process.returncode, err)
+    busy = os.getloadavg()[0] > os.cpu_count()
+    assert sorted(times)[len(times) * 3 // 4 - 1] < (LIMIT_BUSY if busy else LIMIT), sorted(times)
+
+
+SWALLOWING = """
+import time, warnings
+
+
+class Cleanup:
+    def __del__(self):
+        open("there", "w").close()
+        time.sleep(10.0)
+
+
+{statement}
+open("continued", "w").close()
+time.sleep(10.0)
+"""
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "Cleanup()",
+        "try:\n    Cleanup.__del__(None)\nexcept BaseException:\n    pass",
+        "try:\n    Cleanup.__del__(None)\nexcept BaseException:\n    raise ImportError('numpy') from None",
+    ],
+)
+def test_an_interrupt_that_other_code_swallows_or_replaces_still_ends_the_command(tmp_path, statement):
+    path = write(tmp_path, SWALLOWING.format(statement=statement))
+    process = started("check", path, cwd=tmp_path)
+    await_file(tmp_path / "there")
+    seconds = took(process, signal.SIGTERM)
+    _, err = process.communicate()
+    assert process.returncode == 128 + signal.SIGTERM and seconds < LIMIT_BUSY, (process.returncode, seconds)
+    assert err == "tickwork: stopped by SIGTERM; nothing is armed\n"
+
+
+def test_an_interrupt_is_not_raised_again_while_it_is_handled(tmp_path):
+    path = write(
+        tmp_path,
+        "import time\ntry:\n    open('there', 'w').close()\n    time.sleep(10.0)\n"
+        "finally:\n    time.sleep(0.3)\n    open('cleaned', 'w').close()\n",
+    )
+    process = started("check", path, cwd=tmp_path)
+    await_file(tmp_path / "there")
+    took(process, signal.SIGHUP)
+    _, err = process.communicate()
+    assert process.returncode == 128 + signal.SIGHUP and (tmp_path / "cleaned").exists(), err
