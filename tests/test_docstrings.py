@@ -34,6 +34,6 @@ def test_public_functions_and_classes_have_docstrings(folder):
     assert {path.name: names for path in paths if (names := undocumented(path.read_text()))} == {}
 
 
-def test_a_missing_docstring_is_found():
+def test_missing_docstring_is_reported():
     source = 'def a():\n    """A."""\ndef b():\n    pass\nclass C:\n    x = 1\ndef _d():\n    pass\n'
     assert undocumented(source) == ["b", "C"]

@@ -61,7 +61,7 @@ def test_no_vendor_or_model_is_named_outside_its_family():
     "line",
     ["from blocks.actuators.cubemars import models", "# as the AK80-9", "an MPU9250", "EmulatedRobStride", "RS 02"],
 )
-def test_a_name_is_recognised_wherever_it_stands(line):
+def test_name_is_recognised_in_any_position(line):
     assert strangers(line, "runtime/scan.py") == [line]
 
 

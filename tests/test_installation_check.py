@@ -35,14 +35,14 @@ def test_nothing_keeps_this_checkout_from_starting():
 
 
 @pytest.mark.parametrize("name", ["blocks", "graph", "cext"])
-def test_a_working_folder_with_a_package_of_ours_name_is_told_in_one_line(name, installed, lab):
+def test_working_folder_that_shadows_package_is_reported_in_one_line(name, installed, lab):
     (lab / name).mkdir()
     (lab / name / "__init__.py").write_text("raise SystemExit('imported')\n")
     process = python(*RUN, "--help", cwd=lab, path=installed)
     assert_one_line(process, f"`{name}` comes from {lab}", f"`runtime` from {installed}", "start with `tickwork`")
 
 
-def test_a_file_named_as_a_package_of_ours_is_told_too(installed, lab):
+def test_file_that_shadows_package_is_reported(installed, lab):
     (lab / "graph.py").write_text("raise SystemExit('imported')\n")
     assert_one_line(python(*RUN, "--help", cwd=lab, path=installed), f"`graph` comes from {lab}", "`tickwork`")
 
@@ -128,7 +128,7 @@ def test_a_diagram_runs_and_is_recorded_beside_folders_of_the_same_names(install
     assert len(recording.read_text().splitlines()) == 101  # a header and a row a tick
 
 
-def test_the_console_script_tells_of_a_stranger_on_the_path_and_does_not_suggest_itself(installed, lab):
+def test_console_script_reports_foreign_package_on_path(installed, lab):
     (lab / "blocks").mkdir()
     (lab / "blocks" / "__init__.py").write_text("")
     process = python(installed / "bin" / "tickwork", "--help", cwd=lab, path=f"{lab}{os.pathsep}{installed}")
@@ -142,7 +142,7 @@ def test_a_folder_without_modules_does_no_harm_where_a_real_package_follows(inst
     assert process.returncode == 0, process.stderr
 
 
-def test_a_package_that_is_gone_is_told(tmp_path):
+def test_missing_package_is_reported(tmp_path):
     copy_rooms(tmp_path, rooms=("cext", "graph", "runtime"))
     assert_one_line(python("-S", *RUN, cwd=tmp_path), "`blocks` is missing")
 
@@ -162,7 +162,7 @@ def test_importing_from_a_clone_that_was_not_built_names_make_run(tmp_path):
         assert last.startswith("ImportError: Tickwork is not built") and "`make run`" in last
 
 
-def test_a_build_for_another_python_is_told_as_such(tmp_path):
+def test_build_for_another_python_is_reported(tmp_path):
     copy_rooms(tmp_path)
     (tmp_path / "Makefile").touch()
     for module in (tmp_path / "cext").rglob("*.so"):
@@ -195,7 +195,7 @@ def test_native_code_older_than_the_python_beside_it_names_make_build(tmp_path):
     assert_one_line(python(*RUN, cwd=tmp_path), "do not match", "a_name_that_is_newer", "`make build`")
 
 
-def test_a_dependency_that_does_not_load_is_told_in_one_line(tmp_path):
+def test_dependency_that_does_not_load_is_reported_in_one_line(tmp_path):
     copy_rooms(tmp_path)
     (tmp_path / "msgspec.py").write_text(
         "raise ImportError('libfoo.so.1: cannot open shared object file\\nand more', name=__name__)\n"
@@ -206,7 +206,7 @@ def test_a_dependency_that_does_not_load_is_told_in_one_line(tmp_path):
     )
 
 
-def test_a_fault_of_our_own_is_not_hidden(tmp_path):
+def test_internal_error_is_not_hidden(tmp_path):
     copy_rooms(tmp_path)
     (tmp_path / "runtime" / "cli" / "main.py").write_text("from runtime.base.errors import no_such_name\n")
     process = python(*RUN, cwd=tmp_path)
@@ -226,7 +226,7 @@ def test_what_is_looked_for_is_what_the_project_depends_on():
     assert PYPROJECT["project"]["requires-python"] == ">=%d.%d" % installation_check.OLDEST_PYTHON
 
 
-def test_an_old_python_can_read_the_first_files_and_is_told(monkeypatch):
+def test_old_python_parses_entry_files_and_reports_required_version(monkeypatch):
     for name in (
         "__init__.py",
         "__main__.py",

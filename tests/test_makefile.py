@@ -54,14 +54,14 @@ def bare_path(tmp_path_factory):
     return folder
 
 
-def test_without_python_make_says_how_to_get_it(clone, bare_path):
+def test_make_without_python_prints_how_to_install_it(clone, bare_path):
     process = make("run", cwd=clone, PATH=str(bare_path))
     assert process.returncode != 0
     [line] = told(process)
     assert line.startswith("Python is missing") and "apt install python3 python3-venv" in line
 
 
-def test_without_a_compiler_make_says_how_to_get_one(clone, bare_path):
+def test_make_without_compiler_prints_how_to_install_one(clone, bare_path):
     (bare_path / "python3").symlink_to(sys.executable)
     process = make("test", cwd=clone, PATH=str(bare_path))
     assert process.returncode != 0
@@ -79,11 +79,11 @@ def test_a_compiler_that_makes_nothing_is_none(clone, bare_path):
     assert "a C compiler" in told(make("run", cwd=clone, CC="no-such-compiler"))[0]
 
 
-def test_a_python_that_is_asked_for_and_not_there_is_named(clone):
+def test_missing_requested_python_is_named(clone):
     assert told(make("run", cwd=clone, PYTHON="python2.99")) == ["there is no Python called 'python2.99'"]
 
 
-def test_an_old_python_is_told_its_version_and_what_is_needed(clone, bare_path):
+def test_old_python_is_reported_with_required_version(clone, bare_path):
     old = next(
         (found for name in ("python3.9", "python3.8", "python3.7", "python3.6") if (found := old_python(name))), None
     )
@@ -134,7 +134,7 @@ def test_the_bytecode_of_all_libraries_that_a_run_imports_is_made(tmp_path):
 
 
 @pytest.mark.soak
-def test_a_package_index_that_cannot_be_reached_is_told(clone):
+def test_unreachable_package_index_is_reported(clone):
     process = make(
         "run",
         cwd=clone,

@@ -72,7 +72,7 @@ def test_imports_only_go_down():
 
 
 @pytest.mark.parametrize("imports", [python_imports, cython_imports])
-def test_a_climbing_import_is_found_wherever_it_stands(imports):
+def test_upward_import_is_detected_anywhere_in_file(imports):
     source = (
         "import math, blocks.filters as f\nfrom graph import deg\ndef step():\n    from runtime.cli.main import "
         "main\n    from . import a\n"
@@ -210,7 +210,7 @@ def test_every_file_beside_the_sources_is_installed():
             assert any(fnmatch(path.name, pattern) for pattern in patterns), f"{name} matches none of {patterns}"
 
 
-def test_tests_that_build_something_find_the_build_tools():
+def test_tests_that_build_find_build_tools():
     assert set(PYPROJECT["build-system"]["requires"]) <= set(PYPROJECT["project"]["optional-dependencies"]["test"])
 
 

@@ -45,7 +45,7 @@ def sources(suffix):
     return {str(path.relative_to(ROOT)) for room in ROOMS for path in (ROOT / room).rglob(f"*{suffix}")}
 
 
-def test_the_wheel_has_every_module_and_what_lies_beside_it_and_nothing_else(archives):
+def test_wheel_has_exactly_all_modules_and_their_data_files(archives):
     names = {name for name in archives[0] if ".dist-info/" not in name}
     compiled = {name.split(".")[0] + ".pyx" for name in names if PurePath(name).suffix == ".so"}
     assert compiled == sources(".pyx")
@@ -91,7 +91,7 @@ def test_the_knee_exoskeleton_runs_from_the_wheel_beside_folders_of_the_same_nam
     assert list((tmp_path / "recordings").glob("*.csv"))
 
 
-def test_python_m_runtime_tells_of_a_working_folder_in_the_way(environment, tmp_path):
+def test_python_m_runtime_reports_shadowing_working_folder(environment, tmp_path):
     (tmp_path / "graph").mkdir()
     (tmp_path / "graph" / "__init__.py").touch()
     process = python("-m", "runtime", "--help", cwd=tmp_path, executable=environment / "bin" / "python")

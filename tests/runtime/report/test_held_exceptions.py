@@ -68,7 +68,7 @@ def test_one_too_many_is_a_fault_with_its_line(tmp_path):
     assert f"flaky.py:{line_of(file, 'assert tick')}" in process.stderr and "held 3 exceptions" in process.stdout
 
 
-def test_sys_exit_in_a_block_is_told_as_such(tmp_path):
+def test_sys_exit_in_block_is_reported(tmp_path):
     file = robot(tmp_path, "tick == 30 and sys.exit('enough')")
     process = finished(file.name, "--duration", "1", "--fast", "--no-record", cwd=tmp_path)
     assert process.returncode == FAULT and "Traceback" not in process.stderr
@@ -76,7 +76,7 @@ def test_sys_exit_in_a_block_is_told_as_such(tmp_path):
     assert f"flaky.py:{line_of(file, 'sys.exit')}" in process.stderr
 
 
-def test_check_tells_how_many_a_block_holds(tmp_path):
+def test_check_prints_number_of_held_exceptions(tmp_path):
     file = robot(tmp_path, "pass")
     assert {block["path"]: block["hold_exceptions"] for block in check(file)["blocks"]} == {
         "sensor": 3,
@@ -86,7 +86,7 @@ def test_check_tells_how_many_a_block_holds(tmp_path):
     assert "flaky.py:22, holds 3 exceptions in a row" in process.stdout
 
 
-def test_an_emergency_stop_is_told_and_has_the_exit_code_of_a_fault(tmp_path):
+def test_emergency_stop_is_reported_and_exits_with_fault_code(tmp_path):
     file = robot(tmp_path, "pass", 'EmergencyStop(name="stop")(Compare(">")(Ramp(1.0)(), 0.495))')
     process = finished(file.name, "--duration", "1", "--fast", cwd=tmp_path)
     assert process.returncode == FAULT

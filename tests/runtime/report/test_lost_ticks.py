@@ -110,7 +110,7 @@ def test_ticks_that_run_late_instead_of_being_lost_count_as_well():
     ],
     ids=["none lost", "one lost", "in the newest row", "another fault", "while arming", "an overrun of a block"],
 )
-def test_a_fault_that_lost_ticks_do_not_explain_is_told_as_before(result):
+def test_fault_unrelated_to_lost_ticks_is_reported_unchanged(result):
     assert before_fault(result) == ""
 
 

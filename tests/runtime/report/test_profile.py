@@ -42,7 +42,7 @@ def test_an_overrun_policy_that_there_is_not_is_refused_with_those_that_there_ar
 HOLD = "import time\n        time.sleep(0.04 if tick == 20 else 0.0)\n        return 0.5"
 
 
-def test_an_overrun_is_told_with_who_took_the_time(command_line):
+def test_overrun_report_names_slowest_blocks(command_line):
     code, out, err = command_line(knee(command_line.folder, HOLD), "--duration", "0.3", "--record", "here")
     [line] = [line for line in out.splitlines() if " lost to law" in line]
     assert code == 0 and err == "" and "(tick 20)" in line and " ms max " in line
@@ -63,7 +63,7 @@ def test_a_fault_by_overrun_names_the_block_and_the_policy(command_line):
     assert "safe stop   zero torque, then disable: confirmed by knee" in out
 
 
-def test_after_a_fault_by_overrun_the_stop_frames_stand_in_the_can_log_within_two_ticks(command_line):
+def test_stop_frames_are_logged_within_two_ticks_of_overrun_fault(command_line):
     # at 50 Hz, five periods and a half
     law = "import time\n        time.sleep(0.11 if tick == 20 else 0.0)\n        return 0.5"
     code, *_ = command_line(
@@ -78,7 +78,7 @@ def test_after_a_fault_by_overrun_the_stop_frames_stand_in_the_can_log_within_tw
     assert len(ours[:stop]) == 2 + 21 and 0.11 <= late <= 0.11 + 2 * 0.02
 
 
-def test_profile_tells_every_block_with_its_share_and_draws_a_picture(command_line):
+def test_profile_lists_share_of_every_block_and_draws_plot(command_line):
     code, out, err = command_line("profile", knee(command_line.folder), "--duration", "0.2", "-o", "bars.png")
     lines = out.splitlines()
     assert code == 0 and err == ""
@@ -98,12 +98,12 @@ def test_profile_tells_every_block_with_its_share_and_draws_a_picture(command_li
     )
 
 
-def test_run_tells_the_profile_too(command_line):
+def test_run_prints_profile(command_line):
     code, out, _ = command_line(knee(command_line.folder), "--duration", "1", "--fast", "--no-record", "--profile")
     assert code == 0 and "profile: 200 ticks of " in out and "law " in out
 
 
-def test_a_picture_that_cannot_be_written_is_told(command_line):
+def test_unwritable_plot_is_reported(command_line):
     code, _, err = command_line(
         "profile", knee(command_line.folder), "--duration", "0.1", "--fast", "-o", "nowhere/bars.png"
     )

@@ -65,14 +65,14 @@ def test_the_summary_counts_ticks_strides_torque_and_work(walked):
     assert lines[-1] == "  safe stop   zero torque, then disable: confirmed by left/knee, right/knee"
 
 
-def test_the_clock_is_told_in_real_time_only(walked, tmp_path):
+def test_summary_reports_clock_only_in_real_time(walked, tmp_path):
     assert not any(line.startswith(("  rate", "  late by", "  load")) for line in summary.summary(walked))
     lines = summary.summary(Session(prepare(Request(knee(tmp_path), duration=0.3, no_record=True))).carry_out())
     assert [line.split()[0] for line in lines[1:6]] == ["plant", "ticks", "rate", "late", "load"]
     assert "µs median" in lines[4] or "ms median" in lines[4]
 
 
-def test_a_plant_that_the_file_does_not_have_is_told(tmp_path):
+def test_unknown_plant_is_reported(tmp_path):
     lines = summary.summary(carry_out(knee(tmp_path)))
     assert "  plant       none in the file: every device is emulated, and each actuator drives a free inertia" in lines
 
@@ -98,7 +98,7 @@ def test_durations_have_a_fitting_unit(seconds, text):
     assert timing.micro(seconds) == text
 
 
-def test_strides_in_words():
+def test_summary_describes_strides():
     stride = {
         "strides": 1,
         "left_out": 2,
@@ -113,7 +113,7 @@ def test_strides_in_words():
     assert summary.stride_text(stride | {"strides": 0, "left_out": 0}) == "no complete stride; peak torque 9.2 N·m"
 
 
-def test_signals_of_strides_and_what_is_not_used_in_words():
+def test_summary_describes_stride_signals_and_unused_ones():
     stride = {
         "title": "left",
         "left_out": 3,
@@ -154,7 +154,7 @@ def test_a_file_with_a_space_in_its_name_is_quoted(tmp_path):
     assert summary.hints(carry_out(path), "tickwork")[1] == f"  show what is proved: tickwork check '{path}'"
 
 
-def test_who_walked_too_short_for_a_stride_is_told_to_walk_longer():
+def test_walk_without_whole_stride_suggests_longer_walk():
     lines = summary.hints(carry_out(KNEE_EXO, 1.0), "tickwork")
     assert lines[1] == f"  record complete strides: tickwork {KNEE_EXO} --duration 20"
 
@@ -188,7 +188,7 @@ def test_an_exception_shows_the_users_lines_only(tmp_path):
     assert lines[-1] == "  actuators stay disabled until the next arming: fix the cause, then arm again"
 
 
-def test_a_fault_shows_the_last_ticks_before_it_and_what_every_actuator_was_asked_and_said(tmp_path):
+def test_fault_shows_last_ticks_and_commands_and_replies_of_actuators(tmp_path):
     path = write(tmp_path, KNEE.format(law="return math.nan if tick == 9 else tick / 8"))
     result = carry_out(path)
     lines = fault.explain(result)
@@ -217,13 +217,13 @@ def test_the_report_of_a_fault_is_in_the_recording(tmp_path):
     assert Trial(file).end["end"]["report"] == fault.explain(result)
 
 
-def test_an_exception_inside_a_library_shows_who_called_it(tmp_path):
+def test_exception_inside_library_shows_calling_line(tmp_path):
     lines, path = explained(tmp_path, law="import numpy\n        return numpy.linalg.inv(numpy.zeros((2, 2)))[0, 0]")
     assert lines[2] == f"  {path}:{line_of(path, 'linalg')} in step: return numpy.linalg.inv(numpy.zeros((2, 2)))[0, 0]"
     assert "Singular matrix" in lines[3]
 
 
-def test_a_step_that_returns_something_else(tmp_path):
+def test_step_with_wrong_return_value(tmp_path):
     lines, _ = explained(tmp_path, law="return None")
     assert "TypeError" in lines[2] and "law" in lines[2] and "None" in lines[2]
 
@@ -330,7 +330,7 @@ def test_a_device_that_reports_a_fault_shows_its_readings(tmp_path):
     assert "fault: over-voltage, last reply 5.0 ms before, stop confirmed" in lines[-2]
 
 
-def test_a_fault_in_the_plant_says_so(tmp_path):
+def test_fault_in_plant_is_labelled(tmp_path):
     lines, path = explained(
         tmp_path,
         text=FAULTY_PLANT.format(
@@ -354,7 +354,7 @@ def test_a_fault_in_the_plant_says_so(tmp_path):
     assert ": its emulated reply contains NaN or infinity" in lines[0] and "the plant" in lines[0]
 
 
-def test_a_recorder_that_dies_is_told_and_the_run_goes_on(tmp_path, monkeypatch):
+def test_dead_recorder_is_reported_and_run_continues(tmp_path, monkeypatch):
     class Short(RecorderProcess):
         """Is killed as soon as it is ready."""
 

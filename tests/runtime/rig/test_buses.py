@@ -83,7 +83,7 @@ def test_real_time_is_tried_on_a_rig_and_off_in_simulation():
 
 
 @pytest.mark.skipif(has_can(), reason="this kernel has CAN")
-def test_a_kernel_without_can_is_told(command_line):
+def test_kernel_without_can_is_reported(command_line):
     rig = write(command_line.folder, LEGS, "lab.toml")
     complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--yes", "--duration", "1")
     assert (
@@ -109,7 +109,7 @@ def opened(tmp_path):
     return opened
 
 
-def test_an_interface_of_one_process_is_told(opened):
+def test_interface_limited_to_one_process_is_reported(opened):
     with pytest.raises(RigError) as caught:
         opened('[bus.legs]\ninterface = "virtual"\nchannel = "legs"\n')
     [trouble] = caught.value.troubles
@@ -120,7 +120,7 @@ def test_an_interface_of_one_process_is_told(opened):
     assert "without --rig" in trouble.hint
 
 
-def test_a_bus_that_another_process_controls_is_told(opened):
+def test_bus_controlled_by_another_process_is_reported(opened):
     lock = BusLock("slcan", OWN)
     with pytest.raises(
         RigError, match=f"TW106 bus controlled by another process: .* is controlled by process {os.getpid()} "
@@ -129,7 +129,7 @@ def test_a_bus_that_another_process_controls_is_told(opened):
     lock.close()
 
 
-def test_an_interface_that_python_can_cannot_open_is_told_and_leaves_its_lock(command_line):
+def test_interface_that_python_can_cannot_open_is_reported_and_unlocked(command_line):
     rig = write(command_line.folder, '[bus.legs]\ninterface = "udp_multicast"\nchannel = "192.0.2.1"\n', "lab.toml")
     complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--yes", "--duration", "1")
     assert complaint.startswith(
@@ -160,7 +160,7 @@ def test_without_a_guardian_nothing_is_armed(command_line, monkeypatch):
 @pytest.mark.parametrize(
     "number, words", [(errno.EPERM, "Operation not permitted"), (errno.EACCES, "Permission denied")]
 )
-def test_no_permission_is_told(opened, monkeypatch, number, words):
+def test_missing_permission_is_reported(opened, monkeypatch, number, words):
     """The system call alone is replaced: what refuses it is a sandbox, which no test can put on and take off again."""
     system = socket.socket
 
@@ -202,5 +202,5 @@ def test_no_permission_is_told(opened, monkeypatch, number, words):
         (None, False, "can0: sending and receiving failed", "see: ip -details -statistics link show can0"),
     ],
 )
-def test_a_bus_that_failed_is_told_with_its_cure(trouble, virtual, why, cure):
+def test_failed_bus_is_reported_with_remedy(trouble, virtual, why, cure):
     assert in_words(trouble, CAN0, virtual) == (why, cure)

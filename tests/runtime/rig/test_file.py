@@ -144,7 +144,7 @@ def test_a_rig_may_be_empty_and_may_have_windows_line_ends(written):
         ),
     ],
 )
-def test_a_wrong_entry_is_told_with_what_to_write(written, text, message, hint):
+def test_invalid_entry_is_reported_with_correction(written, text, message, hint):
     assert troubles(written(text)) == [("TW102", message, hint)]
 
 
@@ -157,7 +157,7 @@ def test_two_buses_cannot_share_an_interface(written):
     ) and hint.startswith("use a separate interface")
 
 
-def test_all_mistakes_are_told_at_once(written):
+def test_all_mistakes_are_reported_together(written):
     text = '[bus.legs]\ninterface = "socketcan"\nbitrate = 1\n[bus.arms]\nchanel = "can1"\n[moter."left/knee"]\n'
     assert [message for _, message, _ in troubles(written(text))] == [
         "[moter]: unknown table: a rig has [bus] and [device]",
@@ -167,7 +167,7 @@ def test_all_mistakes_are_told_at_once(written):
     ]
 
 
-def test_what_is_not_toml_is_told_with_its_line(written):
+def test_invalid_toml_is_reported_with_its_line(written):
     [(code, message, hint)] = troubles(written("[bus.legs]\nchannel = can0\n"))
     assert (
         code == "TW101" and message.startswith("invalid TOML: ") and "line 2" in message and "quote text with" in hint
@@ -176,7 +176,7 @@ def test_what_is_not_toml_is_told_with_its_line(written):
     assert "line 3" in message
 
 
-def test_a_file_that_cannot_be_read_is_told(written, tmp_path):
+def test_unreadable_file_is_reported(written, tmp_path):
     path = written(GOOD)
     assert troubles(tmp_path / "lap.toml") == [("TW101", "no such file", "did you mean 'lab.toml'?")]
     assert troubles(tmp_path / "nowhere" / "lab.toml") == [("TW101", "no such file", "")]

@@ -39,7 +39,7 @@ def refused(wires, *devices):
     return [str(trouble) for trouble in found.value.troubles]
 
 
-def test_a_chip_is_recognised_set_up_and_asked():
+def test_chip_is_identified_configured_and_polled():
     wires = MemoryI2c()
     number, mag = add_mpu(wires, name=0x73)
     wires.write(number, 0x3B, b"\x10\x00" + bytes(12))
@@ -112,7 +112,7 @@ def test_a_wrong_address_names_those_that_answer():
     assert "on this bus 0x0c, 0x48, 0x69 reply: correct address, mux or channel" in said
 
 
-def test_another_chip_at_the_address_is_told():
+def test_different_chip_at_address_is_reported():
     wires = MemoryI2c()
     wires.write(wires.add(0x68), 0x75, b"\x68")
     (said,) = refused(wires, *imus(MPU9250))
@@ -122,7 +122,7 @@ def test_another_chip_at_the_address_is_told():
     )
 
 
-def test_a_magnetometer_that_is_not_there_is_told_and_the_way_to_do_without():
+def test_missing_magnetometer_is_reported_with_option_to_disable_it():
     wires = MemoryI2c()
     wires.write(wires.add(0x68), 0x75, b"\x71")
     (said,) = refused(wires, *imus(MPU9250))
@@ -132,14 +132,14 @@ def test_a_magnetometer_that_is_not_there_is_told_and_the_way_to_do_without():
     assert "TW129" in said and "magnetometer=False reads it without" in said
 
 
-def test_a_multiplexer_that_does_not_answer_is_told():
+def test_unresponsive_multiplexer_is_reported():
     wires = MemoryI2c((0x71,))
     wires.add(0x48)
     (said,) = refused(wires, *imus(MPU9250, mux=0x70, channel=3))
     assert "TW133" in said and "no multiplexer replies at 0x70" in said and "0x48, 0x71 reply on the bus itself" in said
 
 
-def test_a_device_behind_another_channel_is_told_with_who_answers_there():
+def test_device_behind_another_channel_is_reported_with_device_found():
     wires = MemoryI2c((0x70,))
     add_mpu(wires, 0x69, 1 + 3)
     (said,) = refused(wires, *imus(MPU9250, mux=0x70, channel=3))
@@ -147,7 +147,7 @@ def test_a_device_behind_another_channel_is_told_with_who_answers_there():
     assert "on channel 3 of the multiplexer 0x70 0x0c, 0x69, 0x70 reply" in said
 
 
-def test_all_that_is_wrong_on_a_bus_is_told_at_once():
+def test_all_problems_of_a_bus_are_reported_together():
     wires = MemoryI2c()
     wires.write(wires.add(0x2A), 0x1F, b"\x01")
     with Diagram("robot", rate=200):
@@ -174,7 +174,7 @@ class Held(Wires):
     "error, code, words",
     [(errno.EBUSY, "TW135", "address in use by a kernel driver"), (errno.ETIMEDOUT, "TW128", "the bus is stuck")],
 )
-def test_a_bus_that_hangs_and_a_chip_of_the_kernels_are_told(error, code, words):
+def test_hanging_bus_and_chip_bound_to_kernel_driver_are_reported(error, code, words):
     wires = MemoryI2c()
     with pytest.raises(SeveralRefused, match=f"{code}.*{words}"):
         I2cInterface(RigBus("imus", "i2c", "/dev/i2c-1"), imus(MPU9250), (Chips(Held(wires, error)), wires))
@@ -187,14 +187,14 @@ class Deaf(Wires):
         super().write_byte_data(address, register, 0 if register == 0x1C else value)
 
 
-def test_settings_that_do_not_stick_are_told():
+def test_settings_that_read_back_differently_are_reported():
     wires = MemoryI2c()
     add_mpu(wires)
     with pytest.raises(SeveralRefused, match="TW129.*it was configured with 04 03 10 10 03 and returns 04 03 10 00 03"):
         I2cInterface(RigBus("imus", "i2c", "/dev/i2c-1"), imus(MPU9250), (Chips(Deaf(wires)), wires))
 
 
-def test_a_bus_that_is_not_there_says_how_to_enable_one(tmp_path):
+def test_missing_bus_is_reported_with_way_to_enable_it(tmp_path):
     with pytest.raises(Refused) as found:
         open_adapter(RigBus("imus", "i2c", "/dev/i2c-77"))
     said = str(found.value.trouble)
@@ -219,7 +219,7 @@ def test_a_bus_that_may_not_be_opened_has_the_line_that_changes_that():
     assert "TW132" in said and "udevadm" in said
 
 
-def test_everything_on_a_bus_is_named_and_told_once():
+def test_each_device_on_a_bus_is_listed_once():
     wires = MemoryI2c((0x70,))
     add_mpu(wires)
     wires.add(0x49, wide=True)
@@ -255,7 +255,7 @@ def test_what_an_i2c_bus_does_not_have_is_refused(tmp_path, line, words):
         parse(tmp_path / "lab.toml", text)
 
 
-def test_a_rig_says_where_a_sensor_sits(tmp_path):
+def test_rig_defines_sensor_location(tmp_path):
     rig = parse(tmp_path / "lab.toml", RIG + '[device."imu0"]\naddress = 0x69\nmux = 0x71\nchannel = 4\n')
     with Diagram("robot", rate=200) as robot:
         imu = MPU9250(name="imu0", bus="imus")

@@ -52,7 +52,7 @@ def test_another_bitrate(looked):
     assert hint == f"sudo ip link set can0 down && {UP}"
 
 
-def test_the_bitrate_that_the_rig_says_is_the_one_in_the_cure(looked):
+def test_remedy_uses_bitrate_of_rig(looked):
     code, message, hint = refusal(looked, PI_4, FLAGS, bitrate=250_000)
     assert code == "TW115" and "sudo ip link set can0 type can bitrate 250000 " in hint
 
@@ -63,13 +63,13 @@ def test_bus_off(looked):
     assert "120 Ω at both ends" in hint and hint.endswith(f"sudo ip link set can0 down && {UP}")
 
 
-def test_a_controller_that_nobody_has_acknowledged_is_told_and_does_not_keep_from_starting(looked):
+def test_unacknowledged_controller_is_reported_and_does_not_block_start(looked):
     assert [remark.partition(":")[0] for remark in looked(PI_4, FLAGS, link(state="ERROR-PASSIVE")).remarks] == [
         "can0 is ERROR-PASSIVE"
     ]
 
 
-def test_without_iproute2_the_bitrate_cannot_be_told(looked):
+def test_bitrate_is_unknown_without_iproute2(looked):
     fitness = looked(PI_4, FLAGS, {"/commands/ip -details -json link": ""})
     assert fitness.remarks == ["can0: its bitrate is unknown; see: ip -details link show can0"] and not fitness.virtual
 

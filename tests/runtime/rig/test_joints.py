@@ -54,7 +54,7 @@ def test_the_rig_or_the_diagram_may_give_it(tmp_path):
     assert troubles(tmp_path, model="AK80-9", range=(-0.1, 2.0)) == []
 
 
-def test_an_actuator_of_ones_own_that_measures_an_angle_has_to_declare_one(tmp_path):
+def test_custom_actuator_that_measures_angle_must_declare_it(tmp_path):
     [(_, message, hint)] = troubles(tmp_path, kind=Board)
     assert (
         message == '[device."knee"]: Board has no parameter `range`'
@@ -81,7 +81,7 @@ def test_in_simulation_a_joint_needs_none(command_line):
     assert command_line("check", KNEE_EXO, "--rig", rig)[0] == 0
 
 
-def test_a_setpoint_outside_the_range_of_the_rig_is_found_by_check(command_line):
+def test_check_reports_setpoint_outside_range_of_rig(command_line):
     rig = write(command_line.folder, LEGS + RANGES, "lab.toml")
     code, out, _ = command_line("check", KNEE_EXO, "--rig", rig, "--set", "left/gait_phase.threshold=40")
     assert (

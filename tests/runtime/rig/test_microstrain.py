@@ -110,7 +110,7 @@ def heard(pairs, until, patience=10.0):
         time.sleep(0.002)
 
 
-def test_several_are_found_by_their_last_digits_whatever_port_they_are_at(there, opened):
+def test_sensors_are_matched_by_last_serial_digits_on_any_port(there, opened):
     devices, _ = robot(
         {"serial": "3932", "rate": 500.0},
         {"serial": "6253.133931"},
@@ -134,7 +134,7 @@ def test_several_are_found_by_their_last_digits_whatever_port_they_are_at(there,
     assert "has no mag" in remarks["imu_2"][0] and not remarks["imu_0"]
 
 
-def test_what_it_was_set_to_is_what_it_was_told(there):
+def test_sensor_has_the_settings_sent(there):
     """The set-up that is kept for its return, read back from the sensor."""
     from blocks.imus.microstrain import mip
     from blocks.imus.microstrain.queries import ask, identify
@@ -162,7 +162,7 @@ def test_what_it_was_set_to_is_what_it_was_told(there):
         assert converse(port, ask(mip.command(mip.COMMAND_3DM, 0x11, "BB", mip.READ, 3)))[0x85] == bytes((3, 1))
 
 
-def test_the_newer_generation_is_told_whether_its_magnetometer_aids_the_filter(there):
+def test_newer_generation_is_configured_for_magnetometer_aiding(there):
     """0D 50, of which it knows one source: the fourth, as in the examples of its maker."""
     from blocks.imus.microstrain import mip
     from blocks.imus.microstrain.queries import Refusal, ask, identify
@@ -221,7 +221,7 @@ def test_another_sensor_in_its_place_is_not_taken_for_it(plug, opened, tmp_path)
 # Failures in words
 
 
-def test_a_serial_number_that_nobody_has(there):
+def test_unknown_serial_number(there):
     trouble = one(serial="77")
     assert (
         trouble.code == "TW127" and 'serial = "77": no sensor has this ending of the serial number' in trouble.message
@@ -287,7 +287,7 @@ def test_a_port_without_permission(there):
     assert trouble.code == "TW124" and "udevadm" in trouble.hint
 
 
-def test_a_port_where_nobody_answers(there):
+def test_port_without_response(there):
     master, slave = os.openpty()
     trouble = one(port=os.ttyname(slave))
     os.close(master)
@@ -313,7 +313,7 @@ def test_what_it_has_none_of(there):
     assert trouble.code == "TW129" and "it has none of mag" in trouble.message
 
 
-def test_while_it_is_ours_nobody_else_gets_its_port(there, opened):
+def test_open_port_is_locked_against_other_processes(there, opened):
     devices, _ = robot({"serial": "133931"})
     lines = opened(devices)
     descriptor = os.open(lines.lines["imu_0"][0].bus.channel, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)

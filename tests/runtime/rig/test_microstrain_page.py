@@ -29,7 +29,7 @@ def test_the_diagram_of_the_page_runs_and_its_rig_fits(tmp_path):
     assert names["diagram"]["thigh"].baudrate == 921600
 
 
-def test_every_parameter_and_every_fault_is_told():
+def test_every_parameter_and_fault_is_documented():
     untold = {"bus"}
     assert [name for name in MicroStrain.parameters if name not in untold and f"`{name}`" not in MICROSTRAIN] == []
     assert [name for name in MicroStrain.outputs if f"`{name}`" not in PAGE] == []

@@ -67,7 +67,7 @@ def test_the_load_of_a_bus_is_that_of_the_rigs_bitrate(fitted):
     assert [d.code for d in caught.value.diagnostics] == ["TW016"]
 
 
-def test_a_device_that_is_set_to_a_bitrate_of_its_own_is_told_from_a_bus_with_another(fitted):
+def test_device_bitrate_that_differs_from_bus_is_reported(fitted):
     def with_imu(bitrate=250_000.0):
         diagram = robot()
         with diagram:
@@ -84,7 +84,7 @@ def test_a_device_that_is_set_to_a_bitrate_of_its_own_is_told_from_a_bus_with_an
     compile(fitted(LEGS.replace("500_000", "250_000"), with_imu()))
 
 
-def test_two_drives_that_the_rig_gives_one_id_are_told_by_the_compiler(fitted):
+def test_compiler_reports_two_drives_with_one_id_from_rig(fitted):
     with pytest.raises(DiagramError) as caught:
         compile(fitted(LEGS + '[device."left/knee"]\ncan_id = 2\n'))
     assert caught.value.diagnostics[0].code == "TW013"
@@ -173,11 +173,11 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
         ),
     ],
 )
-def test_what_does_not_fit_the_diagram_is_told(fitted, text, expected):
+def test_rig_entry_that_does_not_match_diagram_is_reported(fitted, text, expected):
     assert troubles(fitted, text) == [expected]
 
 
-def test_everything_that_does_not_fit_is_told_at_once_and_nothing_is_half_done(fitted):
+def test_all_mismatches_are_reported_together_and_nothing_is_applied(fitted):
     text = '[device."left/kne"]\n[device."left/knee"]\ncan_id = 0\ninvert = "yes please"\n'
     assert [code for code, _, _ in troubles(fitted, text)] == ["TW104", "TW103", "TW103", "TW103"]
 

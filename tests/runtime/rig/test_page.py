@@ -40,7 +40,7 @@ def test_the_charge_pump_of_the_page_compiles_and_its_rig_fits_it(tmp_path):
     ) == ("gpio", "GPIO4", 0.1, 1.0)
 
 
-def test_the_sender_of_the_page_is_heard_as_a_released_button():
+def test_sender_of_the_page_reads_as_released_button():
     script = next(
         text for text in re.findall(r"^```python\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE) if "sendto" in text
     )

@@ -60,7 +60,7 @@ def test_being_inside_the_range_proves_nothing_where_a_motor_turn_further_is_ins
         (2.0, 1.0, False),
     ],
 )
-def test_it_depends_on_whether_another_reading_lies_inside(width, position, armed):
+def test_drive_is_armed_only_if_one_reading_is_within_range(width, position, armed):
     assert (look(position, range=(0.0, width)) == "") is armed
 
 
@@ -71,7 +71,7 @@ def test_a_unit_that_was_verified_to_keep_its_angle_is_armed_and_a_gear_behind_m
 
 
 @pytest.mark.parametrize("position, armed", [(0.0, True), (0.09, True), (-0.09, True), (0.11, False), (TURN, False)])
-def test_a_known_pose_decides_within_its_tolerance(position, armed):
+def test_reference_pose_decides_within_its_tolerance(position, armed):
     assert (look(position, known_pose=(0.0, 0.1)) == "") is armed
 
 
@@ -85,7 +85,7 @@ def test_a_reading_that_is_off_by_whole_turns_is_explained_with_the_offset_that_
     assert look(0.3, known_pose=(0.0, 0.1)).endswith("0.000 ± 0.1 rad: move it there, or correct the pose")
 
 
-def test_the_operator_may_state_where_it_stands_within_a_quarter_of_a_turn():
+def test_operator_may_state_position_within_a_quarter_turn():
     assert look(0.52, {"knee": 0.4}) == "" and look(0.52, {"knee": 0.52 + TURN / 4 - 1e-6}) == ""
     assert "but the stated pose is 1.220" in look(0.52, {"knee": 1.22}) and "off by 1 motor turn" in look(
         0.52, {"knee": 1.22}
@@ -123,7 +123,7 @@ def test_everything_that_is_there_has_to_agree():
         ({"range": ()}, {"knee": 0.0}, "--pose knee: robot has no such joint with a range; its joints are none"),
     ],
 )
-def test_what_cannot_tell_a_pose_is_refused(parameters, stated, said):
+def test_invalid_pose_setting_is_refused(parameters, stated, said):
     with pytest.raises(BadInput) as refused:
         look(0.0, stated, **parameters)
     assert said in str(refused.value)
@@ -141,12 +141,12 @@ def test_a_joint_outside_its_range_is_not_armed_and_the_way_inside_is_named():
     assert look(math.nan) == "knee has no position reading"
 
 
-def test_all_other_readings_are_found():
+def test_all_alternative_readings_are_computed():
     assert readings(0.5, 0.0, -10.0, 10.0) == []
     assert readings(0.5, 1.0, -1.6, 2.5) == pytest.approx([-1.5, -0.5, 1.5, 2.5])
 
 
-def test_the_table_says_what_is_in_the_way_and_what_enter_does():
+def test_table_lists_obstacles_and_effect_of_enter():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", bus="legs", name="knee", range=(-0.1, 2.0))(torque_command=0.0)
     schedule = compile(robot)

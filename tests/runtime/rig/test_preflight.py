@@ -47,7 +47,7 @@ def at_the_table(bus, terminal, *words):
     return terminal.look()
 
 
-def test_nothing_but_zero_torque_until_somebody_has_read_the_table_and_pressed_enter(bus, terminal, tmp_path):
+def test_torque_is_zero_until_operator_presses_enter(bus, terminal, tmp_path):
     shown = at_the_table(bus, terminal, "--record", "out", "--duration", "60").replace("\r", "")
     for side, can_id in (("left", 1), ("right", 2)):
         assert f"  {side}/knee".ljust(14) + f"legs {can_id}      yes       " in shown
@@ -96,7 +96,7 @@ def test_the_run_can_be_ended_at_the_table(bus, terminal, key, code):
     assert "  ticks       0 done" in terminal.look()
 
 
-def test_a_loop_without_real_time_priority_is_told_with_its_risk_before_enter(bus, terminal):
+def test_missing_real_time_priority_and_its_risk_are_shown_before_enter(bus, terminal):
     at_the_table(bus, terminal, "--no-record")
     shown = terminal.look()
     assert shown.index("the loop has no real-time priority") < shown.index("press Enter to arm")
@@ -116,7 +116,7 @@ def test_the_guardian_watches_over_the_table_as_well(bus, terminal):
     bus.stopped_after(stopped)  # and nothing since
 
 
-def test_a_drive_that_goes_away_while_somebody_reads_ends_the_run_with_words(bus, terminal):
+def test_drive_lost_during_confirmation_ends_run_with_message(bus, terminal):
     at_the_table(bus, terminal, "--no-record")
     bus.drives.kill()
     assert terminal.end() == 3
@@ -250,7 +250,7 @@ def test_what_is_out_of_the_ordinary_is_marked_and_counted(knee, outputs, mark, 
     assert "\x1b[31m" in two[2] and ("2 problems" in two[-2] or outputs.get("temperature"))
 
 
-def test_a_drive_with_a_time_out_of_its_own_covers_the_loss_of_power_and_of_both_processes():
+def test_drive_timeout_covers_loss_of_power_and_of_both_processes():
     with Diagram("one", rate=200):
         one, other = both = [CubeMars("AK80-9", bus="legs", can_id=number, name=f"knee{number}") for number in (1, 2)]
 
@@ -273,7 +273,7 @@ def test_a_drive_with_a_time_out_of_its_own_covers_the_loss_of_power_and_of_both
     )
 
 
-def test_the_table_tells_how_each_device_is_stopped():
+def test_table_lists_how_each_device_is_stopped():
     with Diagram("one", rate=200) as robot:
         CubeMars("AK80-9", name="knee", safe_stop="damp", stop_time=2.0)(torque_command=0.0)
         EStopHeartbeat(bus="estop", name="button")
@@ -289,7 +289,7 @@ def test_the_table_tells_how_each_device_is_stopped():
     )
 
 
-def test_check_tells_what_is_covered(command_line):
+def test_check_lists_covered_failures(command_line):
     out = command_line("check", KNEE_EXO)[1]
     assert (
         "covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP (the guardian); hung "
@@ -311,7 +311,7 @@ def test_check_tells_what_is_covered(command_line):
     }
 
 
-def test_a_drive_whose_replies_carry_no_temperature_and_no_error_is_shown_so():
+def test_drive_without_temperature_and_error_in_replies_is_marked():
     with Diagram("robot", rate=200) as diagram:
         CubeMars("AK80-9", can_id=1, name="knee", reply=6)(torque_command=0.0)
     schedule = compile(diagram)

@@ -125,7 +125,7 @@ def test_a_run_on_a_rig_reads_a_serial_port_and_a_socket(lab):
     assert max(float(row["sole.age [s]"]) for row in rows) < 0.05
 
 
-def test_a_port_that_is_not_there_and_a_port_that_is_taken_are_told_at_once(lab):
+def test_missing_and_busy_ports_are_reported_together(lab):
     folder, _ = lab
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

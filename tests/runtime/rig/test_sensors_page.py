@@ -48,7 +48,7 @@ def test_the_scan_of_the_page_is_what_a_scan_prints(command_line, monkeypatch):
 
 
 @pytest.mark.parametrize("command", ["calibrate", "scan"])
-def test_help_tells_every_option_of_the_page(command_line, command):
+def test_help_lists_every_option_of_the_page(command_line, command):
     with pytest.raises(SystemExit):
         command_line(command, "--help")
     told = command_line.capsys.readouterr().out
@@ -56,7 +56,7 @@ def test_help_tells_every_option_of_the_page(command_line, command):
     assert lines and all(option in told for line in lines for option in re.findall(r"--[\w-]+", line))
 
 
-def test_codes_of_the_page_are_codes_and_links_lead_somewhere():
+def test_error_codes_of_the_page_exist_and_links_resolve():
     assert set(re.findall(r"TW\d{3}", PAGE)) <= set(CODES)
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", PAGE):
         assert (ROOT / "docs" / target).exists(), target

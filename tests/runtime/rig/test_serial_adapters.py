@@ -89,7 +89,7 @@ def test_an_interface_that_waits_for_its_frames_does_not_hold_the_guardian(tmp_p
 
 
 @pytest.mark.soak
-def test_an_adapter_of_another_make_that_is_unplugged_ends_the_run_in_words(tmp_path):
+def test_unplugged_third_party_adapter_ends_run_with_message(tmp_path):
     with Line("serial") as line:
         process = run(tmp_path, line)
         deadline = time.monotonic() + 10.0

@@ -120,7 +120,7 @@ def test_a_robot_arms_runs_and_stops_over_slcan(tmp_path):
         assert "confirmed by knee" in out and re.search(r"0 missed|\d+ missed", out)
 
 
-def test_an_adapter_that_is_unplugged_ends_the_run_in_words(tmp_path):
+def test_unplugged_adapter_ends_run_with_message(tmp_path):
     with Adapter() as adapter:
         process = run(tmp_path, adapter)
         assert awaited(adapter.torque), "no torque was commanded"
@@ -204,7 +204,7 @@ def port():
     os.close(master)
 
 
-def test_a_port_that_another_process_holds_is_told_with_its_name(port):
+def test_port_held_by_another_process_is_reported_with_process_name(port):
     trouble = refusal(os.ttyname(port))
     assert trouble.code == "TW126" and f"{os.ttyname(port)} is in use by " in trouble.message
     assert f"(process {os.getpid()})" in trouble.message
@@ -231,7 +231,7 @@ def as_nobody(port):
     return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT).stdout
 
 
-def test_a_port_without_permission_is_told_with_the_lines_that_give_it(port):
+def test_port_without_permission_is_reported_with_commands_that_grant_it(port):
     os.fchmod(port, 0o600)
     os.fchown(port, 0, 20)
     said = as_nobody(port)
@@ -244,7 +244,7 @@ def test_a_port_without_permission_is_told_with_the_lines_that_give_it(port):
     assert "sudo udevadm control --reload" in said
 
 
-def test_a_port_that_is_held_exclusively_is_told_though_nobody_is_to_be_seen(port):
+def test_exclusively_held_port_is_reported_if_holder_is_hidden(port):
     fcntl.ioctl(port, termios.TIOCEXCL)
     os.fchmod(port, 0o666)
     said = as_nobody(port)
@@ -278,7 +278,7 @@ def test_options_are_handed_over_as_they_are(tmp_path):
         ),
     ],
 )
-def test_options_that_cannot_be_are_told(tmp_path, line, message, hint):
+def test_invalid_options_are_reported(tmp_path, line, message, hint):
     with pytest.raises(RigError) as raised:
         read(rig_of(tmp_path, "/dev/ttyACM0", line))
     assert [(trouble.code, trouble.message, trouble.hint) for trouble in raised.value.troubles] == [
@@ -292,5 +292,5 @@ def test_socketcan_has_no_options(tmp_path):
         read(rig)
 
 
-def test_can_fd_is_off_unless_it_is_asked_for(tmp_path):
+def test_can_fd_is_off_by_default(tmp_path):
     assert read(rig_of(tmp_path, "/dev/ttyACM0")).buses["legs"].fd is False

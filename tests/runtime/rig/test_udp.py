@@ -103,7 +103,7 @@ def test_a_channel_is_an_address_and_a_port(text, found):
         ("", "expected"),
     ],
 )
-def test_what_is_none_is_told(text, why, tmp_path):
+def test_invalid_address_is_reported(text, why, tmp_path):
     with pytest.raises(ValueError, match=why):
         Endpoint(text)
     rig = write(tmp_path, f'[bus.estop]\ninterface = "udp"\nchannel = "{text}"\n', "lab.toml")
@@ -111,7 +111,7 @@ def test_what_is_none_is_told(text, why, tmp_path):
         read(rig)
 
 
-def test_keys_that_do_not_fit_are_told(tmp_path):
+def test_unsupported_keys_are_reported(tmp_path):
     rig = write(
         tmp_path,
         '[bus.estop]\ninterface = "udp"\nchannel = "0.0.0.0:9871"\nfd = true\npeer = "button"\n'
@@ -141,7 +141,7 @@ def refusal(tmp_path, channel, build=EStopHeartbeat):
 
 
 @pytest.mark.parametrize("family, host", [(socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")])
-def test_a_port_in_use_is_told_with_who_has_it(tmp_path, family, host):
+def test_port_in_use_is_reported_with_its_process(tmp_path, family, host):
     with socket.socket(family, socket.SOCK_DGRAM) as other:
         other.bind((host, 0))
         port = other.getsockname()[1]
@@ -154,7 +154,7 @@ def test_a_port_in_use_is_told_with_who_has_it(tmp_path, family, host):
     assert owner_of(port) == ""
 
 
-def test_an_address_of_another_machine_is_told_with_our_own(tmp_path):
+def test_address_of_another_machine_is_reported_with_local_addresses(tmp_path):
     trouble = refusal(tmp_path, "198.51.100.7:9871")
     assert (
         trouble.code == "TW122"
@@ -164,7 +164,7 @@ def test_an_address_of_another_machine_is_told_with_our_own(tmp_path):
     assert trouble.hint == 'write channel = "0.0.0.0:9871" for any of its addresses' and "127.0.0.1" in addresses()
 
 
-def test_a_privileged_port_is_told(tmp_path):
+def test_privileged_port_is_reported(tmp_path):
     """As an ordinary user, in a process of its own that gives its rights away."""
     start = int(open("/proc/sys/net/ipv4/ip_unprivileged_port_start").read())
     if start <= 80:
@@ -240,7 +240,7 @@ def test_nothing_is_sent_without_a_peer(bus):
     assert not can.end.send(0x200, b"hello") and can.trouble is None and can.counts["refused"] == 0
 
 
-def test_with_a_peer_it_is_sent_there_and_nobody_else_is_heard():
+def test_peer_is_the_only_destination_and_source():
     port = free_port()
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer,
