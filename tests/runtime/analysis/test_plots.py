@@ -49,7 +49,7 @@ def test_signals_are_drawn_with_their_units_on_the_axes(command_line, recording)
     assert {"[rad]", "time [s]", "left/knee.position", "left/gait.phase"} <= drawn("a.svg")  # which leg, too
 
 
-def test_without_matplotlib_it_says_how_to_get_it(command_line, recording, monkeypatch):
+def test_missing_matplotlib_is_reported_with_install_command(command_line, recording, monkeypatch):
     for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
@@ -71,7 +71,7 @@ def test_with_none_named_each_subsystem_has_its_picture(command_line, tmp_path):
     assert png.endswith("_plot.png") and open(png, "rb").read(8) == b"\x89PNG\r\n\x1a\n"
 
 
-def test_a_fault_and_a_mark_stand_in_the_picture(command_line, tmp_path):
+def test_plot_shows_fault_and_mark(command_line, tmp_path):
     path = knee(tmp_path, "return 1.0 if tick < 150 else math.nan")
     assert command_line(path, "--fast", "--duration", "2", "--record", tmp_path / "run")[0] == FAULT
     [file] = (tmp_path / "run").glob("*.mcap")
@@ -81,7 +81,7 @@ def test_a_fault_and_a_mark_stand_in_the_picture(command_line, tmp_path):
     assert at == 0.75 and colour == plots.FAULT
 
 
-def test_the_spells_of_a_fault_code_are_found():
+def test_intervals_of_fault_code_are_detected():
     assert plots.spells(np.array([0, 1, 1, 0, 0, 1], dtype=bool)) == [(1, 2), (5, 5)]
     assert plots.spells(np.zeros(3, dtype=bool)) == []
 
@@ -106,7 +106,7 @@ def test_summary_picture_and_plot_have_the_same_figures_of_the_same_signals(comm
     assert "work of knee.torque and butterworth.y, angle knee.position, phase gait_phase.phase; not used: " in summary
 
 
-def test_joints_without_a_report_are_drawn_of_their_own_signals(crowded):
+def test_joints_without_report_are_plotted_from_their_signals(crowded):
     [leg] = plots.legs(runtime.load(crowded))
     assert leg["signals"] == {
         "angle": "left/knee/motor.position",
@@ -119,7 +119,7 @@ def test_joints_without_a_report_are_drawn_of_their_own_signals(crowded):
 
 
 @pytest.mark.parametrize("events", ["left/gait.phase", [1.0, 2.0, 3.0, 4.0]])
-def test_strides_begin_where_the_person_says_so_and_are_the_same(crowded, events):
+def test_strides_begin_at_given_events_and_are_the_same(crowded, events):
     trial = runtime.load(crowded)
     [leg], [given, spare] = plots.legs(trial), plots.legs(trial, events)
     assert spare["path"] == "spare/motor"  # which has no gait of its own
@@ -141,7 +141,7 @@ def test_one_signal_over_the_gait_cycle(command_line, recording):
     assert any(re.fullmatch(r"left/knee.position, \d strides", text) for text in drawn("one.svg"))
 
 
-def test_what_cannot_be_drawn_is_told_in_one_line(command_line, recording, tmp_path):
+def test_undrawable_selection_is_reported_in_one_line(command_line, recording, tmp_path):
     assert "has no signal 'left/knee.posiion': did you mean 'left/knee.position'?" in command_line.refused(
         "plot", recording, "left/knee.posiion"
     )
@@ -226,7 +226,7 @@ def many(trial, count):
     return made
 
 
-def test_a_picture_that_has_no_room_for_all_says_so_and_what_cannot_be_drawn_spoils_nothing(command_line, crowded):
+def test_plot_reports_omitted_signals_and_skips_undrawable_ones(command_line, crowded):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         pictures_of = plots.overview(runtime.load(crowded))
@@ -239,7 +239,7 @@ def test_a_picture_that_has_no_room_for_all_says_so_and_what_cannot_be_drawn_spo
     assert {"no number", "true", "false"} <= drawn("odd.svg")
 
 
-def test_words_of_faults_and_marks_do_not_stand_on_one_another(crowded):
+def test_labels_of_faults_and_marks_do_not_overlap(crowded):
     trial = runtime.load(crowded)
     figure, axes = plots.sheet(1, "words")
     axes[0].set_xlim(trial.time[0], trial.time[-1])

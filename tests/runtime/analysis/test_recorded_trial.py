@@ -72,7 +72,7 @@ def test_reading_needs_nothing_that_was_compiled(tmp_path):
     assert process.stdout.splitlines() == [f"300 {expected!r} rad (0, 101)", "[]"]
 
 
-def test_signals_are_arrays_of_their_own_kind_with_units_and_time(trial):
+def test_signals_are_typed_arrays_with_units_and_time(trial):
     assert trial["left/knee.position"].dtype == np.float64 and trial.unit("left/knee.position") == "rad"
     assert trial["left/knee.fault"].dtype == np.int64 and trial["left/knee.fault"][-1] == 1999 // 7
     assert (
@@ -108,7 +108,7 @@ def test_a_matrix_has_its_shape(tmp_path):
     assert found["a.m"].tolist() == [[[1.0, 2.0], [3.0, 4.0]]]
 
 
-def test_at_its_own_rate_a_recording_stays_as_it_was_to_the_bit(trial):
+def test_resampling_at_recorded_rate_is_exact(trial):
     same = trial.resample(200)
     assert (
         np.array_equal(same.rows, trial.rows)
@@ -117,7 +117,7 @@ def test_at_its_own_rate_a_recording_stays_as_it_was_to_the_bit(trial):
     )
 
 
-def test_each_kind_of_signal_is_resampled_as_it_goes_on(trial):
+def test_each_signal_type_is_resampled_by_its_own_rule(trial):
     fine = trial.resample(1000)
     assert len(fine) == 9996 and fine.about["rate"] == 1000 and fine.time[1] == 0.001
     between = 4003  # 3/5 of the way from tick 800 to tick 801
@@ -145,7 +145,7 @@ def test_what_is_not_a_number_does_not_spread_to_samples_that_are(tmp_path):
     assert [math.isnan(value) for value in found.resample(400)["a.x"]] == [False, True, True, True, False]
 
 
-def test_a_quaternion_goes_the_shorter_way(tmp_path):
+def test_quaternion_is_interpolated_along_shorter_arc(tmp_path):
     signals = [f"imu.quaternion[{i}] 1" for i in range(4)]
     found = runtime.load(
         recorded(tmp_path, [(0, 1.0, 0.0, 0.0, 0.0), (1, -math.cos(0.1), -math.sin(0.1), 0.0, 0.0)], signals=signals)
@@ -184,7 +184,7 @@ def test_strides_are_cut_where_the_phase_of_the_subsystem_begins_again(trial):
     assert trial.strides("left/imu.quaternion").shape == (8, 101, 4)
 
 
-def test_strides_begin_where_the_person_says_so(trial):
+def test_strides_begin_at_given_events(trial):
     strikes = 1.1 * np.arange(3)
     assert trial.strides("left/knee.position", events=strikes).shape == (2, 101)
     assert trial.strides("left/knee.position", events=strikes, points=11).shape == (2, 11)
@@ -225,7 +225,7 @@ def test_several_trials_are_one_table_with_their_fields(tmp_path):
         runtime.load(tmp_path / "other*.mcap")
 
 
-def test_a_trial_whose_recorder_was_killed_is_one_trial(tmp_path):
+def test_trial_with_killed_recorder_is_one_trial(tmp_path):
     rows = list(walk(range(300)))
     recorded(tmp_path, rows[:110], "cut")  # ten rows more than the next part takes for granted
     recorded(tmp_path, rows[100:200], "cut_part2", part=2)
@@ -284,7 +284,7 @@ def test_every_extra_is_declared():
     assert need("json", "nothing").loads("1") == 1
 
 
-def test_without_a_gait_phase_somebody_has_to_say_where_strides_begin(tmp_path):
+def test_stride_start_is_required_without_gait_phase(tmp_path):
     found = runtime.load(recorded(tmp_path, [(0, 1.0), (1, 2.0)], signals=("right/knee.position rad",)))
     with pytest.raises(BadInput, match="subsystem 'right' has no gait phase: specify the begin of strides"):
         found.strides("right/knee.position")

@@ -78,7 +78,7 @@ def test_events_stay_when_they_were(trial):
 
 
 @pytest.mark.parametrize("rate", [1e11, 1e300])
-def test_more_rows_than_the_memory_holds_are_refused_in_words(trial, rate):
+def test_table_larger_than_memory_is_refused(trial, rate):
     with pytest.raises(BadInput, match=r"rows of 9 signals do not fit into this machine's memory"):
         trial.resample(rate)
 
@@ -92,7 +92,7 @@ def test_what_stays_is_the_same_to_the_bit_and_nothing_overflows():
     assert made[4] == pytest.approx(0.85e308) and made[6] == 5e-324
 
 
-def test_a_number_that_its_type_has_not_got_is_told_as_it_was_recorded(trial):
+def test_value_outside_its_type_is_reported_as_recorded(trial):
     """Whole numbers are doubles in a run, and go on behind the last int64."""
     odd = copy.copy(trial)
     odd.about = {**trial.about, "signals": [{**signal, "dtype": "int"} for signal in trial.about["signals"]]}

@@ -38,7 +38,7 @@ def test_a_field_without_a_name_or_given_twice_is_refused(command_line, tmp_path
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
-def test_the_revision_of_the_diagrams_repository_is_told_and_whether_it_is_dirty(command_line, tmp_path):
+def test_revision_and_dirty_state_of_diagram_repository_are_reported(command_line, tmp_path):
     path = knee(tmp_path)
     git(tmp_path, "init", "-q")
     git(tmp_path, "add", path.name)

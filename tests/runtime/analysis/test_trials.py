@@ -41,7 +41,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_a_folder_of_folders_is_one_table_and_files_of_one_name_are_told_apart(folder):
+def test_nested_folders_form_one_table_with_distinct_names(folder):
     trials = runtime.load(folder / "**" / "*.mcap")
     assert trials["trial"].tolist() == ["S01/walk"] * 2 + ["S02/walk"] and trials["a.n"].tolist() == [4, 4, 3]
     assert runtime.load(folder / "S0[12]" / "*.mcap")["subject"].tolist() == ["S01", "S01", "S02"]
@@ -77,7 +77,7 @@ def test_numbers_of_two_units_or_shapes_are_not_one_column(folder):
         trials.table()
 
 
-def test_no_recordings_at_all_are_refused_in_words():
+def test_folder_without_recordings_is_refused():
     with pytest.raises(BadInput, match=r"load\(\[\]\): name a recording"):
         runtime.load([])
 

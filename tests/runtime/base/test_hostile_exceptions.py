@@ -97,7 +97,7 @@ def test_the_recorder_forms_the_text_of_a_service_in_time():
 
 
 @pytest.mark.parametrize("text", [RAISES, HANGS, CATCHES], ids=["raises", "hangs", "catches"])
-def test_a_block_whose_exception_has_no_text_ends_in_a_fault_and_a_summary(tmp_path, text):
+def test_exception_without_text_ends_in_fault_and_summary(tmp_path, text):
     path = write(tmp_path, ROBOT.format(text=text, when="tick == 20", options="", more=""))
     process = finished(path, "--duration", "5", "--no-record", cwd=tmp_path, timeout=20)
     ended = time.monotonic()
@@ -124,7 +124,7 @@ def test_held_exceptions_without_a_text_are_counted_in_the_summary(tmp_path):
     assert time.monotonic() - began < 10.0
 
 
-def test_a_file_whose_exception_has_no_text_is_refused_at_its_line(tmp_path):
+def test_file_that_raises_exception_without_text_is_refused_at_its_line(tmp_path):
     path = write(
         tmp_path, "class Broken(BaseException):\n    def __str__(self):\n        raise ValueError\n\n\nraise Broken\n"
     )

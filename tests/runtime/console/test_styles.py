@@ -3,7 +3,7 @@
 from runtime.console.styles import Console, count, length
 
 
-def test_a_long_text_hangs_below_its_own_beginning():
+def test_long_text_has_hanging_indent():
     lines = Console(width=40).hang("  name  ", "one two three four five six seven eight nine ten")
     assert lines == ["  name  one two three four five six", "        seven eight nine ten"]
 
@@ -13,7 +13,7 @@ def test_it_may_hang_elsewhere():
     assert lines == ["name: one two three four five", "  six seven eight"]
 
 
-def test_where_too_little_room_is_left_the_text_goes_below():
+def test_text_moves_to_next_line_if_space_is_short():
     lines = Console(width=40).hang("  a head that takes most of the line  ", "one two three four five six seven")
     assert lines == ["  a head that takes most of the line", "        one two three four five six", "        seven"]
 

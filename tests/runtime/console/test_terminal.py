@@ -34,7 +34,7 @@ NASTY = "knee\x1b]0;title\x07 \x1b[2J\x1b[8m \x9b31m \x7f\r \u202e end\tµ\n"
 SHOWN = "knee\\x1b]0;title\\x07 \\x1b[2J\\x1b[8m \\x9b31m \\x7f\\r \\u202e end\tµ\n"
 
 
-def test_control_characters_of_a_text_are_written_out_and_our_own_styles_stay():
+def test_control_characters_are_escaped_and_styles_kept():
     assert harmless(NASTY, True) == harmless(NASTY, False) == SHOWN
     styled = Console(80, True)
     ours = " ".join(

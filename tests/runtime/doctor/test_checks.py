@@ -205,7 +205,7 @@ def test_voltage_and_heat_of_a_pi(look, changes, found):
         ({"/etc/nvpmodel.conf": None}, (UNKNOWN, "nvpmodel does not tell")),
     ],
 )
-def test_power_modes_are_known_by_name_not_by_number(look, changes, mode):
+def test_power_modes_are_shown_by_name(look, changes, mode):
     assert one(look(ORIN_NANO, changes), "power mode") == mode
 
 
@@ -254,7 +254,7 @@ def test_troubles_of_a_can_interface(look, link, troubles):
     assert [(finding.verdict, finding.found) for finding in findings if finding.name == "can0"] == troubles
 
 
-def test_a_can_interface_that_is_down_has_one_trouble_and_the_line_that_ends_it(look):
+def test_can_interface_that_is_down_has_one_problem_and_remedy(look):
     findings = look(PI_4, {"/sys/class/net/can0/operstate": "down\n"}, bitrate=500_000)
     assert one(findings, "can0") == (BAD, "is down")
     assert cure(findings, "can0") == (
@@ -262,12 +262,12 @@ def test_a_can_interface_that_is_down_has_one_trouble_and_the_line_that_ends_it(
     )
 
 
-def test_another_bitrate_is_right_where_it_is_wanted(look):
+def test_other_bitrate_is_accepted_if_requested(look):
     link = {"/commands/ip -details -json link": ip(can_link("can0", bitrate=500_000, restart=100, queue=128))}
     assert one(look(LAPTOP, link, bitrate=500_000), "can0")[0] == OK
 
 
-def test_a_robot_computer_without_can_is_told_how_to_get_it(look):
+def test_robot_computer_without_can_is_reported_with_remedy(look):
     gone = {name: None for name in (*PI_4, *ORIN_NANO) if "/net/can0" in name}
     assert "dtoverlay=" in cure(look(PI_4, gone), "CAN")
     assert "modprobe mttcan" in cure(look(ORIN_NANO, gone), "CAN")
@@ -322,7 +322,7 @@ def test_recordings_need_a_folder_that_can_be_written_and_room(look, tmp_path):
     assert one(look(PI_4, folder="/dev/null/runs"), "recordings") == (BAD, "/dev/null cannot be written to")
 
 
-def test_whatever_is_not_well_says_why_and_what_to_do(look):
+def test_every_problem_has_reason_and_remedy(look):
     for finding in (finding for tree in (PI_4, ORIN_NANO, LAPTOP) for finding in look(tree)):
         if finding.verdict in (WORSE, BAD):
             assert finding.why and finding.cure and not finding.why.endswith("."), finding

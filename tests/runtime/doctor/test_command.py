@@ -20,7 +20,7 @@ def laid_out(tmp_path):
     return laid_out
 
 
-def test_the_worst_comes_first_with_why_and_what_to_do(command_line, laid_out):
+def test_most_severe_problem_is_listed_first_with_remedy(command_line, laid_out):
     code, out, err = command_line("doctor", "--root", laid_out(ORIN_NANO))
     lines = out.splitlines()
     assert (code, err) == (CHECK_FAILED, "")
@@ -61,7 +61,7 @@ def test_machines_read_the_same(command_line, laid_out):
     assert (latency["verdict"], latency["found"], latency["part"]) == ("worse", "16 ms on ttyUSB0", "ftdi")
 
 
-def test_the_bitrate_that_is_wanted_can_be_said(command_line, laid_out):
+def test_requested_bitrate_is_an_option(command_line, laid_out):
     folder = laid_out(
         {**LAPTOP, "/commands/ip -details -json link": ip(can_link("can0", bitrate=500_000, restart=100, queue=128))}
     )
@@ -100,14 +100,14 @@ def test_json_and_script_exclude_each_other(command_line):
     assert "not allowed with" in command_line.refused("doctor", "--json", "--script")
 
 
-def test_this_machine_is_examined_in_a_process_of_its_own(tmp_path):
+def test_machine_is_examined_in_separate_process(tmp_path):
     process = finished("doctor", cwd=tmp_path)
     assert process.returncode in (OK, CHECK_FAILED) and process.stderr == ""
     assert "\nok     Python" in process.stdout and "check failed:" not in process.stdout
     assert list(tmp_path.iterdir()) == []
 
 
-def test_root_is_told_that_its_answers_are_its_own(command_line, laid_out):
+def test_run_as_root_prints_warning_that_results_apply_to_root(command_line, laid_out):
     folder = laid_out({**PI_4, "/commands/id": "uid=0(root) gid=0(root) groups=0(root)"})
     assert (
         command_line("doctor", "--root", folder)[1]
@@ -116,7 +116,7 @@ def test_root_is_told_that_its_answers_are_its_own(command_line, laid_out):
     )
 
 
-def test_the_page_tells_what_is_so(command_line):
+def test_the_page_matches_the_command(command_line):
     """Its numbers are the program's, and its options exist."""
     page = (ROOT / "docs" / "realtime.md").read_text()
     assert (

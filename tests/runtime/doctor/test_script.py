@@ -86,7 +86,7 @@ def test_it_is_good_shell_and_changes_nothing_the_second_time(written, tmp_path,
     assert "sudo" not in "".join(line for line in text.splitlines() if not line.lstrip().startswith(("#", "echo")))
 
 
-def test_each_part_is_asked_for_by_some_machine(tmp_path):
+def test_each_part_is_needed_by_a_machine(tmp_path):
     asked = set()
     for name, tree in MACHINES.items():
         machine = Machine(lay_out(tmp_path / name, {"/proc/x": "", **tree}))
@@ -94,7 +94,7 @@ def test_each_part_is_asked_for_by_some_machine(tmp_path):
     assert asked - {""} == set(PARTS)
 
 
-def test_it_has_only_what_was_found_wanting(written):
+def test_script_has_only_the_missing_parts(written):
     path, text = written(LAPTOP)
     assert "latency_timer" in text and "scaling_governor" in text and "ID_MM_PORT_IGNORE" in text
     for absent in ("nvpmodel", "mttcan", "config.txt", "sched_rt_runtime_us", "80-tickwork-can"):
@@ -108,7 +108,7 @@ def test_where_nothing_is_wanting_it_does_nothing(written, tmp_path):
     assert look(path, tmp_path / "into") == [] and files(tmp_path / "into") == {}
 
 
-def test_every_part_says_why_it_is_there(written):
+def test_every_part_states_its_reason(written):
     path, text = written(ORIN_NANO)
     assert (
         "# rtprio: the limit of jetson is 0; without real-time priority any busy program delays the loop by "
@@ -144,7 +144,7 @@ def test_a_can_interface_gets_a_unit_and_a_queue(written, tmp_path):
     )
 
 
-def test_the_overlay_of_a_hat_goes_into_config_txt_once_and_for_every_model(written, tmp_path):
+def test_hat_overlay_is_added_to_config_txt_once_for_every_model(written, tmp_path):
     path, _ = written(NO_CAN_ON_PI, overlays=["mcp251xfd,spi0-0,interrupt=25"])
     config = tmp_path / "into" / "boot" / "firmware" / "config.txt"
     config.parent.mkdir(parents=True)
@@ -197,7 +197,7 @@ def test_texts_of_a_hostile_machine_stay_comments(written, tmp_path):
     assert not (tmp_path / "evil").exists()
 
 
-def test_it_does_not_run_without_root_and_says_how(written):
+def test_script_requires_root_and_prints_the_command(written):
     if os.geteuid() == 0:
         pytest.skip("needs somebody who is not root")
     path, _ = written(PI_4)

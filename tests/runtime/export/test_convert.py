@@ -66,7 +66,7 @@ def test_csv_is_what_the_recorder_has_written_byte_for_byte(command_line, record
     assert open(path, "rb").read() == recording.with_suffix(".csv").read_bytes()
 
 
-def test_parquet_has_every_sample_in_its_own_type_with_units(command_line, recording):
+def test_parquet_keeps_every_sample_with_type_and_unit(command_line, recording):
     parquet = pytest.importorskip("pyarrow.parquet")
     table = parquet.read_table(converted(command_line, recording, "parquet"))
     same({name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}, recording)
@@ -139,7 +139,7 @@ def table(path):
     return head.splitlines(), lines[0], [[float(word) for word in line] for line in lines[1:]]
 
 
-def test_opensim_gets_all_signals_and_the_angles_at_even_times_and_what_was_filled_in_is_told(command_line, recording):
+def test_opensim_export_has_all_signals_at_even_times_and_reports_filled_gaps(command_line, recording):
     code, out, err = command_line("convert", recording, "--opensim", "-o", command_line.folder / "out")
     assert code == OK
     assert err == "".join(
@@ -205,7 +205,7 @@ def test_signals_get_the_names_of_coordinates(command_line, recording):
         (None, "No such file or directory"),
     ],
 )
-def test_names_that_are_wrong_are_told_in_one_line(command_line, recording, text, told):
+def test_unknown_names_are_reported_in_one_line(command_line, recording, text, told):
     names = command_line.folder / "names.toml"
     if text is not None:
         names.write_bytes(text if isinstance(text, bytes) else text.encode())
@@ -285,7 +285,7 @@ def test_commands_that_read_need_nothing_that_was_compiled(tmp_path, recording, 
     assert not made or (rooms / made).stat().st_size > 1000
 
 
-def test_commands_that_run_say_what_to_do_where_nothing_was_compiled(tmp_path):
+def test_run_commands_report_missing_build_with_remedy(tmp_path):
     rooms = copy_rooms(tmp_path / "clone", built=False)
     assert_one_line(python("-m", "runtime", "check", "robot.py", cwd=rooms), "is not built")
 
@@ -298,9 +298,7 @@ def test_at_another_rate(command_line, recording):
 @pytest.mark.parametrize(
     "kind, module, extra", [("parquet", "pyarrow", "parquet"), ("mat", "scipy", "matlab"), ("rrd", "rerun", "rerun")]
 )
-def test_a_library_that_is_missing_is_told_with_the_extra_that_brings_it(
-    command_line, recording, monkeypatch, kind, module, extra
-):
+def test_missing_library_is_reported_with_its_extra(command_line, recording, monkeypatch, kind, module, extra):
     for name in [name for name in sys.modules if name.partition(".")[0] == module]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, module, None)
@@ -309,7 +307,7 @@ def test_a_library_that_is_missing_is_told_with_the_extra_that_brings_it(
     )
 
 
-def test_what_cannot_be_read_or_written_is_told_in_one_line(command_line, recording, tmp_path):
+def test_unreadable_or_unwritable_file_is_reported_in_one_line(command_line, recording, tmp_path):
     assert command_line.refused("convert", recording) == (
         "to which format? --to mcap|csv|parquet|mat|rrd|sto|mot, or --opensim"
     )
@@ -330,7 +328,7 @@ def test_what_cannot_be_read_or_written_is_told_in_one_line(command_line, record
 @pytest.mark.parametrize(
     "kind, told", [("csv", "File too large"), pytest.param("rrd", ".*is the disk full\\?", marks=pytest.mark.soak)]
 )
-def test_a_disk_that_is_full_leaves_nothing_behind_and_is_told_in_one_line(recording, tmp_path, kind, told):
+def test_full_disk_leaves_no_file_and_is_reported_in_one_line(recording, tmp_path, kind, told):
     """A file may not grow beyond 2000 bytes."""
     if kind == "rrd":
         pytest.importorskip("rerun")
@@ -359,7 +357,7 @@ def test_a_whole_run_is_the_same_in_every_format(command_line, tmp_path):
     assert np.abs(strides.mean(axis=0) - told["curves"]["angle"]["mean"]).max() < 0.02
 
 
-def test_what_is_no_recording_is_told_apart_with_what_to_do(command_line, recording):
+def test_file_that_is_not_a_recording_is_reported_with_remedy(command_line, recording):
     from mcap.writer import Writer
 
     folder = command_line.folder
@@ -394,9 +392,7 @@ def test_what_is_no_recording_is_told_apart_with_what_to_do(command_line, record
         (lambda whole, at: whole[:at], "is not complete: it was cut off, or is still being recorded"),
     ],
 )
-def test_a_file_that_is_not_whole_is_converted_as_far_as_it_is_good_and_that_is_told(
-    command_line, recording, damage, told
-):
+def test_truncated_file_is_converted_up_to_the_cut_and_reported(command_line, recording, damage, told):
     file = command_line.folder / "torn.mcap"
     file.write_bytes(damage(recording.read_bytes(), recording.stat().st_size // 2))
     code, out, err = command_line("convert", file, "--to", "csv")

@@ -49,7 +49,7 @@ def after(bus, motor):
     return said[said.index(ENABLE, said.index(DISABLE)) :]
 
 
-def test_a_nan_is_survived_once_it_is_gone_and_r_is_pressed_with_torque_faded_in(bus, terminal, tmp_path):
+def test_run_rearms_after_nan_when_r_is_pressed_and_fades_torque_in(bus, terminal, tmp_path):
     under_torque(bus, terminal, "--record", "out", law=NAN)
     terminal.wait_for("press r to arm again")
     shown = terminal.look()
@@ -122,7 +122,7 @@ def test_drives_that_fail_and_recover_are_armed_again_by_a_person_alone(bus, ter
     assert terminal.end() == 0
 
 
-def test_after_kill_stop_and_kill_cont_while_it_waits_nobody_arms_it_again(bus, terminal):
+def test_waiting_run_is_not_rearmed_after_sigstop_and_sigcont(bus, terminal):
     under_torque(bus, terminal, "--no-record", law=NAN.replace("300", "61"))
     terminal.wait_for("press r to arm again")
     everybody = family(terminal.process)
@@ -156,14 +156,14 @@ def test_a_loop_that_is_stopped_while_it_arms_again_is_fenced_for_good(bus, term
         ][-2:] == [NOTHING, DISABLE]
 
 
-def test_who_ends_a_run_that_waits_ends_it_with_the_fault(bus, terminal):
+def test_ending_a_waiting_run_exits_with_the_fault(bus, terminal):
     under_torque(bus, terminal, "--no-record", law=NAN)
     terminal.wait_for("press r to arm again")
     terminal.press(b" ")
     assert terminal.end() == 3 and "a command is NaN or infinite; it was not armed again" in terminal.look()
 
 
-def test_rearm_is_refused_where_nobody_could_ask_for_it(command_line):
+def test_rearm_is_refused_without_operator_input(command_line):
     robot = knee(command_line.folder)
     assert "--rearm: nothing can request arming" in command_line.refused(robot, "--rearm", "--duration", "1")
     assert "--fast and --rearm exclude each other" in command_line.refused(

@@ -79,7 +79,7 @@ def robot():
     return Carrying()
 
 
-def test_in_front_of_the_fence_everything_goes_out_in_its_order(robot):
+def test_frames_before_the_fence_are_sent_in_order(robot):
     robot.queue(ENABLE, TORQUE, NOTHING, TORQUE)
     robot.guardian.carry()
     assert robot.sent() == [[ENABLE, TORQUE, NOTHING, TORQUE]] * 2
@@ -124,7 +124,7 @@ def test_the_fence_is_up_before_the_first_frame_of_the_stop(robot):
     assert fenced == [True, True]
 
 
-def test_the_stop_goes_on_until_both_have_answered_what_it_said_and_not_what_came_before(robot):
+def test_stop_repeats_until_both_drives_acknowledge_it(robot):
     answers = [(1, b"\1 answer", 0)]
     robot.wires[0].receive = lambda: answers * 2  # they lie there when the stop begins: of the last torques
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
@@ -148,7 +148,7 @@ def test_the_stop_goes_on_until_both_have_answered_what_it_said_and_not_what_cam
     assert [frame[:3] for frame in robot.ends[1].receive()] == [(1, False, b"\1 answer")] * 2
 
 
-def test_what_lies_there_when_a_stop_begins_reaches_the_loop_before_the_answers_to_it(robot):
+def test_frames_queued_before_stop_reach_loop_before_stop_replies(robot):
     before = [[(1, b"\1 before", 0)]]
     robot.wires[0].receive = lambda: before.pop() if before else []
     robot.wires[0].then = lambda data: before.append([(1, b"\1 after", 0)])
@@ -156,7 +156,7 @@ def test_what_lies_there_when_a_stop_begins_reaches_the_loop_before_the_answers_
     assert [frame[2] for frame in robot.ends[0].receive()] == [b"\1 before"]
 
 
-def test_on_a_bus_that_the_loop_drives_it_listens_to_the_drives_there_from_the_stop_on(robot):
+def test_guardian_receives_on_loop_driven_bus_from_stop_on(robot):
     heard = {}
     for number, wire in enumerate(robot.wires):
         wire.listen = lambda replies, number=number: heard.update({number: replies})
@@ -166,7 +166,7 @@ def test_on_a_bus_that_the_loop_drives_it_listens_to_the_drives_there_from_the_s
     assert heard == {1: [[2, 0x7FF, "02"]]}
 
 
-def test_what_a_wire_counts_and_why_it_failed_is_told_to_the_loop_once(robot):
+def test_interface_counters_and_failure_reach_loop_once(robot):
     line = Line(robot.lines, 1)
     robot.wires[1].counts, robot.wires[1].trouble = {"corrupt": 2}, (errno.ENODEV, "it is gone")
     for _ in range(2):
@@ -175,7 +175,7 @@ def test_what_a_wire_counts_and_why_it_failed_is_told_to_the_loop_once(robot):
     assert line.counts["corrupt"] == 2 and line.trouble == errno.ENODEV and Line(robot.lines, 0).trouble is None
 
 
-def test_a_wire_that_says_when_it_has_something_is_not_asked_in_between(robot):
+def test_interface_with_readiness_event_is_not_polled(robot):
     asked = []
     for number, wire in enumerate(robot.wires):
         wire.receive = lambda number=number: asked.append(number) or []
@@ -219,7 +219,7 @@ def test_a_loop_that_has_shown_itself_within_the_limit_is_there():
     assert judged(lambda guardian, page: guardian.judge(page.beat + guardian.limit)).verdict is None
 
 
-def test_a_loop_that_has_not_is_stopped_and_its_last_tick_told():
+def test_stalled_loop_is_stopped_and_its_last_tick_reported():
     guardian = judged(lambda guardian, page: guardian.judge(page.beat + guardian.limit + 1))
     assert (guardian.verdict["because"], guardian.verdict["state"], guardian.verdict["last_tick"]) == (
         "stalled",
@@ -251,7 +251,7 @@ def test_a_joint_is_damped_first_from_its_very_first_torque_on(tick, moving):
     assert [wire.sent for wire in guardian.wires.values()] == [[b"damp"] if moving else STOP] * 2
 
 
-def test_a_process_that_is_gone_is_stopped_at_once():
+def test_drives_are_stopped_at_once_when_process_exits():
     def look(guardian, page):
         guardian.dead = True
         guardian.judge(page.beat)
@@ -285,7 +285,7 @@ def test_a_step_that_hangs_is_named_and_looked_after_once_more(item, block):
     assert guardian.stuck_at == asked[0] + HANG_REPORT_DELAY
 
 
-def test_a_crash_is_told_by_its_signal_and_the_block_it_was_in():
+def test_crash_is_reported_with_signal_and_block():
     def look(guardian, page):
         write(page, HUNG, 1)
         write(page, CRASHED, signal.SIGSEGV)
@@ -300,7 +300,7 @@ def test_a_crash_is_told_by_its_signal_and_the_block_it_was_in():
     assert guardian.stuck_at is None
 
 
-def test_a_loop_that_has_come_to_its_end_is_left_alone():
+def test_finished_loop_is_not_stopped():
     guardian = judged(lambda guardian, page: None)
     guardian.gone = True
     guardian.judge(time.monotonic_ns() + 10 * guardian.limit)

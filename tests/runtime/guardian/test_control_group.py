@@ -115,7 +115,7 @@ def in_a_child(group, action):
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def test_the_group_is_outside_of_the_one_it_came_from_and_goes_when_its_process_returns(group):
+def test_control_group_is_separate_and_removed_after_process_ends(group):
     def action():
         own, came_from = control_group.enter()
         outside = came_from == group and own.parent == group.parent and control_group.group_of("self") == own.name

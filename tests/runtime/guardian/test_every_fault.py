@@ -301,13 +301,13 @@ def ends_in_the_safe_stop(buses, fault):
 
 
 @pytest.mark.parametrize("what", FAULTS)
-def test_both_drives_on_both_buses_are_told_within_two_ticks(buses, what):
+def test_drives_on_both_buses_are_stopped_within_two_ticks(buses, what):
     ends_in_the_safe_stop(buses, FAULTS[what])
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("what", MORE)
-def test_both_drives_on_both_buses_are_told_within_two_ticks_of_every_other_fault(buses, what):
+def test_drives_on_both_buses_are_stopped_within_two_ticks_of_every_other_fault(buses, what):
     ends_in_the_safe_stop(buses, MORE[what])
 
 
@@ -327,7 +327,7 @@ def test_an_exception_outside_of_any_block_before_there_is_torque(buses):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("how", ["pressed", "silent"])
-def test_a_button_of_a_bus_of_its_own_stops_both(buses, how):
+def test_button_on_separate_bus_stops_both(buses, how):
     port = free_port()
     buses.rig.write_text(buses.rig.read_text() + f'[bus.estop]\ninterface = "udp"\nchannel = "127.0.0.1:{port}"\n')
     with Button(port) as button:

@@ -41,7 +41,7 @@ HANGS = {
 
 
 @pytest.mark.parametrize("what", HANGS)
-def test_a_python_block_that_hangs_is_told_with_its_line(bus, tmp_path, what):
+def test_hanging_python_block_is_reported_with_its_line(bus, tmp_path, what):
     process = bus.start("--record", "out", law=HANGS[what])
     bus.await_torque()
     everybody = family(process)
@@ -78,7 +78,7 @@ STUCK = (
 @pytest.mark.parametrize(
     "by, where", [(signal.SIGINT, "late/spin"), pytest.param(signal.SIGTERM, "left/law", marks=pytest.mark.soak)]
 )
-def test_what_nothing_can_break_is_told_and_ended_by_a_person(bus, tmp_path, by, where):
+def test_uninterruptible_block_is_reported_until_operator_kills_it(bus, tmp_path, by, where):
     if where == "late/spin":
         how = {
             "blocks": BLOCK.format(library=compiled(tmp_path)),

@@ -31,7 +31,7 @@ def holding(channel):
     return process
 
 
-def test_a_bus_has_one_controller_and_others_learn_who_it_is(channel):
+def test_bus_has_one_controller_and_its_process_is_named(channel):
     with holding(channel) as process:
         for _ in range(3):
             with pytest.raises(BusTaken, match=f"controlled by process {process.pid} \\(.* {channel}\\)") as taken:
@@ -41,7 +41,7 @@ def test_a_bus_has_one_controller_and_others_learn_who_it_is(channel):
         BusLock("slcan", channel).close()
 
 
-def test_the_user_who_holds_the_bus_is_named(channel):
+def test_user_that_holds_bus_is_named(channel):
     name = pwd.getpwuid(os.geteuid()).pw_name
     with holding(channel) as process:
         with pytest.raises(BusTaken, match=f"controlled by process {process.pid} \\(.*\\) of user {name}$") as taken:
@@ -51,7 +51,7 @@ def test_the_user_who_holds_the_bus_is_named(channel):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to be another user")
-def test_another_user_who_holds_the_bus_is_named(channel):
+def test_other_user_that_holds_bus_is_named(channel):
     nobody = pwd.getpwnam("nobody").pw_uid
     os.seteuid(nobody)
     try:
@@ -63,7 +63,7 @@ def test_another_user_who_holds_the_bus_is_named(channel):
     lock.close()
 
 
-def test_an_account_without_a_name_is_told_by_its_number():
+def test_account_without_name_is_reported_by_uid():
     assert in_words(0, 3_999_999_999) == "another process of user 3999999999"
     assert in_words(1 << 30, 3_999_999_999).startswith(f"process {1 << 30} of user 3999999999, which has ended")
     assert in_words(0, None) == "another process"
@@ -95,7 +95,7 @@ def test_two_names_of_one_port_are_one_bus(tmp_path):
     lock.close()
 
 
-def test_long_channels_have_names_of_their_own():
+def test_long_channels_have_distinct_lock_names():
     long = "usb:" + 200 * "x"
     assert name_of("gs_usb", long + "1") != name_of("gs_usb", long + "2")
     for channel in (long, "ü" * 60):

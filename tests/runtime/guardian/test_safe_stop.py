@@ -54,7 +54,7 @@ def legs():
     return SafeStop([device("left", 0, 1), device("right", 0, 2), device("hip", 1, 1, b"\1")], wires, 0), wires
 
 
-def test_everybody_is_told_at_once_and_again_every_round(legs):
+def test_stop_is_sent_to_all_drives_at_once_and_every_round(legs):
     stop, wires = legs
     stop.step(0)
     assert wires[0].sent == [(1, b"zero"), (1, b"disable"), (2, b"zero"), (2, b"disable")]
@@ -65,7 +65,7 @@ def test_everybody_is_told_at_once_and_again_every_round(legs):
     assert len(wires[0].sent) == 8 and stop.report()["sent"] == 12
 
 
-def test_who_has_answered_both_frames_of_a_round_has_confirmed(legs):
+def test_drive_that_acknowledges_both_frames_is_confirmed(legs):
     stop, wires = legs
     stop.step(0)
     stop.hear(0, 0x101, b"", 1)
@@ -92,7 +92,7 @@ def test_times_count_from_its_begin():
 
 
 @pytest.mark.parametrize("empty", ["zero", "disable"])
-def test_who_has_one_kind_of_frame_alone_is_stopped_with_it(empty):
+def test_drive_with_one_stop_frame_is_stopped_with_it(empty):
     wire = Log()
     stop = SafeStop([device("knee", 0, 1) | {empty: []}], {0: wire}, 0)
     stop.step(0)
@@ -135,7 +135,7 @@ def test_it_ends_when_all_have_confirmed(legs):
     }
 
 
-def test_it_ends_when_time_is_up_and_says_who_is_missing(legs):
+def test_stop_times_out_and_names_missing_drives(legs):
     stop, wires = legs
     for now in range(0, STOP_LIMIT + 1, 1_000_000):
         stop.step(now)
@@ -163,7 +163,7 @@ def test_a_frame_that_is_no_reply_confirms_nothing(legs, bus, identifier, data):
     assert "hip" not in stop.report()["confirmed"]
 
 
-def test_who_is_to_be_damped_is_damped_for_its_time_and_disabled_after_that():
+def test_drive_is_damped_for_its_time_then_disabled():
     wire = Log()
     stop = SafeStop([device("knee", 0, 1, damp_time=0.3), device("hip", 0, 2)], {0: wire}, 0)
     for now in range(0, 300_000_000, 1_000_000):
@@ -198,7 +198,7 @@ def test_a_bus_that_takes_no_frame_does_not_keep_the_others_from_their_stop():
     assert len(wires[0].sent) == 2 and len(wires[1].sent) == 2 and stop.report()["sent"] == 2
 
 
-def test_devices_that_are_never_told_anything_are_not_waited_for():
+def test_devices_without_stop_frames_are_not_awaited():
     stop = SafeStop([device("imu", 0, 1) | {"zero": [], "disable": []}], {0: Log()}, 0)
     stop.step(0)
     assert stop.over

@@ -45,7 +45,7 @@ def test_kill_9_of_a_run_is_answered_by_its_guardian(bus, tmp_path):
     )
 
 
-def test_a_run_tells_how_fast_its_drives_have_answered(bus, tmp_path):
+def test_run_reports_stop_response_time_of_drives(bus, tmp_path):
     process = bus.start("--record", "out", "--duration", "1")
     out, _ = process.communicate(timeout=20)
     assert (
@@ -172,7 +172,7 @@ def test_whoever_else_commands_a_drive_ends_the_run(bus):
     assert said[-2:] == [NOTHING, DISABLE]
 
 
-def test_own_commands_that_look_like_replies_are_none(tmp_path):
+def test_echoed_commands_are_not_replies(tmp_path):
     """Zero torque begins with 7F, and so do the replies of drive 127: a drive that does not answer is not taken for one
     that does.
     """

@@ -111,7 +111,7 @@ def counted(out, what):
     return int(found[1]) if found else 0
 
 
-def test_own_commands_that_look_like_replies_are_counted_and_ignored(tmp_path):
+def test_echoed_commands_are_counted_and_ignored(tmp_path):
     """Commands without a position begin with 7F. On this interface each comes back, and looks like a reply of drive
     127.
     """

@@ -67,7 +67,7 @@ def message(identifier, data, extended=False, **kind):
     return can.Message(arbitration_id=identifier, data=data, is_extended_id=extended, **kind)
 
 
-def test_own_frames_are_not_received_though_the_interface_hands_them_back(wire, node):
+def test_echoes_of_sent_frames_are_not_received(wire, node):
     assert all(wire.send(127, NOTHING) for _ in range(3))
     node.send(message(127, bytes.fromhex("7f8000800800460" + "0")))
     assert heard(wire, 1) == [(127, bytes.fromhex("7f80008008004600"))]
@@ -80,7 +80,7 @@ def test_a_frame_of_another_node_that_equals_ours_is_received_beside_the_echo(wi
     assert heard(wire, 1) == [(127, NOTHING)] and wire.counts == {"echoes": 1}
 
 
-def test_each_frame_more_than_we_have_sent_is_somebody_elses_though_all_are_alike(wire, node):
+def test_frames_in_excess_of_sent_ones_are_foreign(wire, node):
     for _ in range(40):  # as a steady torque is sent, again and again
         wire.send(127, NOTHING)
     for _ in range(3):
@@ -98,7 +98,7 @@ def test_of_many_different_frames_only_those_of_late_are_remembered(channel):
     wire.close()
 
 
-def test_an_echo_that_was_lost_does_not_hide_a_frame_of_somebody_else_for_ever(channel):
+def test_lost_echo_hides_foreign_frame_only_temporarily(channel):
     """On this interface nothing ever comes back, and the same frame is sent again and again."""
     wire, node = PythonCanWire("virtual", channel, 1_000_000, False), can.Bus(channel, interface="virtual")
     end = time.monotonic() + 2.0 * ECHO_TIMEOUT
@@ -126,7 +126,7 @@ def test_frames_of_every_kind_go_both_ways(wire, node):
     assert wire.counts["errors"] == 1
 
 
-def test_what_is_no_frame_is_counted_and_reception_goes_on(wire, node, channel):
+def test_invalid_frame_is_counted_and_reception_continues(wire, node, channel):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         for rubbish in (b"", b"\xc1", b"rubbish", os.urandom(300), b"\x93\x01\x02\x03"):
             stranger.sendto(rubbish, (channel, PORT))
@@ -135,7 +135,7 @@ def test_what_is_no_frame_is_counted_and_reception_goes_on(wire, node, channel):
     assert wire.counts["corrupt"] == 5 and wire.trouble is None
 
 
-def test_two_buses_of_one_machine_do_not_hear_each_other(wire, node):
+def test_two_buses_of_one_machine_are_isolated(wire, node):
     other = open_bus(next(CHANNELS))
     other.send(message(1, b"other"))
     node.send(message(1, b"ours"))
@@ -143,7 +143,7 @@ def test_two_buses_of_one_machine_do_not_hear_each_other(wire, node):
     other.shutdown()
 
 
-def test_what_another_robot_has_said_before_the_two_were_kept_apart_is_not_heard(channel):
+def test_frames_received_before_filtering_are_discarded(channel):
     other = next(CHANNELS)
     with open_bus(other) as node:  # somebody of this machine is in that group
         bus = can.Bus(channel, interface="udp_multicast")
@@ -155,7 +155,7 @@ def test_what_another_robot_has_said_before_the_two_were_kept_apart_is_not_heard
         bus.shutdown()
 
 
-def test_an_interface_that_python_can_cannot_open_says_why():
+def test_interface_that_python_can_cannot_open_reports_reason():
     with pytest.raises(CannotOpen, match="could not create or configure socket"):
         PythonCanWire("udp_multicast", "192.0.2.1", 1_000_000, False)
 
@@ -169,7 +169,7 @@ def test_an_interface_without_a_descriptor_is_read_all_the_same(channel):
     node.shutdown()
 
 
-def test_an_interface_that_fails_is_told_after_some_patience_and_never_raises(channel):
+def test_failing_interface_is_reported_after_limit_and_never_raises(channel):
     wire = PythonCanWire("udp_multicast", channel, 1_000_000, False)
     with socket.socket(fileno=os.dup(wire.fileno())) as twin:
         wire.close()
@@ -179,7 +179,7 @@ def test_an_interface_that_fails_is_told_after_some_patience_and_never_raises(ch
         assert twin.fileno() >= 0
 
 
-def test_a_socketcan_interface_that_is_not_there_is_told():
+def test_missing_socketcan_interface_is_reported():
     with pytest.raises(CannotOpen, match="can_no_such"):
         SocketCanWire("can_no_such", False, False)
 

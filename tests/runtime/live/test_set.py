@@ -68,17 +68,17 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("setting", REFUSED)
-def test_what_cannot_be_set_is_told_in_words_and_nothing_is_changed(run, command_line, setting):
+def test_invalid_change_is_reported_and_not_applied(run, command_line, setting):
     assert command_line.refused("set", run.pid, "spring.damping=9", setting) == REFUSED[setting]
     assert page_of(run.pid).live_values()[1] == (1.0, 1.0)
 
 
-def test_a_parameter_that_is_not_live_is_told_which_are(run, command_line):
+def test_change_of_fixed_parameter_lists_live_ones(run, command_line):
     said = command_line.refused("set", run.pid, "wave.shape=1")
     assert said.startswith("wave.shape=1: springs has no live parameter 'wave.shape'; ")
 
 
-def test_a_process_that_is_no_run_is_told_which_are(run, command_line):
+def test_process_that_is_not_a_run_lists_running_ones(run, command_line):
     with subprocess.Popen(["sleep", "60"]) as stranger:
         for pid, trouble in ((stranger.pid, "is no run of a diagram"), (2**22 + 1, "does not exist")):
             said = command_line.refused("set", pid, "spring.damping=9")
@@ -88,7 +88,7 @@ def test_a_process_that_is_no_run_is_told_which_are(run, command_line):
     assert command_line.refused("set", "me").startswith("set me: expected the process number of a run, as in ")
 
 
-def test_a_change_is_taken_and_recorded_at_the_tick_that_was_told(tmp_path, command_line):
+def test_change_is_applied_and_recorded_at_reported_tick(tmp_path, command_line):
     """Of several settings all or none; with units; from a file; and each in the recording, by the process that set
     it.
     """
@@ -146,7 +146,7 @@ def test_a_change_is_taken_and_recorded_at_the_tick_that_was_told(tmp_path, comm
     )
 
 
-def test_a_run_that_stands_still_takes_nothing_and_gets_nothing_later(tmp_path, command_line, monkeypatch):
+def test_stopped_process_drops_change(tmp_path, command_line, monkeypatch):
     monkeypatch.setattr("runtime.cli.set.TAKE_TIMEOUT", 0.2)
     live_diagram(tmp_path)
     with going(tmp_path, "springs.py", "--no-record") as process:
@@ -162,7 +162,7 @@ def test_a_run_that_stands_still_takes_nothing_and_gets_nothing_later(tmp_path, 
         assert page.live_values()[1] == (1.0, 1.0)
 
 
-def test_a_diagram_without_live_parameters_says_so(tmp_path, command_line):
+def test_diagram_without_live_parameters_is_reported(tmp_path, command_line):
     lines = (
         "from blocks.sources import Sine",
         "from graph import Diagram",

@@ -132,7 +132,7 @@ print(json.dumps([before, during, state()]))
 
 
 @as_root
-def test_a_loop_that_spins_loses_its_priority_and_goes_on():
+def test_spinning_loop_loses_priority_and_continues():
     seconds, before, after, spun, summary = told("""
 before = state()
 with Realtime("try") as realtime:
@@ -162,7 +162,7 @@ print(json.dumps([scheduler, realtime.spun]))
     assert (scheduler, spun) == (SCHED_FIFO_FOR_US_ALONE, False)
 
 
-def test_refusals_are_told_with_what_cures_them():
+def test_refused_settings_are_reported_with_remedy():
     before, lines, names, after = told("""
 limit((0, 0), (1 << 20, 1 << 20))
 be_nobody()
@@ -186,7 +186,7 @@ print(json.dumps([before, realtime.lines(), sorted(realtime.metadata()["refused"
     assert after == before
 
 
-def test_a_run_without_real_time_priority_tells_its_risk_and_one_with_it_does_not():
+def test_run_without_real_time_priority_reports_risk():
     realtime = Realtime("off")
     assert len(realtime.risk()) == 1 and "ticks are then lost" in realtime.risk()[0]
     realtime.granted.append("SCHED_FIFO 80")
@@ -269,7 +269,7 @@ def test_a_processor_that_is_not_there_is_refused_by_number():
     assert f"  processor 4000: this process may not run there: it may run on {numbers(before)}" in realtime.lines()
 
 
-def test_off_asks_for_nothing_but_timer_slack_and_slice_and_gives_them_back():
+def test_realtime_off_sets_and_restores_only_timer_slack_and_slice():
     before, during, lines, after = told("""
 open("/proc/self/timerslack_ns", "w").write("50000")                    # a parent's may be another
 before = state()
@@ -309,7 +309,7 @@ def test_options_that_do_not_go_together(command_line):
 
 
 @as_root
-def test_a_run_has_what_was_granted_and_its_recording_says_so(tmp_path):
+def test_granted_settings_apply_and_are_recorded(tmp_path):
     """The block in the loop asks which policy it runs under."""
     knee(tmp_path, law="return float(__import__('os').sched_getscheduler(0) & 3)")
     process = finished("robot.py", "--duration", "0.2", "--realtime", "require", cwd=tmp_path)
@@ -363,7 +363,7 @@ with Realtime("try") as realtime:
 
 
 @as_root
-def test_a_block_that_hangs_for_a_while_costs_the_priority_and_the_run_says_so(tmp_path):
+def test_temporary_hang_costs_priority_and_is_reported(tmp_path):
     knee(
         tmp_path,
         law="import os\n        while tick == 20 and os.sched_getscheduler(0) & 3:\n            pass\n"
@@ -410,7 +410,7 @@ def test_require_refuses_to_start_and_leaves_no_files(tmp_path):
     assert not (tmp_path / "recordings").exists()
 
 
-def test_try_runs_without_what_was_refused_and_says_so_before_and_after(tmp_path):
+def test_realtime_try_runs_without_refused_settings_and_reports_them(tmp_path):
     knee(tmp_path)
     process = without_privilege("robot.py", "--duration", "0.1", "--realtime", "try", cwd=tmp_path)
     assert process.returncode == OK, process.stderr

@@ -47,7 +47,7 @@ def test_extended_remote_long_and_empty_frames_keep_their_kind(tmp_path):
     assert flexible.is_fd and not flexible.bitrate_switch and flexible.data == b"\xff"
 
 
-def test_frames_keep_their_own_time_though_another_bus_was_read_first(tmp_path):
+def test_frames_keep_receive_time_regardless_of_read_order(tmp_path):
     record(plan(tmp_path, buses=["a", "b"]), [frame(5_000_000, 1, b"", bus=0), frame(3_000_000, 2, b"", bus=1)])
     assert [message.timestamp for message in log(tmp_path / "bench_1.can.log")] == [0.005, 0.003]
 

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.timing
 
 
 @pytest.mark.parametrize("ending", ["signal", "duration"])
-def test_a_run_whose_block_closed_all_descriptors_ends_with_a_summary_and_whole_files(tmp_path, ending):
+def test_run_with_closed_descriptors_ends_with_summary_and_complete_files(tmp_path, ending):
     path = knee(tmp_path, "import os; tick == 20 and (os.closerange(3, 256), print('closed', flush=True)); return 1.0")
     process = started(path, "--duration", "20" if ending == "signal" else "0.3", cwd=tmp_path)
     assert process.stdout.readline() == "closed\n"

@@ -87,7 +87,7 @@ def test_every_row_arrives_in_order_and_ticks_jump_where_ticks_were_missed(tmp_p
     assert report["ticks"] == 997 and report["first_tick"] == 0 and report["last_tick"] == 999
 
 
-def test_ints_and_bools_are_whole_numbers_and_what_is_not_a_number_is_said(tmp_path):
+def test_ints_and_bools_are_integers_and_non_finite_values_are_written(tmp_path):
     signals = columns("a.x m", "a.n 1 int", "a.b 1 bool")
     rows = [
         row(0, 2.0, -7, 1),
@@ -104,7 +104,7 @@ def test_ints_and_bools_are_whole_numbers_and_what_is_not_a_number_is_said(tmp_p
     ]
 
 
-def test_a_recorder_takes_its_own_columns_in_its_own_order(tmp_path):
+def test_recorder_writes_its_columns_in_given_order(tmp_path):
     signals = columns("a.x m", "a.y s", "a.z rad")
     some, one = sink(CSV, "some", [signals[2], signals[0]], file="some"), sink(CSV, "one", [signals[1]], file="one")
     report = record(plan(tmp_path, sink(CSV, "all", signals), some, one), [row(0, 1.0, 2.0, 3.0)])
@@ -151,7 +151,7 @@ def test_without_a_folder_there_is_no_file_and_the_run_is_reported_all_the_same(
     assert report["files"] == [] and report["ticks"] == 1 and list(tmp_path.iterdir()) == []
 
 
-def test_rows_are_written_while_a_signal_of_its_own_is_true(tmp_path):
+def test_rows_are_written_while_trigger_signal_is_true(tmp_path):
     kept = sink(CSV, "csv_recorder", columns("mocap.on 1", "a.x m"), during="mocap.on")
     report = record(
         plan(tmp_path, kept), [row(tick, on, 0.5 * tick) for tick, on in enumerate((0.0, 1.0, 1.0, math.nan, 0.0, 1.0))]
@@ -161,7 +161,7 @@ def test_rows_are_written_while_a_signal_of_its_own_is_true(tmp_path):
     assert report["ticks"] == 6  # and the flight recorder has them all
 
 
-def test_a_signal_that_is_not_recorded_cannot_say_when(tmp_path):
+def test_trigger_signal_must_be_recorded(tmp_path):
     writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("mocap.on 1"), during="mocap.off"))
     with pytest.raises(BadInput, match="^during: it records no signal 'mocap.off'; did you mean 'mocap.on'?"):
         writer.open()
@@ -171,7 +171,7 @@ def test_a_signal_that_is_not_recorded_cannot_say_when(tmp_path):
 @pytest.mark.parametrize(
     "file, made", [("mine", "mine.csv"), ("mine.csv", "mine.csv"), ("walk µ.2", "walk µ.2.csv"), ("", "bench_1.csv")]
 )
-def test_a_file_is_called_as_its_name_says_with_or_without_its_ending(tmp_path, file, made):
+def test_file_name_is_used_with_or_without_suffix(tmp_path, file, made):
     writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("a.x m"), file=file))
     writer.open()
     writer.close()
@@ -179,7 +179,7 @@ def test_a_file_is_called_as_its_name_says_with_or_without_its_ending(tmp_path, 
 
 
 @pytest.mark.parametrize("file", ["sub/mine", "../mine", "/tmp/mine", ".", "..", "mine/"])
-def test_a_file_stands_in_the_folder_of_the_recording_and_nowhere_else(tmp_path, file):
+def test_file_is_written_only_to_recording_folder(tmp_path, file):
     writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("a.x m"), file=file))
     with pytest.raises(
         BadInput, match=f"^file: '{file}' is not the name of a file; it stands where the recording does"
@@ -232,7 +232,7 @@ def test_a_line_that_a_full_disk_cuts_is_taken_back(tmp_path):
     file.close()
 
 
-def test_the_time_is_that_of_the_device_where_it_is_asked_for(tmp_path):
+def test_device_time_is_used_if_requested(tmp_path):
     page = SharedState(1 << 20)
     with Diagram("clocked", rate=200) as diagram:
         Counter(name="counter")
@@ -246,7 +246,7 @@ def test_the_time_is_that_of_the_device_where_it_is_asked_for(tmp_path):
     assert [time - zero for time in times] == pytest.approx([int(cells[1]) / 200 for cells in rows], abs=1e-6)
 
 
-def test_a_file_is_replaced_only_where_that_is_asked_for(tmp_path):
+def test_file_is_replaced_only_if_requested(tmp_path):
     for number in range(2):
         record(plan(tmp_path, sink(CSV, "csv", columns("a.x m"), file="mine", overwrite=True)), [row(0, float(number))])
     assert sorted(path.name for path in tmp_path.glob("*.csv")) == ["mine.csv"]

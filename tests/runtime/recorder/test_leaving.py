@@ -15,7 +15,7 @@ from tests.runtime.runs import Files, finished, knee, started
 @pytest.mark.parametrize(
     "call, code", [("os._exit(0)", 0), ("os._exit(7)", 7), ("os.execv('/bin/sh', ['sh', '-c', 'exit 5'])", 5)]
 )
-def test_a_block_that_leaves_the_process_is_reported_with_its_tick_and_the_exit_code_is_its_own(tmp_path, call, code):
+def test_block_that_exits_process_is_reported_with_tick_and_exit_code(tmp_path, call, code):
     path = knee(tmp_path, f"import os; tick == 20 and {call}; return 1.0")
     process = finished(path, "--fast", "--duration", "5", cwd=tmp_path, timeout=20)
     assert process.returncode == code and process.stdout == "" and "Traceback" not in process.stderr
@@ -45,7 +45,7 @@ def test_the_cause_names_the_state_or_the_signal_that_the_page_shows(state, tick
 
 
 @pytest.mark.parametrize("rig", [False, True], ids=["simulated", "on a rig"])
-def test_a_block_that_executes_a_program_that_goes_on_leaves_no_recorder_and_no_guardian(tmp_path, rig):
+def test_exec_in_block_leaves_no_recorder_or_guardian(tmp_path, rig):
     """The process lives on under its number, so that its end is none to wait for."""
     call = "__import__('os').execv('/bin/sleep', ['sleep', '30'])"
     with Bus(tmp_path, number=7) if rig else nullcontext() as bus:

@@ -124,7 +124,7 @@ def test_names_that_become_the_same_are_kept_apart(tmp_path):
     assert {message.x_.x, message.x__2.x} == {1.0, 2.0} and message.a_b.x == 3.0 and message.signals.plain == 4.0
 
 
-def test_each_message_has_a_name_of_its_own_and_so_has_all_that_stands_in_one(tmp_path):
+def test_messages_and_their_fields_have_unique_names(tmp_path):
     """Viewers know a message by its name; and the strict readers among them take no field that is called as a message
     beside it.
     """
@@ -219,7 +219,7 @@ def test_in_real_time_the_log_shows_the_wall_clock_and_how_late_each_tick_was(tm
     assert found.attachments["end.json"]["statistics"]["ticks"] == len(ticks)
 
 
-def test_the_end_and_what_was_known_before_are_attached(tmp_path):
+def test_end_and_start_metadata_are_attached(tmp_path):
     diagram, plant = leg()
     run(diagram, tmp_path, 10, plant=plant, metadata={"trial": {"subject": "S03"}}, diagram_json='{"hash": "sha256:1"}')
     found = log(tmp_path / "leg.mcap")

@@ -96,7 +96,7 @@ def test_the_block_in_a_running_diagram_sends_every_tick_of_the_run(listener, tm
 
 
 @pytest.mark.parametrize("virtual", [True, False])
-def test_a_second_run_goes_on_in_time_where_the_first_ended(listener, virtual):
+def test_second_run_continues_time_of_first(listener, virtual):
     """PlotJuggler keeps the newest 60 s by their stamps: of a run that began at 0 again it would show nothing until it
     is older than the first.
     """
@@ -152,7 +152,7 @@ def test_signals_are_chosen_by_name(text, places):
         ("left, x*z", r"no signal 'x\*z'; as in left/knee.position"),
     ],
 )
-def test_a_name_that_means_nothing_is_told_with_what_it_may_have_meant(text, words):
+def test_unknown_name_is_reported_with_suggestion(text, words):
     with pytest.raises(BadInput, match=words):
         chosen(CHOICE, text)
 
@@ -200,7 +200,7 @@ def test_paths_that_are_in_each_others_way_all_arrive(listener):
     assert all(f"{value}.0" in flat for value in range(1, 8)) and messages[0]["timestamp"] == 0.0
 
 
-def test_a_message_too_large_for_a_datagram_goes_as_one_a_subsystem_each_with_the_timestamp(listener):
+def test_oversized_message_is_split_by_subsystem_with_timestamp(listener):
     sides = [f"{side}/{'block' * 12}{index}.signal 1" for side in ("left", "right") for index in range(600)]
     result, messages = send(listener, columns(*sides), [row(tick, *range(1200)) for tick in range(2)])
     assert len(messages) == result["datagrams"] == 4
@@ -221,7 +221,7 @@ def test_one_large_subsystem_is_divided_further(listener):
     assert merged == {f"{'signal' * 12}{index}": float(index) for index in range(1500)}
 
 
-def test_it_speaks_ipv6():
+def test_ipv6_destination_is_supported():
     try:
         listener = Listener(socket.AF_INET6, "::1")
     except OSError:
@@ -231,7 +231,7 @@ def test_it_speaks_ipv6():
     assert messages == [{"timestamp": 0.0, "a": {"x": 1.0}}]
 
 
-def test_datagrams_that_the_network_refuses_are_counted_told_once_and_stop_nothing(tmp_path, capfd):
+def test_refused_datagrams_are_counted_and_reported_once(tmp_path, capfd):
     signals = columns("a.x m")
     broadcast = here(signals, host="255.255.255.255", port=9870)  # was not asked for: EACCES
     report = record(plan(tmp_path, broadcast), [row(tick, 1.0) for tick in range(10)])
@@ -271,7 +271,7 @@ print(sender.close())
 """
 
 
-def test_a_network_that_comes_back_with_another_address_is_used_again():
+def test_network_with_new_address_is_used_again():
     """As a robot's does that walks from one wireless network into the next: in a network of its own."""
     if subprocess.run(
         ["unshare", "-rn", "ip", "link", "add", "wlan", "type", "veth", "peer", "name", "lan"], capture_output=True
@@ -288,7 +288,7 @@ def test_a_network_that_comes_back_with_another_address_is_used_again():
     ], done.stderr
 
 
-def test_nobody_listening_is_told_once_and_who_begins_to_listen_hears_the_rest():
+def test_missing_listener_is_reported_once_and_late_listener_receives_rest():
     listener = Listener()
     listener.socket.close()
     told, signals = [], columns("a.x m")
@@ -310,7 +310,7 @@ def test_nobody_listening_is_told_once_and_who_begins_to_listen_hears_the_rest()
     assert result["datagrams"] == 10 and result["lost"] == 10 and result["trouble"] == "Connection refused"
 
 
-def test_a_block_that_the_diagram_has_anyhow_tells_of_nobody_but_who_has_gone(listener):
+def test_block_of_diagram_reports_only_lost_listener(listener):
     told = []
     sender = PlotJugglerSender({}, here(columns("a.x m"), host="127.0.0.1", port=listener.port) | {"wanted": False})
     sender.say = told.append
@@ -332,7 +332,7 @@ def test_a_block_that_the_diagram_has_anyhow_tells_of_nobody_but_who_has_gone(li
     assert sender.close()["lost"] and len(told) == 1
 
 
-def test_an_unknown_host_is_told_before_the_run(tmp_path):
+def test_unknown_host_is_reported_before_run(tmp_path):
     with pytest.raises(RecorderError, match="juggler cannot start: there is no host 'no-such-host.invalid'"):
         record(plan(tmp_path, here(columns("a.x m"), host="no-such-host.invalid", port=9870)), [])
     assert list(tmp_path.iterdir()) == []

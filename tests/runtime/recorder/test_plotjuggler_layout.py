@@ -45,7 +45,7 @@ def test_every_curve_of_the_layout_is_what_a_run_sends(command_line):
     )
 
 
-def test_a_splitter_says_how_many_plots_it_holds_and_their_shares(command_line):
+def test_splitter_lists_number_and_shares_of_plots(command_line):
     command_line("plotjuggler", KNEE_EXO, "-o", "mine.xml", "--set", "plot_juggler.port=5556")
     text = (command_line.folder / "mine.xml").read_text()
     assert "port 5556" in text
@@ -66,7 +66,7 @@ def test_the_address_to_listen_on_is_one_that_plotjuggler_takes(host, listens):
     assert ElementTree.fromstring(text).find("Plugins/plugin").get("address") == listens
 
 
-def test_positions_and_torques_come_first_and_each_unit_has_its_plot():
+def test_positions_and_torques_are_first_and_each_unit_has_a_plot():
     signals = [
         {"path": path, "unit": unit, "dtype": dtype}
         for path, unit, dtype in (
@@ -130,7 +130,7 @@ def test_a_stream_to_try_the_set_up_with(command_line):
         assert len(names(listener.rest()[0])) == 37
 
 
-def test_that_nobody_listens_to_it_is_told_at_once(command_line):
+def test_missing_listener_is_reported_at_once(command_line):
     with Listener() as listener:
         pass
     code, out, err = command_line("plotjuggler", "--dummy", listener.address, "--duration", "0.05")
@@ -139,7 +139,7 @@ def test_that_nobody_listens_to_it_is_told_at_once(command_line):
     ) in out
 
 
-def test_nothing_named_is_asked_for(command_line):
+def test_missing_file_or_host_is_reported(command_line):
     assert command_line.refused("plotjuggler").startswith("which file? name a diagram file")
     assert command_line.refused("plotjuggler", "--dummy", "no-such-host.invalid:9870").startswith(
         "--dummy: there is no host"

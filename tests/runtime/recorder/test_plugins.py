@@ -123,7 +123,7 @@ def test_the_formats_of_installed_packages_are_listed(lab):
     assert f"{', '.join(FORMATS.own)}, last" in " ".join(run(lab, "convert", "--help").split())
 
 
-def test_ours_are_found_without_an_installed_distribution_and_not_replaced(lab, monkeypatch):
+def test_builtin_plugins_load_without_distribution_and_are_not_replaced(lab, monkeypatch):
     monkeypatch.syspath_prepend(str(lab / "site"))
     for name, place in SERVICES.own.items():
         service = SERVICES.load(name)

@@ -61,7 +61,7 @@ def test_data_files_of_two_identical_runs_are_byte_identical(tmp_path):
         assert len(first) > 50_000 and first == (tmp_path / "b" / name).read_bytes()
 
 
-def test_the_sidecar_says_what_ran_and_how_it_went(tmp_path):
+def test_sidecar_describes_run_and_outcome(tmp_path):
     diagram, plant = leg()
     outcome, report, page = run(
         diagram, tmp_path, 100, plant=plant, metadata={"trial": {"subject": "S03"}, "odd": math.nan}
@@ -94,7 +94,7 @@ def ended(event, folder):
     return recorder.finish()["ended"]
 
 
-def test_the_report_tells_in_words_how_the_run_ended(tmp_path):
+def test_report_describes_how_the_run_ended(tmp_path):
     assert ended({"status": "ok"}, tmp_path) == "ok"
     assert ended({"status": "ok", "signal": 2}, tmp_path) == "stopped by SIGINT"
     assert ended({"status": "not finite", "culprit": "left/knee"}, tmp_path) == "fault: not finite at left/knee, tick 7"
@@ -549,7 +549,7 @@ def test_a_full_disk_stops_the_writer_and_nothing_else(tmp_path, capfd):
     assert {"path": str(tmp_path / "bench_1.csv"), "note": "incomplete"} in report["files"]
 
 
-def test_files_that_are_deleted_while_they_are_written_are_told_and_the_others_go_on(tmp_path, capfd):
+def test_deleted_files_are_reported_and_others_continue(tmp_path, capfd):
     page, folder = SharedState(1 << 20), tmp_path / "out"
     recorder = RecorderProcess(page)
     recorder.configure(plan(folder, sink(CSV, "csv", SIGNALS), sink(CSV, "kept", SIGNALS, file="kept")))
@@ -596,7 +596,7 @@ class Summer(Service):
 """
 
 
-def test_a_lab_brings_its_own_service(tmp_path, monkeypatch):
+def test_custom_service_is_loaded(tmp_path, monkeypatch):
     (tmp_path / "lab_package.py").write_text(LAB)
     monkeypatch.syspath_prepend(str(tmp_path))
     signals = columns("a.x m", "a.y m")
@@ -655,7 +655,7 @@ def test_control_that_dies_before_anything_began_leaves_nothing_behind(tmp_path)
         assert list(tmp_path.iterdir()) == []
 
 
-def test_the_child_imports_what_the_parent_imports_whatever_lies_in_the_working_folder(tmp_path):
+def test_child_imports_same_packages_as_parent_from_any_working_folder(tmp_path):
     for name in ("runtime", "cext", "graph", "json", "mmap", "msgspec", "select"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit('imported from the working folder')")
     script = tmp_path / "elsewhere" / "control.py"

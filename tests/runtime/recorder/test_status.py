@@ -46,13 +46,13 @@ def line(
     return fit(describe(plan(None, **settings), state, statistics, speeds, unicode), width, coloured, unicode)[0]
 
 
-def test_it_tells_state_progress_rate_lateness_load_frames_missed_and_dropped():
+def test_status_shows_state_progress_rate_lateness_load_and_frames():
     assert line() == (
         "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · 1600 frames/s · missed 0 · dropped 0"
     )
 
 
-def test_in_virtual_time_it_tells_the_speed_instead():
+def test_status_shows_speed_in_virtual_time():
     assert line(virtual=True, speeds=(40_000.0, 0.9, 1e5)) == (
         "running ━━━━╌╌╌╌ 5.3/10 s · 200 times real time · 100000 frames/s · missed 0 · dropped 0"
     )
@@ -83,7 +83,7 @@ def test_a_terminal_without_unicode_gets_ascii():
     assert text.isascii() and "running ####.... 5.3/10 s | " in text and "late 61/240 us" in text
 
 
-def test_colours_are_for_trouble_and_for_the_state():
+def test_colours_mark_problems_and_state():
     assert "\x1b[32mrunning\x1b[0m" in line(coloured=True) and "\x1b[31m" not in line(coloured=True)
     assert "\x1b[31mdropped 3\x1b[0m" in line(coloured=True, statistics={**STATISTICS, "dropped": 3})
     assert "\x1b" not in line()
@@ -127,7 +127,7 @@ def exoskeleton(width, unicode=True, load=0.031, row=(7, 0.0, -9.1, 2.0)):
         (79, False, "running 5.3/10 s  200.0 Hz  late 61/240 us  load 3 %  legs 21 %  lost 0  tau +:"),
     ],
 )
-def test_on_80_columns_all_of_it_has_room_and_below_the_least_important_goes_first(width, unicode, expected):
+def test_status_fits_80_columns_and_drops_least_important_first(width, unicode, expected):
     assert exoskeleton(width, unicode) == expected
 
 
@@ -170,7 +170,7 @@ def test_a_line_that_grows_and_shrinks_by_a_character_keeps_its_form_for_three_s
     assert drawn(1979) == long
 
 
-def test_milliseconds_of_lateness_are_told_in_milliseconds():
+def test_milliseconds_of_lateness_are_shown_in_milliseconds():
     assert "late 0.06/1.24 ms" in line(
         statistics={**STATISTICS, "lateness": {**STATISTICS["lateness"], "p99": 1.24e-3}}
     )
@@ -245,7 +245,7 @@ def test_it_refreshes_in_place_ten_times_a_second_and_is_erased(screen):
     assert seen() == "\r\x1b[K"
 
 
-def test_what_is_said_on_a_terminal_without_unicode_stays_readable(screen):
+def test_status_stays_readable_without_unicode(screen):
     terminal(screen[0], LANG="C").say("left/knee: −4.5 N·m for 61 µs")
     assert screen[1]() == "left/knee: -4.5 N*m for 61 us\r\n"
 
@@ -282,7 +282,7 @@ def test_a_pipe_gets_no_status_line():
     os.close(reader)
 
 
-def test_a_terminal_that_takes_nothing_holds_nobody_up():
+def test_blocked_terminal_does_not_block_run():
     reader, writer = os.pipe()
     shown = terminal(writer)
     for _ in range(3000):
@@ -348,7 +348,7 @@ def test_each_torque_has_a_bar_of_its_limit(screen):
     assert "".join(text for text, _ in ascii_part.pieces(2)) == "tau !+"
 
 
-def test_of_each_bus_it_tells_how_full_it_is_or_its_frames_where_it_has_no_bits(screen):
+def test_status_shows_bus_load_or_frame_rate(screen):
     fcntl.ioctl(screen[0], termios.TIOCSWINSZ, WIDE)
     heard = Heard([0, 0], None, [0, 0])
     order = plan(None, status_line=True, virtual=False, buses=["legs", "imus"], bitrates={"legs": 1e6})
@@ -379,7 +379,7 @@ def test_a_run_shows_the_torque_of_its_drives_and_how_full_its_bus_is(tmp_path):
 
 
 @pytest.mark.soak
-def test_a_replay_tells_how_far_it_is_and_asks_for_no_keys(tmp_path):
+def test_replay_shows_progress_without_key_hints(tmp_path):
     done = finished(KNEE_EXO, "--fast", "--duration", "30", "--record", "out", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     [recording] = (tmp_path / "out").glob("*.mcap")
@@ -390,7 +390,7 @@ def test_a_replay_tells_how_far_it_is_and_asks_for_no_keys(tmp_path):
         assert "the same, bit for bit" in shown.look()
 
 
-def test_what_takes_a_second_tells_how_far_it_is(screen):
+def test_long_task_shows_progress(screen):
     slave, seen = screen
     now = 0.0
     with Progress("converting walk.mcap", terminal(slave), lambda: now) as progress:
@@ -421,7 +421,7 @@ def test_progress_shows_how_far_it_is_whatever_the_length_of_a_name(columns, exp
     assert sheet.line == ""
 
 
-def test_rounds_tell_between_them_how_far_it_is_and_leave_nothing_if_one_fails(screen, monkeypatch):
+def test_loop_shows_progress_and_clears_it_on_failure(screen, monkeypatch):
     monkeypatch.setattr("runtime.console.progress.Terminal", lambda: terminal(screen[0]))
     monkeypatch.setattr("runtime.console.progress.SHOW_DELAY", 0.0)
     with pytest.raises(ZeroDivisionError):

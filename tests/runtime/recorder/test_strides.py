@@ -119,7 +119,7 @@ def test_strides_of_implausible_duration_are_left_out(period):
     assert result["strides"] == 0 and result["left_out"] >= 5
 
 
-def test_every_second_is_in_a_stride_or_told_as_unused():
+def test_every_second_is_in_a_stride_or_reported_unused():
     # phase 0.3 to 10.9; it wraps at 0.7 s, 1.7 s and so on
     result = average(walk(10, walking=lambda tick: tick >= 100))
     assert (result["strides"], result["left_out"]) == (9, 0)
@@ -154,7 +154,7 @@ def test_both_legs_make_one_picture(tmp_path):
     ] == []
 
 
-def test_when_a_writer_is_killed_the_next_part_averages_its_own_strides_and_the_report_says_so():
+def test_strides_restart_after_killed_writer_and_report_states_it():
     rows, page = walk(12), SharedState(1 << 20)
     recorder = RecorderProcess(page)
     columns = [{**column, "index": index} for index, column in enumerate(INPUTS)]
@@ -177,7 +177,7 @@ def test_two_pictures_of_the_same_walk_are_the_same_file(tmp_path):
     assert (tmp_path / "a" / "bench_1.png").read_bytes() == (tmp_path / "b" / "bench_1.png").read_bytes()
 
 
-def test_without_a_whole_stride_there_is_no_picture_and_the_report_says_so(tmp_path):
+def test_report_states_missing_plot_without_whole_stride(tmp_path):
     report = both(tmp_path, walk(1)[:100])
     assert [leg["strides"] for leg in report["strides"]] == [0, 0] and "curves" not in report["strides"][0]
     assert report["strides"][0]["peak_torque"] == 10.0

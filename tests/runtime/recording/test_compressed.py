@@ -178,7 +178,7 @@ def test_a_chunk_may_expand_to_no_more_than_it_declares_and_its_file_to_a_hundre
         expander.expand(chunk(part))
 
 
-def test_a_recording_that_is_refused_for_its_size_says_so(recording, command_line):
+def test_oversized_recording_is_refused_with_reason(recording, command_line):
     begin = compressed_chunks(recording)[2][0]
     data = bytearray(recording.read_bytes())
     data[begin + 25 : begin + 33] = (3 << 30).to_bytes(8, "little")

@@ -142,7 +142,7 @@ def test_parts_become_one_recording(command_line, further):
     ) == content(before)
 
 
-def test_a_recording_whose_first_part_is_empty_begins_with_the_second(command_line):
+def test_recording_with_empty_first_part_begins_with_second(command_line):
     (command_line.folder / "late.mcap").write_bytes(b"")
     part(command_line.folder, "late_part2", range(5), number=2)
     [path], err = converted(command_line, "late.mcap", "--to", "mcap")
@@ -206,7 +206,7 @@ def test_whatever_garbage_a_file_holds_it_is_finished_as_it_is_read_or_left_alon
     assert 50 < refused < 250
 
 
-def test_a_recording_that_does_not_say_what_its_signals_are_is_told(command_line):
+def test_recording_without_signal_metadata_is_reported(command_line):
     path = part(command_line.folder, "a", range(3))
     data = path.read_bytes()
     for old, new, told in (
@@ -218,7 +218,7 @@ def test_a_recording_that_does_not_say_what_its_signals_are_is_told(command_line
         assert command_line.refused("convert", "a.mcap", "--to", "csv") == f"a.mcap is damaged: {told}"
 
 
-def test_what_cannot_be_is_told_in_one_line(command_line):
+def test_invalid_request_is_reported_in_one_line(command_line):
     path = part(command_line.folder, "a", range(3))
     assert command_line.refused("convert", path, "--to", "mcap", "--rate", "50") == (
         "--to mcap keeps every sample as it was recorded: --rate is for the other formats"

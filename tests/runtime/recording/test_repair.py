@@ -171,7 +171,7 @@ def test_killed_between_any_two_of_its_writes_it_can_be_mended_again(tmp_path, l
         )
 
 
-def test_a_disk_that_is_full_stops_it_and_later_it_goes_on(tmp_path, short):
+def test_repair_stops_on_full_disk_and_resumes_later(tmp_path, short):
     """The file may not grow beyond some size."""
     path, data = tmp_path / "a.mcap", unfinished(short)[:-300]
     whole = mended(path, data)
@@ -240,7 +240,7 @@ def test_a_checksum_that_was_wrong_stays_wrong(tmp_path, long):
         indexed(found)
 
 
-def test_a_file_that_is_being_recorded_or_is_something_else_is_left_alone(tmp_path, short):
+def test_active_recording_and_other_files_are_not_repaired(tmp_path, short):
     path = tmp_path / "a.mcap"
     path.write_bytes(unfinished(short)[:-9])
     with open(path, "rb") as other:
@@ -254,7 +254,7 @@ def test_a_file_that_is_being_recorded_or_is_something_else_is_left_alone(tmp_pa
         assert path.read_bytes() == data
 
 
-def test_a_backlog_is_looked_through_in_slices_and_tells_what_it_could_not_finish(tmp_path, long):
+def test_backlog_is_scanned_in_slices_and_unfinished_files_reported(tmp_path, long):
     paths = [str(tmp_path / f"{number}.mcap") for number in range(4)]
     contents = unfinished(long)[:-9], b"", unfinished(long)[:500_000] + unfinished(long)[500_001:], long
     for path, content in zip(paths, contents):
@@ -275,7 +275,7 @@ def test_a_backlog_is_looked_through_in_slices_and_tells_what_it_could_not_finis
     )
 
 
-def test_a_cut_recording_says_so_after_it_was_finished_too(tmp_path, short):
+def test_truncated_recording_stays_marked_after_repair(tmp_path, short):
     path = tmp_path / "a.mcap"
     mended(path, unfinished(short)[: len(short) // 2])
     trial = runtime.load(path)

@@ -96,7 +96,7 @@ def vectors(path):
         ("rerun+http://lab.local:9876/proxy", Target("connect", "lab.local", 9876)),
     ],
 )
-def test_where_it_goes(text, expected):
+def test_destination_is_parsed(text, expected):
     assert parse(text) == expected
 
 
@@ -171,7 +171,7 @@ def test_a_sensor_moves_with_the_segment_that_it_sits_on():
     assert trunk[0] == pytest.approx(trunk[1]) and trunk[0][0] < 0.0
 
 
-def test_what_is_shown_stands_first_in_the_legend():
+def test_plotted_signals_are_first_in_legend():
     [plot] = Scene(
         "robot", signals("left/a.x m", "left/knee.age s", "left/knee.position rad", "left/knee.torque N·m"), {}
     ).plots
@@ -198,7 +198,7 @@ def test_a_viewer_that_is_started_can_be_ended_like_any_program(monkeypatch):
             signal.signal(number, handler)
 
 
-def test_a_leg_is_found_by_the_names_of_its_joints_and_its_sensors():
+def test_leg_is_identified_by_joint_and_sensor_names():
     scene = Scene("robot", signals(*LEG), {"left/knee.torque": (-18.0, 18.0)})
     [limb], [sensor] = scene.limbs, scene.sensors
     assert (limb.side, set(limb.joints)) == ("left", {"knee"}) and (
@@ -302,7 +302,7 @@ def test_in_virtual_time_the_run_waits_so_that_nothing_is_left_out(tmp_path):
 
 
 @needs_rerun
-def test_a_server_is_told_listens_on_loopback_alone_and_ends_with_the_run(tmp_path):
+def test_server_is_announced_and_listens_on_loopback_until_run_ends(tmp_path):
     port, web = free_ports()
     path = knee(tmp_path)
     path.write_text(
@@ -348,7 +348,7 @@ def test_a_browser_on_another_machine_may_show_what_is_served_and_no_other_page_
         server.wait()
 
 
-def test_what_listens_on_every_address_is_told_by_the_one_that_others_reach():
+def test_server_on_all_addresses_is_announced_with_reachable_one():
     assert viewer.reached_at("127.0.0.1") == "127.0.0.1" and viewer.reached_at("10.1.2.3") == "10.1.2.3"
     assert viewer.reached_at("0.0.0.0") not in ("0.0.0.0", "127.0.0.1")
 
@@ -356,7 +356,7 @@ def test_what_listens_on_every_address_is_told_by_the_one_that_others_reach():
 @pytest.mark.parametrize(
     "speaks, words", [(b"HTTP/1.1 400 Bad Request\r\n", "is no viewer of Rerun"), (b"", "is no viewer of Rerun")]
 )
-def test_what_listens_but_is_no_viewer_is_told_before_the_run(speaks, words):
+def test_listener_that_is_not_a_viewer_is_reported_before_run(speaks, words):
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def answer():
@@ -372,7 +372,7 @@ def test_what_listens_but_is_no_viewer_is_told_before_the_run(speaks, words):
         thread.join()
 
 
-def test_where_a_server_cannot_listen_is_told_by_what_is_wrong():
+def test_server_that_cannot_listen_reports_reason():
     with socket.create_server(("127.0.0.1", 0)) as server:
         with pytest.raises(viewer.ViewerFailed, match="somebody listens on 127.0.0.1 port"):
             viewer.free("127.0.0.1", server.getsockname()[1])
@@ -381,7 +381,7 @@ def test_where_a_server_cannot_listen_is_told_by_what_is_wrong():
 
 
 @needs_rerun
-def test_where_there_is_no_screen_it_says_what_does_without(monkeypatch):
+def test_missing_display_is_reported_with_alternative(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(
@@ -401,7 +401,7 @@ def listening(port):
 
 
 @needs_rerun
-def test_a_viewer_that_is_killed_is_told_and_the_run_goes_on(tmp_path):
+def test_killed_viewer_is_reported_and_run_continues(tmp_path):
     port = free_port()
     watching = subprocess.Popen(
         [program(), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)],
@@ -429,7 +429,7 @@ def test_a_viewer_that_is_killed_is_told_and_the_run_goes_on(tmp_path):
 
 
 @needs_rerun
-def test_when_its_process_is_killed_that_is_told_and_the_run_goes_on(tmp_path):
+def test_killed_sink_process_is_reported_and_run_continues(tmp_path):
     run = started(KNEE_EXO, "--duration", "60", "--no-record", "--rerun", "a.rrd", cwd=tmp_path)
     feeder = patient(lambda: descendant(run.pid, "runtime.recorder.rerun.process"))
     patient(lambda: (tmp_path / "a.rrd").exists() and (tmp_path / "a.rrd").stat().st_size > 100_000)
@@ -484,7 +484,7 @@ def test_a_server_is_started_again_where_the_recorder_was_killed(tmp_path):
 
 @needs_rerun
 @pytest.mark.soak
-def test_a_viewer_that_has_gone_does_not_stop_the_recording_of_the_one_that_goes_on(tmp_path):
+def test_lost_viewer_does_not_stop_the_other_sink(tmp_path):
     port = free_port()
     watching = subprocess.Popen(
         [program(), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)],
@@ -521,7 +521,7 @@ def test_a_viewer_that_has_gone_does_not_stop_the_recording_of_the_one_that_goes
 
 
 @needs_rerun
-def test_a_disk_that_is_full_is_told_and_the_rest_goes_on(tmp_path):
+def test_full_disk_is_reported_and_run_continues(tmp_path):
     """The process that feeds Rerun may write no more than 60 kB into its file."""
     run = started(KNEE_EXO, "--duration", "60", "--record", "out", "--rerun", "a.rrd", cwd=tmp_path)
     feeder = patient(lambda: descendant(run.pid, "runtime.recorder.rerun.process"))
@@ -538,7 +538,7 @@ def test_a_disk_that_is_full_is_told_and_the_rest_goes_on(tmp_path):
 
 
 @needs_rerun
-def test_what_cannot_begin_is_told_before_the_run(tmp_path):
+def test_sink_that_cannot_start_is_reported_before_run(tmp_path):
     where = {"port": free_port(), "web_port": 9090}
     with pytest.raises(RecorderError, match="cannot start: no viewer of Rerun answers on 127.0.0.1 port"):
         record(plan(None, sink(RERUN, "rerun", columns(*LEG), target=f"127.0.0.1:{where['port']}", **where)), [])
