@@ -62,7 +62,7 @@ def test_to_a_microcontroller_every_message_has_the_next_number():
     "parameters, line",
     [({}, "gpio"), ({"pin": "GPIO4"}, "gpio"), ({"port": "/dev/ttyACM0"}, "serial"), ({"serial": "12"}, "serial")],
 )
-def test_the_rig_says_which_kind_of_line_it_is(parameters, line):
+def test_rig_selects_type_of_line(parameters, line):
     assert ChargePump(name="pump", **parameters).line == line
 
 
@@ -366,7 +366,7 @@ def test_a_run_that_waits_to_be_armed_again_sends_no_pulse():
     assert found[-1][0] == rig.page.first_tick + 39 * PERIOD
 
 
-def test_a_line_that_is_gone_ends_the_run_at_once():
+def test_lost_line_ends_run_at_once():
     robot = robot_with_pump()
     rig = Rig(robot, plant_with_relay(robot, [False] * 500 + [True]))
     outcome = rig.run(400)

@@ -43,7 +43,7 @@ def test_in_virtual_time_the_clock_is_the_grid():
     assert rig["slow.elapsed"] == pytest.approx([4 / RATE] * 20)
 
 
-def test_in_real_time_it_tells_the_truth_about_late_and_missed_ticks():
+def test_real_time_clock_reports_late_and_missed_ticks():
     rig = run(virtual=False)
     ticks = rig.tick.tolist()
     assert rig["clock.time"].tolist() == [tick / RATE for tick in ticks]
@@ -58,5 +58,5 @@ def test_in_real_time_it_tells_the_truth_about_late_and_missed_ticks():
     assert max(behind) == pytest.approx(rig.statistics()["lateness"]["max"], abs=1e-9)
 
 
-def test_called_by_hand_it_stands_at_the_first_tick():
+def test_clock_called_directly_returns_first_tick():
     assert Clock().step()[2] == 0.0

@@ -76,7 +76,7 @@ def test_any_bytes_are_taken_or_refused(data, kind, pad):
     assert -1.0 <= wired["left_x"] <= 1.0
 
 
-def test_events_come_through_the_thread_that_reads_on_a_rig(pad):
+def test_reader_thread_delivers_events(pad):
     """A pipe in the place of /dev/input/event0."""
     out, into = os.pipe()
     streams = Streams()
@@ -115,12 +115,12 @@ def test_in_simulation():
         ({"axes": (("x", 0, 5, 5),)}, "x: the minimum must be below the maximum"),
     ],
 )
-def test_a_wrong_axis_or_button_is_told(parameters, words):
+def test_unknown_axis_or_button_is_reported(parameters, words):
     with pytest.raises(DiagramError, match=words):
         Keyboard(**parameters)
 
 
-def test_a_device_that_is_not_there_is_told_in_words(tmp_path):
+def test_missing_device_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     for device, words in (
         ("", "device is missing"),

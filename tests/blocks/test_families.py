@@ -35,7 +35,7 @@ def plugged(monkeypatch):
     families.cache_clear()
 
 
-def test_our_families_are_found_in_a_clone_that_is_not_installed(tmp_path):
+def test_builtin_families_are_discovered_without_installation(tmp_path):
     copy_rooms(tmp_path)
     code = "import importlib.metadata as m; m.entry_points = lambda group: (); "
     code += "from blocks.families import families; print([family.name for family in families()])"
@@ -56,7 +56,7 @@ def test_a_family_that_cannot_be_loaded_is_reported_and_the_others_work(plugged)
     ]
 
 
-def test_a_model_is_found_by_its_name_and_an_option(plugged):
+def test_model_is_selected_by_name_and_option(plugged):
     plugged()
     assert [find_model(name)[0].block.__name__ for name in ("AK80-9", "AKE60-8", "rs02")] == [
         "CubeMars",

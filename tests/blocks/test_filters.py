@@ -149,7 +149,7 @@ def test_a_cutoff_beyond_half_the_rate_is_refused_with_the_rate_it_needs(cutoff)
         compile(diagram)
 
 
-def test_without_a_rate_it_says_how_to_give_it_one():
+def test_missing_rate_is_reported_with_remedy():
     with pytest.raises(TypeError, match="butterworth needs a sampling period: make it inside `with Diagram"):
         Butterworth().step(1.0)
     block = Butterworth(order=1, cutoff=10.0)

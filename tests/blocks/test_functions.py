@@ -89,7 +89,7 @@ def test_a_polynomial_is_that_of_numpy(coefficients, u):
 
 
 @pytest.mark.parametrize("block", ONE_INPUT, ids=lambda block: type(block).__name__)
-def test_nan_passes_at_once_and_is_gone_with_it(block):
+def test_nan_passes_without_delay_and_leaves_no_trace(block):
     assert block.step(2.0) == block.step(2.0)
     assert math.isnan(block.step(math.nan))
     assert not math.isnan(block.step(2.0))

@@ -103,7 +103,7 @@ def test_it_agrees_with_the_oracle_on_knees_that_move_at_random(seed):
     assert found["strides"][-1] >= 5
 
 
-def test_walking_is_known_from_the_third_event_whenever_the_first_comes():
+def test_walking_is_detected_at_third_event():
     """The time from the start to the first event is no stride, however long it is."""
     for start in (0.0, 0.3, 0.55, 0.7):
         found = estimate(*walk(5.0, 1.1, start=start))

@@ -73,7 +73,7 @@ def test_what_is_no_record_is_refused(data, wired):
     assert answer == (TAKEN if whole else NOTED if not data else MALFORMED) and line["known"] == whole
 
 
-def test_records_come_through_the_thread_that_reads_on_a_rig_with_their_times_on_the_clock_of_the_run(wired):
+def test_reader_thread_delivers_records_with_run_clock_times(wired):
     """A pipe in the place of the chip: it has no level, and gives what was recorded."""
     out, into = os.pipe()
     streams = Streams()
@@ -149,7 +149,7 @@ def test_one_that_is_pressed_while_arming_keeps_the_robot_from_being_armed():
     assert (outcome.status, outcome.culprit) == ("e-stop", "stop") and rig.commands() == []
 
 
-def test_a_level_that_is_not_known_is_pressed(wired):
+def test_unknown_level_counts_as_pressed(wired):
     line = wired(EStopSwitch)
     assert line.say() == ESTOP
     assert line.hear(LEVEL, b"\1") == TAKEN and line.say() == []
@@ -168,7 +168,7 @@ def test_whatever_an_emergency_stop_does_not_understand_is_a_press(data, kind, w
     assert answer == (TAKEN if released else PRESSED)
 
 
-def test_the_edge_of_another_system_is_in_the_recording_with_its_own_time():
+def test_external_edge_is_recorded_with_its_timestamp():
     with Diagram("robot", rate=200) as robot:
         SyncIn(name="mocap")
     level = np.zeros(2000, bool)
@@ -182,7 +182,7 @@ def test_the_edge_of_another_system_is_in_the_recording_with_its_own_time():
     assert recording["mocap.fall_time"][-1] - recording["mocap.rise_time"][-1] == pytest.approx(0.704, abs=1e-6)
 
 
-def test_a_pulse_goes_out_at_tick_0_and_when_it_is_asked_for():
+def test_pulse_is_sent_at_tick_0_and_on_request():
     with Diagram("robot", rate=200) as robot:
         SyncOut(name="sync", duration=0.05)(pulse=player([False] * 50 + [True, False], "1", bool))
     sent = []
@@ -201,7 +201,7 @@ def test_a_pulse_goes_out_at_tick_0_and_when_it_is_asked_for():
     ]
 
 
-def test_without_a_pin_a_chip_or_the_package_it_is_told_in_words(monkeypatch):
+def test_missing_pin_chip_or_package_is_reported(monkeypatch):
     with pytest.raises(Refused) as caught:
         gpio_line.opened("stop", **EStopSwitch(name="stop").opening())
     assert (
@@ -213,7 +213,7 @@ def test_without_a_pin_a_chip_or_the_package_it_is_told_in_words(monkeypatch):
     assert caught.value.trouble.hint == "pip install 'tickwork[gpio]'"
 
 
-def test_a_chip_that_is_not_there_is_told_by_its_path(tmp_path):
+def test_missing_chip_is_reported_with_its_path(tmp_path):
     pytest.importorskip("gpiod")
     with pytest.raises(Refused) as caught:
         gpio_line.opened("button", **GpioInput(name="button", chip="/dev/gpiochip99", pin="17").opening())

@@ -90,7 +90,7 @@ def test_a_decision_gives_truths_alone(kind):
         lambda: PID(kp=2.0, ki=1.0, kd=0.1, lower=-9.0, upper=9.0),
     ],
 )
-def test_what_comes_after_an_infinity_is_as_if_a_nan_had_come(make):
+def test_infinity_leaves_same_state_as_nan(make):
     """No memory keeps it: a state that was infinite would be a wrong finite number later on."""
 
     def play(value):

@@ -95,7 +95,7 @@ def test_an_integral_stops_at_its_limit_and_leaves_it_as_soon_as_the_input_turns
         ("trapezoidal", [5.5, 6.5, 5.0, 5.0, 6.0, 7.0]),
     ],
 )
-def test_a_restart_holds_the_initial_value_and_the_integral_goes_on_from_there(method, expected):
+def test_restart_holds_initial_value_then_integrates(method, expected):
     restart = np.array([0, 0, 1, 1, 0, 0], dtype=bool)
     y = play(lambda: Integrator(initial=5.0, method=method), RATE, u=np.full(6, RATE), restart=restart)["y"]
     assert np.abs(y - expected).max() < 1e-12
@@ -136,7 +136,7 @@ def test_nan_stays_in_an_integral_until_it_restarts_and_passes_from_the_restart_
         )
 
 
-def test_the_range_of_an_integral_is_its_limits_and_knows_where_one_sign_leads():
+def test_range_of_integral_is_its_limits_and_follows_input_sign():
     block = made(Integrator, initial=1.0, lower=-2.0, upper=5.0)
     on = Interval(0.0, 1.0)
     assert block.output_range(Interval(-1.0, 1.0), on) == Interval(-2.0, 5.0)

@@ -36,7 +36,7 @@ def test_an_admittance_moves_as_scipys_exact_discretisation_does(M, B, K):
     assert np.abs(found["velocity"] - wanted[:, 1]).max() < 1e-9 * np.abs(wanted[:, 1]).max()
 
 
-def test_a_constant_torque_moves_an_admittance_as_the_textbook_says():
+def test_admittance_step_response_matches_closed_form():
     """Underdamped: e = τ/K (1 - exp(-ζ ω t) (cos ω_d t + ζ ω / ω_d sin ω_d t)), at the ticks exactly: within 1e-12."""
     M, B, K, torque = 0.5, 2.0, 40.0, 3.0
     w, z = math.sqrt(K / M), B / (2.0 * math.sqrt(K * M))

@@ -71,7 +71,7 @@ def test_a_torque_limiter_climbs_in_even_steps_and_stops_at_its_limit():
     assert y.tolist() == [1.0, 2.0, 3.0, 3.0, 2.0, 1.0]
 
 
-def test_what_is_not_finite_comes_out_of_a_torque_limiter_as_nan_and_is_not_held():
+def test_torque_limiter_maps_non_finite_input_to_nan_and_does_not_hold_it():
     u = np.array([0.0, 1.0, math.nan, math.nan, 1.0, math.inf, -math.inf, 1.0, 1e308])
     y = both_ways(lambda: TorqueLimiter(limit=12.0, slew=100.0), torque=u)["limited"]
     assert np.array_equal(y, [0.0, 0.5, math.nan, math.nan, 1.0, math.nan, math.nan, 1.0, 1.5], equal_nan=True)
@@ -95,7 +95,7 @@ def test_without_a_slew_a_torque_limiter_crosses_its_whole_range_in_a_tenth_of_a
     assert limited[40:].tolist() == [-5.0] * 20 and made(TorqueLimiter, limit=5.0).output_slew == 100.0
 
 
-def test_an_infinite_slew_asks_for_none():
+def test_infinite_slew_rate_disables_limit():
     assert by_hand(made(TorqueLimiter, limit=5.0, slew=math.inf), 2, torque=[9.0, -9.0])["limited"].tolist() == [
         5.0,
         -5.0,
@@ -148,7 +148,7 @@ def test_a_saturation_clips_every_element_alone():
 
 @given(bounds=st.lists(finite, min_size=4, max_size=4), share=st.floats(0.0, 1.0))
 @settings(max_examples=300, deadline=None)
-def test_the_range_of_a_saturation_holds_what_comes_out_also_where_the_input_is_all_outside(bounds, share):
+def test_saturation_range_contains_output_for_input_outside_limits(bounds, share):
     low, high = sorted(bounds[:2])
     lower, upper = sorted(bounds[2:])
     block = made(Saturation, lower=lower, upper=upper)
@@ -168,7 +168,7 @@ def test_the_range_of_a_saturation_with_live_bounds_holds_all_that_they_may_beco
     assert block.output_range(u=Interval(-9.0, -3.0)) == Interval(-2.0, 0.0)
 
 
-def test_a_saturation_whose_ends_are_crossed_is_refused():
+def test_saturation_with_crossed_limits_is_refused():
     with pytest.raises(DiagramError, match="saturation: lower, 2, must not exceed upper, 1"):
         Saturation(lower=2.0)
     assert made(Saturation, lower=1.0, upper=1.0).step(5.0) == 1.0
@@ -222,7 +222,7 @@ def test_after_a_reset_they_start_from_zero_again(kind, parameters):
     assert [block.step(4.0) for _ in range(3)] == first == [0.5, 1.0, 1.5]
 
 
-def test_a_slew_rate_gives_nan_for_what_is_not_finite_and_goes_on_from_before():
+def test_slew_rate_maps_non_finite_input_to_nan_and_keeps_state():
     y = both_ways(lambda: SlewRate(100.0), u=np.array([0.0, 1.0, math.inf, -math.inf, math.nan, 1.0]))["y"]
     assert np.array_equal(y, [0.0, 0.5, math.nan, math.nan, math.nan, 1.0], equal_nan=True)
 

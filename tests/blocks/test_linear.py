@@ -227,6 +227,6 @@ def test_a_pole_that_tustin_cannot_place_is_refused():
         block.step(0.0)
 
 
-def test_a_range_needs_to_know_the_rate_only_where_it_depends_on_it():
+def test_range_requires_rate_only_if_it_depends_on_it():
     assert TransferFunction((0.5,), (1.0, -0.5)).output_range(u=Interval(0.0, 1.0)).high < 1.0 + 1e-8
     assert TransferFunction((1.0,), (1.0, 1.0), "s").output_range(u=Interval(0.0, 1.0)) == Interval()

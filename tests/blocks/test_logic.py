@@ -48,7 +48,7 @@ def test_a_comparison_with_nan_is_nan(relation):
     assert same([Compare(relation).step(NAN, 1.0), Compare(relation).step(1.0, NAN)], [NAN, NAN])
 
 
-def test_a_comparison_goes_element_by_element_and_takes_any_unit():
+def test_comparison_is_elementwise_for_any_unit():
     assert same(Compare(">=").step(np.array([1.0, 2.0, NAN]), np.array([2.0, 2.0, 2.0])), [0, 1, NAN])
     with Diagram("d", rate=100) as diagram:
         Compare(">", name="flexed")(Ramp(100.0, unit="deg")(), 2.5)
@@ -183,7 +183,7 @@ def test_a_counter_is_a_whole_number_that_a_selector_takes():
     assert same(recording["chosen.y"], [10] * 4 + [20] * 4 + [30] * 4 + [NAN] * 2)
 
 
-def test_a_timer_tells_the_time_since_it_was_restarted():
+def test_timer_outputs_time_since_restart():
     with Diagram("d", rate=200) as diagram:
         Timer(name="timer")(Compare(">")(TimeTable((0.0, 0.1, 0.15), (0.0, 1.0, 0.0), interpolation="previous")(), 0.5))
         Timer(name="run")

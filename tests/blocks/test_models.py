@@ -31,7 +31,7 @@ def test_a_free_limb_under_a_constant_torque_accelerates_evenly():
     assert np.abs(position - (2.0 * t**2 + 2.0 * t / RATE)).max() < 1e-12
 
 
-def test_a_free_limb_with_friction_comes_to_its_final_speed():
+def test_free_limb_with_friction_reaches_final_speed():
     """ω = τ / d (1 − exp(−d t / I)), within Euler's d dt / 2 I of it."""
     t, _, velocity = limb(3.0, {"torque": 1.0}, inertia=0.1, damping=0.25, stiffness=0.0, reflex=0.0)
     assert np.abs(velocity - 4.0 * (1.0 - np.exp(-2.5 * t))).max() < 4.0 * 0.25 / (2 * 0.1 * RATE)
@@ -53,7 +53,7 @@ def test_a_wearer_holds_a_limb_like_a_spring_with_a_damper(stiffness, reflex, da
     assert np.abs(position - wanted).max() < 0.007 * abs(start - target)
 
 
-def test_with_no_torque_a_limb_is_where_its_wearer_means_it_to_be():
+def test_limb_without_torque_follows_intended_motion():
     """The intention's own acceleration moves it: within 0.2° of a walking knee, at the rate of the plant."""
     with Diagram("walk", rate=RATE) as diagram:
         knee = WalkingKnee(name="knee")
@@ -75,7 +75,7 @@ def test_a_straight_knee_is_stopped_by_its_ligaments():
     assert position[-1] == pytest.approx(0.5 / 0.35, rel=0.01)
 
 
-def test_a_limb_begins_where_it_is_told_and_at_rest():
+def test_limb_starts_at_initial_angle_at_rest():
     with Diagram("start", rate=RATE):
         block = Limb(start=0.7)
     assert block.step() == (0.7, 0.0)
@@ -85,7 +85,7 @@ def test_a_limb_begins_where_it_is_told_and_at_rest():
     assert block.step() == (0.7, 0.0)
 
 
-def test_a_limb_gives_its_state_of_now_so_that_it_may_stand_in_a_loop():
+def test_limb_outputs_current_state_and_may_close_a_loop():
     """Torque moves it a tick later: no direct feedthrough."""
     torque = np.zeros(10)
     torque[4] = 1.0
@@ -171,7 +171,7 @@ def stride_file(path, seconds=10.0, rate=100.0, period=1.25):
     return write(path, "time,other,knee", [(f"{a:.6f}", 0, f"{b:.9f}") for a, b in zip(t, angles)])
 
 
-def test_a_recording_is_played_at_its_own_speed_with_its_derivatives(tmp_path):
+def test_recording_plays_at_recorded_speed_with_derivatives(tmp_path):
     """A tone of 1.25 s at 100 Hz, played at 1 kHz: linear between samples, 0.02° off at most; differences 0.5 % and 1 %
     off.
     """
@@ -213,7 +213,7 @@ def test_a_short_recording_is_played_whole(tmp_path):
         assert len(RecordedKnee(stride_file(tmp_path / "short.csv", seconds=3.0), "knee").angles) == 300
 
 
-def test_a_recording_may_come_from_a_spreadsheet(tmp_path):
+def test_recording_may_be_a_spreadsheet_csv(tmp_path):
     """A byte order mark, blanks in the header, empty lines and Windows' line ends do no harm."""
     rows = [(f"{k / 100:.2f}", k % 50) for k in range(500)]
     plain, other = tmp_path / "plain.csv", tmp_path / "other.csv"
@@ -261,14 +261,14 @@ def changed(line, row):
         ("time,knee", [("0.00", 1.0)] * 150, "knee", "evenly spaced in time, but 0 s is followed by 0 s"),
     ],
 )
-def test_what_is_wrong_with_a_file_is_said_in_words(tmp_path, header, rows, column, said):
+def test_invalid_file_is_reported(tmp_path, header, rows, column, said):
     file = write(tmp_path / "walk.csv", header, rows)
     with pytest.raises(DiagramError, match=said) as refused:
         RecordedKnee(file, column)
     assert "walk.csv" in str(refused.value) and __file__ in str(refused.value)
 
 
-def test_a_file_that_is_not_there_is_said_in_words(tmp_path):
+def test_missing_file_is_reported(tmp_path):
     with pytest.raises(DiagramError, match=r"walk\.csv: No such file"):
         RecordedKnee(str(tmp_path / "walk.csv"), "knee")
     with pytest.raises(DiagramError, match="Is a directory"):
@@ -308,7 +308,7 @@ def test_both_legs_of_a_recorded_person_stay_in_step():
     assert abs(lengths[0] - lengths[1]) <= 4
 
 
-def test_the_file_says_how_fast_it_was_recorded_and_nobody_else():
+def test_recorded_rate_is_taken_from_file_only():
     with pytest.raises(DiagramError, match="has no parameter 'rate'"):
         RecordedKnee("walk.csv", "knee", rate=100.0)
 

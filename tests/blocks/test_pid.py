@@ -234,7 +234,7 @@ def test_each_element_of_a_vector_is_controlled_alone():
         assert np.array_equal(together[:, column], alone)
 
 
-def test_the_command_has_its_own_unit_and_reference_and_measurement_share_theirs():
+def test_command_unit_is_free_and_reference_and_measurement_share_one():
     def diagram(unit_of_measurement, unit_of_command):
         with Diagram("units", rate=RATE) as found:
             by_hand = source([0.0], unit_of_command)

@@ -51,7 +51,7 @@ def test_a_table_that_holds_and_repeats_keeps_to_the_tick_for_100_s(rate):
     assert np.array_equal(y, np.where(k < tenth, 1.0, 2.0))
 
 
-def test_a_table_that_repeats_goes_from_its_last_value_on_with_its_first():
+def test_repeating_table_wraps_from_last_to_first_value():
     """A sawtooth: within 1e-9 of one by integer arithmetic."""
     y = trace(lambda name: TimeTable((0.0, 0.5), (0.0, 5.0), repeat=True, name=name), 1000)
     assert y == pytest.approx(np.arange(1000) % 100 / 20.0, abs=1e-9)
@@ -112,7 +112,7 @@ def test_a_column_without_a_unit_may_be_given_one_but_not_another():
         Playback(STRIDE, "left/knee.position", unit="deg")
 
 
-def test_a_nan_in_the_file_is_played_as_nan_and_is_gone_with_it():
+def test_nan_in_file_plays_as_nan_and_leaves_no_trace():
     y = trace(lambda name: Playback(STRIDE, "left/knee.torque", name=name), 100, rate=100)
     assert np.flatnonzero(np.isnan(y)).tolist() == list(range(46, 55)), (
         "the torque at 0.50 s is NaN, those at 0.45 and 0.55 s are not"

@@ -46,7 +46,7 @@ def test_the_range_of_a_dead_zone_is_exact(data):
 
 @given(data=st.data())
 @settings(max_examples=100, deadline=None)
-def test_a_dead_zone_whose_ends_move_stays_in_its_range(data):
+def test_dead_zone_with_moving_ends_stays_in_range(data):
     (low, high), lowers, uppers = spans(data, 3, st.floats(-9.0, 9.0))
     if lowers[0] > uppers[0]:
         lowers, uppers = uppers, lowers
@@ -128,7 +128,7 @@ def test_at_its_end_itself_a_soft_stop_does_nothing_yet():
     assert block.step(3.0, 1.5, 4.0) == block.step(3.0, -0.5, -4.0) == 3.0
 
 
-def test_a_limb_thrown_against_a_soft_stop_comes_to_rest_outside_by_no_more_than_the_spring_allows():
+def test_soft_stop_bounds_penetration_of_moving_limb():
     """1 kg·m² at 2 rad/s into 100 N·m/rad: without a damper √(I/K) ω = 0.2 rad; with one less."""
     block = made(SoftStop, -1.0, 1.0, 100.0, 5.0, rate=10000.0)
     position, velocity, farthest = 0.9, 2.0, 0.0
@@ -174,7 +174,7 @@ def test_the_range_of_a_soft_stop_is_the_torque_where_the_joint_cannot_leave():
         (0.0, 2.0, -math.inf),
     ],
 )
-def test_what_is_not_finite_comes_out_of_a_soft_stop_as_nan(values):
+def test_soft_stop_maps_non_finite_input_to_nan(values):
     block = made(SoftStop)
     assert math.isnan(block.step(*values)) and block.step(2.0, 0.0, 0.0) == 2.0
 
@@ -243,7 +243,7 @@ def test_what_rounding_loses_of_a_long_window_is_not_lost_to_what_it_still_allow
     fade=st.floats(0.0, 1.0),
 )
 @settings(max_examples=300, deadline=None)
-def test_whatever_is_asked_the_root_mean_square_never_exceeds_the_limit(u, limit, length, fade):
+def test_rms_never_exceeds_limit_for_any_command(u, limit, length, fade):
     block = made(RMSTorqueLimiter, limit, window=length * DT, fade=fade * length * DT)
     found = block.output_range(torque=Interval())
     out = []
@@ -265,7 +265,7 @@ def test_the_bound_holds_over_a_million_ticks_of_bursts():
     assert np.array_equal(y[:1000], torque[:1000]) and y.max() > 18.0
 
 
-def test_the_range_is_what_an_empty_window_allows_and_never_more_than_is_asked():
+def test_range_is_allowance_of_empty_window_within_command():
     block = made(RMSTorqueLimiter, 9.0, window=20.0, fade=1.0)
     assert abs(block.output_range(torque=Interval()).high - 9.0 * math.sqrt(20.0)) < 1e-12
     assert block.output_range(torque=Interval(2.0, 12.0)) == Interval(0.0, 12.0)
@@ -325,7 +325,7 @@ def test_torque_is_taken_back_in_a_straight_line_as_the_motor_gets_hot():
 
 @given(torque=anything, temperature=anything, ends=st.tuples(st.floats(-50.0, 200.0), st.floats(0.001, 100.0)))
 @settings(max_examples=300, deadline=None)
-def test_a_derated_torque_lies_between_none_and_what_was_asked(torque, temperature, ends):
+def test_derated_torque_is_between_zero_and_command(torque, temperature, ends):
     block = made(TemperatureDerating, ends[0], ends[0] + ends[1])
     y = block.step(torque, temperature)
     if math.isnan(torque) or not math.isfinite(temperature):
@@ -374,7 +374,7 @@ def test_a_soft_start_stays_between_zero_and_its_input_and_lets_nan_pass(u, enab
             assert y in block.output_range(u=Interval(x, x), enable=Interval(0.0, 1.0))
 
 
-def test_a_soft_start_knows_of_missed_ticks():
+def test_soft_start_accounts_for_missed_ticks():
     block = made(SoftStart, 1.0)
     block.step(1.0)
     block.scratch.arena[2] = 0.5

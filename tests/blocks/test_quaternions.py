@@ -98,7 +98,7 @@ def test_euler_angles_become_the_quaternion_of_scipy(yaw, pitch, roll):
 
 
 @given(angles, st.floats(-1.57, 1.57), angles)
-def test_euler_angles_come_back(yaw, pitch, roll):
+def test_euler_angles_round_trip(yaw, pitch, roll):
     """Within 1e-11 rad up to 1.57 rad of pitch, 0.8 mrad from the gimbal lock."""
     found = QuaternionToEuler().step(QuaternionFromEuler().step(yaw, pitch, roll))
     turned = [math.remainder(a - b, 2.0 * math.pi) for a, b in zip(found, (yaw, pitch, roll))]

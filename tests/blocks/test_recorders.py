@@ -25,12 +25,12 @@ def test_without_wires_a_sink_takes_every_port(kind):
 
 
 @pytest.mark.parametrize("kind", [CsvRecorder, PlotJuggler])
-def test_with_wires_a_sink_takes_those_in_their_order_under_the_names_it_is_told(kind):
+def test_sink_records_connected_signals_in_order_with_given_names(kind):
     assert columns(lambda a, b: kind()(b, a.y)) == ["player.y[0]", "player.y[1]", "a.y"]
     assert columns(lambda a, b: kind()(angle=a.y)) == ["angle"]
 
 
-def test_a_stride_report_wants_all_it_reports():
+def test_stride_report_requires_all_its_signals():
     with Diagram("report", rate=100) as diagram:
         StrideReport()(phase=player([0.0], "1"), torque=player([0.0], "N·m"))
     with pytest.raises(DiagramError) as refused:
@@ -38,7 +38,7 @@ def test_a_stride_report_wants_all_it_reports():
     assert {d.port for d in refused.value.diagnostics} == {"walking", "angle", "velocity"}
 
 
-def test_a_stride_report_knows_torque_from_angle():
+def test_stride_report_distinguishes_torque_and_angle():
     with Diagram("report", rate=100) as diagram:
         StrideReport()(
             phase=player([0.0], "1"),

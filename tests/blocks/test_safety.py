@@ -170,7 +170,7 @@ def test_a_button_that_beats_lets_the_robot_run():
     assert rig["button.count"][-1] == pytest.approx(2.0 / 0.02, abs=3)
 
 
-def test_a_press_ends_the_run_in_the_tick_that_hears_it_before_a_command_is_sent():
+def test_press_ends_run_in_its_tick_before_commands_are_sent():
     rig = heartbeat_rig(pressed=from_then_on)
     outcome = rig.run(400)
     assert (outcome.status, outcome.culprit) == ("e-stop", "button")
@@ -211,7 +211,7 @@ def test_a_press_while_arming_that_is_let_go_before_the_first_tick_ends_it(press
     assert DISABLE in rig.sent() and ends_in_the_safe_stop(rig)
 
 
-def test_a_press_at_the_pre_flight_table_that_is_let_go_again_ends_it_before_anybody_confirms():
+def test_released_press_during_pre_flight_ends_run_before_confirmation():
     rig = heartbeat_rig(pressed=lambda: Window(0.3, 0.321, lambda: writer.confirm(), name="press").y)
     writer = Writer(rig.page, "keys")
     outcome = rig.run(10, answered=lambda: None, confirm=True)
@@ -272,7 +272,7 @@ def heard(frames, ticks=60):
 
 
 @pytest.mark.parametrize("second", [0x00, 0x5B, 0x4A, 0xA5, 0xFF, 0xDA, 0x50])
-def test_only_one_byte_of_256_says_released(second):
+def test_only_one_byte_of_256_reads_as_released(second):
     outcome, _ = heard({20: [(0x123, bytes([77, second]))]})
     assert (outcome.status, outcome.culprit) == ("e-stop", "button") and 19 <= outcome.tick <= 21
 
@@ -290,13 +290,13 @@ def test_frames_of_other_ids_are_not_its_business():
     assert outcome.status == "ok" and rig.statistics()["frames"]["foreign"] == 1
 
 
-def test_a_counter_that_stands_still_is_no_heartbeat():
+def test_constant_counter_is_not_a_heartbeat():
     outcome, rig = heard({tick: [(0x123, b"\x09\x5a")] for tick in range(20, 100)})
     assert (outcome.status, outcome.culprit) == ("silent", "button") and 28 <= outcome.tick <= 33
     assert rig.statistics()["frames"]["malformed"] >= 8
 
 
-def test_a_counter_that_stands_still_may_still_press():
+def test_message_with_constant_counter_may_press():
     outcome, _ = heard({tick: [(0x123, b"\x09\x5a")] for tick in range(20, 24)} | {24: [(0x123, b"\x09\x00")]})
     assert outcome.status == "e-stop" and 23 <= outcome.tick <= 25
 

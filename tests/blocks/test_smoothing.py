@@ -91,7 +91,7 @@ def test_a_median_shows_nan_while_it_is_in_the_window_and_stays_in_the_range_of_
             assert low <= y <= high and y in found
 
 
-def test_each_element_has_its_own_median():
+def test_median_is_elementwise():
     u = np.array([[1.0, math.nan], [5.0, 2.0], [3.0, 4.0], [2.0, 6.0]])
     y = play(lambda: Median(3), RATE, u=u)["y"]
     assert np.array_equal(y, [[1.0, math.nan], [3.0, math.nan], [3.0, math.nan], [3.0, 4.0]], equal_nan=True)

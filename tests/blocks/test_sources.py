@@ -29,7 +29,7 @@ def test_a_sine_is_a_sine(parameters):
     assert all(x in Sine(**parameters).output_range() for x in y)
 
 
-def test_a_step_comes_at_its_time_and_not_before():
+def test_step_occurs_at_its_time():
     y = both_ways(lambda: StepSource(before=-1.0, after=4.0, time=0.025), ticks=10)["y"]
     assert y.tolist() == [-1.0] * 5 + [4.0] * 5, "at 200 Hz tick 5 is at 25 ms"
     assert (StepSource(-1.0, 4.0).output_range().low, StepSource(-1.0, 4.0).output_range().high) == (-1.0, 4.0)

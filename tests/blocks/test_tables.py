@@ -28,7 +28,7 @@ def test_a_curve_that_clamps_is_that_of_numpy(u):
 
 
 @given(sensible)
-def test_a_curve_that_extrapolates_goes_on_along_its_last_lines(u):
+def test_extrapolating_curve_continues_end_segments(u):
     slope = (Y[1] - Y[0]) / (X[1] - X[0])
     wanted = Y[0] + slope * (u - X[0]) if u < X[0] else Y[-1] if u > X[-1] else np.interp(u, X, Y)
     assert LookupTable1D(X, Y, "extrapolate").step(u) == pytest.approx(wanted, rel=1e-13, abs=1e-13)
@@ -136,7 +136,7 @@ def test_no_surface_leaves_its_range(beyond, data, rows, columns):
     keeps_its_range(data, LookupTable2D(rows, columns, values, beyond), nan=True, ticks=4, numbers=numbers)
 
 
-def test_a_surface_whose_lines_overflow_proves_nothing():
+def test_overflowing_surface_has_no_proved_range():
     block = LookupTable2D((0.0, 1.0), (0.0, 1.0), ((-1e308, 1e308), (0.0, 0.0)), "extrapolate")
     assert block.step(0.0, 1.000001) == math.inf
     assert block.output_range(Interval(0.0, 0.0), Interval(0.0, 1.000001)) == Interval()

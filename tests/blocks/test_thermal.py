@@ -77,7 +77,7 @@ def test_a_motor_held_at_its_rated_torque_ends_75_kelvin_above_ambient(name):
     assert np.array_equal(by_rating["winding"], found["winding"][:10])
 
 
-def test_the_loss_that_follows_from_a_rating_is_near_what_the_resistance_of_an_ak80_9_says():
+def test_loss_from_rating_is_near_resistance_loss_of_ak80_9():
     """170 mΩ between phases and 0.105 · 9 N·m/A: R / k² = 0.19 W/(N·m)², within a third of the estimate of 0.24."""
     assert abs(loss_of_rating(9.0, 3.01) / (0.17 / (0.105 * 9.0) ** 2) - 1.0) < 1.0 / 3.0
 
@@ -123,7 +123,7 @@ def test_nan_passes_and_is_not_held():
     assert np.isnan(found["winding"]).tolist() == np.isnan(found["case"]).tolist() == [False, False, True, True, False]
 
 
-def test_it_starts_where_it_is_told_or_at_the_first_ambient_temperature_that_is_a_number():
+def test_thermal_model_starts_at_initial_or_first_finite_ambient_temperature():
     assert made(ThermalModel, rated=9.0, start=40.0).step(0.0) == (40.0, 40.0)
     block = made(ThermalModel, rated=9.0)
     assert all(map(math.isnan, block.step(0.0, math.nan)))
@@ -143,7 +143,7 @@ def test_missed_ticks_heat_too():
     assert abs(late[0] - last[0]) < 0.05 and late[0] > 25.5
 
 
-def test_with_derating_a_motor_that_is_asked_for_too_much_settles_below_its_limit():
+def test_overloaded_motor_with_derating_settles_below_limit():
     model, derating = made(ThermalModel, "AK80-9", rate=1.0), made(TemperatureDerating, 80.0, 100.0)
     torque = 18.0
     for _ in range(20_000):
@@ -176,7 +176,7 @@ class Winch(Actuator):
     decode, encode = no_io.ignore_all, no_io.send_nothing
 
 
-def test_an_actuator_that_tells_no_temperature_wants_a_model_of_its_heat():
+def test_actuator_without_temperature_requires_thermal_model():
     with Diagram("bare", rate=200) as bare:
         Winch(name="winch")(torque_command=0.0)
     [warning] = [warning for warning in compile(bare).warnings if warning.code == "TW024"]

@@ -33,7 +33,7 @@ SOURCES = [Constant, StepSource, Ramp, Sine, Chirp, Pulse, TimeTable, GaussianNo
 
 
 @pytest.mark.parametrize("kind", SOURCES, ids=lambda kind: kind.__name__)
-def test_every_source_says_its_unit_and_refuses_one_that_is_none(kind):
+def test_every_source_declares_unit_and_refuses_invalid_one(kind):
     with Diagram("d", rate=100) as diagram:
         kind(unit="N*m", name="source")
     assert compile(diagram).signals["source.y"].unit == "N·m"
@@ -63,7 +63,7 @@ def test_a_chirp_is_that_of_scipy(method, start, stop):
 
 
 @pytest.mark.parametrize("method", ["linear", "logarithmic"])
-def test_after_its_sweep_a_chirp_goes_on_at_the_last_frequency_without_a_jump(method):
+def test_chirp_continues_at_last_frequency_after_sweep(method):
     """Within 1e-9: the wave from the end of the sweep on is a sine of that frequency and of the phase reached."""
     start, stop, duration = 1.0, 4.0, 2.0
     y = trace(lambda name: Chirp(1.0, start, stop, duration, method=method, name=name), 800)

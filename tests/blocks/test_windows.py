@@ -136,7 +136,7 @@ def test_a_large_sample_that_has_left_leaves_nothing_behind():
     assert np.all(y[150:] == 1.0) and np.all(play(lambda: MovingRMS(0.05), RATE, u=u)["y"][150:] == 1.0)
 
 
-def test_each_element_of_a_vector_has_its_own_window():
+def test_window_is_elementwise():
     u = np.random.default_rng(16).normal(size=(300, 3))
     u[40, 1] = math.nan
     for kind in (MovingAverage, MovingRMS, MovingMaximum, MovingMinimum):

@@ -42,7 +42,7 @@ def response(make, length=6000):
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("low, high", [(-1.0, 1.0), (0.0, 3.0), (-2.0, 0.5), (1.0, 4.0)])
-def test_the_worst_input_comes_near_both_ends_and_does_not_pass_them(name, low, high):
+def test_worst_case_input_approaches_both_bounds_without_exceeding_them(name, low, high):
     """The input that has the sign of the impulse response, read backwards. Within 1e-6 of the bound, and inside it to
     the last bit.
     """
@@ -155,7 +155,7 @@ def test_an_input_without_bound_has_an_output_without_bound():
     assert block.output_range(u=Interval(0.0, 0.0)).high < 1e-280
 
 
-def test_slack_grows_with_how_long_rounding_is_felt_and_stays_small():
+def test_slack_grows_with_rounding_memory_and_stays_small():
     slacks = [float(reach(butterworth(2, cutoff, "lowpass", 1e-3)).slack[0, 0]) for cutoff in (100.0, 10.0, 1.0, 0.1)]
     assert slacks == sorted(slacks) and slacks[0] < 1e-12 and slacks[-1] < 1e-6
 

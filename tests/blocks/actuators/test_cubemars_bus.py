@@ -67,7 +67,7 @@ def test_the_bus_carries_one_frame_a_tick_with_the_bytes_of_the_reference_then_z
     assert stop[:2] == [(7, False, NOTHING), (7, False, DISABLE)] and stop == stop[:2] * (len(stop) // 2)
 
 
-def test_torque_sent_is_what_the_frame_says_also_while_it_fades_in():
+def test_torque_sent_equals_encoded_torque_also_during_fade_in():
     for gains in (0.0, 1.0):  # with a spring or a damper the limit may have them sent as torque
         commands = [
             {**drawn, "stiffness": gains * drawn["stiffness"], "damping": gains * drawn["damping"]}
@@ -186,7 +186,7 @@ def test_frames_that_are_no_reply_change_nothing_and_are_counted(what):
 
 
 @pytest.mark.parametrize("identifier", [0, 42])
-def test_a_reply_may_come_from_id_0_or_from_the_drives_own(identifier):
+def test_reply_is_accepted_from_id_0_and_drive_id(identifier):
     recording, _ = alone(6, script={2: [(identifier, answer(42, **HEARD))]}, can_id=42)
     assert abs(recording["drive.position"][2]) < 25.0 / 65535 and recording["drive.age"][2] > 0.0
     for name, step in (

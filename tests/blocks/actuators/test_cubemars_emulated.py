@@ -35,7 +35,7 @@ def torque(wired, **state):
     return wired["torque"]
 
 
-def test_it_says_nothing_until_it_is_spoken_to():
+def test_drive_is_silent_until_first_command():
     wired = emulated()
     assert wired.say() == [] and wired.say() == []
 
@@ -108,7 +108,7 @@ def test_enabling_twice_changes_nothing():
     assert torque(wired) == before != 0.0
 
 
-def test_a_drive_with_a_fault_gives_no_torque_and_says_so():
+def test_drive_with_fault_gives_no_torque_and_reports_it():
     wired = emulated()
     wired.hear(1, ENABLE)
     wired.hear(1, command(torque=5.0))

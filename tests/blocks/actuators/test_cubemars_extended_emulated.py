@@ -84,7 +84,7 @@ def test_a_report_has_the_current_of_its_torque():
     assert struct.unpack(">h", data[4:6])[0] / 100 == pytest.approx(-wired["torque"] / 0.5701, abs=0.0051)
 
 
-def test_it_answers_each_command_or_reports_at_its_own_rate():
+def test_drive_replies_to_each_command_or_reports_periodically():
     wired = board()
     assert wired.say() == []
     for count in (1, 3):
@@ -204,7 +204,7 @@ def test_the_origin_makes_the_present_position_zero():
     assert struct.unpack(">h", data[:2])[0] == round(math.degrees(0.5) * 10)
 
 
-def test_after_its_power_was_lost_it_has_forgotten_and_says_so():
+def test_power_loss_resets_drive_and_is_reported():
     wired = board()
     told(wired, 8, force(torque=5.0))
     wired.step(power_lost=True)
@@ -216,7 +216,7 @@ def test_after_its_power_was_lost_it_has_forgotten_and_says_so():
     assert wired.say() == [(reference.identifier(0x2C, 7), b"\xfa\xfb\xfc\xfd")] and wired["torque"] == 0.0
 
 
-def test_a_drive_with_a_fault_or_too_hot_gives_no_torque_and_says_so():
+def test_drive_with_fault_or_overheated_gives_no_torque_and_reports_it():
     wired = board(trip_temperature=90.0)
     for state, code in (({"fault": 4}, 4), ({"fault": 0, "temperature": 95.0}, 1)):
         told(wired, 8, force(torque=5.0))
@@ -256,7 +256,7 @@ def test_frames_that_are_not_for_it_or_broken_change_nothing(identifier, data, a
     assert wired.hear(identifier, data) == answer and wired.arena.tobytes() == before.tobytes() and wired.say() == []
 
 
-def test_boards_v1_and_v2_know_neither_force_control_nor_disable():
+def test_boards_v1_and_v2_ignore_force_control_and_disable():
     wired = board(EmulatedCubeMarsServo, MIT)
     assert wired.hear(reference.identifier(8, 7), bytes(8)) == wired.hear(reference.identifier(15, 7), b"") == FOREIGN
     with pytest.raises(DiagramError, match="torque constant of AK80-6 is not published"):
@@ -273,7 +273,7 @@ def test_a_plant_that_has_blown_up_has_no_answer(port, bad):
 
 @given(kind=st.integers(0, 20), data=st.binary(max_size=64), length=st.integers(0, 64))
 @settings(max_examples=300, deadline=None)
-def test_whatever_it_hears_its_torque_is_a_number_within_its_peak(kind, data, length):
+def test_torque_is_finite_and_within_peak_for_any_frame(kind, data, length):
     wired = board()
     wired.hear(reference.identifier(kind, 7), data, length)
     for velocity in (0.0, 30.0, -1e6):

@@ -69,7 +69,7 @@ def test_a_position_loop_in_the_drive_answers_as_a_second_order_system(model, mo
 
 
 @pytest.mark.parametrize("model, mounting", MOUNTINGS)
-def test_a_torque_accelerates_a_free_inertia_evenly_and_comes_back_as_a_current(model, mounting):
+def test_torque_accelerates_free_inertia_and_is_measured_as_current(model, mounting):
     recording, drive = played(CubeMarsV3, model, 150, {"torque_command": 2.0}, max_velocity=100.0, **mounting)
     in_order(recording)
     t, step = recording.time[:-1], 1.0 / (RATE * SUBSTEPS)
@@ -94,7 +94,7 @@ def test_in_a_closed_loop_a_joint_that_is_driven_hard_never_feels_more_than_its_
     "model, mounting", [*MOUNTINGS, ("AK80-64", {"offset": 0.3}), ("AK70-10", {"invert": True, "gear_ratio": 2.0})]
 )
 @pytest.mark.parametrize("mode", COMMANDS)
-def test_every_mode_of_servo_mode_does_what_it_is_told(mode, model, mounting):
+def test_every_servo_mode_follows_its_command(mode, model, mounting):
     name, command = COMMANDS[mode]
     # a free joint under a current is soon faster than any drive can report
     ticks = 60 if mode == "current" else 2 * RATE
@@ -350,7 +350,7 @@ def test_a_drive_with_a_fault_ends_the_run(kind, model, parameters, wires, statu
 
 
 @pytest.mark.parametrize("report_rate", [0.0, 200.0])
-def test_a_drive_whose_power_comes_back_says_so_and_is_disabled(report_rate):
+def test_power_cycled_drive_is_reported_and_disabled(report_rate):
     """It would obey the next command: it needs no enable. What it says of its power ends the run, in the tick that
     hears it.
     """
@@ -416,7 +416,7 @@ def joint_of(drive):
 
 @pytest.mark.parametrize("kind, model", [(CubeMarsV3, "AK80-9-V3.0"), (CubeMarsServo, "AK80-9")])
 @pytest.mark.parametrize("number, length", [(0, 4), (1, 4), (3, 4), (5, 1), (6, 8), (8, 8), (15, 0), (16, 8)])
-def test_a_command_of_somebody_else_is_a_fault_whatever_it_commands(kind, model, number, length):
+def test_foreign_command_is_a_fault_whatever_its_content(kind, model, number, length):
     outcome = strange(kind, model, (reference.identifier(number, 1), bytes(length)))
     assert (outcome.status, outcome.culprit, outcome.tick) == ("foreign command", "drive", 21)
 
@@ -425,7 +425,7 @@ def test_a_command_of_somebody_else_is_a_fault_whatever_it_commands(kind, model,
     "frame",
     [(reference.identifier(8, 2), bytes(8)), (1, bytes(8)), reference.status(2), (EXTENDED | 0x01000801, bytes(8))],
 )
-def test_what_commands_nobody_here_is_none(frame):
+def test_frame_for_other_device_is_not_a_command(frame):
     assert strange(CubeMarsV3, "AK80-9-V3.0", frame).status == "ok"
 
 
@@ -490,7 +490,7 @@ def test_a_run_that_waits_behind_a_fault_may_be_armed_again(report_rate):
 
 
 @pytest.mark.parametrize("kind, model", [(EmulatedCubeMarsV3, "AK80-9-V3.0"), (EmulatedCubeMarsServo, "AK80-9")])
-def test_an_emulated_drive_can_be_stepped_by_hand_and_gives_nothing_before_it_is_told(kind, model):
+def test_emulated_drive_steps_manually_and_is_passive_before_first_command(kind, model):
     drive = kind(model, gear_ratio=2.0)
     for position, fault in ((0.0, 0), (1.0, 1), (-3.0, 0)):
         assert drive.step(position=position, velocity=1.0, fault=fault) == (0.0, False)

@@ -13,7 +13,7 @@ from tests.shared import specifications
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_every_model_is_found_however_its_name_is_typed(name):
+def test_model_lookup_ignores_case_and_punctuation(name):
     for spelling in (
         name,
         name.lower(),

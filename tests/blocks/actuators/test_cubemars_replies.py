@@ -61,7 +61,7 @@ def robot(**parameters):
 
 
 @pytest.mark.parametrize("length", [6, 7])
-def test_a_drive_with_short_replies_runs_where_reply_says_so(length):
+def test_short_replies_are_decoded_if_reply_parameter_selects_them(length):
     walk = robot(reply=length)
     rig = Rig(walk, plant_of(walk))
     assert rig.run(50, fade=0.0).status == "ok" and rig["knee.torque"][-1] == pytest.approx(0.5, abs=0.02)
@@ -131,7 +131,7 @@ COMMAND = bytes.fromhex("8000800000000800")  # of another controller: as a reply
 
 
 @pytest.mark.parametrize("answers", [[COMMAND, reply(1, error=0)], [reply(1, error=0), COMMAND]])
-def test_a_command_of_another_controller_is_one_whether_it_comes_before_or_after_the_reply(answers):
+def test_foreign_command_is_detected_before_and_after_reply(answers):
     rig, _ = answering(lambda tick: answers if tick == 30 else [reply(1, error=0)])
     outcome = rig.run(60)
     assert (outcome.status, outcome.culprit) == ("foreign command", "knee") and 25 <= outcome.tick <= 31
@@ -144,7 +144,7 @@ def test_what_this_run_sends_itself_is_never_taken_for_a_reply(data):
     assert rig.run(5).status == "foreign command"
 
 
-def test_a_command_that_came_before_the_first_reply_is_a_fault_when_that_comes():
+def test_foreign_command_before_first_reply_is_a_fault_on_that_reply():
     rig = guarded(robot(timeout=0.0))
     rig.buses["can"].device.send(1, COMMAND)
     rig.buses["can"].device.send(1, reply(1, error=0))

@@ -87,7 +87,7 @@ def test_the_current_is_at_most_that_of_the_torque_limit(model):
     assert drive(model, "current_brake")["limits"][0] == 0.0, "a brake has no direction"
 
 
-def test_a_torque_constant_of_ones_own_does_not_raise_the_current_past_the_motors():
+def test_custom_torque_constant_keeps_current_within_motor_limit():
     """The store's 10.3 and 22.3 A of AK80-9 are RMS: 14.57 and 31.54 A of amplitude."""
     for limit, most in (("rated", 14.566), ("peak", 31.537), (9.5, 31.537)):
         assert drive("AK80-9", "current", torque_constant=0.2, limit=limit)["limits"][1] == pytest.approx(

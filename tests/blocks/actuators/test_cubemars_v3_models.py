@@ -13,7 +13,7 @@ from tests.shared import specifications
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_every_model_is_found_however_its_name_is_typed(name):
+def test_model_lookup_ignores_case_and_punctuation(name):
     for spelling in (
         name,
         name.lower(),
@@ -143,7 +143,7 @@ def test_the_limit_is_rated_peak_or_a_torque_and_never_beyond_the_wire(name):
         CubeMarsV3(name, limit=model.peak * 1.001)
 
 
-def test_the_three_blocks_know_of_one_another():
+def test_errors_of_the_three_blocks_refer_to_each_other():
     with pytest.raises(DiagramError, match="use CubeMarsV3, or CubeMarsServo in servo mode"):
         CubeMars("AK80-9 V3.0")
 

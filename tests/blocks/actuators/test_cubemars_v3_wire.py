@@ -53,7 +53,7 @@ def unlimited(model):
 
 @given(data=st.data(), model=st.sampled_from(sorted(MODELS)))
 @settings(max_examples=400, deadline=None)
-def test_a_command_is_the_references_byte_for_byte_and_within_one_code_of_what_was_asked(data, model):
+def test_command_matches_reference_bytes_and_setpoint_within_one_code(data, model):
     drive, ranges = unlimited(model), RANGES[model]
     fields = {
         name: data.draw(st.floats(0.0 if name in ("stiffness", "damping") else -top, top), label=name)
@@ -169,7 +169,7 @@ def test_a_status_is_read_as_the_reference_reads_it(data, model, invert, offset,
     assert drive["fault"] == (0 if error == 0x77 else error)
 
 
-def test_a_status_says_more_than_a_command_can():
+def test_status_range_exceeds_command_range():
     """± 3276.8° against ± 12.56 rad; and the reverse of a joint that turned too far is told as it is."""
     drive = Wired.again(DRIVES["AK10-9-V3.0"])
     drive.hear(*reference.status(7, position=-32768))
@@ -205,7 +205,7 @@ def test_frames_that_are_no_status_change_no_measurement(frame, answer):
     assert drive.hear(*frame) == answer and drive.arena.tobytes() == before.tobytes()
 
 
-def test_a_drive_that_is_commanded_and_says_it_was_disabled_or_lost_its_power_has_a_fault_until_it_is_armed_again():
+def test_commanded_drive_that_reports_disable_or_power_loss_faults_until_rearmed():
     for notice, frame in (
         (0x77, reference.status(7, error=0x77)),
         (0x2C, (reference.identifier(0x2C, 7), b"\xfa\xfb\xfc\xfd")),
@@ -280,7 +280,7 @@ def test_the_law_is_inside_the_limit_over_every_motion_until_a_late_next_frame(d
 
 
 @pytest.mark.parametrize("age, kept", [(2.0 * PERIOD, True), (2.1 * PERIOD, False), (math.nan, False)])
-def test_on_reports_that_come_more_seldom_than_every_second_tick_there_is_no_stiffness(age, kept):
+def test_stiffness_is_zero_with_reports_slower_than_every_second_tick(age, kept):
     drive = Wired.again(DRIVES["AK80-9-V3.0"])
     drive.arena[PERIOD_SLOT] = PERIOD
     drive["age"] = age

@@ -144,7 +144,7 @@ def test_libraries_that_clamp_below_the_top_are_at_most_one_code_off(drives, sou
 
 
 @pytest.mark.parametrize("source", ["LR", "AKM"])
-def test_the_manuals_own_formula_is_at_most_one_code_off_and_wraps_at_the_top_where_ours_does_not(drives, source):
+def test_manual_formula_differs_by_one_code_and_wraps_at_top(drives, source):
     for entry in of(source, "cubemars_mit_command"):
         theirs, mine, at_top = compared(entry, drives)
         for name, bits in reference.FIELDS:

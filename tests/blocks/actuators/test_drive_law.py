@@ -81,7 +81,7 @@ MOTIONS = {
 
 @pytest.mark.parametrize("mounted", [False, True], ids=["plain", "inverted, offset and geared"])
 @pytest.mark.parametrize("case", MOTIONS)
-def test_an_imposed_motion_is_felt_with_the_limit_and_no_more(case, mounted):
+def test_imposed_motion_meets_at_most_the_torque_limit(case, mounted):
     """To one code of torque. The hits accelerate with 600 rad/s², which is beyond the assumption, and stay inside its
     margin.
     """
@@ -95,7 +95,7 @@ def test_an_imposed_motion_is_felt_with_the_limit_and_no_more(case, mounted):
 
 @pytest.mark.parametrize("mounted", [False, True], ids=["plain", "inverted, offset and geared"])
 @pytest.mark.parametrize("name", KINDS)
-def test_no_random_motion_inside_the_assumption_is_felt_with_more_than_the_limit(name, mounted):
+def test_random_motion_within_assumption_meets_at_most_the_limit(name, mounted):
     random = np.random.default_rng(sum(map(ord, name)) + mounted)
     for rate in (100, 200, 333, 500, 1000):
         for trial in range(4):
@@ -194,7 +194,7 @@ class Mover(Block):
 
 
 @pytest.mark.parametrize("name", ["AK80-9", "RS02", "RS03 MIT", "AK10-9 V3.0"])
-def test_in_a_running_loop_an_imposed_motion_is_felt_with_the_limit_and_no_more(name):
+def test_imposed_motion_in_closed_loop_meets_at_most_the_limit(name):
     """Ages as the loop measures them, 20 instants a tick; with the drive's own emulator, whose law is compared
     elsewhere.
     """
@@ -248,14 +248,14 @@ IMPEDANCES = {"knee": ("AK10-9", 12.0, {"stiffness": 30.0, "damping": 1.0}), "hi
 
 
 @pytest.mark.parametrize("joint, motion", [("knee", KNEE), ("hip", HIP)])
-def test_on_a_walking_joint_the_torque_is_the_wanted_one_to_3_percent_of_the_limit(joint, motion):
+def test_torque_error_on_walking_joint_is_within_3_percent_of_limit(joint, motion):
     name, limit, commands = IMPEDANCES[joint]
     for rest in (0.0, 0.4):
         assert error_on(motion, 2.0, limit, name, position=rest, **commands) < 0.03
 
 
 @pytest.mark.parametrize("joint", IMPEDANCES)
-def test_on_recorded_gait_the_torque_is_the_wanted_one_to_3_percent_of_the_limit(joint):
+def test_torque_error_on_recorded_gait_is_within_3_percent_of_limit(joint):
     name, limit, commands = IMPEDANCES[joint]
     with shared("gait/healthy_young.csv").open() as file:
         angle = np.radians([float(row[f"{joint}_flexion_lt_deg"]) for row in csv.DictReader(file)])
@@ -335,7 +335,7 @@ def test_along_a_fine_sweep_of_the_state_the_torque_at_the_state_has_no_jump(com
         assert torques.max() - torques.min() > 0.5 or slope == 0.0, "the sweep crosses the cases"
 
 
-def test_as_gains_are_taken_away_the_torque_at_the_state_goes_without_a_jump():
+def test_torque_is_continuous_as_gains_are_reduced():
     drive = observed("RS02", limit=9.0)
     torques = []
     for allowed in np.linspace(1.0, 0.0, 201):
@@ -378,7 +378,7 @@ def test_a_torque_alone_needs_no_feedback_and_is_not_counted():
 
 
 @pytest.mark.parametrize("torque", [5.0, -5.0])
-def test_a_limit_that_has_gone_down_cuts_a_torque_instead_of_refusing_it(torque):
+def test_lowered_limit_clips_torque_without_refusing_it(torque):
     drive = observed("AK80-9")
     drive.wired["limits"] = [*drive.wired["limits"][:5], 3.0, 1.0]
     sent = drive.law(torque=torque)[4]

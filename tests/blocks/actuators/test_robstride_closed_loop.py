@@ -108,7 +108,7 @@ def test_a_position_loop_in_the_drive_answers_as_a_second_order_system(kind, mod
 
 
 @pytest.mark.parametrize("model, mounting", EVERYTHING)
-def test_a_constant_torque_accelerates_a_free_inertia_evenly_and_comes_back_as_torque(model, mounting):
+def test_constant_torque_accelerates_free_inertia_and_is_measured(model, mounting):
     recording, drive = played(RobStride, model, 150, {"torque_command": 0.5}, **mounting)
     in_order(recording)
     t, step = recording.time[:-1], 1.0 / (RATE * SUBSTEPS)
@@ -120,7 +120,7 @@ def test_a_constant_torque_accelerates_a_free_inertia_evenly_and_comes_back_as_t
 
 @pytest.mark.parametrize("model, mounting", EVERYTHING)
 @pytest.mark.parametrize("mode", ["position", "csp"])
-def test_position_modes_go_where_they_are_told_no_faster_than_allowed(model, mounting, mode):
+def test_position_modes_reach_setpoint_within_velocity_limit(model, mounting, mode):
     if model == "CyberGear" and mode == "csp":
         return
     recording, drive = played(
@@ -133,7 +133,7 @@ def test_position_modes_go_where_they_are_told_no_faster_than_allowed(model, mou
 
 
 @pytest.mark.parametrize("model, mounting", EVERYTHING)
-def test_velocity_and_current_modes_do_what_they_are_told(model, mounting):
+def test_velocity_and_current_modes_follow_setpoint(model, mounting):
     recording, drive = played(RobStride, model, commands={"velocity_command": -1.5}, mode="velocity", **mounting)
     in_order(recording)
     assert abs(recording["drive.velocity"][-1] + 1.5) < 0.01
@@ -170,7 +170,7 @@ def test_swapping_the_actuator_leaves_the_joint_where_it_was():
     assert all(np.abs(path - paths[RobStride]).max() < 0.02 * np.ptp(path) for path in paths.values())
 
 
-def test_reports_that_were_asked_for_come_and_are_switched_off_by_the_safe_stop():
+def test_requested_reports_arrive_and_safe_stop_disables_them():
     recording, drive = played(RobStride, "RS02", 200, {"torque_command": 0.1}, active_reporting=True)
     in_order(recording)
     frames = recording.statistics["frames"]
@@ -224,7 +224,7 @@ def test_a_drive_that_answers_with_another_id_has_not_answered(kind, model, faul
 
 
 @pytest.mark.parametrize("kind, model", [(RobStride, "RS03"), (RobStrideMIT, "RS03"), (CubeMars, "AK80-9")])
-def test_a_stuck_encoder_says_that_nothing_moves(kind, model):
+def test_stuck_encoder_reports_no_motion(kind, model):
     with Diagram("loop", rate=RATE) as robot:
         kind(model, name="drive")(torque_command=0.5)
     recording = run(robot, 200, plant=joint(robot, stuck_encoder=lambda: During()()), substeps=SUBSTEPS)
@@ -249,7 +249,7 @@ def test_late_replies_are_as_old_as_they_are_late():
 
 
 @pytest.mark.parametrize("back", [0.03, 0.06])
-def test_a_drive_whose_power_comes_back_is_not_enabled_again_by_itself(back):
+def test_power_cycled_drive_is_not_reenabled(back):
     """It answers again before its silence ends the run, and is found stopped."""
     recording, _ = played(
         RobStride, "RS03", 500, {"torque_command": 0.5}, plant={"power_lost": lambda: During(0.2, 0.2 + back)()}
@@ -260,7 +260,7 @@ def test_a_drive_whose_power_comes_back_is_not_enabled_again_by_itself(back):
     assert abs(speed[-1] - speed[recording.time < 0.2][-1]) < 0.1, "it turned on by itself, without torque"
 
 
-def test_a_drive_that_hears_nothing_any_more_stops_by_itself():
+def test_drive_stops_when_commands_cease():
     """The run is over and nobody sends a stop: as if everything here were dead. 0x7028 is 0.1 s."""
     with Diagram("robot", rate=RATE) as robot:
         RobStride("RS03", name="drive", timeout=0.0)(torque_command=0.5)

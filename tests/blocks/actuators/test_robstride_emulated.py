@@ -59,7 +59,7 @@ def drain(wired):
     return said
 
 
-def test_it_says_nothing_until_it_is_spoken_to():
+def test_drive_is_silent_until_first_command():
     wired = emulated()
     assert wired.say() == [] and wired.say() == []
 
@@ -230,7 +230,7 @@ def test_a_hot_drive_protects_itself_at_the_temperature_of_its_model():
         assert wired["enabled"] == 0.0 and reference.read_reply(RANGES[model], drain(wired)[0])[3] == 4
 
 
-def test_it_reports_faults_of_type_21_once_and_once_more_when_they_are_gone():
+def test_type_21_faults_are_reported_when_set_and_cleared():
     wired = emulated()
     wired.step(fault=256 << 14)
     assert drain(wired) == [(reference.identifier(21, 127, 0xFD), struct.pack("<II", 1 << 14, 0))]
@@ -240,7 +240,7 @@ def test_it_reports_faults_of_type_21_once_and_once_more_when_they_are_gone():
     assert drain(wired) == [(reference.identifier(21, 127, 0xFD), bytes(8))]
 
 
-def test_reports_come_every_10_ms_or_as_the_drive_is_told():
+def test_report_interval_defaults_to_10_ms_and_is_configurable():
     for scan, period in ((0, 0.01), (1, 0.01), (3, 0.02)):
         wired, said = emulated(), []
         wired.hear(*reference.write(0x7026, scan, 127, layout="<Hxx"))
@@ -256,7 +256,7 @@ def test_reports_come_every_10_ms_or_as_the_drive_is_told():
         assert drain(wired) == []
 
 
-def test_it_stops_by_itself_when_it_has_heard_nothing_for_its_time_out():
+def test_drive_stops_after_its_command_timeout():
     wired = emulated()
     write(wired, 0x7028, 2000)
     wired.hear(*ENABLE)

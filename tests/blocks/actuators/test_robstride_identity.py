@@ -45,7 +45,7 @@ def write(wired, index, number):
     wired.say()
 
 
-def test_each_drive_has_a_unique_number_of_its_own():
+def test_each_drive_has_a_unique_id():
     numbers = [
         ask(emulated(**which), queries.get_id(can_id))
         for which, can_id in (
@@ -98,7 +98,7 @@ def test_a_frame_of_another_library_sets_the_id():
     assert told
 
 
-def test_a_stop_that_asks_for_the_version_is_answered_with_it_and_stops():
+def test_stop_with_version_request_stops_and_returns_version():
     wired = emulated(firmware="0.3.1.42")
     wired.hear(reference.identifier(3, HOST, 127), bytes(8))
     wired.step(position=0.0, velocity=0.0)
@@ -115,7 +115,7 @@ def test_a_stop_that_asks_for_the_version_is_answered_with_it_and_stops():
     assert data[:3] != bytes.fromhex("00c456"), "a CyberGear takes it for a stop"
 
 
-def test_gains_are_the_drives_own_and_can_be_read_and_written():
+def test_drive_gains_can_be_read_and_written():
     one, other = emulated(gains=(("loc_kp", 40.0), ("cur_kp", 0.125))), emulated()
     assert (value(one, LOC_KP), value(one, 0x7010), value(other, LOC_KP), value(other, 0x7010)) == (
         40.0,

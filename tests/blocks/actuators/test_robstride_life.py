@@ -79,7 +79,7 @@ def flagged(frames):
 
 @pytest.mark.parametrize("substeps", [1, 2, 5])
 @pytest.mark.parametrize("mode", MODES)
-def test_arming_tells_and_enables_and_the_safe_stop_takes_torque_away_and_disables(mode, substeps):
+def test_arming_configures_and_enables_and_safe_stop_disables(mode, substeps):
     """Also where answers come so slowly, four a step, that arming repeats itself: what it repeated is no fault
     afterwards.
     """
@@ -97,7 +97,7 @@ def test_arming_tells_and_enables_and_the_safe_stop_takes_torque_away_and_disabl
 
 
 @pytest.mark.parametrize("kind", [1, 3, 4, 6, 7, 18])
-def test_a_command_of_somebody_else_is_a_fault_whatever_torque_it_has(kind):
+def test_foreign_command_is_a_fault_at_any_torque(kind):
     """Operation control has its torque in the identifier: it need not be a frame that we ever send."""
     rig, _, watcher = lived(
         lambda: rig.buses["can"].device.send(reference.identifier(kind, 0x4321, 127) & 0x1FFFFFFF, bytes(8), True)
@@ -115,7 +115,7 @@ def test_a_command_of_somebody_else_is_a_fault_whatever_torque_it_has(kind):
         (127, False),
     ],
 )
-def test_what_commands_nobody_here_is_none(identifier, extended):
+def test_frame_for_other_device_is_not_a_command(identifier, extended):
     rig, _, _ = lived(lambda: rig.buses["can"].device.send(identifier & 0x1FFFFFFF, bytes(8), extended))
     assert rig.run(50).status == "ok"
 
@@ -127,7 +127,7 @@ def test_without_a_guardian_a_strange_command_is_only_counted():
     assert rig.run(50).status == "ok" and rig.statistics()["frames"]["foreign"] == 1
 
 
-def test_in_mit_mode_as_well_somebody_elses_command_is_a_fault():
+def test_foreign_command_in_mit_mode_is_a_fault():
     rig, _, _ = lived(lambda: rig.buses["can"].device.send(127, bytes(8)), kind=RobStrideMIT)
     assert rig.run(200).status == "foreign command"
 
@@ -176,7 +176,7 @@ def test_two_drives_and_two_protocols_share_a_bus_and_never_mix():
         assert abs(rig[f"{drive.path}.torque"][-1] - 0.1 * (index + 1)) < 0.02
 
 
-def test_a_drive_that_does_not_answer_is_told_again_no_oftener_than_the_bus_can_carry():
+def test_resends_to_silent_drive_respect_bus_capacity():
     """Six frames of arming go out in every sixth round, a zero in each: twice what a tick takes, not seven times."""
     with Diagram("robot", rate=200) as robot:
         drive = RobStride("RS03", name="drive")
@@ -202,7 +202,7 @@ class Outage(Block):
 
 
 @pytest.mark.parametrize("kind, model", [(CubeMars, "AK80-9"), (RobStrideMIT, "RS02"), (RobStride, "RS02")])
-def test_a_drive_whose_power_comes_back_gives_no_torque_until_it_is_armed_again(kind, model):
+def test_power_cycled_drive_gives_no_torque_until_rearmed(kind, model):
     """Protocols without a mode bit cannot tell the controller; the drive is disabled all the same."""
     with Diagram("robot", rate=200) as robot:
         drive = kind(model, name="drive")
@@ -224,7 +224,7 @@ def test_a_drive_whose_power_comes_back_gives_no_torque_until_it_is_armed_again(
 @pytest.mark.parametrize(
     "kind, model", [(EmulatedCubeMars, "AK80-9"), (EmulatedRobStride, "RS03"), (EmulatedRobStrideMIT, "RS03")]
 )
-def test_an_emulated_drive_can_be_stepped_by_hand_and_gives_nothing_before_it_is_told(kind, model):
+def test_emulated_drive_steps_manually_and_is_passive_before_first_command(kind, model):
     drive = kind(model, gear_ratio=2.0)
     for position, fault in ((0.0, 0), (1.0, 1), (-3.0, 0)):
         assert drive.step(position=position, velocity=1.0, fault=fault) == (0.0, False)

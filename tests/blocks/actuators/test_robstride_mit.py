@@ -39,7 +39,7 @@ def say(wired, **fields):
 
 @given(data=st.data(), model=st.sampled_from(NAMES))
 @settings(max_examples=60, deadline=None)
-def test_any_command_inside_its_ranges_has_the_codes_of_the_reference_and_comes_back_within_one(data, model):
+def test_commands_encode_as_reference_and_decode_within_one_code(data, model):
     limits = RANGES[model]
     fields = {name: data.draw(st.floats(*limits[name]), label=name) for name in FIELDS}
     sent = say(DRIVES[model], **fields)

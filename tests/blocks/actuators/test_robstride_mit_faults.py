@@ -37,7 +37,7 @@ def armed():
     return wired
 
 
-def test_arming_writes_and_reads_the_time_out_and_asks_for_faults_before_it_enables():
+def test_arming_verifies_timeout_and_queries_faults_before_enable():
     limit = struct.pack("<f", 20.0)
     assert RobStrideMIT("RS03", can_id=5).enable_frames() == [
         (5, False, DISABLE),
@@ -123,7 +123,7 @@ def ticks(wired, count, rate=200.0, answer=True, first=0):
     return said
 
 
-def test_a_question_goes_out_once_a_second_in_place_of_a_command():
+def test_fault_query_replaces_one_command_per_second():
     said = ticks(armed(), 1001)
     assert [tick for tick, data in enumerate(said) if data == QUESTION] == [200, 400, 600, 800, 1000]
 
@@ -145,11 +145,11 @@ def test_a_reply_that_was_lost_puts_the_question_off_by_fifty_ticks_at_most():
     assert [tick for tick, data in enumerate(ticks(wired, 100, first=191), 191) if data == QUESTION] == [249]
 
 
-def test_a_drive_that_was_not_armed_is_never_asked():
+def test_unarmed_drive_is_not_queried():
     assert QUESTION not in ticks(drive(), 500)
 
 
-def test_before_torque_is_let_through_nothing_is_asked():
+def test_no_query_is_sent_before_torque_is_enabled():
     wired = armed()
     wired.arena[AUTHORITY] = 0.0
     assert QUESTION not in ticks(wired, 300)
@@ -162,7 +162,7 @@ def test_a_command_that_is_not_finite_is_refused_in_the_tick_of_a_question_too()
     assert wired.say(torque_command=float("nan")) == -1
 
 
-def test_what_was_sent_stays_what_was_sent_while_a_question_goes_out():
+def test_query_leaves_reported_command_unchanged():
     wired = armed()
     ticks(wired, 200)
     before = wired["torque_sent"], wired["sent"].tolist()
@@ -226,7 +226,7 @@ def lived(ticks=400, word=0, torque=2.0, rate=200, drive_parameters=None, **emul
     return rig, rig.run(ticks, fade=0.0, arming_timeout=0.5), knee
 
 
-def test_a_run_asks_for_faults_and_motion_is_undisturbed():
+def test_fault_queries_do_not_disturb_motion():
     rig, outcome, _ = lived(1000)
     assert outcome.status == "ok" and outcome.unconfirmed == () and rig["knee.fault"].max() == 0
     commands = [frame.data for frame in rig.frames if frame.sent and frame.id == 5]
@@ -254,7 +254,7 @@ def test_a_drive_with_a_fault_is_not_armed():
     assert commands == {DISABLE, mit.OPERATION, QUESTION, ENABLE, NOTHING}
 
 
-def test_firmware_without_parameters_is_not_armed_unless_it_is_told_to_be():
+def test_firmware_without_parameters_is_armed_only_if_configured():
     rig, outcome, knee = lived(parameters_known=False)
     assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",)) and rig.control.unready == ["knee"]
     assert "from firmware 0.3.1.41 on" in knee.unready_in_words()

@@ -24,7 +24,7 @@ from tests.blocks.actuators import robstride_reference as reference
         ("RobStride EduLite 05", "EL05"),
     ],
 )
-def test_every_model_is_found_however_its_name_is_typed(name, model):
+def test_model_lookup_ignores_case_and_punctuation(name, model):
     for spelling in (
         name,
         name.lower(),
@@ -68,7 +68,7 @@ def test_rated_peak_and_wire_are_three_columns_and_current_times_constant_is_the
         assert model.rated == pytest.approx(model.rated_current * model.torque_constant, rel=share), model.name
 
 
-def test_firmware_of_one_unit_may_have_ranges_of_its_own():
+def test_firmware_ranges_may_be_set_per_unit():
     """RS00 has positions of ± 12.5 before firmware 0.0.2.6."""
     for drive, expected in (
         (RobStride("RS00"), (12.57, 33.0, 500.0, 5.0, 5.0)),
@@ -150,7 +150,7 @@ def told(drive):
     "mode, number", [("operation", 0), ("position", 1), ("velocity", 2), ("current", 3), ("csp", 5)]
 )
 @pytest.mark.parametrize("model", [name for name in MODELS if name != "CyberGear"])
-def test_arming_stops_the_drive_tells_it_its_mode_limits_and_time_out_and_enables_it_last(model, mode, number):
+def test_arming_stops_drive_sets_mode_limits_and_timeout_and_enables_last(model, mode, number):
     drive = RobStride(model, mode=mode, gear_ratio=2.0, velocity_limit=1.5, acceleration=4.0)
     listed, values = told(drive)
     assert listed[0] == 4 and drive.enable_frames()[0][2] == bytes(8), "stopped, and no fault cleared"
@@ -178,7 +178,7 @@ def test_arming_gives_the_drive_its_torque_limit_as_a_second_layer(limit, ratio,
     assert told(RobStride("RS02", limit=limit, gear_ratio=ratio))[1][0x700B] == pytest.approx(motor), "N·m at the motor"
 
 
-def test_the_cybergear_is_told_nothing_that_it_does_not_know():
+def test_cybergear_receives_only_supported_parameters():
     """No time-out, no accelerations; and on none of them type 22, which saves on a RobStride and changes the bit rate
     on a CyberGear.
     """
@@ -197,7 +197,7 @@ def test_the_cybergear_is_told_nothing_that_it_does_not_know():
             }
 
 
-def test_the_drives_own_time_out_is_known_to_who_asks():
+def test_drive_timeout_is_available_as_attribute():
     assert (
         RobStride("RS03").own_timeout == RobStrideMIT("RS03").own_timeout == 0.1
         and RobStride("RS03", can_timeout=5.0).own_timeout == 5.0
@@ -248,7 +248,7 @@ def test_a_parameter_that_will_not_do_is_refused_with_its_name_value_and_bound(p
 @pytest.mark.parametrize(
     "mode, name", [("operation", "torque_command"), ("csp", "position_command"), ("current", "current_command")]
 )
-def test_a_diagram_with_it_comes_back_from_json_as_it_was(mode, name):
+def test_diagram_round_trips_through_json(mode, name):
     with Diagram("stored", rate=200) as diagram:
         drive = RobStride("RS03", mode=mode, gear_ratio=2.0, wire_torque=50.0, name="drive")
         drive(**{name: 0.25})

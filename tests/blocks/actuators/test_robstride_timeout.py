@@ -109,7 +109,7 @@ def test_without_a_time_out_nothing_is_read():
     assert outcome.status == "ok" and len(moved) == 20 and knee.own_timeout is None
 
 
-def test_a_mask_of_faults_is_told_bit_by_bit():
+def test_fault_mask_is_decoded_bit_by_bit():
     knee = RobStride("RS03")
     assert knee.fault_in_words(0) == ""
     assert knee.fault_in_words(1 | 256 << 3 | 256 << 30) == (

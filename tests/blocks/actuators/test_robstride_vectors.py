@@ -88,7 +88,7 @@ def within(entry):
 
 
 @pytest.mark.parametrize("source, tolerance", [("manual", 1), ("EP", 1), ("RSV", 1), ("RD", 2)])
-def test_others_send_our_codes_in_their_own_ranges(drives, source, tolerance):
+def test_reference_implementations_send_same_codes_in_their_ranges(drives, source, tolerance):
     for entry in of(source, "robstride_operation_command"):
         theirs, mine = compared(entry, drives)
         for name in INPUTS:

@@ -64,7 +64,7 @@ def same_codes(frame, ranges, fields):
 
 @given(data=st.data(), model=st.sampled_from(sorted(MODELS)))
 @settings(max_examples=60, deadline=None)
-def test_any_command_inside_its_ranges_has_the_codes_of_the_reference_and_comes_back_within_one(data, model):
+def test_commands_encode_as_reference_and_decode_within_one_code(data, model):
     ranges = RANGES[model]
     fields = {name: data.draw(st.floats(*ranges[name]), label=name) for name in FIELDS}
     frame = say(DRIVES[model], **fields)
@@ -266,7 +266,7 @@ def test_a_drive_that_has_stopped_by_itself_is_a_fault_and_one_that_does_not_run
     assert wired.hear(*running) == TAKEN and wired["fault"] == 0
 
 
-def test_fault_reports_are_heard_both_ways_round_and_stay():
+def test_fault_reports_are_decoded_in_both_address_orders_and_latched():
     for field, target in ((127, 0xFD), (0xFD, 127)):
         wired = Wired(RobStride, "RS03")
         assert wired.hear(reference.identifier(21, field, target), struct.pack("<II", 1 << 14, 1)) == NOTED
@@ -280,13 +280,13 @@ def test_fault_reports_are_heard_both_ways_round_and_stay():
     assert wired.hear(reference.identifier(21, 126, 0xFD), struct.pack("<II", 1, 1)) == FOREIGN and wired["fault"] == 1
 
 
-def test_a_report_that_was_not_asked_for_is_a_measurement_and_no_answer():
+def test_unsolicited_report_is_a_measurement_not_a_reply():
     wired = Wired(RobStride, "RS02")
     assert wired.hear(*reference.reply(RANGES["RS02"], 127, position=1.25, kind=24)) == NOTED
     assert abs(wired["position"] - 1.25) < 2 * 12.57 / 65535
 
 
-def test_the_coldest_and_the_hottest_that_feedback_can_tell_lie_in_the_range_that_is_proved():
+def test_encodable_temperatures_lie_in_proved_range():
     wired = Wired(RobStride, "RS02")
     for code in (-32768, 32767):
         wired.hear(*reference.reply(RANGES["RS02"], 127, temperature=code / 10.0))
@@ -296,7 +296,7 @@ def test_the_coldest_and_the_hottest_that_feedback_can_tell_lie_in_the_range_tha
         )
 
 
-def test_what_somebody_else_commands_is_told_apart_from_what_harms_nobody():
+def test_foreign_commands_are_distinguished_from_harmless_frames():
     wired = Wired(RobStride, "RS03", can_id=5)
     for kind in (1, 3, 4, 6, 7, 18):
         assert wired.hear(reference.identifier(kind, 0x1234, 5), bytes(8)) == COMMANDED
@@ -346,12 +346,12 @@ def leaves_all_else_alone(identifier, data, length):
 
 @given(**ANY_FRAME)
 @settings(max_examples=100, deadline=None)
-def test_any_frame_at_all_leaves_all_but_the_drives_own_outputs_alone(identifier, data, length):
+def test_random_frames_write_only_outputs_of_the_drive(identifier, data, length):
     leaves_all_else_alone(identifier, data, length)
 
 
 @pytest.mark.soak
 @given(**ANY_FRAME)
 @settings(max_examples=20000, deadline=None)
-def test_any_frame_at_all_leaves_all_but_the_drives_own_outputs_alone_however_long_one_tries(identifier, data, length):
+def test_random_frames_write_only_outputs_of_the_drive_at_length(identifier, data, length):
     leaves_all_else_alone(identifier, data, length)

@@ -68,7 +68,7 @@ def test_an_emulated_drive_wakes_within_one_turn_of_its_motor_and_congruent(kind
         assert zero / shift == pytest.approx(round(zero / shift), abs=1e-9)
 
 
-def test_the_bytes_of_a_drive_that_woke_up_say_the_shifted_angle():
+def test_drive_reports_shifted_angle_after_wake_up():
     """1.0 rad is told as 1.0 - 0.698 rad, 40° less, and looks as likely."""
     wired = Wired(EmulatedCubeMars, "AK10-9-V2.0", can_id=1)
     for name, value in {"position": 1.0, "velocity": 0.0, "temperature": 30.0}.items():
@@ -104,7 +104,7 @@ def test_a_drive_may_be_off_from_the_start_and_one_with_a_second_encoder_never_i
         (("straight", 0.1), "an angle and a tolerance"),
     ],
 )
-def test_a_known_pose_that_tells_nothing_is_refused(pose, said):
+def test_invalid_reference_pose_is_refused(pose, said):
     for kind, model in ((CubeMars, "AK10-9-V2.0"), (CubeMarsServo, "AK10-9-V2.0")):
         with pytest.raises(DiagramError, match=said):
             kind(model, known_pose=pose)

@@ -60,7 +60,7 @@ def icm(icms):
 # The wire
 
 
-def test_bursts_of_other_implementations_read_as_the_datasheet_says(mpus):
+def test_bursts_of_other_implementations_decode_per_datasheet(mpus):
     """1e-12 of the value: only the order of two multiplications may differ."""
     seen = 0
     for entry in entries("mpu9250"):
@@ -75,7 +75,7 @@ def test_bursts_of_other_implementations_read_as_the_datasheet_says(mpus):
     assert seen > 100
 
 
-def test_measurements_of_the_magnetometer_read_as_the_datasheet_says(mpu):
+def test_magnetometer_measurements_decode_per_datasheet(mpu):
     """1e-12 of the value, as above."""
     seen = 0
     for entry in entries("mpu9250"):
@@ -118,7 +118,7 @@ def test_a_magnetometer_without_news_changes_nothing(mpu):
     assert list(mpu["mag"]) == list(before)
 
 
-def test_too_strong_a_field_is_said_and_keeps_the_last_value(mpu):
+def test_magnetic_overflow_is_reported_and_keeps_last_value(mpu):
     mpu.hear(identifier(1), mag_frame((100, 200, 300)))
     before = mpu["mag"]
     mpu.hear(identifier(1), mag_frame((32767, 32767, 32767), st2=0x18))
@@ -151,7 +151,7 @@ def test_answers_that_repeat_to_the_last_bit_are_counted(mpu):
     assert mpu["repeated"] == 0.0
 
 
-def test_failures_are_told_by_the_thread_and_are_no_answer(mpu):
+def test_read_failures_are_reported_and_do_not_count_as_reply(mpu):
     assert mpu.hear(identifier(TROUBLE), bytes((1, 0x39, 0x30, 0, 0))) == NOTED and mpu["errors"] == 12345
     assert mpu.hear(identifier(TROUBLE), bytes(4)) == MALFORMED
 
@@ -232,7 +232,7 @@ def test_the_registers_of_an_icm_20948():
     assert written[-2:] == [(0x0C, 0x32, 0x01), (0x0C, 0x31, 0x08)]
 
 
-def test_the_factory_adjustment_is_read_in_a_mode_of_its_own_and_goes_with_every_measurement():
+def test_factory_adjustment_is_read_in_fuse_mode_and_applied():
     imu, done, mode = MPU9250(), [], {"now": 0x16}
     chip = {0x00: b"\x48", 0x10: bytes((176, 178, 166))}
 
@@ -267,7 +267,7 @@ def test_the_factory_adjustment_is_read_in_a_mode_of_its_own_and_goes_with_every
         ({"low_pass": 43}, "must be one of 184"),
     ],
 )
-def test_what_cannot_be_is_refused_in_words(parameters, words):
+def test_invalid_settings_are_refused_with_reason(parameters, words):
     with pytest.raises(DiagramError, match=words):
         MPU9250(**parameters)
 
@@ -295,7 +295,7 @@ def test_two_chips_on_one_address_are_an_error(first, second, fine):
         compile(diagram)
 
 
-def test_one_that_asks_its_magnetometer_by_itself_is_read_in_one_burst(mpus):
+def test_sensor_with_internal_magnetometer_bus_is_read_in_one_burst(mpus):
     """22 bytes from 0x3B: the fourteen, then ST1 to ST2 as its own bus has read them; the factory adjustment behind."""
     imu = MPU9250(bypass=False, rate=200.0)
     imu.adjustment = bytes((176, 178, 166))
@@ -508,7 +508,7 @@ matrix = [[1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 2.0]]
         ("a =", "is not TOML"),
     ],
 )
-def test_a_calibration_that_says_something_else_is_refused_in_words(tmp_path, text, words):
+def test_invalid_calibration_is_refused_with_reason(tmp_path, text, words):
     file = tmp_path / "imu.toml"
     file.write_text(text)
     with pytest.raises(DiagramError, match=words):

@@ -75,7 +75,7 @@ def test_what_the_sensor_measures_arrives_in_si(model, attitude):
     np.testing.assert_allclose(walk["imu.rotation[0][2]"][-1], math.sin(0.7), rtol=1e-6)
 
 
-def test_before_its_first_sample_it_says_that_it_knows_nothing():
+def test_outputs_are_nan_before_first_sample():
     walk = simulate(5, faults={"silent": True})
     assert (
         np.isnan(vector(walk, "accel", 3)).all()
@@ -84,7 +84,7 @@ def test_before_its_first_sample_it_says_that_it_knows_nothing():
     )
 
 
-def test_what_it_was_not_asked_for_is_no_number_and_what_it_was_asked_for_besides_has_a_port():
+def test_unrequested_channels_are_nan_and_extra_channels_have_ports():
     walk = simulate(10, device={"channels": ("gyro", "pressure", "linear_accel")}, accel=(1.0, 2.0, 3.0))
     assert np.isnan(vector(walk, "accel", 3)[-1]).all() and np.isnan(walk["imu.temperature"][-1])
     assert walk["imu.pressure"][-1] == pytest.approx(101325.0) and vector(walk, "linear_accel", 3)[-1] == pytest.approx(
@@ -112,7 +112,7 @@ def test_a_tare_at_the_start_is_over_before_anything_is_armed():
     assert walk["imu.tared"].all()
 
 
-def test_a_sensor_that_nobody_waits_for_is_tared_while_the_run_goes_on():
+def test_sensor_that_is_not_awaited_is_tared_during_run():
     walk = simulate(
         300, device={"tare_at_start": True, "tare_time": 1.0, "timeout": 0.0}, quaternion=turned(0.4, (1.0, 0.0, 0.0))
     )
@@ -127,7 +127,7 @@ def test_a_tare_that_takes_longer_than_arming_waits_is_refused():
         MicroStrain(tare_at_start=True, tare_time=2.0)
 
 
-def test_the_first_tick_has_what_arming_has_heard():
+def test_first_tick_uses_sample_received_while_arming():
     walk = simulate(3, device={"timeout": 0.1}, accel=(1.0, 2.0, 3.0))
     assert vector(walk, "accel", 3)[0] == pytest.approx([1.0, 2.0, 3.0]) and walk["imu.quaternion[0]"][0] == 1.0
 
@@ -175,7 +175,7 @@ def test_nan_from_a_sensor_never_becomes_a_torque():
     assert walk.outcome.status == "not finite" and walk.outcome.culprit == "knee"
 
 
-def test_what_the_filter_calls_invalid_is_no_number_and_told():
+def test_invalid_filter_output_is_nan_and_reported():
     walk = simulate(100, faults={"uninitialised": np.arange(500) < 250})
     assert (
         np.isnan(walk["imu.quaternion[0]"][20]) and not walk["imu.valid"][20] and not np.isnan(walk["imu.accel[2]"][20])
@@ -217,14 +217,14 @@ def test_garbage_and_lost_bytes_cost_the_packets_that_they_hit_and_no_others(fau
 
 
 @pytest.mark.parametrize("error", [0.0, 50e-6, -200e-6])
-def test_its_clock_is_mapped_to_the_computers_and_the_drift_found(error):
+def test_sensor_clock_is_mapped_to_host_clock_with_drift(error):
     walk = simulate(20 * RATE, emulated={"clock_error": error, "clock_start": 12345.0})
     assert walk["imu.clock_drift"][-1] == pytest.approx(error, abs=2e-6)
     late = walk.time[2 * RATE :] - walk["imu.sample_time"][2 * RATE :]
     assert late.min() >= -1e-9 and late.max() <= 0.0061  # a tick and a step of the plant: none is from the future
 
 
-def test_the_rate_that_came_is_told():
+def test_received_rate_is_reported():
     walk = simulate(600, device={"rate": 100.0})
     assert walk["imu.measured_rate"][-1] == pytest.approx(100.0, rel=0.02)
 
@@ -244,7 +244,7 @@ def test_a_stream_may_be_cut_anywhere(chunk):
     assert sensor["packets"] == 100 and sensor["corrupt"] == 0
 
 
-def test_a_chunk_says_whether_it_brought_a_sample():
+def test_chunk_is_flagged_if_it_has_a_sample():
     sensor, packet = Hearing(channels=("gyro",)), STREAM[:LENGTH]
     assert sensor.feed(packet[:20]) == {NOTED: 1} and sensor.feed(packet[20:]) == {TAKEN: 1}
     assert sensor.feed(packet[:-1] + bytes([packet[-1] ^ 1])) == {MALFORMED: 1}
@@ -263,7 +263,7 @@ def test_what_follows_a_gap_is_not_glued_to_what_was_before_it():
     assert sensor["packets"] == 2 and sensor["connected"] == 1
 
 
-def test_a_packet_whose_fields_do_not_fill_it_is_not_taken():
+def test_packet_with_inconsistent_field_lengths_is_rejected():
     sensor = Hearing(channels=("gyro",))
     for payload in (b"\x00\x05", b"\x01\x05\x02", b"\x0e\x05" + bytes(4), b""):
         head = mip.SYNC + bytes((0x80, len(payload))) + payload

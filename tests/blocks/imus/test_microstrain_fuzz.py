@@ -64,7 +64,7 @@ def whole(data):
 @settings(max_examples=200, deadline=None)
 @given(streams(), st.integers(1, 64))
 @example((mip.SYNC + b"\x80\xff" + numbered(1), [1]), 64)
-def test_every_good_packet_is_found_and_no_wrong_one_believed(stream, chunk):
+def test_every_valid_packet_is_parsed_and_no_invalid_one_accepted(stream, chunk):
     data, good = stream
     sensor = Hearing(channels=("gyro", "ticks"))
     sensor.feed(data + FLUSH, chunk)
@@ -82,7 +82,7 @@ def test_every_good_packet_is_found_and_no_wrong_one_believed(stream, chunk):
 
 @settings(max_examples=100, deadline=None)
 @given(st.binary(max_size=2000), st.integers(1, 64))
-def test_noise_is_survived_and_what_comes_after_it_is_heard(noise, chunk):
+def test_parser_resynchronises_after_noise(noise, chunk):
     sensor = Hearing(channels=("gyro", "ticks"))
     sensor.feed(noise, chunk)
     sensor.feed(FLUSH + numbered(7))

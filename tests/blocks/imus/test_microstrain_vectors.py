@@ -133,7 +133,7 @@ def test_what_the_vendors_library_calls_invalid_is_no_number_here():
     assert seen == {True, False}
 
 
-def test_packets_that_somebody_spoilt_are_refused():
+def test_corrupted_packets_are_refused():
     assert len(BAD) == 20
     for entry in BAD:
         sensor, packet = Hearing(channels=EVERYTHING), bytes.fromhex(entry["packet_hex"])
@@ -142,7 +142,7 @@ def test_packets_that_somebody_spoilt_are_refused():
         assert not mip.split(packet + bytes(300))[0], entry
 
 
-def test_all_of_them_in_one_stream_are_found_again():
+def test_all_packets_in_one_stream_are_parsed():
     good = [bytes.fromhex(entry["packet_hex"]) for entry in DATA]
     bad = [bytes.fromhex(entry["packet_hex"]) for entry in BAD]
     stream = b"".join(packet + bad[number % len(bad)] for number, packet in enumerate(good)) + bytes(300)

@@ -64,7 +64,7 @@ def vector(recording, port):
     return np.stack([recording[f"imu.{port}[{i}]"] for i in range(3)], axis=-1)
 
 
-def test_a_unit_as_it_is_sold_is_told_its_axes_at_arming_and_then_measures_in_one_right_handed_frame():
+def test_arming_configures_axes_of_factory_unit_to_right_handed_frame():
     """Three axes in turn: what is put in comes out, and the triple product of accel, gyro and mag keeps its sign."""
     given = {"accel": (3.0, -2.0, -9.0), "gyro": (0.5, 1.5, -1.0), "mag": (20.0, -10.0, 40.0)}
     for model in ("300RI", "335RI"):
@@ -154,7 +154,7 @@ def test_one_that_falls_silent_ends_the_run_past_its_timeout():
     assert 0.09 < recording["imu.age"][-1] <= 0.12
 
 
-def test_one_that_loses_its_power_gives_nothing_until_it_has_been_told_again():
+def test_power_cycled_unit_gives_no_data_until_reconfigured():
     """Back, it has the axes as it was sold, for some milliseconds: none of that comes out."""
     lost = np.zeros(3000, bool)
     lost[500:600] = True
@@ -167,7 +167,7 @@ def test_one_that_loses_its_power_gives_nothing_until_it_has_been_told_again():
     assert 0.0 in recording["imu.settings"] and recording["imu.settings"][-1] == 31.0
 
 
-def test_after_a_silence_in_which_it_may_have_lost_its_power_it_must_tell_its_settings_again():
+def test_settings_are_verified_again_after_long_silence():
     """Its claim of its address may have been lost with all the rest."""
     silent = np.zeros(2000, bool)
     silent[500:570] = True
@@ -236,13 +236,13 @@ def test_any_frame_is_taken_or_left_and_what_is_measured_stays_in_its_range(name
     assert np.nanmax(np.abs(wired["accel"])) <= 336.0 and np.nanmax(np.abs(wired["gyro"])) <= math.radians(263.0)
 
 
-def test_an_emulated_unit_of_a_plant_that_blew_up_says_so():
+def test_emulated_unit_reports_diverged_plant():
     unit = Wired(EmulatedOpenImu)
     unit["gyro"] = [0.0, math.nan, 0.0]
     assert unit.say() == NOT_FINITE
 
 
-def test_its_own_traffic_is_in_the_load_of_its_bus():
+def test_bus_load_includes_traffic_of_unit():
     [load] = compile(robot(slope=True)).loads
     assert (load.bitrate, load.frames) == (250_000.0, 400.0)
     assert load.typical == pytest.approx(400 * (67 + 64 + 64 / 15.6) / 250_000)

@@ -55,7 +55,7 @@ def test_it_is_configured_as_by_another_implementation_and_its_code_reads_the_sa
     assert seen > 100
 
 
-def test_an_answer_says_by_itself_whose_it_is(converters):
+def test_reply_identifies_its_device(converters):
     wired = Wired.again(converters[4.096])
     for name, code in (("a3", 1000), ("a0", -2000)):
         configuration = wired.block.configuration(name).to_bytes(2, "big")

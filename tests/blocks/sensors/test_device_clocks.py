@@ -66,14 +66,14 @@ def test_it_follows_the_devices_clock_where_that_drifts(drift, microcontrollers)
         ({"kind": "int32", "unit": "µs", "scale": 10.0, "clock_wrap": 10.0}, 1e-5, 10**6, "i"),
     ],
 )
-def test_a_counter_begins_anew_and_time_goes_on(declared, tick, modulus, layout, microcontrollers):
+def test_counter_wraps_and_time_continues(declared, tick, modulus, layout, microcontrollers):
     found, _ = errors(
         microcontrollers, 12, start=modulus * tick - 6.0, tick=tick, modulus=modulus, layout=layout, **declared
     )
     assert all(-1e-3 - tick < error < DELAY + 1e-3 for error in found[300:])
 
 
-def test_after_a_silence_of_several_rounds_of_its_counter_it_is_still_known(microcontrollers):
+def test_clock_is_recovered_after_silence_of_several_wraps(microcontrollers):
     wired = microcontrollers("uint16", "ms", 0.1)
     for number in range(200):
         hear(wired, number, number * 100, 1.0 + number * 0.01, "H")
@@ -90,7 +90,7 @@ def test_a_device_that_began_anew_begins_a_map_anew(microcontrollers):
         assert hear(wired, number, number * 10_000, came) == pytest.approx(came, abs=1e-4)
 
 
-def test_a_clock_that_stands_still_or_is_no_number_says_nothing(microcontrollers):
+def test_stopped_or_nan_clock_is_ignored(microcontrollers):
     wired = microcontrollers()
     said = [hear(wired, number, 7, 1.0 + number * 0.01) for number in range(500)]
     assert said[200:] == pytest.approx([1.0 + number * 0.01 for number in range(200, 500)], abs=1e-9)
@@ -105,7 +105,7 @@ def test_without_a_clock_a_packet_was_made_when_it_came():
     assert wired["sample_time"] == 1.5 and wired["clock_drift"] == 0.0
 
 
-def test_an_insole_puts_microseconds_into_its_frames_if_it_is_said_to():
+def test_insole_sends_microseconds_if_configured():
     for declared, expected in ((True, 2.999), (False, 3.03)):
         wired = Wired(Insole, rows=6, columns=3, clock=declared)
         for number in range(101):
@@ -127,6 +127,6 @@ def test_an_insole_puts_microseconds_into_its_frames_if_it_is_said_to():
         ((("t", "int8", "s", -1.0),), "t", "cannot be the clock"),
     ],
 )
-def test_a_field_that_is_no_clock_is_refused_in_words(fields, clock, words):
+def test_field_that_is_not_a_clock_is_refused_with_reason(fields, clock, words):
     with pytest.raises(DiagramError, match=words):
         Microcontroller(fields=fields, clock=clock)

@@ -120,7 +120,7 @@ def test_frames_that_are_missing_broken_or_of_the_other_foot(insole):
     cut=st.integers(1, 64),
 )
 @settings(max_examples=60, deadline=None)
-def test_a_good_frame_behind_any_garbage_is_found(garbage, cut, insole):
+def test_valid_frame_after_garbage_is_parsed(garbage, cut, insole):
     """Over TCP, as a bridge that was begun in the middle would send; at most one frame later."""
     wired, pressures = insole(transport="tcp"), random_pressures(3)
     good = frame(1, pressures)
@@ -244,7 +244,7 @@ def test_over_a_real_socket(transport, insole):
     assert counts(wired) == (200, 0, 0) and wired["force"] == pytest.approx(summed(pressures[3])[0])
 
 
-def test_an_address_that_cannot_be_is_told_in_words():
+def test_invalid_address_is_reported():
     taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     taken.bind(("127.0.0.1", 0))
     port = taken.getsockname()[1]
@@ -261,7 +261,7 @@ def test_an_address_that_cannot_be_is_told_in_words():
     taken.close()
 
 
-def test_regions_are_cut_where_they_are_said_to_be():
+def test_regions_are_split_at_configured_bounds():
     block = Insole(regions_at=(0.5,))
     assert block.outputs["regions"].shape == (2,) and block.bounds == (0.0, 16.0)
     with pytest.raises(DiagramError, match="regions_at must be strictly increasing floats between 0.0 and 1.0"):

@@ -84,7 +84,7 @@ def counts(wired):
     return tuple(int(wired[name]) for name in ("received", "lost", "corrupt"))
 
 
-def test_a_packet_is_what_its_fields_say(parser):
+def test_packet_layout_follows_its_fields(parser):
     wired = parser(*FORCE)
     assert hear(wired, force_packet(7, -1234, (1, -2, 2043))) == [TAKEN]
     assert (
@@ -101,7 +101,7 @@ def test_a_packet_is_what_its_fields_say(parser):
     cut=st.integers(1, 64),
 )
 @settings(max_examples=60, deadline=None)
-def test_every_type_comes_out_as_it_was_packed_wherever_it_is_cut(data, declared, counter, cut):
+def test_every_type_round_trips_for_any_chunk_split(data, declared, counter, cut):
     names = [f"x{i}" for i in range(len(declared))]
     wired = Wired(
         Microcontroller,
@@ -175,7 +175,7 @@ def test_the_rest_of_a_packet_that_was_on_its_way_is_no_corrupt_one(parser):
 
 @given(data=st.data())
 @settings(max_examples=150, deadline=None)
-def test_every_good_packet_behind_garbage_is_found_and_nothing_else(data, parser):
+def test_only_valid_packets_after_garbage_are_parsed(data, parser):
     wired = parser(*FORCE)
     stream, good = b"\0", 0
     for counter in range(data.draw(st.integers(1, 8))):
@@ -228,7 +228,7 @@ def test_lines_of_numbers(parser):
 
 
 @pytest.mark.parametrize("gap", [lambda wired: None, lambda wired: (wired.hear(LOST, b""), wired.hear(BACK, b""))])
-def test_a_line_whose_first_digits_were_not_heard_is_another_number_and_is_not_read(gap, parser):
+def test_line_with_lost_first_digits_is_discarded(gap, parser):
     wired = parser(("force", "float32"), format="lines", counter=False)
     gap(wired)
     assert hear(wired, b"2.5\n") == [NOTED] and counts(wired) == (0, 0, 0) and wired["force"] == 0.0
@@ -380,6 +380,6 @@ def test_the_sketch_of_the_docs_sends_what_the_block_reads(tmp_path):
         ),
     ],
 )
-def test_a_wrong_field_is_told(declared, words):
+def test_invalid_field_is_reported(declared, words):
     with pytest.raises(DiagramError, match=words):
         Microcontroller(fields=declared)
