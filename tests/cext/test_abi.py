@@ -115,14 +115,14 @@ def test_a_kernel_from_outside_takes_any_number_of_inputs():
     assert Total().step(1.0, [10.0, 0.0, 0.0]) == 2.0 * (1.0 + 3 * 10.0)
 
 
-def test_a_cfunc_is_known_by_its_address():
+def test_cfunc_is_identified_by_address():
     class Cfunc:
         address = ctypes.cast(leaky, ctypes.c_void_p).value
 
     assert address(Cfunc()) == address(leaky) == Cfunc.address
 
 
-def test_a_status_of_its_own_is_a_fault_that_names_the_block():
+def test_custom_status_is_a_fault_that_names_the_block():
     class Refuses(Leaky):
         """Refuses to go on."""
 

@@ -35,14 +35,14 @@ def test_it_ends_well(walked):
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_the_sensor_on_a_thigh_tells_what_the_drive_at_its_hip_tells(walked, side):
+def test_thigh_pitch_equals_hip_position(walked, side):
     """Both sample at 200 Hz, up to a tick apart: at 2.2 rad/s that is 0.011 rad, and a code of the drive is 0.0004."""
     pitch, angle = steady(walked, f"{side}/thigh_imu.euler[1]"), steady(walked, f"{side}/hip.position")
     assert np.max(np.abs(pitch - angle)) < 0.0125 and 0.3 < np.ptp(pitch) < 0.8
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_its_torque_goes_with_the_motion(walked, side):
+def test_assistance_power_is_positive(walked, side):
     power = steady(walked, f"{side}/hip.torque") * steady(walked, f"{side}/hip.velocity")
     assert power.mean() > 2.0 and power.clip(max=0.0).sum() > -0.02 * power.clip(min=0.0).sum()
 

@@ -125,7 +125,7 @@ def test_it_helps_at_the_right_moments(walked, side):
     assert between(0.57, 0.63, torque * velocity) > 10.0 and between(0.84, 0.92, torque * velocity) < -10.0  # W
 
 
-def test_no_assistance_before_the_stride_is_known(walked):
+def test_no_assistance_before_first_stride_estimate(walked):
     """The first two strides tell how long a stride takes; until then there is only the damper."""
     for side in SIDES:
         unknown = walked[f"{side}/gait_phase.walking"] == 0.0
@@ -144,7 +144,7 @@ def test_assistance_scales_the_profile_and_no_more(walked):
         assert 0.5 < np.sqrt(np.mean(apart**2)) < 5.0  # it is felt, and nobody is thrown
 
 
-def test_another_stride_time_is_found(walked):
+def test_stride_time_is_estimated(walked):
     for recording, stride_time in ((walked, 1.1), (walk(stride_time=1.4)[0], 1.4)):
         for side in SIDES:
             assert steady(recording, f"{side}/gait_phase.stride_time", 8.0) == pytest.approx(stride_time, abs=0.02)

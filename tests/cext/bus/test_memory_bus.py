@@ -11,7 +11,7 @@ from graph import Diagram, compile
 from tests.cext.rigs import Rig
 
 
-def test_frames_go_both_ways_and_each_end_hears_only_the_other():
+def test_frames_pass_both_ways_and_each_end_receives_only_the_other():
     bus = MemoryBus()
     assert bus.host.send(1, b"\x01\x02", time=5) and bus.device.send(0x12345, b"", extended=True)
     assert bus.device.receive() == [(1, False, b"\x01\x02", 5)] and bus.host.receive() == [(0x12345, True, b"", 0)]
@@ -25,7 +25,7 @@ def test_a_frame_carries_up_to_64_bytes():
         bus.host.send(7, bytes(65))
 
 
-def test_a_full_queue_refuses_and_counts_and_goes_on_once_read():
+def test_full_queue_refuses_and_counts_frames_until_read():
     bus = MemoryBus()
     assert [bus.host.send(number, b"") for number in range(1030)] == [True] * 1024 + [False] * 6 and bus.dropped == 6
     assert [frame[0] for frame in bus.device.receive(3)] == [0, 1, 2]
@@ -65,7 +65,7 @@ def test_frames_that_a_full_queue_refused_are_not_counted_as_sent():
     assert rig.buses["can"].dropped == 2000 + 2 * 40 - 1024
 
 
-def test_a_program_wants_an_end_for_each_bus():
+def test_program_requires_one_end_per_bus():
     with Diagram("robot", rate=200) as robot:
         for bus in ("a", "b"):
             CubeMars("AK80-9", bus=bus, name=bus)(torque_command=0.0)

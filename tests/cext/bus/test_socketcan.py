@@ -101,7 +101,7 @@ def test_whatever_is_sent_arrives_once_in_order_on_a_bus_with_fd(frames):
     assert [(extended, identifier, data) for identifier, extended, data, _ in other.end.receive()] == frames
 
 
-def test_a_frame_of_more_than_eight_bytes_goes_out_as_fd_and_others_do_not():
+def test_only_frames_over_eight_bytes_are_sent_as_fd():
     wire = Wire(fd=True)
     wire.end.send(5, bytes(range(12)))
     wire.end.send(6, b"abc")
@@ -172,7 +172,7 @@ def test_no_frame_is_older_than_the_reading_before_and_none_is_from_the_future()
         assert before <= at <= time.monotonic_ns() - began
 
 
-def test_what_comes_just_before_the_zero_of_the_run_has_its_time():
+def test_frame_received_before_run_start_has_time_zero():
     wire = Wire()
     wire.can.begin(time.monotonic_ns() + 20_000_000)  # as a run begins: a period ahead
     wire.far.send(classic(1))
@@ -197,7 +197,7 @@ def test_without_a_stamp_a_frame_is_of_the_moment_at_which_it_is_read():
 # Full queues, failures
 
 
-def test_a_full_queue_refuses_counts_and_goes_on_once_it_is_read():
+def test_full_queue_refuses_and_counts_frames_until_drained():
     wire = Wire(patience=1000)
     taken = 0
     while wire.end.send(1, bytes([taken % 256])):
@@ -207,7 +207,7 @@ def test_a_full_queue_refuses_counts_and_goes_on_once_it_is_read():
     assert wire.end.send(1, b"again") and wire.said() == [(1, b"again")]
 
 
-def test_a_queue_that_stays_full_is_a_failure_after_so_many_ticks_told_once():
+def test_queue_full_beyond_limit_is_reported_once_as_failure():
     wire = Wire(patience=3)
     while wire.end.send(1, b""):
         pass
@@ -237,7 +237,7 @@ def test_a_queue_with_room_in_between_is_no_failure():
     assert wire.can.trouble is None
 
 
-def test_an_end_that_is_gone_is_a_failure_with_its_errno_and_no_signal():
+def test_closed_end_is_a_failure_with_errno_and_no_signal():
     wire = Wire()
     wire.far.close()
     assert not wire.end.send(1, b"x") and wire.can.trouble in (
@@ -251,7 +251,7 @@ def test_an_end_that_is_gone_is_a_failure_with_its_errno_and_no_signal():
 # What a controller says of itself
 
 
-def test_error_frames_are_handed_over_and_tell_the_state():
+def test_error_frames_are_delivered_and_update_state():
     wire = Wire()
     states = []
     for frame in (
@@ -268,7 +268,7 @@ def test_error_frames_are_handed_over_and_tell_the_state():
     assert wire.can.counts["errors"] == 5 and wire.can.counts["overflows"] == 1 and wire.can.trouble is None
 
 
-def test_bus_off_fails_whoever_sends_next_and_the_stop_goes_on_trying():
+def test_bus_off_fails_next_send_and_stop_keeps_trying():
     wire = Wire()
     wire.far.send(error_frame(BUS_OFF))
     assert len(wire.heard(1)) == 1 and (wire.can.trouble, wire.can.state) == ("bus-off", "off")  # it is recorded first
@@ -279,14 +279,14 @@ def test_bus_off_fails_whoever_sends_next_and_the_stop_goes_on_trying():
     assert (wire.can.state, wire.can.worst, wire.can.trouble) == ("active", "off", "bus-off")
 
 
-def test_a_bus_that_only_listens_fails_when_it_is_read_next():
+def test_bus_off_on_receive_only_bus_fails_next_read():
     wire = Wire()
     wire.far.send(error_frame(BUS_OFF))
     wire.far.send(classic(1, ANSWER))
     assert [len(wire.heard(1)) for _ in range(4)] == [1, 0, 1, 0]  # the frame, the failure, then all as before
 
 
-def test_frames_of_one_controller_say_nothing_of_another_run():
+def test_bus_state_persists_and_error_count_restarts_with_each_run():
     wire = Wire()
     wire.far.send(error_frame(CONTROLLER, PASSIVE))
     wire.heard()
@@ -409,7 +409,7 @@ def test_another_run_over_the_same_bus_begins_anew():
     assert robot.page.statistics()["frames"]["foreign"] == 0
 
 
-def test_a_queue_that_nobody_empties_ends_the_run_and_only_what_it_took_counts_as_sent():
+def test_blocked_queue_ends_run_and_only_accepted_frames_count_as_sent():
     robot = Robot(far=())
     wire = robot.wires["bus1"]
     with far_end(robot, SILENT_SCRIPT):

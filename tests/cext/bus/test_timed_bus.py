@@ -47,7 +47,7 @@ def test_frames_that_wait_go_one_behind_the_other():
     assert [(frame[0], frame[3]) for frame in bus.device.receive()] == list(zip((3, 2, 1), ends))
 
 
-def test_of_the_drives_the_lowest_id_goes_first_and_what_has_begun_is_not_broken_off():
+def test_lowest_id_wins_arbitration_without_preemption():
     bus = TimedBus(1e6)
     bus.device.send(7, b"", time=0)
     bus.device.send(5, b"", time=10)  # while 7 is on the wire
@@ -105,7 +105,7 @@ def test_a_fast_bus_is_slowed_to_its_bitrate():
     assert [frame[:3] for frame in real.host.receive()] == [(2, False, b"\x02")]
 
 
-def test_a_robot_on_a_wire_with_a_bitrate_hears_its_answers_when_their_bits_have_passed():
+def test_replies_arrive_after_their_transmission_time():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
     bus, schedule, plant = TimedBus(1e6), compile(robot), compile(plant_of(robot))

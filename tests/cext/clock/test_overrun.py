@@ -58,7 +58,7 @@ def robot(seconds, ticks, **options):
     return Rig(diagram, plant_of(diagram, substeps=1), virtual=False, **options)
 
 
-def test_a_device_that_holds_the_loop_while_it_encodes_is_told_as_that():
+def test_overrun_while_encoding_names_the_device():
     pointer, asked = ctypes.c_void_p, []
 
     @ctypes.CFUNCTYPE(ctypes.c_int, pointer, pointer, pointer, pointer)
@@ -98,7 +98,7 @@ def test_fewer_than_that_are_skipped():
     assert outcome.status == "ok" and 1 <= rig.statistics()["missed"] < 9 + 9
 
 
-def test_overruns_that_come_too_often_are_a_fault_though_each_is_short():
+def test_frequent_short_overruns_are_a_fault():
     # two periods and a half: one grid point of four is missed
     rig = robot(0.05, range(4, 100, 4), overrun="fault:4/20")
     outcome = rig.run(100)
@@ -106,7 +106,7 @@ def test_overruns_that_come_too_often_are_a_fault_though_each_is_short():
     assert outcome.tick < 40 and rig.statistics()["missed"] >= 4
 
 
-def test_late_ticks_catch_up_one_by_one_with_their_own_time_and_the_rest_is_skipped():
+def test_late_ticks_catch_up_with_their_own_time_and_rest_is_skipped():
     rig = robot(0.25, {10}, overrun="catch-up:4")  # twelve periods and a half
     outcome = rig.run(60)
     statistics = rig.statistics()
@@ -125,7 +125,7 @@ def test_a_catch_up_that_suffices_misses_nothing():
     assert statistics["lateness"]["max"] >= 0.029  # told as late as it was
 
 
-def test_who_took_the_time_is_known_without_a_profile():
+def test_slowest_block_is_identified_without_profile():
     rig = robot(0.07, {10, 20}, overrun="skip")
     rig.run(40)
     blamed = {row["name"]: row for row in rig.executor.overruns}
@@ -157,12 +157,12 @@ WORDS = {
 
 
 @pytest.mark.parametrize("words", WORDS)
-def test_words_that_mean_nothing_are_refused(words):
+def test_invalid_overrun_policy_is_refused(words):
     with pytest.raises(ValueError, match=WORDS[words]):
         Overrun(words)
 
 
-def test_words_combine():
+def test_overrun_policies_combine():
     policy = Overrun("catch-up:2, fault:9, fault:12/100")
     assert (policy.catch_up, policy.in_a_row, policy.in_window, policy.window) == (2, 9, 12, 100)
 

@@ -33,7 +33,7 @@ def test_timer_slack_is_of_one_thread_and_has_a_default():
     assert (least, after) == (1, before) and before == here == realtime.timer_slack()
 
 
-def test_a_short_slice_is_of_one_thread_and_goes_back_to_the_default():
+def test_short_slice_applies_to_one_thread_and_is_restored():
     def change():
         before = realtime.slice_length()
         realtime.set_slice(100_000)
@@ -68,7 +68,7 @@ def test_stack_that_was_touched_is_there():
     assert first > 0 and again == 0
 
 
-def test_stack_of_no_size_is_no_trouble():
+def test_prefault_accepts_stack_without_size():
     realtime.prefault_stack(0)
     realtime.prefault_stack(-1)
 

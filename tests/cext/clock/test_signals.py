@@ -146,7 +146,7 @@ def test_a_signal_ends_a_run_that_spins_through_its_periods():
     assert told["signal"] == signal.SIGTERM and stopped_safely(told) and told["statistics"]["sleeps"] == 0
 
 
-def test_the_first_of_two_signals_is_told_and_the_second_does_not_cut_the_stop_short():
+def test_second_signal_does_not_shorten_safe_stop():
     told = robot(sends(signal.SIGHUP), sends(signal.SIGINT), sends(signal.SIGTERM))
     assert (
         told["signal"] in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
@@ -197,7 +197,7 @@ def test_a_block_that_forks_and_returns_leaves_one_run():
     assert told["ticks"] == sorted(set(told["ticks"]))
 
 
-def test_a_process_that_was_stopped_and_continued_goes_on_where_time_is():
+def test_continued_process_resumes_at_current_time():
     def pause(child):
         child.send_signal(signal.SIGSTOP)
         time.sleep(0.1)

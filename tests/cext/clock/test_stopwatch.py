@@ -91,7 +91,7 @@ def test_the_gil_is_taken_once_for_all_python_neighbours_and_not_at_all_while_th
         assert rig.schedule.gil_sections * 60 == taken
 
 
-def test_blocks_of_other_rates_under_one_hold_of_the_gil_have_their_own_clock():
+def test_blocks_of_other_rates_in_one_gil_section_are_timed_separately():
     class Tells(Block):
         """The time that it is told has passed."""
 
@@ -175,7 +175,7 @@ def test_a_profile_counts_every_step_of_every_block_and_shares_out_the_time():
     assert [row["total"] for row in rows] == sorted((row["total"] for row in rows), reverse=True)
 
 
-def test_a_profile_of_a_robot_tells_of_its_devices_and_its_plant():
+def test_profile_includes_devices_and_plant():
     rig = one_drive(lambda knee: 1.0)
     assert rig.executor.profile == ([], [])
     rig = one_drive(lambda knee: 1.0, options={"profile": True})
@@ -187,7 +187,7 @@ def test_a_profile_of_a_robot_tells_of_its_devices_and_its_plant():
     assert {row["name"]: row["count"] for row in plant}["knee_limb"] >= 250
 
 
-def test_a_profile_tells_each_device_by_itself():
+def test_profile_lists_each_device():
     with Diagram("robot", rate=RATE) as robot:
         for can_id, name in enumerate(("left", "middle", "right"), 1):
             CubeMars("AK10-9-V2.0", can_id=can_id, name=name)(torque_command=1.0)

@@ -56,7 +56,7 @@ def answers(frames, transfer=0):
     return [frame for frame in frames if frame[0] >> 16 & 15 == transfer]
 
 
-def test_each_answer_is_a_frame_with_what_stands_behind_it(imu):
+def test_each_reply_becomes_a_frame_with_its_suffix(imu):
     wires, number, bus = imu
     began = time.monotonic_ns()
     bus.begin(began)
@@ -71,7 +71,7 @@ def test_each_answer_is_a_frame_with_what_stands_behind_it(imu):
     assert wires.of_chip(number)[1] == 0  # it is set up: nothing is written
 
 
-def test_each_round_has_its_own_period():
+def test_each_read_sequence_has_its_own_period():
     wires = MemoryI2c()
     wires.add(IMU)
     wires.add(0x0C)
@@ -184,7 +184,7 @@ def test_one_that_has_lost_its_settings_is_seen_though_it_answers(imu):
     bus.stop()
 
 
-def test_one_that_hangs_holds_up_its_own_bus_alone():
+def test_hanging_device_delays_only_its_own_bus():
     """Each exchange with it takes 50 ms: the devices of the other bus are asked as if nothing were."""
     buses = []
     for slow in (0.05, 0.0):
@@ -206,7 +206,7 @@ def test_one_that_hangs_holds_up_its_own_bus_alone():
     assert free[0]["answers"] >= 60 and free[0]["failures"] == 0  # 80 periods
 
 
-def test_while_one_wakes_up_the_others_are_asked():
+def test_other_devices_are_read_while_one_starts_up():
     wires = MemoryI2c()
     slow = wires.add(0x69)
     wires.add(IMU)

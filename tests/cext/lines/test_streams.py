@@ -47,7 +47,7 @@ def raw_pty():
     return master, slave, path
 
 
-def test_bytes_come_in_their_order_with_the_time_of_their_read(streams):
+def test_bytes_arrive_in_order_with_read_time(streams):
     here, there = socket.socketpair()
     stream = streams.add(here.fileno(), "imu")
     here.close()
@@ -107,7 +107,7 @@ def test_an_empty_datagram_is_no_end(streams):
     assert heard(stream, 4) == b"more" and not stream.gone
 
 
-def test_what_the_tick_sends_goes_out_at_once(streams):
+def test_bytes_sent_in_tick_are_written_at_once(streams):
     master, slave, path = raw_pty()
     stream = streams.add(slave)
     os.close(slave)
@@ -117,7 +117,7 @@ def test_what_the_tick_sends_goes_out_at_once(streams):
     os.close(master)
 
 
-def test_a_full_line_makes_nobody_wait(streams):
+def test_full_line_does_not_block(streams):
     here, there = socket.socketpair()
     stream = streams.add(here.fileno())
     streams.start()
@@ -127,7 +127,7 @@ def test_a_full_line_makes_nobody_wait(streams):
     assert time.monotonic() - began < 1.0 and stream.counts["refused"] > 0
 
 
-def test_an_unplugged_line_is_told_and_its_return_is_too_with_its_settings_and_its_set_up(streams, tmp_path):
+def test_unplug_and_reconnect_are_reported_and_settings_restored(streams, tmp_path):
     by_id = tmp_path / "usb-imu-133931"
     master, slave, path = raw_pty()
     settings = termios.tcgetattr(slave)
@@ -183,7 +183,7 @@ def test_a_thread_that_has_nothing_to_read_costs_nothing(streams):
     os.close(master)
 
 
-def test_a_line_that_is_let_go_of_is_free_for_others_although_it_is_still_known(streams):
+def test_closed_line_is_released_and_keeps_its_last_bytes(streams):
     here, there = socket.socketpair()
     stream = streams.add(here.fileno())
     here.close()
@@ -232,7 +232,7 @@ def bridge():
     made.end()
 
 
-def test_a_connection_that_is_lost_is_made_anew_and_told_what_it_has_to_be_told(streams, bridge):
+def test_lost_connection_is_reopened_and_set_up_again(streams, bridge):
     here = socket.create_connection(("127.0.0.1", bridge.port))
     stream = streams.add(here.fileno(), "insole", reconnects=True, setup=(b"go\n",), pause=0.001)
     here.close()
@@ -257,7 +257,7 @@ def test_a_connection_that_is_lost_is_made_anew_and_told_what_it_has_to_be_told(
     there.close()
 
 
-def test_a_connection_that_nobody_answers_delays_no_other_line(streams, bridge):
+def test_unanswered_connection_delays_no_other_line(streams, bridge):
     """A queue that is full: whoever connects is neither taken nor refused."""
     here = socket.create_connection(("127.0.0.1", bridge.port))
     lost = streams.add(here.fileno(), "insole", reconnects=True)
@@ -306,7 +306,7 @@ def test_attempts_to_connect_become_rarer(streams, bridge):
     assert 0.7 < time.monotonic() - lost < 1.5 and stream.counts["returns"] == 1
 
 
-def test_what_is_back_is_believed_once_it_has_said_who_it_is(streams, tmp_path):
+def test_reconnected_device_is_accepted_after_identification(streams, tmp_path):
     """Asked in the middle of what it streams, and answered in two parts; who says anything else stays out."""
     link = tmp_path / "tty"
     master, slave, path = raw_pty()

@@ -18,7 +18,7 @@ def lines():
     return Lines(2)
 
 
-def test_frames_go_out_and_come_back_in_their_order(lines):
+def test_frames_pass_ring_in_order(lines):
     line = Line(lines, 1)
     line.begin(1_000)
     for number in range(3):
@@ -42,7 +42,7 @@ def test_the_rings_go_round_and_round(lines):
         ]
 
 
-def test_a_full_ring_refuses_frames_and_fails_when_nobody_takes_them(lines):
+def test_full_ring_refuses_frames_and_fails_if_not_drained(lines):
     line = Line(lines, 0)
     assert all(line.end.send(STANDARD, b"") for _ in range(ROOM))
     assert not any(line.end.send(STANDARD, b"") for _ in range(10)) and line.trouble == "full"
@@ -60,7 +60,7 @@ def test_what_finds_no_room_on_its_way_back_is_counted(lines):
     assert line.counts["overflows"] == 3
 
 
-def test_a_bus_that_has_failed_is_told_with_its_reason_until_the_next_run(lines):
+def test_failed_bus_keeps_its_reason_until_next_run(lines):
     line = Line(lines, 0)
     lines.fail(0, errno.ENODEV)
     assert not line.end.send(STANDARD, b"") and line.trouble == errno.ENODEV
@@ -70,7 +70,7 @@ def test_a_bus_that_has_failed_is_told_with_its_reason_until_the_next_run(lines)
     assert line.counts == {"refused": 2, "echoes": 2, "corrupt": 2, "errors": 2, "overflows": 0, "withheld": 2}
 
 
-def test_a_run_begins_with_nothing_that_was_heard_before_it(lines):
+def test_run_discards_earlier_frames(lines):
     line = Line(lines, 0)
     lines.give(0, STANDARD, b"old", 1)
     line.begin(0)
@@ -78,7 +78,7 @@ def test_a_run_begins_with_nothing_that_was_heard_before_it(lines):
     assert line.end.receive() == [(STANDARD, False, b"new", 2)]
 
 
-def test_what_comes_just_before_the_zero_of_the_run_has_its_time(lines):
+def test_frame_received_just_before_run_start_keeps_its_time(lines):
     line = Line(lines, 0)
     line.begin(1_000)
     lines.give(0, STANDARD, b"early", 400)

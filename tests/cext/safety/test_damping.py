@@ -106,7 +106,7 @@ def test_a_run_that_ends_with_its_first_tick_was_under_torque_and_is_damped():
     assert len([data for data in rig.sent() if data not in (ENABLE, *STOP)]) == 1 + 50  # every 2 ms
 
 
-def test_who_waits_for_arming_was_damped_once_and_is_not_when_the_run_ends():
+def test_drive_waiting_to_rearm_is_not_damped_again_at_run_end():
     class Never(Block):
         asked = Output("1", dtype=bool)
 
@@ -127,7 +127,7 @@ def test_who_waits_for_arming_was_damped_once_and_is_not_when_the_run_ends():
     assert times == sorted(times)
 
 
-def test_damping_ends_on_its_time_where_nobody_answers_any_more():
+def test_damping_ends_on_time_without_replies():
     rig = one_drive(lambda knee: 0.0, virtual=False, safe_stop="damp", stop_time=0.1)
     rig.executor.run(10, stopping_timeout=0.1)
     assert rig.page.state == "safe"

@@ -66,7 +66,7 @@ def test_the_rms_torque_is_that_of_the_last_window_within_a_bucket():
     assert rig.control.watched[0]["rms_ticks"] == 0 and rig.events == []
 
 
-def test_saturate_takes_the_limit_back_to_the_rated_torque_while_the_rated_rms_comes_near():
+def test_saturate_lowers_limit_to_rated_torque_near_rated_rms():
     rig, outcome = watched()
     assert outcome.status == "ok"
     sent, rms = rig["knee.torque_sent"], rig["knee.rms_torque"]
@@ -86,7 +86,7 @@ def test_throttle_takes_more_back():
     assert rig["knee.torque_sent"][rig.tick < RATE].min() < 0.6 * RATED
 
 
-def test_warn_changes_nothing_and_is_told_once():
+def test_warn_keeps_limit_and_is_reported_once():
     rig, outcome = watched(rms_mode="warn")
     assert outcome.status == "ok" and rig["knee.torque_sent"][RATE - 1] == pytest.approx(15.0, abs=0.01)
     assert [told["what"] for told in rig.events] == ["RMS torque over 1 s is above the rated 9 N·m"]
@@ -99,13 +99,13 @@ def test_disable_ends_the_run_in_the_tick_that_passes_the_rated_rms():
     assert RATED * 0.97 < rig["knee.rms_torque"][-1] <= RATED and outcome.tick == rig.tick[-1] + 1
 
 
-def test_a_limit_of_the_rated_torque_is_never_lowered_by_its_own_rms():
+def test_limit_at_rated_torque_is_not_lowered_by_rms():
     rig, outcome = watched(torque=9.0, limit="rated")
     assert outcome.status == "ok" and rig["knee.limited"][-1] == 0 and rig.events == []
     assert rig["knee.torque_sent"].min() == pytest.approx(9.0, abs=0.01)
 
 
-def test_a_drive_that_gets_warm_is_told_derated_and_at_last_ends_the_run():
+def test_warming_drive_is_reported_derated_then_ends_run():
     rig, outcome = watched(torque=10.0, temperature=None, seconds=10.0, rms_mode="silent")
     heard = rig["knee.temperature"]
     assert (outcome.status, outcome.culprit) == ("too hot", "knee") and 98.0 < heard[-1] <= 100.0
@@ -132,7 +132,7 @@ def test_stiffness_and_damping_are_held_inside_what_is_left_of_the_limit():
     )
 
 
-def test_the_current_of_a_mode_without_torque_goes_down_too():
+def test_derating_lowers_current_in_modes_without_torque():
     with Diagram("robot", rate=RATE) as robot:
         knee = RobStride("RS02", name="knee", mode="current")
         knee(current_command=2.0)

@@ -121,7 +121,7 @@ def test_walking_with_noise_of_0_15_rad_s_in_the_velocity_is_not_beyond_the_boun
 
 
 @pytest.mark.parametrize("rate", RATES)
-def test_acceleration_that_goes_on_beyond_the_bound_ends_the_run(rate):
+def test_sustained_acceleration_beyond_bound_ends_run(rate):
     """12 Hz, of a peak of 1000 rad/s²: twice the bound, and beyond it for two thirds of the time."""
     rig, outcome = imposed(sine(1000.0 / (24.0 * math.pi) ** 2, 12.0), rate=rate, commands=GAINS, limit=9.0)
     assert (outcome.status, outcome.culprit) == ("acceleration", "knee") and 0.05 <= outcome.tick / rate < 0.3
@@ -186,7 +186,7 @@ def test_a_drive_that_lost_its_power_for_50_ms_and_came_back_disabled_does_not_f
         assert rig.watched["value"] < 0.2 * 3.0 and 2.5 < rig.watched["bound"] <= 3.0
 
 
-def test_a_drive_with_stiffness_that_comes_back_disabled_does_not_follow():
+def test_power_cycled_stiff_drive_is_reported_as_not_following():
     _, outcome = imposed(
         sine(0.3, 1.0),
         commands={**GAINS, "position_command": 0.1},
@@ -304,7 +304,7 @@ FIRMWARES = [
     FIRMWARES,
     ids=[f"{model} {emulator}" for _, model, emulator, *_ in FIRMWARES],
 )
-def test_a_firmware_with_another_scale_is_found_after_a_second(drive, model, emulator, scale, about):
+def test_firmware_with_other_scale_is_detected_after_a_second(drive, model, emulator, scale, about):
     commands = (
         {"current_command": 0.0}
         if drive is CubeMarsServo
@@ -323,7 +323,7 @@ def test_a_firmware_with_another_scale_is_found_after_a_second(drive, model, emu
         assert rig.watched["about"] == about and rig.watched["value"] == pytest.approx(scale, rel=0.02)
 
 
-def test_a_position_that_turns_against_its_velocity_is_found():
+def test_position_opposing_velocity_is_detected():
     rig, outcome = imposed(lambda t: (0.5 * math.sin(5.0 * t), -2.5 * math.cos(5.0 * t)), seconds=2.5)
     assert outcome.status == "scale mismatch" and rig.watched["value"] == pytest.approx(-1.0, abs=0.02)
 

@@ -51,7 +51,7 @@ def is_told(mourner, seconds):
     return bool(select.select([mourner.fd], [], [], seconds)[0])
 
 
-def test_who_dies_with_the_hold_is_mourned(page, holder):
+def test_death_of_mutex_owner_is_reported(page, holder):
     mourner = OwnerDeathWatcher(page)
     assert not is_told(mourner, 0.05)
     holder.send_signal(signal.SIGSTOP)
@@ -60,13 +60,13 @@ def test_who_dies_with_the_hold_is_mourned(page, holder):
     assert is_told(mourner, 5.0)
 
 
-def test_who_has_died_before_anybody_waited_is_mourned(page, holder):
+def test_owner_death_before_wait_is_reported(page, holder):
     holder.kill()
     holder.wait()
     assert is_told(OwnerDeathWatcher(page), 5.0)
 
 
-def test_who_has_let_go_is_not_mourned(page, holder):
+def test_death_after_mutex_release_is_not_reported(page, holder):
     mourner = OwnerDeathWatcher(page)
     print(file=holder.stdin, flush=True)
     assert holder.stdout.readline() == "gone\n"

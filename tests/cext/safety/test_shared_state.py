@@ -19,7 +19,7 @@ def payload(number, words):
     return number.to_bytes(8, "little") * words
 
 
-def test_what_is_pushed_comes_out_in_order_with_its_kind():
+def test_records_are_drained_in_order_with_kind():
     page = SharedState(4096)
     for number, kind in enumerate((RECORD_ROW, RECORD_FRAME, RECORD_EVENT)):
         assert page.push(kind, payload(number, 1))
@@ -27,7 +27,7 @@ def test_what_is_pushed_comes_out_in_order_with_its_kind():
     assert page.drain() == [] and page.empty
 
 
-def test_a_payload_is_filled_up_to_whole_words():
+def test_payload_is_padded_to_whole_words():
     page = SharedState(4096)
     page.push(RECORD_EVENT, b'{"a": 1}' + b"!")
     page.push(RECORD_EVENT, b"")
@@ -65,7 +65,7 @@ def test_a_record_is_never_cut_at_the_end_of_the_ring():
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.one_of(st.integers(0, 300), st.just("drain")), max_size=200), st.integers(1, 20))
-def test_every_record_that_was_taken_comes_out_once_and_in_order(actions, most):
+def test_accepted_records_are_drained_once_and_in_order(actions, most):
     page = SharedState(4096)
     taken, out = [], []
     for number, action in enumerate(actions):
@@ -170,7 +170,7 @@ def test_a_negative_duration_counts_as_none_and_no_durations_have_no_percentiles
     assert percentiles([]) == {"count": 0, "total": 0.0, "max": 0.0, "max_at_tick": 0}
 
 
-def test_random_bytes_of_a_seeded_writer_come_back_as_they_were():
+def test_random_payloads_round_trip():
     source = random.Random(3)
     page = SharedState(1 << 13)
     for _ in range(500):

@@ -107,7 +107,7 @@ def test_the_thresholds_fit_together():
 
 
 @pytest.mark.parametrize("path", MODULES)
-def test_no_module_has_a_threshold_of_its_own(path):
+def test_thresholds_are_defined_only_in_thresholds_module(path):
     constants = constants_of(path)
     others = {line for line, name in constants if name in NO_THRESHOLDS}
     assert [found for found in constants if found[0] not in others] == []

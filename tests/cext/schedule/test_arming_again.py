@@ -184,7 +184,7 @@ def test_while_it_waits_the_drive_is_disabled_every_tick_and_keeps_answering():
 
 
 @pytest.mark.parametrize("ask", [range(200), range(49), range(40, 51)])
-def test_an_input_that_is_held_or_rose_before_asks_for_nothing(ask):
+def test_held_or_early_input_requests_no_rearm(ask):
     robot = Survivor({50: nan}, asks=ask)
     assert robot.run().status == "not finite" and robot.rig.sent().count(ENABLE) == 1
     assert [entry[0] for entry in robot.heard] == ["fault"]
@@ -195,7 +195,7 @@ def test_a_letter_from_before_the_wait_counts_no_more():
     assert robot.run().status == "not finite" and robot.rig.sent().count(ENABLE) == 1
 
 
-def test_as_long_as_the_cause_stands_arming_is_refused_with_its_name():
+def test_rearm_is_refused_with_cause_while_it_persists():
     robot = Survivor(
         {tick: nan for tick in range(50, 100)} | {79: lambda: robot.press("rearm") and math.nan}, asks=[70, 130]
     )
@@ -210,7 +210,7 @@ def test_as_long_as_the_cause_stands_arming_is_refused_with_its_name():
     assert robot.heard[1][3] == 70 and robot.heard[2][3] == 80
 
 
-def test_an_exception_is_survived_too_and_told_each_time():
+def test_exception_is_recoverable_and_reported_each_time():
     robot = Survivor({50: broken, 65: broken, 120: broken}, asks=[65, 80, 140])
     outcome = robot.run()
     assert outcome.status == "ok" and outcome.error is None
@@ -228,7 +228,7 @@ def test_a_fault_in_the_very_first_tick_is_survived_as_well():
 
 
 @pytest.mark.parametrize("status", [64, 70])
-def test_a_status_of_a_labs_own_kernel_is_survived(status):
+def test_status_of_custom_kernel_is_recoverable(status):
     @SIGNATURE
     def kernel(arena, slots, sizes):
         return status if arena[1] == 50.0 else 0  # the slot of the tick
@@ -319,7 +319,7 @@ def test_a_fence_of_another_process_is_no_fault_to_be_survived():
     assert robot.run().status == "fenced" and robot.rig.sent().count(ENABLE) == 1
 
 
-def test_a_drive_that_is_silent_stands_in_the_way_until_it_answers_again():
+def test_silent_drive_blocks_rearm_until_it_replies():
     def plant(robot):
         model = plant_of(robot)
         with model:
@@ -339,7 +339,7 @@ def test_a_drive_that_is_silent_stands_in_the_way_until_it_answers_again():
     assert robot.rig.sent().count(ENABLE) == 2 and outcome.faults[0].unconfirmed == ("knee",)
 
 
-def test_a_fault_bit_stands_in_the_way_until_the_drive_takes_it_back():
+def test_fault_bit_blocks_rearm_until_drive_clears_it():
     def plant(robot):
         with Diagram("plant", rate=5 * RATE) as model:
             fault = Bit(range(5 * 50, 5 * 150), name="bit")()
@@ -357,7 +357,7 @@ def test_a_fault_bit_stands_in_the_way_until_the_drive_takes_it_back():
     ]
 
 
-def test_an_emergency_stop_stands_in_the_way_until_it_is_released():
+def test_emergency_stop_blocks_rearm_until_released():
     robot = Survivor({}, asks=[80, 150], more=lambda: EmergencyStop()(Ask(set(range(50, 100)), name="button")()))
     outcome = robot.run()
     assert (outcome.status, [fault.status for fault in outcome.faults]) == ("ok", ["e-stop"])

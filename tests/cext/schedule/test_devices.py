@@ -50,7 +50,7 @@ def test_a_drive_that_falls_silent_ends_the_run_after_its_timeout():
     assert rig["knee.age"] == pytest.approx([tick / 200 for tick in range(11)], abs=1e-9)
 
 
-def test_what_has_come_after_the_tick_began_has_no_age():
+def test_frame_received_after_tick_start_has_zero_age():
     rig = one_drive(lambda knee: 0.0, plant=False, timeout=0.0)
     rig.buses["can"].device.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), time=12_000_000)
     rig.run(6)
@@ -101,7 +101,7 @@ def test_a_drive_that_takes_many_frames_to_enable_is_sent_them_no_faster_than_on
     assert len(enabling) > 2 and enabling == [k * len(steps.enable) * period for k in range(len(enabling))]
 
 
-def test_when_what_was_received_is_told_in_the_recording_even_if_it_was_nothing():
+def test_receive_time_is_recorded_even_without_frames():
     with Diagram("robot", rate=200) as robot:
         Sensor(name="sensor", timeout=0.0)
     rig = Rig(robot)
@@ -110,7 +110,7 @@ def test_when_what_was_received_is_told_in_the_recording_even_if_it_was_nothing(
     assert len(drains) >= 20 and len(set(drains)) >= 20
 
 
-def test_without_a_bus_nothing_is_told_of_what_was_received():
+def test_receive_times_are_not_recorded_without_bus():
     with Diagram("robot", rate=200) as robot:
         StepSource(0.0, 1.0, 0.1)
     rig = Rig(robot)
@@ -118,7 +118,7 @@ def test_without_a_bus_nothing_is_told_of_what_was_received():
     assert RECORD_RECEIVED not in {kind for kind, _ in rig.page.drain(1 << 30)}
 
 
-def test_a_timeout_of_zero_waits_for_ever():
+def test_zero_timeout_disables_timeout():
     rig = one_drive(lambda knee: 0.0, plant=False, timeout=0.0)
     rig.buses["can"].device.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]))
     assert rig.run(1000).status == "ok"
@@ -169,7 +169,7 @@ def test_a_flood_of_foreign_frames_is_taken_64_a_tick():
     assert frames["foreign"] == 500
 
 
-def test_what_is_longer_than_a_frame_comes_neither_from_a_block_nor_from_a_recording():
+def test_oversized_frame_is_refused_from_block_and_recording():
     """It would be written behind the frame's end."""
 
     class Long(CubeMars):
@@ -211,7 +211,7 @@ class Sensor(Device):
     decode, encode = Kernel(sensor_decode, "reading"), Kernel(sensor_encode, "")
 
 
-def test_a_sensor_that_speaks_by_itself_is_waited_for_too():
+def test_streaming_sensor_is_awaited_while_arming():
     with Diagram("robot", rate=200) as robot:
         Sensor(name="sensor")
     rig = Rig(robot)
@@ -226,7 +226,7 @@ def test_a_sensor_that_speaks_by_itself_is_waited_for_too():
     assert outcome.unconfirmed == ()
 
 
-def test_a_sensor_that_may_be_silent_for_ever_is_not_waited_for():
+def test_sensor_without_timeout_is_not_awaited_while_arming():
     with Diagram("robot", rate=200) as robot:
         Sensor(name="sensor", timeout=0.0)
     assert Rig(robot).run(20).status == "ok"
@@ -339,7 +339,7 @@ def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow
 
 
 @pytest.mark.parametrize("plant, least, most", [(True, 2, 2), (False, 30, 42)])
-def test_in_real_time_the_stop_is_told_twice_and_then_every_5_ms_until_it_is_confirmed(plant, least, most):
+def test_real_time_stop_is_sent_twice_then_every_5_ms_until_confirmed(plant, least, most):
     rig = one_drive(lambda knee: 0.0, virtual=False, plant=plant)
     began = time.monotonic()
     outcome = rig.run(10, arming_timeout=0.05)
@@ -350,7 +350,7 @@ def test_in_real_time_the_stop_is_told_twice_and_then_every_5_ms_until_it_is_con
 
 
 @pytest.mark.parametrize("rate, rounds", [(50, 41), (200, 41), (1000, 201)])
-def test_the_stop_is_told_again_with_every_period_and_at_least_every_5_ms(rate, rounds):
+def test_stop_is_resent_every_period_and_at_least_every_5_ms(rate, rounds):
     rig = one_drive(lambda knee: 0.0, plant=False, rate=rate)
     assert rig.run(10, arming_timeout=0.05).status == "no answer"
     assert abs(rig.sent().count(DISABLE) - rounds) <= 1
@@ -475,7 +475,7 @@ def test_what_is_like_any_command_of_ours_is_a_foreign_command(batch):
     assert (outcome := rig.run(20)).status == "foreign command" and outcome.culprit == "knee"
 
 
-def test_who_has_answered_is_not_enabled_again_while_the_others_are_waited_for():
+def test_armed_drive_is_not_reenabled_while_others_are_awaited():
     with Diagram("robot", rate=200) as robot:
         for can_id in (1, 2):
             CubeMars("AK80-9", can_id=can_id, name=f"drive{can_id}")(torque_command=0.0)
@@ -487,7 +487,7 @@ def test_who_has_answered_is_not_enabled_again_while_the_others_are_waited_for()
 
 
 @pytest.mark.parametrize("can_id", [1, 5, 255])
-def test_a_drive_takes_only_what_it_says_it_hears(can_id):
+def test_drive_accepts_only_its_declared_identifiers(can_id):
     """A rig lets the kernel keep all else from it."""
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=can_id, name="knee", timeout=0.0)(torque_command=0.0)

@@ -328,7 +328,7 @@ def build(fault):
 
 
 @pytest.mark.parametrize("what", FAULTS)
-def test_every_drive_on_every_bus_is_told_within_two_ticks_and_nothing_but_that(what):
+def test_every_drive_on_every_bus_receives_only_stop_within_two_ticks(what):
     fault = FAULTS[what]
     rig = build(fault)
     outcome = rig.run(fault.ticks, fade=0.0)
@@ -351,7 +351,7 @@ def test_every_drive_on_every_bus_is_told_within_two_ticks_and_nothing_but_that(
     assert outcome.unconfirmed == fault.unconfirmed
 
 
-def test_more_exceptions_than_are_held_are_told_with_their_commands_until_then():
+def test_exceptions_beyond_held_limit_are_reported_with_earlier_commands():
     rig = build(FAULTS["more exceptions than are held"])
     outcome = rig.run(100, fade=0.0)
     assert outcome.tick == AT + 3 and str(outcome.error) == "torn"

@@ -95,7 +95,7 @@ def test_sys_exit_in_a_block_is_an_exception_of_that_block():
     assert outcome.status == "exception" and isinstance(outcome.error, SystemExit) and outcome.error.code == "enough"
 
 
-def test_an_exception_in_an_update_is_told_too():
+def test_exception_in_update_is_reported():
     class Updates(Block):
         """Fails when it remembers."""
 
@@ -117,7 +117,7 @@ def test_an_exception_in_an_update_is_told_too():
     assert ends_in_the_safe_stop(rig) and len(rig.commands()) == 5  # the update comes after the frames of its tick
 
 
-def test_an_exception_while_arming_is_told_and_nothing_was_commanded():
+def test_exception_while_arming_is_reported_without_commands_sent():
     class Settles(Block):
         """Fails to find its steady state."""
 
@@ -215,7 +215,7 @@ def test_if_one_drive_refuses_none_of_the_tick_is_sent():
     assert ends_in_the_safe_stop(rig, 1) and ends_in_the_safe_stop(rig, 2)
 
 
-def test_what_is_told_of_a_run_is_as_it_was_before_its_safe_stop_was_answered():
+def test_outcome_describes_state_before_safe_stop_replies():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee", safe_stop="damp", stop_time=0.2)(torque_command=2.0)
     plant = plant_of(robot)

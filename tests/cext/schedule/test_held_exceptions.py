@@ -122,7 +122,7 @@ def test_an_update_is_held_with_the_state_as_it_left_it():
     assert rig.run(3).status == "ok" and rig.control.held == []  # of the run before
 
 
-def test_a_slow_block_counts_its_own_steps():
+def test_slow_block_counts_its_steps():
     class Slow(Block):
         """Raises from tick 8 on."""
 
@@ -139,7 +139,7 @@ def test_a_slow_block_counts_its_own_steps():
     assert (outcome.status, outcome.tick) == ("exception", 16)
 
 
-def test_the_first_one_is_told_in_the_recording_when_it_happens_and_no_other():
+def test_only_first_held_exception_is_recorded():
     with Diagram("robot", rate=100) as diagram:
         Flaky({5, 6, 9}, hold_exceptions=3, name="wobbly Ω")
     rig = Rig(diagram, record=False)

@@ -99,7 +99,7 @@ def test_of_two_drives_the_one_that_does_not_answer_is_named_and_neither_moves()
     assert times == sorted(times) and rig.statistics()["ticks"] == 0
 
 
-def test_two_drives_on_two_buses_arm_and_stop_each_on_its_own():
+def test_two_drives_on_two_buses_arm_and_stop_independently():
     with Diagram("robot", rate=200) as robot:
         for bus in ("left", "right"):
             CubeMars("AK10-9-V2.0", bus=bus, can_id=7, name=f"{bus}_knee")(
@@ -156,7 +156,7 @@ def test_times_of_a_run_are_zero_or_more(times):
         rig.run(10, **times)
 
 
-def test_a_run_that_waits_for_ever_for_its_devices_is_a_run():
+def test_run_accepts_infinite_arming_timeout():
     rig = one_drive(lambda knee: 1.0)
     assert rig.run(10, arming_timeout=math.inf, fade=math.inf).status == "ok"
     assert abs(rig["knee.torque_sent"]).max() < 0.04

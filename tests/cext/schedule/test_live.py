@@ -87,7 +87,7 @@ def test_what_was_posted_before_the_run_counts_from_its_first_tick():
     assert writer.answer(ticket) == ("taken", 0, 0)
 
 
-def test_a_ramp_goes_by_slew_times_dt_a_tick_and_arrives_exactly():
+def test_ramp_steps_by_slew_times_dt_and_ends_exactly():
     found = rig(lambda: spring(slew=50.0), {4: lambda writer: writer.set([(0, 31.1)])})
     found.run(15)
     steps = 50.0 / RATE * np.arange(1, 5)
@@ -130,7 +130,7 @@ def test_a_ramp_of_a_python_block_ends_where_it_should():
     assert found.statistics()["gil_taken"] == 8 + 3, "once a tick for the steps, and once more while the ramp goes"
 
 
-def test_a_slow_block_finds_its_value_when_its_turn_comes():
+def test_slow_block_receives_value_at_its_next_step():
     found = rig(lambda: spring(every=4), {1: lambda writer: writer.set([(0, 50.0)])})
     found.run(10)
     assert list(stiffness(found)) == [30.0] * 4 + [50.0] * 6 and found.changes[0].tick == 2
@@ -210,7 +210,7 @@ SCRIBBLES = {
 
 
 @pytest.mark.parametrize("what", SCRIBBLES)
-def test_a_writer_gone_wild_changes_nothing(what):
+def test_corrupted_change_request_has_no_effect(what):
     found = rig(spring)
     writer = Writer(found.page)
     wild = writer.set([(0, 77.125)])
@@ -286,7 +286,7 @@ def test_a_stop_ends_the_run_in_the_safe_stop_and_is_no_fault():
     assert not rig.run(20).stopped and len(rig.tick) == 20
 
 
-def test_a_stop_is_heard_while_arming_and_a_change_waits_for_tick_0():
+def test_stop_is_handled_while_arming_and_change_waits_for_tick_0():
     rig = one_drive(lambda drive: TorqueLimiter(limit=Live(9.0, max=12.0))(1.0), plant=False)  # nobody ever answers
     writer = Writer(rig.page)
     change, stop = writer.set([(0, 10.0)]), writer.stop()
@@ -326,7 +326,7 @@ def test_the_page_shows_values_and_targets():
     assert seen == {0: [(30.0, 30.0), (1.0, 1.0)], 3: [(31.0, 40.0), (1.05, 2.0)], 30: [(40.0, 40.0), (2.0, 2.0)]}
 
 
-def test_an_attribute_whose_own_code_raises_is_a_fault_of_its_block():
+def test_exception_in_attribute_setter_is_a_fault_of_its_block():
     class Guarded(Block):
         """Takes no gain above 1, although it says so nowhere."""
 

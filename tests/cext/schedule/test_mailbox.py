@@ -60,7 +60,7 @@ def write_and_wait(page, index, told):
         os.write(told, struct.pack("=q", answer[1]))
 
 
-def test_many_processes_write_at_once_and_each_is_told_the_ticks_that_are_recorded():
+def test_concurrent_writers_receive_the_recorded_ticks():
     rig = springs(WRITERS, virtual=False)
     parameters = [index for index, live in enumerate(rig.schedule.live) if live.name == "damping"]
     pipes = {index: os.pipe() for index in parameters}
@@ -86,7 +86,7 @@ def test_many_processes_write_at_once_and_each_is_told_the_ticks_that_are_record
         os.close(writer)
 
 
-def test_a_full_mailbox_says_so_and_has_room_again_when_letters_are_answered():
+def test_full_mailbox_refuses_until_requests_are_answered():
     rig = springs(1)
     writer = Writer(rig.page)
     tickets = [writer.set([(0, float(number))]) for number in range(ROOM)]
@@ -124,7 +124,7 @@ def test_letters_of_the_dead_make_room_for_the_living():
     assert [writer.set([(0, 1.0)]) is not None for _ in range(ROOM + 1)] == [True] * ROOM + [False]
 
 
-def test_a_letter_half_written_by_a_dead_process_holds_nobody_up():
+def test_request_left_incomplete_by_dead_process_blocks_no_other():
     rig = springs(1)
     dead = in_a_process(lambda: None)
     assert ended_well(dead)

@@ -47,7 +47,7 @@ class Returns(Block):
         return self.value if tick == 5 else 0.0
 
 
-def test_a_step_has_the_clock_and_its_inputs_in_the_order_it_asks_for_them():
+def test_step_receives_clock_and_inputs_in_signature_order():
     seen = []
 
     class Asks(Block):
@@ -69,7 +69,7 @@ def test_a_step_has_the_clock_and_its_inputs_in_the_order_it_asks_for_them():
     assert rig["asks.y"].tolist() == [12.0, 13.0, 13.0]
 
 
-def test_numbers_truths_and_whole_numbers_come_and_go_in_their_types():
+def test_floats_bools_and_ints_keep_their_types():
     seen = []
 
     class Types(Block):
@@ -111,7 +111,7 @@ def test_a_whole_number_keeps_all_its_digits_up_to_two_to_the_53():
     assert rig["c.m"][0] == 2**53 - 1
 
 
-def test_vectors_come_as_views_that_cannot_be_written_and_are_the_same_at_every_tick():
+def test_input_vectors_are_persistent_read_only_views():
     seen = []
 
     class Vector(Block):
@@ -210,7 +210,7 @@ def test_a_step_that_returns_nan_is_recorded_as_nan_and_others_go_on():
 @pytest.mark.parametrize(
     "value", [None, "1.0", [1.0], (1.0, 2.0), np.array([1.0, 2.0]), 1j, {"y": 1.0}, object(), lambda: 1.0]
 )
-def test_whatever_is_no_number_is_told_with_the_block_and_the_port(value):
+def test_non_numeric_output_is_reported_with_block_and_port(value):
     with Diagram("d", rate=50) as diagram:
         Returns(value, name="odd")
     outcome, rig = run(diagram)
@@ -246,7 +246,7 @@ def test_a_number_too_large_for_a_double_is_an_error_too():
         (bool, [], False),
     ],
 )
-def test_truths_and_whole_numbers_are_what_they_say(dtype, value, fine):
+def test_bool_and_int_outputs_are_type_checked(dtype, value, fine):
     class Typed(Block):
         """One output of one type."""
 
@@ -307,7 +307,7 @@ def test_several_outputs_are_a_tuple_or_a_list_of_that_many(result, fine):
 
 
 @pytest.mark.parametrize("result", [[1.0, 2.0], [[1.0, 2.0, 3.0]], 1.0, None, ["a", "b", "c"]])
-def test_a_vector_of_another_shape_is_told(result):
+def test_vector_of_wrong_shape_is_reported(result):
     class Three(Block):
         """Three numbers."""
 
@@ -327,7 +327,7 @@ def test_a_vector_of_another_shape_is_told(result):
 
 
 @pytest.mark.parametrize("dtype", [int, bool])
-def test_nan_in_a_whole_number_or_a_truth_is_a_fault_of_who_reads_it(dtype):
+def test_nan_in_int_or_bool_is_a_fault_of_the_reading_block(dtype):
     class Reads(Block):
         """Reads what NaN is not."""
 
@@ -344,7 +344,7 @@ def test_nan_in_a_whole_number_or_a_truth_is_a_fault_of_who_reads_it(dtype):
     assert str(outcome.error) == "reads.n is nan, which is neither an int nor a bool"
 
 
-def test_an_update_comes_after_every_step_and_sees_the_inputs_of_its_tick():
+def test_update_follows_all_steps_and_uses_inputs_of_its_tick():
     class Integrator(Block):
         """y[k + 1] = y[k] + dt u[k]."""
 

@@ -60,7 +60,7 @@ class Ready:
         return self.rig.run(ticks, fade=0.0, answered=self.show, confirm=confirm, **options)
 
 
-def test_once_all_have_answered_it_is_shown_and_nothing_but_zero_torque_follows_until_somebody_confirms():
+def test_ready_state_holds_zero_torque_until_confirmation():
     ready = Ready({500: "confirm"})
     assert ready.run().status == "ok"
     [(state, position)] = ready.shown
@@ -73,7 +73,7 @@ def test_once_all_have_answered_it_is_shown_and_nothing_but_zero_torque_follows_
     assert [change.kind for change in ready.rig.changes] == [3] and ready.rig.changes[0].tick == -1
 
 
-def test_without_anybody_to_ask_it_goes_on_at_once():
+def test_run_starts_at_once_without_confirmation_prompt():
     ready = Ready({})
     assert ready.run(confirm=False).status == "ok" and len(ready.shown) == 1
     assert ready.torques() == 20 and ready.rig.sent().count(NOTHING) < 6
@@ -151,7 +151,7 @@ def test_without_a_confirmation_a_joint_in_doubt_ends_the_run_with_zero_torque_a
 
 
 @pytest.mark.parametrize("confirm", [False, True])
-def test_what_cannot_tell_where_joints_stand_arms_nothing(confirm):
+def test_exception_in_pose_check_prevents_arming(confirm):
     ready = Ready({500: "confirm"})
     outcome = ready.run(confirm=confirm, permitted=lambda: 1 / 0)
     assert outcome.status == "exception" and isinstance(outcome.error, ZeroDivisionError) and ready.torques() == 0

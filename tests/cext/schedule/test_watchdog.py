@@ -177,7 +177,7 @@ def test_a_block_that_hangs_while_it_starts_never_sees_a_tick():
 
 
 @needs_compiler
-def test_a_native_kernel_that_spins_cannot_be_broken_and_is_told_again_and_again_meanwhile(tmp_path):
+def test_spinning_native_kernel_is_reported_repeatedly(tmp_path):
     space = {"ctypes": ctypes, "Block": Block, "Input": Input, "Output": Output}
     exec(BLOCK.format(library=compiled(tmp_path)), space)
 
@@ -247,7 +247,7 @@ def test_a_tick_of_two_periods_is_late_and_no_hang():
 
 
 @pytest.mark.parametrize("options", [{"virtual": True}, {"guard": 0.0}])
-def test_without_a_rig_nobody_is_in_a_hurry(options):
+def test_watchdog_is_inactive_without_rig(options):
     rig = robot(lambda side, knee: Then(lambda: busy(0.06), name=f"{side}_law")(knee.position), **options)
     assert rig.run(60).status == "ok" and rig.page.hung is None
 
