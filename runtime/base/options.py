@@ -8,13 +8,14 @@ import os
 import re
 from dataclasses import MISSING, field
 from pathlib import Path
+from typing import Any
 
 from runtime.base.errors import BadInput
 
 TIME_LIMIT = 1e9  # s: 30 years
 
 
-def option(*flags, default=MISSING, collect=None, group=None, **argument):
+def option(*flags, default=MISSING, collect=None, group=None, **argument) -> Any:
     """Declare a field of a dataclass that is an option of the command line.
 
     flags : such as "--rate"; a positional argument has none

@@ -80,7 +80,7 @@ class GuardianProcess(ChildProcess):
         )
         super().__init__("runtime.guardian.process", (page.fd, -1 if lines is None else lines.fd, bell), inherited)
         self.granted, self._group = [], None
-        self._plan = None
+        self._plan = {}
 
     def configure(self, plan):
         """Send the plan and wait until every bus is open. Raises GuardianError, with nothing left open."""

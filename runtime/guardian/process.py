@@ -120,10 +120,10 @@ class Guardian:
             if self.stop is None and (self.dead or now >= grace or self.page.hung is not None):
                 self.judge(now)
             self.carry()
-            if self.stop is not None and not self.told:
-                self.listen()
+            if self.stop is not None and self.verdict is not None and not self.told:
+                self.listen(self.stop)
                 self.stop.step(now)
-                self.tell()
+                self.tell(self.stop, self.verdict)
             if self.stuck_at is not None and now >= self.stuck_at:
                 self.tell_stuck()
         self.leave()
@@ -239,24 +239,24 @@ class Guardian:
         if len(frames) < FRAMES_AT_ONCE:
             self.drained[index] = before
 
-    def listen(self):
+    def listen(self, stop):
         """Receive frames during a safe stop on a bus that the loop drives."""
         for index, wire in self.wires.items():
             if self.buses[index]["line"] is None:
                 before = time.monotonic_ns()
                 frames = wire.receive()
                 for identifier, data, _ in frames:
-                    self.stop.hear(index, identifier, data, time.monotonic_ns(), self.drained[index])
+                    stop.hear(index, identifier, data, time.monotonic_ns(), self.drained[index])
                 if len(frames) < FRAMES_AT_ONCE:
                     self.drained[index] = before
 
-    def tell(self):
+    def tell(self, stop, verdict):
         """Report a finished safe stop on standard error, and in the recording if no other process writes it."""
-        if not self.stop.over:
+        if not stop.over:
             return
         self.told = True
-        self.verdict |= self.stop.report()
-        complain(in_words(self.verdict))
+        verdict |= stop.report()
+        complain(in_words(verdict))
 
     def tell_stuck(self):
         """Report a block that the watchdog could not interrupt, so that the operator can end the run."""
@@ -335,8 +335,8 @@ def hold_on(priority):
     if priority is not None:
         with suppress(OSError):
             for thread in threading.enumerate():  # including those that receive from an interface
-                os.sched_setscheduler(
-                    thread.native_id, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority)
-                )
+                if thread.native_id is not None:
+                    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+                    os.sched_setscheduler(thread.native_id, policy, os.sched_param(priority))
             granted.append(f"SCHED_FIFO {priority}")
     return granted

@@ -70,7 +70,7 @@ class PythonCanWire(Wire):
         logging.getLogger("can").addHandler(logging.NullHandler())  # the caller reports errors
         self.message = can.Message
         try:
-            given = ({"fd": True} if fd else {}) | QUICK.get(interface, {}) | (options or {})
+            given: dict = ({"fd": True} if fd else {}) | QUICK.get(interface, {}) | (options or {})
             self.bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate, **given)
         except Exception as error:  # interfaces raise any exception
             raise CannotOpen(str(error) or type(error).__name__) from error

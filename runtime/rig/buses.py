@@ -205,6 +205,7 @@ class RigBuses:
 
     def take_over(self):
         """Stop the actuators without the guardian. Returns the names of those that did not confirm."""
+        assert self.guardian is not None
         died, troubles, stop = self.guardian.take_over()
         self.report = {"stop": None, "troubles": troubles, "died": died, "taken_over": stop}
         return tuple(stop["unconfirmed"])

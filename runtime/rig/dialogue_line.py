@@ -7,9 +7,11 @@ What a block returns in `opening`: serial, port, baudrate; graph.StreamDevice ha
 import glob
 import os
 import time
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+from graph import StreamDevice
 from graph.dialogue import NoReply, Rejected
 from runtime.rig import ports
 from runtime.rig.errors import Refused, Trouble
@@ -95,7 +97,7 @@ class Seen:
     open : {path: Sensor}; troubles : of ports that could not be opened; silent : paths without an answer
     """
 
-    def __init__(self, kinds):
+    def __init__(self, kinds: Iterable[type[StreamDevice]]):
         self.kinds = sorted(kinds, key=lambda kind: kind.__name__)
         self.open, self.troubles, self.silent = {}, [], []
 
@@ -118,6 +120,8 @@ class Seen:
         except Refused as refused:
             return refused.trouble
         for kind in self.kinds:
+            if kind.identify is None:
+                continue
             try:
                 return Sensor(kind, port, converse(port, kind.identify(SCAN_ATTEMPTS)))
             except (NoReply, ValueError, OSError):

@@ -6,6 +6,7 @@ Keys of `opening`: chip, pin (name or number), active_low, output; for an input,
 import errno
 import os
 from datetime import timedelta
+from importlib import import_module
 
 from runtime.rig.errors import Refused, Trouble
 from runtime.rig.line import Opened, one_by_one
@@ -25,23 +26,22 @@ def opened(path, chip, pin, active_low, output, bias="as_is", debounce=0.0):
         hint = 'write pin = "GPIO17", or its number on the chip; list the names: gpioinfo'
         raise Refused(Trouble("TW127", f'[device."{path}"] has no chip and pin', hint))
     try:
-        import gpiod
+        gpiod = import_module("gpiod")
     except ImportError:
         raise Refused(
             Trouble("TW119", f"{name}: libgpiod's Python package is not installed", "pip install 'tickwork[gpio]'")
         ) from None
-    from gpiod.line import Bias, Clock, Direction, Edge
-
+    line = import_module("gpiod.line")
     settings = (
-        gpiod.LineSettings(direction=Direction.OUTPUT, active_low=active_low)
+        gpiod.LineSettings(direction=line.Direction.OUTPUT, active_low=active_low)
         if output
         else gpiod.LineSettings(
-            direction=Direction.INPUT,
-            edge_detection=Edge.BOTH,
-            bias=getattr(Bias, bias.upper()),
+            direction=line.Direction.INPUT,
+            edge_detection=line.Edge.BOTH,
+            bias=getattr(line.Bias, bias.upper()),
             active_low=active_low,
             debounce_period=timedelta(seconds=debounce),
-            event_clock=Clock.MONOTONIC,
+            event_clock=line.Clock.MONOTONIC,
         )
     )
     try:

@@ -10,6 +10,7 @@ import stat
 import time
 from pathlib import Path
 
+from blocks.i2c import I2cDevice
 from cext.lines.i2c import I2cBus
 from cext.lines.i2c_adapters import LinuxAdapter
 from runtime.rig.chips import Chips, NoAnswer, in_hex
@@ -36,7 +37,7 @@ class I2cInterface:
 
     virtual, strangers = False, None
 
-    def __init__(self, bus, devices, opened=None):
+    def __init__(self, bus, devices: list[I2cDevice], opened=None):
         self.bus, self.devices, self.remarks = bus, devices, []
         self.identities = {}  # values of the identity registers, to recognise a chip after a reconnect
         chips, adapter = opened or open_adapter(bus)

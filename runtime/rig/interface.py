@@ -84,7 +84,7 @@ class Strangers:
     """Frames of unknown nodes, which the kernel counts at no cost to a tick."""
 
     def __init__(self, bus, listens, speaks):
-        ours = [
+        ours: list[tuple[int, int, bool]] = [
             *listens,
             *((identifier, EXTENDED_MASK if extended else STANDARD_MASK, extended) for identifier, extended in speaks),
         ]

@@ -57,17 +57,17 @@ class StreamLines:
         self.streams, self.lines, self.troubles, self.closers = None, {}, [], []
         if not devices:
             return
-        self.streams = Streams()
+        self.streams = streams = Streams()
         for kind in sorted({device.line for device in devices}):
             here = [device for device in devices if device.line == kind]
             for device, opened in importlib.import_module(KINDS[kind]).open_lines(here).items():
                 if isinstance(opened, Opened):
-                    self.add(device, kind, opened)
+                    self.add(streams, device, kind, opened)
                 else:
                     self.troubles.append(opened)
 
-    def add(self, device, kind, opened):
-        stream = self.streams.add(
+    def add(self, streams, device, kind, opened):
+        stream = streams.add(
             opened.fd,
             device.bus,
             path=opened.path,

@@ -90,8 +90,9 @@ def position_range(block):
         span = block.output_range().get("position")
     except TypeError:  # the range depends on the inputs
         span = None
-    finite = span is not None and abs(span.low) < 1e300 and abs(span.high) < 1e300
-    return (span.low, span.high) if finite else (None, None)
+    if span is not None and abs(span.low) < 1e300 and abs(span.high) < 1e300:
+        return span.low, span.high
+    return None, None
 
 
 def stop_of(block):

@@ -52,7 +52,9 @@ class Prepared:
 
     def ends(self):
         """The robot's end of each bus, in the order of the schedule."""
-        return (self.simulation if self.rig is None else self.rig).ends()
+        buses = self.simulation if self.rig is None else self.rig
+        assert buses is not None
+        return buses.ends()
 
 
 def prepare(request):

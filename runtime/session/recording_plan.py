@@ -86,8 +86,8 @@ def limits(diagram, schedule):
         torque = actuator.command_limits().get("torque_command")
         if torque is not None:
             found |= {f"{actuator.path}.{port}": (torque.low, torque.high) for port in ("torque", "torque_sent")}
-        if getattr(actuator, "range", ()):
-            found[f"{actuator.path}.position"] = tuple(actuator.range)
+        if span := getattr(actuator, "range", ()):
+            found[f"{actuator.path}.position"] = tuple(span)
     known = {column.path for column in schedule.recorded}
     return {path: ends for path, ends in found.items() if path in known and all(map(math.isfinite, ends))}
 

@@ -20,6 +20,7 @@ from blocks.recorders import CsvRecorder
 from cext.bus.replay_bus import ReplayBus, ReplayClock
 from cext.safety.shared_state import RECORD_EVENT, SharedState
 from cext.schedule.executor import Executor
+from cext.schedule.outcome import Outcome
 from cext.schedule.program import Program
 from graph import DiagramError, Sink
 from graph.store import from_json, to_json
@@ -63,7 +64,7 @@ class Replayed:
     here : Trial of the replay
     source : Source of the diagram
     unchanged : whether the diagram computes the same as the recorded one
-    outcome : cext.schedule.executor.Outcome
+    outcome : cext.schedule.outcome.Outcome
     comparison : Comparison of `there` with `here`
     frame : index of the first sent frame that differs; None if all are equal
     frames : number of sent frames in the recording
@@ -75,7 +76,7 @@ class Replayed:
     here: Trial
     source: Source
     unchanged: bool
-    outcome: object
+    outcome: Outcome
     comparison: Comparison
     frame: int | None
     frames: int
@@ -308,7 +309,7 @@ def order(schedule):
         column.path: (column.path.rpartition(".")[0] in devices, int(slot))
         for slot, column in zip(schedule.columns, schedule.recorded)
     }
-    return sorted(place, key=place.get)
+    return sorted(place, key=place.__getitem__)
 
 
 def live_changes(trial, schedule):

@@ -18,9 +18,9 @@ class Result(Prepared):
     outcome : cext.schedule.executor.Outcome
     statistics : of the page
     recording : the recorder's report
-    seconds : of the wall clock, from arming to the end of the safe stop
+    seconds : of the wall clock, from arming to the end of the safe stop; None in virtual time
     control : the robot's Program, as the run has left it
-    realtime : what the system has granted
+    realtime : what the system has granted; None in virtual time without processes
     overruns, profile, newest : of cext.schedule.executor.Executor
     page : the shared state, with everything that was counted
     report : lines about the fault that ended it
@@ -30,12 +30,12 @@ class Result(Prepared):
     outcome: Outcome
     statistics: dict
     recording: dict
-    seconds: float
+    seconds: float | None
     control: Program
-    realtime: Realtime
+    realtime: Realtime | None
     overruns: list
     profile: tuple
-    page: SharedState
+    page: SharedState | None
     newest: list
     report: list = field(default_factory=list)
     waited: float = 0.0

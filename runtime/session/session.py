@@ -119,6 +119,7 @@ class Session:
         finally:
             with undisturbed(handler):
                 result = self.finish(outcome, time.monotonic() - began)
+        assert result is not None  # without an outcome the executor has raised
         return result
 
     def confirmation(self):

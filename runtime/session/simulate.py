@@ -34,7 +34,7 @@ def simulate(diagram, duration, *, settings=(), plant=None, seed=None, rate=None
             raise BadInput(f"{name}={value!r}: expected a finite number above 0")
     settings = list(settings.items() if hasattr(settings, "items") else settings)
     file = source(diagram, plant)
-    replaced, own_rate = [], getattr(diagram, "rate", None)
+    replaced, own_rate = [], file.given.rate if file.given is not None else 0.0
     try:
         robot = build(file, settings, before=replaced)
         if rate is not None:
