@@ -178,6 +178,7 @@ def kills(count=100):
             stack.callback(bus.shutdown)
             for _ in range(count):
                 found.append(one_kill(bus, robot, rig))
+                time.sleep(0.3)  # its guardian lets the bus go
     return found
 
 
@@ -208,7 +209,6 @@ def one_kill(bus, robot, rig):
     finally:
         process.kill()
         process.wait()
-        time.sleep(0.3)  # its guardian lets the bus go
 
 
 def listen(bus, seconds, wanted):

@@ -32,13 +32,13 @@ static struct grid grid_from_now(long long period)
     return grid;
 }
 
-/* Sleeps until point k. Returns how late the process woke, in ns. */
+/* Sleeps until point k. Returns how late the process woke, in ns; -1 if a signal has ended the sleep. */
 static long long wait_for_point(const struct grid *grid, long k)
 {
     long long point = grid->first + k * grid->period;
     struct timespec next = {point / 1000000000LL, point % 1000000000LL};
-    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, 0) == EINTR)
-        ;
+    if (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, 0) == EINTR)
+        return -1;
     return nanoseconds() - point;
 }
 """

@@ -1,7 +1,6 @@
 """Cost of eight drives a tick; and eight motors at 1000 Hz on two buses, beside a loop in C."""
 
 import ctypes
-import signal
 import socket
 import subprocess
 import sys
@@ -56,6 +55,8 @@ double run(long period, long ticks, double *room, double *unused)
     (void)unused;
     for (k = 0; k < ticks; k++) {
         behind = wait_for_point(&grid, k);
+        if (behind < 0)
+            return -1.0;
         for (; behind >= period && k < ticks - 1; behind -= period, k++)
             lost++;
         for (bus = 0; bus < buses; bus++) {
@@ -138,7 +139,7 @@ def motors(count):
                 raise OSError("the motors did not begin")
             yield [pair[0] for pair in pairs]
         finally:
-            process.send_signal(signal.SIGTERM)
+            process.kill()
             process.wait()
             process.stdout.close()
 

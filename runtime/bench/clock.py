@@ -45,6 +45,8 @@ double run(long period, long ticks, double *late, double *unused)
     (void)unused;
     for (k = 0; k < ticks; k++) {
         behind = wait_for_point(&grid, k);
+        if (behind < 0)
+            return -1.0;
         for (; behind >= period && k < ticks - 1; behind -= period)
             late[k++] = -1.0;
         late[k] = (double)behind;

@@ -63,10 +63,10 @@ def one_death(commands, robot, rig):
             for at, identifier, data in commands(0.01):
                 if data == bus.DISABLE:
                     first.setdefault(identifier, at - killed)
-        return max(first.values()) if len(first) == 2 else float("inf")
-    finally:
         with suppress(subprocess.TimeoutExpired):  # it ends by itself, with a fault
             process.wait(5.0)
+        return max(first.values()) if len(first) == 2 else float("inf")
+    finally:
         process.kill()
         process.wait()
 
