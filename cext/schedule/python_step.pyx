@@ -50,6 +50,20 @@ FLOAT = np.dtype(np.float64)
 KINDS = {"float": REAL, "int": INTEGER, "bool": TRUTH}
 
 
+class Text:
+    """Text of an exception, formed on request: the values are user objects, whose `__repr__` may never return.
+
+    template : as of %
+    values : one for each place of the template
+    """
+
+    def __init__(self, template, *values):
+        self.template, self.values = template, values
+
+    def __str__(self):
+        return self.template % self.values
+
+
 cdef class PythonStep:
     """A Python callable with arguments from the arena and results stored there.
 
@@ -171,7 +185,8 @@ cdef class PythonStep:
                     self.store(0, <object>result, arena)
             elif self.output_count > 1:
                 if not isinstance(<object>result, (tuple, list)) or len(<object>result) != self.output_count:
-                    raise TypeError("%s.step must return %d values (%s), but returned %r" % (
+                    raise TypeError(Text(
+                        "%s.step must return %d values (%s), but returned %r",
                         self.name, self.output_count, ", ".join(self.output_names), <object>result))
                 for index in range(self.output_count):
                     self.store(index, (<object>result)[index], arena)
@@ -195,7 +210,9 @@ cdef class PythonStep:
                     self.refuse(index, value)
                 arena[self.output_slots[index]] = number
         except (TypeError, ValueError, AttributeError) as error:
-            raise TypeError("%s.step returned %r for %s: %s" % (self.name, value, self.output_names[index], error)) from None
+            raise TypeError(
+                Text("%s.step returned %r for %s: %s", self.name, value, self.output_names[index], error)
+            ) from None
         return 0
 
     cdef int store_array(self, int index, object value, double *arena) except -1:
@@ -215,12 +232,13 @@ cdef class PythonStep:
             view[...] = value
         for i in range(view.size):
             if run[i] < self.output_lows[index] or run[i] > self.output_highs[index]:
-                self.refuse(index, value)
+                self.refuse(index, value.copy())
         return 0
 
     cdef int refuse(self, int index, value) except -1:
-        raise ArithmeticError("%s.%s is %r, outside its declared range [%g, %g]" % (
-            self.name, self.output_names[index], value, self.output_lows[index], self.output_highs[index]))
+        raise ArithmeticError(Text(
+            "%s.%s is %r, outside its declared range [%g, %g]", self.name, self.output_names[index], value,
+            self.output_lows[index], self.output_highs[index]))
 
     def __call__(self, arena):
         """Call the step once on an arena of doubles; for tests and for `block.step`."""

@@ -220,6 +220,21 @@ def test_non_numeric_output_is_reported_with_block_and_port(value):
     assert str(outcome.error).startswith("odd.step returned ") and " for y: " in str(outcome.error)
 
 
+def test_the_representation_of_a_value_is_formed_only_when_the_text_is_read():
+    shown = []
+
+    class Slow:
+        def __repr__(self):
+            shown.append(self)
+            return "slow"
+
+    with Diagram("d", rate=50) as diagram:
+        Returns(Slow(), name="odd")
+    outcome, _ = run(diagram)
+    assert outcome.status == "exception" and not shown
+    assert str(outcome.error).startswith("odd.step returned slow for y: ")
+
+
 def test_a_number_too_large_for_a_double_is_an_error_too():
     with Diagram("d", rate=50) as diagram:
         Returns(10**400, name="huge")

@@ -73,6 +73,15 @@ def test_a_run_ends_within_100_ms_of_every_signal_with_a_summary(tmp_path, numbe
     assert min(times) < (LIMIT_BUSY if busy else LIMIT), times
 
 
+@pytest.mark.parametrize("value", ["Endless()", "(Endless(), 1.0)"])
+def test_a_run_ends_although_the_representation_of_a_returned_value_never_returns(tmp_path, value):
+    path = knee(tmp_path, f"return {value} if tick == 20 else 1.0")
+    endless = "\n\nclass Endless:\n    def __repr__(self):\n        while True:\n            pass\n"
+    path.write_text(path.read_text().replace("import math", "import math" + endless))
+    process = finished(path, "--fast", "--duration", "1", "--no-record", cwd=tmp_path, timeout=20)
+    assert process.returncode == 3 and "no text within 20 ms" in process.stderr, process.stderr
+
+
 def test_a_thread_of_user_code_that_never_ends_does_not_keep_the_process(tmp_path):
     path = knee_that(tmp_path, "threading.Thread(target=threading.Event().wait).start()")
     process = finished(path, "--fast", "--duration", "1", "--no-record", cwd=tmp_path)
