@@ -65,5 +65,5 @@ def test_name_is_recognised_in_any_position(line):
     assert strangers(line, "runtime/scan.py") == [line]
 
 
-def test_what_only_resembles_a_name_is_none():
+def test_similar_text_is_not_a_name():
     assert strangers("params02 = robs.stride, open_imus", "runtime/scan.py") == []

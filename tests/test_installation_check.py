@@ -30,7 +30,7 @@ def lab(tmp_path):
     return folder
 
 
-def test_nothing_keeps_this_checkout_from_starting():
+def test_installation_check_passes_in_checkout():
     assert installation_check.problem() is None
 
 

@@ -72,7 +72,7 @@ def test_make_without_compiler_prints_how_to_install_one(clone, bare_path):
     assert not (clone / ".venv").exists()
 
 
-def test_a_compiler_that_makes_nothing_is_none(clone, bare_path):
+def test_compiler_without_output_is_rejected(clone, bare_path):
     (bare_path / "python3").symlink_to(sys.executable)
     (bare_path / "cc").symlink_to(shutil.which("true"))
     assert "a C compiler" in told(make("run", cwd=clone, PATH=str(bare_path)))[0]
@@ -150,7 +150,7 @@ def test_unreachable_package_index_is_reported(clone):
 
 
 @pytest.mark.soak
-def test_what_changed_is_compiled_and_nothing_else(tmp_path):
+def test_only_changed_modules_are_compiled(tmp_path):
     copy_tracked(tmp_path)
     first = make("build", cwd=tmp_path, timeout=600, PYTHON=sys.executable)
     assert first.returncode == 0, first.stdout

@@ -89,7 +89,7 @@ def pump_diagram(rate=RATE, **parameters):
         (200, {"protects": ("pump",)}, "no actuator and no bus of actuators named 'pump'"),
     ],
 )
-def test_what_cannot_hold_a_relay_or_protects_nothing_is_refused(rate, parameters, words):
+def test_ineffective_relay_settings_are_refused(rate, parameters, words):
     with pytest.raises(DiagramError) as caught:
         compile(pump_diagram(rate, **parameters))
     assert words in str(caught.value)

@@ -152,7 +152,7 @@ def test_the_scale_is_the_share_of_the_profile_that_is_applied():
     assert one_way.output_range(phase=Interval(), enable=Interval()) == Interval(0.0, 6.0)
 
 
-def test_there_is_no_torque_while_it_is_not_enabled():
+def test_torque_is_zero_while_disabled():
     enable = PHASES < 0.5
     torque = both_ways(lambda: TorqueProfile(ASSISTANCE), phase=PHASES, enable=enable)["torque"]
     assert not np.any(torque[~enable]) and np.array_equal(torque[enable], profile(ASSISTANCE, PHASES[enable]))
@@ -190,7 +190,7 @@ def test_points_that_are_no_profile_are_refused(points, said):
 
 
 @pytest.mark.parametrize("scale", [-0.01, 1.01, math.nan])
-def test_a_scale_that_is_no_share_is_refused(scale):
+def test_scale_outside_zero_to_one_is_refused(scale):
     with pytest.raises(DiagramError, match="TorqueProfile: scale: "):
         TorqueProfile(ASSISTANCE, scale=scale)
 

@@ -54,7 +54,7 @@ def test_sticks_are_shares_with_a_dead_zone_and_buttons_are_down_or_up(pad):
     assert wired["a"] == 0.0
 
 
-def test_what_is_unplugged_or_was_missed_holds_nothing(pad):
+def test_unplugged_device_or_missed_event_releases_controls(pad):
     for gone in (LOST, BYTES):
         wired = pad()
         wired.hear(BYTES, event(AXIS, 0, 32767) + event(KEY, 304, 1))

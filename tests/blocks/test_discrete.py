@@ -63,6 +63,6 @@ def test_after_a_reset_a_delay_begins_again():
 
 
 @pytest.mark.parametrize("initial", [math.nan, "0", [0.0, 1.0]])
-def test_an_initial_value_that_is_no_number_is_refused(initial):
+def test_nan_initial_value_is_refused(initial):
     with pytest.raises(DiagramError, match="UnitDelay: initial: "):
         UnitDelay(initial=initial)

@@ -148,7 +148,7 @@ def test_a_zero_is_set_after_a_stop_and_read_back():
     assert lines[-2:] == ["  position: 0.25 rad -> 0 rad", "done: position is 0.0000 rad"]
 
 
-def test_nothing_is_changed_without_permission():
+def test_write_requires_permission():
     [family] = [family for family in families() if family.name == "RobStride"]
     done, sent, _ = carried_out(family.set_up(Request(9, zero=True)), robstride({}), permission=False)
     assert done is True and frames.SET_ZERO not in [identifier >> 24 for identifier, _, _ in sent]
@@ -162,7 +162,7 @@ def test_an_id_without_a_drive_of_the_family_is_left_to_the_next():
 
 
 @pytest.mark.parametrize("request_", [Request(3, new_id=4), Request(3, reads=("all",)), Request(3, protocol="mit")])
-def test_what_a_family_cannot_do_is_rejected_before_anything_is_sent(request_):
+def test_unsupported_operation_is_rejected_before_sending(request_):
     [family] = [family for family in families() if family.name == "CubeMars"]
     with pytest.raises(Rejected, match="CubeMars' own program"):
         family.check(request_)

@@ -93,7 +93,7 @@ def test_each_element_of_a_vector_is_filtered_alone():
         assert np.abs(y[:, column] - scipy_filtered(5, 10.0, u[:, column])).max() < 1e-12 * 10.0
 
 
-def test_it_starts_at_zero_outside_a_robot():
+def test_filter_starts_at_zero_outside_a_robot():
     with Diagram("zero", rate=RATE):
         block = Butterworth(order=2, cutoff=20.0)
     assert 0.0 < block.step(1.0) < 0.1

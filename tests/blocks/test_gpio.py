@@ -66,7 +66,7 @@ def test_level_edges_and_their_times(wired):
 
 @given(data=st.binary(max_size=64))
 @settings(max_examples=200, deadline=None)
-def test_what_is_no_record_is_refused(data, wired):
+def test_invalid_record_is_refused(data, wired):
     line = wired(GpioInput)
     answer = line.hear(BYTES, data)
     whole = len(data) == 48 and int.from_bytes(data[8:12], "little") in (RISING, FALLING)
@@ -143,7 +143,7 @@ def test_an_emergency_stop_on_a_line_ends_the_run_and_nothing_of_that_tick_is_se
     assert len(rig.commands()) == outcome.tick and ends_in_the_safe_stop(rig)
 
 
-def test_one_that_is_pressed_while_arming_keeps_the_robot_from_being_armed():
+def test_button_pressed_while_arming_prevents_arming():
     rig = knee_with_switch(np.zeros(10, bool))
     outcome = rig.run(200)
     assert (outcome.status, outcome.culprit) == ("e-stop", "stop") and rig.commands() == []
@@ -159,7 +159,7 @@ def test_unknown_level_counts_as_pressed(wired):
 
 @given(data=st.binary(max_size=64), kind=st.integers(0, 9))
 @settings(max_examples=200, deadline=None)
-def test_whatever_an_emergency_stop_does_not_understand_is_a_press(data, kind, wired):
+def test_unrecognised_record_counts_as_press(data, kind, wired):
     line = wired(EStopSwitch)
     answer = line.hear(kind, data)
     released = (kind == LEVEL and len(data) == 1 and data != b"\0") or (

@@ -215,6 +215,6 @@ def test_units_follow_time():
         (lambda: Derivative(-0.1), "time_constant: must be at least 0"),
     ],
 )
-def test_what_makes_no_sense_is_refused(make, said):
+def test_inconsistent_parameters_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()

@@ -73,7 +73,7 @@ def test_tustin_keeps_the_value_of_a_polynomial(coefficients, dt):
     ) < 1e-12 * max(size, 1.0)
 
 
-def test_what_has_no_feedthrough_closes_a_loop():
+def test_block_without_feedthrough_closes_loop():
     """An integrator with gain 0.5 around it: the error falls by half each tick, exactly."""
     with Diagram("loop", rate=RATE) as diagram:
         error = Sum("+-")
@@ -84,7 +84,7 @@ def test_what_has_no_feedthrough_closes_a_loop():
     assert y.tolist() == [1.0 - 0.5**k for k in range(10)]
 
 
-def test_what_has_feedthrough_in_a_loop_is_reported():
+def test_feedthrough_in_loop_is_reported():
     with Diagram("loop", rate=RATE) as diagram:
         error = Sum("+-")
         error(1.0, TransferFunction((1.0, 0.5), (1.0, -0.5))(error.y))
@@ -118,7 +118,7 @@ def test_a_state_space_of_one_input_and_one_output_has_scalar_ports():
         (lambda: StateSpace(((0.9, 0.1), (-0.1, 0.8)), ((0.0,), (0.3,)), ((1.0, 0.0),)), 1.0),
     ],
 )
-def test_when_armed_it_starts_where_its_input_leads(make, gain):
+def test_arming_starts_filter_in_steady_state(make, gain):
     block = made(make, rate=RATE)
     settle(block, u=0.6)
     for _ in range(100):
@@ -161,7 +161,7 @@ def test_zero_order_hold_is_scipys_matrix_exponential(K, B_, M, dt):
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_what_is_not_finite_while_arming_leaves_no_trace(bad):
+def test_non_finite_input_while_arming_leaves_no_trace(bad):
     for make in (
         lambda: TransferFunction((0.5, 0.1), (1.0, -0.5)),
         lambda: StateSpace(((0.5,),), ((1.0,),), ((1.0,),)),
@@ -216,7 +216,7 @@ def test_the_gain_may_have_a_unit():
         (lambda: StateSpace(((0.5,),), ((1.0,),)), "C is missing"),
     ],
 )
-def test_what_makes_no_sense_is_refused(make, said):
+def test_inconsistent_parameters_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()
 

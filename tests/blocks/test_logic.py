@@ -105,7 +105,7 @@ def test_edges_last_one_tick_and_a_nan_is_not_remembered(kind, wanted):
     assert same(steps(Edge(kind), SIGNAL), wanted)
 
 
-def test_an_edge_at_the_first_sample_is_none():
+def test_first_sample_is_never_an_edge():
     assert Edge().step(True) is False and Edge("falling").step(False) is False
 
 
@@ -143,7 +143,7 @@ def debounced(u, ticks):
     ticks=st.integers(0, 7),
     rate=st.sampled_from([10.0, 200.0, 300.0, 1000.0]),
 )
-def test_what_is_shorter_than_its_time_never_passes_a_debounce(u, ticks, rate):
+def test_pulse_shorter_than_debounce_time_is_suppressed(u, ticks, rate):
     block = Debounce(ticks / rate)
     block.dt = 1.0 / rate
     assert steps(block, u) == debounced(u, ticks)

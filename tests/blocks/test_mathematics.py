@@ -37,7 +37,7 @@ def test_the_unit_of_a_gain_multiplies_that_of_its_input():
     assert schedule.signals["spring.y"].unit == "N·m" and schedule.signals["plain.y"].unit == "rad"
 
 
-def test_a_gain_with_a_unit_that_is_none_is_refused_where_it_is_made():
+def test_gain_with_invalid_unit_is_refused_at_construction():
     with pytest.raises(DiagramError, match="gain: 'newton' in 'newton' is not a unit"):
         Gain(2.0, unit="newton")
 
@@ -45,7 +45,7 @@ def test_a_gain_with_a_unit_that_is_none_is_refused_where_it_is_made():
 @pytest.mark.parametrize(
     "value, said", [(math.nan, "NaN is not allowed"), ("2", "expected a number"), ([1.0, 2.0], "expected one number")]
 )
-def test_a_gain_that_is_no_number_is_refused(value, said):
+def test_nan_gain_is_refused(value, said):
     with pytest.raises(DiagramError, match=f"Gain: gain: {said}"):
         Gain(value)
 
@@ -108,7 +108,7 @@ def test_the_unit_of_a_product_is_the_product_of_the_units():
     gain=finite,
 )
 @settings(max_examples=300, deadline=None)
-def test_no_output_leaves_the_range_that_is_stated_for_it(ends, shares, gain):
+def test_outputs_stay_in_declared_range(ends, shares, gain):
     spans = [Interval(*sorted(ends[i : i + 2])) for i in (0, 2, 4)]
     u = [min(span.low + share * (span.high - span.low), span.high) for span, share in zip(spans, shares)]
     named = {f"u{i + 1}": span for i, span in enumerate(spans)}

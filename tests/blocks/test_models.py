@@ -279,7 +279,7 @@ def test_missing_file_is_reported(tmp_path):
             RecordedKnee(str(tmp_path / "picture.csv"), "knee")
 
 
-def test_without_a_file_or_a_column_there_is_no_recording():
+def test_file_and_column_are_required():
     with pytest.raises(DiagramError, match="file is missing"):
         RecordedKnee()
     with pytest.raises(DiagramError, match="column is missing"):

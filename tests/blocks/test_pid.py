@@ -262,6 +262,6 @@ def test_command_unit_is_free_and_reference_and_measurement_share_one():
         (lambda: PD(unit="furlong"), "'furlong' is not a unit"),
     ],
 )
-def test_what_makes_no_sense_is_refused(make, said):
+def test_inconsistent_parameters_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()

@@ -68,7 +68,7 @@ def test_repeating_table_wraps_from_last_to_first_value():
         ({"interpolation": "cubic"}, "must be one of linear, previous"),
     ],
 )
-def test_a_table_that_is_none_is_refused(parameters, said):
+def test_invalid_table_is_refused(parameters, said):
     with pytest.raises(DiagramError, match=said):
         TimeTable(**parameters)
 

@@ -28,7 +28,7 @@ def spans(data, count, values=finite):
 # Dead zone
 
 
-def test_a_dead_zone_lets_only_the_excess_through():
+def test_dead_zone_passes_only_excess():
     u = np.array([-3.0, -1.0, -0.5, 0.0, 1.9, 2.0, 2.5, math.nan, math.inf])
     y = play(lambda: DeadZone(-1.0, 2.0), u=u)["y"]
     assert np.array_equal(y, [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, math.nan, math.nan], equal_nan=True)
@@ -336,7 +336,7 @@ def test_derated_torque_is_between_zero_and_command(torque, temperature, ends):
         )
 
 
-def test_one_temperature_takes_back_the_torque_of_every_element():
+def test_one_temperature_derates_every_element():
     y = play(
         lambda: TemperatureDerating(80.0, 100.0), torque=np.array([[8.0, -4.0, 2.0]]), temperature=np.array([90.0])
     )["derated"]
@@ -364,7 +364,7 @@ def test_a_soft_start_fades_in_over_its_duration_and_again_when_enabled_again():
     enable=st.lists(st.sampled_from([True, False, math.nan]), min_size=30, max_size=30),
 )
 @settings(max_examples=200, deadline=None)
-def test_a_soft_start_stays_between_zero_and_its_input_and_lets_nan_pass(u, enable):
+def test_soft_start_output_is_between_zero_and_input_and_passes_nan(u, enable):
     block = made(SoftStart, 0.05)
     for x, may in zip(u, enable):
         y = block.step(x, may)
@@ -392,7 +392,7 @@ def test_soft_start_accounts_for_missed_ticks():
         (lambda: SoftStop(stiffness=-1.0), "stiffness: must be at least 0"),
     ],
 )
-def test_what_makes_no_sense_is_refused(make, said):
+def test_inconsistent_parameters_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()
 

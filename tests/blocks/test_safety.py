@@ -52,7 +52,7 @@ def test_the_run_ends_in_the_tick_in_which_it_is_pressed_and_nothing_of_that_tic
     assert len(rig.commands()) == 40 and ends_in_the_safe_stop(rig)
 
 
-def test_a_number_that_is_none_is_pressed():
+def test_nan_counts_as_pressed():
     class Doubtful(Block):
         """NaN where a truth should be, from tick 7 on."""
 
@@ -66,7 +66,7 @@ def test_a_number_that_is_none_is_pressed():
     assert (outcome.status, outcome.tick) == ("e-stop", 7) and len(rig.commands()) == 7
 
 
-def test_there_may_be_any_number_and_each_is_enough():
+def test_any_of_several_stops_ends_run():
     rig = robot_with(
         lambda: EmergencyStop(name="first")(Truth([False]).y),
         lambda: EmergencyStop(name="second")(Truth([False] * 9 + [True]).y),
@@ -81,7 +81,7 @@ def test_of_a_vector_one_element_is_enough():
     assert (outcome.status, outcome.tick) == ("e-stop", 5)
 
 
-def test_one_that_might_not_be_looked_at_is_refused():
+def test_emergency_stop_in_conditional_subsystem_is_refused():
     def complaint(make):
         with pytest.raises(DiagramError) as raised, Diagram("robot", rate=RATE) as diagram:
             make()
@@ -163,7 +163,7 @@ def from_then_on(time=PRESSED_AT):
     return Compare(">")(StepSource(time=time)(), 0.5)
 
 
-def test_a_button_that_beats_lets_the_robot_run():
+def test_heartbeat_of_button_permits_run():
     rig = heartbeat_rig()
     assert rig.run(400).status == "ok"
     assert rig["button.pressed"].max() == 0.0 and rig["button.age"].max() < 0.03
@@ -185,7 +185,7 @@ def test_a_button_that_falls_silent_ends_the_run_after_its_timeout():
     assert PRESSED_AT + 0.12 <= outcome.tick / RATE <= PRESSED_AT + 0.17 and ends_in_the_safe_stop(rig)
 
 
-def test_nothing_arms_without_a_button():
+def test_missing_button_prevents_arming():
     rig = heartbeat_rig(silent=lambda: True)
     outcome = rig.run(10)
     assert (outcome.status, outcome.unanswered) == ("no answer", ("button",)) and set(rig.sent()) <= {

@@ -104,7 +104,7 @@ def test_the_output_has_the_unit_it_is_given():
         (lambda: LookupTable2D(values=(1.0, 2.0)), "all finite"),
     ],
 )
-def test_a_table_that_is_none_is_refused(make, said):
+def test_invalid_table_is_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()
 

@@ -34,7 +34,7 @@ def oracle(torque, ambient, loss, start=None, cw=16.3, rw=1.07, cc=512.0, rc=1.9
     return np.array(out)
 
 
-def test_it_is_the_oracle_to_the_bit():
+def test_result_equals_oracle_bit_for_bit():
     random = np.random.default_rng(21)
     torque, ambient = random.normal(0.0, 12.0, 2000), 20.0 + random.normal(0.0, 1.0, 2000)
     for start in (None, 55.0):
@@ -162,7 +162,7 @@ def test_overloaded_motor_with_derating_settles_below_limit():
         (lambda: ThermalModel(loss=0.1, case_capacity=0.0), "case_capacity: must be above 0"),
     ],
 )
-def test_what_makes_no_sense_is_refused(make, said):
+def test_inconsistent_parameters_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()
 

@@ -92,7 +92,7 @@ def test_until_the_window_is_full_it_is_over_what_there_is(u, length):
     length=st.integers(1, 9),
 )
 @settings(max_examples=150, deadline=None)
-def test_what_is_not_finite_shows_as_long_as_it_is_in_the_window_and_no_longer(u, length):
+def test_non_finite_sample_affects_output_only_while_in_window(u, length):
     blocks = [made(kind, length / RATE, rate=RATE) for kind in (MovingAverage, MovingRMS, MovingMaximum, MovingMinimum)]
     for k, x in enumerate(u):
         mean, rms, largest, smallest = (block.step(x) for block in blocks)

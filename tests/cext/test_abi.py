@@ -152,7 +152,7 @@ def test_custom_status_is_a_fault_that_names_the_block():
         (KERNEL(), "cannot be a null pointer"),
     ],
 )
-def test_what_is_no_kernel_is_refused_before_anything_runs(kernel, complaint):
+def test_invalid_kernel_is_refused_before_run(kernel, complaint):
     class Odd(Leaky):
         """Names something else as its kernel."""
 
@@ -171,7 +171,7 @@ def test_a_kernel_is_no_decoder():
         address(leaky, "encode")
 
 
-def test_one_call_by_hand_gives_the_status():
+def test_direct_call_returns_status():
     arena = np.array([0.0] * 8 + [3.0, 0.0, 2.0])
     table = KernelTable((8, 9, 10), (1, 1, 1))
     assert call_kernel(mathematics.gain, arena, table) == 0 and arena[9] == 6.0

@@ -22,7 +22,7 @@ def steady(recording, path):
     return recording[path][recording.time >= 3.0]
 
 
-def test_it_compiles_without_a_warning_and_all_native():
+def test_diagram_compiles_without_warning_and_natively():
     schedule = compile(load(HIP_EXO)[1])
     assert schedule.warnings == [] and schedule.gil_sections == 0
     assert [proof.bounded_by for proof in schedule.proofs if proof.port == "torque_command"] == [
@@ -30,7 +30,7 @@ def test_it_compiles_without_a_warning_and_all_native():
     ]
 
 
-def test_it_ends_well(walked):
+def test_run_ends_without_fault(walked):
     assert (walked.outcome.status, walked.outcome.unconfirmed, walked.outcome.unanswered) == ("ok", (), ())
 
 

@@ -44,7 +44,7 @@ def test_the_file_can_be_read_at_a_glance():
     assert len(lines) <= 80 and max(map(len, lines)) <= 140
 
 
-def test_it_compiles_without_a_warning_and_all_native():
+def test_diagram_compiles_without_warning_and_natively():
     _, diagram = load(KNEE_EXO)
     schedule = compile(diagram)
     assert schedule.warnings == [] and schedule.gil_sections == 0 and schedule.rate == 200.0
@@ -53,7 +53,7 @@ def test_it_compiles_without_a_warning_and_all_native():
     ] == [(f"{side}/knee", True, f"{side}/torque_limiter") for side in SIDES]
 
 
-def test_it_is_recorded_streamed_and_summed_up():
+def test_run_is_recorded_streamed_and_summarised():
     """Recorder and viewer take every port; each leg has its report."""
     _, diagram = load(KNEE_EXO)
     taken = {sink.block.path: len(sink.columns) for sink in compile(diagram).sinks}
@@ -61,7 +61,7 @@ def test_it_is_recorded_streamed_and_summed_up():
     assert taken == {"csv_recorder": ports, "plot_juggler": ports, "left/stride_report": 5, "right/stride_report": 5}
 
 
-def test_it_ends_well(walked):
+def test_run_ends_without_fault(walked):
     assert (walked.outcome.status, walked.outcome.unconfirmed, walked.outcome.unanswered) == ("ok", (), ())
     assert list(walked.tick) == list(range(2400))
 

@@ -160,7 +160,7 @@ def test_a_butterworth_that_makes_no_sense_is_refused(parameters, said):
         (lambda: Notch(90.0, 0.5), "q: the bandwidth of 180 Hz must be below half the rate, 100 Hz"),
     ],
 )
-def test_what_the_rate_cannot_carry_is_refused(make, said):
+def test_frequency_above_nyquist_is_refused(make, said):
     with Diagram("slow", rate=200):
         block = make()
     with pytest.raises((DiagramError, ValueError), match=said):

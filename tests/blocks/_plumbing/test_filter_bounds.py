@@ -138,7 +138,7 @@ def test_the_start_of_a_state_space_counts():
 
 
 @pytest.mark.parametrize("a", [(1.0, -1.0), (1.0, -2.0, 1.0), (1.0, 0.0, 1.0), (1.0, -1.5), (1.0, -(1.0 - 1e-10))])
-def test_what_is_not_stable_or_too_slow_has_no_range(a):
+def test_unstable_or_slow_filter_has_no_range(a):
     assert made(TransferFunction, (1.0,), a).output_range(u=Interval(-1.0, 1.0)) == Interval()
 
 

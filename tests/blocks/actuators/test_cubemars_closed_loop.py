@@ -161,7 +161,7 @@ def test_an_impedance_in_the_diagram_closes_the_same_loop_one_tick_later():
     assert abs(recording["drive.position"][-1] - target) < 0.005 * target + POSITION_STEP
 
 
-def test_it_is_enabled_by_arming_and_disabled_by_the_safe_stop():
+def test_arming_enables_drive_and_safe_stop_disables_it():
     with Diagram("life", rate=RATE) as robot:
         CubeMars("AK80-9", name="drive")(torque_command=1.0)
     plant = joint(robot)

@@ -59,7 +59,7 @@ def test_every_frame_has_one_answer(spoken):
     error=st.integers(0, 255),
 )
 @settings(max_examples=300, deadline=None)
-def test_its_answer_is_the_references_byte_for_byte(data, model, can_id, temperature, error):
+def test_reply_matches_reference_bytes(data, model, can_id, temperature, error):
     ranges, wired = RANGES[model], emulated(model, can_id=can_id)
     given = {name: data.draw(st.floats(*ranges[name]), label=name) for name in ("position", "velocity")}
     wired.hear(can_id, NOTHING)
@@ -73,7 +73,7 @@ def test_its_answer_is_the_references_byte_for_byte(data, model, can_id, tempera
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_what_it_cannot_express_it_answers_with_the_end_of_the_range(model):
+def test_reply_saturates_at_range_ends(model):
     wired = emulated(model)
     for share, code in ((-1.5, "0000"), (1.5, "ffff")):
         wired.hear(1, NOTHING)
@@ -83,7 +83,7 @@ def test_what_it_cannot_express_it_answers_with_the_end_of_the_range(model):
         assert data[1:3].hex() == code and data[3:5].hex()[:3] == code[:3] and data[6] == (0 if share < 0.0 else 255)
 
 
-def test_it_gives_no_torque_before_it_is_enabled_and_none_after_it_is_disabled():
+def test_drive_gives_torque_only_while_enabled():
     wired, push = emulated(), command(torque=5.0)
     wired.hear(1, push)
     assert torque(wired) == 0.0 and wired["enabled"] == 0.0
@@ -122,7 +122,7 @@ def test_drive_with_fault_gives_no_torque_and_reports_it():
 @pytest.mark.parametrize("invert, offset", [(False, 0.0), (True, 0.3)])
 @given(data=st.data())
 @settings(max_examples=25, deadline=None)
-def test_its_torque_is_the_law_of_the_manual_up_to_its_peak(model, invert, offset, data):
+def test_torque_follows_manual_law_up_to_peak(model, invert, offset, data):
     """t = kp (p_des − p) + kd (v_des − v) + t_ff, of what it understood; within 1e-9 of the sum of its terms."""
     wired, sign = emulated(model, invert=invert, offset=offset), -1.0 if invert else 1.0
     ranges = RANGES[model]
@@ -145,7 +145,7 @@ def test_its_torque_is_the_law_of_the_manual_up_to_its_peak(model, invert, offse
     assert abs(wired["torque"]) <= peak and wired["torque"] in wired.block.output_range()["torque"]
 
 
-def test_its_peak_may_be_lowered_but_must_be_positive():
+def test_peak_torque_may_be_lowered_but_must_be_positive():
     wired = emulated(peak=2.5)
     wired.hear(1, ENABLE)
     for commanded, expected in ((18.0, 2.5), (-18.0, -2.5)):
@@ -180,7 +180,7 @@ def test_set_zero_makes_the_present_position_zero_for_commands_and_answers():
         (1, ENABLE + b"\0", MALFORMED),
     ],
 )
-def test_frames_that_are_not_for_it_or_broken_change_nothing_and_have_no_answer(identifier, data, answer):
+def test_foreign_or_malformed_frames_are_ignored_without_reply(identifier, data, answer):
     wired = emulated()
     before = wired.arena.copy()
     assert wired.hear(identifier, data) == answer

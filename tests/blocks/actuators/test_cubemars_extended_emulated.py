@@ -62,9 +62,7 @@ def torque(wired, **state):
     invert=st.booleans(),
 )
 @settings(max_examples=300, deadline=None)
-def test_its_report_is_the_references_byte_for_byte_and_ends_at_the_end_of_the_range(
-    model, position, velocity, temperature, error, invert
-):
+def test_report_matches_reference_bytes_and_saturates(model, position, velocity, temperature, error, invert):
     wired, found = board(model=model, invert=invert), MODELS[model]
     told(wired, 8, force(model))
     [(identifier, data)] = wired.say(position=position, velocity=velocity, temperature=temperature, fault=error)
@@ -136,7 +134,7 @@ def test_a_disable_takes_the_torque_and_is_confirmed_in_the_next_report_alone():
     velocity=st.floats(-20.0, 20.0),
 )
 @settings(max_examples=200, deadline=None)
-def test_its_torque_is_the_law_of_the_manual_up_to_its_peak(data, model, position, velocity):
+def test_torque_follows_manual_law_up_to_peak(data, model, position, velocity):
     wired, ranges = board(model=model), reference.ranges(MODELS[model])
     fields = {name: data.draw(st.floats(*ranges[name]), label=name) for name, _ in reference.FORCE}
     sent = reference.force(ranges, **fields)
@@ -224,7 +222,7 @@ def test_drive_with_fault_or_overheated_gives_no_torque_and_reports_it():
         assert [data[7] for _, data in wired.say()] == [code]
 
 
-def test_it_may_answer_with_another_id_late_or_not_at_all():
+def test_reply_id_delay_and_silence_can_be_emulated():
     wired = board()
     told(wired, 8, force())
     assert [i for i, _ in wired.say(wrong_id=9)] == [reference.identifier(0x29, 9)]
@@ -250,7 +248,7 @@ def test_it_may_answer_with_another_id_late_or_not_at_all():
         *((reference.identifier(kind, 7), bytes(length), MALFORMED) for kind, length in ((1, 8), (5, 4), (6, 4))),
     ],
 )
-def test_frames_that_are_not_for_it_or_broken_change_nothing(identifier, data, answer):
+def test_foreign_or_malformed_frames_are_ignored(identifier, data, answer):
     wired = board()
     before = wired.arena.copy()
     assert wired.hear(identifier, data) == answer and wired.arena.tobytes() == before.tobytes() and wired.say() == []

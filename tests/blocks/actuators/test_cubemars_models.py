@@ -78,7 +78,7 @@ def test_a_misspelt_model_is_refused_with_a_suggestion_of_the_same_motor(name, w
         CubeMars(name)
 
 
-def test_what_is_not_like_any_model_lists_them_all():
+def test_unknown_model_lists_all_models():
     for name in ("", "XM430", "motor"):
         with pytest.raises(DiagramError) as refused:
             CubeMars(name)
@@ -135,7 +135,7 @@ def test_the_limit_is_rated_peak_or_a_torque_up_to_the_peak(name):
         ("", "'rated', 'peak'"),
     ],
 )
-def test_a_limit_that_is_none_is_refused(limit, said):
+def test_invalid_limit_is_refused(limit, said):
     with pytest.raises(DiagramError, match=f"limit must be .*{said}"):
         CubeMars("AK80-9", limit=limit)
 
@@ -164,7 +164,7 @@ def test_a_parameter_out_of_bounds_is_refused_with_its_name_value_and_bound(para
     assert "CubeMars" in str(refused.value) and __file__ in str(refused.value)
 
 
-def test_without_a_model_there_is_no_drive():
+def test_model_is_required():
     with pytest.raises(DiagramError, match="model is missing"):
         CubeMars()
 

@@ -138,7 +138,7 @@ def test_foreign_command_is_detected_before_and_after_reply(answers):
 
 
 @pytest.mark.parametrize("data", [ENABLE, DISABLE, NOTHING])
-def test_what_this_run_sends_itself_is_never_taken_for_a_reply(data):
+def test_sent_frames_are_never_decoded_as_replies(data):
     rig = guarded(robot(timeout=0.0))
     rig.buses["can"].device.send(1, data)
     assert rig.run(5).status == "foreign command"

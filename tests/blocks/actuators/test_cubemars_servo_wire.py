@@ -99,7 +99,7 @@ def test_custom_torque_constant_keeps_current_within_motor_limit():
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_what_is_past_its_limit_or_no_number_makes_no_frame(mode):
+def test_command_beyond_limit_or_nan_makes_no_frame(mode):
     one = drive("AK80-9", mode)
     (name,), (low, high, _) = one.block.inputs, one["limits"]
     for x in (low, high):
@@ -150,7 +150,7 @@ def test_commands_fade_in_and_a_position_from_where_the_joint_is(mode):
 
 
 @pytest.mark.parametrize("mode", ["current", "current_brake"])
-def test_what_the_watch_takes_is_taken_from_a_current(mode):
+def test_derating_by_watch_reduces_current(mode):
     one = drive("AK80-9", mode)
     one["limits"] = [*one["limits"][:2], 0.5]
     [(_, said)] = one.say(**{f"{mode}_command": 4.0})
@@ -265,7 +265,7 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
         ("AK80-9", {"duty_limit": 1.5, "mode": "duty"}, "duty_limit: "),
     ],
 )
-def test_what_cannot_be_is_refused_with_its_reason(model, parameters, said):
+def test_invalid_parameters_are_refused_with_reason(model, parameters, said):
     with pytest.raises(DiagramError, match=said):
         CubeMarsServo(model, **parameters)
 

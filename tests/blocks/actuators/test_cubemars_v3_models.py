@@ -48,7 +48,7 @@ def test_a_motor_of_several_generations_needs_the_boards_name(name):
         ("XM430", "there are AK10-9-V3.0"),
     ],
 )
-def test_what_it_does_not_drive_is_refused_with_what_does(name, said):
+def test_unsupported_model_is_refused_with_the_right_block(name, said):
     with pytest.raises(DiagramError, match=said):
         CubeMarsV3(name)
 

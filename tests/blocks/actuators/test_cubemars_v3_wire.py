@@ -124,7 +124,7 @@ def test_everything_at_its_top_is_not_what_some_boards_take_for_enable():
 
 @pytest.mark.parametrize("field", FIELDS)
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_makes_no_frame(field, bad):
+def test_non_finite_command_makes_no_frame(field, bad):
     drive = Wired.again(DRIVES["AK70-9"])
     assert drive.say(**{f"{field}_command": bad}) == NOT_FINITE and drive["torque_sent"] == 0.0
 

@@ -235,7 +235,7 @@ def test_our_emulated_drive_answers_as_mit_firmware_does():
         )
 
 
-def test_what_is_not_finite_is_refused_whatever_the_others_do(drives):
+def test_non_finite_command_is_refused_unlike_reference_implementations(drives):
     names = {"AK80-9", "AK80_9_V1p1", "AK80-9 V3", "AK80-9-V3", "AK80-9 servo", "RS02"}
     tried = 0
     for entry in entries("nonfinite_inputs"):

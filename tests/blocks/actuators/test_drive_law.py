@@ -420,7 +420,7 @@ def test_at_the_ends_of_the_ranges_of_position_and_velocity_there_is_torque_alon
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_a_limit_or_a_share_of_gains_that_is_no_number_opens_nothing(name):
+def test_nan_limit_or_gain_scale_gives_no_torque(name):
     drive = observed(name, limit=5.0)
     drive.hear(0.5, 1.0, drive.period)
     limits = drive.wired["limits"]
@@ -433,14 +433,14 @@ def test_a_limit_or_a_share_of_gains_that_is_no_number_opens_nothing(name):
 
 
 @pytest.mark.parametrize("acceleration", [0.0, -1.0, math.inf, math.nan, 2e5])
-def test_an_assumption_that_is_no_bound_is_refused(acceleration):
+def test_invalid_max_acceleration_is_refused(acceleration):
     with pytest.raises(DiagramError, match="max_acceleration"):
         CubeMars("AK80-9", max_acceleration=acceleration)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("what", ["position", "velocity"])
-def test_feedback_that_is_no_number_leaves_the_feed_forward_alone(what, bad):
+def test_nan_feedback_leaves_only_feed_forward(what, bad):
     drive = observed("AK80-9")
     drive.wired[what] = bad
     assert drive.law(stiffness=20.0, damping=1.0, torque=3.0)[2:] == pytest.approx([0.0, 0.0, 3.0], abs=36.0 / 4095)

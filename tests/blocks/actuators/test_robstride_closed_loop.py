@@ -145,7 +145,7 @@ def test_velocity_and_current_modes_follow_setpoint(model, mounting):
 
 
 @pytest.mark.parametrize("mode, command", [("csp", {"position_command": 3.0}), ("velocity", {"velocity_command": 2.0})])
-def test_torque_in_the_other_modes_stays_within_the_limit_and_fades_in(mode, command):
+def test_torque_in_other_modes_fades_in_within_limit(mode, command):
     """Of the current: rated, so N·m within the rated torque and a code; and in the first half of the fade, within half
     of it.
     """
@@ -207,7 +207,7 @@ WRONG = {
     "kind, model", [(RobStride, "RS03"), (RobStride, "CyberGear"), (RobStrideMIT, "RS03"), (CubeMars, "AK80-9")]
 )
 @pytest.mark.parametrize("fault", WRONG)
-def test_what_can_be_wrong_with_a_drive_ends_the_run_and_the_torque(kind, model, fault):
+def test_drive_faults_end_run_and_torque(kind, model, fault):
     make, status = WRONG[fault]
     if kind is not RobStride and fault == "temperature":
         return  # the first has no fault to tell, of the other no temperature is known

@@ -88,7 +88,7 @@ def test_every_frame_has_one_answer_and_it_is_the_references_byte_for_byte(data,
     assert len(said) == 4 and (set(said) == {wanted} or nearly)
 
 
-def test_it_gives_no_torque_before_it_is_enabled_and_none_after_it_is_stopped():
+def test_drive_gives_torque_only_between_enable_and_stop():
     wired, push = emulated(), command(torque=5.0)
     wired.hear(*push)
     assert torque(wired) == 0.0 and wired["enabled"] == 0.0
@@ -107,7 +107,7 @@ def test_it_gives_no_torque_before_it_is_enabled_and_none_after_it_is_stopped():
 @pytest.mark.parametrize("model", MODELS)
 @given(data=st.data())
 @settings(max_examples=8, deadline=None)
-def test_its_torque_is_the_law_of_the_manual_up_to_its_limits(model, data):
+def test_torque_follows_manual_law_up_to_limits(model, data):
     """t = kp (p_des − p) + kd (v_des − v) + t_ff, of what it understood; within 1e-9 of the sum of its terms."""
     wired, ranges = emulated(model), RANGES[model]
     fields = {name: data.draw(st.floats(*ranges[name]), label=name) for name in ZERO}
@@ -129,7 +129,7 @@ def test_its_torque_is_the_law_of_the_manual_up_to_its_limits(model, data):
     assert wired["torque"] in wired.block.output_range()["torque"]
 
 
-def test_its_run_mode_changes_only_while_it_is_stopped():
+def test_run_mode_changes_only_while_stopped():
     wired = emulated()
     write(wired, 0x7005, 3)
     assert read(wired, 0x7005)[1] == b"\3\0\0\0"
@@ -289,7 +289,7 @@ def test_set_zero_makes_the_present_position_zero():
         (ENABLE[0], bytes(9), MALFORMED),
     ],
 )
-def test_frames_that_are_not_for_it_or_broken_change_nothing_and_have_no_answer(identifier, data, answer):
+def test_foreign_or_malformed_frames_are_ignored_without_reply(identifier, data, answer):
     wired = emulated()
     before = wired.arena.copy()
     assert wired.hear(identifier, data) == answer

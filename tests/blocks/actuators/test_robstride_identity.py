@@ -145,7 +145,7 @@ def test_without_power_it_keeps_what_was_saved(saved):
 
 
 @pytest.mark.parametrize("model, data", [("CyberGear", COUNTING), ("RS03", bytes(8)), ("RS03", COUNTING[::-1])])
-def test_what_is_no_save_saves_nothing(model, data):
+def test_malformed_save_command_saves_nothing(model, data):
     """On a CyberGear type 22 changes the baud rate."""
     wired = emulated(model)
     write(wired, LOC_KP, 12.0)

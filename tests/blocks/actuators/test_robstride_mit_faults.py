@@ -101,7 +101,7 @@ def test_another_time_out_is_a_fault_that_names_the_firmware(value):
     assert "RS03 has it in MIT mode from firmware 0.3.1.41 on" in wired.block.fault_in_words(wired["fault"])
 
 
-def test_what_another_controller_writes_is_a_command_and_what_it_reads_is_none():
+def test_foreign_write_is_a_command_and_foreign_read_is_not():
     wired = drive()
     wired.hear(0x305, WRITTEN)
     assert wired.hear(0x405, WRITTEN) == NOTED and wired.hear(0x305, bytes.fromhex("1970000000000000")) == NOTED
@@ -261,7 +261,7 @@ def test_firmware_without_parameters_is_armed_only_if_configured():
     assert lived(parameters_known=False, drive_parameters={"can_timeout": 0.0})[1].status == "ok"
 
 
-def test_the_emulated_drive_stops_by_itself_after_its_time_out():
+def test_emulated_drive_stops_after_its_timeout():
     wired = Wired(EmulatedRobStrideMIT, "RS03", can_id=5)
     for identifier, data in ((0x405, WRITTEN), (5, ENABLE), (5, NOTHING)):
         assert wired.hear(identifier, data) == TAKEN

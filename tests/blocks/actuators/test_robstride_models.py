@@ -53,7 +53,7 @@ def test_a_misspelt_model_is_refused_with_a_suggestion(name, wanted):
         RobStride(name)
 
 
-def test_what_is_not_like_any_model_lists_them_all():
+def test_unknown_model_lists_all_models():
     for name in ("", "AK80-9", "XM430"):
         with pytest.raises(DiagramError) as refused:
             RobStride(name)

@@ -167,7 +167,7 @@ def test_replies_mean_the_same_to_us_and_to_the_others(drives, source, tolerance
             assert decoded["mode"] == raw["mode"] == entry["frame"]["arbitration_id"] >> 22 & 3
 
 
-def test_frames_of_the_other_types_are_ours():
+def test_frames_of_other_types_match_reference():
     """Those that we send, byte for byte; of the libraries that leave the host out, all but that."""
     made = 0
     for entry in entries("robstride_other_types"):
@@ -268,7 +268,7 @@ def test_the_table_of_models_is_that_of_the_specification():
         assert (model.rated_current, model.peak_current) == (row["rated_apk"], row["max_apk"]), name
 
 
-def test_what_is_not_finite_is_refused_whatever_the_others_do():
+def test_non_finite_command_is_refused_unlike_reference_implementations():
     tried = 0
     for entry in entries("nonfinite_inputs"):
         fields = {f"{name}_command": float(entry["inputs"][key]) for name, key in INPUTS.items()}

@@ -243,7 +243,7 @@ def test_other_modes_write_the_command_and_the_current_limit(data, model, mode, 
 
 @pytest.mark.parametrize("mode", ["operation", *WRITTEN])
 @pytest.mark.parametrize("share", [math.nan, -0.1, 1.0001])
-def test_a_share_that_is_none_makes_no_frame(mode, share):
+def test_invalid_gain_scale_makes_no_frame(mode, share):
     wired = Wired(RobStride, "RS03", mode=mode)
     wired.arena[AUTHORITY] = share
     assert wired.say() == OUT_OF_LIMITS

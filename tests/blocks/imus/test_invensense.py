@@ -321,7 +321,7 @@ def test_sensor_with_internal_magnetometer_bus_is_read_in_one_burst(mpus):
     assert one.hear(identifier(2), burst + field[:-1]) == MALFORMED
 
 
-def test_in_a_simulation_it_reads_its_magnetometer_by_itself_too():
+def test_simulated_sensor_reads_its_magnetometer():
     with Diagram("robot", rate=200) as robot:
         imu = MPU9250(name="imu", bypass=False, timeout=0.0)
     with Diagram("plant", rate=1000) as plant:
@@ -341,7 +341,7 @@ PLAYED = [(MPU9250, EmulatedMPU9250, {"adjustment": (176, 100, 166)}), (ICM20948
 @pytest.mark.parametrize("kind, emulated, parameters", PLAYED)
 @given(data=st.data())
 @settings(max_examples=60, deadline=None)
-def test_what_an_emulated_one_measures_its_block_reads(kind, emulated, parameters, data):
+def test_block_reads_measurements_of_emulated_sensor(kind, emulated, parameters, data):
     """Within half a code of each quantity; the adjustment stretches that of the magnetometer."""
     vectors = {
         name: data.draw(st.tuples(*[st.floats(-most, most)] * 3))
@@ -366,7 +366,7 @@ def block_of(kind, parameters):
     return Wired.again(KEPT[kind])
 
 
-def test_its_bytes_are_those_of_the_registers():
+def test_bytes_follow_register_layout():
     """1 g at ±8 g is 4096 codes, 1 rad/s at ±1000 °/s 1877.47; the AK8963 has x and y exchanged and z the other way."""
     played = block_of(EmulatedMPU9250, {"adjustment": (176, 100, 166)})
     answers = played.say(accel=(0.0, -G, G), gyro=(1.0, 0.0, -1.0), mag=(20.0, -10.0, -44.0), temperature=21.0)
@@ -426,12 +426,12 @@ def test_in_a_simulation_it_measures_gravity_and_is_new_in_every_tick(kind):
 
 
 @pytest.mark.parametrize("fault, source", [("silent", From), ("wrong_address", Address)])
-def test_one_that_answers_no_more_grows_old(fault, source):
+def test_age_grows_while_sensor_is_silent(fault, source):
     age = played(60, fault=fault, source=source, end=0.2)["imu.age"]
     assert max(age[2:21]) < 0.006 and age[39] == pytest.approx(0.095, abs=0.0051) and max(age[43:]) < 0.006
 
 
-def test_one_that_is_silent_past_its_timeout_ends_the_run():
+def test_silence_beyond_timeout_ends_run():
     with Diagram("robot", rate=200) as robot:
         imu = MPU9250(name="imu", timeout=0.05)
     with Diagram("plant", rate=1000) as plant:
@@ -440,7 +440,7 @@ def test_one_that_is_silent_past_its_timeout_ends_the_run():
     assert outcome.status == "silent" and outcome.culprit == "imu" and 0.145 <= outcome.tick / 200 <= 0.16
 
 
-def test_one_that_is_stuck_is_seen_by_answers_that_repeat():
+def test_stuck_sensor_is_detected_by_repeated_replies():
     class Swing(Block):
         rate = Output("rad/s", shape=(3,))
 
@@ -473,7 +473,7 @@ def test_a_magnetometer_that_is_never_ready_grows_old_alone():
     assert record["imu.mag_age"][-1] > 0.15 and record["imu.age"][-1] < 0.006
 
 
-def test_its_calibration_is_laid_over_what_it_measures(tmp_path):
+def test_calibration_is_applied_to_measurements(tmp_path):
     file = tmp_path / "imu.toml"
     file.write_text("""
 [accelerometer]

@@ -48,7 +48,7 @@ def vector(recording, name, size):
 @pytest.mark.parametrize(
     "model, attitude", [("3DM-GX5-25", "filter"), ("3DM-GX5-25", "sensor"), ("3DM-CV7-AHRS", "filter")]
 )
-def test_what_the_sensor_measures_arrives_in_si(model, attitude):
+def test_measurements_are_converted_to_si(model, attitude):
     q = turned(0.7, (0.0, 1.0, 0.0))
     walk = simulate(
         40,
@@ -183,7 +183,7 @@ def test_invalid_filter_output_is_nan_and_reported():
     assert walk["imu.quaternion[0]"][-1] == 1.0 and walk["imu.valid"][-1]
 
 
-def test_a_plug_that_is_pulled_is_seen_and_so_is_its_return():
+def test_unplug_and_reconnect_are_detected():
     walk = simulate(200, faults={"disconnected": (np.arange(1000) >= 300) & (np.arange(1000) < 600)})
     connected = walk["imu.connected"].astype(bool)
     assert connected[20] and not connected[70] and connected[130]
@@ -251,7 +251,7 @@ def test_chunk_is_flagged_if_it_has_a_sample():
     assert sensor.feed(mip.command(mip.BASE, mip.PING)) == {NOTED: 1}
 
 
-def test_what_follows_a_gap_is_not_glued_to_what_was_before_it():
+def test_bytes_after_gap_are_not_joined_to_earlier_ones():
     sensor, packet = Hearing(channels=("gyro",)), STREAM[:LENGTH]
     sensor.feed(packet[:20])
     sensor.feed(packet, flags=1)

@@ -66,7 +66,7 @@ def test_a_newer_sensor_answers_with_the_set_and_a_float():
     assert ask(wired, 0x0D, 0x50, mip.READ, 0, 4) == (OK, [(0xD0, bytes([0, 4, 1]))])
 
 
-def test_what_was_saved_is_read_again_after_a_restart():
+def test_saved_settings_persist_after_restart():
     wired = sensor()
     ask(wired, 0x0C, 0x50, mip.WRITE, 0x04, 1, 1, 0, 40, 0)
     ask(wired, 0x0C, 0x30, 3)

@@ -112,7 +112,7 @@ def test_every_field_of_every_packet_is_what_the_vendor_put_in(prefix, attitude,
     assert fields > 300
 
 
-def test_what_the_vendors_library_calls_invalid_is_no_number_here():
+def test_values_invalid_in_vendor_library_are_nan():
     seen = set()
     for entry in DATA:
         read = entry.get("also_decoded_by", {}).get("pymscl 68.4.5", {}).get("estOrientQuaternion")

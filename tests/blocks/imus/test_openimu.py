@@ -135,7 +135,7 @@ def test_several_by_source_address_share_a_bus():
     assert [d.code for d in caught.value.diagnostics] == ["TW013"]
 
 
-def test_one_that_does_not_take_its_settings_never_counts_as_answered():
+def test_unit_that_rejects_settings_is_not_ready():
     """It speaks all the while: but in which axes?"""
     wired, unit = Wired(OpenImu), Wired(EmulatedOpenImu)
     for name, data in unit.say():
@@ -146,7 +146,7 @@ def test_one_that_does_not_take_its_settings_never_counts_as_answered():
     assert recording.outcome.status == "no answer" and recording.outcome.unanswered == ("imu",)
 
 
-def test_one_that_falls_silent_ends_the_run_past_its_timeout():
+def test_silent_unit_ends_run_after_timeout():
     silent = np.zeros(2000, bool)
     silent[700:] = True
     recording = together(200, {"silent": silent})

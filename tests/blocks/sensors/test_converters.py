@@ -75,7 +75,7 @@ def test_reply_identifies_its_device(converters):
         (0x93E3, MALFORMED),  # a difference that nobody has asked for
     ],
 )
-def test_what_was_converted_with_another_configuration_is_not_taken(converters, configuration, answer):
+def test_conversion_with_other_configuration_is_discarded(converters, configuration, answer):
     wired = Wired.again(converters[4.096])
     assert wired.hear(identifier(0, 0x48), b"\x10\x00" + configuration.to_bytes(2, "big")) == answer
     assert all(wired[f"a{k}"] == 0.0 for k in range(4))
@@ -125,11 +125,11 @@ def test_the_force_of_a_load_cell_by_its_data_sheet(amplifier):
     assert scaled["force"] == pytest.approx(-2e-4 * counts, rel=1e-12)
 
 
-def test_a_conversion_that_was_read_before_is_none(amplifier):
+def test_repeated_conversion_is_not_a_new_sample(amplifier):
     assert amplifier.hear(identifier(0, 0x2A), b"\x00\x10\x00\x00") == NOTED and amplifier["counts"] == 0
 
 
-def test_it_is_tared_with_its_first_samples_and_again_on_an_edge():
+def test_tare_uses_first_samples_and_repeats_on_edge():
     wired = Wired(NAU7802, tare_time=0.1, rate=80, scale=0.01)  # 8 samples
 
     def hear(*counts):
@@ -241,7 +241,7 @@ def test_faults_in_a_simulation(kind, fault, old):
     assert (record["sensor.age"][-1] > 0.3) == old and len(set(said[28:])) == 1
 
 
-def test_it_answers_at_another_address_as_one_that_is_not_there():
+def test_reply_from_other_address_is_treated_as_missing():
     played = Wired(EmulatedADS1115)
     (answer,) = played.say(wrong_address=0x49)
     assert answer[0] == identifier(0, 0x49)

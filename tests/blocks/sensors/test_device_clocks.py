@@ -52,7 +52,7 @@ def errors(fresh, seconds, *, rate=100, drift=0.0, start=0.0, tick=1e-6, modulus
 
 
 @pytest.mark.parametrize("drift", [0.0, 80e-6, -200e-6])
-def test_it_follows_the_devices_clock_where_that_drifts(drift, microcontrollers):
+def test_map_follows_drifting_device_clock(drift, microcontrollers):
     found, told = errors(microcontrollers, 25, drift=drift)
     assert told == pytest.approx(drift, abs=2e-5)
     assert all(-1e-4 < error < DELAY + 5e-4 for error in found[500:])  # though packets come up to 20 ms late
@@ -81,7 +81,7 @@ def test_clock_is_recovered_after_silence_of_several_wraps(microcontrollers):
     assert hear(wired, 0, later % 65536, 1.0 + later / 1e4 + 0.004, "H") == pytest.approx(1.0 + later / 1e4, abs=1e-3)
 
 
-def test_a_device_that_began_anew_begins_a_map_anew(microcontrollers):
+def test_device_restart_restarts_map(microcontrollers):
     wired = microcontrollers()
     for number in range(300):
         hear(wired, number, 50_000_000 + number * 10_000, 1.0 + number * 0.01)

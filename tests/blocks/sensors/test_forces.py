@@ -66,6 +66,6 @@ def test_contact_has_a_hysteresis_and_nan_leaves_it_as_it_was():
         (LoadCell, {"capacity": 0.0}, "above 0"),
     ],
 )
-def test_what_cannot_be_is_refused(kind, parameters, words):
+def test_invalid_parameters_are_refused(kind, parameters, words):
     with pytest.raises(DiagramError, match=words):
         kind(**parameters)

@@ -149,7 +149,7 @@ def test_the_emulated_one_sends_what_is_read_rounded_as_its_types_are(data, valu
         assert wired["accel"] == pytest.approx(np.clip(values[1:], -32768 * 0.0048, 32767 * 0.0048), abs=0.002401)
 
 
-def test_what_is_lost_and_what_is_corrupt_is_counted(parser):
+def test_lost_and_corrupt_packets_are_counted(parser):
     wired = parser(*FORCE)
     hear(wired, force_packet(254, 1) + force_packet(255, 2) + force_packet(3, 3))  # 0, 1 and 2 are missing
     assert counts(wired) == (3, 3, 0) and wired["force"] == 0.03
@@ -163,7 +163,7 @@ def test_what_is_lost_and_what_is_corrupt_is_counted(parser):
     assert counts(wired) == (4, 5, 3) and wired["force"] == 0.05
 
 
-def test_the_rest_of_a_packet_that_was_on_its_way_is_no_corrupt_one(parser):
+def test_first_partial_packet_is_not_counted_as_corrupt(parser):
     wired = parser(*FORCE)
     hear(wired, force_packet(1, 1)[4:] + force_packet(2, 2))
     assert counts(wired) == (1, 0, 0)

@@ -37,7 +37,7 @@ def test_full_queue_refuses_and_counts_frames_until_read():
 @given(
     st.lists(st.tuples(st.sampled_from(["host", "device"]), st.one_of(st.none(), st.binary(max_size=64))), max_size=60)
 )
-def test_whatever_is_sent_arrives_once_in_order(actions):
+def test_sent_frames_arrive_once_in_order(actions):
     bus, sent, heard = MemoryBus(), {"host": [], "device": []}, {"host": [], "device": []}
     for end, data in actions:
         if data is None:

@@ -93,7 +93,7 @@ def test_frames_go_both_ways_as_the_kernel_has_them():
 
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 0x7FF), st.binary(max_size=64)), max_size=40))
-def test_whatever_is_sent_arrives_once_in_order_on_a_bus_with_fd(frames):
+def test_sent_frames_arrive_once_in_order_on_fd_bus(frames):
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     one, other = SocketCan(near, fd=True), SocketCan(far, fd=True)
     for extended, identifier, data in frames:
@@ -122,7 +122,7 @@ def test_only_frames_over_eight_bytes_are_sent_as_fd():
     ],
     ids=["empty", "one byte", "short", "long", "length 9", "length 255", "FD on a bus without", "huge"],
 )
-def test_what_is_no_frame_changes_nothing_is_counted_and_hides_nothing(spoilt):
+def test_invalid_frame_is_counted_and_ignored(spoilt):
     wire = Wire()
     for datagram in (spoilt, classic(1, ANSWER), spoilt, classic(2, b"x")):
         wire.far.send(datagram)
@@ -130,7 +130,7 @@ def test_what_is_no_frame_changes_nothing_is_counted_and_hides_nothing(spoilt):
     assert wire.can.counts["corrupt"] == 2 and wire.can.trouble is None
 
 
-def test_on_a_bus_with_fd_a_length_beyond_64_is_no_frame():
+def test_fd_length_beyond_64_is_invalid():
     wire = Wire(fd=True)
     for length in (64, 65, 255):
         wire.far.send(FLEXIBLE.pack(1, length, 0, bytes(64)))
@@ -380,7 +380,7 @@ wire.send({error_frame(BUS_OFF)!r})
 """
 
 
-def test_one_bus_that_fails_does_not_keep_the_others_from_a_confirmed_stop():
+def test_failed_bus_does_not_block_confirmed_stop_of_others():
     robot = Robot(2, far=(2,))
     with far_end(robot, BUS_OFF_SCRIPT):
         outcome = robot.run(400)

@@ -138,7 +138,7 @@ def test_a_device_behind_a_closed_channel_is_never_read_from_another():
     bus.stop()
 
 
-def test_one_that_falls_silent_is_lost_and_set_up_again_when_it_is_back(imu):
+def test_silent_device_is_lost_and_set_up_again_on_return(imu):
     wires, number, bus = imu
     bus.begin(time.monotonic_ns())
     bus.start()
@@ -171,7 +171,7 @@ def test_one_failure_alone_is_checked_and_not_set_up_again(imu):
     bus.stop()
 
 
-def test_one_that_has_lost_its_settings_is_seen_though_it_answers(imu):
+def test_device_that_lost_settings_is_detected(imu):
     """It was without power for a moment, and answers with the ranges that it has then."""
     wires, number, bus = imu
     bus.start()
@@ -294,7 +294,7 @@ def test_a_tick_that_stood_still_finds_the_newest():
         (0, IMU, (reading(steps=()),)),
     ],
 )
-def test_what_no_bus_can_do_is_refused(place, address, rounds):
+def test_invalid_address_or_reads_are_refused(place, address, rounds):
     with pytest.raises(ValueError):
         I2cBus(MemoryI2c()).add(place, address, rounds=rounds)
 

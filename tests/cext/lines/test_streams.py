@@ -63,7 +63,7 @@ def test_bytes_arrive_in_order_with_read_time(streams):
     assert all(kind == BYTES and len(data) <= 64 and 0 < when <= took for kind, _, data, when in frames)
 
 
-def test_what_was_read_before_a_run_begins_is_not_of_the_run(streams):
+def test_bytes_read_before_run_are_discarded(streams):
     here, there = socket.socketpair()
     stream = streams.add(here.fileno())
     streams.start()

@@ -52,7 +52,7 @@ def test_full_ring_refuses_frames_and_fails_if_not_drained(lines):
     assert line.end.send(STANDARD, b"")  # the safe stop goes on trying
 
 
-def test_what_finds_no_room_on_its_way_back_is_counted(lines):
+def test_dropped_return_frames_are_counted(lines):
     line = Line(lines, 0)
     for number in range(ROOM + 3):
         lines.give(0, number, b"", number)
@@ -78,7 +78,7 @@ def test_run_discards_earlier_frames(lines):
     assert line.end.receive() == [(STANDARD, False, b"new", 2)]
 
 
-def test_frame_received_just_before_run_start_keeps_its_time(lines):
+def test_frame_received_before_run_start_has_time_zero(lines):
     line = Line(lines, 0)
     line.begin(1_000)
     lines.give(0, STANDARD, b"early", 400)
@@ -109,7 +109,7 @@ def test_two_processes_share_the_lines(lines):
     assert [frame[0] for frame in line.end.receive()] == list(range(1, 301))
 
 
-def test_what_is_wrong_is_refused(lines, tmp_path):
+def test_invalid_arguments_are_refused(lines, tmp_path):
     for wrong in (-1, 2):
         with pytest.raises(IndexError):
             lines.take(wrong)

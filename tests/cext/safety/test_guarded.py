@@ -123,7 +123,7 @@ def test_each_tick_shows_that_the_loop_is_alive():
     assert before < beat <= at and at < rig.page.beat < time.monotonic_ns()
 
 
-def test_a_fence_that_is_raised_within_a_tick_lets_nothing_of_it_out():
+def test_fence_raised_within_tick_blocks_its_frames():
     rig = guarded(lambda: rig.page.raise_fence())
     outcome = rig.run(200)
     assert (outcome.status, outcome.tick) == ("fenced", 20) and len(rig.commands()) == 20 and ends_in_the_safe_stop(rig)

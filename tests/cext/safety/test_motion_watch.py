@@ -222,7 +222,7 @@ def test_power_cycled_stiff_drive_is_reported_as_not_following():
         "fade-in",
     ],
 )
-def test_a_drive_that_follows_is_no_fault(commands, emulator, options):
+def test_drive_that_follows_raises_no_fault(commands, emulator, options):
     _, outcome = imposed(still(), seconds=3.0, commands=commands, emulator=emulator, limit=9.0, **options)
     assert outcome.status == "ok"
 
@@ -385,7 +385,7 @@ class Nowhere(CubeMars):
 
 
 @pytest.mark.parametrize("place, about", [(0, "position"), (1, "velocity"), (4, "torque")])
-def test_a_measurement_that_is_no_number_ends_the_run_before_the_first_command(monkeypatch, place, about):
+def test_nan_measurement_ends_run_before_first_command(monkeypatch, place, about):
     monkeypatch.setattr(Nowhere, "place", place)
     rig, outcome = imposed(still(), drive=Nowhere, commands={"torque_command": 2.0})
     assert (outcome.status, outcome.culprit, outcome.tick) == ("implausible", "knee", 0)

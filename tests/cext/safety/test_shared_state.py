@@ -126,7 +126,7 @@ def test_a_page_is_one_memory_in_all_its_mappings():
     assert other.drain() == [(RECORD_EVENT, b"12345678")] and page.empty
 
 
-def test_a_file_that_is_no_page_is_refused(tmp_path):
+def test_file_without_shared_state_is_refused(tmp_path):
     for content in (b"short", bytes(100_000)[:-8] + b"whatever"):
         file = tmp_path / "file"
         file.write_bytes(b"\x01" + content)

@@ -232,7 +232,7 @@ def test_sensor_without_timeout_is_not_awaited_while_arming():
     assert Rig(robot).run(20).status == "ok"
 
 
-def test_a_fence_that_is_raised_while_a_robot_is_armed_lets_no_more_of_arming_out():
+def test_fence_raised_while_arming_blocks_further_arming_frames():
     @ctypes.CFUNCTYPE(ctypes.c_int, DOUBLES, SLOTS, ctypes.c_void_p, FRAME)
     def raises_the_fence(arena, slots, sizes, frame):
         rig.page.raise_fence()
@@ -249,7 +249,7 @@ def test_a_fence_that_is_raised_while_a_robot_is_armed_lets_no_more_of_arming_ou
     assert rig.run(20).status == "fenced" and set(rig.sent()) == set(STOP)
 
 
-def test_what_happens_during_the_stop_is_not_blamed_for_it():
+def test_faults_during_stop_do_not_replace_its_cause():
     @ctypes.CFUNCTYPE(ctypes.c_int, DOUBLES, SLOTS, ctypes.c_void_p, FRAME)
     def is_pressed(arena, slots, sizes, frame):
         return 5  # PRESSED of cext/abi.pxd
@@ -356,7 +356,7 @@ def test_stop_is_resent_every_period_and_at_least_every_5_ms(rate, rounds):
     assert abs(rig.sent().count(DISABLE) - rounds) <= 1
 
 
-def test_where_there_is_nothing_to_stop_a_run_ends_with_its_last_tick():
+def test_run_without_drives_ends_with_last_tick():
     class Counts(Block):
         """In the plant."""
 
@@ -391,7 +391,7 @@ class Streamed(Sensor):
     medium = "stream"
 
 
-def test_what_a_line_has_given_is_taken_whole_in_one_tick():
+def test_received_bytes_are_consumed_in_one_tick():
     with Diagram("robot", rate=200) as robot:
         Streamed(name="sensor", timeout=0.0)
     rig = Rig(robot)
@@ -464,7 +464,7 @@ def test_of_several_buses_it_is_the_one_that_takes_no_more_which_is_named():
 
 
 @pytest.mark.parametrize("batch", ["zero", "disable", "enable"])
-def test_what_is_like_any_command_of_ours_is_a_foreign_command(batch):
+def test_frame_equal_to_a_command_is_a_foreign_command(batch):
     with Diagram("robot", rate=200) as robot:
         RobStride("RS03", can_id=1, name="knee", timeout=0.0)(torque_command=0.0)
     page = SharedState(1 << 20)

@@ -76,7 +76,7 @@ def test_a_share_of_nan_is_a_fault_and_not_full_torque():
         ZeroDivisionError(),
     ],
 )
-def test_whatever_a_python_block_raises_ends_in_the_safe_stop_within_the_tick(error, tick):
+def test_any_python_exception_triggers_safe_stop_within_tick(error, tick):
     rig = one_drive(lambda knee: TorqueLimiter(limit=5.0)(At(tick, raises(error), name="culprit").y))
     outcome = rig.run(100)
     assert (outcome.status, outcome.culprit, outcome.tick, outcome.error) == (

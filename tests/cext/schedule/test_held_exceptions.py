@@ -48,7 +48,7 @@ def test_while_it_raises_its_output_keeps_its_last_value_and_the_next_good_step_
     ]
 
 
-def test_one_more_in_a_row_than_it_holds_is_a_fault_in_that_tick():
+def test_exceeding_held_exceptions_in_a_row_is_a_fault():
     outcome, rig = run({5, 6, 7, 8}, hold=3)
     assert (outcome.status, outcome.culprit, outcome.tick, str(outcome.error)) == ("exception", "flaky", 8, "flaky")
     assert len(rig.tick) == 8 and rig.control.held[0][1] == 3
@@ -67,7 +67,7 @@ def test_without_last_values_nothing_can_be_kept():
 
 
 @pytest.mark.parametrize("error", [SystemExit(4), KeyboardInterrupt()])
-def test_what_ends_a_program_is_never_held(error):
+def test_program_exit_exceptions_are_never_held(error):
     outcome, rig = run({6}, hold=5, error=error)
     assert (outcome.status, outcome.culprit, outcome.tick, outcome.error) == (
         "exception",

@@ -63,7 +63,7 @@ def test_a_rig_may_be_run_again_and_does_the_same():
     assert {path: values.tolist() for path, values in rig.signals.items()} == first and rig.frames == frames
 
 
-def test_an_answer_to_an_earlier_run_is_none():
+def test_reply_to_earlier_run_is_ignored():
     rig = one_drive(lambda knee: 0.0, plant=False)
     reply = bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0])
     rig.buses["can"].device.send(1, reply)
@@ -182,7 +182,7 @@ def test_behind_a_fence_no_command_is_sent_and_the_run_ends_in_the_safe_stop():
     assert len(rig.commands()) == 30 and ends_in_the_safe_stop(rig)
 
 
-def test_a_fence_raised_before_the_first_run_lets_nothing_through():
+def test_fence_raised_before_first_run_blocks_all_frames():
     rig = one_drive(lambda knee: 1.0)
     rig.page.raise_fence()
     outcome = rig.run(10)

@@ -77,7 +77,7 @@ def test_a_change_takes_effect_at_the_start_of_the_recorded_tick_and_not_before(
     assert found.changes == [(10, SET, 0, os.getpid(), 0, 45.0, 30.0, math.inf)]
 
 
-def test_what_was_posted_before_the_run_counts_from_its_first_tick():
+def test_change_posted_before_run_applies_from_first_tick():
     found = rig(spring)
     writer = Writer(found.page, "keys")
     ticket = writer.set([(0, 60.0)])
@@ -296,7 +296,7 @@ def test_stop_is_handled_while_arming_and_change_waits_for_tick_0():
     assert [change[:2] for change in rig.changes] == [(-1, STOP)]
 
 
-def test_what_the_ring_cannot_record_waits_until_it_can():
+def test_change_waits_while_ring_is_full():
     page = SharedState(1 << 12)
     found = rig(spring, page=page)
     while page.push(RECORD_EVENT, b"x" * 8):

@@ -98,7 +98,7 @@ def test_full_mailbox_refuses_until_requests_are_answered():
     assert writer.set([(0, 1.0)]) is not None
 
 
-def test_what_is_withdrawn_is_never_taken():
+def test_withdrawn_request_is_never_applied():
     rig = springs(1)
     writer = Writer(rig.page)
     first, second = writer.set([(0, 40.0)]), writer.set([(0, 50.0)])
@@ -108,7 +108,7 @@ def test_what_is_withdrawn_is_never_taken():
     assert not writer.withdraw(first) and writer.answer(first) == ("taken", 0, 0)
 
 
-def test_letters_of_the_dead_make_room_for_the_living():
+def test_requests_of_dead_processes_are_reclaimed():
     rig = springs(1)
 
     def post_and_die():

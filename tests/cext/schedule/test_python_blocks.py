@@ -190,7 +190,7 @@ def test_an_output_vector_may_be_a_list_or_the_input_itself():
         (-math.inf, -math.inf),
     ],
 )
-def test_whatever_is_a_number_is_stored_as_one(value, stored):
+def test_numeric_types_are_stored_as_numbers(value, stored):
     with Diagram("d", rate=50) as diagram:
         Returns(value, name="r")
     outcome, rig = run(diagram)

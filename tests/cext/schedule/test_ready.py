@@ -117,7 +117,7 @@ def test_a_fence_meanwhile_ends_it():
     assert ready.run().status == "fenced"
 
 
-def test_what_cannot_be_shown_is_not_armed():
+def test_failure_to_show_ready_state_prevents_arming():
     ready = Ready({})
     ready.show = lambda: 1 / 0
     outcome = ready.run()

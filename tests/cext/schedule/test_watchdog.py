@@ -148,7 +148,7 @@ def test_a_python_block_that_hangs_is_broken_off_with_the_motors_stopped(what):
     ]
 
 
-def test_an_update_that_hangs_is_no_different():
+def test_hanging_update_is_detected_like_hanging_step():
     rig = calls(forever, Slow)
     outcome = rig.run(100)
     assert (outcome.status, outcome.culprit) == ("hung", "left_law")

@@ -140,7 +140,7 @@ def test_ticks_that_were_missed_are_filled_in(tmp_path):
     assert found["a.x"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0] and found["a.n"].tolist() == [1, 1, 1, 1, 5]
 
 
-def test_what_is_not_a_number_does_not_spread_to_samples_that_are(tmp_path):
+def test_nan_does_not_spread_to_other_samples(tmp_path):
     found = runtime.load(recorded(tmp_path, [(0, 0.0), (1, math.nan), (2, 2.0)], signals=("a.x m",)))
     assert [math.isnan(value) for value in found.resample(400)["a.x"]] == [False, True, True, True, False]
 
@@ -171,7 +171,7 @@ def test_a_phase_and_a_bearing_go_round_between_samples_and_the_ends_of_their_ci
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf])
-def test_a_rate_that_is_none_is_refused(trial, rate):
+def test_invalid_rate_is_refused(trial, rate):
     with pytest.raises(BadInput, match="expected a rate in Hz above 0"):
         trial.resample(rate)
 

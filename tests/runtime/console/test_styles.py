@@ -46,7 +46,7 @@ def test_an_empty_text_leaves_the_head():
     assert Console(width=4).hang("long head", "") == ["long head"]
 
 
-def test_what_is_too_wide_is_cut():
+def test_overlong_text_is_truncated():
     assert Console(width=8).cut("abcdefghij") == "abcdefg…" and Console(width=10).cut("abcdefghij") == "abcdefghij"
 
 

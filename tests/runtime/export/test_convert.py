@@ -263,7 +263,7 @@ def test_a_file_has_its_name_once_it_is_whole(recording, tmp_path, monkeypatch, 
     assert found == [[0, True]] and [str(file) for file in tmp_path.iterdir()] == [path]
 
 
-def test_nothing_is_overwritten(command_line, recording):
+def test_existing_files_are_not_overwritten(command_line, recording):
     first, second = (converted(command_line, recording, "csv") for _ in range(2))
     assert second.endswith("odd-2.csv") and open(first).read() == open(second).read()
 

@@ -80,7 +80,7 @@ def torque(kind, motor, frame):
 
 
 @pytest.mark.parametrize("sign", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.soak)])
-def test_its_motors_are_stopped_whoever_stops_them(leg, sign):
+def test_motors_are_stopped_by_loop_or_guardian(leg, sign):
     start, node = leg
     process = start()
     for motor in MOTORS.values():

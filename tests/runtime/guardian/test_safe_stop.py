@@ -119,7 +119,7 @@ def test_one_answer_confirms_one_device_though_two_might_have_sent_it():
     assert stop.report()["confirmed"] == ["left"] and not stop.over
 
 
-def test_it_ends_when_all_have_confirmed(legs):
+def test_stop_ends_when_all_drives_confirm(legs):
     stop, _ = legs
     stop.step(0)
     stop.step(STOP_ROUND)
@@ -155,7 +155,7 @@ def test_stop_times_out_and_names_missing_drives(legs):
         (1, 0x80000101, b"\1"),  # extended
     ],
 )
-def test_a_frame_that_is_no_reply_confirms_nothing(legs, bus, identifier, data):
+def test_frame_that_is_not_a_reply_confirms_nothing(legs, bus, identifier, data):
     stop, _ = legs
     stop.step(0)
     for _ in range(4):

@@ -94,7 +94,7 @@ print(json.dumps([before, during, realtime.lines(), state()]))
 
 
 @as_root
-def test_it_is_given_back_after_an_exception():
+def test_settings_are_restored_after_exception():
     before, during, after = told("""
 before = state()
 try:

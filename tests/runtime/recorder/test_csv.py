@@ -122,7 +122,7 @@ def test_the_delimiter_is_the_users_and_a_name_that_holds_it_is_quoted(tmp_path)
     assert (tmp_path / "bench_1.csv").read_text() == 'time [s];tick;"a;b.x [m]";a.y [m]\n0.0;0;1.5;2.5\n'
 
 
-def test_nothing_is_ever_overwritten(tmp_path):
+def test_existing_files_are_never_overwritten(tmp_path):
     (tmp_path / "bench_1.csv").write_text("dear data\n")
     (tmp_path / "mine.csv").write_text("dearer data\n")
     signals = columns("a.x m")

@@ -176,7 +176,7 @@ def test_vectors_are_arrays_and_keep_their_indices(listener):
     assert messages[0]["m"] == {"r": [[None, 4.0], [None, 5.0]]} and messages[0]["b"] == {"y": [None, None, 6.0]}
 
 
-def test_what_is_not_finite_becomes_null(listener):
+def test_non_finite_value_becomes_null(listener):
     signals = columns("a.x m", "a.y m", "a.n 1 int", "a.b 1 bool")
     _, messages = send(
         listener, signals, [row(0, math.nan, math.inf, math.nan, math.nan), row(1, -math.inf, 1.0, math.inf, 1.0)]

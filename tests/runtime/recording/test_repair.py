@@ -214,7 +214,7 @@ def test_kill_9_while_it_mends_leaves_what_can_be_mended(tmp_path, long):
         assert path.read_bytes() == whole
 
 
-def test_what_is_damaged_is_left_as_it_is(tmp_path, long):
+def test_damaged_file_is_not_modified(tmp_path, long):
     path, sound = tmp_path / "a.mcap", unfinished(long)
     stream = io.BytesIO(sound)
     stream.seek(len(MAGIC))

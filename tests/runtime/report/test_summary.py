@@ -159,7 +159,7 @@ def test_walk_without_whole_stride_suggests_longer_walk():
     assert lines[1] == f"  record complete strides: tickwork {KNEE_EXO} --duration 20"
 
 
-def test_what_is_suggested_works(walked):
+def test_suggested_command_works(walked):
     """A parameter's other value is one that it may take."""
     [line] = [line for line in summary.hints(walked, "tickwork") if "--set" in line]
     setting = line.rpartition("--set ")[2].partition("=")

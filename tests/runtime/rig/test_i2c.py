@@ -249,7 +249,7 @@ def test_each_device_on_a_bus_is_listed_once():
         ('channel = "i2c-1"', "expected a device file in /dev"),
     ],
 )
-def test_what_an_i2c_bus_does_not_have_is_refused(tmp_path, line, words):
+def test_unsupported_i2c_option_is_refused(tmp_path, line, words):
     text = RIG.replace('channel = "/dev/i2c-1"', line) if line.startswith("channel") else RIG + line
     with pytest.raises(RigError, match=words):
         parse(tmp_path / "lab.toml", text)

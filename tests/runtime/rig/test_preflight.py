@@ -243,7 +243,7 @@ def test_a_drive_as_it_should_be(knee):
         ({"age": 0.06}, "60.0 ms !", "old sample"),
     ],
 )
-def test_what_is_out_of_the_ordinary_is_marked_and_counted(knee, outputs, mark, why):
+def test_problems_are_marked_and_counted(knee, outputs, mark, why):
     lines = text(knee(**outputs), WIDE)
     assert mark in lines[2] and lines[-2] == f"1 problem: knee: {why}"
     two = text(knee(**{"velocity": 0.0, "temperature": 99.0, **outputs}), Console(200, colour=True))

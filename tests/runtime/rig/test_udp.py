@@ -227,7 +227,7 @@ def test_a_datagram_is_a_frame_and_anything_else_is_counted(bus):
     assert can.counts["corrupt"] == 7 and all(0 <= frame[3] < 1e9 for frame in frames)
 
 
-def test_what_came_before_the_run_is_no_answer(bus):
+def test_datagram_before_run_is_not_a_reply(bus):
     can, sender = bus
     for _ in range(100):
         sender.send(CAN_FRAME.pack(0x100, 2, b"\x07\x5a"))

@@ -273,7 +273,7 @@ def test_a_subsystem_that_is_called_as_the_diagram_has_one_plot_with_what_is_in_
 
 
 @needs_rerun
-def test_it_opens_the_mcap_of_a_recording_as_it_is(tmp_path):
+def test_viewer_opens_mcap_recording(tmp_path):
     """Which it reads by the index of chunks alone."""
     from rerun.chunk import RrdReader
 
