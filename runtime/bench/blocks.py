@@ -99,7 +99,7 @@ class Compiles:
             compile(diagram)
             compiled.append((time.thread_time() - wired) * 1e3)
             built.append((wired - start) * 1e3)
-        self.blocks = len(diagram)
+            self.blocks = len(diagram)
         self.build, self.compile = Times(built), Times(compiled)
 
 

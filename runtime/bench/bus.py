@@ -73,6 +73,7 @@ def drives(channel, *identifiers):
         text=True,
         preexec_fn=end_with_parent,
     )
+    assert process.stdout is not None
     try:
         if process.stdout.readline() != "ready\n":
             raise OSError("the drives did not begin: does this machine have multicast on loopback?")

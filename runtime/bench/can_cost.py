@@ -134,6 +134,7 @@ def motors(count):
             text=True,
             preexec_fn=end_with_parent,
         )
+        assert process.stdout is not None
         try:
             if process.stdout.readline() != "ready\n":
                 raise OSError("the motors did not begin")

@@ -159,9 +159,10 @@ def measure(rates, seconds, repeats, realtime="off", load=False, busy_thread=Fal
                 contenders[C].add(counts_of(late), counts_of(off), len(late), missed)
                 for name, python_blocks in ((NATIVE, 0), (PYTHON, PYTHON_BLOCKS)):
                     result = chunk(rate, seconds, python_blocks, realtime, folder)
-                    statistics = result.statistics
-                    counts = [result.page.counts(what) for what in ("lateness", "period")]
-                    contenders[name].add(*counts, statistics["ticks"], statistics["missed"])
+                    statistics, page = result.statistics, result.page
+                    assert page is not None
+                    late, off = page.counts("lateness"), page.counts("period")
+                    contenders[name].add(late, off, statistics["ticks"], statistics["missed"])
     return found
 
 
@@ -169,7 +170,7 @@ def measure(rates, seconds, repeats, realtime="off", load=False, busy_thread=Fal
 def loaded():
     """Every processor busy with another process."""
     busy = [sys.executable, "-c", "while True: pass"]
-    children = [subprocess.Popen(busy, preexec_fn=end_with_parent) for _ in range(os.cpu_count())]
+    children = [subprocess.Popen(busy, preexec_fn=end_with_parent) for _ in range(os.cpu_count() or 1)]
     try:
         yield
     finally:

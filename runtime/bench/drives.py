@@ -36,6 +36,8 @@ def main(channel, *identifiers):
     print("ready", flush=True)
     while True:
         heard = bus.recv()
+        if heard is None:
+            continue
         frame = heard.arbitration_id, bytes(heard.data)
         if own[frame]:  # it hands us our own, too
             own[frame] -= 1

@@ -45,6 +45,7 @@ def plugged_in():
             },
             preexec_fn=end_with_parent,
         )
+        assert process.stdout is not None
         try:
             process.stdout.readline()
             yield Path(folder)
@@ -137,6 +138,7 @@ def parsed(repeats):
     turn
     """
     typical = benchmark("stream")
+    assert typical.stream is not None and typical.parse is not None
     data = typical.stream(PACKETS, RATE)
     with Diagram("bench", rate=LOOP):
         block = typical.block(name="imu")

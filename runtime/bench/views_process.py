@@ -66,7 +66,9 @@ def main(name, seconds, realtime, folder, port):
     except (RealtimeRefused, RecorderError) as error:
         report = {"refused": str(error)}
     else:
-        report = {what: result.page.counts(what).tolist() for what in ("lateness", "period")}
+        page = result.page
+        assert page is not None
+        report = {what: page.counts(what).tolist() for what in ("lateness", "period")}
         report |= {what: result.statistics[what] for what in ("ticks", "missed", "dropped")}
         report["problems"] = result.recording["problems"]
     print(json.dumps(report))

@@ -73,7 +73,10 @@ def look(bus, opened=None):
     finally:
         lock.close()
     report = Report(bus.name, bus.interface, bus.channel, 0)
-    report.chips = [Chip(*row, kind.rig_name if (kind := chip_of(row[3])) else "") for row in found]
+    report.chips = [
+        Chip(mux, channel, address, name, how, kind.rig_name if (kind := chip_of(name)) else "")
+        for mux, channel, address, name, how in found
+    ]
     if not report.chips:
         report.remarks.append(NOBODY)
     return report

@@ -82,7 +82,7 @@ def broadcasts(frames, seconds):
 def learn(found, frames):
     """Add what nodes have answered to `found`, {address: Node}."""
     for identifier, extended, data in frames:
-        pgn, address = parts(identifier, extended) or (None, None)
+        pgn, address = parts(identifier, extended) or (None, 0)
         if pgn == CLAIM and len(data) == 8:
             name = int.from_bytes(data, "little")
             node = found.setdefault(address, Node(address))

@@ -68,7 +68,7 @@ def build(
         if drive.settings is not None:
             settings |= drive.settings(kind, target, speed, rise)
         joint = drive.block(model, **settings)
-        wave = {"times": (0.0, rise, duration - rise, duration), "values": (0.0, target, target, 0.0)}
+        wave: dict = {"times": (0.0, rise, duration - rise, duration), "values": (0.0, target, target, 0.0)}
         if drive.wire is not None:
             drive.wire(joint, kind, target, wave)
         elif kind == "torque":

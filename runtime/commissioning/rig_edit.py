@@ -36,11 +36,11 @@ def changed(path, text, device, values):
         new = []
         for name, value in values.items():
             pattern = re.compile(rf"^(\s*{re.escape(name)}\s*=\s*)([^#]*?)(\s*(?:#.*)?)$")
-            place = next((place for place in range(start + 1, end) if pattern.match(lines[place])), None)
-            if place is None:
+            matches = ((place, pattern.match(lines[place])) for place in range(start + 1, end))
+            place, match = next(((place, match) for place, match in matches if match), (0, None))
+            if match is None:
                 new.append(f"{name} = {plain(value)}")
             else:
-                match = pattern.match(lines[place])
                 lines[place] = f"{match[1]}{plain(value)}{match[3]}"
         lines[last + 1 : last + 1] = new
     result = "\n".join(lines)

@@ -76,7 +76,7 @@ def commanded(frames, ids):
     """Return the ids of drives that another controller sends commands to."""
     frames = [frame for frame in frames if j1939.measured(*frame) is None]
     found = {family.commanded(*frame) for frame in frames for family in families()}
-    return sorted(found & set(ids))
+    return sorted(can_id for can_id in found if can_id is not None and can_id in ids)
 
 
 def refuse_company(bus):
@@ -109,7 +109,7 @@ def merged(queries):
 
 def merged_stop_queries(can_id, model):
     """Return [(frame, reader)] of every family for one id: drives that report first, a shared frame once."""
-    readers = {None: []}
+    readers: dict = {None: []}
     for query in (query for family in families() for query in family.stop_queries(can_id, model)):
         readers[query.frame] = [
             *(readers.pop(query.frame, ()) if query.frame is not None else readers[None]),

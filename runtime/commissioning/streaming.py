@@ -85,7 +85,9 @@ def in_subsystems(columns):
     """
     found = []
     for each in columns:
-        device, port, element = re.fullmatch(r"(.+)\.(\w+)(?:\[(\d+)\])?", each["path"]).groups()
+        match = re.fullmatch(r"(.+)\.(\w+)(?:\[(\d+)\])?", each["path"])
+        assert match is not None
+        device, port, element = match.groups()
         names = ELEMENTS.get(port, "xyz")
         if port == "quaternion":
             path = f"{device}/{port}/attitude.quaternion[{element}]"

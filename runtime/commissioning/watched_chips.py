@@ -6,7 +6,8 @@ import time
 from contextlib import ExitStack, closing, suppress
 
 from blocks.families import families
-from graph import Device, Diagram
+from blocks.i2c import I2cDevice
+from graph import Diagram
 from graph.names import suggestion
 from runtime.base.errors import BadInput
 from runtime.commissioning.chips import chip_of
@@ -41,7 +42,7 @@ class WatchedChips(WatchedBlocks):
                 with Diagram("stream", rate=rate) as diagram:
                     for kind, place in found:
                         block(kind, place, bus.name, parameters_of(kind, found, channels, rate, settings))
-                blocks = [one for one in diagram if isinstance(one, Device)]
+                blocks = [one for one in diagram if isinstance(one, I2cDevice)]
                 refuse_strangers(blocks, channels, settings)
                 super().__init__(
                     diagram,

@@ -8,6 +8,7 @@ import errno
 import os
 import stat
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from blocks.i2c import I2cDevice
@@ -37,7 +38,7 @@ class I2cInterface:
 
     virtual, strangers = False, None
 
-    def __init__(self, bus, devices: list[I2cDevice], opened=None):
+    def __init__(self, bus, devices: Sequence[I2cDevice], opened=None):
         self.bus, self.devices, self.remarks = bus, devices, []
         self.identities = {}  # values of the identity registers, to recognise a chip after a reconnect
         chips, adapter = opened or open_adapter(bus)

@@ -19,7 +19,7 @@ def draw(name, found, file):
     file : binary file, open for writing
     """
     figure = picture.figure(11.0, 7.4)
-    top, bottom = figure.subfigures(2, 1, height_ratios=(1.0, 1.15))
+    (top,), (bottom,) = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.0, 1.15))
     rest, gravity = top.subplots(1, 2)
     gyroscope(rest, found)
     accelerometer(gravity, found)
@@ -54,7 +54,9 @@ def gyroscope(axis, found):
     axis.set_xlim(-0.6, 2.6)
     axis.axhline(0.0, color="#AAAAAA", linewidth=0.8, zorder=1)
     for rates, colour, shift in ((found.rates, BEFORE, -0.12), (found.rates_after, AFTER, 0.12)):
-        for number in range(3) if rates is not None and len(rates) else ():
+        if rates is None or not len(rates):
+            continue
+        for number in range(3):
             axis.scatter(
                 np.full(len(rates), number + shift), np.degrees(rates[:, number]), color=colour, s=18, zorder=3
             )

@@ -32,6 +32,7 @@ class Found:
     @property
     def strength(self):
         """µT of the field, after."""
+        assert self.field_after is not None
         return float(np.linalg.norm(self.field_after, axis=1).mean())
 
     def lines(self):

@@ -63,15 +63,10 @@ def joined(pieces):
     found = []
     for group in groups:
         weights = np.array([piece.seconds for piece in group])
-        found.append(
-            Rest(
-                *(
-                    np.average([getattr(piece, name) for piece in group], axis=0, weights=weights)
-                    for name in ("accel", "gyro")
-                ),
-                float(weights.sum()),
-            )
+        accel, gyro = (
+            np.average([getattr(piece, name) for piece in group], axis=0, weights=weights) for name in ("accel", "gyro")
         )
+        found.append(Rest(accel, gyro, float(weights.sum())))
     return found
 
 
