@@ -7,7 +7,7 @@ from blocks.serial_lines import speed_of
 from cext.kernels import charge_pump as kernels
 from cext.safety.thresholds import LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, STOP_ROUND
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
-from graph.budget import BITS_OF_A_BYTE
+from graph.budget import SERIAL_BITS_PER_BYTE
 
 MESSAGE_BYTES = 5  # counter and checksum, stuffed
 LINE_LOAD_LIMIT = 0.7  # share of the line's capacity
@@ -97,7 +97,10 @@ class ChargePump(GpioLine, StreamDevice):
                 f"hold {self.hold:g} s: the relay must hold for longer than the {stall:g} s in which the guardian "
                 "detects a stalled run"
             )
-        speed, needed = speed_of(self.port, self.baudrate), BITS_OF_A_BYTE * MESSAGE_BYTES / min(dt, 1e-9 * STOP_ROUND)
+        speed, needed = (
+            speed_of(self.port, self.baudrate),
+            SERIAL_BITS_PER_BYTE * MESSAGE_BYTES / min(dt, 1e-9 * STOP_ROUND),
+        )
         if speed and needed > LINE_LOAD_LIMIT * speed:
             raise ValueError(
                 f"baudrate {self.baudrate:g}: messages of {MESSAGE_BYTES} bytes use {needed / speed:.0%} of the line, "

@@ -1,8 +1,8 @@
-"""What a diagram puts on its CAN buses, and what sensors put on their serial lines, against what they carry.
+"""Load of CAN buses and serial lines.
 
-A frame with 11-bit identifier and n bytes takes 47 + 8 n bits on the wire, one with 29 bits 67 + 8 n, the three bits
-between frames included. Stuffing adds one bit after each run of five: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, about
-one in 16 data bits on average. (ISO 11898-1.) A byte on a serial line takes ten bits: one to begin, eight, one to end.
+A frame with an 11-bit identifier and n bytes has 47 + 8 n bits, one with a 29-bit identifier 67 + 8 n, including the
+three bits between frames. Stuffing adds one bit after five equal bits: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, on
+average about one for 16 data bits. (ISO 11898-1.) A byte on a serial line has ten bits, including start and stop bit.
 """
 
 from dataclasses import dataclass
@@ -10,14 +10,16 @@ from dataclasses import dataclass
 from graph.device import Device
 from graph.stream import StreamDevice
 
-BITS_OF_A_BYTE = 10
-DAMPING_SHARE = 0.8  # of the bitrate, in a safe stop that damps
+SERIAL_BITS_PER_BYTE = 10
+DAMPING_BUS_LOAD = 0.8  # share of the bitrate that a damped safe stop uses
 
 
 @dataclass(frozen=True)
 class BusLoad:
-    """frames : a second, commands and replies. typical, worst : share of the bitrate, with average and with worst
-    stuffing.
+    """Load of a CAN bus.
+
+    bitrate : bit/s; frames : commands and replies per second
+    typical, worst : share of the bitrate with average and worst-case stuffing
     """
 
     bus: str
@@ -29,7 +31,7 @@ class BusLoad:
 
 @dataclass(frozen=True)
 class LineLoad:
-    """What a device sends on its own serial line, at least. messages, bytes : a second; share : of its bit/s"""
+    """Least load of a device's serial line. speed : bit/s; messages, bytes : per second"""
 
     device: object
     speed: float
@@ -38,18 +40,19 @@ class LineLoad:
 
     @property
     def share(self):
-        return BITS_OF_A_BYTE * self.bytes / self.speed
+        """Share of the speed."""
+        return SERIAL_BITS_PER_BYTE * self.bytes / self.speed
 
 
 def frame_bits(length, extended):
-    """(typical, worst) bits of a frame of `length` data bytes, the gap to the next included."""
+    """Return the (typical, worst) number of bits of a frame with `length` data bytes, including the gap."""
     header, stuffed = (67, 53) if extended else (47, 33)
     bits = header + 8 * length
     return bits + 8 * length / 15.6, bits + (stuffed + 8 * length) // 4
 
 
 def bus_loads(devices, rate):
-    """One BusLoad for each bus that has traffic, by name. rate : ticks a second."""
+    """Return a BusLoad for each bus with traffic, sorted by name. rate : Hz, of the ticks"""
     loads = []
     devices = [device for device in devices if device.medium == "can"]
     for bus in sorted({device.bus for device in devices}):
@@ -66,9 +69,7 @@ def bus_loads(devices, rate):
 
 
 def damping_round(bus, blocks):
-    """s that a bus needs at least between rounds of damping frames and one reply to each, at DAMPING_SHARE of what it
-    carries.
-    """
+    """Return the shortest period in s of the damping frames on a bus, with one reply to each."""
     damped = [
         (block, stop)
         for block in blocks
@@ -79,16 +80,16 @@ def damping_round(bus, blocks):
         for block, stop in damped
         for _, extended, data in stop.bands[0][1]
     )
-    return bits / DAMPING_SHARE
+    return bits / DAMPING_BUS_LOAD
 
 
 def line_loads(devices):
-    """One LineLoad for each device whose line has a speed, and of which it is known what it sends."""
-    found = []
+    """Return a LineLoad for each device with a known line speed and known messages."""
+    loads = []
     for device in devices:
         if isinstance(device, StreamDevice) and device.line_speed() and device.sends():
             messages = sum(often for often, _ in device.sends())
-            found.append(
+            loads.append(
                 LineLoad(device, device.line_speed(), messages, sum(often * size for often, size in device.sends()))
             )
-    return found
+    return loads

@@ -1,4 +1,4 @@
-"""Devices: blocks that stand for something at the end of a bus. One block, two steps: feedback in, command out."""
+"""Devices: blocks that represent hardware on a bus. One block has two steps: decode feedback, encode commands."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -9,23 +9,24 @@ from graph.block import Block
 from graph.interval import Interval
 
 Frame: TypeAlias = tuple[int, bool, bytes]
-"""Arbitration id, whether it is extended, data."""
+"""Arbitration id, whether the id is extended, data."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What the run watches of an actuator's motion and torque, at the joint: cext/safety/motion_watch.pxd has the
-    rules.
+    """Limits of an actuator's motion and torque during a run (cext/safety/motion_watch.pxd).
 
-    acceleration : rad/s² on which the limit rests where stiffness or damping is commanded; velocity_code : rad/s of a
-        code of the velocity
-    gains : (name of a memory, index) where its kernel finds the share of stiffness and damping that is allowed, or None
-    range : (lowest, highest) angle in rad, () where it is not known; fastest : rad/s
-    limit, accuracy : N·m, of what may be measured: the first goes down with `felt`
-    offset, position_end, velocity_end : rad, rad, rad/s: half ranges of what is reported, as the drive has it
-    law : name of the memory of position, velocity, stiffness, damping, torque that were sent, or None
-    current, current_scale : name of the output of a current that was sent, or None, and N·m of an A
-    velocity_tolerance, torque_tolerance : by how much of the other two measurements of one thing may differ
+    acceleration : rad/s², highest acceleration assumed while stiffness or damping is commanded
+    velocity_code : rad/s, resolution of the reported velocity
+    gains : (name of a memory, index) from which the kernel reads the allowed share of stiffness and damping, or None
+    range : (lowest, highest) joint angle in rad, () if not declared
+    fastest : rad/s, highest joint speed
+    limit : N·m, highest measured torque; decreases with the torque limit of the watch
+    accuracy : N·m, accuracy of the torque measurement
+    offset : rad, of the drive's position; position_end, velocity_end : rad, rad/s, half ranges that the drive reports
+    law : name of the memory with the last sent position, velocity, stiffness, damping and torque, or None
+    current : name of the output with the last sent current, or None; current_scale : N·m/A
+    velocity_tolerance, torque_tolerance : largest relative difference between two measurements of one quantity
     """
 
     acceleration: float = math.inf
@@ -47,14 +48,14 @@ class Motion:
 
 @dataclass(frozen=True)
 class Watch:
-    """What the run watches over an actuator: cext/safety/drive_watch.pyx has the rules.
+    """Torque and temperature limits of an actuator during a run (cext/safety/drive_watch.pyx).
 
-    rated, limit : N·m, of what its output `torque` tells; `rms_torque` is written
-    mode : what happens where the RMS torque passes the rated one: silent, warn, saturate, throttle or disable
-    window : s, of the RMS torque
-    warm, derate, hot : °C: told from, derated from, too hot from
-    felt : (name of a memory, index) where its kernel finds what is left of its limit, or None
-    motion : Motion, or None: then only what is no number is a fault
+    rated, limit : N·m, rated and highest torque at the output `torque`; the RMS torque is written to `rms_torque`
+    mode : reaction to an RMS torque above the rated torque: silent, warn, saturate, throttle or disable
+    window : s, averaging time of the RMS torque
+    warm, derate, hot : °C, temperatures that cause a warning, a reduced torque limit, and a fault
+    felt : (name of a memory, index) from which the kernel reads the remaining torque limit, or None
+    motion : Motion; with None, only NaN and infinity in the feedback are faults
     """
 
     rated: float
@@ -68,36 +69,35 @@ class Watch:
     motion: Motion | None = None
 
     def words(self) -> tuple[str, ...]:
-        """What is told, in the order of cext/safety/drive_watch.pxd."""
+        """Return the text of each warning, in the order of cext/safety/drive_watch.pxd."""
         rms = f"RMS torque over {self.window:g} s"
         return (
             {
-                "saturate": f"{rms} is above 90 % of the rated {self.rated:.3g} N·m: its limit goes down to that",
-                "throttle": f"{rms} is above 90 % of the rated {self.rated:.3g} N·m: its limit goes down, to nothing "
-                "at "
-                "110 %",
+                "saturate": f"{rms} is above 90 % of the rated {self.rated:.3g} N·m: the torque limit is reduced to "
+                "the rated torque",
+                "throttle": f"{rms} is above 90 % of the rated {self.rated:.3g} N·m: the torque limit is reduced, to "
+                "zero at 110 %",
             }.get(self.mode, f"{rms} is above the rated {self.rated:.3g} N·m"),
-            f"warmer than {self.warm:g} °C",
-            f"hotter than {self.derate:g} °C: its limit goes down, and at {self.hot:g} °C the run ends",
+            f"temperature above {self.warm:g} °C",
+            f"temperature above {self.derate:g} °C: the torque limit is reduced, and the run ends at {self.hot:g} °C",
             ""
             if self.motion is None
             else (
-                f"accelerates beyond its max_acceleration of {self.motion.acceleration:g} rad/s²: stiffness and "
-                "damping are zero until it is calm"
+                f"acceleration exceeds max_acceleration, {self.motion.acceleration:g} rad/s²: stiffness and damping "
+                "are zero until it is below that limit"
             ),
         )
 
 
 @dataclass(frozen=True)
 class ReplyField:
-    """A number in a reply, described for a reader that has no decoder of the device: an integer, most significant bit
-    first.
+    """An integer field in a reply frame, most significant bit first, described without a decoder.
 
     The value is low + code (high - low) / (2^bits - 1). In a signed field (two's complement) the first bit is inverted
-    before that.
+    before the conversion.
 
-    frames : frames that carry it, as (arbitration id, mask, is extended, first bytes), like `Device.replies`
-    first : the bit of the data at which it begins
+    frames : frames with this field, as (arbitration id, mask, is extended, first bytes), like `Device.replies`
+    first : index of the first bit in the data; bits : number of bits
     """
 
     frames: tuple
@@ -110,16 +110,15 @@ class ReplyField:
 
 @dataclass(frozen=True)
 class DampedStop:
-    """Frames that take the speed out of a joint at the beginning of a safe stop. cext/safety/speed_bands.pyx chooses
-    among them.
+    """Frames that damp a joint at the beginning of a safe stop, chosen in cext/safety/speed_bands.pyx.
 
-    duration : s; after it the device is disabled
+    duration : s, of damping; the device is disabled afterwards
     bands : (highest speed in rad/s, frames) in ascending order; the last speed is infinite. Frames are as in
         `Device.zero_frames`
     velocity : ReplyField of the joint's velocity; with None the last band is used
-    acceleration : rad/s², highest of the joint: by it the speed can have grown until the next frame arrives
+    acceleration : rad/s², highest acceleration of the joint; bounds the speed at the arrival of the next frame
     round : s between frames
-    limit : N·m inside which the torque stays
+    limit : N·m, highest torque while damping
     """
 
     duration: float
@@ -132,14 +131,14 @@ class DampedStop:
 
 @dataclass(frozen=True)
 class TorqueBound:
-    """What bounds the torque of an actuator.
+    """Bound of an actuator's torque, and its justification.
 
-    kind : "proved", by the bounds of its commands alone; "assumed", while an assumption holds; "drive", by a limit
-        inside the drive that nothing here verifies; "none", by nothing that is sent
+    kind : "proved", from the bounds of the commands; "assumed", under an assumption; "drive", a limit inside the drive
+        that is not verified here; "none", no bound
     limit : N·m, or None
-    holds : where the kind is not "proved": in words, on what it rests
-    acceleration : rad/s² that is assumed, or None
-    figures : what follows from the assumption, as (name, value, unit, description)
+    holds : text that states the assumption, if the kind is not "proved"
+    acceleration : rad/s², assumed highest acceleration, or None
+    figures : consequences of the assumption, as (name, value, unit, description)
     """
 
     kind: str
@@ -150,21 +149,19 @@ class TorqueBound:
 
 
 class Device(Block):
-    """A block on a bus. Its outputs hold the newest sample and are there at the start of the tick; its inputs go out at
-    the end.
+    """A block on a bus: outputs hold the newest sample at the start of a tick, inputs are sent at its end.
 
-    decode, encode : native, cext.abi's decode_t and encode_t
-    medium : what its bus is: "can"; "stream", bytes as they come off a line, a socket or an input of the computer, in
-        chunks of up to 64 a frame; or "i2c", a frame for each answer to a transfer of registers
-    bus : logical name; a rig says which interface stands behind it
-    timeout : s of silence after which the run ends in the safe stop; 0 for never
-    relay_time : s without a frame of its own after which the relay that this device holds drops; 0 for a device without
-        a relay. Above 0 `encode` is also called in every round of arming, and in the damped part of a safe stop as long
-        as the relay cannot have dropped
-    start_time : s at the beginning of arming in which no other device is sent anything: those behind the relay start
-        meanwhile
-    hot : °C from which on a person should look at it before it is armed; None for never
-    hardware : names of the parameters that say how this one is built and mounted; a rig may set them, and no others
+    decode, encode : kernels of the types decode_t and encode_t of cext.abi
+    medium : type of the bus: "can"; "stream", bytes of a serial line, a socket or an input device, in frames of up to
+        64 bytes; or "i2c", one frame for each reply to a register transfer
+    bus : logical name, which a rig file assigns to an interface
+    timeout : s without a sample after which the run ends in the safe stop; 0 to disable
+    relay_time : s without a command after which the relay of this device opens; 0 for a device without a relay. If it
+        is above 0, `encode` is also called in every round of arming and while a safe stop damps, until the relay opens
+    start_time : s at the beginning of arming during which no other device receives a frame, so that devices powered
+        through the relay can start
+    hot : °C above which the operator should inspect the device before arming; None to disable
+    hardware : names of the parameters that describe construction and mounting, the only ones that a rig file may set
     """
 
     decode: Any = None
@@ -175,140 +172,142 @@ class Device(Block):
     timeout: Any = 0.0
     relay_time: float = 0.0
     start_time: float = 0.0
-    protects: Any = ()  # paths or buses of the devices whose power its relay switches
-    own_timeout: float | None = None  # s without a command after which the device stops by itself; None if unknown
-    # name of a memory whose first number its kernel sets once it has read back what arming wrote; it outlives the start
+    protects: Any = ()  # paths or buses of the devices that its relay powers
+    own_timeout: float | None = None  # s without a command until the device stops by itself; None if unknown
+    # name of a memory whose first number the kernel sets when the settings written during arming are confirmed; the
+    # memory keeps its value when the blocks are reset at the start of the run
     ready: str | None = None
-    unanswered_frames: int = 0  # how many of its disable_frames have no answer
+    unanswered_frames: int = 0  # number of its disable_frames without a reply
     hot: float | None = None
     hardware: tuple[str, ...] = ()
     address_hint: str = "give each device on a bus its own `can_id`"
-    sent_outputs: tuple[str, ...] = ()  # outputs that `encode` writes: known at the end of the tick
+    sent_outputs: tuple[str, ...] = ()  # outputs that `encode` writes, at the end of the tick
     feedthrough: Iterable[str] | None = ()
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        stranger = next((name for name in cls.hardware if name not in cls.parameters), None)
-        if stranger is not None:
-            raise TypeError(f"{cls.__name__}.hardware names {stranger!r}, which is no parameter of it")
+        unknown = next((name for name in cls.hardware if name not in cls.parameters), None)
+        if unknown is not None:
+            raise TypeError(f"{cls.__name__}.hardware contains {unknown!r}, which is not a parameter of the class")
 
     def addresses(self) -> Sequence[tuple[Any, bool]]:
-        """What this device answers to on its bus, as (arbitration id, is extended) pairs: no two devices may share
-        one.
-        """
+        """Return the addresses of this device, as (arbitration id, is extended) pairs, unique on its bus."""
         return []
 
     def told_addresses(self) -> Sequence[Any]:
-        """Where it is on its bus, for people: numbers or words."""
+        """Return its addresses for display: numbers or text."""
         return [identifier for identifier, _ in self.addresses()]
 
     def address_in_words(self, address: tuple[Any, bool]) -> str:
-        """One of its `addresses`."""
+        """Return the text of one of its `addresses`."""
         return f"CAN id {address[0]}"
 
     def hears(self) -> Sequence[tuple[int, int, bool]] | None:
-        """Which frames of its bus `decode` may take, as (arbitration id, mask, is extended): they agree with the id
-        where the mask is 1.
+        """Return the acceptance filters of `decode`, as (arbitration id, mask, is extended); None for all frames.
 
-        None: any frame. Others need not reach it.
+        A frame passes a filter if its id equals the arbitration id in the bits where the mask is 1.
         """
         return None
 
     def malformed_in_words(self, lengths: dict[int, int], first_byte: int) -> str:
-        """Frames of its own id that `decode` rejected, for the report. lengths : {bytes: frames}; first_byte : of the
-        newest
+        """Describe the frames with its id that `decode` rejected.
+
+        lengths : {number of data bytes: number of frames}; first_byte : of the newest of these frames
         """
         return "; ".join(
-            f"{frames} frame{'s' * (frames != 1)} of {length} bytes that it rejects"
-            for length, frames in lengths.items()
+            f"{frames} malformed frame{'s' * (frames != 1)} of {length} bytes" for length, frames in lengths.items()
         )
 
     def unready_in_words(self) -> str:
-        """Why a device that answers is not `ready`, and the remedy."""
-        return "it answers, but does not return what arming wrote"
+        """Return why a device that responds is not `ready`, and the remedy."""
+        return "the device responds, but does not confirm the settings written during arming"
 
     def replies(self) -> Sequence[tuple[int, int, bool, Any]]:
-        """By which frames others know that this device has answered a safe stop, as (arbitration id, mask, is extended,
-        first bytes).
+        """Return the replies of this device to a safe stop, as (arbitration id, mask, is extended, first bytes).
 
-        Where replies and commands share an id, the first bytes tell them apart. Where more than that tells a stop, they
-        are a regular expression, which the hex digits of the data begin with.
+        The first bytes distinguish replies from commands with the same id. A string in their place is a regular
+        expression that the hex digits of the data match from the start.
         """
-        heard = self.hears()
-        return [(*pattern, b"") for pattern in ([(0, 0, False), (0, 0, True)] if heard is None else heard)]
+        filters = self.hears()
+        return [(*pattern, b"") for pattern in ([(0, 0, False), (0, 0, True)] if filters is None else filters)]
 
     def traffic(self) -> Sequence[tuple[int, bool]]:
-        """Frames that one tick puts on the bus, commands and replies, as (data bytes, is extended) pairs."""
+        """Return the frames of one tick, commands and replies, as (data bytes, is extended) pairs."""
         return []
 
     def reports(self) -> Sequence[tuple[float, int, bool]]:
-        """Frames that it sends by itself, as (how many a second, data bytes, is extended)."""
+        """Return the frames that it sends periodically, as (frequency in Hz, data bytes, is extended)."""
         return []
 
     def enable_frames(self) -> Sequence[Frame]:
-        """Frames, (arbitration id, is extended, data), that make the device ready without moving it."""
+        """Return the frames, (arbitration id, is extended, data), that enable the device without motion."""
         return []
 
     def read_frames(self) -> Sequence[Frame]:
-        """Those of `enable_frames` that read and change nothing."""
+        """Return the frames of `enable_frames` that only read."""
         return []
 
     def zero_frames(self) -> Sequence[Frame]:
-        """Frames that command nothing: zero torque."""
+        """Return the frames that command zero torque."""
         return []
 
     def disable_frames(self) -> Sequence[Frame]:
-        """Frames that make the device passive. Enabling again takes arming."""
+        """Return the frames that disable the device. Only arming enables it again."""
         return []
 
     def watched(self) -> Watch | None:
-        """What the run watches over it: a Watch, or None."""
+        """Return the Watch with its limits during a run, or None."""
         return None
 
     def damped_stop(self) -> DampedStop | None:
-        """A DampedStop where a safe stop takes the speed out of the joint before it disables the device, else None."""
+        """Return the DampedStop with which a safe stop begins, or None to disable the device at once."""
         return None
 
     def holds_power_of(self, device: "Device") -> bool:
-        """Whether another device loses its power by itself soon after the frames of this one end."""
+        """Return whether another device loses power when this one receives no more commands."""
         return False
 
     def emulator(self, **parameters: Any) -> Any:
-        """The block that plays this device in a simulation: called inside the plant's diagram, wired by the caller."""
+        """Return the block that emulates this device, made in the plant's diagram; the caller wires it.
+
+        Raises TypeError if the device has no emulator.
+        """
         raise TypeError(f"{type(self).__name__} has no emulator")
 
 
 class Actuator(Device):
-    """A device that moves something. Each command must lie inside its limit, provably, before anything moves."""
+    """A device that moves a joint. The compiler proves that each command stays inside its limit."""
 
     def command_limits(self) -> dict[str, Interval]:
-        """Interval by name of input: what each command must provably stay inside, or {}."""
+        """Return {input: Interval} that the command at each input must not leave."""
         return {}
 
     def reach(self) -> dict[str, Any]:
-        """What its joint can do, as graph.reach.Reach by name of output: what is set outside that cannot be meant. {}
-        where it is not known.
+        """Return {output: graph.reach.Reach} with the limits of its joint, {} if they are not declared.
+
+        A setpoint outside these limits is an error.
         """
         return {}
 
     def rating(self) -> str:
-        """Return where the limits come from, for the proof, as in 'rated torque of' and the model's name."""
+        """Return the source of the command limits, such as 'rated torque of AK80-9'."""
         return ""
 
     def warnings_in_words(self) -> Sequence[str]:
-        """Words for each of the 32 bits of its output `warning`."""
+        """Return the text of each of the 32 bits of its output `warning`."""
         return tuple(f"warning: bit {bit}" for bit in range(32))
 
     def torque_bound(self, commands: dict[str, Interval], period: float) -> TorqueBound:
-        """What bounds its torque: a TorqueBound.
+        """Return the TorqueBound of its torque.
 
-        commands : Interval by name of input; period : s between two frames
+        commands : {input: Interval}; period : s between two command frames
         """
         return TorqueBound("proved")
 
     def fault_in_words(self, code: int) -> str:
-        """What its output `fault` says."""
+        """Return the text of a code of its output `fault`."""
         return f"code {code}"
 
     def limit_interval(self, limit: float) -> Interval:
+        """Return the symmetric Interval of a limit."""
         return Interval(-limit, limit)

@@ -1,8 +1,8 @@
-"""A device family as a plug-in: one folder, and one object that an entry point of the group `tickwork.families` names.
+"""Device families as plug-ins: one folder, and one object named by an entry point in the group `tickwork.families`.
 
 The commands that commission devices (`scan`, `move`, `stream`, `configure`, `blocks --actuators`, `rate`) work with the
-Family objects alone. Whatever talks to a device is a dialogue (graph.dialogue) or a pure function of frames; a frame is
-(arbitration id, is extended, data).
+Family objects alone. Communication with a device is a dialogue (graph.dialogue) or a pure function of frames. A frame
+is (arbitration id, is extended, data).
 """
 
 import re
@@ -17,15 +17,14 @@ ENTRY_POINTS = "tickwork.families"
 
 @dataclass
 class Answer:
-    """State of one drive, from one answer while it has no torque.
+    """State of one drive, from one reply while it has no torque. None and "" mark values that it does not report.
 
-    family : how its frames are read, in words; can_id : its own; block : class name of its block
-    position in rad, velocity in rad/s, torque in N·m, current in A, temperature in °C, voltage in V: None where not
-        reported
-    fault : in words, "" for none, None where not reported; enabled : None where not reported
-    unique : distinguishes it from every other drive, "" where not reported; firmware likewise
-    remarks : what is wrong; notes : what is good to know; settings : {parameter: value} that its block needs and that
-        differ from the defaults
+    family : name of the protocol; can_id : of the drive; block : class name of its block
+    position : rad; velocity : rad/s; torque : N·m; current : A; temperature : °C; voltage : V
+    fault : text of the fault, "" for no fault; enabled : whether the drive is enabled
+    unique : identifier that no other drive has; firmware : version
+    remarks : problems; notes : further information
+    settings : {parameter: value} required by its block and different from the defaults
     """
 
     family: str
@@ -48,14 +47,15 @@ class Answer:
 
 @dataclass(frozen=True)
 class Query:
-    """One frame to every id of a bus, which enables nothing, and how its answers are read.
+    """A request frame to every id of a bus, which enables no drive, and the parser of its replies.
 
-    A frame that the queries of several families share (the same function, the same purpose) is sent once.
+    A frame that the queries of several families share (the same function and purpose) is sent once.
 
-    frame : returns the frame for an id, or None for an id that this family cannot have; why : purpose, for the report
+    frame : returns the frame for an id, or None for an id outside the range of this family
+    why : purpose, for the report
     answers : (received, can_ids, before) -> list of Answer. received : frames during this query; before : frames
-        received before any query
-    details : dialogue(answer) that asks one drive for more, and returns the Answer to report; None for nothing more
+        received before the first query
+    details : dialogue(answer) that requests further data of one drive and returns the Answer to report, or None
     """
 
     frame: Callable[[int], Frame | None]
@@ -66,9 +66,9 @@ class Query:
 
 @dataclass(frozen=True)
 class StopQuery:
-    """The frame that takes the torque of one drive away, and how the answer is read.
+    """The frame that removes the torque of one drive, and the parser of its reply.
 
-    frame : None for a drive that reports without being asked; read : (arbitration id, is extended, data) -> Answer, or
+    frame : None for a drive that reports without a request; read : (arbitration id, is extended, data) -> Answer, or
         None for another frame
     """
 
@@ -78,19 +78,19 @@ class StopQuery:
 
 @dataclass(frozen=True)
 class Drive:
-    """One actuator block of a family, and how the command `move` commands it.
+    """One actuator block of a family, and its use by the command `move`.
 
     block : class; find : returns the model of a name, raises ValueError
-    option : name of the option that selects it, as in "servo" for --servo, "" where the model's name decides; help : of
-        that option
-    movements : among torque, position and velocity, those that `move` can command; bounded : those whose torque the
-        block's `limit` bounds
+    option : name of the option that selects it, as in "servo" for --servo, "" if the model's name selects it
+    help : help text of that option
+    movements : those of torque, position and velocity that `move` can command
+    bounded : the movements whose torque the block's `limit` bounds
     settings : (movement, target, speed in rad/s, rise in s) -> parameters of the block
     wire : (block, movement, target, wave) wires its inputs; None: torque, stiffness and damping commands. wave :
         {"times", "values"} of the target
 
     A model has name, gear, rated, peak, torque_constant, and wire_torque, wire_velocity, wire_position, wire_stiffness,
-    wire_damping: None or 0 where it has none.
+    wire_damping; None or 0 for a quantity that it does not have.
     """
 
     block: type
@@ -105,7 +105,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Table:
-    """Models for `blocks --actuators`. title : of the table; usage : the blocks that take these names, in words"""
+    """Models for `blocks --actuators`. title : heading; usage : text that lists the blocks that accept these names"""
 
     title: str
     usage: str
@@ -116,10 +116,10 @@ class Table:
 class Node:
     """Sensors on CAN that follow SAE J1939.
 
-    manufacturer : in their NAME; groups : {parameter group: what it measures}; options : {option: (parameter, help)} of
-        the command `stream`, where a parameter of truth makes an option that switches it off
-    channels : (block) -> names of the outputs to show; set_up : (block) -> frames that set the unit up
-    silent : what to do where a unit does not return its settings
+    manufacturer : code in the NAME; groups : {parameter group: measured quantity}
+    options : {option: (parameter, help)} of the command `stream`; the option of a bool parameter sets it to False
+    channels : (block) -> names of the outputs to show; set_up : (block) -> frames that configure the unit
+    silent : remedy if a unit does not return its settings
     """
 
     block: type
@@ -134,10 +134,10 @@ class Node:
 
 @dataclass(frozen=True)
 class Chip:
-    """A kind of chip on I2C.
+    """A type of chip on I2C.
 
-    addresses : that it can have; registers : (register, {value: name}, mask) that identify it; name : where its
-        addresses alone identify it
+    addresses : possible addresses; registers : (register, {value: name}, mask) that identify it
+    name : name of a chip that its address identifies
     block : class, None for a chip that is recognised but has no block
     """
 
@@ -148,12 +148,13 @@ class Chip:
 
     @property
     def rig_name(self):
+        """Name of the block in lower case, "" without a block."""
         return self.block.__name__.lower() if self.block is not None else ""
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """A typical device of a family, with which `bench` and `rate` measure.
+    """A typical device of a family, for measurements by `bench` and `rate`.
 
     block, emulator : classes; parameters : of both, as {"model": ...}
     stream : (samples, rate in Hz) -> bytes that the device sends on a serial line; parse : decodes them in Python
@@ -168,10 +169,11 @@ class Benchmark:
 
 @dataclass(frozen=True)
 class Request:
-    """What `configure` is asked to do with one drive.
+    """Changes to one drive that `configure` requests.
 
-    reads : names of parameters, "all" for every one; writes : texts NAME=VALUE; zero : the present position becomes 0
-    protocol : name of another protocol, or None; new_id : or None; save : keep the settings without power
+    reads : names of parameters, "all" for all of them; writes : texts NAME=VALUE
+    zero : set the present position to 0; protocol : name of the new protocol, or None; new_id : new CAN id, or None
+    save : store the settings in non-volatile memory
     """
 
     can_id: int
@@ -196,14 +198,14 @@ class Request:
 
 
 class Family:
-    """Base of a device family: subclass it, and name an instance as the entry point.
+    """Base class of a device family. An entry point names an instance of a subclass.
 
-    name : in messages; drives : Drive; tables : Table; table_note : what the tables need to be read
-    queries : Query, in the order of `scan`; nodes : Node; chips : Chip; sensors : classes on a line "dialogue"
-    bus_hint : what else to check where a CAN bus is silent; vendor_program : what cannot be set up on the bus, and how
-        else, "" for nothing; configure_note : for `configure --help`
-    precedence : families with a higher one are asked first: their queries change nothing, and identify a drive for
-        certain
+    name : in messages; drives : of Drive; tables : of Table; table_note : text below the tables
+    queries : of Query, in the order of `scan`; nodes : of Node; chips : of Chip
+    sensors : block classes on a line of kind "dialogue"
+    bus_hint : further check to suggest if a CAN bus is silent
+    vendor_program : settings that need the vendor's program, "" for none; configure_note : text in `configure --help`
+    precedence : families with a higher one are queried first: their queries only read, and identify a drive reliably
     benchmark : Benchmark, or None
     """
 
@@ -222,14 +224,14 @@ class Family:
     benchmark: Benchmark | None = None
 
     def recognises(self, text: str) -> bool:
-        """Return whether a text begins as the name of this family does, or as one of its models: AK, RS."""
+        """Return whether a text begins with the name of this family or the letters of one of its models: AK, RS."""
         models = [model for table in self.tables for model in table.models]
         names = [self.name, *(re.split(r"[\W\d]", model)[0] for model in models)]
         plain = re.sub(r"\W", "", str(text)).upper()
         return any(name and plain.startswith(name.upper()) for name in names)
 
     def reports(self, frames: list[Frame]) -> dict[int, Answer]:
-        """Return {id: newest Answer} of the drives that report without being asked."""
+        """Return {id: newest Answer} of the drives that report without a request."""
         return {}
 
     def commanded(self, identifier: int, extended: bool, data: bytes) -> int | None:
@@ -237,7 +239,7 @@ class Family:
         return None
 
     def stop_queries(self, can_id: int, model: Any = None) -> tuple[StopQuery, ...]:
-        """Return every StopQuery for an id, in the order to try them. model : None where it is not known"""
+        """Return every StopQuery for an id, in the order of attempts. model : None if it is not known"""
         return ()
 
     def stop_query(self, block: Any) -> StopQuery:
@@ -245,15 +247,15 @@ class Family:
         raise NotImplementedError
 
     def check(self, request: Request) -> None:
-        """Raise Rejected for a Request that no drive of this family can carry out, before anything is sent."""
+        """Raise Rejected for a Request that no drive of this family supports. Sends nothing."""
         refused = request.other_than("--zero")
         if refused:
-            raise Rejected(f"{refused[0]}: a {self.name} drive cannot do that")
+            raise Rejected(f"{refused[0]} is not supported by {self.name} drives")
 
     def set_up(self, request: Request) -> Dialogue:
-        """Dialogue that carries a Request out.
+        """Execute a Request: a dialogue (graph.dialogue).
 
-        Returns whether everything was confirmed, None where the id is no drive of this family. Raises Rejected.
+        Returns whether the drive confirmed all changes, None if the id is not a drive of this family. Raises Rejected.
         """
         return None
         yield

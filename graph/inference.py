@@ -1,6 +1,6 @@
-"""What the wires tell of ports declared `...` and "any": one shape and one unit a block, found along the wires.
+"""Inference of shapes declared `...` and units declared "any": one shape and one unit for each block.
 
-What has been found of a port never changes again, so the work grows with the number of wires, and a loop comes to rest.
+An inferred property never changes again, so the work is proportional to the number of wires and loops terminate.
 """
 
 from collections import deque
@@ -11,8 +11,9 @@ from graph.signal import Signal
 
 
 def spread(blocks, sources, visit):
-    """Visit every block, and again what follows one that has become known. visit(block) says whether its outputs
-    have.
+    """Visit every block, and again the followers of a block whose outputs have changed.
+
+    visit : called with a block; returns whether a property of its outputs was inferred
     """
     followers = {}
     for (block, _), source in sources.items():
@@ -30,30 +31,30 @@ def spread(blocks, sources, visit):
 
 
 def infer_shapes(blocks, sources):
-    """Shape by (block, port name). The shape of a block's `...` ports is that of the first such input that is no
-    scalar, () if all are.
+    """Return {(block, port name): shape}.
 
-    A scalar into an input that declares `broadcast` stays one.
+    The ports declared `...` of a block have the shape of the first such input that is not a scalar, or () if all are
+    scalars. A scalar at an input with `broadcast` remains a scalar.
     """
     free = {}
 
     def shape_of(source):
         if not isinstance(source, Signal):
-            return source.shape  # a number fits any shape
+            return source.shape  # a number has shape () and fits any shape
         shape = source.declaration.shape
         return free.get(source.block) if shape is ... else shape
 
     def visit(block):
         if block in free:
             return False
-        found = [shape_of(sources[block, name]) for name, port in block.inputs.items() if port.shape is ...]
-        shape = next(filter(None, found), () if patient is False and () in found else None)
+        shapes = [shape_of(sources[block, name]) for name, port in block.inputs.items() if port.shape is ...]
+        shape = next(filter(None, shapes), () if allow_scalar and () in shapes else None)
         if shape is None:
             return False
         free[block] = shape
         return True
 
-    for patient in (True, False):  # first where a vector decides; then scalars, which any vector overrules
+    for allow_scalar in (False, True):  # an array at any input determines the shape; scalars only without one
         spread(blocks, sources, visit)
 
     def shape_at(block, name, port):
@@ -70,9 +71,11 @@ def infer_shapes(blocks, sources):
 
 
 def infer_units(blocks, sources, attempt):
-    """(unit by (block, port name), the one unit of each block's "any" ports). What nothing decides stays "any".
+    """Return ({(block, port name): unit}, {block: unit of its ports declared "any"}).
 
-    attempt(block, hook, **units) calls a hook of the block's author; None if it failed, and it has been told.
+    A port without an inferred unit keeps "any".
+
+    attempt : called as attempt(block, hook); calls the hook of a block, reports its errors and then returns None
     """
     known = {(block, name): port.unit for block in blocks for name, port in (block.inputs | block.outputs).items()}
     shared = {}
@@ -86,12 +89,12 @@ def infer_units(blocks, sources, attempt):
     def visit(block):
         of_inputs = {name: unit_of(block, name) for name in block.inputs}
         if block not in shared:
-            found = (
+            candidates = (
                 of_inputs[name]
                 for name, port in block.inputs.items()
                 if port.unit == units.ANY and name not in block.free_units
             )
-            unit = next((unit for unit in found if unit != units.ANY), None)
+            unit = next((unit for unit in candidates if unit != units.ANY), None)
             if unit is not None:
                 shared[block] = unit
         own = (
@@ -114,5 +117,5 @@ def infer_units(blocks, sources, attempt):
 
 
 def stated_units(block, of_inputs):
-    """What a block says of its outputs' units, canonical. ValueError if one is no unit."""
+    """Return the `output_units` of a block in canonical spelling. Raises ValueError for an invalid unit."""
     return {name: units.canonical(unit) for name, unit in (block.output_units(**of_inputs) or {}).items()}

@@ -4,11 +4,11 @@
         jit = True
         ...
 
-The block's `step` (and `update`) is rewritten, as source, to the kernel ABI: inputs, outputs, parameters and the
-numbers that `reset` sets become slots of the arena. So it runs without the GIL, among the native blocks. What can be
-rewritten is scalar arithmetic, comparisons, `if`, loops, and functions of `math`. Results are those of Python for + - *
-/ and sqrt, and comparisons; within 2 ulp for elementary functions. A division by zero gives an infinity or NaN instead
-of an exception. Without Numba the block runs in Python, as it would without the mark.
+The source of the block's `step` (and `update`) is rewritten for the kernel ABI: inputs, outputs, parameters and the
+numbers that `reset` sets become slots of the arena, and the step runs without the GIL, among the native blocks. It may
+contain scalar arithmetic, comparisons, `if`, loops, and functions of `math`. Results equal those of Python for + - * /,
+sqrt and comparisons, and are within 2 ulp for elementary functions. A division by zero returns an infinity or NaN
+instead of raising an exception. Without Numba the block runs in Python.
 """
 
 import ast
@@ -22,18 +22,18 @@ from graph.declarations import Memory
 
 
 class CannotCompile(ValueError):
-    """The source of a step goes beyond what can be rewritten. The text says what and where."""
+    """A step whose source cannot be compiled. The message states the construct and its line."""
 
 
 def available():
-    """Whether Numba is installed."""
+    """Return whether Numba is installed."""
     from importlib.util import find_spec
 
     return find_spec("numba") is not None
 
 
 def compile_block(block):
-    """Give a Python block native kernels for its step and update. CannotCompile if its source does not allow it."""
+    """Compile the step and update of a Python block to kernels. Raises CannotCompile if that is not possible."""
     block.reset()
     state = {
         name: value
@@ -55,12 +55,12 @@ def compile_block(block):
 
 
 def is_state(block, name):
-    """Return whether an attribute of a block is state: no parameter, not private, not of its class."""
+    """Return whether an attribute is state: set on the block, not private, not a parameter."""
     return name not in block.parameters and not name.startswith("_") and not hasattr(type(block), name)
 
 
 def kernel_of(block, method, slots, outputs):
-    """The Kernel of one method of a block, compiled by Numba. slots : {name: position} of its items"""
+    """Return the Kernel of a method of a block, compiled by Numba. slots : {item: position in the slot table}"""
     import numba
     from numba import types
     from numba.core.errors import NumbaError
@@ -68,9 +68,7 @@ def kernel_of(block, method, slots, outputs):
     try:
         source = textwrap.dedent(inspect.getsource(method))
     except OSError:
-        raise CannotCompile(
-            f"the source of {method.__qualname__} is nowhere to be read: define the class in a file"
-        ) from None
+        raise CannotCompile(f"cannot read the source of {method.__qualname__}: define the class in a file") from None
     function = ast.parse(source).body[0]
     if not isinstance(function, ast.FunctionDef):
         raise CannotCompile(f"{method.__qualname__} is not a plain method")
@@ -89,8 +87,10 @@ def kernel_of(block, method, slots, outputs):
 
 
 class Rewriter(ast.NodeTransformer):
-    """`self.gain` becomes arena[slots[i]], an argument a local read from the arena, `return` the stores of the
-    outputs.
+    """Transformer of a method to a kernel.
+
+    `self.gain` becomes arena[slots[i]], an argument a local variable read from the arena, and `return` assignments to
+    the outputs.
     """
 
     def __init__(self, block, slots, outputs, arguments):
@@ -120,7 +120,7 @@ class Rewriter(ast.NodeTransformer):
             return self.generic_visit(node)
         if node.attr not in self.slots:
             raise CannotCompile(
-                f"self.{node.attr} in line {node.lineno} of the method is neither a parameter nor a "
+                f"line {node.lineno} of the method uses self.{node.attr}, which is neither a parameter nor a "
                 "number that reset() sets"
             )
         place = ast.parse(f"arena[slots[{self.slots[node.attr]}]]", mode="eval").body
@@ -134,7 +134,7 @@ class Rewriter(ast.NodeTransformer):
         values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
         if self.outputs and (node.value is None or len(values) != len(self.outputs)):
             raise CannotCompile(
-                f"return in line {node.lineno} of the method gives {len(values)} values for {', '.join(self.outputs)}"
+                f"line {node.lineno} of the method returns {len(values)} values for {', '.join(self.outputs)}"
             )
         for index, value in enumerate(values if self.outputs else []):
             assert value is not None
@@ -145,8 +145,8 @@ class Rewriter(ast.NodeTransformer):
 
     def visit_Name(self, node):
         if node.id == "self":
-            raise CannotCompile(f"self in line {node.lineno} of the method is used as a whole")
+            raise CannotCompile(f"line {node.lineno} of the method uses self without an attribute")
         return node
 
     def visit_FunctionDef(self, node):
-        raise CannotCompile(f"a function inside the method, line {node.lineno}")
+        raise CannotCompile(f"line {node.lineno} of the method defines a function")

@@ -1,4 +1,4 @@
-"""The order of steps in a tick: who needs whom, and what may run side by side."""
+"""Order of the steps in a tick: dependencies, algebraic loops, and segments of one kind."""
 
 import heapq
 
@@ -8,13 +8,14 @@ from graph.signal import Signal
 
 
 def computes(block):
-    """Whether the block has a step of its own in the output phase."""
+    """Return whether a block has a step in the output phase."""
     return block.is_python or block.kernel is not None
 
 
 def dependencies(blocks, sources):
-    """A networkx.DiGraph of blocks with an edge for each direct feedthrough and each condition; data: `source` and
-    `port`, their names.
+    """Return a networkx.DiGraph of blocks with an edge for each direct feedthrough and each condition.
+
+    The edge attributes `source` and `port` are the names of the output and the input.
     """
     graph = nx.DiGraph()
     graph.add_nodes_from(block for block in blocks if computes(block))
@@ -34,20 +35,21 @@ def dependencies(blocks, sources):
 
 
 def upstream(blocks, sources):
-    """The blocks themselves and all whose outputs reach them along wires, with or without feedthrough."""
-    found, waiting = set(blocks), list(blocks)
+    """Return the blocks and all upstream of them, with or without direct feedthrough, as a set."""
+    reached, waiting = set(blocks), list(blocks)
     while waiting:
         block = waiting.pop()
         for source in (*(sources.get((block, name)) for name in block.inputs), *block.conditions):
-            if isinstance(source, Signal) and source.block not in found:
-                found.add(source.block)
+            if isinstance(source, Signal) and source.block not in reached:
+                reached.add(source.block)
                 waiting.append(source.block)
-    return found
+    return reached
 
 
 def take_out_loops(graph):
-    """Remove the edges of algebraic loops from the graph, and return one cycle of each as a list of (block, output,
-    block, input).
+    """Remove the edges of algebraic loops from a graph.
+
+    Returns one cycle of each loop, as a list of (block, output, block, input).
     """
     cycles = []
     for component in list(nx.strongly_connected_components(graph)):
@@ -64,7 +66,7 @@ def take_out_loops(graph):
 
 
 def shortest_cycle(graph, first):
-    """Edges of a shortest cycle through a block."""
+    """Return the edges of a shortest cycle through a block."""
     if graph.has_edge(first, first):
         return [(first, first)]
     paths = nx.shortest_path(graph, first)
@@ -74,15 +76,13 @@ def shortest_cycle(graph, first):
 
 
 def cluster(graph):
-    """A topological order that keeps steps of one kind and rate together, so that the GIL changes hands as seldom as it
-    can.
+    """Return the blocks in a topological order with few changes between native and Python segments.
 
-    Among these it goes level by level from the sources, and blocks of one class come in a row: the processor then
-    guesses right which kernel is next, and need not wait for a result that the step before has only just begun to
-    compute.
+    Steps of one kind and rate are adjacent, which minimises GIL acquisitions. Within a segment the order is by depth,
+    then by class: indirect calls are predicted better, and consecutive steps seldom depend on each other.
     """
     waiting = dict(graph.in_degree())
-    depth = dict.fromkeys(graph, 0)  # steps between a block and the sources, by the longest way
+    depth = dict.fromkeys(graph, 0)  # length of the longest path from a source
     ready = {}  # kind: heap of (depth, class, path, block)
 
     def release(block):
@@ -110,5 +110,5 @@ def cluster(graph):
 
 
 def kind(block):
-    """What neighbours in one segment share: rate, conditions, and whether they are Python."""
+    """Return the key that all steps of a segment share: rate, conditions, whether they run in Python."""
     return block.every, tuple(condition.path for condition in block.conditions), block.is_python

@@ -1,12 +1,12 @@
-"""Range analysis: an interval for every signal, from what blocks say of their outputs.
+"""Range analysis: an interval for every signal, from the `output_range` of the blocks.
 
-Blocks outside loops are asked once, in the order of the wires. A loop is asked upward first, from where its blocks
-without direct feedthrough start; an end that keeps growing there becomes infinite. What has come to rest so is true at
-every tick, by induction: each interval holds what its block makes of the others, and each loop holds a block that shows
-only what came in before. Then downward: whatever follows from what is true is true, in any order, so that a limit
-inside a loop reaches all of it.
+A block outside loops is evaluated once, in the order of the connections. A loop is evaluated upward first, from the
+start values of its blocks without direct feedthrough; a bound that keeps growing becomes infinite. The fixed point
+holds at every tick, by induction: each interval contains the output of its block for the other intervals, and each loop
+contains a block whose output depends on earlier inputs only. The downward pass then evaluates the blocks again, in any
+order. Each result is a valid bound, so a limit inside a loop tightens the whole loop.
 
-Every block is asked a bounded number of times, so the work grows with the size of the diagram.
+The number of evaluations of a block is bounded, so the work is proportional to the size of the diagram.
 """
 
 import heapq
@@ -16,25 +16,27 @@ from graph.interval import EVERYTHING, Interval
 from graph.order import computes
 from graph.signal import Signal
 
-GROWTHS = 3  # after so many an end of a block without direct feedthrough is infinite
-ASKED = 16  # after so many questions on the way up nothing is said of a block
-NARROWED = 8  # and after so many on the way down it stays as it is
+GROWTH_LIMIT = 3  # growths of a block without direct feedthrough, after which its growing bound is infinite
+UPWARD_LIMIT = 16  # evaluations of a block in the upward pass, after which its outputs are unbounded
+DOWNWARD_LIMIT = 8  # evaluations of a block in the downward pass, after which its intervals remain
 ZERO = Interval.point(0.0)
 
 
 def find_ranges(blocks, order, sources, attempt):
-    """{Signal: Interval}.
+    """Return {Signal: Interval} for all outputs.
 
-    blocks, order : all of them, and those that compute in their topological order
+    blocks : all blocks; order : those with a step, in topological order
     sources : {(block, input name): Signal or array}
-    attempt(block, hook, **intervals) calls a hook of a block's author; None where it fails
+    attempt : called as attempt(block, hook, **intervals); calls the hook of a block, returns None if it fails
     """
-    found = _Analysis(blocks, order, sources, attempt).found
-    return {Signal(block, name): interval for block, intervals in found.items() for name, interval in intervals.items()}
+    ranges = _Analysis(blocks, order, sources, attempt).ranges
+    return {
+        Signal(block, name): interval for block, intervals in ranges.items() for name, interval in intervals.items()
+    }
 
 
 def interval_of(source, ranges):
-    """Of what is wired to an input: a Signal, or an array of numbers."""
+    """Return the Interval of the source of an input: a Signal, or an array of numbers."""
     return ranges.get(source, EVERYTHING) if isinstance(source, Signal) else interval_of_numbers(source)
 
 
@@ -48,13 +50,15 @@ def interval_of_numbers(source):
 
 
 class _Analysis:
+    """Interval propagation through a diagram, one strongly connected component after another."""
+
     def __init__(self, blocks, order, sources, attempt):
         self.sources, self.attempt = sources, attempt
-        self.found = {}  # block: {output: Interval}
+        self.ranges = {}  # block: {output: Interval}
         self.rank = {block: place for place, block in enumerate(order)}
         for block in blocks:
-            if not computes(block) and block.outputs:  # a device measures the world: what it says follows from no wire
-                self.found[block] = self.ask(block, EVERYTHING)
+            if not computes(block) and block.outputs:  # the outputs of a device do not follow from its inputs
+                self.ranges[block] = self.evaluate(block, EVERYTHING)
         self.before = {block: self.blocks_before(block) for block in order}
         self.followers = {block: [] for block in order}
         for block, others in self.before.items():
@@ -64,19 +68,19 @@ class _Analysis:
             if len(component) > 1 or component[0] in self.before[component[0]]:
                 self.downward(self.upward(component), set(component))
             elif component[0].outputs:
-                self.found[component[0]] = self.ask(component[0])
+                self.ranges[component[0]] = self.evaluate(component[0])
 
     def blocks_before(self, block):
-        """The blocks whose intervals those of a block follow from, with or without direct feedthrough."""
-        found = (self.sources[block, name] for name in block.inputs)
+        """Return the blocks connected to the inputs of a block, with or without direct feedthrough."""
+        sources = (self.sources[block, name] for name in block.inputs)
         return list(
-            dict.fromkeys(source.block for source in found if isinstance(source, Signal) and source.block in self.rank)
+            dict.fromkeys(
+                source.block for source in sources if isinstance(source, Signal) and source.block in self.rank
+            )
         )
 
     def components(self, order):
-        """Lists of blocks, each loop one and every other block alone, each behind those that it follows from. (Tarjan
-        1972)
-        """
+        """Yield the strongly connected components as lists of blocks, in topological order. (Tarjan 1972)"""
         number, lowest, stack, standing = {}, {}, [], set()
         for root in order:
             path = [] if root in number else [(root, iter(self.before[root]))]
@@ -105,71 +109,77 @@ class _Analysis:
 
     # One block
 
-    def ask(self, block, unknown=None):
-        """{output: Interval}, from what is known of its inputs; where that is nothing, what the block starts with."""
+    def evaluate(self, block, unknown=None):
+        """Return {output: Interval} of a block from the intervals of its inputs.
+
+        unknown : Interval for inputs without a result; None: evaluate `start_range`, with 0 at these inputs
+        """
         inputs, hook = {}, block.output_range
         for name in block.inputs:
             source = self.sources[block, name]
             if not isinstance(source, Signal):
                 inputs[name] = interval_of_numbers(source)
-            elif source.block in self.found:
-                inputs[name] = self.found[source.block][source.port]
+            elif source.block in self.ranges:
+                inputs[name] = self.ranges[source.block][source.port]
             elif unknown is not None:
                 inputs[name] = unknown
             else:
                 inputs[name], hook = ZERO, block.start_range
-        said = self.attempt(block, hook, **inputs)
-        found = {name: range_of(block, name, said) for name in block.outputs}
-        # A block with a condition shows 0 until it has been enabled.
-        return {name: interval | ZERO for name, interval in found.items()} if block.conditions else found
+        stated = self.attempt(block, hook, **inputs)
+        ranges = {name: range_of(block, name, stated) for name in block.outputs}
+        # The outputs of a conditional block are 0 until it is first enabled.
+        return {name: interval | ZERO for name, interval in ranges.items()} if block.conditions else ranges
 
     # Loops
 
     def upward(self, loop):
-        """From what the blocks start with to what holds all that follows; returns the blocks from where it may be
-        narrowed.
+        """Grow the intervals of a loop from the start values to a fixed point.
+
+        Returns the blocks at which the downward pass begins.
         """
         inside, guessed = set(loop), []
         for block in loop:
-            if any(other not in self.found for other in self.before[block]):
+            if any(other not in self.ranges for other in self.before[block]):
                 guessed.append(block)
-            self.found[block] = self.ask(block)
-        growths, asked, widened = dict.fromkeys(loop, 0), dict.fromkeys(loop, 0), []
+            self.ranges[block] = self.evaluate(block)
+        growths, evaluations, widened = dict.fromkeys(loop, 0), dict.fromkeys(loop, 0), []
 
         def grow(block):
-            asked[block] += 1
-            before = self.found[block]
-            after = {name: interval | before[name] for name, interval in self.ask(block).items()}
+            evaluations[block] += 1
+            before = self.ranges[block]
+            after = {name: interval | before[name] for name, interval in self.evaluate(block).items()}
             if after == before:
                 return False
             growths[block] += 1
-            if asked[block] > ASKED:
+            if evaluations[block] > UPWARD_LIMIT:
                 after = dict.fromkeys(after, EVERYTHING)
                 widened.append(block)
-            elif growths[block] > GROWTHS and len(block.step_inputs()) < len(block.inputs):
+            elif growths[block] > GROWTH_LIMIT and len(block.step_inputs()) < len(block.inputs):
                 after = {name: interval.widened(before[name]) for name, interval in after.items()}
                 widened.append(block)
-            self.found[block] = after
+            self.ranges[block] = after
             return True
 
         self.spread(guessed, grow, inside)
         return loop if widened else guessed
 
     def downward(self, first, inside):
-        asked = dict.fromkeys(inside, 0)
+        """Narrow the intervals of a loop, beginning at the blocks `first`."""
+        evaluations = dict.fromkeys(inside, 0)
 
         def narrow(block):
-            asked[block] += 1
-            before = self.found[block]
-            after = {name: interval & before[name] for name, interval in self.ask(block).items()}
-            self.found[block] = after
-            return after != before and asked[block] < NARROWED
+            evaluations[block] += 1
+            before = self.ranges[block]
+            after = {name: interval & before[name] for name, interval in self.evaluate(block).items()}
+            self.ranges[block] = after
+            return after != before and evaluations[block] < DOWNWARD_LIMIT
 
         self.spread(first, narrow, inside)
 
     def spread(self, first, visit, inside):
-        """Visit blocks round by round, in each the way signals go, and again what follows one whose visit says that it
-        has changed.
+        """Visit blocks in rounds, each in topological order, and again the followers of each block that changed.
+
+        visit : called with a block; returns whether its intervals changed
         """
         waiting, queued = [(0, self.rank[block], block) for block in first], set(first)
         heapq.heapify(waiting)

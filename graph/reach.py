@@ -1,13 +1,13 @@
-"""Setpoints that cannot be meant: constants, parameters and courses in rad, rad/s or N·m outside what the joint or its
-drive can reach.
+"""Check for setpoints in rad, rad/s or N·m that the joint or its drive cannot reach.
 
-Two ways lead from such a value to a joint. It stands beside what the joint measures, as the equilibrium of an impedance
-stands beside the position; or it goes on as it is, along wires of one unit, to a command. Values are compared where
-they end: at that input, at the command, or at a limiter in front of it. A factor on the way scales them.
+A constant, a parameter or a trajectory can affect a joint in two ways. A block compares it with a measurement of the
+joint, as the equilibrium of an impedance is with the position; or connections of one unit lead from it to a command.
+The check compares the value at that input, at the command, or at a limiter before the command, with the gains between
+applied.
 
-What is compared with the joint's own `range` has a unit of its own in its declaration, or is turned into a torque: a
-threshold, an offset or a sum in any unit may lie outside the range for a reason, and is compared with what the drive
-can reach.
+A value is compared with the `range` of the joint if its declaration has a unit or its block computes a torque.
+Thresholds, offsets and sums with the unit "any" may be outside that range; they are compared with the limits of the
+drive only.
 """
 
 import copy
@@ -24,14 +24,16 @@ from graph.signal import Signal
 
 POSITION, VELOCITY, TORQUE = "rad", "rad/s", "N·m"
 TURN = 2.0 * math.pi
-HALF_TURN = math.pi  # rad from which on an angle may be meant in degrees
-SLACK = 1e-6  # share of a reach by which a value may leave it: intervals are rounded outward
+HALF_TURN = math.pi  # rad; a larger angle may be a value in degrees
+SLACK = 1e-6  # tolerance relative to the width of a limit: intervals are rounded outward
 ZERO = Interval.point(0.0)
 
 
 class Reach(NamedTuple):
-    """What one measurement of an actuator can be: of the drive, in words, and of the joint, None where its range is not
-    known.
+    """Limits of one measurement of an actuator.
+
+    drive : Interval of the drive; words : its source, for messages
+    joint : Interval of the joint, None if its range is not declared
     """
 
     drive: Interval
@@ -40,7 +42,11 @@ class Reach(NamedTuple):
 
 
 class Value(NamedTuple):
-    """A value that is looked at. certain : it is taken on by itself; chosen : by a live change alone"""
+    """A value to check.
+
+    words : start of the message; certain : the signal takes the value without further inputs; chosen : only a live
+    change can set it
+    """
 
     words: str
     interval: Interval
@@ -49,7 +55,11 @@ class Value(NamedTuple):
 
 
 class ReachCheck:
-    """compilation : of graph.compiler, behind its proof; report(message, block, port, where, hint, severity)"""
+    """Comparison of all setpoints of a diagram with the limits of its joints.
+
+    compilation : graph.compiler.Compilation, after its range proof
+    report : called as report(message, block, port, where, hint, severity) for each problem
+    """
 
     def __init__(self, compilation, report):
         self.blocks, self.sources, self.wires = compilation.blocks, compilation.sources, compilation.wires
@@ -72,7 +82,7 @@ class ReachCheck:
         self.in_joint = self.while_measuring(compilation.order, lambda reach: reach.joint or reach.drive)
         self.fed = self.find_fed()
         self.leads = self.find_leads()
-        self.told = set()
+        self.reported = set()
         for block in self.blocks:
             if not isinstance(block, (Device, Sink)):
                 self.look_beside_measurements(block)
@@ -80,11 +90,11 @@ class ReachCheck:
             self.follow(block, name, value, start)
 
     def while_measuring(self, order, limits):
-        """Intervals of all signals while each position and velocity stays inside limits(Reach)."""
+        """Return the intervals of all signals while each position and velocity is inside limits(Reach)."""
         narrow = {
             block: {
-                name: limits(found)
-                for name, found in reach.items()
+                name: limits(measurement)
+                for name, measurement in reach.items()
                 if self.units.get((block, name)) in (POSITION, VELOCITY)
             }
             for block, reach in self.reaches.items()
@@ -97,20 +107,20 @@ class ReachCheck:
             return self.ranges
 
         def attempt(block, hook, **intervals):
-            said = self.attempt(block, hook, **intervals)
-            return (said if isinstance(said, dict) else {}) | narrow[block] if narrow.get(block) else said
+            stated = self.attempt(block, hook, **intervals)
+            return (stated if isinstance(stated, dict) else {}) | narrow[block] if narrow.get(block) else stated
 
         return find_ranges(self.blocks, order, self.sources, attempt)
 
     def unit_of(self, block, name):
-        """The unit of an input, also where a number is wired to one in any unit."""
+        """Return the unit of an input, also of a constant at an input with the unit "any"."""
         unit = self.units[block, name]
         return self.shared_units.get(block, unit) if unit == units.ANY and name not in block.free_units else unit
 
-    # Where values meet joints
+    # Connections between values and joints
 
     def find_fed(self):
-        """{(block, input): {(actuator, output)}} of what a joint's measurements reach along wires of one unit."""
+        """Return {(block, input): {(actuator, output)}} for the inputs that a measurement reaches in one unit."""
         fed = {}
         for actuator, reach in self.reaches.items():
             for output in reach.keys() & actuator.outputs.keys():
@@ -128,7 +138,7 @@ class ReachCheck:
         return fed
 
     def find_leads(self):
-        """{Signal: {(actuator, input)}} of what reaches a joint's commands along wires of one unit."""
+        """Return {Signal: {(actuator, input)}} for the signals that reach a command in one unit."""
         leads = {}
         for actuator, reach in self.reaches.items():
             for name in actuator.inputs:
@@ -152,10 +162,10 @@ class ReachCheck:
 
     def reach_of(self, actuator: Any, unit: str) -> Any:
         return next(
-            (found for name, found in self.reaches[actuator].items() if self.units.get((actuator, name)) == unit), None
+            (reach for name, reach in self.reaches[actuator].items() if self.units.get((actuator, name)) == unit), None
         )
 
-    # Beside a measurement
+    # Values compared with a measurement
 
     def look_beside_measurements(self, block):
         for unit in (POSITION, VELOCITY):
@@ -182,34 +192,35 @@ class ReachCheck:
                         )
 
     def values(self, source):
-        """The Values of what is wired to an input."""
+        """Return the Values of the source of an input."""
         if not isinstance(source, Signal):
             return [Value("", interval_of_numbers(source))]
         interval = interval_of(source, self.ranges)
         if source.block.inputs or isinstance(source.block, Device):
             return [Value(f"{source.path} can reach ", interval, certain=False)]
         built = self.as_built(source)
-        found = [Value("" if is_point(built) else f"{source.path} goes through ", built)]
+        values = [Value("" if is_point(built) else f"{source.path} covers ", built)]
         return (
-            found
+            values
             if interval == built
-            else [*found, Value(f"the live bounds of {source.block.path} allow ", interval, chosen=True)]
+            else [*values, Value(f"the live bounds of {source.block.path} allow ", interval, chosen=True)]
         )
 
     def as_built(self, source):
-        """The interval of a block without inputs, with the values that its live parameters start with."""
+        """Return the interval of a block without inputs, at the initial values of its live parameters."""
         block = copy.copy(source.block)
         block.live = lambda name: None
         return range_of(block, source.port, promised(block))
 
     def values_of(self, block, name):
         built, span = Interval.point(float(getattr(block, name))), block.span(name)
-        found = [Value("", built, certain=False)]
-        return found if span == built else [*found, Value(f"the live bounds of {name} allow ", span, chosen=True)]
+        values = [Value("", built, certain=False)]
+        return values if span == built else [*values, Value(f"the live bounds of {name} allow ", span, chosen=True)]
 
     def judge(self, actuator, unit, values, block, name, measured, strict):
-        """Compare Values with what a measurement at another input of the same block can be. strict : with the joint's
-        range, too
+        """Compare Values with the limits of a measurement at another input of the same block.
+
+        strict : compare with the range of the joint as well
         """
         reach = self.reach_of(actuator, unit)
         drive, joint = interval_of(measured, self.in_drive), interval_of(measured, self.in_joint)
@@ -220,17 +231,17 @@ class ReachCheck:
         self.compare(actuator, unit, reach, values, block, name, drive, joint if reach.joint is not None else None)
 
     def compare(self, actuator, unit, reach, values, block, name, drive, joint):
-        """Report the first of the Values that is out of reach. drive, joint : what can be reached there"""
+        """Report the first of the Values outside its limits. drive, joint : limits at that input, or None"""
         for value in values:
             severity = self.severity(value, drive, joint, unit)
             if severity is None:
                 continue
             limits, words = (reach.joint, "its range") if joint is not None else (reach.drive, reach.words)
-            self.tell(actuator, unit, value, block, name, limits, words, severity)
+            self.report_value(actuator, unit, value, block, name, limits, words, severity)
             return
 
     def severity(self, value, drive, joint, unit):
-        """ "error" or "warning" of a Value out of reach, None of another."""
+        """Return "error" or "warning" for a Value outside its limits, None for another."""
         interval = value.interval
         alone = is_point(interval)
         for bound in filter(None, (drive, joint)):
@@ -244,10 +255,10 @@ class ReachCheck:
             return "warning"
         return None
 
-    # Along the wires to a command
+    # Values that lead to a command
 
     def seeds(self):
-        """(block, input, Value, whose fault it is) of values from which wires of one unit lead to a command."""
+        """Yield (block, input, Value, (block, port, unit) to report) of values that lead to a command in one unit."""
         for (block, name), source in self.sources.items():
             unit = self.unit_of(block, name)
             if unit not in (POSITION, VELOCITY, TORQUE) or (block, name) not in self.wires or isinstance(block, Sink):
@@ -259,9 +270,7 @@ class ReachCheck:
                     yield block, name, value, (source.block, "", unit)
 
     def own_values(self, source, unit):
-        """Values that a block sets by itself, whatever it is given: a source, a table, a limiter, a parameter in
-        N·m.
-        """
+        """Yield the Values that a block sets for all inputs: a source, a table, a limiter, a parameter in N·m."""
         if not source.block.inputs:
             yield from self.values(source)
             return
@@ -276,7 +285,7 @@ class ReachCheck:
                 yield Value(f"{name} is ", Interval.point(float(getattr(source.block, name))), certain=False)
 
     def follow(self, block, name, value, start):
-        """Take a Value along the wires, and compare it where it ends."""
+        """Propagate a Value along the connections and compare it where it ends."""
         whose, port, unit = start
         waiting, seen = deque([(block, name, value.interval)]), set()
         while waiting:
@@ -298,8 +307,9 @@ class ReachCheck:
                         waiting.extend((*follower, passed) for follower in self.followers.get(onward, ()))
 
     def passed(self, block, name, onward, interval):
-        """What a block makes of an interval at one input, the others at 0: itself where it lets that through, None
-        where it clips it.
+        """Return the output interval of a block for an interval at one input, with the other inputs at 0.
+
+        Returns the interval itself if the block passes it, and None if the block clips it.
         """
 
         def of(given):
@@ -316,16 +326,16 @@ class ReachCheck:
             if (actuator.path, name) in self.unproved or unit == TORQUE and inside(value.interval, reach.drive):
                 continue
             if unit == TORQUE:
-                self.tell(actuator, unit, value, block, port, reach.drive, reach.words, "warning")
+                self.report_value(actuator, unit, value, block, port, reach.drive, reach.words, "warning")
             else:
                 self.compare(actuator, unit, reach, [value], block, port, reach.drive, reach.joint)
 
-    # Words
+    # Messages
 
-    def tell(self, actuator, unit, value, block, name, limits, words, severity):
-        if (block, name, unit) in self.told:
+    def report_value(self, actuator, unit, value, block, name, limits, words, severity):
+        if (block, name, unit) in self.reported:
             return
-        self.told.add((block, name, unit))
+        self.reported.add((block, name, unit))
         interval = value.interval
         number = interval.low if abs(interval.low) > abs(interval.high) else interval.high
         what = f"{number:g} {unit}" if is_point(interval) else f"{interval.low:g} to {interval.high:g} {unit}"
@@ -334,10 +344,12 @@ class ReachCheck:
             per = "" if unit == POSITION else "/s"
             hint = f"{number:g} {unit} is {math.degrees(number):.0f}°{per}: did you mean deg({number:g})?"
         elif unit == TORQUE:
-            hint = f"give at most {limits.high:.4g} N·m; what is scaled down belongs in front of the Gain that does it"
+            hint = (
+                f"set at most {limits.high:.4g} N·m. If a Gain scales the torque down, place the value before the Gain"
+            )
         else:
-            hint = f"give {bounds}" + (f", or correct `range` of {actuator.path}" if words == "its range" else "")
-        problem = "is more than one turn of" if inside(interval, limits) else "is out of reach of"
+            hint = f"set {bounds}" + (f", or correct `range` of {actuator.path}" if words == "its range" else "")
+        problem = "is more than one turn of" if inside(interval, limits) else "is outside the limits of"
         where = self.wires[block, name].where if (block, name) in self.wires else None
         self.report(
             f"{value.words}{what}, which {problem} {actuator.path}: {bounds} ({words})"
@@ -352,12 +364,12 @@ class ReachCheck:
 
 
 def promised(block, **inputs):
-    """What a block promises of its outputs, {} where it promises nothing."""
+    """Return the output range of a block, {} if it states none or rejects the inputs."""
     try:
-        said = block.output_range(**inputs)
-    except ValueError:  # of a combination that does not occur: what it promises in the diagram is asked elsewhere
+        stated = block.output_range(**inputs)
+    except ValueError:  # a combination that does not occur in the diagram: find_ranges checks those that do
         return {}
-    return {} if said is None else said
+    return {} if stated is None else stated
 
 
 def inside(interval, bound):

@@ -1,8 +1,8 @@
 """Diagrams as JSON, and their content hash.
 
-The text holds blocks as `module:qualname` with their parameters, wires, and the versions of the libraries they come
-from. Two diagrams with one hash compute the same: it covers blocks with their source, parameters, wires and rate, the
-content of files that blocks read, and nothing of where these or the source stand, or of the order of making.
+The text contains each block as `module:qualname` with its parameters, the wires, and the versions of the libraries.
+Diagrams with equal hashes compute the same. The hash covers the source, parameters, wires and rate of the blocks and
+the content of the files that they read. It does not depend on paths of files or on the order in which blocks were made.
 """
 
 import hashlib
@@ -26,19 +26,19 @@ OWN = ("blocks", "graph")
 
 
 def to_json(diagram):
-    """The diagram as JSON text, the same for every order in which its blocks were made and wired."""
+    """Return the diagram as JSON text, independent of the order in which its blocks were made and wired."""
     data = describe(diagram)
     data["hash"] = digest(data)
     return json.dumps(data, indent=1, ensure_ascii=False)
 
 
 def content_hash(diagram):
-    """'sha256:...' of what the diagram computes."""
+    """Return the content hash of a diagram, as 'sha256:...'."""
     return digest(describe(diagram))
 
 
 def describe(diagram):
-    """A diagram as a dict of plain data."""
+    """Return a diagram as a dict that JSON can represent."""
     blocks = sorted(diagram, key=lambda block: block.path)
     known = registered()
     sources = {kind: source_hash(kind) for kind in {type(block) for block in blocks}}
@@ -98,7 +98,10 @@ def describe_wire(wire):
 
 
 def encode(value):
-    """A parameter or constant as JSON can hold it: infinities as text, tuples and arrays as lists."""
+    """Return a parameter or constant in JSON form: infinities as text, tuples and arrays as lists.
+
+    Raises TypeError for a value that JSON cannot represent.
+    """
     if isinstance(value, float) and not math.isfinite(value):
         return {"float": repr(value)}
     if isinstance(value, (list, tuple)):
@@ -123,8 +126,9 @@ def decode(value):
 
 
 def unchanging(entry):
-    """Of a block's description what its content is: of files what is in them, of live parameters their bounds and not
-    their values.
+    """Return the part of a block in JSON form that enters the hash.
+
+    Paths of files are replaced by the hash of their content, live parameters by their bounds.
     """
     parameters = {**entry.get("parameters", {}), **entry.get("files", {})}
     for name in entry.get("live", ()):
@@ -142,7 +146,7 @@ def digest(data):
 
 
 def source_hash(kind):
-    """Of the source of a block's class, or of the function it was made from; of its name where there is no source."""
+    """Return the hash of the source of a block class or its function, or of its name if there is no source."""
     try:
         source = inspect.getsource(getattr(kind, "function", kind))
     except (OSError, TypeError):
@@ -151,7 +155,7 @@ def source_hash(kind):
 
 
 def file_hash(block, name):
-    """Of the content of a file that a block reads. DiagramError where it cannot be read any more."""
+    """Return the hash of a file that a block reads. Raises DiagramError if it cannot be read."""
     try:
         return "sha256:" + hashlib.sha256(Path(getattr(block, name)).read_bytes()).hexdigest()
     except OSError as error:
@@ -161,26 +165,26 @@ def file_hash(block, name):
                 f"{name}: cannot read {getattr(block, name)}: {error.strerror}",
                 path=block.path,
                 where=block.location,
-                hint="the content of the file belongs to the diagram: put it back",
+                hint="restore the file: its content is part of the diagram",
             )
         ) from None
 
 
 def loadable(kind, known):
-    """Whether a class can be found again by its module and name, in a library. known : what `registered` gives"""
+    """Return whether a library provides the class by module and name. known : result of `registered`"""
     return kind.__module__.split(".")[0] in known and "<locals>" not in kind.__qualname__
 
 
 def registered():
-    """{top package: the distribution that brings it} of all block libraries installed, ours among them."""
-    found: dict[str, str] = dict.fromkeys(OWN, "tickwork")
+    """Return {top-level package: distribution} of all installed block libraries, including this one."""
+    packages: dict[str, str] = dict.fromkeys(OWN, "tickwork")
     for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
-        found[point.module.split(".")[0]] = point.dist.name if point.dist else point.name
-    return found
+        packages[point.module.split(".")[0]] = point.dist.name if point.dist else point.name
+    return packages
 
 
 def library(kind, known):
-    """(distribution, version) that a class comes from; (file, "local") for one from a user's own file."""
+    """Return the (distribution, version) of a class, or (file, "local") for a class in a user's file."""
     distribution = known.get(kind.__module__.split(".")[0])
     if distribution is None:
         return Path(getattr(inspect.getmodule(kind), "__file__", kind.__module__)).name, "local"
@@ -191,9 +195,9 @@ def library(kind, known):
 
 
 def from_json(text, *, trust=()):
-    """The diagram of a JSON text.
+    """Return the diagram of a JSON text.
 
-    trust : names of modules that may be imported although no library registers them
+    trust : names of modules to import although no library registers them
 
     Raises DiagramError: a newer format (TW030), a missing library, with the line that installs it (TW031), or a local
     block (TW032).
@@ -203,7 +207,7 @@ def from_json(text, *, trust=()):
         raise DiagramError(
             Diagnostic(
                 "TW030",
-                f"the text has format {data.get('format')!r}, and this Tickwork reads format {FORMAT}",
+                f"the text has format {data.get('format')!r}; this version of Tickwork reads format {FORMAT}",
                 path=str(data.get("name", "")),
                 hint="pip install --upgrade tickwork",
             )
@@ -261,14 +265,14 @@ def signal_at(diagram, path):
 
 
 def find_type(entry, libraries, trust):
-    """Return the class of a block in JSON form. Raises DiagramError unless its module is trusted and found."""
+    """Return the class of a block in JSON form. Raises DiagramError unless its module is trusted and exists."""
     module, _, qualname = entry["type"].partition(":")
     top = module.split(".")[0]
     if entry.get("local") and module not in trust:
         raise DiagramError(
             Diagnostic(
                 "TW032",
-                f"{qualname} was defined in a file of its own ({module}), not in a library",
+                f"{qualname} was defined in a local file ({module}), not in a library",
                 path=entry["path"],
                 hint=f"run that file again, or import it and load with trust=({module!r},)",
             )
@@ -282,33 +286,33 @@ def find_type(entry, libraries, trust):
             raise DiagramError(
                 Diagnostic(
                     "TW031",
-                    f"{entry['type']} is of no block library, neither of those installed nor of those that the "
-                    "text names",
+                    f"{entry['type']} is in none of the installed block libraries, and the text names no library "
+                    "for it",
                     path=entry["path"],
-                    hint=f"if you know {top!r} and want it imported, load with trust=({top!r},)",
+                    hint=f"if you trust the module {top!r}, load with trust=({top!r},)",
                 )
             )
         raise DiagramError(
             Diagnostic(
                 "TW031",
-                f"{entry['type']} comes from a library that is not installed",
+                f"{entry['type']} is in a library that is not installed",
                 path=entry["path"],
                 hint=f"pip install {owner}",
             )
         )
     try:
-        found = importlib.import_module(module)
+        kind = importlib.import_module(module)
         for name in qualname.split("."):
-            found = getattr(found, name)
+            kind = getattr(kind, name)
     except (ImportError, AttributeError) as error:
         raise DiagramError(
             Diagnostic(
                 "TW031",
-                f"{entry['type']} is not in the library that is installed ({error})",
+                f"{entry['type']} is not in the installed version of its library ({error})",
                 path=entry["path"],
-                hint="install the version it was made with",
+                hint="install the version that the diagram was saved with",
             )
         ) from None
-    if not (isinstance(found, type) and issubclass(found, Block)):
+    if not (isinstance(kind, type) and issubclass(kind, Block)):
         raise DiagramError(Diagnostic("TW031", f"{entry['type']} is not a block", path=entry["path"]))
-    return found
+    return kind

@@ -1,6 +1,4 @@
-"""Devices at the end of a line of their own: a tty, a socket, an input of the computer. What they say is a stream of
-bytes.
-"""
+"""Devices with a line of their own: a tty, a socket or an input device. They send a stream of bytes."""
 
 from cext.kernels import no_io
 from graph.declarations import Param
@@ -8,28 +6,25 @@ from graph.device import Device
 
 
 class StreamDevice(Device):
-    """A device that has a line for itself. Its `decode` is the parser: a frame holds up to 64 bytes as they came, cut
-    anywhere.
+    """A device with a line of its own. Its `decode` parses frames of up to 64 bytes of the stream, split anywhere.
 
-    frame.id : 0 bytes; 1 the line is gone; 2 it is back
-    frame.flags : bit 0, bytes before this frame were lost; bit 1, the first bytes of one read, of a datagram its
-        beginning `decode` returns TAKEN where a whole sample was among them, NOTED where not, MALFORMED where what was
-        among them was corrupt.
+    frame.id : 0 data; 1 line disconnected; 2 line reconnected
+    frame.flags : bit 0, bytes before this frame were lost; bit 1, first bytes of one read, or of a datagram
+    `decode` returns TAKEN for a complete sample, NOTED for an incomplete one, MALFORMED for corrupt bytes.
 
-    line : kind of its line, a key of runtime.rig.streams.KINDS, whose module opens it on a rig
-    opening : what that is told
+    line : kind of the line, a key of runtime.rig.streams.KINDS
     """
 
-    bus = Param("", "1", "logical name of its line; its path by default", dtype=str)
+    bus = Param("", "1", "logical name of the line, by default the path of the block", dtype=str)
 
     abstract = True
     medium = "stream"
     line = "serial"
     # of a device on a line of kind "dialogue":
     identify = None  # dialogue that returns its identity: serial, model, firmware, options, ends_with(), proof()
-    sensor = "device"  # what it is, in messages
-    usb_vendors = ()  # USB vendor ids of its own ports; those of serial adapters are tried, too
-    remedy = ""  # which baud rates are usual, for a line that stays silent
+    sensor = "device"  # name in messages
+    usb_vendors = ()  # USB vendor ids of its ports; ports of serial adapters are tried as well
+    remedy = ""  # usual baud rates, shown if the device does not respond
     encode = no_io.send_nothing
 
     def __init_subclass__(cls, **options):
@@ -43,27 +38,28 @@ class StreamDevice(Device):
             self.bus = self.path
 
     def opening(self):
-        """What a rig needs to know to open its line, by name; runtime.rig.streams.KINDS says which kind takes what."""
+        """Return {option: value} with which runtime.rig.streams opens its kind of line."""
         return {}
 
     def set_up(self):
-        """On a line of kind "dialogue": a dialogue (graph.dialogue) that sets an identified device up for a run.
+        """Set up an identified device on a line of kind "dialogue": a dialogue (graph.dialogue).
 
-        Returns (messages that set it up, to be sent again after a reconnect; remarks for the operator). Raises
-        Rejected, NoReply, ValueError.
+        Returns (messages to send again after a reconnect, remarks for the operator). Raises Rejected, NoReply,
+        ValueError.
         """
         return [], []
 
     def relay_frames(self):
-        """Two frames that hold its relay when they are sent in turn, for the guardian; a device with a `relay_time` has
-        them.
+        """Return the two frames that the guardian sends alternately to keep the relay of this device closed.
+
+        Required if `relay_time` is above 0.
         """
         return []
 
     def sends(self):
-        """What it sends by itself, as (how many a second, bytes at least) pairs, where that is known."""
+        """Return the messages that it sends, as (frequency in Hz, least number of bytes) pairs, [] if unknown."""
         return []
 
     def line_speed(self):
-        """bit/s that its line carries, 0 where it has no baud rate, or may have none."""
+        """Return the speed of its line in bit/s, 0 for a line without a baud rate."""
         return 0.0

@@ -1,4 +1,4 @@
-"""Units of ports and parameters: canonical SI strings, strict comparison, conversion only when asked.
+"""Units of ports and parameters: canonical SI strings, strict comparison, explicit conversion.
 
     canonical("N*m/rad")            'N·m/rad'
     convert(60.0, "deg", "rad")     1.047...
@@ -165,7 +165,7 @@ def conversion(source: str, target: str) -> tuple[float, float]:
     if source == target:
         return 1.0, 0.0
     if ANY in (source, target):
-        raise ValueError(f"nothing converts from {source!r} to {target!r}")
+        raise ValueError(f"cannot convert from {source!r} to {target!r}")
     source_factor, source_base = _scale(source)
     target_factor, target_base = _scale(target)
     if source_base != target_base:
@@ -188,7 +188,7 @@ def deg(angle: float) -> float:
 def parse_quantity(text: str, unit: str | None) -> float:
     """Parse a number with an optional unit, "60 deg", and return it in `unit`.
 
-    unit : of the result; None for SI units, with angles in rad; "any" for a number without a unit
+    unit : unit of the result; None for SI units, with angles in rad; "any" for a number without a unit
 
     Raises ValueError if the text is not a number, or its unit does not convert.
     """
@@ -200,7 +200,7 @@ def parse_quantity(text: str, unit: str | None) -> float:
         return value
     if unit == ANY:
         raise ValueError(
-            f"takes the unit of what is wired to its block, so it is given as a number alone, not {text!r}"
+            f"takes a number without a unit, got {text!r}: its unit is that of the signal wired to its block"
         )
     return (
         convert(value, match[2], unit)

@@ -31,8 +31,6 @@ BANNED = {re.compile(rf"\b(?:{phrase})\b", re.IGNORECASE): words for phrase, wor
 ALLOWED = {  # (file, text of the line): reason
     ("docs/subjects_data.md", "A recording of a person is personal data"): "the legal term",
     ("docs/subjects_data.md", "A gait pattern can identify a person"): "the legal term",
-    ("docs/errors.md", "## TW020 outputs that nobody uses"): "title of the code in graph/diagnostics.py",
-    ("docs/errors.md", "## TW024 actuator whose heat nobody knows"): "title of the code in graph/diagnostics.py",
     ("docs/rigs.md", "bus that somebody else"): "titles of the codes in runtime/rig/errors.py",
     ("docs/actuators.md", "def hears(self)"): "a method's name",
     ("docs/rigs.md", "Its `hears()` lists the frames"): "a method's name",

@@ -22,8 +22,8 @@ def test_a_diagnostic_without_place_block_or_cure_reads_well_too():
     assert str(Diagnostic("TW010", "the rate must be above 0 Hz")) == (
         "error TW010 wrong parameter: the rate must be above 0 Hz"
     )
-    unused = Diagnostic("TW020", "nobody uses it", "g", severity="warning")
-    assert str(unused) == "warning TW020 outputs that nobody uses: g: nobody uses it"
+    unused = Diagnostic("TW020", "its outputs are not connected", "g", severity="warning")
+    assert str(unused) == "warning TW020 unused outputs: g: its outputs are not connected"
 
 
 def test_an_error_carries_and_prints_all_of_them():

@@ -22,7 +22,7 @@ from blocks.windows import MovingAverage
 from graph import Block, Diagram, Input, Interval, Output, subsystem
 from graph.compiler import examine
 from graph.interval import EVERYTHING
-from graph.ranges import ASKED, NARROWED
+from graph.ranges import DOWNWARD_LIMIT, UPWARD_LIMIT
 from tests.blocks.running import run
 
 RATE = 100.0
@@ -160,7 +160,7 @@ def test_in_a_diagram_that_is_one_great_loop_every_block_is_asked_a_bounded_numb
         return len(asked) / count
 
     few, many = questions(150), questions(600)
-    assert many < 1.2 * few and many <= ASKED + NARROWED + 2
+    assert many < 1.2 * few and many <= UPWARD_LIMIT + DOWNWARD_LIMIT + 2
 
 
 # Random diagrams with loops

@@ -151,7 +151,7 @@ def test_a_parameter_in_the_unit_of_its_blocks_wires_takes_no_other():
     saturation = Saturation(-1.0, 1.0, name="s")
     found = refusal(saturation.set, "upper", "60 deg")
     assert found.message == (
-        "upper: takes the unit of what is wired to its block, so it is given as a number alone, not '60 deg'"
+        "upper: takes a number without a unit, got '60 deg': its unit is that of the signal wired to its block"
     )
     assert saturation.upper == 1.0
 

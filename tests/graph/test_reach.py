@@ -49,7 +49,7 @@ def test_degrees_typed_as_radians_do_not_compile_and_the_message_says_what_was_m
         (
             "error",
             "spring.equilibrium",
-            "30 rad is out of reach of knee: -12.5 to 12.5 rad (what AK80-9 can be commanded)",
+            "30 rad is outside the limits of knee: -12.5 to 12.5 rad (what AK80-9 can be commanded)",
             "30 rad is 1719°: did you mean deg(30)?",
         )
     ]
@@ -75,13 +75,13 @@ def test_every_drive_with_a_position_command_has_a_reach(drive, model):
 
 
 @pytest.mark.parametrize(
-    "angle, bounds", [(5.0, "did you mean deg(5)?"), (-0.5, "give -0.1 to 2 rad, or correct `range` of knee")]
+    "angle, bounds", [(5.0, "did you mean deg(5)?"), (-0.5, "set -0.1 to 2 rad, or correct `range` of knee")]
 )
 def test_an_angle_outside_the_joints_range_is_an_error(angle, bounds):
     [(severity, _, message, hint)] = found(spring(angle), range=KNEE)
     assert (severity, message) == (
         "error",
-        f"{angle:g} rad is out of reach of knee: -0.1 to 2 rad (its range)",
+        f"{angle:g} rad is outside the limits of knee: -0.1 to 2 rad (its range)",
     ) and bounds in hint
     assert found(spring(angle)) == [], "where no range is given, the drive can go there"
     for inside in (-0.1, 0.0, 2.0):
@@ -100,9 +100,9 @@ def test_more_than_one_turn_that_would_be_a_likely_angle_in_degrees_is_a_warning
     "wired, said",
     [
         (lambda: Constant(30.0, unit="rad")(), "30 rad"),
-        (lambda: StepSource(0.0, 30.0, unit="rad")(), "goes through 0 to 30 rad"),
-        (lambda: Sine(30.0, unit="rad")(), "goes through -30 to 30 rad"),
-        (lambda: Sine(1.0, bias=30.0, unit="rad")(), "goes through 29 to 31 rad"),
+        (lambda: StepSource(0.0, 30.0, unit="rad")(), "covers 0 to 30 rad"),
+        (lambda: Sine(30.0, unit="rad")(), "covers -30 to 30 rad"),
+        (lambda: Sine(1.0, bias=30.0, unit="rad")(), "covers 29 to 31 rad"),
         (lambda: Constant(Live(30.0, min=0.0, max=60.0), unit="rad")(), "30 rad"),
     ],
 )
@@ -125,7 +125,7 @@ def test_live_bounds_that_allow_what_is_out_of_reach_are_a_warning():
     )
     assert (
         severity == "warning"
-        and "the live bounds of angle allow 0 to 100 rad, which is out of reach of knee" in message
+        and "the live bounds of angle allow 0 to 100 rad, which is outside the limits of knee" in message
     )
     assert found(lambda knee: spring(Constant(Live(0.5, min=0.0, max=2.0), unit="rad")())(knee), range=KNEE) == []
 
@@ -201,7 +201,7 @@ def test_a_parameter_beside_the_position_is_compared():
     [(severity, at, message, hint)] = found(gait)
     assert (
         (severity, at) == ("error", "gait.threshold")
-        and message.startswith("40 rad is out of reach of knee")
+        and message.startswith("40 rad is outside the limits of knee")
         and "deg(40)" in hint
     )
     for limits, severity, port in (((-0.05, 115.0), "error", "stop.upper"), ((-5.0, 1.9), "warning", "stop.lower")):
@@ -259,7 +259,7 @@ def test_a_drive_in_servo_mode_takes_many_turns_and_is_asked_whether_they_are_de
             "first",
             "first.limited can reach -400 to 400 N·m",
         ),
-        (lambda knee: -Sine(400.0, unit="N·m", name="sine")(), "sine", "sine.y goes through -400 to 400 N·m"),
+        (lambda knee: -Sine(400.0, unit="N·m", name="sine")(), "sine", "sine.y covers -400 to 400 N·m"),
         (lambda knee: Gain(0.5)(Constant(400.0, unit="N·m", name="push")()), "push", "200 N·m"),
     ],
 )
@@ -268,9 +268,9 @@ def test_a_torque_beyond_the_peak_of_the_drive_is_a_warning(build, at, said):
     assert (
         (severity, where) == ("warning", at)
         and said in message
-        and ("out of reach of knee: -18 to 18 N·m (peak torque of AK80-9)") in message
+        and ("outside the limits of knee: -18 to 18 N·m (peak torque of AK80-9)") in message
     )
-    assert hint.startswith("give at most 18 N·m")
+    assert hint.startswith("set at most 18 N·m")
 
 
 def test_a_velocity_faster_than_the_drive_is_an_error():
@@ -289,5 +289,6 @@ def test_the_diagrams_of_this_project_raise_no_alarm(file):
 
 def test_set_can_provoke_it_and_the_line_is_that_of_the_block():
     _, diagram = load(ROOT / "diagrams/knee_exo.py", [("left/gait_phase.threshold", "40")])
-    with pytest.raises(DiagramError, match="TW026 .*left/gait_phase.threshold: 40 rad is out of reach of left/knee"):
+    message = "TW026 .*left/gait_phase.threshold: 40 rad is outside the limits of left/knee"
+    with pytest.raises(DiagramError, match=message):
         compile(diagram)

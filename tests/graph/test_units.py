@@ -126,7 +126,7 @@ def test_quantities_are_read_in_the_unit_that_is_wanted(text, unit, value):
         ("", "1", "is not a number"),
         ("40 rad", "N·m", "rad does not convert to N·m"),
         ("1,5", "s", "not a unit"),
-        ("60 deg", "any", "takes the unit of what is wired to its block"),
+        ("60 deg", "any", "takes a number without a unit, got '60 deg'"),
         ("7 apples", None, "not a unit"),
         ("0x10", "1", "not a unit"),
     ],

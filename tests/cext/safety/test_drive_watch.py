@@ -76,7 +76,10 @@ def test_saturate_lowers_limit_to_rated_torque_near_rated_rms():
     assert np.all(np.diff(sent[low]) <= 0.05), "it slides and does not chatter"
     [told] = rig.events
     assert told["device"] == "knee" and told["tick"] == rig.tick[rms > 0.9 * RATED][0]
-    assert told["what"] == "RMS torque over 1 s is above 90 % of the rated 9 N·m: its limit goes down to that"
+    assert (
+        told["what"]
+        == "RMS torque over 1 s is above 90 % of the rated 9 N·m: the torque limit is reduced to the rated torque"
+    )
     assert rig.control.watched[0]["rms_ticks"] == int((rms > 0.9 * RATED).sum()) and rig["knee.limited"][-1] > 0
 
 
@@ -112,8 +115,11 @@ def test_warming_drive_is_reported_derated_then_ends_run():
     expected = np.clip((100.0 - heard) / 20.0, 0.0, 1.0) * 18.0
     assert np.abs(rig["knee.torque_sent"] - np.minimum(10.0, expected)).max() < 0.02
     assert [(told["what"], told["tick"]) for told in rig.events] == [
-        ("warmer than 70 °C", rig.tick[heard >= 70.0][0]),
-        ("hotter than 80 °C: its limit goes down, and at 100 °C the run ends", rig.tick[heard >= 80.0][0]),
+        ("temperature above 70 °C", rig.tick[heard >= 70.0][0]),
+        (
+            "temperature above 80 °C: the torque limit is reduced, and the run ends at 100 °C",
+            rig.tick[heard >= 80.0][0],
+        ),
     ]
 
 

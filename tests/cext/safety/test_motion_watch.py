@@ -58,10 +58,10 @@ def test_an_impact_takes_stiffness_and_damping_away_in_the_tick_of_the_first_rep
     stiffness, damping = gains_sent(rig)
     shows = int(np.argmax(rig["knee.velocity"] > 0.1))
     assert damping[shows - 1] > 0 and not stiffness[shows : shows + 3].any() and not damping[shows : shows + 3].any()
-    told = [event for event in rig.events if "accelerates" in event["what"]]
+    told = [event for event in rig.events if "acceleration exceeds" in event["what"]]
     assert [event["tick"] for event in told] == [shows]
     assert told[0]["what"] == (
-        "accelerates beyond its max_acceleration of 150 rad/s²: stiffness and damping are zero until it is calm"
+        "acceleration exceeds max_acceleration, 150 rad/s²: stiffness and damping are zero until it is below that limit"
     )
     # the plant is a period ahead: it moves while the robot is armed
     after = rig.torques[:, 0] >= (shows + 1) * period + 1e-9

@@ -87,5 +87,5 @@ def test_check_reports_setpoint_outside_range_of_rig(command_line):
     assert (
         code == 1
         and "TW026" in out
-        and "40 rad is out of reach of left/knee: -0.1 to 2 rad (its range)" in " ".join(out.split())
+        and "40 rad is outside the limits of left/knee: -0.1 to 2 rad (its range)" in " ".join(out.split())
     )

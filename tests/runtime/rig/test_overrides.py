@@ -183,7 +183,7 @@ def test_all_mismatches_are_reported_together_and_nothing_is_applied(fitted):
 
 
 def test_hardware_must_be_parameters():
-    with pytest.raises(TypeError, match="Sensor.hardware names 'serial', which is no parameter of it"):
+    with pytest.raises(TypeError, match="Sensor.hardware contains 'serial', which is not a parameter of the class"):
 
         class Sensor(Device):
             """A sensor."""
