@@ -1,4 +1,4 @@
-"""Blocks behind the operators on signals: `2.0 * a - b`, `gyro[1]`, `angle.to("deg")`, `stack(a, b, c)`.
+"""Blocks of the operators on signals: `2.0 * a - b`, `gyro[1]`, `angle.to("deg")`, `stack(a, b, c)`.
 
 All have direct feedthrough and no state, and work element by element; NaN passes.
 """
@@ -55,7 +55,7 @@ class Sum(Block):
 
     def configure(self):
         if not self.signs or set(self.signs) - {"+", "-"}:
-            raise ValueError(f"signs is one + or - for each input, as in '+-', not {self.signs!r}")
+            raise ValueError(f"signs must be one + or - for each input, as in '+-', got {self.signs!r}")
         self.inputs = {
             f"u{i}": Input("any", f"input {i}", shape=...).named(f"u{i}") for i in range(1, len(self.signs) + 1)
         }
@@ -69,8 +69,9 @@ class Sum(Block):
 
 
 class Product(Block):
-    """Multiplies two signals: y = a · b, element by element; a scalar goes with every element. Direct feedthrough; NaN
-    passes.
+    """Multiplies two signals: y = a · b.
+
+    Element by element; a scalar is combined with every element. Direct feedthrough; NaN passes.
     """
 
     a = Input("any", "first factor", shape=..., broadcast=True)
@@ -88,10 +89,10 @@ class Product(Block):
 
 
 class Divide(Block):
-    """Divides two signals: y = a / b, by IEEE 754: 1 / 0 is infinite and 0 / 0 is NaN, and both are faults at an
-    actuator. 1 / inf is NaN, not 0.
+    """Divides two signals: y = a / b.
 
-    Element by element; a scalar goes with every element.
+    Division is that of IEEE 754, except that 1 / inf is NaN: 1 / 0 is infinity and 0 / 0 is NaN. Both are faults at an
+    actuator. Element by element; a scalar is combined with every element.
     """
 
     a = Input("any", "dividend", shape=..., broadcast=True)
@@ -116,8 +117,8 @@ class UnitConversion(Block):
 
     u = Input("any", "in the unit `source`", shape=...)
     y = Output("any", "in the unit `target`", shape=...)
-    factor = Memory(1.0, "target units in one of the source")
-    offset = Memory(0.0, "where the source is zero, in the target's unit")
+    factor = Memory(1.0, "number of target units in one source unit")
+    offset = Memory(0.0, "output for an input of zero")
 
     kernel = kernels.conversion
     examples = ({"source": "deg", "target": "rad"},)
@@ -128,17 +129,17 @@ class UnitConversion(Block):
         self.outputs = {"y": Output(self.target, "in the unit `target`", shape=...).named("y")}
 
     def output_range(self, u):
-        # rounded as the kernel rounds: exact
+        # exact: the kernel rounds the same operations
         return Interval(self.factor * u.low + self.offset, self.factor * u.high + self.offset)
 
 
 class Stack(Block):
     """Stacks signals of one shape along a new first axis, as numpy.stack does: three scalars make a vector (3,)."""
 
-    count = Param(2, "1", "how many inputs", min=1, fixed=True)
+    count = Param(2, "1", "number of inputs", min=1, fixed=True)
     shape = Param((), "1", "shape of each input, () for scalars")
 
-    y = Output("any", "all of them")
+    y = Output("any", "stacked inputs")
 
     kernel = vectors.stack
 
@@ -147,29 +148,29 @@ class Stack(Block):
         self.inputs = {
             f"u{i}": Input("any", f"input {i}", shape=shape).named(f"u{i}") for i in range(1, self.count + 1)
         }
-        self.outputs = {"y": Output("any", "all of them", shape=(self.count, *shape)).named("y")}
+        self.outputs = {"y": Output("any", "stacked inputs", shape=(self.count, *shape)).named("y")}
 
     def output_range(self, **inputs):
         return functools.reduce(operator.or_, inputs.values())
 
 
 class Select(Block):
-    """Takes elements out of an array: y = u[index], with an index as NumPy has it. `signal[index]` makes one.
+    """Selects elements of an array: y = u[index], with a NumPy index. `signal[index]` makes this block.
 
-    Of a signal whose shape is not declared an index is a whole number, or a list of them, and the signal a vector.
+    A signal of undeclared shape must be a vector, and its index an integer or a list of integers.
     """
 
     index = Param(
         0,
         "1",
-        "which elements: a whole number, or several; with `of`, as `encoded` writes what NumPy takes",
+        "index of the elements: an integer or several; with `of`, a NumPy index in the form of `encoded`",
         dtype=object,
     )
-    of = Param(None, "1", "shape of the input, found along the wire if left out", dtype=tuple)
+    of = Param(None, "1", "shape of the input, inferred from the wire if omitted", dtype=tuple)
 
     u = Input("any", "array", shape=...)
-    y = Output("any", "what was taken")
-    places = Memory(0.0, "the elements, counted row by row")
+    y = Output("any", "selected elements")
+    places = Memory(0.0, "indices of the elements in the flattened input")
 
     kernel = vectors.select
     examples = ({}, {"index": (1, {"slice": (None, None, None)}), "of": (2, 3)})
@@ -184,26 +185,28 @@ class Select(Block):
         except IndexError as error:
             raise ValueError(f"index: {error}") from None
         if not taken.size:
-            raise ValueError("index must name an element")
+            raise ValueError("index must select at least one element")
         self.inputs = {"u": Input("any", "array", shape=shape).named("u")}
-        self.outputs = {"y": Output("any", "what was taken", shape=taken.shape).named("y")}
+        self.outputs = {"y": Output("any", "selected elements", shape=taken.shape).named("y")}
         self.places = taken.ravel().tolist()
 
     def plain(self):
-        """An index into a vector, whatever its length: a whole number, or a list of them."""
+        """Set the indices for a vector of any length: an integer, or a list of integers."""
         index: Any = self.index
         several = isinstance(index, (list, tuple))
         self.indices = whole_numbers("index", index if several else (index,), None)
         if not self.indices:
-            raise ValueError("index must name an element")
-        self.outputs = {"y": Output("any", "what was taken", shape=(len(self.indices),) if several else ()).named("y")}
+            raise ValueError("index must select at least one element")
+        self.outputs = {
+            "y": Output("any", "selected elements", shape=(len(self.indices),) if several else ()).named("y")
+        }
 
     def prepare(self, dt):
         if self.of is not None:
             return
         for index in self.indices:
             if not -self.width <= index < self.width:
-                raise ValueError(f"there is no element {index} in a vector of {self.width}")
+                raise ValueError(f"index {index} is out of bounds for a vector of length {self.width}")
         self.places = [index % self.width for index in self.indices]
 
     def output_range(self, u):
@@ -235,25 +238,26 @@ def decoded(index: Any) -> Any:
 def whole_numbers(name: str, values: Iterable[Any], smallest: int | None = 1) -> tuple[int, ...]:
     """Return values as a tuple of ints. Raises ValueError if one is not whole, or below the smallest."""
     try:
-        found = tuple(operator.index(value) for value in values)
+        numbers = tuple(operator.index(value) for value in values)
     except TypeError:
         raise ValueError(f"{name} must be whole numbers, got {values!r}") from None
-    if smallest is not None and any(value < smallest for value in found):
+    if smallest is not None and any(value < smallest for value in numbers):
         raise ValueError(f"{name} must be whole numbers from {smallest} up, got {values!r}")
-    return found
+    return numbers
 
 
 class Convert(Block):
-    """Converts to another unit of the input's dimension: y = factor · u + offset. Behind `signal.to("deg")`; the
-    input's unit is found along the wire.
+    """Converts to another unit of the same dimension: y = factor · u + offset.
+
+    `signal.to("deg")` makes this block. The unit of the input is inferred from the wire.
     """
 
     target = Param("", "1", "unit of the output", required=True, dtype=str)
 
-    u = Input("any", "in any unit that converts", shape=...)
+    u = Input("any", "in any unit of the same dimension", shape=...)
     y = Output("any", "in the unit `target`", shape=...)
-    factor = Memory(1.0, "target units in one of the input's")
-    offset = Memory(0.0, "where the input is zero, in the target's unit")
+    factor = Memory(1.0, "number of target units in one input unit")
+    offset = Memory(0.0, "output for an input of zero, in the target unit")
 
     kernel = kernels.conversion
     examples = ({"target": "deg"},)

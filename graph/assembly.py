@@ -1,4 +1,4 @@
-"""The last part of a compile: what has been checked and sorted gets its places in the arena and becomes a schedule."""
+"""Last stage of a compile: allocate arena slots to the checked and sorted blocks and build the schedule."""
 
 from dataclasses import replace
 
@@ -16,18 +16,18 @@ from graph.signal import Signal
 
 
 def assemble(facts):
-    """The Schedule of a Compilation that has passed every check."""
+    """Return the Schedule of a Compilation without errors."""
     return Assembly(facts).schedule()
 
 
 class Assembly:
-    """facts : a Compilation: blocks, order, sources, shapes, units, taps, and what was proved."""
+    """Arena layout and steps of one compile. facts : graph.compiler.Compilation"""
 
     def __init__(self, facts):
         self.facts = facts
         self.blocks = facts.blocks
         self.layout = Layout()
-        # In the order of the tick, so that neighbours in time are neighbours in memory.
+        # In the order of the tick, for locality of memory accesses.
         self.in_order = [block for block in self.blocks if not computes(block)] + facts.order
         self.native = [block for block in self.in_order if not block.is_python and not isinstance(block, Sink)]
         self.places = {
@@ -49,7 +49,7 @@ class Assembly:
         self.parameters = {
             f"{block.path}.{name}": slot for block in self.native for name, slot in parameters[block].items()
         }
-        self.items = {  # of a native block: {name: (slot, length)}
+        self.items = {  # {native block: {name: (slot, length)}}
             block: {name: (self.input_slot(block, name), self.size(block, name)) for name in block.inputs}
             | {name: (self.places[Signal(block, name)].slot, self.size(block, name)) for name in block.outputs}
             | {name: (slot, 1) for name, slot in parameters[block].items()}
@@ -97,14 +97,14 @@ class Assembly:
         return name, self.input_slot(block, name), block.inputs[name].dtype, self.facts.shapes[block, name]
 
     def result(self, block, name, port):
-        promised = port.range or EVERYTHING
+        declared = port.range or EVERYTHING
         return (
             name,
             self.places[Signal(block, name)].slot,
             port.dtype,
             self.facts.shapes[block, name],
-            promised.low,
-            promised.high,
+            declared.low,
+            declared.high,
         )
 
     def output_step(self, block):
@@ -113,7 +113,7 @@ class Assembly:
         return self.native_step(block, block.kernel)
 
     def settle_step(self, block):
-        """The step that takes the present inputs as the steady state, or None."""
+        """Return the step that sets the steady state of the present inputs, or None."""
         if block.settle_kernel is not None:
             return self.native_step(block, block.settle_kernel)
         if block.is_python and hasattr(block, "settle"):
@@ -131,13 +131,13 @@ class Assembly:
         ]
         return sorted(steps, key=lambda step: (step.every, step.conditions, step.kernel is None))
 
-    # The whole
+    # Schedule
 
     def schedule(self):
         facts = self.facts
         output = [self.output_step(block) for block in facts.order]
         settle = {block: step for block in facts.order if (step := self.settle_step(block)) is not None}
-        seen = upstream(settle, facts.sources)  # no other step is called before its first tick
+        seen = upstream(settle, facts.sources)  # no other step runs before its first tick
         look = [
             step
             for block, step in zip(facts.order, output)
@@ -187,14 +187,15 @@ class Assembly:
         )
 
     def live_parameters(self):
-        found = []
+        """Return a LiveParameter for each parameter that may change while running."""
+        parameters = []
         for block in self.blocks:
             for name, param in block.parameters.items():
                 bounds = block.live(name)
                 if bounds is None or isinstance(block, Sink):
                     continue
                 path = f"{block.path}.{name}"
-                found.append(
+                parameters.append(
                     LiveParameter(
                         path,
                         self.parameters.get(path, -1),
@@ -209,7 +210,7 @@ class Assembly:
                         float(bounds.slew),
                     )
                 )
-        return found
+        return parameters
 
     def device_steps(self, block, buses):
         def slot(name):
@@ -242,7 +243,7 @@ class Assembly:
         )
 
     def damped_stop(self, block):
-        """Its DampedStop with the round that its bus can carry."""
+        """Return the DampedStop of a device, with a round that its bus has the capacity for."""
         stop = block.damped_stop()
         return stop and replace(stop, round=max(stop.round, damping_round(block.bus, self.blocks)))
 
@@ -257,32 +258,32 @@ class Assembly:
         if watch is None:
             return None
         name, index = watch.felt or ("", 0)
-        felt, full = (self.memory[block][name][0] + index, float(vars(block)[name][index])) if name else (-1, 0.0)
+        remaining, full = (self.memory[block][name][0] + index, float(vars(block)[name][index])) if name else (-1, 0.0)
         return WatchSteps(
             watch,
             slot("torque"),
             slot("temperature"),
             slot("rms_torque"),
-            felt,
+            remaining,
             full,
             **self.motion_slots(block, watch.motion, slot),
         )
 
     def motion_slots(self, block, motion, slot):
-        """Where the watch over an actuator's motion finds its things, {} where it has none."""
+        """Return {field of WatchSteps: slot} for the watch of an actuator's motion, {} without one."""
         if motion is None:
             return {}
-        found = {"position": slot("position"), "velocity": slot("velocity"), "current": slot(motion.current)}
+        slots = {"position": slot("position"), "velocity": slot("velocity"), "current": slot(motion.current)}
         if motion.law is not None:
-            found["law"] = self.memory[block][motion.law][0]
+            slots["law"] = self.memory[block][motion.law][0]
         if motion.gains is not None:
             name, index = motion.gains
-            found |= {quantity: self.input_slot(block, f"{quantity}_command") for quantity in ("stiffness", "damping")}
-            found["gains"] = self.memory[block][name][0] + index
-        return found
+            slots |= {quantity: self.input_slot(block, f"{quantity}_command") for quantity in ("stiffness", "damping")}
+            slots["gains"] = self.memory[block][name][0] + index
+        return slots
 
     def recorded(self):
-        """Slots of everything that some sink takes, what each is, and each sink's columns among them."""
+        """Return (slots of all recorded numbers, Column of each, SinkColumns of each sink)."""
         slots, index_of, sinks, recorded = [], {}, [], []
         everything = [
             (place.path, signal) for signal, place in sorted(self.places.items(), key=lambda item: item[1].path)

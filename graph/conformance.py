@@ -1,7 +1,7 @@
-"""`check_block(MyBlock)`: what every block must keep, for the authors of libraries to run in their tests.
+"""Conformance test for authors of block libraries: `check_block(MyBlock)`.
 
-In the spirit of scikit-learn's check_estimator. A block whose parameters have no usable defaults names some: `examples
-= ({"limit": 12.0},)`.
+Like scikit-learn's check_estimator. A block class without usable defaults lists parameters for the test:
+`examples = ({"limit": 12.0},)`.
 """
 
 import math
@@ -18,21 +18,25 @@ from graph.interval import Interval
 from graph.store import from_json, loadable, registered, to_json
 
 RATE = 200.0
-STEPS = 50
+STEPS = 50  # ticks in each check
 
 
 def check_block(kind, examples=None):
-    """Raise AssertionError, saying what, if a Block class breaks a rule; return the number of checks that were made.
+    """Check that a Block class obeys the rules for blocks. Returns the number of checks.
 
-    1. every declaration has a unit and a description, and the class a docstring
-    2. parameters refuse what is out of their bounds
-    3. outputs have the declared number, shape and dtype
-    4. the same inputs give the same outputs after `reset()`, also when a NaN was among what came before
-    5. a NaN, or an infinity, on every input shows in an output: what clips turns an infinity into NaN
-    6. no output leaves the range that `output_range` states, for inputs at the ends of theirs as well
-    7. the block comes back from JSON as it was
-    8. a parameter that may be Live has its effect while running; one that has not is declared `fixed`
-    9. the class declares every item that its kernels name
+    1. Every declaration has a unit and a description, and the class has a docstring.
+    2. Parameters reject values outside their bounds.
+    3. Outputs have the declared number, shape and dtype.
+    4. Equal inputs produce equal outputs after `reset()`, also if an earlier input was NaN.
+    5. NaN or infinity at every input results in NaN or infinity at an output. A limiter converts infinity to NaN.
+    6. No output leaves its `output_range`, also for inputs at the bounds of theirs.
+    7. The block is unchanged after conversion to JSON and back.
+    8. A parameter that may be Live takes effect while running; any other is declared `fixed`.
+    9. The class declares every item that its kernels name.
+
+    examples : list of parameters to test; `kind.examples` by default
+
+    Raises AssertionError with the violated rule.
     """
     made = 0
     for parameters in examples or getattr(kind, "examples", ({},)):
@@ -72,7 +76,7 @@ def check_declarations(kind, parameters):
         units.canonical(declaration.unit)
     assert not (
         set(block.inputs) & set(block.outputs) or (set(block.inputs) | set(block.outputs)) & set(block.parameters)
-    ), f"{kind.__name__} uses one name for two things"
+    ), f"{kind.__name__} uses a name for more than one port or parameter"
 
 
 def check_kernels(kind, parameters):
@@ -101,11 +105,11 @@ def check_bounds(kind, parameters):
                 make(kind, parameters | {name: value})
             except (DiagramError, ValueError):
                 continue
-            raise AssertionError(f"{kind.__name__} takes {name}={value}, which is out of its bounds")
+            raise AssertionError(f"{kind.__name__} accepts {name}={value}, which is outside its bounds")
 
 
 class Drive:
-    """A block that is stepped by hand, with inputs drawn from intervals."""
+    """A block under test and a generator of random inputs."""
 
     def __init__(self, kind, parameters, seed):
         self.block = make(kind, parameters)
@@ -124,7 +128,7 @@ class Drive:
         }
 
     def draw_around(self, bound, defaults):
-        """Inputs from -bound to bound, and where `defaults`, what an unwired one is."""
+        """Return inputs from -bound to bound; with `defaults`, inputs that have a default keep it."""
         drawn = self.draw({name: Interval(-bound, bound) for name in self.block.inputs})
         return drawn | {
             name: port.default for name, port in self.block.inputs.items() if defaults and port.default is not None
@@ -147,7 +151,7 @@ class Drive:
         }
 
     def restart(self):
-        """Back to the start of a run, as a run does it: a native block is not prepared again."""
+        """Reset the block as at the start of a run: a native block is not prepared again."""
         self.tick = 0
         if self.block.is_python:
             self.block.reset()
@@ -155,7 +159,7 @@ class Drive:
             self.block.scratch.restart()
 
     def step(self, inputs):
-        """Outputs by name of one tick, updates included."""
+        """Compute one tick, including the update. Returns {output: value}."""
         block = self.block
         if block.is_python:
             clock = {"t": self.tick * block.dt, "tick": self.tick, "dt": block.dt}
@@ -180,11 +184,11 @@ def check_outputs(kind, parameters):
         drive = Drive(kind, parameters, seed)
         outputs = drive.step(drive.draw())
         assert set(outputs) == set(drive.block.outputs), (
-            f"{kind.__name__} returned {len(outputs)} outputs, and declares {len(drive.block.outputs)}"
+            f"{kind.__name__} returned {len(outputs)} outputs, but declares {len(drive.block.outputs)}"
         )
         for name, port in drive.block.outputs.items():
             assert np.shape(outputs[name]) == drive.shape_of(port), (
-                f"{kind.__name__}.{name} has shape {np.shape(outputs[name])}, and {drive.shape_of(port)} is declared"
+                f"{kind.__name__}.{name} has shape {np.shape(outputs[name])}, but declares {drive.shape_of(port)}"
             )
             if port.dtype == "int" and np.all(np.isfinite(outputs[name])):
                 assert np.all(np.equal(np.mod(outputs[name], 1), 0)), f"{kind.__name__}.{name} is not a whole number"
@@ -204,7 +208,7 @@ def check_reset(kind, parameters):
         for before, after in zip(first, again):
             for name in before:
                 assert np.array_equal(before[name], after[name], equal_nan=True), (
-                    f"{kind.__name__}.{name} is not the same after reset(): {before[name]} then, {after[name]} now"
+                    f"{kind.__name__}.{name} differs after reset(): {before[name]} before, {after[name]} after"
                 )
 
 
@@ -238,8 +242,8 @@ def check_range(kind, parameters):
             name: Interval(0.0, 1.0) if port.dtype == "bool" else Interval(-bound, bound)
             for name, port in block.inputs.items()
         }
-        found = block.output_range(**intervals)
-        stated = {name: range_of(block, name, found) for name in block.outputs}
+        ranges = block.output_range(**intervals)
+        stated = {name: range_of(block, name, ranges) for name in block.outputs}
         for _ in range(STEPS):
             for name, value in drive.step(drive.draw(intervals)).items():
                 finite = np.ravel(value)[~np.isnan(np.ravel(np.asarray(value, dtype=float)))]
@@ -255,7 +259,7 @@ def check_json(kind, parameters):
     with Diagram("conformance", RATE) as diagram:
         kind(**parameters)
     text = to_json(diagram)
-    assert to_json(from_json(text)) == text, f"{kind.__name__} does not come back from JSON as it was"
+    assert to_json(from_json(text)) == text, f"{kind.__name__} changes in the conversion to JSON and back"
 
 
 def check_live(kind, parameters):
@@ -264,36 +268,36 @@ def check_live(kind, parameters):
         if param.fixed or param.live and not computes(kind):
             continue
         assert computes(kind), (
-            f"{kind.__name__}.{name} is read before the run, as are those of all devices and "
+            f"{kind.__name__}.{name} is read before the run only, like all parameters of devices and "
             "sinks: declare it fixed=True"
         )
         values = [
             value
-            for value in tried(param, getattr(make(kind, parameters), name))
+            for value in test_values(param, getattr(make(kind, parameters), name))
             if takes(kind, parameters, name, value)
         ]
         for before, after in zip(values, values[1:] + values[:1]):
             if not has_effect(kind, parameters, name, before, after):
                 raise AssertionError(
-                    f"{kind.__name__}.{name} has no effect while running: changed from {before} to {after}, the "
-                    "block does not compute what "
-                    "one made with that value does; declare it fixed=True, or let the step read it"
+                    f"{kind.__name__}.{name} has no effect while running: after a change from {before} to {after}, the "
+                    "outputs differ from those of a block made with the new value. Read the parameter in the step, "
+                    "or declare it fixed=True"
                 )
 
 
-def tried(param, value):
-    """Some values of a parameter, the present one first."""
+def test_values(param, value):
+    """Return some valid values of a parameter, the present one first."""
     if param.dtype is bool:
         return [value, not value]
     base = value if value is not None and math.isfinite(value) else 1.0
-    found = [] if value is None else [value]
+    values = [] if value is None else [value]
     for other in (base + 1, base - 1, 0.4 * base, 1.7 * base):
         try:
             other = param.check(round(other) if param.dtype is int else other)
         except ValueError:
             continue
-        found += [other] if other not in found else []
-    return found
+        values += [other] if other not in values else []
+    return values
 
 
 def takes(kind, parameters, name, value):
@@ -305,7 +309,7 @@ def takes(kind, parameters, name, value):
 
 
 def has_effect(kind, parameters, name, before, after):
-    """Whether a parameter that changes while running, from one value to another, does what it does from the start."""
+    """Return whether a parameter changed while running has the same effect as when set at construction."""
     for seed, bound, defaults in ((8, 3.0, False), (9, 100.0, True), (10, 3.0, True)):
         changed, made = Drive(kind, parameters | {name: before}, seed), Drive(kind, parameters | {name: after}, seed)
         if list(changed.block.inputs) != list(made.block.inputs) or list(changed.block.outputs) != list(

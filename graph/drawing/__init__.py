@@ -1,4 +1,4 @@
-"""Drawings of diagrams: first data, where everything lies, then SVG, a page, or Mermaid text.
+"""Drawings of diagrams as data, converted to SVG, an HTML page, or Mermaid text.
 
 drawing = draw(diagram)
 svg(drawing)                    '<svg ...'
@@ -50,7 +50,7 @@ def draw(diagram: Diagram, *, all_ports: bool = False, place: Callable[[Any], st
 
 
 def wired_to(diagram, found):
-    """{signal path: [paths of the ports it is wired to]}."""
+    """Return {signal path: [paths of the ports it is wired to]}."""
     targets = {}
     for wire in diagram.wires:
         if isinstance(wire.source, Signal) and not wire.block.variadic:

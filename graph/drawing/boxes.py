@@ -1,4 +1,4 @@
-"""What is written on a box, and how large that makes it."""
+"""Text and size of the box of a block."""
 
 import math
 from dataclasses import dataclass
@@ -8,13 +8,15 @@ from graph.drawing.style import HEAD, LINE, PADDING, ROW, SMALL, TEXT, TITLE, fi
 from graph.names import snake_case
 from graph.signal import Signal
 
-WIDEST, DETAILS = 260.0, 4  # px of a box; parameters shown on it
+BOX_WIDTH_LIMIT = 260.0  # px
+DETAIL_LIMIT = 4  # lines of parameters on a box
 
 
 @dataclass(eq=False)
 class Plan:
-    """A block's box before it has a place. left, right : y of each port from the top. labels, notes : what is written
-    beside a port.
+    """Box of a block without a position.
+
+    left, right : {port: y from the top} in px; labels, notes : {port: text beside it}
     """
 
     block: object
@@ -32,12 +34,12 @@ class Plan:
 
 
 def plan(block, found, all_ports, links, every):
-    """The Plan of a block's box.
+    """Return the Plan of a block.
 
     found : graph.compiler.Compilation
-    all_ports : show ports that nothing is wired to as well
+    all_ports : include ports without a wire
     links : the Links of its level
-    every : how often what stands around it runs
+    every : rate divisor of its level
     """
     errors = [d for d in found.errors if d.path == block.path]
     wrong_ports = frozenset(d.port for d in errors if d.port)
@@ -64,8 +66,8 @@ def plan(block, found, all_ports, links, every):
     details += [f"{card['name']} {card['value']}" for card in cards.parameter_cards(block) if card["own"]]
     if block.variadic and not inputs:
         details.insert(0, "takes every port")
-    if len(details) > DETAILS:
-        details = details[: DETAILS - 1] + [f"and {len(details) - DETAILS + 1} more"]
+    if len(details) > DETAIL_LIMIT:
+        details = details[: DETAIL_LIMIT - 1] + [f"and {len(details) - DETAIL_LIMIT + 1} more"]
 
     title, subtitle = (name, kind) if named else (kind, "")
     sides = [
@@ -79,7 +81,7 @@ def plan(block, found, all_ports, links, every):
         *(text_width(text, SMALL) + 2 * PADDING for text in details),
         92.0,
     )
-    width = math.ceil(min(width, max(WIDEST, sum(sides) + PADDING)))
+    width = math.ceil(min(width, max(BOX_WIDTH_LIMIT, sum(sides) + PADDING)))
     head = HEAD + (LINE - 2.0 if subtitle else 0.0)
     rows = max(len(left), len(right))
     height = head + ROW * rows + (LINE * len(details) + 7.0 if details else 0.0) + (4.0 if rows else 0.0)

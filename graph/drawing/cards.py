@@ -1,6 +1,4 @@
-"""What a block says of itself, taken from its declarations and from the compiler: plain data that pages show and lists
-print.
-"""
+"""Descriptions of blocks as plain data, from their declarations and the results of the compiler."""
 
 import inspect
 import re
@@ -12,7 +10,7 @@ from graph.device import Actuator, Device
 from graph.diagnostics import DiagramError
 from graph.signal import Signal
 
-ROOMS = {
+FAMILY_OF_MODULE = {
     "filters": "filter",
     "controllers": "controller",
     "states": "logic",
@@ -23,19 +21,20 @@ ROOMS = {
 
 
 def family(kind):
-    """Key of style.FAMILIES for a block's class: by what it derives from, else by the module that it stands in."""
+    """Return the key of style.FAMILIES of a block class, by its base class or else by its module."""
     if issubclass(kind, Actuator):
         return "actuator"
     if issubclass(kind, Device):
         return "sensor"
     if issubclass(kind, Sink):
         return "sink"
-    return next((ROOMS[part] for part in kind.__module__.split(".") if part in ROOMS), "other")
+    return next((FAMILY_OF_MODULE[part] for part in kind.__module__.split(".") if part in FAMILY_OF_MODULE), "other")
 
 
 def documentation(kind):
-    """Paragraphs of the docstring of a block's class: prose on one line each, what is indented as it stands. () if it
-    has none.
+    """Return the paragraphs of the docstring of a block class, () if it has none.
+
+    Prose is joined to one line; indented text keeps its lines.
     """
     inherited = {base.__doc__ for base in kind.__mro__[1:]}
     if not kind.__doc__ or kind.__doc__ in inherited:
@@ -45,14 +44,15 @@ def documentation(kind):
 
 
 def summary(kind):
-    """First sentence of the docstring."""
+    """Return the first sentence of the docstring of a block class."""
     first = " ".join("".join(documentation(kind)[:1]).split())
     return re.split(r"(?<=[.!?])\s+(?=[A-Z(])", first)[0]
 
 
 def example(kind):
-    """A block of this class outside any diagram, to ask for the ports that its parameters make; the class where it
-    cannot be had.
+    """Return a block of a class, outside a diagram, with the ports that its parameters create.
+
+    Returns the class itself if the block needs other parameters.
     """
     try:
         return kind(**(getattr(kind, "examples", None) or ({},))[0])
@@ -61,12 +61,12 @@ def example(kind):
 
 
 def shape_text(shape):
-    """'' for a number, '3' for a vector, '3 × 3' for a matrix, 'any' for a port that takes every shape."""
+    """Return the text of a shape: '' for a scalar, '3', '3 × 3', or 'any' for a port of any shape."""
     return "any" if shape is ... else " × ".join(map(str, shape))
 
 
 def quantity(value, unit):
-    """A value as a person writes it: '12 N·m', 'off', '8 pairs'."""
+    """Return the text of a value with its unit: '12 N·m', 'yes', '8 entries'."""
     if value is None:
         return "none"
     if isinstance(value, bool):
@@ -81,7 +81,7 @@ def quantity(value, unit):
 
 
 def bounds_text(param):
-    """'0 to 150', 'above 0', 'one of rated, peak'; '' where nothing is bounded."""
+    """Return the text of a parameter's bounds: '0 to 150', 'above 0', 'one of rated, peak', '' without bounds."""
     if param.choices is not None:
         return "one of " + ", ".join(repr(choice) if str(choice).isspace() else str(choice) for choice in param.choices)
     if param.min is not None and param.max is not None:
@@ -91,7 +91,7 @@ def bounds_text(param):
 
 
 def interval_text(interval, unit):
-    """'-12 to 12 N·m'; '' where nothing is known."""
+    """Return the text of an interval: '-12 to 12 N·m', or '' if it is unbounded."""
     if interval is None or interval.low == -inf and interval.high == inf:
         return ""
     sign = "" if unit in (units.ONE, units.ANY) else f" {unit}"
@@ -105,8 +105,9 @@ def interval_text(interval, unit):
 
 
 def parameter_cards(block):
-    """One dict for each parameter of a block or of its class; a block's own values are under `value`, where they are
-    not the default.
+    """Return a dict for each parameter of a block or a block class.
+
+    With a block, `value` is the text of its value, and `own` states whether that differs from the default.
     """
     cards = []
     for name, param in block.parameters.items():
@@ -138,9 +139,7 @@ def same(value, default):
 
 
 def unit_text(card):
-    """Unit, shape and dtype of a port or parameter, as far as they say something: 'rad/s, (3)', 'int', 'any, any
-    shape'.
-    """
+    """Return the unit, shape and dtype of a port or parameter, without defaults: 'rad/s, (3)', 'int'."""
     shape = card.get("shape", "")
     words = [
         "" if card["unit"] == units.ONE else card["unit"],
@@ -150,7 +149,7 @@ def unit_text(card):
 
 
 def port_card(port):
-    """What one port declares."""
+    """Return the declaration of a port as a dict."""
     card = {
         "name": port.name,
         "unit": port.unit,
@@ -166,7 +165,7 @@ def port_card(port):
 
 
 def runs(block):
-    """How a block is computed: 'native', 'Python', or by whom else."""
+    """Return where a block runs: 'native', 'Python', 'native, on a bus' or 'in the recorder process'."""
     if isinstance(block, Device) or isinstance(block, type) and issubclass(block, Device):
         return "native, on a bus"
     if isinstance(block, Sink) or isinstance(block, type) and issubclass(block, Sink):
@@ -177,7 +176,7 @@ def runs(block):
 
 
 def class_card(kind):
-    """All that a block's class declares."""
+    """Return the declarations of a block class as a dict."""
     block = example(kind)
     return {
         "type": kind.__name__,
@@ -195,11 +194,11 @@ def class_card(kind):
 
 
 def block_card(block, found, targets, place):
-    """All there is to tell of one block of a diagram.
+    """Return the description of one block of a diagram as a dict.
 
     found : graph.compiler.Compilation
     targets : {signal path: [paths of the ports it is wired to]}
-    place : Location to text
+    place : converts a Location to text
     """
     kind = type(block)
     rate = found.diagram.rate / block.every
@@ -226,7 +225,7 @@ def block_card(block, found, targets, place):
 
 
 def proof_texts(proofs):
-    """What is proved of each wired command, and the constants among the others."""
+    """Return a line for each proof of a wired command, and one for all constant commands."""
     texts, constants = [], []
     for proof in proofs:
         if proof.interval.low == proof.interval.high and proof.holds:
@@ -242,7 +241,7 @@ def proof_texts(proofs):
 
 
 def torque_texts(bound):
-    """On what the torque limit of an actuator rests besides its commands; nothing where it is proved."""
+    """Return the assumption of an actuator's torque limit as a list of lines, [] if the limit is proved."""
     return [f"torque, not proved: {bound.holds}"] if bound is not None and bound.holds else []
 
 
@@ -254,7 +253,7 @@ def diagnostic_text(diagnostic):
 
 
 def input_card(block, port, found):
-    """What an input declares, with the unit and shape that its wire gives it."""
+    """Return the declaration of an input, with its inferred unit and shape and its source."""
     source = found.sources.get((block, port.name))
     card = port_card(port) | {
         "unit": found.units[block, port.name],
@@ -268,7 +267,7 @@ def input_card(block, port, found):
 
 
 def tap_cards(block, found):
-    """The inputs of a sink that takes any number of signals."""
+    """Return the inputs of a sink that accepts any number of signals."""
     return [
         {
             "name": label,
@@ -295,7 +294,7 @@ def output_card(block, port, found, targets):
 
 
 def signal_text(signal, found):
-    """One line on a signal: its path, unit, shape and range."""
+    """Return one line on a signal: path, unit, shape and range."""
     unit, shape = found.units[signal.block, signal.port], found.shapes[signal.block, signal.port]
     dtype = signal.declaration.dtype
     sign = "" if unit in (units.ONE, units.ANY) else unit

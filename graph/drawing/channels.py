@@ -1,11 +1,9 @@
-"""Channels: the ways of lines between columns. A line crosses a channel level, or turns onto an upright track and off
-it again.
+"""Channel routing: the lines between columns. A line crosses a channel horizontally or by a vertical track.
 
-Principle: 1. every net has one wire in a channel: heights at which it comes from the left, heights at which it goes to
-the right; 2. where one comes in at the height at which another goes out, the first turns off before the second turns
-on; where such rules run in a circle, one wire takes two tracks; 3. wires are put in the order in which they cross
-least, and each takes the leftmost track that is free; 4. feedback runs below the boxes it goes back under, in a lane of
-its own.
+Principle of operation: 1. A net has one wire in each channel, with the heights of its ends on the left and on the
+right. 2. If one wire enters at the height at which another leaves, the track of the first must be left of the track of
+the second. If these constraints form a cycle, one wire is split over two tracks. 3. The wires are ordered for few
+crossings, and each takes the leftmost free track. 4. Feedback runs in a lane of its own below the boxes that it passes.
 """
 
 from dataclasses import dataclass, field
@@ -14,45 +12,47 @@ import networkx as nx
 
 from graph.drawing.style import BETWEEN_BOXES, BETWEEN_LINES
 
-NEAR = 4.0  # px, closer than this two lines look like one
+NEAR = 4.0  # px, distance below which two lines cannot be distinguished
 
 
 @dataclass(eq=False)
 class Wire:
-    """A net in one channel. left, right : heights where it meets the edges of the channel. x : of its track."""
+    """A net in one channel. left, right : heights of its ends at the edges of the channel; x : of its track"""
 
     net: object
     left: set = field(default_factory=set)
     right: set = field(default_factory=set)
     track: int = -1
     x: float = 0.0
-    halves: tuple = ()  # where one track does not do: two wires that meet at a height of their own
+    halves: tuple = ()  # of a wire split over two tracks: two wires that meet at a free height
 
     @property
     def heights(self):
+        """Heights of all ends."""
         return self.left | self.right
 
     @property
     def straight(self):
+        """Whether the wire needs no track."""
         return len(self.heights) == 1
 
     def beside(self, other):
-        """Whether the two would touch on one track."""
+        """Return whether two wires overlap on one track."""
         return min(self.heights) - NEAR < max(other.heights) and min(other.heights) - NEAR < max(self.heights)
 
     def before(self, other):
-        """Whether this one must turn off before the other turns on, since it comes in where the other goes out."""
+        """Return whether the track of this wire must be left of the other's: it enters where the other leaves."""
         return self.net is not other.net and any(abs(a - b) < NEAR for a in self.left for b in other.right)
 
     def crossed_if_before(self, other):
-        """How many lines cross if this one has the track on the left."""
+        """Return the number of crossings if the track of this wire is left of the other's."""
         low, high = min(self.heights), max(self.heights)
         other_low, other_high = min(other.heights), max(other.heights)
         return sum(low < y < high for y in other.left) + sum(other_low < y < other_high for y in self.right)
 
 
 def wires_of(columns, nets, hops, lanes):
-    """One {net: Wire} for each channel: channel i lies left of column i, the last one right of the last column."""
+    """Return {net: Wire} of each channel: channel i is left of column i, the last right of the last column."""
     channels = [{} for _ in range(len(columns) + 1)]
 
     def wire(channel, net):
@@ -78,7 +78,7 @@ def wires_of(columns, nets, hops, lanes):
 
 
 def find_lanes(columns, nets):
-    """Height of each feedback net's way back: below all that stands over it, short ways above long ones."""
+    """Return {feedback net: height of its lane}: below the boxes that it passes, short lanes above long ones."""
     floor = [max((node.y + node.height for node in column), default=0.0) for column in columns]
     back = sorted((net for net in nets if net.back), key=lambda net: span(net)[1] - span(net)[0])
     lanes, lowest = {}, list(floor)
@@ -94,13 +94,13 @@ def find_lanes(columns, nets):
 
 
 def span(net):
-    """The first and the last column under which a feedback net runs."""
+    """Return the first and the last column below which a feedback net runs."""
     return min(edge.target.layer for edge in net.edges), net.source.layer
 
 
 def assign_tracks(wires):
-    """Give every wire that turns a track, or two. Returns how many tracks there are."""
-    turning = split_circles([wire for wire in wires if not wire.straight], {y for wire in wires for y in wire.heights})
+    """Assign a track to every wire that is not straight, two to a split wire. Returns the number of tracks."""
+    turning = split_cycles([wire for wire in wires if not wire.straight], {y for wire in wires for y in wire.heights})
     order = least_crossed(turning)
     order = list(nx.lexicographical_topological_sort(rules(order), key=order.index))
     for at, wire in enumerate(order):
@@ -111,22 +111,23 @@ def assign_tracks(wires):
 
 
 def rules(wires):
-    """Which must have its track left of which, as a graph."""
+    """Return the graph of constraints: an edge from a wire to each whose track must be right of its own."""
     graph = nx.DiGraph()
     graph.add_nodes_from(wires)
     graph.add_edges_from((wire, other) for wire in wires for other in wires if wire is not other and wire.before(other))
     return graph
 
 
-def split_circles(wires, taken):
-    """The wires, with one of every circle of `before` rules cut into two halves that meet at a height of their own."""
+def split_cycles(wires, taken):
+    """Return the wires, with one wire of each cycle of constraints split into two halves."""
     wires = list(wires)
     while True:
         place = {wire: index for index, wire in enumerate(wires)}
-        circle = next((knot for knot in nx.strongly_connected_components(rules(wires)) if len(knot) > 1), None)
-        if circle is None:
+        components = nx.strongly_connected_components(rules(wires))
+        cycle = next((component for component in components if len(component) > 1), None)
+        if cycle is None:
             return wires
-        wire = min(circle, key=lambda wire: (len(wire.heights), place[wire]))
+        wire = min(cycle, key=lambda wire: (len(wire.heights), place[wire]))
         height = free_height(wire, taken)
         taken.add(height)
         wire.halves = Wire(wire.net, set(wire.left), {height}), Wire(wire.net, {height}, set(wire.right))
@@ -135,14 +136,14 @@ def split_circles(wires, taken):
 
 
 def free_height(wire, taken):
-    """A height inside the wire's span, if one can be, away from all that is taken."""
+    """Return a free height, as near as possible to the middle of a wire. taken : heights in use"""
     middle = (min(wire.heights) + max(wire.heights)) / 2.0
     heights = (middle + NEAR * step for step in range(-400, 401))
     return min(heights, key=lambda y: (any(abs(y - other) < NEAR for other in taken), abs(y - middle)))
 
 
 def least_crossed(wires):
-    """An order from left to right in which few lines cross: each is put where it adds least."""
+    """Return the wires in an order with few crossings: each is inserted where it adds the fewest."""
     order = []
     for wire in sorted(wires, key=lambda wire: (max(wire.heights) - min(wire.heights), min(wire.heights))):
         costs, cost = [], sum(wire.crossed_if_before(other) for other in order)

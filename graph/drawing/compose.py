@@ -1,4 +1,4 @@
-"""From a tree of subsystems to a drawing: each is laid out by itself, then stands as one box in the one around it."""
+"""Layout of a tree of subsystems: each is laid out separately and is one box in the enclosing one."""
 
 import math
 from dataclasses import dataclass, field
@@ -21,21 +21,20 @@ from graph.drawing.style import (
     text_width,
 )
 
-ASPECT = 1.6  # of what is packed: width to height
+ASPECT = 1.6  # width to height of packed parts
 
 
 @dataclass(eq=False)
 class Laid:
-    """A level, or a part of one, with places: nodes at their x and y, and the lines between them, from its own
-    corner.
-    """
+    """Layout of a level or of a part of it: nodes and lines, with positions relative to its corner."""
 
     width: float = 0.0
     height: float = 0.0
     nodes: list = field(default_factory=list)
-    lines: list = field(default_factory=list)  # (edge, points, joints, whether it goes back)
+    lines: list = field(default_factory=list)  # (edge, points, joints, whether it is feedback)
 
     def shift(self, x, y):
+        """Move all nodes and lines."""
         for node in self.nodes:
             node.x, node.y = node.x + x, node.y + y
         self.lines = [
@@ -45,7 +44,7 @@ class Laid:
 
 
 def lay_out(level, found, all_ports):
-    """The Laid of a level, and, as `level.laid`, of all inside it."""
+    """Return the Laid of a level, and set `level.laid` of it and of all levels inside."""
     nodes, pins = {}, {}
     for thing in level.things:
         if isinstance(thing, Level):
@@ -74,11 +73,11 @@ def lay_out(level, found, all_ports):
 
 
 def frame_node(level, found, all_ports):
-    """A subsystem as one node of the level around it."""
+    """Return the node of a subsystem in the enclosing level."""
     inner = lay_out(level, found, all_ports)
     heading = text_width(level.title, TITLE, bold=True) + text_width(note(level), SMALL)
     inner.width = max(inner.width, math.ceil(heading + 4 * FRAME_PADDING))
-    for index, (edge, points, joints, back) in enumerate(inner.lines):  # pins stand on the frame's edge
+    for index, (edge, points, joints, back) in enumerate(inner.lines):  # pins are on the edge of the frame
         if edge.target.side == "last":
             inner.lines[index] = edge, [*points[:-1], (inner.width, points[-1][1])], joints, back
     inner.shift(0.0, FRAME_TITLE + FRAME_PADDING)
@@ -92,13 +91,13 @@ def frame_node(level, found, all_ports):
 
 
 def note(level):
-    """Rate and condition of a subsystem, for its head."""
+    """Return the rate and condition of a subsystem, for its title."""
     words = [f"every {level.every} ticks"] if level.every != 1 else []
     return ", ".join(words + [f"while {key[1]}" for key in level.pins if key[0] == "enabled"])
 
 
 def components(nodes, edges):
-    """What hangs together, in order; what is linked to the frame's pins first, and what is linked to nothing last."""
+    """Return the connected components: the one with the pins first, unconnected blocks last."""
     graph = nx.Graph()
     graph.add_nodes_from(nodes)
     graph.add_edges_from((edge.source, edge.target) for edge in edges)
@@ -110,12 +109,12 @@ def components(nodes, edges):
 
 
 def lone(part):
-    """Whether it is a block that is linked to nothing, as most recorders are."""
+    """Return whether a part is a block without connections, as most recorders are."""
     return len(part) == 1 and not isinstance(part[0].what, Level)
 
 
 def columns(nodes, edges, framed):
-    """Nodes that hang together, in columns, with their lines."""
+    """Return the Laid of a connected component, in columns. framed : it is in a subsystem"""
     order, nets, hops = layers.arrange(nodes, edges)
     placing.place(order, hops)
     lanes = channels.find_lanes(order, nets)
@@ -144,7 +143,7 @@ def columns(nodes, edges, framed):
 
 
 def routes(net, wires, lanes):
-    """(edge, points, joints, back) for each edge of a net."""
+    """Yield (edge, points, joints, whether it is feedback) for each edge of a net."""
     begin = net.source.x + net.source.width, net.source.y + net.source.right[net.output]
     joints = {
         joint
@@ -170,7 +169,7 @@ def routes(net, wires, lanes):
 
 
 def through(wire, enter, leave):
-    """The corners of a way through a channel, from a height on one side to a height on one side."""
+    """Return the corners of a line through a channel. enter, leave : (side, height)"""
     (side, y), (other_side, other_y) = enter, leave
     if wire.halves:
         half, other = (wire.halves[where == "right"] for where in (side, other_side))
@@ -182,7 +181,7 @@ def through(wire, enter, leave):
 
 
 def joints_of(wire):
-    """Where three pieces of a net meet on its track."""
+    """Yield the points at which three segments of a net meet on its track."""
     if wire.straight:
         return
     low, high = min(wire.heights), max(wire.heights)
@@ -192,7 +191,7 @@ def joints_of(wire):
 
 
 def corners(points):
-    """The points without those at which nothing turns."""
+    """Return the points without those on a straight line."""
     kept = [points[0]]
     for before, point, after in zip(points, points[1:], points[2:]):
         if point != kept[-1] and not (kept[-1][0] == point[0] == after[0] or kept[-1][1] == point[1] == after[1]):
@@ -201,8 +200,9 @@ def corners(points):
 
 
 def pack(parts, framed, pinned):
-    """Parts in rows, in about the shape of a page: what holds the pins alone, blocks that are linked to nothing in rows
-    of their own.
+    """Pack parts in rows, with about the aspect ratio of a page.
+
+    The part with the pins has a row of its own; unconnected blocks begin a new row.
     """
     whole = Laid()
     gap, inset = BETWEEN_BOXES * 1.25, FRAME_PADDING if framed else 0.0
@@ -226,7 +226,7 @@ def pack(parts, framed, pinned):
 
 
 def collect(level, x, y, found, picture):
-    """Boxes, frames and lines of a level whose corner lies at x, y, into `picture`, a dict of lists."""
+    """Append the boxes, frames and lines of a level with its corner at x, y to `picture`, a dict of lists."""
     for node in level.laid.nodes:
         left, top = node.x + x, node.y + y
         if isinstance(node.what, Level):
@@ -259,7 +259,7 @@ def collect(level, x, y, found, picture):
 
 
 def name_of(level, thing, key):
-    """How a Line tells where it ends."""
+    """Return the name of an end of a Line."""
     if thing is None:
         return level.path, *key
     return (

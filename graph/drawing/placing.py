@@ -1,8 +1,8 @@
-"""Heights: how far down each box of a column stands, so that as many lines as can be run straight.
+"""Vertical positions of the boxes in a column, with as many straight lines as possible.
 
-In each column the boxes keep their order and their distance, and the sum of what their lines bend by is made smallest:
-an isotonic regression with absolute errors, solved exactly by pooling neighbours to their weighted median (Robertson,
-Wright and Dykstra 1988). Columns take turns.
+In each column the boxes keep their order and their least distance, and the total vertical offset of their lines is
+minimised: an isotonic regression with absolute errors, solved exactly by pooling neighbours to their weighted median
+(Robertson, Wright and Dykstra 1988). The columns are solved in turn.
 """
 
 from collections import defaultdict
@@ -10,8 +10,8 @@ from collections import defaultdict
 from graph.drawing.style import BETWEEN_BOXES, BETWEEN_LINES, ROW
 
 ROUNDS = 6
-FAR = 150.0  # px, from where on it stands between two wishes
-ANCHOR = 1e-3  # weight of staying where it is, for what no line pulls
+FAR = 150.0  # px between two preferred positions, from which on their mean is used
+ANCHOR = 1e-3  # weight of the present position, for a box without lines
 
 
 def place(columns, hops):
@@ -40,30 +40,31 @@ def place(columns, hops):
 
 
 def bend(hop):
-    """How far down a hop leads."""
+    """Return the vertical offset of a hop in px, downwards."""
     return hop.target.y + hop.target.left[hop.input] - hop.source.y - hop.source.right[hop.output]
 
 
 def settle(column, pulls, only_left):
-    """Move one column to where its lines want it. only_left : heed those from the left only, from the right only, or,
-    with None, all.
+    """Move the boxes of one column to the optimum for their lines.
+
+    only_left : use the lines on the left (True), on the right (False), or all (None)
     """
-    wishes = {}
+    preferred = {}
     for node in column:
-        heeded = [pull for pull in pulls[node] if only_left is None or pull[4] == only_left] or pulls[node]
-        wishes[node] = [(other.y + port - own, weight) for own, other, port, weight, _ in heeded]
-    stack(column, {node: node.y for node in column}, wishes)
+        chosen = [pull for pull in pulls[node] if only_left is None or pull[4] == only_left] or pulls[node]
+        preferred[node] = [(other.y + port - own, weight) for own, other, port, weight, _ in chosen]
+    stack(column, {node: node.y for node in column}, preferred)
 
 
-def stack(column, present, wishes):
-    """Heights in order, at least `gap` apart, nearest to what is wished."""
-    pools, offset, above = [], 0.0, None  # a pool: [its wishes less their offsets, how many nodes, where it stands]
+def stack(column, present, preferred):
+    """Set the heights of a column, in order and at least `gap` apart, nearest to the preferred positions."""
+    pools, offset, above = [], 0.0, None  # a pool: [preferred positions without offsets, number of nodes, position]
     offsets = []
     for node in column:
         if above is not None:
             offset += above.height + gap(above, node)
         offsets.append(offset)
-        own = [(y - offset, weight) for y, weight in wishes.get(node, ())] or [(present[node] - offset, ANCHOR)]
+        own = [(y - offset, weight) for y, weight in preferred.get(node, ())] or [(present[node] - offset, ANCHOR)]
         pools.append([own, 1, median(own)])
         while len(pools) > 1 and pools[-2][2] > pools[-1][2]:
             more, count, _ = pools.pop()
@@ -89,17 +90,18 @@ def gap(upper, lower):
     )
 
 
-def median(wishes):
-    """The weighted median; between two, the upper one where they are near, so that one line runs straight, else half
-    way.
+def median(preferred):
+    """Return the weighted median of (position, weight) pairs.
+
+    Between two positions: the upper one if they are near, so that one line is straight, else their mean.
     """
-    wishes = sorted(wishes)
-    half, passed = sum(weight for _, weight in wishes) / 2.0, 0.0
-    for index, (y, weight) in enumerate(wishes):
+    preferred = sorted(preferred)
+    half, passed = sum(weight for _, weight in preferred) / 2.0, 0.0
+    for index, (y, weight) in enumerate(preferred):
         passed += weight
         if passed > half:
             return y
         if passed == half:
-            following = wishes[index + 1][0]
+            following = preferred[index + 1][0]
             return y if following - y < FAR else round((y + following) / 2.0)
-    return wishes[-1][0]
+    return preferred[-1][0]

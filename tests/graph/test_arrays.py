@@ -76,7 +76,8 @@ def test_indices_are_those_of_numpy(index):
 
 
 @pytest.mark.parametrize(
-    "index, words", [(2, "out of bounds"), ((0, 0, 0), "too many indices"), (slice(2, None), "must name an element")]
+    "index, words",
+    [(2, "out of bounds"), ((0, 0, 0), "too many indices"), (slice(2, None), "must select at least one element")],
 )
 def test_an_index_beyond_is_refused_where_it_is_written(index, words):
     from graph import DiagramError
