@@ -48,8 +48,8 @@ def await_file(path, seconds=60.0):
 
 
 def knee_that(folder, tick_20, **names):
-    """A robot that does something in tick 20, and then touches the file `there`."""
-    law = f"tick == 20 and ({tick_20}); tick == 30 and open('there', 'w').close(); return 1.0"
+    """A robot that does something in tick 20, and then touches the file `there`; a tick may be lost."""
+    law = f"tick == 20 and ({tick_20}); tick >= 30 and open('there', 'w').close(); return 1.0"
     path = knee(folder, law)
     path.write_text(path.read_text().replace("import math", "import atexit, math, threading, time" + HOSTILE))
     return path
