@@ -1,4 +1,4 @@
-"""`calibrate FILE [SENSOR]`: bias, offset and scale of one IMU, while somebody turns it."""
+"""`calibrate FILE [SENSOR]`: bias, offset and scale of one IMU."""
 
 import os
 import time
@@ -21,7 +21,7 @@ armed. Without a rig, the file's plant turns an emulated sensor.
 """
 PARTS = ("gyroscope", "accelerometer", "magnetometer")
 DURATION_LIMIT = 600.0  # s
-ROUND = 2.0  # s of readings after which is told what is missing
+REPORT_INTERVAL = 2.0  # s of readings between two progress reports
 
 
 def main(arguments):
@@ -37,7 +37,7 @@ def main(arguments):
         "--duration",
         type=number("--duration", "seconds", DURATION_LIMIT),
         metavar="S",
-        help="for how long it is read (default: until all is seen on a rig, 120 at most; 60 in simulation)",
+        help="duration of the readings (default: on a rig until complete, at most 120; in simulation 60)",
     )
     parser.add_argument(
         "--out",
@@ -59,7 +59,7 @@ def main(arguments):
         ]
     )
     if not found.parts:
-        complain(["tickwork: nothing could be calibrated, and nothing is written"])
+        complain(["tickwork: no part could be calibrated; nothing was written"])
         return CHECK_FAILED
     tell(written(options.out, sensor, found))
     return OK if not found.missing else CHECK_FAILED
@@ -86,15 +86,15 @@ def measured(options):
     if options.rate is not None:
         diagram.rate = options.rate
     sensor = sensor_of(diagram, options.sensor)
-    sensor.set("calibration", "")  # what it measures by itself
+    sensor.set("calibration", "")  # readings without an earlier calibration
     if rig is None:
         return sensor, simulated(file, diagram, sensor, options.duration or 60.0)
-    with OnRig(rig, sensor) as there:
-        return sensor, watched(there, options)
+    with OnRig(rig, sensor) as rig_sensor:
+        return sensor, watched(rig_sensor, options)
 
 
-def watched(there, options):
-    """Readings on a rig, told as it goes on. Ctrl-C ends it, and what there is counts."""
+def watched(rig_sensor, options):
+    """Return the Readings on a rig and report progress. Ctrl-C ends the readings; those so far are used."""
     from runtime.commissioning.calibration.measuring import NOTHING
     from runtime.commissioning.calibration.result import find
 
@@ -102,7 +102,7 @@ def watched(there, options):
     deadline = time.monotonic() + (options.duration or 120.0)
     try:
         while (left := deadline - time.monotonic()) > 0.0:
-            readings = readings.plus(there.read(min(ROUND, max(left, 0.1))))
+            readings = readings.plus(rig_sensor.read(min(REPORT_INTERVAL, max(left, 0.1))))
             found = find(readings, options.only)
             if options.duration is None and not found.missing:
                 break
@@ -118,7 +118,7 @@ def watched(there, options):
 
 
 def written(folder, sensor, found):
-    """Writes file and picture; parts that were calibrated before and not now are kept. Returns lines."""
+    """Write the file and the plot. Returns the lines to print. Parts calibrated earlier but not now are kept."""
     from blocks.imus.calibration import Calibration
     from runtime.commissioning.calibration.picture import draw
 

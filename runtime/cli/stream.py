@@ -63,8 +63,8 @@ def main(arguments):
                 + ("" if model else "; velocity and torque need --model")
             ]
         )
-        told = show(drive, f"actuator_{can_id}", options)
-    return ended(told, f"{told.answers} answers to {told.asked} questions")
+        result = show(drive, f"actuator_{can_id}", options)
+    return ended(result, f"{result.answers} answers to {result.asked} queries")
 
 
 def add_showing(parser):
@@ -88,7 +88,7 @@ def add_showing(parser):
 
 
 def show(watched, name, options):
-    """The Told of what `add_showing` asks for."""
+    """Stream as the options of `add_showing` select. Returns a StreamResult."""
     try:
         if options.record is not None:
             make_folder(options.record)
@@ -98,11 +98,11 @@ def show(watched, name, options):
         raise BadInput(f"{error.filename or 'stream'}: {error.strerror or error}") from None
 
 
-def ended(told, what):
-    """The exit code, once it is told how it was."""
-    lost = f"; {told.lost} datagrams were not taken" if told.lost else ""
-    tell([f"{what}{lost}", *(f"written: {file}" for file in told.files)])
-    return OK if told.answers else CHECK_FAILED
+def ended(result, what):
+    """Print the counts and files of a stream. Returns the exit code."""
+    lost = f"; {result.lost} datagrams were not sent" if result.lost else ""
+    tell([f"{what}{lost}", *(f"written: {file}" for file in result.files)])
+    return OK if result.answers else CHECK_FAILED
 
 
 def comma_separated(text):
@@ -135,11 +135,11 @@ def imu(arguments):
     watched = WatchedImus(options.serials, comma_separated(options.channels), options.rate, options.attitude)
     try:
         tell([f"{interface.bus.channel}: {name}" for name, (interface, _) in watched.lines.lines.items()])
-        told = show(watched, "imu", options)
+        result = show(watched, "imu", options)
     finally:
         watched.close()
     tell(watched.summary())
-    return ended(told, f"{told.answers} rows")
+    return ended(result, f"{result.answers} rows")
 
 
 def node(kind, arguments):
@@ -173,8 +173,8 @@ def node(kind, arguments):
     with opened(single_bus(options)) as bus:
         watched = WatchedNode(bus, kind, int(options.address), **parameters)
         tell([f"{kind.name} {getattr(watched.block, 'model', '')} at address {options.address:g} on {bus.bus.channel}"])
-        told = show(watched, watched.block.path, options)
-    return ended(told, f"{told.answers} rows")
+        result = show(watched, watched.block.path, options)
+    return ended(result, f"{result.answers} rows")
 
 
 def i2c(arguments):
@@ -207,8 +207,8 @@ def i2c(arguments):
     )
     try:
         tell([f"{watched.interface.bus.channel}: {fed.block.path}, {fed.block.kind}" for fed in watched.fed])
-        told = show(watched, "i2c", options)
+        result = show(watched, "i2c", options)
         tell(watched.summary())
     finally:
         watched.close()
-    return ended(told, f"{told.answers} rows")
+    return ended(result, f"{result.answers} rows")

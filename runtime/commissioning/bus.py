@@ -1,4 +1,4 @@
-"""A bus under the control of a command: locked as a run locks it, with a record of every frame that was sent."""
+"""CAN bus controlled by a command: locked as in a run, with a record of every frame sent."""
 
 import json
 import select
@@ -23,16 +23,16 @@ from runtime.rig.interface_checks import link, look
 from runtime.rig.serial_port import look_at_port
 
 ERROR_FILTER, EVERY_ERROR = 2, 0x1FFFFFFF
-PATIENCE = 0.05  # s for a full queue to take a frame
-PAUSE = 0.001  # s between two questions: a drive's answer takes a quarter of it
+TX_QUEUE_TIMEOUT = 0.05  # s until a full transmit queue accepts a frame
+QUERY_INTERVAL = 0.001  # s between two queries; a drive replies within a quarter of it
 
 
 class ToolBus:
-    """The only controller of a bus, from now until it is closed. Refused, with the cause in words.
+    """Exclusive controller of a CAN bus until it is closed. Raises Refused if the bus cannot be opened.
 
     bus : RigBus
-    sent : (identifier, is extended, data, why) of every frame that went out
-    refused, errors : frames that the interface did not accept, error frames of the controller
+    sent : (identifier, is extended, data, reason) of every frame sent
+    refused, errors : numbers of frames that the interface rejected and of error frames received
     """
 
     def __init__(self, bus, machine=None):
@@ -43,7 +43,7 @@ class ToolBus:
                 Trouble(
                     "TW105",
                     f"[bus.{bus.name}] interface = {bus.interface!r} has no drives",
-                    "name a bus of CAN: socketcan, slcan, udp_multicast",
+                    "select a CAN bus: socketcan, slcan or udp_multicast",
                 )
             )
         try:
@@ -53,7 +53,7 @@ class ToolBus:
                 Trouble(
                     "TW106",
                     f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
-                    "end that one first: a bus has one controller",
+                    "end that process first: a bus has one controller",
                 )
             ) from None
         try:
@@ -86,19 +86,19 @@ class ToolBus:
         self.lock.close()
 
     def send(self, frame, why):
-        """Whether a frame went out. frame : (identifier, is extended, data)"""
+        """Send a frame. Returns whether the interface accepted it. frame : (identifier, is extended, data)"""
         identifier, extended, data = frame
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + TX_QUEUE_TIMEOUT
         while not self.wire.send(identifier | EXTENDED * extended, bytes(data)):
             if self.wire.trouble or time.monotonic() > deadline:
                 self.refused += 1
                 return False
-            time.sleep(PAUSE)
+            time.sleep(QUERY_INTERVAL)
         self.sent.append((identifier, extended, bytes(data), why))
         return True
 
     def listen(self, seconds, until=lambda frames: False):
-        """Return the frames (identifier, is extended, data) received within some time, or until `until(frames)`."""
+        """Return the frames (identifier, is extended, data) received within `seconds`, or until `until(frames)`."""
         frames, deadline = [], time.monotonic() + seconds
         while True:
             frames += self.take()
@@ -107,27 +107,29 @@ class ToolBus:
                 return frames
             descriptor = self.wire.fileno()
             if descriptor is None:
-                time.sleep(min(left, PAUSE))
+                time.sleep(min(left, QUERY_INTERVAL))
             else:
                 select.select([descriptor], [], [], left)
 
     def take(self):
-        found = []
+        frames = []
         for identifier, data, _ in self.wire.receive():
             if identifier & ERROR:
                 self.errors += 1
             elif not identifier & REMOTE:
-                found.append((identifier & 0x1FFFFFFF, bool(identifier & EXTENDED), bytes(data)))
-        return found
+                frames.append((identifier & 0x1FFFFFFF, bool(identifier & EXTENDED), bytes(data)))
+        return frames
 
     def ask(self, frame, why, read, patience=0.1, attempts=2):
         """Carry out graph.dialogue.ask."""
         return self.converse(dialogue.ask(frame, why, read, patience, attempts))
 
     def converse(self, talk, yes=False):
-        """Carry out a dialogue of a device family (graph.dialogue); return its result. BadInput where it is rejected.
+        """Carry out a dialogue of a device family (graph.dialogue). Returns its result.
 
-        yes : whether every question to the operator is answered with yes, unasked
+        yes : whether to skip the questions to the operator and assume yes
+
+        Raises BadInput if the dialogue is rejected.
         """
         reply = None
         while True:
@@ -152,9 +154,9 @@ class ToolBus:
 
 
 def named_buses(options, machine=None):
-    """The RigBus that the options of `add_bus` name; all of this machine where they name none. BadInput
+    """Return the RigBuses selected by the options of `add_bus`, or all CAN interfaces of this machine.
 
-    Returns a list.
+    Raises BadInput if the options conflict or match no bus.
     """
     machine = machine or Machine()
     if options.rig is not None:
@@ -162,30 +164,30 @@ def named_buses(options, machine=None):
             raise BadInput("--rig and --interface, --channel, --bitrate exclude each other: the rig contains all three")
         buses = read(options.rig).buses
         if options.bus is not None and options.bus not in buses:
-            hint = suggestion(options.bus, buses) or f"it has {', '.join(buses) or 'none'}"
+            hint = suggestion(options.bus, buses) or f"its buses: {', '.join(buses) or 'none'}"
             raise BadInput(f"--bus {options.bus}: {options.rig} has no such bus; {hint}")
         if not buses:
             raise BadInput(f"{options.rig} has no bus: write [bus.legs] with interface and channel")
         return [bus for bus in buses.values() if bus.interface != UDP and options.bus in (None, bus.name)]
     if options.bus is not None:
-        raise BadInput("--bus names a bus of a rig: give --rig, too")
+        raise BadInput("--bus selects a bus of a rig file: add --rig RIG")
     if options.channel or (options.interface and options.interface != SOCKETCAN):
         if not options.channel:
             example = "/dev/ttyACM0" if options.interface != I2C else "/dev/i2c-1"
-            raise BadInput(f"--interface {options.interface}: which channel? as in --channel {example}")
+            raise BadInput(f"--interface {options.interface} needs a channel: add, for example, --channel {example}")
         return [one_bus(options.interface or SOCKETCAN, options.channel, options.bitrate, machine)]
     names = [path.split("/")[-2] for path in machine.glob("sys/class/net/*/type") if machine.read(path) == ARPHRD_CAN]
     if not names:
         raise BadInput(
-            "this machine has no CAN interface: is the adapter plugged in, and its driver loaded? the command "
-            "`doctor` looks closer; "
-            "what is no interface of the network is named: --interface slcan --channel /dev/ttyACM0"
+            "this machine has no CAN interface: check that the adapter is plugged in and its driver is loaded, or run "
+            "the command `doctor`. For an adapter that is not a network interface, name it: --interface slcan "
+            "--channel /dev/ttyACM0"
         )
     return [one_bus(SOCKETCAN, name, options.bitrate, machine) for name in names]
 
 
 def one_bus(interface, channel, bitrate, machine):
-    """Return a RigBus as from a rig file, so that errors have the same text."""
+    """Return a RigBus, parsed as from a rig file so that errors have the same text."""
     own = None
     if interface == SOCKETCAN and bitrate is None:
         own = ((link(channel, machine).get("info_data") or {}).get("bittiming") or {}).get("bitrate")
@@ -198,7 +200,7 @@ def one_bus(interface, channel, bitrate, machine):
 
 
 def quoted(text):
-    """Text as TOML writes it."""
+    """Return a text as a TOML string."""
     return json.dumps(str(text), ensure_ascii=False)
 
 
@@ -213,7 +215,7 @@ def entry(bus, name=None):
 
 
 def plain(value):
-    """A value of `options` as TOML writes it."""
+    """Return a value of `options` in TOML notation."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
@@ -222,37 +224,40 @@ def plain(value):
 
 
 def single_bus(options):
-    """The one RigBus that the options name. BadInput where there are several."""
+    """Return the one RigBus that the options select. Raises BadInput if there are several."""
     buses = named_buses(options)
     if len(buses) != 1:
         names = ", ".join(f"{bus.name} ({bus.channel})" for bus in buses)
         raise BadInput(
-            f"which bus? {names}: " + ("add --bus NAME" if options.rig is not None else "add --channel NAME")
+            f"more than one bus: {names}. Select one: add "
+            + ("--bus NAME" if options.rig is not None else "--channel NAME")
         )
     return buses[0]
 
 
 def i2c_bus(options):
-    """The one RigBus of I2C that the options name, or that this machine has. BadInput"""
+    """Return the one I2C RigBus that the options select or this machine has. Raises BadInput otherwise."""
     from runtime.rig.i2c import known, paths
 
     if options.rig is None:
         options.interface = options.interface or I2C
-        there = paths()
-        if options.channel is None and len(there) == 1:
-            options.channel = there[0]
+        channels = paths()
+        if options.channel is None and len(channels) == 1:
+            options.channel = channels[0]
         if options.channel is None:
-            raise BadInput(f"which bus? as in --channel /dev/i2c-1; {known()}")
+            raise BadInput(f"no I2C bus selected: add, for example, --channel /dev/i2c-1; {known()}")
     buses = [bus for bus in named_buses(options) if bus.interface == I2C]
     if len(buses) != 1:
         raise BadInput(
-            "which bus? " + (", ".join(f"--bus {bus.name}" for bus in buses) or "none that is named is one of I2C")
+            f"more than one I2C bus: select one of {', '.join(f'--bus {bus.name}' for bus in buses)}"
+            if buses
+            else "the selected buses include no I2C bus"
         )
     return buses[0]
 
 
 def opened(bus):
-    """A ToolBus. BadInput, with the cause and the cure."""
+    """Open a ToolBus. Raises BadInput with the cause and the remedy."""
     try:
         return ToolBus(bus)
     except Refused as refused:
@@ -260,5 +265,5 @@ def opened(bus):
 
 
 def in_candump(identifier, extended, data):
-    """A frame as candump's log writes it."""
+    """Return a frame in the notation of candump's log."""
     return f"{identifier:08X}#{data.hex().upper()}" if extended else f"{identifier:03X}#{data.hex().upper()}"

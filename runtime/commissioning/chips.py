@@ -1,5 +1,6 @@
-"""The chips on an I2C bus, and behind every multiplexer on it: each address is probed as by i2cdetect, and registers
-that identify a chip are read.
+"""Scan of an I2C bus and of every multiplexer on it.
+
+Each address is probed as by i2cdetect. Identification registers name the chip.
 """
 
 from dataclasses import dataclass
@@ -20,16 +21,20 @@ def chip_of(name):
     )
 
 
-NOBODY = (
-    "no chip answers: is the sensors' supply on, SDA to SDA, SCL to SCL, a pull-up to each? on a Raspberry Pi pins 3 "
-    "and 5 are bus 1"
+NO_CHIP_HINT = (
+    "no chip responds: check the sensors' supply, the wiring (SDA to SDA, SCL to SCL) and the pull-up resistors of "
+    "both lines. On a Raspberry Pi, pins 3 and 5 are bus 1"
 )
 
 
 @dataclass(frozen=True)
 class Chip:
-    """mux, channel : 0 on the bus itself; name : "" where it is not known; how : what tells that; block : that reads
-    it, "" for none
+    """Chip that responds on an I2C bus.
+
+    mux, channel : of the multiplexer, 0 without one
+    name : "" if unknown
+    how : register that identifies the chip
+    block : prefix of the device's name in a rig file, "" without a block that reads the chip
     """
 
     mux: int
@@ -41,7 +46,7 @@ class Chip:
 
     @property
     def path(self):
-        """A name for the device in a rig."""
+        """Name for the device in a rig file."""
         return f"{self.block}_{self.mux:x}_{self.channel}" if self.mux else f"{self.block}_{self.address:x}"
 
     @property
@@ -50,9 +55,9 @@ class Chip:
 
 
 def look(bus, opened=None):
-    """The Report of a bus. Refused
+    """Return the Report of a bus. Raises Refused if the bus cannot be opened.
 
-    bus : RigBus; opened : as runtime.rig.i2c.open_adapter returns it
+    bus : RigBus; opened : result of runtime.rig.i2c.open_adapter, or None to open the adapter here
     """
     try:
         lock = BusLock(bus.interface, bus.channel)
@@ -61,13 +66,13 @@ def look(bus, opened=None):
             Trouble(
                 "TW106",
                 f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
-                "end that one first: it has its multiplexers in its hands",
+                "end that process first: it switches the multiplexers of the bus",
             )
         ) from None
     try:
         chips, _ = opened or open_adapter(bus)
         try:
-            found = KnownChips(chips).everywhere()
+            rows = KnownChips(chips).everywhere()
         finally:
             chips.close()
     finally:
@@ -75,8 +80,8 @@ def look(bus, opened=None):
     report = Report(bus.name, bus.interface, bus.channel, 0)
     report.chips = [
         Chip(mux, channel, address, name, how, kind.rig_name if (kind := chip_of(name)) else "")
-        for mux, channel, address, name, how in found
+        for mux, channel, address, name, how in rows
     ]
     if not report.chips:
-        report.remarks.append(NOBODY)
+        report.remarks.append(NO_CHIP_HINT)
     return report

@@ -10,12 +10,12 @@ from runtime.commissioning.watched import WatchedBlocks
 from runtime.rig.dialogue_line import Seen
 from runtime.rig.streams import StreamLines
 
-REST = 0.0005  # s between looks
+POLL_INTERVAL = 0.0005  # s between two polls
 
 
 @dataclass(frozen=True)
 class Found:
-    """A sensor that has answered."""
+    """Sensor that responds on a serial port."""
 
     family: str
     port: str
@@ -27,7 +27,7 @@ class Found:
 
 
 def look(baudrate=115200):
-    """Return (Found of every sensor that answers, lines on ports that could not be asked)."""
+    """Return (Found of every sensor that responds, errors of ports that could not be queried)."""
     names = {kind: family.name for family in families() for kind in family.sensors}
     seen = Seen(names).look(baudrate)
     found = []
@@ -54,10 +54,13 @@ def plain(found):
 
 
 class WatchedImus(WatchedBlocks):
-    """Sensors that are watched together. BadInput where one is not there.
+    """Inertial sensors on serial lines, shown together.
 
-    serials : last digits of each; none: every one that answers
-    channels : what they are asked for; rate in Hz
+    serials : last digits of each serial number; empty for every sensor that responds
+    channels : names of the channels to stream
+    rate : Hz
+
+    Raises BadInput if a sensor does not respond.
     """
 
     shown = ("accel", "gyro", "euler", "temperature")
@@ -68,7 +71,7 @@ class WatchedImus(WatchedBlocks):
         serials = serials or [found.serial for found in seen]
         if not serials:
             names = " or ".join(kind.sensor for kind in known)
-            raise BadInput(f"no {names} answers on any port; the command `doctor` looks at ports")
+            raise BadInput(f"no {names} responds on any port; the command `doctor` checks the ports")
         with Diagram("stream", rate=rate) as diagram:
             blocks = [
                 next((found.block for found in seen if found.serial.endswith(serial)), known[0])(
@@ -80,8 +83,8 @@ class WatchedImus(WatchedBlocks):
                 )
                 for serial in serials
             ]
-        wanted = (*channels, *("euler",) * ("quaternion" in channels))
-        super().__init__(diagram, lambda block: [name for name in block.outputs if name in wanted])
+        outputs = (*channels, *("euler",) * ("quaternion" in channels))
+        super().__init__(diagram, lambda block: [name for name in block.outputs if name in outputs])
         self.lines = StreamLines(blocks)
         if self.lines.troubles:
             self.lines.close()
@@ -91,25 +94,28 @@ class WatchedImus(WatchedBlocks):
             self.lines.lines[block.bus][1].begin(time.monotonic_ns())
 
     def ask(self, patience):
-        """{path of a port: its values} once something new has come, None if nothing has in time."""
+        """Return {path of a port: its values} after a new sample, or None after `patience` s without one."""
         deadline = time.monotonic() + patience
         while time.monotonic() < deadline:
-            if any([self.drain(fed) for fed in self.fed]) and all(self.told(fed, "packets")[0] for fed in self.fed):
+            if any([self.drain(fed) for fed in self.fed]) and all(
+                self.values_of(fed, "packets")[0] for fed in self.fed
+            ):
                 return self.answer()
-            time.sleep(REST)
+            time.sleep(POLL_INTERVAL)
         return None
 
     def drain(self, fed):
-        before = self.told(fed, "packets")
+        before = self.values_of(fed, "packets")
         for kind, _, data, when in self.lines.lines[fed.block.bus][1].end.receive():
             self.feed(fed, data, when, kind)
-        return self.told(fed, "packets") != before
+        return self.values_of(fed, "packets") != before
 
     def summary(self):
-        """Lines at the end."""
+        """Return the lines shown at the end: one per sensor."""
         return [
-            f"{fed.block.path}: {self.told(fed, 'packets')[0]:g} packets, {self.told(fed, 'corrupt')[0]:g} corrupt, "
-            f"{self.told(fed, 'lost')[0]:g} samples lost, {self.told(fed, 'measured_rate')[0]:.1f} Hz"
+            f"{fed.block.path}: {self.values_of(fed, 'packets')[0]:g} packets, "
+            f"{self.values_of(fed, 'corrupt')[0]:g} corrupt, "
+            f"{self.values_of(fed, 'lost')[0]:g} samples lost, {self.values_of(fed, 'measured_rate')[0]:.1f} Hz"
             for fed in self.fed
         ]
 

@@ -1,7 +1,7 @@
-"""SAE J1939 nodes on a CAN bus: what they send without being asked, their NAME, and their software version.
+"""SAE J1939 nodes on a CAN bus: cyclic measurements, NAME and software version.
 
-Requests are PGN 59904 with the requested PGN, least significant byte first. They are sent from address 0xF9, that of a
-service tool, so that their identifiers end in a byte that is no drive's id. (SAE J1939-21, J1939-81.)
+Requests are PGN 59904 with the requested PGN, least significant byte first. Their source address is 0xF9,
+that of a service tool, so that their identifiers end in a byte that is not the id of a drive. (SAE J1939-21, J1939-81.)
 """
 
 from dataclasses import dataclass, field
@@ -11,13 +11,19 @@ from blocks.families import families
 ALL, TOOL = 0xFF, 0xF9  # addresses
 REQUEST, CLAIM, VERSION = 0xEA00, 0xEE00, 65242
 UNKNOWN = "J1939 node"
-LOWEST_ADDRESS = 128  # of a node that is no drive
+LOWEST_ADDRESS = 128  # of a node other than a drive
 
 
 @dataclass
 class Node:
-    """address : of the node; sends : {what: Hz}; manufacturer, function : of its NAME, None where not reported; unique,
-    firmware, remarks : in words
+    """J1939 node.
+
+    address : source address
+    sends : {measured quantity: Hz}
+    manufacturer, function : fields of its NAME, None if not reported
+    unique : its NAME in hexadecimal, "" if not reported
+    firmware : software version, "" if not reported
+    remarks : problems, for the operator
     """
 
     address: int
@@ -34,7 +40,7 @@ class Node:
 
     @property
     def kind(self):
-        """The graph.family.Node of its block, None for a node that has none."""
+        """Return the graph.family.Node of its block, or None for a node without a block."""
         for kind in kinds():
             if self.manufacturer == kind.manufacturer:
                 return kind
@@ -52,7 +58,7 @@ def request(pgn, destination=ALL):
 
 
 def parts(identifier, extended):
-    """Return (PGN, source address) of a frame, None for one of another kind. A PGN with a destination: without it."""
+    """Return (PGN without destination, source address) of a frame, or None if it is not a J1939 frame."""
     if not extended:
         return None
     pgn = identifier >> 8 & 0x3FFFF
@@ -60,37 +66,37 @@ def parts(identifier, extended):
 
 
 def measured(identifier, extended, data=b""):
-    """Return what a frame of a known kind of node measures, None for another frame."""
+    """Return the quantity measured by a frame of a known kind of node, or None for another frame."""
     pgn, _ = parts(identifier, extended) or (None, None)
     return next((kind.groups[pgn] for kind in kinds() if pgn in kind.groups), None)
 
 
 def broadcasts(frames, seconds):
-    """Return {address: Node} of those that send measurements without being asked.
+    """Return {address: Node} of the nodes that send measurements unasked.
 
     frames : received within `seconds`
     """
-    found = {}
+    nodes = {}
     for frame in frames:
         what, address = measured(*frame), frame[0] & 0xFF
         if what is not None and address >= LOWEST_ADDRESS:
-            sends = found.setdefault(address, Node(address)).sends
+            sends = nodes.setdefault(address, Node(address)).sends
             sends[what] = sends.get(what, 0.0) + 1.0 / seconds
-    return found
+    return nodes
 
 
-def learn(found, frames):
-    """Add what nodes have answered to `found`, {address: Node}."""
+def learn(nodes, frames):
+    """Add the nodes' replies to `nodes`, {address: Node}."""
     for identifier, extended, data in frames:
         pgn, address = parts(identifier, extended) or (None, 0)
         if pgn == CLAIM and len(data) == 8:
             name = int.from_bytes(data, "little")
-            node = found.setdefault(address, Node(address))
+            node = nodes.setdefault(address, Node(address))
             node.manufacturer, node.function = name >> 21 & 0x7FF, name >> 40 & 0xFF
             if node.unique not in ("", data.hex().upper()):
                 node.remarks.append(
-                    f"two nodes have address {address}: {node.unique} and {data.hex().upper()}; give one another"
+                    f"two nodes have address {address}: {node.unique} and {data.hex().upper()}; change one of them"
                 )
             node.unique = data.hex().upper()
-        elif pgn == VERSION and address in found:
-            found[address].firmware = ".".join(map(str, data[:5]))
+        elif pgn == VERSION and address in nodes:
+            nodes[address].firmware = ".".join(map(str, data[:5]))

@@ -1,12 +1,12 @@
-"""A diagram of one actuator that is moved gently: what the command `move` runs, in the way every diagram is run.
+"""Diagram of one actuator in slow motion, run by the command `move`.
 
-    torque      rises to the target, stays, falls to zero, behind a limiter that changes it slowly
-    position    a weak spring in the drive, whose equilibrium goes from where the joint is to the target at a bounded
-    speed
-    velocity    a damper in the drive, whose velocity rises to the target, stays, and falls to zero
+    torque      ramp to the target, hold, ramp to zero; a limiter bounds its rate of change
+    position    weak spring in the drive; its equilibrium moves from the current position to the target at a bounded
+                speed
+    velocity    damper in the drive; its velocity ramps to the target, holds, and ramps to zero
 
-The actuator's limit bounds the drive's whole law. A family may command its drives in other ways (graph.family.Drive).
-A velocity beyond `fastest`, as of a motor without load, ends the run.
+The actuator's limit bounds the sum of all terms of the drive's control law. A family may command its drives in other
+ways (graph.family.Drive). The run ends if the velocity exceeds `fastest`, as that of a motor without load does.
 """
 
 from blocks.families import families
@@ -19,15 +19,16 @@ from graph import Block, Diagram, Input, Output, Param
 
 
 class Approach(Block):
-    """From the first input it sees to the target, at a bounded speed. NaN passes and is held, which is a fault at the
-    actuator.
+    """Ramp from the first input to the target at a bounded speed.
+
+    NaN as first input passes and is held; the actuator then reports a fault.
     """
 
-    target = Param(0.0, "rad", "where it goes")
-    speed = Param(0.5, "rad/s", "how fast", above=0.0)
+    target = Param(0.0, "rad", "final angle")
+    speed = Param(0.5, "rad/s", "speed of the ramp", above=0.0)
 
     position = Input("rad", "joint angle")
-    equilibrium = Output("rad", "on its way")
+    equilibrium = Output("rad", "angle on the ramp")
 
     def reset(self):
         self.now = None
@@ -36,8 +37,8 @@ class Approach(Block):
         if self.now is None:
             self.now = position
         else:
-            most = self.speed * self.dt
-            self.now += min(max(self.target - self.now, -most), most)
+            step_limit = self.speed * self.dt
+            self.now += min(max(self.target - self.now, -step_limit), step_limit)
         return self.now
 
 
@@ -58,8 +59,11 @@ def build(
     rate=200.0,
     gear_ratio=1.0,
 ):
-    """Return the Diagram. block : class name of a graph.family.Drive; kind : torque (N·m), position (rad) or velocity
-    (rad/s) of the target; rise in s
+    """Return the Diagram.
+
+    block : class name of the actuator block of a graph.family.Drive
+    kind : quantity of the target: torque (N·m), position (rad) or velocity (rad/s)
+    duration, rise : s
     """
     drive = next(drive for family in families() for drive in family.drives if drive.block.__name__ == block)
     with Diagram("move", rate=rate) as diagram:

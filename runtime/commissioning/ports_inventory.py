@@ -1,5 +1,6 @@
-"""What is plugged in and is not asked who it is: serial ports, of microcontrollers above all, which opening would
-restart; chips of GPIO lines.
+"""Serial ports and GPIO chips of this machine, listed without being opened for communication.
+
+Opening the serial port of a microcontroller can reset it.
 """
 
 import errno
@@ -27,8 +28,11 @@ BOARDS = {
 
 @dataclass(frozen=True)
 class Port:
-    """path : of a serial port; board : kind of microcontroller, as far as its maker's number says, or ""; name, serial
-    : as it tells them over USB
+    """Serial port.
+
+    path : device file
+    board : kind of microcontroller by its USB vendor id, "" if unknown
+    name, serial : manufacturer with product, and serial number, as reported over USB
     """
 
     path: str
@@ -38,13 +42,19 @@ class Port:
 
     @property
     def text(self):
-        said = ", ".join(word for word in (self.name, f"serial {self.serial}" if self.serial else "") if word)
-        return f"port {self.path}  {self.board or 'serial port'}{f'  {said}' if said else ''}  (not opened)"
+        details = ", ".join(word for word in (self.name, f"serial {self.serial}" if self.serial else "") if word)
+        return f"port {self.path}  {self.board or 'serial port'}{f'  {details}' if details else ''}  (not opened)"
 
 
 @dataclass(frozen=True)
 class GpioChip:
-    """path; label : of the chip; lines : how many; trouble : why it cannot be asked, or "" """
+    """GPIO chip.
+
+    path : device file
+    label : label of the chip
+    lines : number of lines
+    trouble : reason why it cannot be read, or ""
+    """
 
     path: str
     label: str = ""
@@ -54,12 +64,12 @@ class GpioChip:
     @property
     def text(self):
         return f"gpio {self.path}  " + (
-            self.trouble or f"{self.label}, {self.lines} lines; their names: gpioinfo {Path(self.path).name}"
+            self.trouble or f"{self.label}, {self.lines} lines; to list their names: gpioinfo {Path(self.path).name}"
         )
 
 
 def serial_ports(known):
-    """A Port for each that has a device behind it. known : paths of those that have answered"""
+    """Return a Port for each serial port with a device. known : paths of ports to leave out"""
     return [
         Port(
             port.device,
@@ -73,7 +83,7 @@ def serial_ports(known):
 
 
 def gpio_chips(folder="/dev"):
-    """Every GpioChip of this machine."""
+    """Return every GpioChip of this machine."""
     paths = sorted(
         (path for path in Path(folder).glob("gpiochip*") if path.name[8:].isdigit()),
         key=lambda path: int(re.sub(r"\D", "", path.name)),
@@ -85,26 +95,28 @@ def chip(path):
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
     except OSError as error:
-        cure = ": sudo usermod -aG gpio $USER, then log in again" if error.errno in (errno.EACCES, errno.EPERM) else ""
-        return GpioChip(path, trouble=f"{error.strerror}{cure}")
+        remedy = (
+            ": sudo usermod -aG gpio $USER, then log in again" if error.errno in (errno.EACCES, errno.EPERM) else ""
+        )
+        return GpioChip(path, trouble=f"{error.strerror}{remedy}")
     try:
         _, label, lines = CHIP_INFO.unpack(fcntl.ioctl(descriptor, GET_CHIP_INFO, bytes(CHIP_INFO.size)))
         return GpioChip(path, label.rstrip(b"\0").decode(errors="replace"), lines)
     except OSError as error:
-        return GpioChip(path, trouble=f"no chip of GPIO lines: {error.strerror}")
+        return GpioChip(path, trouble=f"not a GPIO chip: {error.strerror}")
     finally:
         os.close(descriptor)
 
 
 def look(known):
-    """(every Port, every GpioChip)"""
+    """Return (list of Port, list of GpioChip)."""
     return serial_ports(known), gpio_chips()
 
 
-def text(found):
-    """Return the lines of the report. found : as `look` returns it"""
-    return [each.text for kind in found for each in kind]
+def text(inventory):
+    """Return the lines of the report. inventory : result of `look`"""
+    return [each.text for kind in inventory for each in kind]
 
 
-def plain(found):
-    return {name: [asdict(each) for each in kind] for name, kind in zip(("ports", "gpio"), found)}
+def plain(inventory):
+    return {name: [asdict(each) for each in kind] for name, kind in zip(("ports", "gpio"), inventory)}

@@ -1,4 +1,4 @@
-"""Changing a device's entry in a rig file, with the rest of the file as it was, remarks included."""
+"""Edits of a device's entry in a rig file that preserve the rest of the file, including comments."""
 
 import os
 import re
@@ -13,10 +13,11 @@ HEADER = re.compile(r"^\s*\[")
 
 
 def changed(path, text, device, values):
-    """The text of a rig file in which a device has other values. BadInput where it cannot be done without breaking
-    something.
+    """Return the text of a rig file with new values for a device.
 
     values : {parameter: number, bool, text or list}
+
+    Raises BadInput if the edit would change anything else in the file.
     """
     lines = text.split("\n")
     start = next((place for place, line in enumerate(lines) if header_of(line) == device), None)
@@ -49,34 +50,34 @@ def changed(path, text, device, values):
 
 
 def header_of(line):
-    """The device that a line begins the table of, None for another line."""
+    """Return the device whose table starts on a line, or None for another line."""
     match = re.fullmatch(r"""\s*\[\s*device\s*\.\s*(?:"([^"\\]*)"|'([^']*)'|([\w-]+))\s*\]\s*(?:#.*)?""", line)
     return next((name for name in match.groups() if name is not None), None) if match else None
 
 
 def check(path, before, after, device, values):
-    """BadInput where the change would break the file, or anything else in it."""
+    """Raise BadInput if the edit makes the file invalid or changes anything else in it."""
     old = parse(path, before)
     refusal = (
-        f"{path}: [device.{quoted(device)}] is written in a way that cannot be changed from here; nothing was "
-        "written. Write it yourself: "
+        f"{path}: the notation of [device.{quoted(device)}] cannot be edited automatically. Nothing was written. Edit "
+        "the file by hand: "
     )
-    wanted = ", ".join(f"{name} = {plain(value)}" for name, value in values.items())
+    assignments = ", ".join(f"{name} = {plain(value)}" for name, value in values.items())
     try:
         new = parse(path, after)
     except BadInput:
-        raise BadInput(refusal + wanted) from None
+        raise BadInput(refusal + assignments) from None
     expected = dict(old.devices)
     expected[device] = {**old.devices.get(device, {}), **values}
     if new.buses != old.buses or new.devices != expected:
-        raise BadInput(refusal + wanted)
+        raise BadInput(refusal + assignments)
 
 
 def write(path, before, text):
-    """Replace a file at once, unless it was changed in between. BadInput"""
+    """Replace a file atomically. Raises BadInput if it has changed since it was read or cannot be written."""
     path = Path(path)
     if text_of(path) != before:
-        raise BadInput(f"{path} has changed in the meantime; nothing was written")
+        raise BadInput(f"{path} has changed since it was read; nothing was written. Run the command again")
     real = Path(os.path.realpath(path))
     try:
         descriptor, name = tempfile.mkstemp(dir=real.parent, prefix=f".{real.name}.")

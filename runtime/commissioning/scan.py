@@ -1,7 +1,8 @@
 """Every drive and sensor that responds on a CAN bus, without enabling a motor.
 
-First the scan only listens. Where another controller commands drives nothing is asked, because the queries take torque
-away. Then, in this order: address claim and software version of J1939 nodes; the queries of the device families.
+The scan first listens. If another controller commands drives, it sends nothing, because the queries remove torque.
+Otherwise it requests the address claim and software version of J1939 nodes, then sends the queries of the device
+families.
 """
 
 import time
@@ -11,23 +12,28 @@ from blocks.actuators.queries import same_id
 from blocks.families import families
 from runtime.base.errors import BadInput
 from runtime.commissioning import j1939
-from runtime.commissioning.bus import PAUSE
+from runtime.commissioning.bus import QUERY_INTERVAL
 
-LISTEN_TIME = 0.1  # s before one drive is asked
-SETTLE_TIME = 0.08  # s after the last question of a round
+LISTEN_TIME = 0.1  # s before a single drive is queried
+SETTLE_TIME = 0.08  # s after the last query of a round
 REMEDY_OF_SILENCE = (
-    "is its supply on, CAN_H to CAN_H, 120 Ω at both ends? At another bitrate no node is understood: drives have "
-    "1 Mbit/s"
+    "check its supply, the wiring (CAN_H to CAN_H), the 120 Ω resistors at both ends and the bitrate (drives use "
+    "1 Mbit/s)"
 )
 
 
 @dataclass
 class Report:
-    """What was found on a bus.
+    """Devices and traffic found on a bus.
 
-    drives : graph.family.Answer; nodes : j1939.Node; commanded : ids that another controller commands
-    others : identifiers of frames that belong to none of those, as candump writes them; chips : of an I2C bus,
-        runtime.commissioning.chips.Chip; sent : counts of what was sent, by why
+    drives : graph.family.Answer of each drive
+    nodes : j1939.Node of each J1939 node
+    commanded : ids that another controller commands
+    others : identifiers of frames from unknown devices, in candump's notation
+    remarks : problems of the bus, for the operator
+    sent : (identifier, is extended, data, reason) of every frame sent
+    refused, errors : numbers of frames not acknowledged and of error frames
+    chips : runtime.commissioning.chips.Chip of each chip of an I2C bus
     """
 
     bus: str
@@ -46,7 +52,10 @@ class Report:
 
 
 def scan(bus, ids, listen):
-    """Return the Report of a ToolBus. ids : to ask; listen : s before anything is asked"""
+    """Scan a ToolBus. Returns the Report.
+
+    ids : drive ids to query; listen : s of listening before the first query
+    """
     about = bus.bus
     report = Report(about.name, about.interface, about.channel, about.bitrate, remarks=list(bus.remarks))
     before = bus.listen(listen)
@@ -56,8 +65,8 @@ def scan(bus, ids, listen):
         for family in families():
             report.drives += family.reports(before).values()
         report.remarks.append(
-            f"another controller commands {', '.join(map(str, report.commanded))} here: nothing was sent, because the "
-            "queries take torque away; end that program first"
+            f"another controller commands id {', '.join(map(str, report.commanded))} on this bus. Nothing was sent, "
+            "because the queries remove torque. End that program first"
         )
     else:
         ask_nodes(bus, nodes)
@@ -75,17 +84,17 @@ def scan(bus, ids, listen):
 def commanded(frames, ids):
     """Return the ids of drives that another controller sends commands to."""
     frames = [frame for frame in frames if j1939.measured(*frame) is None]
-    found = {family.commanded(*frame) for frame in frames for family in families()}
-    return sorted(can_id for can_id in found if can_id is not None and can_id in ids)
+    commanded_ids = {family.commanded(*frame) for frame in frames for family in families()}
+    return sorted(can_id for can_id in commanded_ids if can_id is not None and can_id in ids)
 
 
 def refuse_company(bus):
-    """BadInput where another controller commands drives on a bus."""
+    """Raise BadInput if another controller commands drives on a bus."""
     others = commanded(bus.listen(LISTEN_TIME), range(1, 256))
     if others:
         raise BadInput(
-            f"another controller commands id {', '.join(map(str, others))} on this bus: end that program first, "
-            "because the queries take torque away; nothing was sent"
+            f"another controller commands id {', '.join(map(str, others))} on this bus. Nothing was sent, "
+            "because the queries remove torque. End that program first"
         )
 
 
@@ -99,7 +108,7 @@ def ask_nodes(bus, nodes):
 
 
 def merged(queries):
-    """Return lists of queries that send the same frames, each where its last query stands."""
+    """Return queries grouped by the frame they send, in the order of the last query of each group."""
     shared = {}
     for query in queries:
         key = query.frame, query.why
@@ -108,7 +117,7 @@ def merged(queries):
 
 
 def merged_stop_queries(can_id, model):
-    """Return [(frame, reader)] of every family for one id: drives that report first, a shared frame once."""
+    """Return [(frame, reader)] of all families for one id: first drives that report unasked, each frame once."""
     readers: dict = {None: []}
     for query in (query for family in families() for query in family.stop_queries(can_id, model)):
         readers[query.frame] = [
@@ -123,54 +132,57 @@ def merged_stop_queries(can_id, model):
 
 
 def ask_drives(bus, ids, queries, before):
-    """Return the Answers to queries that send the same frames: each id is asked once."""
+    """Return the Answers to queries that send the same frame. Each id is queried once."""
     received = []
     for can_id in ids:
         if (frame := queries[0].frame(can_id)) is None:
             continue
         if not bus.send(frame, queries[0].why) and bus.refused > 3:
-            break  # no node acknowledges: the rest would only wait
-        received += bus.listen(PAUSE)
+            break  # no node acknowledges: further queries would only time out
+        received += bus.listen(QUERY_INTERVAL)
     received += bus.listen(SETTLE_TIME)
-    found = {}
+    answers_of = {}
     for query in queries:
         for answer in query.answers(received, ids, before):
             if query.details is not None:
                 answer = bus.converse(query.details(answer))
-            found.setdefault(answer.can_id, []).append(answer)
-    for can_id, answers in found.items():
+            answers_of.setdefault(answer.can_id, []).append(answer)
+    for can_id, answers in answers_of.items():
         if len(answers) > 1:
             answers[-1].remarks.append(same_id(len(answers), can_id))
-    return [answer for answers in found.values() for answer in answers]
+    return [answer for answers in answers_of.values() for answer in answers]
 
 
 def others(frames, report):
-    """Return identifiers that were received and belong to nothing that was found."""
+    """Return the received identifiers that belong to no known device."""
     nodes = {node.address for node in report.nodes}
-    found = []
+    unknown = []
     for identifier, extended, data in frames:
         known = extended and identifier & 0xFF in nodes
         if not known and not any(family.reports([(identifier, extended, data)]) for family in families()):
-            found.append(f"{identifier:08X}" if extended else f"{identifier:03X}")
-    return sorted(set(found))
+            unknown.append(f"{identifier:08X}" if extended else f"{identifier:03X}")
+    return sorted(set(unknown))
 
 
 def troubles(bus, report):
-    """Lines on what is wrong with the bus itself."""
+    """Return lines about problems of the bus itself."""
     silent = not (report.drives or report.nodes or report.commanded)
     if bus.wire.trouble:
         return [f"the interface failed: {bus.wire.trouble[1]}"]
     if silent and report.others:
-        return [f"frames are received, and no device answers: {', '.join(report.others[:8])}"]
+        return [f"frames are received, but no known device responds: {', '.join(report.others[:8])}"]
     if silent and (bus.errors or bus.refused):
         return [
-            f"no node is understood ({bus.errors} error frames, {bus.refused} frames not acknowledged): most likely "
-            "the bitrate, which is "
-            f"{report.bitrate} bit/s here; {remedy_of_silence()}; {retry(report)}"
+            f"no valid frames ({bus.errors} error frames, {bus.refused} frames not acknowledged). The most likely "
+            f"cause is the bitrate, {report.bitrate} bit/s; {remedy_of_silence()}; {retry(report)}"
         ]
     if silent:
-        return [f"no device answers: {remedy_of_silence()}; {retry(report)}"]
-    return [f"{bus.errors} error frames: wires, 120 Ω at both ends, or two drives with one id"] if bus.errors else []
+        return [f"no device responds: {remedy_of_silence()}; {retry(report)}"]
+    return (
+        [f"{bus.errors} error frames: check the wiring, the 120 Ω resistors at both ends, and drive ids"]
+        if bus.errors
+        else []
+    )
 
 
 def remedy_of_silence():
@@ -188,15 +200,15 @@ def retry(report):
 
 
 def plain(report):
-    """For machines: a dict."""
-    found = asdict(report)
-    for node, row in zip(report.nodes, found["nodes"]):
+    """Return a Report as a dict for JSON."""
+    row_of_report = asdict(report)
+    for node, row in zip(report.nodes, row_of_report["nodes"]):
         row["family"] = node.family
-    found["sent"] = [
+    row_of_report["sent"] = [
         {"id": identifier, "extended": extended, "data": data.hex().upper(), "why": why}
         for identifier, extended, data, why in report.sent
     ]
-    return found
+    return row_of_report
 
 
 def clock():

@@ -1,4 +1,4 @@
-"""The report of a scan as text, and as a rig file to begin with."""
+"""Report of a scan, as text for the terminal and as a first rig file."""
 
 from runtime.commissioning.bus import entry, in_candump
 from runtime.console.styles import count
@@ -6,13 +6,15 @@ from runtime.rig.file import I2C
 
 
 def text(report, verbose=False):
-    """Lines. report : runtime.commissioning.scan.Report"""
+    """Return the lines of a report. report : runtime.commissioning.scan.Report"""
     if report.interface == I2C:
         return chips(report)
     lines = [f"bus {report.bus}  {report.interface} {report.channel} at {report.bitrate} bit/s"]
     lines += [f"  id {drive.can_id:<4} {drive.family}{state(drive)}" for drive in report.drives]
     for node in report.nodes:
-        sends = ", ".join(f"{what} {rate:.0f} Hz" for what, rate in node.sends.items()) or "sends nothing by itself"
+        sends = (
+            ", ".join(f"{what} {rate:.0f} Hz" for what, rate in node.sends.items()) or "sends no measurements unasked"
+        )
         name = (
             f"  manufacturer {node.manufacturer}, function {node.function}, NAME {node.unique}"
             if node.manufacturer is not None
@@ -36,20 +38,17 @@ def text(report, verbose=False):
 def chips(report):
     lines = [f"bus {report.bus}  {report.interface} {report.channel}"]
     for chip in report.chips:
-        lines.append(
-            f"  {chip.where:<12}{chip.name or 'a chip that is not known here'}"
-            + (f"  ({chip.how})" if chip.how else "")
-        )
+        lines.append(f"  {chip.where:<12}{chip.name or 'unknown chip'}" + (f"  ({chip.how})" if chip.how else ""))
     return lines + [f"  ! {remark}" for remark in report.remarks]
 
 
 def state(drive):
-    """Return the state of a drive in words."""
+    """Return the state of a drive as one line."""
 
     def number(value, digits, unit):
         return [] if value is None else [f"{value:.{digits}f} {unit}"]
 
-    words = [
+    parts = [
         *number(drive.position, 3, "rad"),
         *number(drive.velocity, 2, "rad/s"),
         *number(drive.torque, 2, "N·m"),
@@ -60,7 +59,7 @@ def state(drive):
         *([f"firmware {drive.firmware}"] if drive.firmware else []),
         *([f"unique {drive.unique}"] if drive.unique else []),
     ]
-    return "  " + ", ".join(words)
+    return "  " + ", ".join(parts)
 
 
 def fault(drive):
@@ -68,7 +67,7 @@ def fault(drive):
 
 
 def sent(report, verbose):
-    """What was sent, by why, or frame by frame."""
+    """Return lines about the frames sent: one line per reason, or one per frame if verbose."""
     if not report.sent:
         return ["  sent: nothing"]
     if verbose:
@@ -84,13 +83,13 @@ def sent(report, verbose):
 
 
 def rig(reports, buses, when):
-    """The text of a rig file: the buses, and as remarks what was found on them.
+    """Return a rig file with the buses, and the devices found on them as comments.
 
-    buses : RigBus, in the reports' order; when : in words
+    buses : RigBus of each report, in the same order; when : date and time for the first line
     """
     lines = [
-        f"# What was found on {when}. A device's path is that of its block in the diagram: take the # away and "
-        "name it.",
+        f"# Devices found by `scan` on {when}. Uncomment an entry and replace its name with the path of its block in "
+        "the diagram.",
         "",
     ]
     for report, bus in zip(reports, buses):
@@ -111,7 +110,7 @@ def rig(reports, buses, when):
             lines += [f'# [device."{"imu" if node.kind is not None else "node"}_{node.address}"]']
             lines += [f"# address = {node.address}", f"# bitrate = {report.bitrate}"] * (node.kind is not None) + [""]
         for chip in report.chips:
-            lines += [f"# {chip.where}: {chip.name or 'a chip that is not known here'}"]
+            lines += [f"# {chip.where}: {chip.name or 'unknown chip'}"]
             if chip.block:
                 where = [f"# mux = {chip.mux:#04x}", f"# channel = {chip.channel}"] if chip.mux else []
                 lines += [f'# [device."{chip.path}"]', f"# address = {chip.address:#04x}", *where, ""]

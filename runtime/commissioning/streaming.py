@@ -1,6 +1,6 @@
-"""One drive, shown live without torque: asked again and again with the frame that takes its torque away.
+"""Live display of one drive without torque: the tool polls it with the frame that disables its motor.
 
-A drive that reports without being asked is only listened to.
+A drive that reports unasked receives no frames.
 """
 
 import math
@@ -18,17 +18,22 @@ from runtime.recorder.plotjuggler import PlotJugglerSender
 from runtime.recording.ascii_units import ascii_name
 
 SIGNALS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C"}
-SILENT = 1.0  # s without an answer, then it is reported
-REPORTING = 0.15  # s in which a drive reports that does so unasked
-REFRESH = 0.1  # s between two lines on a terminal
-SLOW = 1.0  # and where it is none
-FLUSH = 0.5  # s between two flushes of what takes the rows
+SILENCE_TIMEOUT = 1.0  # s without an answer until silence is reported
+REPORT_TIMEOUT = 0.15  # s until a drive that reports unasked has reported
+TERMINAL_INTERVAL = 0.1  # s between two lines on a terminal
+LOG_INTERVAL = 1.0  # s between two lines on another output
+FLUSH_INTERVAL = 0.5  # s between two flushes of the sinks
 ELEMENTS = {"euler": ("roll", "pitch", "yaw"), "raw_euler": ("roll", "pitch", "yaw")}
 
 
 @dataclass
-class Told:
-    """answers : how many came; asked : how many questions went out; files : that were written; lost : datagrams"""
+class StreamResult:
+    """Counts and files of a finished stream.
+
+    answers, asked : numbers of answers received and of queries sent
+    files : files written, as text
+    lost : datagrams that a sink could not send
+    """
 
     answers: int = 0
     asked: int = 0
@@ -37,9 +42,11 @@ class Told:
 
 
 class Watched:
-    """A drive of any family. BadInput where none answers, or another controller commands drives on its bus.
+    """Drive of any family on a ToolBus.
 
-    model : of its family, or None: velocity and torque are then not known
+    model : model within the family, or None, without which velocity and torque are not available
+
+    Raises BadInput if no drive responds as `can_id` or another controller commands drives on the bus.
     """
 
     def __init__(self, bus, can_id, model=None):
@@ -47,19 +54,19 @@ class Watched:
         refuse_company(bus)
         for self.question, self.read in merged_stop_queries(can_id, model):
             if self.question is None:
-                found = self.ask(REPORTING)
+                answer = self.ask(REPORT_TIMEOUT)
             else:
-                found = bus.ask(self.question, "disable", self.read)
-            if found is not None:
-                self.family = found.family
+                answer = bus.ask(self.question, "disable", self.read)
+            if answer is not None:
+                self.family = answer.family
                 return
-        raise BadInput(f"no drive answers as id {can_id} on {bus.bus.channel}; `scan` lists the drives on the bus")
+        raise BadInput(f"no drive responds as id {can_id} on {bus.bus.channel}; `scan` lists the drives on the bus")
 
     def ask(self, patience):
-        """The Answer, None if none came in time."""
+        """Return the Answer, or None if none arrives within `patience` s."""
         if self.question is None:
-            heard = self.bus.listen(patience, lambda frames: any(self.read(*frame) is not None for frame in frames))
-            answers = (self.read(*frame) for frame in reversed(heard))
+            frames = self.bus.listen(patience, lambda frames: any(self.read(*frame) is not None for frame in frames))
+            answers = (self.read(*frame) for frame in reversed(frames))
             return next((answer for answer in answers if answer is not None), None)
         return self.bus.ask(self.question, "disable", self.read, patience=patience, attempts=1)
 
@@ -67,11 +74,11 @@ class Watched:
         return [column(f"{name}.{signal}", unit) for signal, unit in SIGNALS.items()]
 
     def row(self, answer):
-        """Numbers for the columns."""
+        """Return the values of the columns, NaN where the drive does not report one."""
         return [math.nan if (value := getattr(answer, signal)) is None else value for signal in SIGNALS]
 
     def line(self, answer):
-        """Return the line for the terminal."""
+        """Return an answer as a line for the terminal."""
         return line(answer)
 
 
@@ -80,10 +87,11 @@ def column(path, unit):
 
 
 def in_subsystems(columns):
-    """The same columns with a subsystem a channel of a device, so that Rerun draws each in a plot of its own, and finds
-    attitudes.
+    """Return the columns with one subsystem per channel of a device.
+
+    Rerun then draws each channel in a separate plot and recognises attitudes.
     """
-    found = []
+    renamed = []
     for each in columns:
         match = re.fullmatch(r"(.+)\.(\w+)(?:\[(\d+)\])?", each["path"])
         assert match is not None
@@ -95,12 +103,12 @@ def in_subsystems(columns):
             path = f"{device}/{port}/{port}.value"
         else:
             path = f"{device}/{port}/{port}.{names[int(element)] if int(element) < len(names) else element}"
-        found.append({**each, "path": path})
-    return found
+        renamed.append({**each, "path": path})
+    return renamed
 
 
 def sinks_of(drive, name, rate, folder, plotjuggler, rerun):
-    """What takes the rows, not yet open."""
+    """Return the sinks for the rows, not yet open."""
     plan = {
         "name": name,
         "folder": folder,
@@ -134,58 +142,66 @@ def sinks_of(drive, name, rate, folder, plotjuggler, rerun):
 
 
 def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=None, clock=time.monotonic):
-    """Watch until the time is over, or Ctrl-C. Returns a Told; raises OSError where a file or a host is not there.
+    """Show a drive or sensor until the duration is over or Ctrl-C. Returns a StreamResult.
 
-    drive : Watched, or something else that is asked, has columns, and makes a row and a line of what it answers
-    name : of the drive, in files; rate : Hz; duration : s, None for ever; folder : of a CSV file; plotjuggler : (host,
-        port)
-    rerun : as runtime.recorder.rerun.target reads it, None for nowhere
+    drive : Watched, or another object with the methods ask, columns, row and line
+    name : name of the drive in files
+    rate : Hz
+    duration : s, None for no limit
+    folder : folder of a CSV file, or None
+    plotjuggler : (host, port), or None
+    rerun : target as in runtime.recorder.rerun.target, or None
+
+    Raises OSError if a file or host is not available.
     """
-    sinks, told = sinks_of(drive, name, rate, folder, plotjuggler, rerun), Told()
+    sinks, result = sinks_of(drive, name, rate, folder, plotjuggler, rerun), StreamResult()
     for sink in sinks:
         sink.open()
     screen = Terminal(STDOUT)
-    began = heard = clock()
-    shown, tick, flushed = -SLOW, 0, -FLUSH
+    began = answered = clock()
+    shown, tick, flushed = -LOG_INTERVAL, 0, -FLUSH_INTERVAL
     try:
         while duration is None or tick < duration * rate:
             now = clock() - began
             if now < tick / rate:
                 time.sleep(tick / rate - now)
             elif now > (tick + 1) / rate:
-                tick = int(now * rate)  # what was missed is not made up for
-            told.asked += 1
+                tick = int(now * rate)  # missed ticks are skipped
+            result.asked += 1
             answer = drive.ask(min(0.05, 1.0 / rate))
             now = clock() - began
             if answer is not None:
-                told.answers, heard = told.answers + 1, clock()
+                result.answers, answered = result.answers + 1, clock()
                 row = drive.row(answer)
-                flushes = now - flushed >= FLUSH
+                flushes = now - flushed >= FLUSH_INTERVAL
                 flushed = now if flushes else flushed
                 for sink in list(sinks):
                     give(sink, tick, tick / rate, row, flushes, sinks)
-                if now - shown >= (REFRESH if screen.interactive else SLOW):
+                if now - shown >= (TERMINAL_INTERVAL if screen.interactive else LOG_INTERVAL):
                     shown = show(now, f"{now:8.1f} s  {drive.line(answer)}", screen)
-            elif clock() - heard > SILENT and now - shown >= SLOW:
-                shown = show(now, f"{now:8.1f} s  silent for {clock() - heard:.0f} s", screen)
+            elif clock() - answered > SILENCE_TIMEOUT and now - shown >= LOG_INTERVAL:
+                shown = show(now, f"{now:8.1f} s  no answer for {clock() - answered:.0f} s", screen)
             tick += 1
     except Interrupted:
         handled()
     finally:
         for sink in sinks:
-            said = sink.close()
-            told.files += tuple(f"{path}  ({remark})" for path, remark in sink.files.items())
-            told.lost += said.get("lost", 0)
-            if "problem" in said:
-                tell([said["problem"]])
+            closing = sink.close()
+            result.files += tuple(f"{path}  ({remark})" for path, remark in sink.files.items())
+            result.lost += closing.get("lost", 0)
+            if "problem" in closing:
+                tell([closing["problem"]])
     if screen.interactive:
         tell([""])
-    return told
+    return result
 
 
 def give(sink, tick, now, row, flushes, sinks):
-    """Write a row. flushes : with all rows before it. A viewer that has closed is reported and removed from `sinks`; an
-    error of a file is raised.
+    """Write a row to a sink.
+
+    A viewer that has closed is reported and removed from `sinks`. Raises OSError if a file cannot be written.
+
+    flushes : whether to flush this row and all rows before it
     """
     try:
         sink.row(tick, now, row)
@@ -194,14 +210,14 @@ def give(sink, tick, now, row, flushes, sinks):
     except OSError as error:
         if not sink.elsewhere:
             raise
-        tell(["", f"{sink.sink['path']}: {error.strerror or error}; the rest goes on"])
+        tell(["", f"{sink.sink['path']}: {error.strerror or error}; streaming continues without it"])
         sink.close()
         sinks.remove(sink)
 
 
 def show(now, text, screen):
     if screen.interactive:
-        screen.draw(text[: max(0, screen.columns - 1)])  # one that wrapped would scroll
+        screen.draw(text[: max(0, screen.columns - 1)])  # a wrapped line would scroll the terminal
     else:
         tell([text])
     return now
@@ -211,11 +227,11 @@ def line(answer):
     def number(value, width, digits, unit):
         return f"{'-':>{width}} {unit}" if value is None else f"{value:{width}.{digits}f} {unit}"
 
-    words = [
+    parts = [
         number(answer.position, 8, 3, "rad"),
         number(answer.velocity, 7, 2, "rad/s"),
         number(answer.torque, 7, 2, "N·m"),
         number(answer.temperature, 4, 0, "°C"),
         *([f"fault: {answer.fault}"] if answer.fault else []),
     ]
-    return "  ".join(words)
+    return "  ".join(parts)

@@ -1,6 +1,4 @@
-"""Sensors that are watched live: blocks whose decode is fed by a tool, without a run around them, and what is shown of
-their outputs.
-"""
+"""Live display of sensors: a tool passes frames to their blocks' decoders, without a run."""
 
 from dataclasses import dataclass
 
@@ -13,7 +11,7 @@ FRAME = 64  # bytes
 
 @dataclass(frozen=True)
 class Fed:
-    """A block, where its outputs lie, and which of them are shown."""
+    """A block, the arena slots of its outputs, and the names of the outputs to show."""
 
     block: Device
     table: object
@@ -22,11 +20,13 @@ class Fed:
 
 
 class WatchedBlocks:
-    """What `runtime.commissioning.streaming.stream` wants of what it shows: an answer is {path of a port: its values}.
+    """Sensors for `runtime.commissioning.streaming.stream`. An answer is {path of a port: its values}.
 
-    diagram : of the blocks, whose inputs stay as they are; channels(block) : names of the outputs that are shown.
-        DiagramError
-    shown : names of the outputs in the line on the terminal, where there are many; None for all
+    diagram : Diagram of the blocks; their inputs stay constant
+    channels : function of a block that returns the names of the outputs to show
+    shown : names of the outputs in the line on the terminal if there are many, None for all
+
+    Raises DiagramError if the diagram does not compile.
     """
 
     shown = None
@@ -40,35 +40,35 @@ class WatchedBlocks:
             self.fed.append(Fed(block, steps.decode_table, schedule.items[steps.name], tuple(channels(block))))
 
     def feed(self, fed, data, when, identifier):
-        """Offer a frame to a block. Return {value that its decode returned (cext.abi): how often}."""
+        """Pass a frame to a block's decoder. Returns {value returned by the decoder (cext.abi): count}."""
         return feed(fed.block.decode, self.arena, fed.table, data, FRAME, when, identifier)
 
-    def told(self, fed, name):
-        """Values of an output."""
+    def values_of(self, fed, name):
+        """Return the values of an output as a list."""
         slot, length = fed.items[name]
         return self.arena[slot : slot + length].tolist()
 
     def answer(self):
-        return {f"{fed.block.path}.{name}": self.told(fed, name) for fed in self.fed for name in fed.channels}
+        return {f"{fed.block.path}.{name}": self.values_of(fed, name) for fed in self.fed for name in fed.channels}
 
     def columns(self, name):
-        found = []
+        columns = []
         for fed in self.fed:
             for channel in fed.channels:
                 port = fed.block.outputs[channel]
                 places = [f"[{index}]" for index in range(port.shape[0])] if port.shape else [""]
-                found += [column(f"{fed.block.path}.{channel}{place}", port.unit) for place in places]
-        return found
+                columns += [column(f"{fed.block.path}.{channel}{place}", port.unit) for place in places]
+        return columns
 
     def row(self, answer):
         return [value for values in answer.values() for value in values]
 
     def line(self, answer):
-        words = []
+        parts = []
         for fed in self.fed:
-            words += [fed.block.path] * (len(self.fed) > 1)
+            parts += [fed.block.path] * (len(self.fed) > 1)
             for channel in fed.channels:
                 if self.shown is None or channel in self.shown or len(fed.channels) <= len(self.shown):
                     values = " ".join(f"{value:8.3f}" for value in answer[f"{fed.block.path}.{channel}"])
-                    words.append(f"{channel} {values} {fed.block.outputs[channel].unit}")
-        return "  ".join(words)
+                    parts.append(f"{channel} {values} {fed.block.outputs[channel].unit}")
+        return "  ".join(parts)

@@ -1,6 +1,4 @@
-"""Sensors on an I2C bus, watched live: recognised by their registers, set up as before a run, and asked by the thread
-that asks them in one.
-"""
+"""Live display of sensors on an I2C bus: identified by their registers, configured and polled as in a run."""
 
 import time
 from contextlib import ExitStack, closing, suppress
@@ -18,18 +16,21 @@ from runtime.rig.chips import KnownChips, NoAnswer, in_hex
 from runtime.rig.errors import Refused
 from runtime.rig.i2c import I2cInterface, SeveralRefused, error_in_words, open_adapter
 
-HIDDEN = {"age", "errors", "mag_age", "mag_overflow", "repeated"}  # unless they are asked for
+HIDDEN = {"age", "errors", "mag_age", "mag_overflow", "repeated"}  # unless selected with --channels
 EXTENDED, TAKEN = 0x80000000, 1  # cext/abi.pxd
-REST = 0.0005  # s between looks
+POLL_INTERVAL = 0.0005  # s between two polls
 
 
 class WatchedChips(WatchedBlocks):
-    """BadInput where one is not there, is not known, or cannot be set up.
+    """Sensors on one I2C bus.
 
     bus : RigBus
-    places : (mux, channel, address) of each, mux 0 on the bus itself; none: every one that is known
-    channels : names of outputs, none for what they measure; rate : Hz, of inertial sensors
-    settings : (name, text) of parameters, for each block that has one of that name
+    places : (mux, channel, address) of each sensor, mux 0 without a multiplexer; empty for all known sensors
+    channels : names of outputs; empty for the measured quantities
+    rate : Hz, of inertial sensors
+    settings : (name, text) of parameters, applied to each block with a parameter of that name
+
+    Raises BadInput if a sensor does not respond, is unknown or cannot be configured.
     """
 
     shown = ("accel", "gyro", "a0", "a1", "a2", "a3", "force", "temperature")
@@ -43,7 +44,7 @@ class WatchedChips(WatchedBlocks):
                     for kind, place in found:
                         block(kind, place, bus.name, parameters_of(kind, found, channels, rate, settings))
                 blocks = [one for one in diagram if isinstance(one, I2cDevice)]
-                refuse_strangers(blocks, channels, settings)
+                refuse_unknown_names(blocks, channels, settings)
                 super().__init__(
                     diagram,
                     lambda block: [
@@ -55,19 +56,20 @@ class WatchedChips(WatchedBlocks):
                 )
                 self.interface = undo.enter_context(closing(I2cInterface(bus, blocks)))
             except BusTaken as taken:
-                raise BadInput(f"{bus.channel} is controlled by {taken.owner}: end that one first") from None
+                raise BadInput(f"{bus.channel} is controlled by {taken.owner}: end that process first") from None
             except SeveralRefused as refused:
                 raise BadInput("\n".join(map(str, refused.troubles))) from None
             except Refused as refused:
                 raise BadInput(str(refused.trouble)) from None
-            self.heard = set()
+            self.responded = set()
             self.interface.start(0)
             self.interface.wires.begin(time.monotonic_ns())
             self.undo = undo.pop_all()
 
     def ask(self, patience):
-        """{path of a port: its values} once something new has come and everybody has answered, None if nothing has in
-        time.
+        """Return {path of a port: its values} after a new sample, once every sensor has responded.
+
+        Returns None after `patience` s without one.
         """
         deadline = time.monotonic() + patience
         while True:
@@ -76,19 +78,21 @@ class WatchedChips(WatchedBlocks):
                 for fed in self.fed:
                     if self.feed(fed, data, when, identifier | EXTENDED).get(TAKEN):
                         new = True
-                        self.heard.add(fed.block.path)
-            if new and len(self.heard) == len(self.fed):
+                        self.responded.add(fed.block.path)
+            if new and len(self.responded) == len(self.fed):
                 return self.answer()
             if time.monotonic() >= deadline:
                 return None
-            time.sleep(REST)
+            time.sleep(POLL_INTERVAL)
 
     def summary(self):
-        """Lines at the end."""
+        """Return the lines shown at the end: one per sensor."""
         lines = []
-        for path, told in self.interface.counts["devices"].items():
-            last = f", the last: {error_in_words(told['error'])}" if told["error"] else ""
-            lines.append(f"{path}: {told['answers']} answers, {told['rate']:.1f} Hz, {told['failures']} failed{last}")
+        for path, counts in self.interface.counts["devices"].items():
+            last = f", last error: {error_in_words(counts['error'])}" if counts["error"] else ""
+            lines.append(
+                f"{path}: {counts['answers']} answers, {counts['rate']:.1f} Hz, {counts['failures']} failed{last}"
+            )
         return lines
 
     def close(self):
@@ -96,16 +100,16 @@ class WatchedChips(WatchedBlocks):
 
 
 def recognised(bus, places):
-    """[(class of the block, (mux, channel, address))]. BadInput, Refused"""
+    """Return [(class of the block, (mux, channel, address))]. Raises BadInput or Refused."""
     chips, _ = open_adapter(bus)
     try:
         known = KnownChips(chips)
         if not places:
-            there = [((mux, channel, address), name) for mux, channel, address, name, _ in known.everywhere()]
-            found = [(chip.block, place) for place, name in there if (chip := chip_of(name)) is not None]
+            named = [((mux, channel, address), name) for mux, channel, address, name, _ in known.everywhere()]
+            found = [(chip.block, place) for place, name in named if (chip := chip_of(name)) is not None]
             if not found:
                 raise BadInput(
-                    f"{bus.channel}: no known sensor answers; `scan --interface i2c` lists the chips that do"
+                    f"{bus.channel}: no known sensor responds; `scan --interface i2c` lists the chips that do"
                 )
             return found
         return [(recognise(bus, chips, known, place), place) for place in places]
@@ -116,22 +120,22 @@ def recognised(bus, places):
 
 
 def recognise(bus, chips, known, place):
-    """Class of the block that reads the chip at a place. BadInput"""
+    """Return the class of the block that reads the chip at a place. Raises BadInput if there is none."""
     mux, channel, address = place
     try:
         chips.switch(mux, channel)
         chips.probe(address)
         name, _ = known.name(address)
     except NoAnswer as error:
-        who = in_hex(chips.answering(outside=error.mux))
+        responding = in_hex(chips.answering(outside=error.mux))
         raise BadInput(
-            f"{bus.channel}: no chip answers at "
-            f"{in_words(place) if not error.mux else f'{mux:#04x}, the multiplexer'}; {who} "
-            f"answer{'s' if who.count('0x') == 1 else ''} there"
+            f"{bus.channel}: no chip responds at "
+            f"{in_words(place) if not error.mux else f'{mux:#04x}, the multiplexer'}; "
+            f"addresses that respond: {responding}"
         ) from None
     if (chip := chip_of(name)) is None:
         raise BadInput(
-            f"{bus.channel}: the chip at {in_words(place)} is {name or 'not known here'}; shown are "
+            f"{bus.channel}: the chip at {in_words(place)} is {name or 'unknown'}; supported chips: "
             f"{', '.join(chip_names())}"
         )
     return chip.block
@@ -153,8 +157,10 @@ def block(kind, place, bus, parameters):
 
 
 def parameters_of(kind, found, channels, rate, settings):
-    """Return the parameters of a block. Of several inertial sensors, each chip reads its own magnetometer: on the bus
-    itself all of them would answer at one address.
+    """Return the parameters of a block.
+
+    With several inertial sensors, each chip reads its magnetometer itself: on the bus, all magnetometers would have the
+    same address.
     """
     given = {}
     if "magnetometer" in kind.parameters:
@@ -171,30 +177,31 @@ def parameters_of(kind, found, channels, rate, settings):
     return given
 
 
-def refuse_strangers(blocks, channels, settings):
-    """BadInput where none of the blocks has what is named."""
-    for what, names, there in (
+def refuse_unknown_names(blocks, channels, settings):
+    """Raise BadInput if a channel or setting belongs to none of the blocks."""
+    for what, names, available in (
         ("--channels ", channels, [name for block in blocks for name in block.outputs]),
         ("--set ", [name for name, _ in settings], [name for block in blocks for name in block.parameters]),
     ):
-        stranger = next((name for name in names if name not in there), None)
-        if stranger is not None:
+        unknown = next((name for name in names if name not in available), None)
+        if unknown is not None:
             raise BadInput(
-                f"{what}{stranger}: {suggestion(stranger, there) or 'there is ' + ', '.join(dict.fromkeys(there))}"
+                f"{what}{unknown}: "
+                f"{suggestion(unknown, available) or 'available: ' + ', '.join(dict.fromkeys(available))}"
             )
 
 
 def place_of(text):
-    """(mux, channel, address) of '0x68', or behind a multiplexer '0x70.3:0x68'. BadInput"""
+    """Return (mux, channel, address) of '0x68', or of '0x70.3:0x68' behind a multiplexer. Raises BadInput."""
     where, _, address = text.rpartition(":")
     mux, _, channel = where.partition(".")
     try:
-        found = (int(mux, 0), int(channel), int(address, 0)) if where else (0, 0, int(address, 0))
+        place = (int(mux, 0), int(channel), int(address, 0)) if where else (0, 0, int(address, 0))
     except ValueError:
-        found = (0, 0, 0)
-    if not 0x08 <= found[2] <= 0x77 or (where and not (0x70 <= found[0] <= 0x77 and 0 <= found[1] <= 7)):
+        place = (0, 0, 0)
+    if not 0x08 <= place[2] <= 0x77 or (where and not (0x70 <= place[0] <= 0x77 and 0 <= place[1] <= 7)):
         raise BadInput(f"{text}: expected the address of a sensor, as in 0x68, or behind a multiplexer 0x70.3:0x68")
-    return found
+    return place
 
 
 def in_words(place):

@@ -1,5 +1,6 @@
-"""One sensor on a CAN bus that follows SAE J1939, shown live: set up as for a run, until its power goes, and read by
-its own block.
+"""Live display of one SAE J1939 sensor on a CAN bus, configured as for a run and decoded by its block.
+
+The configuration is lost when the sensor loses power.
 """
 
 import time
@@ -10,14 +11,18 @@ from runtime.commissioning.scan import refuse_company
 from runtime.commissioning.watched import WatchedBlocks
 
 EXTENDED, TAKEN = 0x80000000, 1  # cext/abi.pxd
-SET_UP = 0.1  # s between two attempts to set it up
-SETTINGS_TIMEOUT = 1.0  # s until it has returned its settings
+SET_UP_INTERVAL = 0.1  # s between two attempts to configure the sensor
+SETTINGS_TIMEOUT = 1.0  # s until the sensor has returned its settings
 
 
 class WatchedNode(WatchedBlocks):
-    """BadInput where it does not return its settings, or another controller commands drives on its bus.
+    """One J1939 sensor.
 
-    bus : runtime.commissioning.bus.ToolBus; kind : graph.family.Node; parameters : of its block
+    bus : runtime.commissioning.bus.ToolBus
+    kind : graph.family.Node
+    parameters : parameters of the sensor's block
+
+    Raises BadInput if the sensor does not return its settings or another controller commands drives on the bus.
     """
 
     def __init__(self, bus, kind, address, **parameters):
@@ -26,21 +31,22 @@ class WatchedNode(WatchedBlocks):
         with Diagram("stream", rate=kind.block.parameters["rate"].default) as diagram:
             self.block = kind.block(address=address, name=f"imu_{address}", **parameters)
         super().__init__(diagram, kind.channels)
-        deadline, heard = time.monotonic() + SETTINGS_TIMEOUT, False
+        deadline, responded = time.monotonic() + SETTINGS_TIMEOUT, False
         while self.ask(0.01) is None:
             if time.monotonic() > deadline:
                 where = f"address {address} on {bus.bus.channel}"
                 raise BadInput(
-                    f"{where} sends, but does not return its settings: is it a {self.block.model}? {kind.silent}"
-                    if heard
-                    else f"no sensor has {where}; `scan` lists those on the bus"
+                    f"{where} sends frames but does not return its settings: check that it is a "
+                    f"{self.block.model}. {kind.silent}"
+                    if responded
+                    else f"no sensor responds at {where}; `scan` lists the sensors on the bus"
                 )
             for frame in kind.set_up(self.block):
                 bus.send(frame, f"settings of an {kind.name}")
-            heard = bool(self.drain(SET_UP)) or heard
+            responded = bool(self.drain(SET_UP_INTERVAL)) or responded
 
     def drain(self, patience):
-        """Return {value that decode returned: how often} for its own frames received within some time."""
+        """Return {value returned by the decoder: count} for the sensor's frames received within `patience` s."""
         frames = self.bus.listen(
             patience, lambda frames: any(frame[0] & 0xFF == self.block.address for frame in frames)
         )
@@ -52,7 +58,7 @@ class WatchedNode(WatchedBlocks):
         return answers
 
     def ask(self, patience):
-        """{path of a port: its values} once a whole sample has come, None if none has in time."""
+        """Return {path of a port: its values} after a complete sample, or None after `patience` s without one."""
         deadline = time.monotonic() + patience
         while (left := deadline - time.monotonic()) > 0.0:
             if self.drain(left).get(TAKEN):

@@ -1,7 +1,8 @@
-"""Calibrating an IMU: what it measures while somebody turns it becomes a file that its block reads.
+"""Calibration of an IMU from readings in several orientations, written to a file that its block reads.
 
-measuring   the readings, from a simulation or over the real bus
-stillness   when it lay still, and which of the six positions it has had
+measuring   readings from a simulation or from the real bus
+stillness   rest periods and the six positions
 fits        bias, offset and matrix, in closed form or by least squares
-picture     before and after
+result      calibration with figures before and after
+picture     plots before and after
 """

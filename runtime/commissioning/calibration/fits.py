@@ -1,48 +1,45 @@
-"""Bias, offset and matrix of a sensor from what it measured. A fit that cannot be made is a Unfit, which says what is
-missing.
-"""
+"""Bias, offset and matrix of a sensor, fitted to its measurements. Raises Unfit if data are missing."""
 
 import numpy as np
 
 from runtime.commissioning.calibration import stillness
 
 G = 9.80665  # m/s², standard
-MANY = 12  # positions from which on the axes' skew can be told too, from nine numbers
-LEAST_REST = 2.0  # s in all for the gyroscope
-ROUNDS = 50
-SPREAD = 0.12  # least share of a direction in all that the magnetometer was turned to; an even sphere has 1/3
-OCTANTS = 7  # of eight that it has to have seen
-LEAST_FIELD = 60  # measurements
+SYMMETRIC_FIT_POSITIONS = 12  # positions from which the skew of the axes is fitted too (nine parameters)
+MIN_REST_TIME = 2.0  # s, total for the gyroscope
+MAX_ITERATIONS = 50
+MIN_SPREAD = 0.12  # smallest eigenvalue of the second moment of the directions; 1/3 for a uniform sphere
+MIN_OCTANTS = 7  # octants of eight with field directions
+MIN_FIELD_SAMPLES = 60  # measurements of the magnetometer
 
 
 class Unfit(Exception):
-    """What was measured is not enough; says what is missing."""
+    """The measurements are not sufficient. The text names what is missing."""
 
 
-def gyroscope(found):
-    """Bias in rad/s: the mean over every Rest, by its time."""
-    total = sum(rest.seconds for rest in found)
-    if total < LEAST_REST:
+def gyroscope(rests):
+    """Return the bias in rad/s: the mean over all rests, weighted by their duration. rests : list of Rest"""
+    total = sum(rest.seconds for rest in rests)
+    if total < MIN_REST_TIME:
         raise Unfit(
-            f"it lay still for {total:.1f} s, and {LEAST_REST:g} s are wanted: let it rest on a table that "
-            "nobody touches"
+            f"at rest for only {total:.1f} s of {MIN_REST_TIME:g} s: leave the sensor on a table without touching it"
         )
-    return np.average([rest.gyro for rest in found], axis=0, weights=[rest.seconds for rest in found])
+    return np.average([rest.gyro for rest in rests], axis=0, weights=[rest.seconds for rest in rests])
 
 
-def accelerometer(found):
-    """(offset in m/s², matrix): |matrix (measured − offset)| = g in every position, as nearly as can be.
+def accelerometer(rests):
+    """Return (offset in m/s², matrix): the least-squares fit of |matrix (measured − offset)| = g over all positions.
 
-    Six positions tell three offsets and three scales; from a dozen on the matrix is a symmetric one. Which way it lay
-    need not be known.
+    Six positions determine three offsets and three scales. From SYMMETRIC_FIT_POSITIONS the matrix is symmetric. The
+    fit does not use the orientations.
+
+    rests : list of Rest
     """
-    missing = [face for face in stillness.FACES if face not in stillness.faces(found)]
+    missing = [face for face in stillness.FACES if face not in stillness.faces(rests)]
     if missing:
-        raise Unfit(
-            f"it has not lain still with {', '.join(missing)} up: let it rest for a second in each of the six positions"
-        )
-    measured = np.array([rest.accel for rest in found])
-    symmetric = len(measured) >= MANY
+        raise Unfit(f"no rest with {', '.join(missing)} up: rest the sensor for a second in each of the six positions")
+    measured = np.array([rest.accel for rest in rests])
+    symmetric = len(measured) >= SYMMETRIC_FIT_POSITIONS
     low, high = measured.min(axis=0), measured.max(axis=0)
     start = np.concatenate([(low + high) / 2.0, 2.0 * G / (high - low), np.zeros(3 if symmetric else 0)])
     solution = least_squares(lambda p: spheres(p, measured), start)
@@ -52,7 +49,7 @@ def accelerometer(found):
         or np.any(np.abs(np.diag(matrix) - 1.0) > 0.3)
         or np.max(np.abs(offset)) > 0.3 * G
     ):
-        raise Unfit("the positions do not fit to one gravity: was it moved while it rested, or is its range too small?")
+        raise Unfit("the positions do not match one gravity vector: keep the sensor at rest and check its range")
     return offset, matrix
 
 
@@ -61,7 +58,7 @@ def spheres(parameters, measured):
 
 
 def matrix_of(numbers):
-    """A symmetric matrix: its diagonal, then xy, xz, yz where they are given."""
+    """Return a symmetric matrix. numbers : diagonal, then optionally xy, xz, yz"""
     matrix = np.diag(numbers[:3])
     for value, (row, column) in zip(numbers[3:], ((0, 1), (0, 2), (1, 2))):
         matrix[row, column] = matrix[column, row] = value
@@ -69,10 +66,10 @@ def matrix_of(numbers):
 
 
 def least_squares(residuals, start):
-    """Levenberg and Marquardt's. residuals : function of the parameters"""
+    """Minimise by the Levenberg-Marquardt method. Returns the parameters. residuals : function of the parameters"""
     x, damping = np.array(start, float), 1e-3
     now = residuals(x)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         steps = 1e-6 * np.maximum(np.abs(x), 1e-3)
         slope = np.column_stack(
             [(residuals(x + step * unit) - now) / step for step, unit in zip(steps, np.eye(len(x)))]
@@ -92,31 +89,33 @@ def least_squares(residuals, start):
 
 
 def magnetometer(field):
-    """(offset in µT, matrix): the ellipsoid that the measurements lie on becomes a sphere of its own size.
+    """Return (offset in µT, matrix) that map the ellipsoid of the measurements to a sphere of equal volume.
 
-    Least squares of a quadric; the matrix is the symmetric root, which turns nothing.   field : (n, 3) µT
+    The ellipsoid is a least-squares quadric. The matrix is the symmetric root, without rotation.
+
+    field : (n, 3) µT
     """
     field = np.asarray(field, float)
-    if len(field) < LEAST_FIELD:
+    if len(field) < MIN_FIELD_SAMPLES:
         raise Unfit(
-            f"the magnetometer has measured {len(field)} times, and {LEAST_FIELD} are wanted: turn it slowly "
-            "to all sides"
+            f"only {len(field)} of {MIN_FIELD_SAMPLES} measurements of the magnetometer: turn the sensor slowly in all "
+            "directions"
         )
     scale = np.abs(field).max()
     if not scale > 0.0:
-        raise Unfit("the magnetometer measures nothing")
+        raise Unfit("the magnetometer reports zero field")
     x, y, z = (field / scale).T
     quadric = np.column_stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, 2 * x, 2 * y, 2 * z])
     a, b, c, d, e, f, *linear = np.linalg.lstsq(quadric, np.ones(len(field)), rcond=None)[0]
     shape = np.array([[a, d, e], [d, b, f], [e, f, c]])
-    turn = "turn it slowly to all sides, each axis up and down, away from iron"
+    turn = "turn the sensor slowly in all directions, each axis up and down, away from iron"
     try:
         center = -np.linalg.solve(shape, linear)
         values, vectors = np.linalg.eigh(shape / (1.0 + center @ shape @ center))
     except np.linalg.LinAlgError:
-        raise Unfit(f"the magnetometer was turned about one axis alone: {turn}") from None
+        raise Unfit(f"the sensor was turned about one axis only: {turn}") from None
     if values.min() <= 0.0 or values.max() / values.min() > 25.0:
-        raise Unfit(f"its measurements lie on no ellipsoid: {turn}")
+        raise Unfit(f"the measurements do not fit an ellipsoid: {turn}")
     radius = float(np.prod(values) ** (-1.0 / 6.0))  # of the sphere with the ellipsoid's volume
     matrix = radius * vectors @ np.diag(np.sqrt(values)) @ vectors.T
     offset = center * scale
@@ -125,11 +124,11 @@ def magnetometer(field):
 
 
 def check_turns(field, turn):
-    """Unfit where the directions leave too much of the sphere out."""
+    """Raise Unfit if the directions do not cover the sphere. field : (n, 3); turn : instruction for the message"""
     directions = field / np.linalg.norm(field, axis=1, keepdims=True)
     octants = len({tuple(row) for row in (directions > 0.0).tolist()})
-    seen = np.unique(np.round(3.0 * directions), axis=0)  # each direction once, however long it was held
+    seen = np.unique(np.round(3.0 * directions), axis=0)  # each direction counts once, whatever its duration
     seen = seen / np.linalg.norm(seen, axis=1, keepdims=True)
     spread = np.linalg.eigvalsh(seen.T @ seen / len(seen)).min()
-    if octants < OCTANTS or spread < SPREAD:
-        raise Unfit(f"the field came from {octants} of 8 octants, and not enough from all sides: {turn}")
+    if octants < MIN_OCTANTS or spread < MIN_SPREAD:
+        raise Unfit(f"the field directions cover {octants} of 8 octants unevenly: {turn}")

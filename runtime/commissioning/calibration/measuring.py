@@ -1,5 +1,6 @@
-"""The readings of one IMU: in a simulation, whose plant turns it, or over the real bus, where a person does. Nothing
-else is armed.
+"""Readings of one IMU, from a simulation whose plant turns it or from the real bus, where the operator does.
+
+No other device is armed.
 """
 
 import math
@@ -20,15 +21,20 @@ from runtime.recording.format import row_struct
 from runtime.rig.buses import RigBuses
 
 PORTS = ("accel", "gyro", "mag")
-LONGEST = 1200.0  # s
-PAUSE = 0.05  # s between two readings, about: each arms anew
-FRAME_BYTES = 96  # of a frame in the page, and what is around it
+DURATION_LIMIT = 1200.0  # s
+READING_GAP = 0.05  # s between two readings, approximately: each arms the sensor again
+FRAME_BYTES = 96  # bytes of a frame with its overhead in the shared ring
 
-FAILURES = {"no answer": "it does not answer", "silent": "it has fallen silent"}
+FAILURES = {"no answer": "no response from the sensor", "silent": "the sensor stopped responding"}
 
 
 class Readings:
-    """time : (n,) s; accel, gyro, mag : (n, 3) m/s², rad/s, µT, each measurement of the magnetometer once"""
+    """Samples of an IMU.
+
+    time : (n,) s
+    accel, gyro : (n, 3) m/s² and rad/s
+    mag : (m, 3) µT, each measurement of the magnetometer once
+    """
 
     def __init__(self, time, accel, gyro, mag):
         self.time, self.accel, self.gyro = time, accel, gyro
@@ -38,7 +44,7 @@ class Readings:
         self.mag = mag[fresh]
 
     def plus(self, later):
-        start = self.time[-1] + PAUSE if len(self.time) else 0.0
+        start = self.time[-1] + READING_GAP if len(self.time) else 0.0
         joined = Readings(
             np.concatenate([self.time, start + later.time]),
             np.concatenate([self.accel, later.accel]),
@@ -53,24 +59,26 @@ NOTHING = Readings(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0,
 
 
 def sensor_of(diagram, path=None):
-    """The block that can be calibrated. BadInput where there is none, or several and no name."""
-    there = {block.path: block for block in diagram if isinstance(block, Device) and "calibration" in block.parameters}
-    if path is None and len(there) == 1:
-        return next(iter(there.values()))
-    listed = ", ".join(there) or "none"
+    """Return the sensor block to calibrate. Raises BadInput if there is none, or several without a path."""
+    sensors = {
+        block.path: block for block in diagram if isinstance(block, Device) and "calibration" in block.parameters
+    }
+    if path is None and len(sensors) == 1:
+        return next(iter(sensors.values()))
+    listed = ", ".join(sensors) or "none"
     if path is None:
         raise BadInput(
-            f"{diagram.name} has {listed} that can be calibrated; name one"
-            if there
-            else f"{diagram.name} has no sensor that can be calibrated: one whose block has the parameter `calibration`"
+            f"{diagram.name} has several sensors that can be calibrated: {listed}. Name one"
+            if sensors
+            else f"{diagram.name} has no sensor that can be calibrated (a block with the parameter `calibration`)"
         )
-    if path not in there:
-        raise BadInput(f"{path} is no sensor that can be calibrated; there is {listed}")
-    return there[path]
+    if path not in sensors:
+        raise BadInput(f"{path} is not a sensor that can be calibrated; available: {listed}")
+    return sensors[path]
 
 
 def simulated(file, diagram, sensor, seconds):
-    """Readings of a whole simulation in virtual time; its plant turns the sensor. file : DiagramFile"""
+    """Return the Readings of a simulation in virtual time, whose plant turns the sensor. file : DiagramFile"""
     recorder = record(diagram, sensor)
     schedule = compiled(file.path, diagram)
     simulation = Simulation(file, diagram, schedule)
@@ -81,9 +89,11 @@ def simulated(file, diagram, sensor, seconds):
 
 
 class OnRig:
-    """One sensor on its rig, asked as in a run. rig : RigFile, whose values the sensor has already. RigError
+    """Context manager that reads one sensor on its rig as in a run.
 
-    `with OnRig(...) as there: there.read(seconds)` as often as wanted.
+    rig : RigFile; its values are already applied to the sensor
+
+    Raises RigError if the rig cannot be opened. Call `read` any number of times inside the `with` block.
     """
 
     def __init__(self, rig, sensor):
@@ -92,9 +102,9 @@ class OnRig:
             Diagram("calibration", rate=max(sensor.rate, 1.0) if hasattr(sensor, "rate") else 200.0) as diagram,
             ExitStack() as inside,
         ):
-            *rooms, name = sensor.path.split("/")
-            for room in rooms:
-                inside.enter_context(subsystem(room))
+            *subsystems, name = sensor.path.split("/")
+            for each in subsystems:
+                inside.enter_context(subsystem(each))
             self.sensor = type(sensor)(**parameters, name=name)
         self.recorder = record(diagram, self.sensor)
         self.schedule = compiled(rig.path, diagram)
@@ -113,7 +123,7 @@ class OnRig:
 
 
 def record(diagram, sensor):
-    """A recorder of its three vectors; that is all that is kept."""
+    """Add a recorder of the sensor's three vectors to the diagram. Returns it."""
     with diagram:
         recorder = CsvRecorder(name="calibration_of_one_sensor")
         recorder(*(getattr(sensor, name) for name in PORTS))
@@ -121,9 +131,9 @@ def record(diagram, sensor):
 
 
 def read(schedule, recorder, control, seconds, **how):
-    """Readings of so many seconds. BadInput where the sensor does not answer, or falls silent."""
-    if not 0.0 < seconds <= LONGEST:
-        raise BadInput(f"{seconds:g} s: more than 0, and at most {LONGEST:g}")
+    """Return the Readings of `seconds`. Raises BadInput if the sensor does not respond or stops responding."""
+    if not 0.0 < seconds <= DURATION_LIMIT:
+        raise BadInput(f"duration {seconds:g} s is out of range: it must be above 0 and at most {DURATION_LIMIT:g} s")
     ticks = math.ceil(seconds * schedule.rate)
     row = row_struct(len(schedule.columns))
     frames = FRAME_BYTES * 8 * len(schedule.devices)
@@ -134,8 +144,8 @@ def read(schedule, recorder, control, seconds, **how):
     finally:
         page.close()
     if outcome.faulted:
-        who = outcome.culprit or ", ".join(outcome.unanswered) or schedule.name
-        raise BadInput(f"{who}: {outcome.error or FAILURES.get(outcome.status, outcome.status)}")
+        source = outcome.culprit or ", ".join(outcome.unanswered) or schedule.name
+        raise BadInput(f"{source}: {outcome.error or FAILURES.get(outcome.status, outcome.status)}")
     rows = np.array(records).reshape(-1, 2 + len(schedule.columns))
     columns = next(sink.columns for sink in schedule.sinks if sink.block is recorder)
     values = rows[:, [2 + column.index for column in columns]]

@@ -1,4 +1,4 @@
-"""What was found of one IMU: its Calibration, and the figures of before and after."""
+"""Result of a calibration of one IMU, with its figures before and after."""
 
 from dataclasses import dataclass, replace
 
@@ -9,12 +9,16 @@ from runtime.commissioning.calibration import fits, stillness
 
 
 @dataclass
-class Found:
-    """
-    calibration : with the parts that were found; parts : their names
-    missing : {part: why it was not found}
-    rates, gravity, field : before, rad/s of each rest, m/s² of each rest, µT; the same `_after`, None where it was not
-        found
+class Result:
+    """Calibration and its residuals.
+
+    calibration : Calibration with the fitted parts
+    parts : names of the fitted parts
+    missing : {name of another part: reason}
+    faces : positions with a rest, such as "+x"
+    rates, gravity : (n, 3) rad/s and (n,) m/s² of each rest, before calibration
+    field : (m, 3) µT, before calibration
+    rates_after, gravity_after, field_after : the same after calibration, None for a part that was not fitted
     """
 
     calibration: Calibration
@@ -31,20 +35,20 @@ class Found:
 
     @property
     def strength(self):
-        """µT of the field, after."""
+        """Mean strength of the calibrated field, µT."""
         assert self.field_after is not None
         return float(np.linalg.norm(self.field_after, axis=1).mean())
 
     def lines(self):
-        """In words and numbers."""
-        said = []
+        """Return the lines of the report."""
+        lines = []
         if self.rates_after is not None:
             bias = ", ".join(f"{value:+.3f}" for value in np.degrees(self.calibration.gyro_bias))
             before, after = worst_rate(self.rates), worst_rate(self.rates_after)
-            said.append(f"  gyroscope      bias {bias} deg/s; at rest {before:.3f} before, {after:.3f} deg/s after")
+            lines.append(f"  gyroscope      bias {bias} deg/s; at rest {before:.3f} before, {after:.3f} deg/s after")
         if self.gravity_after is not None:
             before, after = (np.abs(gravity - fits.G).max() for gravity in (self.gravity, self.gravity_after))
-            said.append(
+            lines.append(
                 f"  accelerometer  {len(self.gravity)} positions; |a| off by up to {before:.3f} before, "
                 f"{after:.4f} m/s² after"
             )
@@ -52,8 +56,8 @@ class Found:
             before, after = (spread(field) for field in (self.field, self.field_after))
             offset = ", ".join(f"{value:+.1f}" for value in self.calibration.mag_offset)
             strength = f"strength {self.strength:.1f} µT, varying by {before:.0%} before, {after:.1%} after"
-            said.append(f"  magnetometer   offset {offset} µT; {strength}")
-        return said + [f"  {part:<14} not calibrated: {why}" for part, why in self.missing.items()]
+            lines.append(f"  magnetometer   offset {offset} µT; {strength}")
+        return lines + [f"  {part:<14} not calibrated: {why}" for part, why in self.missing.items()]
 
 
 def worst_rate(rates):
@@ -61,44 +65,48 @@ def worst_rate(rates):
 
 
 def spread(field):
-    """Standard deviation of the strength, as a share of it."""
+    """Return the standard deviation of the field strength divided by its mean."""
     strength = np.linalg.norm(field, axis=1)
     return float(strength.std() / strength.mean())
 
 
-def find(readings, wanted=tuple(PARTS)):
-    """The Found of runtime.commissioning.calibration.measuring.Readings. wanted : parts that shall be calibrated"""
+def find(readings, parts=tuple(PARTS)):
+    """Return the Result of calibration.measuring.Readings. parts : names of the parts to calibrate"""
     rests = stillness.rests(readings.time, readings.accel, readings.gyro)
     rates = np.array([rest.gyro for rest in rests]).reshape(-1, 3)
     positions = np.array([rest.accel for rest in rests]).reshape(-1, 3)
-    found = Found(Calibration(), [], {}, stillness.faces(rests), rates, np.linalg.norm(positions, axis=1), readings.mag)
+    result = Result(
+        Calibration(), [], {}, stillness.faces(rests), rates, np.linalg.norm(positions, axis=1), readings.mag
+    )
 
     def attempt(part, fit):
-        if part in wanted:
+        if part in parts:
             try:
                 fit()
-                found.parts.append(part)
+                result.parts.append(part)
             except fits.Unfit as error:
-                found.missing[part] = str(error)
+                result.missing[part] = str(error)
 
     def gyroscope():
         bias = fits.gyroscope(rests)
-        found.calibration = replace(found.calibration, gyro_bias=tuple(bias.tolist()))
-        found.rates_after = rates - bias
+        result.calibration = replace(result.calibration, gyro_bias=tuple(bias.tolist()))
+        result.rates_after = rates - bias
 
     def accelerometer():
         offset, matrix = fits.accelerometer(rests)
-        found.calibration = replace(found.calibration, accel_offset=tuple(offset.tolist()), accel_matrix=tuples(matrix))
-        found.gravity_after = np.linalg.norm((positions - offset) @ matrix.T, axis=1)
+        result.calibration = replace(
+            result.calibration, accel_offset=tuple(offset.tolist()), accel_matrix=tuples(matrix)
+        )
+        result.gravity_after = np.linalg.norm((positions - offset) @ matrix.T, axis=1)
 
     def magnetometer():
         offset, matrix = fits.magnetometer(readings.mag)
-        found.calibration = replace(found.calibration, mag_offset=tuple(offset.tolist()), mag_matrix=tuples(matrix))
-        found.field_after = (readings.mag - offset) @ matrix.T
+        result.calibration = replace(result.calibration, mag_offset=tuple(offset.tolist()), mag_matrix=tuples(matrix))
+        result.field_after = (readings.mag - offset) @ matrix.T
 
     for part, fit in (("gyroscope", gyroscope), ("accelerometer", accelerometer), ("magnetometer", magnetometer)):
         attempt(part, fit)
-    return found
+    return result
 
 
 def tuples(matrix):

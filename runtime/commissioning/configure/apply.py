@@ -1,4 +1,4 @@
-"""What `configure` does with one drive: the family that it belongs to carries the request out."""
+"""Configuration of one drive by its device family, for the command `configure`."""
 
 from blocks.families import families
 from graph.dialogue import Rejected
@@ -7,7 +7,7 @@ from runtime.commissioning.scan import refuse_company
 
 
 def check(request):
-    """BadInput where no family can carry a graph.family.Request out."""
+    """Raise BadInput if no family can carry out a graph.family.Request."""
     causes = []
     for family in families():
         if family.drives:
@@ -21,12 +21,12 @@ def check(request):
 
 
 def carry_out(bus, request, yes):
-    """Return whether everything was confirmed. BadInput
+    """Carry out a request. Returns whether the operator confirmed everything. Raises BadInput if it fails.
 
-    bus : ToolBus; request : graph.family.Request; yes : whether the operator is not asked
+    bus : ToolBus; request : graph.family.Request; yes : whether to skip the questions
     """
     refuse_company(bus)
     for family in families():
         if (done := bus.converse(family.set_up(request), yes)) is not None:
             return done
-    raise BadInput(f"no drive answers as id {request.can_id}; `scan` lists the drives on the bus")
+    raise BadInput(f"no drive responds as id {request.can_id}; `scan` lists the drives on the bus")

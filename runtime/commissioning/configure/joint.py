@@ -1,9 +1,8 @@
-"""Offset, sign and range of a motor at its joint, for the rig file, measured while the joint is moved by hand with the
-motor off.
+"""Offset, sign and range of a motor at its joint, for the rig file. The operator moves the joint; the motor is off.
 
-    stand straight      the position there is the offset
-    bend the joint      the direction of its motion is the sign
-    the full motion     its ends are the range, with which the table before arming compares
+stand straight      the position is the offset
+bend the joint      the direction of motion is the sign
+full motion         its ends are the range that is checked before arming
 """
 
 import sys
@@ -15,17 +14,17 @@ from runtime.commissioning.scan import refuse_company
 from runtime.console.confirm import enter_pressed
 from runtime.console.terminal import tell
 
-PERIOD = 0.02  # s between two questions
-SILENT = 0.5  # s without an answer
-STILL = 0.05  # rad that a joint that stands still may move in WINDOW
-WINDOW = 0.3  # s
-BENT = 0.2  # rad, smallest motion with a clear direction
+QUERY_INTERVAL = 0.02  # s
+SILENCE_TIMEOUT = 0.5  # s without an answer
+STILL_RANGE = 0.05  # rad, motion of a joint at rest within STILL_TIME
+STILL_TIME = 0.3  # s
+MIN_MOTION = 0.2  # rad, smallest motion with a clear direction
 
 
 class Motor:
-    """The drive of a joint, asked again and again with the frame that takes its torque away.
+    """Drive of a joint, polled with the frame that disables its motor.
 
-    block : actuator of a family, as the diagram and the rig have it
+    block : actuator block with the parameters of the diagram and the rig file
     """
 
     def __init__(self, bus, block):
@@ -33,22 +32,24 @@ class Motor:
         family = family_of(block)
         if family is None:
             known = ", ".join(drive.block.__name__ for each in families() for drive in each.drives)
-            raise BadInput(f"{block.path} is a {type(block).__name__}: this command knows {known}")
+            raise BadInput(
+                f"{block.path} is a {type(block).__name__}, which this command does not support. Supported: {known}"
+            )
         self.query = family.stop_query(block)
         refuse_company(bus)
 
     def answer(self):
-        """The newest Answer. BadInput where it is silent."""
-        found = self.bus.ask(self.query.frame, "disable", self.query.read, patience=SILENT / 2)
-        if found is None:
+        """Return the newest Answer. Raises BadInput if the drive does not respond."""
+        answer = self.bus.ask(self.query.frame, "disable", self.query.read, patience=SILENCE_TIMEOUT / 2)
+        if answer is None:
             raise BadInput(
-                f"{self.block.path}: id {self.block.can_id} does not answer on {self.bus.bus.channel}; "
-                "`scan` lists the drives that do"
+                f"{self.block.path}: id {self.block.can_id} does not respond on {self.bus.bus.channel}; "
+                "`scan` lists the drives on the bus"
             )
-        return found
+        return answer
 
     def angle(self):
-        """rad of the motor at the joint, before sign and offset."""
+        """Return the motor's position in rad at the joint, before sign and offset."""
         return self.answer().position / self.block.gear_ratio
 
 
@@ -62,7 +63,7 @@ def until_entered(motor, instruction):
         if live and len(seen) % 5 == 0:
             sys.stdout.write(f"\r  {seen[-1][1]:8.3f} rad ")
             sys.stdout.flush()
-        time.sleep(PERIOD)
+        time.sleep(QUERY_INTERVAL)
     seen.append((time.monotonic(), motor.angle()))
     if live:
         sys.stdout.write("\r")
@@ -70,37 +71,40 @@ def until_entered(motor, instruction):
 
 
 def at_rest(motor, name):
-    """The mean angle of a joint that is held still from now on. BadInput if it is not."""
-    end, angles = time.monotonic() + WINDOW, []
+    """Return the mean angle in rad over STILL_TIME. Raises BadInput if the joint moves."""
+    end, angles = time.monotonic() + STILL_TIME, []
     while time.monotonic() < end:
         angles.append(motor.angle())
-        time.sleep(PERIOD)
-    if max(angles) - min(angles) > STILL:
+        time.sleep(QUERY_INTERVAL)
+    if max(angles) - min(angles) > STILL_RANGE:
         moved = max(angles) - min(angles)
         raise BadInput(
-            f"{name}: the joint moved by {moved:.2f} rad; hold it still, and begin again; nothing was written"
+            f"{name}: the joint moved by {moved:.2f} rad; hold it still and run the command again; nothing was written"
         )
     return sum(angles) / len(angles)
 
 
 def find(motor):
-    """{invert, offset, range} of a joint."""
+    """Guide the operator through the three steps. Returns {invert, offset, range} of the joint."""
     until_entered(motor, "1 of 3: motor off. Stand straight, so that the joint is at zero")
     straight = at_rest(motor, "straight")
     tell([f"  straight at {straight:.3f} rad of the motor"])
-    until_entered(motor, "2 of 3: bend the joint the way that shall count as positive (a knee: flex it), and hold it")
+    until_entered(motor, "2 of 3: bend the joint in the positive direction (for a knee: flexion) and hold it")
     bent = at_rest(motor, "bent")
-    if abs(bent - straight) < BENT:
+    if abs(bent - straight) < MIN_MOTION:
         raise BadInput(
-            f"the joint went {abs(bent - straight):.2f} rad; at least {BENT:g} rad is needed to find the sign; "
+            f"the joint moved by {abs(bent - straight):.2f} rad; the sign needs at least {MIN_MOTION:g} rad; "
             "nothing was written"
         )
     sign = 1.0 if bent > straight else -1.0
-    way = "with the joint" if sign > 0 else "the other way"
+    way = "in the direction of the joint" if sign > 0 else "in the opposite direction"
     tell([f"  bent by {abs(bent - straight):.3f} rad; the motor turns {way}"])
     seen = until_entered(motor, "3 of 3: move the joint through its full motion, to both ends")
     angles = [sign * (angle - straight) for _, angle in seen]
     low, high = min(angles), max(angles)
-    if high - low < BENT:
-        raise BadInput(f"the joint moved by {high - low:.2f} rad: that is no full motion; nothing was written")
+    if high - low < MIN_MOTION:
+        raise BadInput(
+            f"the joint moved by {high - low:.2f} rad; the full motion needs at least {MIN_MOTION:g} rad; "
+            "nothing was written"
+        )
     return {"invert": sign < 0, "offset": round(sign * straight, 4), "range": [round(low, 3), round(high, 3)]}

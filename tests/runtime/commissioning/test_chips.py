@@ -31,7 +31,7 @@ def test_every_chip_is_told_with_what_tells_it(wires, command_line):
     assert out.splitlines() == [
         "bus imus  i2c /dev/i2c-97",
         "  0x0c        AK8963  (register 0x00 is 0x48)",
-        "  0x3c        a chip that is not known here",
+        "  0x3c        unknown chip",
         "  0x68        MPU-9250  (register 0x75 is 0x71)",
         "  0x70        TCA9548A multiplexer  (by its address)",
         "  0x70.4 0x69 MPU-9255  (register 0x75 is 0x73)",
@@ -60,7 +60,7 @@ def test_silence_is_told_with_its_likely_cause(monkeypatch, command_line):
     wires = MemoryI2c()
     monkeypatch.setattr("runtime.commissioning.chips.open_adapter", lambda bus: (Chips(Wires(wires)), wires))
     code, out, _ = command_line(*WORDS)
-    assert code == CHECK_FAILED and "! no chip answers: is the sensors' supply on" in out
+    assert code == CHECK_FAILED and "! no chip responds: check the sensors' supply" in out
 
 
 def test_a_bus_that_a_run_has_is_not_touched(wires, command_line):
@@ -76,7 +76,7 @@ def test_a_bus_that_is_not_there_is_told(command_line):
     code, _, err = command_line(*WORDS)
     assert code == CHECK_FAILED and "TW131" in err
     code, _, err = command_line("scan", "--interface", "i2c")
-    assert code == BAD_INPUT and "as in --channel /dev/i2c-1" in err
+    assert code == BAD_INPUT and "add, for example, --channel /dev/i2c-1" in err
 
 
 def test_tools_for_drives_refuse_it(command_line):

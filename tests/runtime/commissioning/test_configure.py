@@ -94,7 +94,7 @@ def test_shared_absent_and_foreign_ids_are_reported(command_line):
     assert "2 drives have id 9" in said[0] and "take all but one off the bus" in said[0]
     assert "id 3: it is a CubeMars, whose id" in said[1] and "CubeMars' own program" in said[1]
     assert "id 12 speaks RobStride's MIT protocol" in said[2] and "--protocol private" in said[2]
-    assert "no drive answers as id 77; `scan`" in said[3]
+    assert "no drive responds as id 77; `scan`" in said[3]
 
 
 @pytest.mark.parametrize("running", [{"velocity": 1.5}, {"current": 2.0}])

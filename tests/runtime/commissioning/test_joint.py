@@ -174,7 +174,8 @@ def test_a_range_that_is_none_is_refused(command_line, value):
 )
 def test_a_file_that_would_break_is_left_alone(text, device):
     with pytest.raises(
-        BadInput, match="cannot be changed from here; nothing was written. Write it yourself: offset = 0.5, range = "
+        BadInput,
+        match="cannot be edited automatically. Nothing was written. Edit the file by hand: offset = 0.5, range = ",
     ):
         rig_edit.changed("lab.toml", text, device, {"offset": 0.5, "range": [0.0, 2.0]})
 
@@ -186,6 +187,6 @@ def test_a_device_that_the_file_does_not_have_is_added_at_its_end():
 
 def test_a_file_that_has_changed_is_not_overwritten(tmp_path):
     path = write(tmp_path, "# new\n", "lab.toml")
-    with pytest.raises(BadInput, match="has changed in the meantime"):
+    with pytest.raises(BadInput, match="has changed since it was read"):
         rig_edit.write(path, "# old\n", "# mine\n")
     assert path.read_text() == "# new\n"

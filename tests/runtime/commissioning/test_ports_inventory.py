@@ -36,7 +36,7 @@ def there(monkeypatch):
 LINES = [
     "port /dev/ttyACM0  Teensy  Teensyduino USB Serial, serial 1234560  (not opened)",
     "port /dev/ttyUSB0  serial port  USB Serial  (not opened)",
-    "gpio /dev/gpiochip0  pinctrl-bcm2711, 58 lines; their names: gpioinfo gpiochip0",
+    "gpio /dev/gpiochip0  pinctrl-bcm2711, 58 lines; to list their names: gpioinfo gpiochip0",
     "gpio /dev/gpiochip1  Permission denied",
 ]
 
@@ -63,4 +63,4 @@ def test_what_is_no_chip_is_told(tmp_path):
     (tmp_path / "gpiochip3").write_text("")
     (tmp_path / "gpiochip_other").write_text("")
     [found] = ports_inventory.gpio_chips(tmp_path)
-    assert found.path == f"{tmp_path}/gpiochip3" and "no chip of GPIO lines" in found.text
+    assert found.path == f"{tmp_path}/gpiochip3" and "not a GPIO chip" in found.text

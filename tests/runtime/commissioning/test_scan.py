@@ -140,7 +140,7 @@ def test_nothing_is_sent_where_another_controller_commands_a_drive(command_line,
     with Nodes(4, drive, Commander(identifier, extended)) as nodes:
         code, report = found(command_line, nodes)
     assert code == CHECK_FAILED and report["commanded"] == [3] and report["sent"] == []
-    assert report["remarks"][0].startswith("another controller commands 3 here: nothing was sent")
+    assert report["remarks"][0].startswith("another controller commands id 3 on this bus. Nothing was sent")
     assert {data for _, _, data in drive.heard} == {bytes.fromhex("7fff7ff000000900")}
 
 
@@ -167,7 +167,7 @@ def test_silence_is_told_with_the_likely_cure(command_line):
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-3")
     assert (
         code == CHECK_FAILED
-        and "! no device answers: is its supply on" in out
+        and "! no device responds: check its supply" in out
         and ("OpenIMU as it is sold has 250 kbit/s") in out
     )
     assert "try --bitrate 250000" in out
@@ -201,8 +201,8 @@ def test_every_frame_is_told_when_asked(command_line):
         (["--ids", "0-3"], "--ids 0-3: expected ids from 1 to 255"),
         (["--ids", "3-"], "--ids 3-: expected"),
         (["--ids", "9-3"], "--ids 9-3: expected"),
-        (["--interface", "slcan"], "--interface slcan: which channel? as in --channel /dev/ttyACM0"),
-        (["--bus", "legs"], "--bus names a bus of a rig: give --rig, too"),
+        (["--interface", "slcan"], "--interface slcan needs a channel: add, for example, --channel /dev/ttyACM0"),
+        (["--bus", "legs"], "--bus selects a bus of a rig file: add --rig RIG"),
         (["--interface", "slacn", "--channel", "x"], "python-can has no such interface"),
         (["--channel", "can0", "--rig", "lab.toml"], "exclude each other"),
     ],

@@ -91,14 +91,14 @@ def test_an_absent_drive_and_another_controller_are_reported(command_line):
     assert (
         code == BAD_INPUT
         and (
-            "another controller commands id 3 on this bus: end that program first, because "
-            "the queries take torque away; nothing was sent"
+            "another controller commands id 3 on this bus. Nothing was sent, because "
+            "the queries remove torque. End that program first"
         )
         in err
     )
     with Nodes(83) as nodes:
         assert (
-            f"no drive answers as id 3 on {nodes.channel}" in command_line("stream", "actuator", "3", *nodes.words)[2]
+            f"no drive responds as id 3 on {nodes.channel}" in command_line("stream", "actuator", "3", *nodes.words)[2]
         )
 
 

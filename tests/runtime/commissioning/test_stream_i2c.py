@@ -81,15 +81,15 @@ def test_without_a_name_every_sensor_that_is_known_is_shown(wires, command_line)
 @pytest.mark.parametrize(
     "words, said",
     [
-        (["0x4a"], "no chip answers at 0x4a; 0x0c, 0x48, 0x69, 0x70 answer there"),
-        (["0x71.2:0x68"], "no chip answers at 0x71, the multiplexer"),
+        (["0x4a"], "no chip responds at 0x4a; addresses that respond: 0x0c, 0x48, 0x69, 0x70"),
+        (["0x71.2:0x68"], "no chip responds at 0x71, the multiplexer"),
         (
             ["0x70"],
-            "the chip at 0x70 is TCA9548A multiplexer; shown are MPU-9250, MPU-9255, ICM-20948, NAU7802, ADS1115 "
-            "or ADS1015",
+            "the chip at 0x70 is TCA9548A multiplexer; supported chips: MPU-9250, MPU-9255, ICM-20948, NAU7802, "
+            "ADS1115 or ADS1015",
         ),
         (["0x148"], "0x148: expected the address of a sensor, as in 0x68, or behind a multiplexer 0x70.3:0x68"),
-        (["0x48", "--channels", "accel"], "--channels accel: there is a0, a1, a2, a3, age, errors"),
+        (["0x48", "--channels", "accel"], "--channels accel: available: a0, a1, a2, a3, age, errors"),
         (["0x69", "--set", "accel_rang=4"], "--set accel_rang: did you mean 'accel_range'?"),
         (["0x69", "--set", "accel_range=5"], "accel_range"),
     ],
@@ -107,4 +107,4 @@ def test_a_bus_of_a_run_and_one_that_is_not_there_are_told(wires, command_line, 
         lock.close()
     assert code == BAD_INPUT and f"{CHANNEL} is controlled by" in err and wires.exchanges == 0
     monkeypatch.setattr("runtime.rig.i2c.paths", lambda folder="/dev": [])
-    assert "which bus? as in --channel /dev/i2c-1" in command_line("stream", "i2c")[2]
+    assert "no I2C bus selected: add, for example, --channel /dev/i2c-1" in command_line("stream", "i2c")[2]

@@ -56,10 +56,11 @@ def test_one_that_tells_no_settings_and_one_that_is_not_there_are_told_apart(com
         code, _, err = command_line("stream", "openimu", "130", *nodes.words)
         assert (
             code == BAD_INPUT
-            and ("sends, but does not return its settings: is it a 300RI? --untold reads it as it is") in err
+            and ("sends frames but does not return its settings: check that it is a 300RI. --untold reads it as it is")
+            in err
         )
         code, _, err = command_line("stream", "openimu", "131", *nodes.words)
-        assert code == BAD_INPUT and "no sensor has address 131" in err
+        assert code == BAD_INPUT and "no sensor responds at address 131" in err
     assert (
         "expected a whole number from 128 to 247"
         in command_line("stream", "openimu", "12", "--interface", "virtual", "--channel", "x")[2]
