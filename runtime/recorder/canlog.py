@@ -7,6 +7,7 @@ which the control process handled them, which is what a replay needs.
 """
 
 import os
+from typing import TextIO, cast
 
 from runtime.recorder.service import Service
 from runtime.recording.files import WholeFile, create
@@ -39,7 +40,7 @@ class CanLog(Service):
         from can import Message
         from can.io.canutils import CanutilsLogWriter
 
-        self.writer = CanutilsLogWriter(self.file)
+        self.writer = CanutilsLogWriter(cast(TextIO, self.file))  # it calls `write` and `close`
         self.message = Message(data=b"", check=False)  # filled anew for every frame
 
     def frame(self, payload):
@@ -47,7 +48,7 @@ class CanLog(Service):
             return
         frame = Frame.unpack(payload)
         if self.began is None:
-            self.began = 0 if self.plan["virtual"] else self.page.wall
+            self.began = 0 if self.plan["virtual"] or self.page is None else self.page.wall
         message = self.message
         message.timestamp = (self.began + frame.time) * 1e-9
         message.arbitration_id = frame.id
@@ -59,7 +60,7 @@ class CanLog(Service):
         message.error_state_indicator = frame.error_state
         message.is_rx = not frame.sent
         message.channel = self.plan["buses"][frame.bus]
-        message.data = frame.data
+        message.data = bytearray(frame.data)
         message.dlc = len(frame.data)
         self.writer.last_timestamp = None  # or it would move a frame of another bus to a later time
         self.writer.on_message_received(message)

@@ -43,48 +43,49 @@ class FlightLog(Service):
         self.rows = self.frames = 0
         self.drain = self.drained = 0  # how often the buses had been drained, and when last
         self.heads = {}  # what a frame's message begins with, and its channel
-        self.writer = None
+        self.writer: McapFile | None = None
         self.begun, self.began = False, 0
 
     def begin(self, about):
         """Import the writer, which takes a while, and write what is known before the first tick. about : dict"""
-        self.writer = McapFile(self.file)
-        self.writer.begin(LIBRARY)
+        self.writer = writer = McapFile(self.file)
+        self.write = writer.message
+        writer.begin(LIBRARY)
         if self.plan.get("diagram_json"):
-            self.attach("diagram.json", self.plan["diagram_json"].encode())
-        self.attach(
+            writer.attach("diagram.json", JSON, self.plan["diagram_json"].encode())
+        writer.attach(
             "about.json",
+            JSON,
             json.dumps({**about, "format": FORMAT, "signals": self.plan["signals"]}, ensure_ascii=False).encode(),
         )
         self.subsystems = [
-            (subsystem, self.writer.channel(subsystem.topic, *subsystem.descriptor()))
+            (subsystem, writer.channel(subsystem.topic, *subsystem.descriptor()))
             for subsystem in messages.subsystems(
                 self.plan["name"], [(place, signal["path"]) for place, signal in enumerate(self.plan["signals"])]
             )
         ]
         own_tick, own_frame, own_event = messages.OWN
-        self.tick = self.writer.channel(messages.ROW_END, *messages.simple(own_tick, messages.TICK))
+        self.tick = writer.channel(messages.ROW_END, *messages.simple(own_tick, messages.TICK))
         self.buses = [
-            self.writer.channel(messages.BUS + bus, *messages.simple(own_frame, messages.FRAME))
+            writer.channel(messages.BUS + bus, *messages.simple(own_frame, messages.FRAME))
             for bus in self.plan["buses"]
         ]
-        self.events = self.writer.channel(messages.EVENTS, *messages.simple(own_event, messages.EVENT))
-
-    def attach(self, name, data):
-        self.writer.attach(name, JSON, data)
+        self.events = writer.channel(messages.EVENTS, *messages.simple(own_event, messages.EVENT))
 
     def wall(self, time):
         """ns in the file of ns since the run's begin."""
         if not self.begun:
             self.begun = True
-            self.began = 0 if self.plan["virtual"] else self.page.wall
             if not self.plan["virtual"]:
+                assert self.page is not None
+                self.began = self.page.wall
                 self.event({"event": "begin", "tick": -1, "wall": self.page.wall, "monotonic": self.page.began})
         return self.began + time
 
     def every_signal(self, tick, time, lateness, values):
+        assert self.page is not None
         at = self.wall(self.page.first_tick + round(time * 1e9))
-        write = self.writer.message
+        write = self.write
         for subsystem, channel in self.subsystems:
             write(channel, at, subsystem.encode([values[place] for place in subsystem.columns]), at, tick)
         write(self.tick, at, messages.tick(tick, time, lateness), at, tick)
@@ -102,7 +103,7 @@ class FlightLog(Service):
             head = self.heads[key] = self.frame_head(payload)
         channel, begin, length = head
         at = self.wall(int.from_bytes(payload[:8], "little", signed=True))
-        self.writer.message(channel, at, begin + payload[16 : 16 + length], self.wall(self.drained), self.drain)
+        self.write(channel, at, begin + payload[16 : 16 + length], self.wall(self.drained), self.drain)
         self.frames += 1
 
     def frame_head(self, payload):
@@ -111,10 +112,9 @@ class FlightLog(Service):
         return self.buses[frame.bus], messages.frame_head(frame.id, frame.truths) + messages.varint(length), length
 
     def event(self, event):
+        assert self.page is not None
         at = self.wall(self.page.first_tick + round(max(0, event.get("tick", 0)) / self.plan["rate"] * 1e9))
-        self.writer.message(
-            self.events, at, messages.event(event["event"], event.get("tick", -1), json.dumps(event)), at
-        )
+        self.write(self.events, at, messages.event(event["event"], event.get("tick", -1), json.dumps(event)), at)
 
     def flush(self):
         self.file.flush()
@@ -122,7 +122,7 @@ class FlightLog(Service):
     def end(self, report):
         """What is known at the end, and the file's own summary."""
         if self.writer is not None:
-            self.attach("end.json", json.dumps(report).encode())
+            self.writer.attach("end.json", JSON, json.dumps(report).encode())
             self.writer.finish()
 
     def close(self):

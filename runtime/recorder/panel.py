@@ -82,7 +82,7 @@ class Panel:
             self.chosen = (self.chosen or 0) - 1 if self.chosen else len(self.choices) - 1
         elif key in ("0", *STEPS) and self.chosen is None:
             self.say("Tab chooses a parameter first", now)
-        elif key in ("0", *STEPS):
+        elif self.chosen is not None and key in ("0", *STEPS):
             _, parameters = self.choices[self.chosen]
             self.change(
                 [

@@ -12,6 +12,7 @@ import re
 import socket
 from contextlib import suppress
 from time import monotonic
+from typing import Any
 
 import msgspec.json
 
@@ -37,8 +38,8 @@ class PlotJugglerSender(Service):
             raise OSError(error.errno, f"there is no host {host!r} ({error.strerror})") from None
         found.sort(key=lambda entry: entry[0] != socket.AF_INET)  # "localhost" is both, and PlotJuggler listens on IPv4
         *self.kind, _, self.address = found[0]
-        self.socket, self.again, self.cut = None, 0.0, 0
-        self.reopen()
+        self.again, self.cut = 0.0, 0
+        self.socket = self.connected()
         places = chosen(self.sink["columns"], parameters.get("signals", ""))
         self.messages = [Message([self.sink["columns"][place] for place in places], places)]
         self.began = 0.0 if parameters.get("time") == "relative" else None  # of the timestamps: s since 1970 at tick 0
@@ -72,12 +73,15 @@ class PlotJugglerSender(Service):
 
     def reopen(self):
         """A new socket, with the address that this computer has now for its own."""
-        if self.socket is not None:
-            self.socket.close()
-        self.socket = socket.socket(*self.kind)
-        self.socket.setblocking(False)
+        self.socket.close()
+        self.socket = self.connected()
+
+    def connected(self):
+        made = socket.socket(*self.kind)
+        made.setblocking(False)
         with suppress(OSError):  # a network that is not there yet
-            self.socket.connect(self.address)  # so that we hear when nobody listens
+            made.connect(self.address)  # so that a refused datagram raises ConnectionRefusedError
+        return made
 
     def gather(self, message):
         """Into the datagram to come, which goes once it is full."""
@@ -157,11 +161,11 @@ class Message:
     def __init__(self, columns, positions=None):
         self.columns = list(columns)
         self.positions = list(range(len(self.columns))) if positions is None else positions
-        self.content = {STAMP: 0.0}
+        self.content: dict = {STAMP: 0.0}
         self.places = [self.place(column["path"]) for column in self.columns]
         self.kinds = [{"int": whole, "bool": truth}.get(column["dtype"]) for column in self.columns]
 
-    def place(self, path):
+    def place(self, path) -> tuple[dict | list, Any]:
         """(container, key) where a column's value goes. A path that is taken, or in the way, becomes a key of its
         own.
         """
@@ -175,7 +179,7 @@ class Message:
             if not isinstance(container, dict) or not isinstance(container.setdefault(name, {}), dict):
                 return self.content, self.free(path)
             container = container[name]
-        key = names[-1]
+        key: Any = names[-1]  # str in a dict, int in a list
         for index in indices:
             if isinstance(container, dict):
                 container = container.setdefault(key, [])

@@ -51,7 +51,7 @@ def layout(name, signals, host, port):
         f"tick 'use field as timestamp' and enter {STAMP}. PlotJuggler keeps that."
     )
     root.append(tree.Comment(f" {words.replace('-', '‐')} "))  # two hyphens would end a comment
-    tabs = tree.SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
+    tabs = tree.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     for title, plots in by_unit(name, signals).items():
         tab = tree.SubElement(tabs, "Tab", tab_name=title, containers="1")
         container = tree.SubElement(tab, "Container")

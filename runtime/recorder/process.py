@@ -86,9 +86,8 @@ def main(answers, control, page, keys):
     name_process("tickwork-parts")
     checkpoint, causes, part = Checkpoint(page), [], plan.get("part", 1)
     while True:
-        cause, unfit = death_of_writer(
-            lambda: write(page, answers, orders, keys, {**plan, "part": part}, checkpoint), page
-        )
+        current = {**plan, "part": part}
+        cause, unfit = death_of_writer(lambda: write(page, answers, orders, keys, current, checkpoint), page)
         state = checkpoint.newest()
         if cause is None or state is None:  # it is done, or died before it was ready, which control reports
             return

@@ -262,7 +262,7 @@ class Recording:
             self.attempt(service, lambda: service.end(outcome(self, orphaned)))
         self.miss()
         for path, service in list(self.services):
-            result = self.attempt(service, service.close)
+            result = self.attempt(service, service.close) or {}
             if path not in self.sinks:
                 self.sinks[path] = result
                 if result.get("problem"):

@@ -11,6 +11,8 @@ and its Sink has `service = "lsl"`. A module on the path needs no entry point: `
 
 import time
 
+from cext.safety.shared_state import SharedState
+
 
 class Service:
     """The base class of services: every method does nothing.
@@ -32,10 +34,11 @@ class Service:
     def __init__(self, plan, sink):
         self.plan, self.sink = plan, sink
         self.files = {}
-        self.say, self.page = (lambda line: None), None
+        self.say = lambda line: None
+        self.page: SharedState | None = None
 
     @classmethod
-    def applies(cls, plan):
+    def applies(cls, plan) -> bool:
         """Return whether a recording with this plan needs the service. Called for logs, which no Sink names."""
         return True
 

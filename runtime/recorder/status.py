@@ -67,7 +67,7 @@ class StatusLine:
             self.narrowed.clear()
         line = parts, columns - 1, self.terminal.coloured, self.terminal.unicode
         self.narrowed.append(fit(*line)[1])
-        self.terminal.draw(fit(*line, kept=set().union(*self.narrowed))[0])
+        self.terminal.draw(fit(*line, kept=frozenset().union(*self.narrowed))[0])
 
     def erase(self):
         self.terminal.erase()

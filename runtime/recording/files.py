@@ -74,7 +74,9 @@ def reserve(folder, stem):
     """A stem that no file in `folder` has yet, made ours by creating its sidecar. Returns (stem, path of the sidecar,
     descriptor).
     """
-    for number in count(1):
+    number = 0
+    while True:
+        number += 1
         free = stem if number == 1 else f"{stem}-{number}"
         if any(name.startswith(free + ".") for name in os.listdir(folder)):
             continue

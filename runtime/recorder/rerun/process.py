@@ -39,7 +39,9 @@ def main(answers, control, descriptor):
     ready = False
     try:
         orders = Orders(descriptor, control)
-        plan = json.loads(orders.next(None)[1])
+        order = orders.next(None)
+        assert order is not None  # without a timeout
+        plan = json.loads(order[1])
         feed = Feed(plan, SERVER_END if plan["part"] > 1 else 0.0)
         ready = say(answers, {"ready": feed.told})
         follow(orders, feed)

@@ -8,11 +8,11 @@ import json
 import os
 import select
 import socket
-import time
 from array import array
 from collections import deque
 from dataclasses import asdict
 from importlib.util import find_spec
+from time import monotonic
 
 from runtime.base.child_process import ChildProcess
 from runtime.base.optional_dependencies import need
@@ -76,7 +76,7 @@ class RerunSender(Service):
             self.files[path] = ""
         self.rows = self.lost = 0
         self.batch = array("d")
-        self.sent = time.monotonic()
+        self.sent = monotonic()
         self.waiting, self.held = deque(), 0
         self.socket, theirs = socket.socketpair()
         self.socket.setblocking(False)
@@ -105,25 +105,26 @@ class RerunSender(Service):
             raise RerunError(answer.get("error") or answer.get("gone"))
         self.greeting = answer["ready"]
 
-    def row(self, tick, time_, values):
+    def row(self, tick, time, values):
         batch = self.batch
         batch.append(tick)
-        batch.append(time_)
+        batch.append(time)
         batch.extend(values)
         self.rows += 1
-        now = time.monotonic()
+        now = monotonic()
         if now - self.sent > BATCH or len(batch) > MOST_ROWS * (2 + len(values)):
             self.hand_over(now)
 
     def event(self, event):
-        self.hand_over(time.monotonic())
+        self.hand_over(monotonic())
         self.put(EVENT, json.dumps(event).encode())
 
     def flush(self):
         if self.greeting:
             self.say(f"tickwork: {self.greeting}")
             self.greeting = ""
-        self.hand_over(time.monotonic())
+        self.hand_over(monotonic())
+        assert self.child is not None
         answer = self.child.answer(0.0)
         if answer is not None:
             raise RerunError(answer.get("gone", "it has ended"))
@@ -152,6 +153,7 @@ class RerunSender(Service):
                     return
                 continue
             except OSError:
+                assert self.child is not None
                 answer = self.child.answer(1.0) or {}
                 raise RerunError(answer.get("gone") or answer.get("error") or "its process died") from None
             self.held -= taken
@@ -165,10 +167,10 @@ class RerunSender(Service):
             return {}
         shown, problem = 0, None
         try:
-            self.hand_over(time.monotonic())
+            self.hand_over(monotonic())
             self.put(QUIT, b"")
             self.drain(END)
-            answer = self.child.answer(END) or {"gone": f"it had not shown all after {END:g} s"}
+            answer: dict = self.child.answer(END) or {"gone": f"it had not shown all after {END:g} s"}
             done = answer.get("done", {"problem": answer.get("gone")})
             shown, problem = done.get("rows"), done["problem"]
         except RerunError as error:
@@ -187,4 +189,5 @@ class RerunSender(Service):
     def end_process(self):
         self.socket.close()
         child, self.child = self.child, None
-        child.end()
+        if child is not None:
+            child.end()
