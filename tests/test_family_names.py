@@ -1,4 +1,4 @@
-"""The name of a vendor or model stands in the folder of its device family alone, and in its kernels."""
+"""The name of a vendor or model occurs only in the folder of its device family and in its kernels."""
 
 import re
 
@@ -31,7 +31,7 @@ def homes():
 
 
 def pattern():
-    """Long names wherever they stand, short ones as words; with or without a hyphen before digits."""
+    """Long names in any position, short ones as words; with or without a hyphen before digits."""
     spelt = {name: re.sub(r"[-_ ]?(?=\d)|-", "[-_ ]?", name) for name in names()}
     alternatives = (text if len(name) > 6 else rf"(?<![^\W_]){text}(?![^\W_])" for name, text in spelt.items())
     return re.compile("|".join(alternatives), re.IGNORECASE)

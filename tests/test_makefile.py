@@ -1,4 +1,4 @@
-"""`make` says what a machine lacks, and never runs what it has not built."""
+"""`make` reports missing prerequisites, and never runs what it has not built."""
 
 import os
 import re

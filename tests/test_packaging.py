@@ -1,4 +1,4 @@
-"""What holds the tree together: rooms, imports, packages, and what a file may say."""
+"""Structure of the tree: folders, imports, packages, and the content of files."""
 
 import ast
 import re
@@ -134,7 +134,7 @@ def module_imports(path):
 
 
 def room_of(name):
-    """(package, room) of a dotted name; the room is None for what stands in the package itself."""
+    """(package, room) of a dotted name; the room is None for modules of the package itself."""
     package, _, rest = name.partition(".")
     room = rest.partition(".")[0]
     return package, room if room in ORDER.get(package, ()) else None

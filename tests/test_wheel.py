@@ -1,4 +1,4 @@
-"""The wheel and the source archive, made and installed as anybody would."""
+"""The wheel and the source archive, built and installed as a user would."""
 
 import subprocess
 import sysconfig

@@ -1,5 +1,6 @@
-"""The charge pump: its frames, the relay that they hold, and that whatever ends a run ends them. In virtual time unless
-it is said otherwise.
+"""The charge pump: its frames, the relay that they hold, and that whatever ends a run ends them.
+
+In virtual time unless stated otherwise.
 """
 
 import binascii

@@ -19,7 +19,7 @@ RATE = 200.0
 
 
 def scipy_filtered(order, cutoff, u, rate=RATE, start=0.0):
-    """The same filter of SciPy, that has seen `start` for ever."""
+    """The same filter of SciPy, in steady state at `start`."""
     sections = signal.butter(order, cutoff, fs=rate, output="sos")
     return signal.sosfilt(sections, u, zi=signal.sosfilt_zi(sections) * start)[0]
 
@@ -70,7 +70,7 @@ def test_the_gain_is_one_at_rest_and_one_over_root_two_at_the_cutoff(order):
 
 @pytest.mark.parametrize("order", range(1, 9))
 def test_a_robot_that_has_been_armed_starts_its_filters_at_the_present_measurement(order):
-    """As if it had measured that for ever: SciPy's sosfilt_zi, within 1e-9. A knee held at 0.8 rad, let go to 0.9 rad
+    """In steady state at the start: SciPy's sosfilt_zi, within 1e-9. A knee held at 0.8 rad, let go to 0.9 rad
     after 50 ms.
     """
     with Diagram("robot", rate=RATE) as robot:

@@ -116,7 +116,7 @@ def test_a_chip_that_is_unplugged_is_lost(wired):
 
 
 def knee_with_switch(level, lost=False):
-    """A knee that is told 1 N·m, and an emergency stop whose line is at `level`, tick by tick."""
+    """A knee commanded to 1 N·m, and an emergency stop whose line is at `level`, tick by tick."""
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
         EStopSwitch(name="stop")

@@ -1,4 +1,4 @@
-"""Emergency stops: no command of the tick in which one is pressed, whatever says so, and however briefly."""
+"""Emergency stops: a press, however brief, blocks all commands of its tick."""
 
 import math
 
@@ -18,7 +18,7 @@ RATE, PRESSED_AT = 200, 0.5  # Hz, s
 
 
 class Truth(Block):
-    """What a list says, tick by tick, then its last."""
+    """Values of a list, tick by tick, then its last."""
 
     y = Output("1", dtype=bool)
 
@@ -37,7 +37,7 @@ class Number(Truth):
 
 
 def robot_with(*stops):
-    """A knee that is told 1 N·m, and emergency stops. stops : functions that wire one each"""
+    """A knee commanded to 1 N·m, and emergency stops. stops : functions that wire one each"""
     with Diagram("robot", rate=RATE) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
         for stop in stops:
@@ -240,7 +240,7 @@ def test_nan_at_the_emulator_is_pressed():
 
 
 class Says(Block):
-    """Puts frames on a bus itself: at each tick of a plant what a list says of it, else a good frame."""
+    """Puts frames on a bus itself: at each tick of a plant the listed ones, else a valid frame."""
 
     y = Output("1")
 
@@ -260,7 +260,7 @@ class Says(Block):
 
 
 def heard(frames, ticks=60):
-    """(outcome, rig) of a run whose button says `frames`: {tick of the plant: [(id, data or None for a good one)]}"""
+    """(outcome, rig) of a run whose button sends `frames`: {tick of the plant: [(id, data or None for a good one)]}"""
     with Diagram("robot", rate=RATE) as robot:
         EStopHeartbeat(name="button", can_id=0x123, timeout=0.05)
     with Diagram("plant", rate=RATE) as plant:

@@ -1,4 +1,4 @@
-"""The two-node model of a motor: against the matrix exponential, plain Python and what its ratings mean."""
+"""The two-node model of a motor: against the matrix exponential, plain Python and the motor's ratings."""
 
 import math
 
@@ -168,7 +168,7 @@ def test_inconsistent_parameters_are_refused(make, said):
 
 
 class Winch(Actuator):
-    """A motor behind a board that tells no temperature."""
+    """A motor whose board reports no temperature."""
 
     bus = Param("legs", "1", "its bus", dtype=str)
     torque_command = Input("N·m", "torque", default=0.0)

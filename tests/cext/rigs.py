@@ -133,7 +133,7 @@ def plant_of(robot, *, substeps=5, **parameters):
 
 
 def ends_in_the_safe_stop(rig, can_id=1):
-    """Whether the last that a drive heard is zero torque, then disable, behind the fence."""
+    """Whether the last frames to a drive are zero torque, then disable, behind the fence."""
     return rig.sent(can_id)[-2:] == STOP and rig.page.fenced and rig.page.state == "safe"
 
 

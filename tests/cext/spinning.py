@@ -1,4 +1,4 @@
-"""A native block that spins: it holds the tick for as long as it is told to, and no signal breaks it."""
+"""A native block that spins: it holds the tick for a given time, and no signal interrupts it."""
 
 import shutil
 import subprocess

@@ -1,4 +1,4 @@
-"""The hip exoskeleton, in virtual time: its sensors tell the thighs, and its torque goes with their motion."""
+"""The hip exoskeleton, in virtual time: its sensors measure the thighs and its torque assists their motion."""
 
 import numpy as np
 import pytest

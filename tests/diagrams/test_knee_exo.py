@@ -126,7 +126,7 @@ def test_it_helps_at_the_right_moments(walked, side):
 
 
 def test_no_assistance_before_first_stride_estimate(walked):
-    """The first two strides tell how long a stride takes; until then there is only the damper."""
+    """The first two strides determine the stride time; until then only the damper acts."""
     for side in SIDES:
         unknown = walked[f"{side}/gait_phase.walking"] == 0.0
         assert 2.0 < np.count_nonzero(unknown) / 200.0 < 4.0

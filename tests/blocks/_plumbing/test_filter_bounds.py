@@ -77,7 +77,7 @@ def test_no_input_leaves_the_range_from_zero_or_from_a_settled_start(name, data)
     "order, cutoff, rate", [(2, 0.01, 200.0), (8, 2.0, 1000.0), (4, 0.1, 200.0), (1, 0.001, 100.0)]
 )
 def test_a_settled_start_at_full_scale_stays_inside_though_the_poles_lie_near_one(order, cutoff, rate):
-    """Rounding is felt for many steps here: what the bound adds for it must be enough."""
+    """Rounding errors persist for many steps here: the bound must allow for them."""
     found = made(Butterworth, order, cutoff, rate=rate).output_range(u=Interval(-1.0, 1.0))
     assert found.high < 1.7
     for level in (1.0, 0.1, 1.0 / 3.0, -0.7):

@@ -75,7 +75,7 @@ def turns(model):
 
 
 def read_status(model, constant, data, *, sign=1, offset=0.0, ratio=1.0):
-    """What a report says of the joint: (position, velocity, current, torque, temperature)."""
+    """Decode the joint state of a report: (position, velocity, current, torque, temperature)."""
     position, velocity, current = (int.from_bytes(data[i : i + 2], "big", signed=True) for i in (0, 2, 4))
     current = sign * current / 100
     return (

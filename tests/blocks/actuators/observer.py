@@ -1,7 +1,7 @@
 """An observer on the bus that plays a drive from its protocol sheet alone, in whole numbers, and notes every torque
 that the drive gives.
 
-Nothing of it is taken from this project but the block that is observed: its decode hears the observer's replies, its
+Nothing of it is taken from this project but the block that is observed: its decode reads the observer's replies, its
 encode makes the frames. The law is evaluated at `SUBSTEPS` instants of each period, at the true state. All figures of
 the sheet are of the motor; what comes back is at the joint.
 """
@@ -24,7 +24,7 @@ def value(code, low, high, bits):
 
 
 class Sheet:
-    """What a protocol sheet says of one model. half : of position, velocity and torque; top : of stiffness and
+    """Ranges of one model from its protocol sheet. half : of position, velocity and torque; top : of stiffness and
     damping
     """
 

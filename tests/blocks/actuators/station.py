@@ -1,11 +1,11 @@
-"""The other end of a bus, and a controller that says exactly what it is told, tick by tick."""
+"""The other end of a bus, and a controller that sends scripted frames tick by tick."""
 
 from blocks.mathematics import Gain
 from graph import Block, Interval, Output, Param
 
 
 class Station(Block):
-    """A third party on the bus: at each tick it notes what it has heard, and sends `script[tick]`, a list of
+    """A third party on the bus: at each tick it records received frames and sends `script[tick]`, a list of
     (identifier, data).
 
     `end` is given before the run; `heard` is a list of (tick, identifier, is extended, data).
@@ -21,7 +21,7 @@ class Station(Block):
 
 
 class Script(Block):
-    """Commands by tick: `commands[tick]`, a dict; zero where it says nothing."""
+    """Commands by tick: `commands[tick]`, a dict; zero for missing entries."""
 
     position = Output("rad")
     velocity = Output("rad/s")

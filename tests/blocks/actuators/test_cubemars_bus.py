@@ -210,7 +210,7 @@ def test_feedback_is_mirrored_and_moved_as_the_joint_is_mounted(invert, offset):
 
 
 def test_two_drives_on_one_bus_never_mix():
-    """Replies of both in every order, from their own ids and from 0: each block hears its own motor, always the
+    """Replies of both in every order, from their own ids and from 0: each block decodes its own motor, always the
     newest.
     """
     random = np.random.default_rng(2)

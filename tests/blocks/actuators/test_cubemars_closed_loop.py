@@ -60,7 +60,7 @@ def test_a_position_loop_in_the_drive_answers_as_a_second_order_system(invert, o
     """Within one code of position and 1 % of the step: Euler's error over 1 s at 10 kHz is ω dt / 2, 0.2 % a radian of
     phase at most.
 
-    The answer to the command of tick k is heard at tick k + 1, and is of the instant k.
+    The reply to the command of tick k is received at tick k + 1 and describes the instant k.
     """
     target = 0.2
     with Diagram("loop", rate=RATE) as robot:

@@ -1,4 +1,4 @@
-"""The emulated drive: what it hears, what torque it gives, and what it answers, byte for byte."""
+"""The emulated drive: accepted frames, torque and replies, byte for byte."""
 
 import math
 
@@ -199,7 +199,7 @@ def test_only_three_frames_of_all_ones_are_special(last):
 @pytest.mark.parametrize("port", ["position", "velocity"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_plant_that_has_blown_up_has_no_answer(port, bad):
-    """A code cannot say NaN: the run ends with a fault that names the emulated drive, instead of −12.5 rad."""
+    """A code cannot represent NaN: the run ends with a fault that names the emulated drive, instead of −12.5 rad."""
     wired = emulated()
     wired.hear(1, NOTHING)
     assert wired.say(**{port: bad}) == NOT_FINITE

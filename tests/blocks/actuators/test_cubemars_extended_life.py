@@ -214,7 +214,7 @@ def test_damping_is_that_of_the_joint_and_nothing_else():
 
 
 class Chatter(Block):
-    """In the plant: a drive that reports one current whatever it is told, every step; and notes what it hears."""
+    """In the plant: a drive that reports a constant current every step and records received frames."""
 
     y = Output("1")
 
@@ -235,7 +235,7 @@ class Chatter(Block):
     [(0, 0, True), (31, 0, True), (-32, 0, True), (32, 0, False), (-33, 0, False), (900, 0, False), (900, 0x77, True)],
 )
 def test_only_a_drive_at_rest_confirms_the_safe_stop(kind, model, current, error, confirmed):
-    """All of them have answered arming, and none is silent; the one that still draws a current is told again and again
+    """All of them have answered arming, and none is silent; the one that still draws a current is stopped repeatedly
     for 200 ms.
     """
     with Diagram("robot", rate=200) as robot:
@@ -257,7 +257,7 @@ def test_only_a_drive_at_rest_confirms_the_safe_stop(kind, model, current, error
 
 
 class Keep(Block):
-    """Takes a signal, so that its source has somebody to talk to."""
+    """Sink for a signal, so that its source is connected."""
 
     u = Input("1")
 
@@ -380,7 +380,7 @@ def test_frames_that_get_lost_now_and_then_do_not_end_a_run():
 
 
 def strange(kind, model, frame, guard=30.0):
-    """A run into which somebody else sends a frame at tick 20."""
+    """A run in which a foreign frame arrives at tick 20."""
     page = SharedState(1 << 20)
     page.look_after(time.monotonic_ns())
     with Diagram("robot", rate=200) as robot:

@@ -81,7 +81,7 @@ def test_replies_of_another_length_are_counted_and_named(length):
 
 
 def guarded(walk, plant=None):
-    """A rig whose guardian has just looked: other controllers are then a fault."""
+    """A rig whose guardian is active: other controllers are then a fault."""
     page = SharedState(1 << 20)
     page.look_after(time.monotonic_ns())
     return Rig(walk, plant, page=page, guard=30.0)

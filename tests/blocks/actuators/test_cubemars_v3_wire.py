@@ -170,7 +170,7 @@ def test_a_status_is_read_as_the_reference_reads_it(data, model, invert, offset,
 
 
 def test_status_range_exceeds_command_range():
-    """± 3276.8° against ± 12.56 rad; and the reverse of a joint that turned too far is told as it is."""
+    """± 3276.8° against ± 12.56 rad; and the reverse of a joint that turned too far is reported unchanged."""
     drive = Wired.again(DRIVES["AK10-9-V3.0"])
     drive.hear(*reference.status(7, position=-32768))
     assert (
@@ -255,7 +255,7 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
 @given(data=st.data(), model=st.sampled_from(sorted(MODELS)), share=st.sampled_from([1.0, 0.3, 0.05]))
 @settings(max_examples=400, deadline=None)
 def test_the_law_is_inside_the_limit_over_every_motion_until_a_late_next_frame(data, model, share):
-    """Of the feedback that was heard, which is coarser than a command: the joint is within one of its codes."""
+    """Of the received feedback, which is coarser than a command: the joint is within one of its codes."""
     drive = Wired.again(DRIVES[model])
     drive.arena[PERIOD_SLOT] = PERIOD
     most = share * drive["limits"][4]

@@ -237,7 +237,7 @@ def test_a_share_that_is_not_between_nothing_and_all_is_no_command():
 @pytest.mark.parametrize("invert", [False, True])
 @pytest.mark.parametrize("offset", [0.0, 0.7, -0.7])
 def test_command_and_reply_have_same_sign(model, invert, offset):
-    """A motor that goes where it is told reports the joint where the diagram wanted it, within one step of each
+    """A motor that follows its command reports the joint where the diagram wanted it, within one step of each
     code.
     """
     wired = drive(model, invert=invert, offset=offset)

@@ -261,7 +261,7 @@ def test_power_cycled_drive_is_not_reenabled(back):
 
 
 def test_drive_stops_when_commands_cease():
-    """The run is over and nobody sends a stop: as if everything here were dead. 0x7028 is 0.1 s."""
+    """The run ends without a stop, as if the control process and the guardian were killed. 0x7028 is 0.1 s."""
     with Diagram("robot", rate=RATE) as robot:
         RobStride("RS03", name="drive", timeout=0.0)(torque_command=0.5)
     with Diagram("plant", rate=RATE * SUBSTEPS) as plant:

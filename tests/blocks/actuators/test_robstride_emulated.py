@@ -1,4 +1,4 @@
-"""The emulated RobStride drive: what it hears, what torque it gives, what it answers, and what it forgets."""
+"""The emulated RobStride drive: accepted frames, torque, replies and state lost on power loss."""
 
 import math
 import struct
@@ -52,7 +52,7 @@ def read(wired, index):
 
 
 def drain(wired):
-    """All that it has to say now."""
+    """Frames that are due now."""
     said = []
     while now := wired.say():
         said += now

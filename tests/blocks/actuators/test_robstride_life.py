@@ -1,4 +1,4 @@
-"""A RobStride drive's life on the bus: what it hears from arming to the safe stop, and who else may command it."""
+"""Life cycle of a RobStride drive on the bus, from arming to the safe stop, and foreign commands."""
 
 import time
 
@@ -203,7 +203,7 @@ class Outage(Block):
 
 @pytest.mark.parametrize("kind, model", [(CubeMars, "AK80-9"), (RobStrideMIT, "RS02"), (RobStride, "RS02")])
 def test_power_cycled_drive_gives_no_torque_until_rearmed(kind, model):
-    """Protocols without a mode bit cannot tell the controller; the drive is disabled all the same."""
+    """Protocols without a mode bit cannot report the state; the drive is disabled all the same."""
     with Diagram("robot", rate=200) as robot:
         drive = kind(model, name="drive")
         drive(torque_command=0.1)

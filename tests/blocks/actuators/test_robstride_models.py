@@ -131,7 +131,7 @@ def test_another_mode_has_one_command_with_a_limit_that_is_proved(mode, name, li
 
 
 def told(drive):
-    """What arming tells a drive: types, and parameters by index."""
+    """Frames sent to a drive while arming: types, and parameters by index."""
     listed, values = [], {}
     for identifier, extended, data in drive.enable_frames():
         assert (

@@ -102,7 +102,7 @@ def test_the_manuals_ranges_are_ours():
 
 
 def test_stiffness_and_damping_of_the_large_models_follow_the_manual_and_not_epically_powerful():
-    """Asked for the same stiffness, its frame means ten times, and its damping twenty times, of what was asked."""
+    """Its frame encodes ten times the requested stiffness and twenty times the damping."""
     theirs = {entry["model"]: entry["limits"]["kp"] for entry in of("EP", "robstride_operation_command")}
     wrong = {model for model, stiffness in theirs.items() if stiffness != MODELS[model].wire_stiffness}
     assert wrong == {"RS03", "RS04", "RS06"}

@@ -69,7 +69,7 @@ def test_an_emulated_drive_wakes_within_one_turn_of_its_motor_and_congruent(kind
 
 
 def test_drive_reports_shifted_angle_after_wake_up():
-    """1.0 rad is told as 1.0 - 0.698 rad, 40° less, and looks as likely."""
+    """1.0 rad is reported as 1.0 - 0.698 rad, 40° less, and is as plausible."""
     wired = Wired(EmulatedCubeMars, "AK10-9-V2.0", can_id=1)
     for name, value in {"position": 1.0, "velocity": 0.0, "temperature": 30.0}.items():
         wired[name] = value

@@ -1,4 +1,4 @@
-"""IMUs of InvenSense: what their bytes mean, against other implementations and the datasheets, and what cannot be
+"""IMUs of InvenSense: decoding of their bytes, against other implementations and the datasheets, and what cannot be
 right.
 """
 

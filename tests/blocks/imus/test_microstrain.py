@@ -1,4 +1,4 @@
-"""A MicroStrain sensor in virtual time: what it says arrives, whatever happens to it and to its line."""
+"""A MicroStrain sensor in virtual time: samples, faults and interruptions of its line."""
 
 import math
 

@@ -15,7 +15,7 @@ FLUSH = bytes(300)  # more than the longest packet: whatever a false header wait
 
 
 def numbered(number):
-    """A good packet that says which it is."""
+    """A valid packet that contains its number."""
     return mip.packet(0x80, (0xD1, number.to_bytes(4, "big")), (0x05, bytes(12)))
 
 
@@ -105,7 +105,7 @@ def test_fields_of_any_length_are_survived(fields, descriptor_set):
 
 @pytest.mark.soak
 def test_a_million_spoilt_streams():
-    """One sensor hears them all, as it would in a run; behind each it has to find the next good packet."""
+    """One parser receives all of them, as in a run, and must find the next valid packet after each."""
     chance = random.Random(7)
     sensor = Hearing(channels=("gyro", "ticks"))
     heard = 0

@@ -69,7 +69,7 @@ FLAGGED = {
 
 
 def numbers(key, given, scale):
-    """What a field's output must be, from what the vectors say."""
+    """Expected output of a field, from the vectors."""
     values = np.array([float(value) for value in np.ravel(given)])
     if key.endswith(TIMES):
         return values[:1]
@@ -152,7 +152,7 @@ def test_all_packets_in_one_stream_are_parsed():
 
 
 def test_commands_are_byte_for_byte_those_of_the_vendors_libraries():
-    """What the set-up sends: every packet that the vendors' programs sent to a sensor, made again from what it says."""
+    """Set-up: every packet that the vendors' programs sent to a sensor, encoded again."""
     sent = {(entry["name"], entry["packet_hex"]) for entry in PACKETS if entry["direction"] == "host->device"}
     assert len(sent) > 100
     for name, text in sent:

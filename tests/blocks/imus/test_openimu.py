@@ -26,7 +26,7 @@ def identifier(group, address=128):
 
 @pytest.fixture(scope="module")
 def listener():
-    """An OpenImu at an address that takes everything without having been told anything."""
+    """An OpenImu at an address that accepts everything without configuration."""
     made = {}
 
     def listener(address, **more):
@@ -83,7 +83,7 @@ def test_arming_configures_axes_of_factory_unit_to_right_handed_frame():
 
 
 def test_the_stock_axes_are_not_one_frame_which_is_why():
-    """The same unit, read without having been told: no rotation brings acceleration and angular rate back together."""
+    """The same unit, read without configuration: no rotation brings acceleration and angular rate back together."""
     unit = Wired(EmulatedOpenImu)
     sent = np.eye(3)
     seen = {"accel": [], "gyro": []}

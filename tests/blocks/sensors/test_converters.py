@@ -223,7 +223,7 @@ class From(Block):
 @pytest.mark.parametrize("kind", [ADS1115, NAU7802])
 @pytest.mark.parametrize("fault, old", [("silent", True), ("not_ready", True), ("stuck", False)])
 def test_faults_in_a_simulation(kind, fault, old):
-    """One that is silent or never ready grows old; one that is stuck does not, and says the same."""
+    """The age of a silent or never ready sensor grows; a stuck sensor repeats its value at zero age."""
 
     class Wave(Block):
         y = Output("V" if kind is ADS1115 else "1")

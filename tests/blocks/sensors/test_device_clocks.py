@@ -39,7 +39,7 @@ def hear(wired, number, count, came, layout="I"):
 
 
 def errors(fresh, seconds, *, rate=100, drift=0.0, start=0.0, tick=1e-6, modulus=2**32, layout="I", **declared):
-    """s by which sample_time is wrong, of each packet, and the drift that is told. drift : by how much the device's
+    """s by which sample_time is wrong, of each packet, and the reported drift. drift : by how much the device's
     clock is slower
     """
     wired, chance, found = fresh(**declared), random.Random(3), []

@@ -76,7 +76,7 @@ def parser():
 
 
 def hear(wired, data, cut=64):
-    """In frames of up to `cut` bytes. Returns what decode says to each."""
+    """In frames of up to `cut` bytes. Returns the result of decode for each."""
     return [wired.hear(BYTES, data[at : at + cut]) for at in range(0, len(data), cut)]
 
 
@@ -284,7 +284,7 @@ def test_faults_of_the_emulated_one_are_seen():
 
 
 def test_over_a_pty_that_pyserial_opened(tmp_path):
-    """As on a rig: its port is opened and told to start, and the one native thread reads what comes."""
+    """As on a rig: its port is opened and started, and the native thread reads it."""
     master, slave = os.openpty()
     block = robot(port=os.ttyname(slave), start="go\n")["teensy"]
     line = opened(block, block.opening())

@@ -24,7 +24,7 @@ PERIOD = 1.0 / RATE
 
 
 class Busy(Block):
-    """Holds the loop for `seconds` at the first tick from `at` on, and tells the clock that it was given."""
+    """Block the loop for `seconds` at the first tick from `at` on, and output the clock."""
 
     t = Output("s")
     tick = Output("1", dtype=int)
@@ -47,7 +47,7 @@ class Busy(Block):
 
 
 class Count(Block):
-    """Counts its steps, and adds up the time that it was told has passed."""
+    """Counts its steps and sums their reported elapsed time."""
 
     u = Input("any")
     steps = Output("1")

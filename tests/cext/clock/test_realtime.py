@@ -48,7 +48,7 @@ def test_short_slice_applies_to_one_thread_and_is_restored():
 
 
 def test_stack_that_was_touched_is_there():
-    """In a thread with a stack of its own that nobody has used: touching it faults it in once, and not again."""
+    """In a thread with its own unused stack: touching it faults it in once, and not again."""
 
     def faults():
         return resource.getrusage(resource.RUSAGE_THREAD).ru_minflt

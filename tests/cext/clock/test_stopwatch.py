@@ -93,7 +93,7 @@ def test_the_gil_is_taken_once_for_all_python_neighbours_and_not_at_all_while_th
 
 def test_blocks_of_other_rates_in_one_gil_section_are_timed_separately():
     class Tells(Block):
-        """The time that it is told has passed."""
+        """Reported elapsed time."""
 
         u = Input("any")
         passed = Output("s")

@@ -1,4 +1,4 @@
-"""Streams: one native thread reads whatever has a descriptor; the newest wins, and what goes may come back."""
+"""Streams: one native thread reads every descriptor; the newest data wins, and lost lines reconnect."""
 
 import os
 import socket
@@ -307,7 +307,7 @@ def test_attempts_to_connect_become_rarer(streams, bridge):
 
 
 def test_reconnected_device_is_accepted_after_identification(streams, tmp_path):
-    """Asked in the middle of what it streams, and answered in two parts; who says anything else stays out."""
+    """Asked in the middle of what it streams, and answered in two parts; a device with another reply is rejected."""
     link = tmp_path / "tty"
     master, slave, path = raw_pty()
     link.symlink_to(path)

@@ -1,4 +1,4 @@
-"""What a drive warns of becomes an event of the recording: each bit once a run, in words."""
+"""Warnings of a drive become events of the recording: each bit once per run, by name."""
 
 import struct
 

@@ -1,4 +1,4 @@
-"""The watch over each actuator: its RMS torque in five modes, its temperature, each told once and counted."""
+"""The watch over each actuator: its RMS torque in five modes, its temperature, each reported once and counted."""
 
 import math
 
@@ -33,7 +33,7 @@ class Heat(Block):
 
 
 def watched(torque=None, temperature=30.0, seconds=2.0, **parameters):
-    """(Rig after its run, Outcome) of a drive on a heavy limb, with a window of 1 s unless it is said otherwise."""
+    """(Rig after its run, Outcome) of a drive on a heavy limb, with a window of 1 s by default."""
     with Diagram("robot", rate=RATE) as robot:
         knee = CubeMars("AK80-9", name="knee", **{"limit": "peak", "rms_window": 1.0, **parameters})
         knee(torque_command=(Asked()() if torque is None else torque))

@@ -1,6 +1,4 @@
-"""The loop and its guardian on the page: each sees whether the other lives; and nobody else may command a guarded
-robot.
-"""
+"""The loop and its guardian: each monitors the other, and no other controller may command a guarded robot."""
 
 import gc
 import os
@@ -66,7 +64,7 @@ def test_a_guardian_that_dies_ends_the_run_in_the_safe_stop():
 
 
 def test_a_guardian_that_dies_ends_the_run_at_the_next_tick():
-    """It has looked just now; the kernel tells that its thread is gone."""
+    """Its last check is recent; the kernel reports the death of its thread."""
     page = SharedState(1 << 20)
     alive, dying = os.pipe(), os.pipe()
     guardian = os.fork()

@@ -1,4 +1,4 @@
-"""Who has the hold on a page, and dies with it, is known to be dead: with real processes that are killed."""
+"""Death of a process that owns the mutex of the shared state is detected: with real, killed processes."""
 
 import os
 import select

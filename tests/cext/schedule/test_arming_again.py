@@ -1,4 +1,4 @@
-"""After a fault: behind the fence until somebody arms again, and only once nothing stands in the way. In virtual time,
+"""After a fault: behind the fence until the operator rearms, and only once all causes are cleared. In virtual time,
 on in-memory buses.
 """
 
@@ -125,7 +125,7 @@ class Survivor:
         return self.rig.run(ticks, **options)
 
     def between(self):
-        """What the drive was told between the first fault and the next enable."""
+        """Frames sent to the drive between the first fault and the next enable."""
         sent = self.rig.sent()
         first = sent.index(DISABLE)
         return sent[first : sent.index(ENABLE, first)]

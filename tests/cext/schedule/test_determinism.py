@@ -79,7 +79,7 @@ def trace(diagram, nodes):
 
 
 def bits(rows):
-    """Bytes, in which every NaN is one NaN: its sign and payload are nobody's business."""
+    """Bytes, in which every NaN is one NaN: its sign and payload are ignored."""
     rows = np.array(rows, dtype=float)
     return np.where(np.isnan(rows), np.nan, rows).tobytes()
 

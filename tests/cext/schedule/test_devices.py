@@ -35,7 +35,7 @@ def test_a_fault_that_a_drive_reports_ends_the_run():
 
 
 def test_a_drive_that_falls_silent_ends_the_run_after_its_timeout():
-    """Someone pulls the plug: the plant no longer hears or answers."""
+    """Disconnect the plant: it no longer receives or replies."""
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.05)(torque_command=1.0)
     rig = Rig(robot)
@@ -401,7 +401,7 @@ def test_received_bytes_are_consumed_in_one_tick():
 
 
 def on_lines(more=lambda: None):
-    """A drive on each of three buses, and more; lines that nobody but the test serves. Returns (schedule, lines, their
+    """A drive on each of three buses, and more; lines that only the test serves. Returns (schedule, lines, their
     ends).
     """
     with Diagram("robot", rate=200) as robot:

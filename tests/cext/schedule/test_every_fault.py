@@ -1,5 +1,5 @@
-"""Whatever ends a run, and on whichever of its buses, both drives on both buses are told within two ticks: zero torque,
-then disable.
+"""Whatever ends a run, and on whichever of its buses, both drives on both buses receive zero torque, then
+disable, within two ticks.
 
 In virtual time, on in-memory buses. The same with processes over real sockets:
 tests/runtime/guardian/test_every_fault.py.
@@ -111,7 +111,7 @@ class Wall(Block):
 
 
 class Liar(Block):
-    """Says that it stays within a newton metre."""
+    """Declares an output range of one newton metre."""
 
     gain = Gain.parameters["gain"]
     u = Input("any")
@@ -139,11 +139,11 @@ def raises(error):
 
 @dataclass
 class Fault:
-    """How it is injected, and how the run says that it ended.
+    """How a fault is injected, and the expected outcome of the run.
 
     status, culprit, unconfirmed : of the Outcome
     late : ticks after AT at which it can be detected at the latest
-    law : of the left drive, called from AT on; between : what stands between law and drive, a limiter; parameters : of
+    law : of the left drive, called from AT on; between : block between law and drive, a limiter; parameters : of
         the left drive
     left : {input of the left drive's emulator: (block class, before, after)}; emulated : its parameters; wired : more
         inputs of the left drive

@@ -190,7 +190,7 @@ def test_the_largest_number_behind_a_limiter_is_its_limit_and_no_more(value):
 )
 def test_a_native_block_that_breaks_its_promise_is_stopped_at_the_actuator(value, status):
     class Liar(Block):
-        """Says it stays within a newton metre."""
+        """Declares an output range of one newton metre."""
 
         gain = Gain.parameters["gain"]
         u = Input("any")

@@ -328,7 +328,7 @@ def test_the_page_shows_values_and_targets():
 
 def test_exception_in_attribute_setter_is_a_fault_of_its_block():
     class Guarded(Block):
-        """Takes no gain above 1, although it says so nowhere."""
+        """Rejects a gain above 1, which it does not declare."""
 
         gain = Param(0.5, "1", min=0.0, max=2.0, live=True, slew=math.inf)
         y = Output("1")

@@ -51,7 +51,7 @@ def patient(look):
 
 
 def write_and_wait(page, index, told):
-    """Letter after letter, each once the one before is answered. The ticks as they are told go into a pipe."""
+    """Letter after letter, each once the one before is answered. The reported ticks go into a pipe."""
     writer = Writer(page)
     for number in range(1, LETTERS_EACH + 1):
         ticket = patient(lambda: writer.set([(index, number / 10.0)]))

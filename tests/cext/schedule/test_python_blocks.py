@@ -22,7 +22,7 @@ def run(diagram, ticks=20):
 
 
 class Source(Block):
-    """Gives what it was told, tick by tick, and the last of it from then on."""
+    """Outputs a list tick by tick, then its last value."""
 
     y = Output("any")
 

@@ -1,4 +1,4 @@
-"""Between arming and tick 0: what was answered is shown, and zero torque goes on until somebody confirms. In virtual
+"""Between arming and tick 0: replies are shown, and torque is zero until the operator confirms. In virtual
 time.
 """
 

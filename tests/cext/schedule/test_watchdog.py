@@ -1,4 +1,4 @@
-"""The watchdog: a tick that does not come back ends with the motors stopped, in real time, by a real thread; and what
+"""The watchdog: a tick that does not return ends with the motors stopped, in real time, by a real thread; and what
 is no hang.
 """
 
@@ -97,7 +97,7 @@ def calls(action, kind=Then, **options):
 
 
 def assert_stopped(rig, outcome, culprit="left_law"):
-    """Every motor was told in time, and no torque followed."""
+    """Every motor was stopped in time, and no torque followed."""
     assert (outcome.status, outcome.culprit) == ("hung", culprit) and rig.page.fenced and rig.page.state == "safe"
     assert outcome.tick >= AT and rig.tick[-1] < outcome.tick
     assert outcome.unconfirmed == ()  # the loop has come back, and has asked

@@ -1,4 +1,4 @@
-"""Pictures of recordings: what stands in them, read from their SVG, and where they go."""
+"""Plots of recordings: their content, read from the SVG, and their paths."""
 
 import copy
 import json

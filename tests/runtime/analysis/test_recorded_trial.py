@@ -1,4 +1,4 @@
-"""A recording read back: by anybody, without a compiler, as arrays, tables, at another rate, and stride by stride."""
+"""A recording read back without a compiler: as arrays, tables, at another rate, and stride by stride."""
 
 import math
 import sys

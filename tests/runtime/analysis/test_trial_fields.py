@@ -1,4 +1,4 @@
-"""What a recording says of its trial and of where it came from."""
+"""Trial and provenance fields of a recording."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Several recordings as one table, and what somebody's walk is, stride by stride."""
+"""Several recordings as one table, and gait analysis stride by stride."""
 
 import numpy as np
 import pytest
@@ -90,7 +90,7 @@ def test_a_trial_without_a_tick_has_no_strides(tmp_path):
 
 
 def test_the_strides_of_a_recorded_walk_are_those_between_its_heel_strikes(tmp_path):
-    """Knee flexion of someone who walks, at 101 points from one heel contact to the next, of either leg."""
+    """Knee flexion of walking, at 101 points from one heel contact to the next, of either leg."""
     walk = np.genfromtxt(shared("gait/healthy_young.csv"), delimiter=",", names=True)
     time, sides = walk["time"], {"left": "lt", "right": "rt"}
     signals = [text for side in sides for text in (f"{side}/knee.position rad", f"{side}/foot.contact 1 bool")]

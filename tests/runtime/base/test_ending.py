@@ -57,7 +57,7 @@ def knee_that(folder, tick_20, **names):
 
 @pytest.mark.parametrize("number", ENDING_SIGNALS, ids=lambda number: number.name)
 def test_a_run_ends_within_100_ms_of_every_signal_with_a_summary(tmp_path, number):
-    """Among its blocks is one whose exception has a text that never comes."""
+    """One of its blocks raises an exception whose text never returns."""
     path = knee_that(tmp_path, "(_ for _ in ()).throw(Broken())")
     path.write_text(path.read_text().replace('Law(name="law")', 'Law(hold_exceptions=3, name="law")'))
     times = []

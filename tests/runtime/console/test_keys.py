@@ -1,4 +1,4 @@
-"""The keys on the run's terminal: real terminals, real processes, and recordings that say what was pressed."""
+"""The keys on the run's terminal: real terminals, real processes, and recordings of the keys pressed."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""What is told reaches whoever listens, whatever their terminal or file can hold."""
+"""Messages reach the reader on any terminal or file encoding."""
 
 import io
 import os

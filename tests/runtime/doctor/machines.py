@@ -76,7 +76,7 @@ def ip(*links):
 
 
 def processors(count, **files):
-    """Files of each processor: what stands in cpu*/NAME, with double underscores as slashes."""
+    """Files of each processor: content of cpu*/NAME, with double underscores as slashes."""
     folder = "/sys/devices/system/cpu/cpu"
     return {
         f"{folder}{number}/{name.replace('__', '/')}": text for number in range(count) for name, text in files.items()

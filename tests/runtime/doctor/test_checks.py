@@ -296,7 +296,7 @@ def test_permissions_are_those_of_owner_group_and_others(tmp_path):
 
 
 def test_an_empty_machine_is_strange_and_harmless(look):
-    """Every check answers, or says that it cannot."""
+    """Every check returns a result or reports that it cannot."""
     findings = look({})
     assert {finding.verdict for finding in findings} <= {OK, UNKNOWN, WORSE}
     assert {"preemption", "real-time share", "clock source", "word size", "processors", "rtprio", "groups"} <= {

@@ -1,4 +1,4 @@
-"""`python -m runtime doctor`: what a person reads, what a machine reads, and the exit code."""
+"""`python -m runtime doctor`: text output, JSON output and exit code."""
 
 import json
 import re

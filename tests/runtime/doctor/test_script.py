@@ -53,7 +53,7 @@ def written(tmp_path):
 
 
 def look(path, folder):
-    """Run the script with its files below a folder. Returns what it says."""
+    """Run the script with its files below a folder. Returns its output."""
     process = subprocess.run(
         ["sh", path], env={**os.environ, "DESTDIR": str(folder)}, capture_output=True, text=True, timeout=10
     )

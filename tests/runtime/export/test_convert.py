@@ -248,7 +248,7 @@ def test_a_recording_without_angles_has_no_mot(command_line, tmp_path):
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mat", "sto", "mcap"])
 def test_a_file_has_its_name_once_it_is_whole(recording, tmp_path, monkeypatch, kind):
-    """Who finds a file that a conversion was writing when it was killed must not take it for the trial."""
+    """The partial file of a killed conversion cannot be mistaken for the trial."""
     module = FORMATS.load(kind)
     if kind in ("parquet", "mat"):
         pytest.importorskip({"parquet": "pyarrow", "mat": "scipy"}[kind])

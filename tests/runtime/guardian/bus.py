@@ -1,5 +1,5 @@
-"""A robot with two knees on a rig whose buses are udp_multicast: its drives, who listens on the bus, and who is
-killed.
+"""A robot with two knees on a rig whose buses are udp_multicast: its drives, the observer on the bus, and the
+process that is killed.
 """
 
 import os

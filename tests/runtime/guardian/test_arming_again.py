@@ -1,4 +1,4 @@
-"""A run on a rig that is armed again after a fault, by a person at a terminal: real processes, and a third node that
+"""A run on a rig that is armed again after a fault, by the operator at a terminal: real processes and an observer that
 listens.
 """
 
@@ -37,14 +37,14 @@ def under_torque(bus, terminal, *words, law="pass"):
 
 
 def between(bus, motor):
-    """What a motor was told from the safe stop until it was enabled again, or to the end."""
+    """Frames to a motor from the safe stop until it is enabled again, or to the end."""
     said = [frame.data for frame in bus.commands(motor)]
     first = said.index(DISABLE)
     return said[first : said.index(ENABLE, first) if ENABLE in said[first:] else None]
 
 
 def after(bus, motor):
-    """What it was told from then on."""
+    """Frames to the motor from then on."""
     said = [frame.data for frame in bus.commands(motor)]
     return said[said.index(ENABLE, said.index(DISABLE)) :]
 

@@ -1,7 +1,7 @@
 """Whatever ends a run, and on whichever of its buses: real processes, a drive on each of two buses, and a third node on
 each that listens.
 
-Every drive is told zero torque, then disable, within two ticks of the detection, and no torque follows on any bus. In
+Every drive receives zero torque, then disable, within two ticks of the detection, and no torque follows on any bus. In
 virtual time, with more faults: tests/cext/schedule/test_every_fault.py. Elsewhere, with a third node that listens: a
 block that hangs (test_hang), a process that is stopped, a guardian that is gone (test_stopping), an adapter that is
 unplugged (tests/runtime/rig/test_slcan), a button over UDP (test_udp), bus-off and an interface that is taken down
@@ -82,7 +82,7 @@ def build():
 
 @dataclass(frozen=True)
 class Fault:
-    """How it is brought about, and how the run says that it ended.
+    """How a fault is injected, and the expected outcome of the run.
 
     law, torque, before, options, more : of the robot above, where something happens in its tick 80
     act : called with (process, buses) once there is torque on both buses
@@ -119,7 +119,7 @@ def drive_gets(number):
 
 
 def our_own_frame_again(process, buses):
-    """Another controller that happens to say what we say."""
+    """Another controller that sends the same frames."""
     left = buses[0]
     buses.listen(0.8)  # until torque no longer fades in
     left.send(1, bytes.fromhex([frame.data for frame in left.commands(1) if is_torque(frame)][-1]))
@@ -249,7 +249,7 @@ class Buses(list):
                 return
 
     def commands(self):
-        """All that was said to the drives, of both buses in the order in which the kernel has got it: (side, frame)"""
+        """All frames to the drives, of both buses in the order of the kernel: (side, frame)"""
         both = [(side, frame) for side, bus in enumerate(self) for frame in bus.commands(1 + side)]
         return sorted(both, key=lambda pair: pair[1].time)
 

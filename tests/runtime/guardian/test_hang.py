@@ -1,5 +1,5 @@
-"""Blocks that hang or crash under a robot of real processes: the motors are told at once, and a person learns which
-block it was.
+"""Blocks that hang or crash under a robot of real processes: the motors are stopped at once, and the report names the
+block.
 """
 
 import re

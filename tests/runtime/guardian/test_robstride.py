@@ -1,4 +1,4 @@
-"""A run with RobStride drives that is killed: its guardian stops them, in extended frames, and knows their answers."""
+"""A run with RobStride drives that is killed: its guardian stops them in extended frames and decodes their replies."""
 
 import os
 import signal
@@ -34,7 +34,7 @@ OPERATION, CURRENT_LIMIT = 1, bytes.fromhex("18700000")
 
 @pytest.fixture
 def leg(tmp_path):
-    """(start, node): what starts a run on a bus of this test alone, and who listens there."""
+    """(start, node): a function that starts a run on a bus of this test alone, and an observer on that bus."""
     channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.{40 + int(time.time()) % 200}"
     rig = write(tmp_path, f'[bus.leg]\ninterface = "udp_multicast"\nchannel = "{channel}"\n', "lab.toml")
     drives = subprocess.Popen(

@@ -1,4 +1,4 @@
-"""The safe stop over wires, in virtual time: what is sent, when it ends, and who has confirmed."""
+"""The safe stop over wires, in virtual time: what is sent, when it ends, and which drives confirm."""
 
 import json
 import math
@@ -209,7 +209,7 @@ def test_devices_without_stop_frames_are_not_awaited():
     [(CubeMarsV3, "AK80-9-V3.0", (0x80000F05, b"")), (CubeMarsServo, "AK80-9", (0x80000105, bytes(4)))],
 )
 def test_a_drive_that_reports_by_itself_has_confirmed_when_it_draws_no_current(kind, model, disable):
-    """The plan as the guardian gets it, in JSON. A report from before the stop that tells of a current is no answer to
+    """The plan as the guardian gets it, in JSON. A report of a current from before the stop is not a reply to
     it.
     """
     with Diagram("robot", rate=200) as robot:

@@ -53,7 +53,7 @@ class Babbler:
 
 
 def in_a_tick(out):
-    """s that a tick took, at the 99th percentile, as the summary says."""
+    """s that a tick took, at the 99th percentile, from the summary."""
     number, unit = LOAD.search(out).groups()
     return float(number) * {"µs": 1e-6, "ms": 1e-3}[unit]
 
@@ -62,7 +62,7 @@ TOLERANCE = 0.002  # s between the clock of the test and the times in the CAN lo
 
 
 def test_recorded_frames_have_the_time_of_the_wire_though_the_loop_and_the_guardian_are_late(bus, tmp_path):
-    """The loop is 10 ms late in every fifth tick, and the guardian stands still for 20 ms after each frame."""
+    """The loop is 10 ms late in every fifth tick, and the guardian pauses for 20 ms after each frame."""
     bus = bus
     process = bus.start("--record", "out", law="time.sleep(0.005 if tick % 5 == 0 else 0.0)")
     bus.await_torque()
@@ -112,7 +112,7 @@ def counted(out, what):
 
 
 def test_echoed_commands_are_counted_and_ignored(tmp_path):
-    """Commands without a position begin with 7F. On this interface each comes back, and looks like a reply of drive
+    """Commands without a position begin with 7F. On this interface each is echoed, and looks like a reply of drive
     127.
     """
     with Bus(tmp_path, number=3, motors=(126, 127)) as bus:

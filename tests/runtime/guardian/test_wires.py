@@ -99,7 +99,7 @@ def test_of_many_different_frames_only_those_of_late_are_remembered(channel):
 
 
 def test_lost_echo_hides_foreign_frame_only_temporarily(channel):
-    """On this interface nothing ever comes back, and the same frame is sent again and again."""
+    """This interface returns no echo, and the same frame is sent repeatedly."""
     wire, node = PythonCanWire("virtual", channel, 1_000_000, False), can.Bus(channel, interface="virtual")
     end = time.monotonic() + 2.0 * ECHO_TIMEOUT
     while time.monotonic() < end:

@@ -1,4 +1,4 @@
-"""What the system grants a loop, what it refuses and how that is told: in real processes, with and without
+"""Real-time settings that the system grants or refuses a loop, and their report: in real processes, with and without
 privilege.
 """
 
@@ -378,7 +378,7 @@ def test_temporary_hang_costs_priority_and_is_reported(tmp_path):
 
 
 def without_privilege(*words, cwd):
-    """A run by someone who may not have real-time: root without the capabilities for it, or whoever runs the tests."""
+    """A run by a user without real-time permission: root without the capabilities for it, or whoever runs the tests."""
     libc, names = ctypes.CDLL(None), (14, 23, 24)  # CAP_IPC_LOCK, CAP_SYS_NICE, CAP_SYS_RESOURCE
 
     def drop():

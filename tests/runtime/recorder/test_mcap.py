@@ -125,7 +125,7 @@ def test_names_that_become_the_same_are_kept_apart(tmp_path):
 
 
 def test_messages_and_their_fields_have_unique_names(tmp_path):
-    """Viewers know a message by its name; and the strict readers among them take no field that is called as a message
+    """Viewers identify a message by its name; the strict readers among them take no field that is called as a message
     beside it.
     """
     paths = (

@@ -1,4 +1,4 @@
-"""Who may read a recording: its owner, and the group of a folder that was shared on purpose."""
+"""Read permission of a recording: its owner, and the group of a shared folder."""
 
 import os
 import stat

@@ -1,4 +1,4 @@
-"""The status line: what it says, that it fits, and where it keeps quiet."""
+"""The status line: its content, its width, and where it is not shown."""
 
 import fcntl
 import os
@@ -226,7 +226,7 @@ def terminal(descriptor, **environment):
 
 
 class Still:
-    """A page that stands still."""
+    """Shared state that does not change."""
 
     state, told = "running", STATISTICS
 
@@ -320,7 +320,7 @@ def test_the_recorder_process_draws_on_a_terminal_and_is_silent_in_a_pipe(screen
 
 
 class Heard:
-    """What a recording has counted and heard last."""
+    """Latest counters and events of a recording."""
 
     def __init__(self, traffic, newest, bits=()):
         self.traffic, self.newest, self.bits = traffic, newest, bits

@@ -87,7 +87,7 @@ def streamed(data):
 
 
 def read(path):
-    """All that our own reader tells, or that it cannot."""
+    """Everything that the reader of this project returns, or None if it fails."""
     try:
         trial = runtime.load(path)
     except BadInput as error:

@@ -1,6 +1,4 @@
-"""What the report says of each fault of an actuator's motion and torque: the value, what it must be inside of, and the
-cure.
-"""
+"""Report of each fault of an actuator's motion and torque: the value, its permitted range and the remedy."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Exceptions that a block holds are counted and told: in the summary, in the recording, and as JSON."""
+"""Held exceptions of a block are counted and reported: in the summary, in the recording, and as JSON."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""The end of a run in words and numbers: summary, faults, exit codes, and three things to try next."""
+"""The end of a run: summary, faults, exit codes, and three suggestions."""
 
 import os
 import signal
@@ -371,7 +371,7 @@ def test_dead_recorder_is_reported_and_run_continues(tmp_path, monkeypatch):
 
 def test_ctrl_c_while_the_recording_is_finished_does_not_tear_it(tmp_path, monkeypatch):
     class Interrupted(RecorderProcess):
-        """Hears Ctrl-C again when the run is over."""
+        """Handles Ctrl-C again after the run."""
 
         def finish(self):
             os.kill(os.getpid(), signal.SIGINT)

@@ -1,7 +1,7 @@
 """A process with MicroStrain sensors on pseudo-terminals, for tests: `python -m tests.runtime.rig.sensors FOLDER RATE
 SERIAL[=MODEL]...`.
 
-Each has a link in the folder, named after its serial number; a line on standard output says that they are there. It
+Each has a link in the folder, named after its serial number; a line on standard output reports that they are ready. It
 ends when it is killed.
 """
 

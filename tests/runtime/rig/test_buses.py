@@ -1,4 +1,4 @@
-"""`--rig` on the command line, and what buses that failed are told to be. Runs on real buses are in tests/hardware."""
+"""`--rig` on the command line, and the reports of failed buses. Runs on real buses are in tests/hardware."""
 
 import errno
 import json

@@ -1,4 +1,4 @@
-"""Rig files by themselves: what one says, and everything that can be wrong with it, all told at once."""
+"""Rig files: their content, and their mistakes, which are reported together."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""On a rig every joint has a range: without one nothing is armed, and the message says how to find it."""
+"""On a rig every joint has a range: without one nothing is armed, and the message explains how to find it."""
 
 import pytest
 

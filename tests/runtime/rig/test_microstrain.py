@@ -163,7 +163,7 @@ def test_sensor_has_the_settings_sent(there):
 
 
 def test_newer_generation_is_configured_for_magnetometer_aiding(there):
-    """0D 50, of which it knows one source: the fourth, as in the examples of its maker."""
+    """0D 50, of which it supports one source: the fourth, as in the examples of its maker."""
     from blocks.imus.microstrain import mip
     from blocks.imus.microstrain.queries import Refusal, ask, identify
     from runtime.rig.ports import open_port
@@ -182,7 +182,7 @@ def test_newer_generation_is_configured_for_magnetometer_aiding(there):
 
 
 def streaming(plug, opened):
-    """One sensor that is set up and heard: (what is plugged in, its stream, the block that hears it)."""
+    """One sensor that is set up and read: (the device, its stream, the block that decodes it)."""
     sensors = plug("133931")
     devices, _ = robot({"serial": "133931"})
     lines = opened(devices)

@@ -1,4 +1,4 @@
-"""A rig meets a diagram: hardware parameters of devices change, nothing else does, and what does not fit is told."""
+"""A rig meets a diagram: hardware parameters of devices change, nothing else does, and mismatches are reported."""
 
 import pytest
 

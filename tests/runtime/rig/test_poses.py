@@ -1,4 +1,4 @@
-"""Where joints stand: a reading that may be off by turns of the motor is not armed until something else decides."""
+"""Joint poses: a drive whose reading may be off by motor turns is not armed until another source decides."""
 
 import math
 

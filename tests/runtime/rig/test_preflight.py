@@ -1,4 +1,4 @@
-"""Before a rig is armed a person reads a table and presses Enter: real processes, a terminal, drives on udp_multicast,
+"""Before a rig is armed the operator reads a table and presses Enter: real processes, drives on udp_multicast,
 and a third party.
 """
 

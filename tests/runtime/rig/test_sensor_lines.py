@@ -1,5 +1,5 @@
-"""Sensors with lines of their own on a rig: a real run reads a pseudo-terminal and a socket; and docs/sensors.md tells
-what is so.
+"""Sensors with lines of their own on a rig: a real run reads a pseudo-terminal and a socket; and docs/sensors.md is
+correct.
 """
 
 import csv
@@ -80,7 +80,7 @@ with Diagram("walk", rate=200) as diagram:
 
 @pytest.fixture
 def lab(tmp_path):
-    """A diagram, a rig, and who speaks at the other ends until it is told to be silent."""
+    """A diagram, a rig, and the devices at the other ends, which send until silenced."""
     master, slave = os.openpty()
     tty.setraw(slave)
     port, frame, speaks = free_port(socket.SOCK_DGRAM), insole_frame(), threading.Event()

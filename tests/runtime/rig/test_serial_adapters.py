@@ -1,4 +1,4 @@
-"""Adapters that python-can speaks to over a serial line, whose `recv` waits whatever it is told: python-can at both
+"""Adapters that python-can speaks to over a serial line, whose `recv` ignores its timeout: python-can at both
 ends of two ptys.
 """
 

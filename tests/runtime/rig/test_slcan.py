@@ -33,7 +33,7 @@ class Adapter:
     """An slcan adapter on a pty, and drives that answer every frame to their ids.
 
     channel : the port
-    said : what it was configured with that is no frame; frames : (id, data in hex digits) that it was given
+    said : configuration that it received; frames : (id, data in hex digits) that it was given
     """
 
     def __init__(self, drives=(1,)):

@@ -391,7 +391,7 @@ def test_missing_display_is_reported_with_alternative(monkeypatch):
 
 
 def listening(port):
-    """The address that somebody listens on, in the digits of /proc/net/tcp; None where nobody does."""
+    """The address of a listening socket, in the digits of /proc/net/tcp; None without a listener."""
     for name in ("/proc/net/tcp", "/proc/net/tcp6"):
         for line in open(name).read().splitlines()[1:]:
             _, local, _, state, *_ = line.split()
