@@ -114,7 +114,7 @@ class Trial:
             f"signals{', ' if what else ''}{what}{fault}>"
         )
 
-    def __getitem__(self, path):
+    def __getitem__(self, path: str) -> np.ndarray:
         """Return a signal over the ticks, as (ticks,), or (ticks, ...) for a vector; float64, int64 or bool.
 
         An int or bool with values that its type lacks (NaN, infinities, 2⁶³ and larger) is float64, as recorded. Raises
@@ -125,7 +125,7 @@ class Trial:
         kind = DTYPES.get(self.dtype(path), np.float64)
         return values if kind is np.float64 or not holds(kind, values) else values.astype(kind)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.tick)
 
     def find(self, path):
@@ -140,28 +140,28 @@ class Trial:
         return list(indices), tuple(int(number) + 1 for number in last)
 
     @property
-    def names(self):
+    def names(self) -> list[str]:
         """Paths of all signals, each once for all its elements."""
         return list(dict.fromkeys(split(path)[0] for path in self.signals))
 
-    def unit(self, path):
-        """Return the canonical SI unit of a signal: "rad", "N·m"; "1" for a dimensionless one."""
+    def unit(self, path: str) -> str:
+        """Return the SI unit of a signal: "rad"; "1" without dimension. Raises KeyError."""
         return self.row_of(path)["unit"]
 
-    def dtype(self, path):
-        """Return "float", "int" or "bool"."""
+    def dtype(self, path: str) -> str:
+        """Return the recorded type of a signal: "float", "int" or "bool". Raises KeyError."""
         return self.row_of(path)["dtype"]
 
     def row_of(self, path):
         return self.about["signals"][self.find(path)[0][0]]
 
     @property
-    def fields(self):
+    def fields(self) -> dict[str, str]:
         """Fields of the trial that `--trial` has set: {"subject": "S03", ...}."""
         return dict(self.about["metadata"].get("trial") or {})
 
     @property
-    def marks(self):
+    def marks(self) -> np.ndarray:
         """Times in s of the marks that the key m has set."""
         return np.array([event["tick"] / self.about["rate"] for event in self.events if event["event"] == "mark"])
 
