@@ -1,4 +1,4 @@
-"""Where things lie in the arena: the clock first, then signals and parameters, then the memory of blocks."""
+"""Layout of the arena: the clock, then signals and parameters, then the memory of blocks."""
 
 import math
 from collections.abc import Sequence
@@ -19,13 +19,13 @@ class KernelTable(NamedTuple):
 
 
 class Layout:
-    """Hands out slots of one arena and remembers what they hold at the start."""
+    """Allocator of the slots of one arena, with their initial values."""
 
     def __init__(self):
         self.values = [0.0] * CLOCK_SLOTS
 
     def place(self, values):
-        """Slot of a run of doubles."""
+        """Allocate consecutive slots for values. Returns the first."""
         slot = len(self.values)
         self.values.extend(np.ravel(np.asarray(values, dtype=float)).tolist())
         return slot
@@ -34,11 +34,12 @@ class Layout:
         return len(self.values)
 
     def arena(self):
+        """Return the arena as an array of float64 with the initial values."""
         return np.array(self.values, dtype=np.float64)
 
 
 def place_parameters(block, layout):
-    """{name: slot} of a block's parameters that have a place in the arena; NaN stands for one that has no value."""
+    """Allocate the numeric parameters of a block, NaN for None. Returns {name: slot}."""
     slots = {}
     for name, param in block.parameters.items():
         if param.placed:
@@ -48,7 +49,7 @@ def place_parameters(block, layout):
 
 
 def place_memory(block, layout):
-    """{name: (slot, length)} of a block's memory: what `prepare` has set, else what is declared."""
+    """Allocate the memory of a block, set by `prepare` or declared. Returns {name: (slot, length)}."""
     places = {}
     for name, memory in block.memory.items():
         value = vars(block).get(name)

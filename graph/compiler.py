@@ -1,6 +1,6 @@
-"""From a diagram to a schedule: a list of named checks, then a sort, then a layout.
+"""Compilation of a diagram to a schedule: named checks, then a topological sort, then the layout of the arena.
 
-Every check adds what it finds to one list; all of it is raised together.
+Every check appends its diagnostics to one list, and all errors are raised together.
 """
 
 from __future__ import annotations
@@ -119,12 +119,12 @@ class Compilation:
 
     @property
     def errors(self):
-        """What forbids a schedule, in the order of the user's lines."""
+        """Diagnostics with severity "error", in the order of the user's lines."""
         errors = [d for d in self.diagnostics if d.severity == "error"]
         return sorted(errors, key=lambda d: (d.where.file, d.where.line) if d.where else ("", 0))
 
     def attempt(self, block, hook, /, *arguments, **named):
-        """Call a hook of a block's author. What it raises as ValueError is reported, once, and None comes back."""
+        """Call a hook of a block. A ValueError or OSError is reported once, and None returned."""
         try:
             return hook(*arguments, **named)
         except (ValueError, OSError) as error:
@@ -133,16 +133,16 @@ class Compilation:
                 self.report("TW010", str(error), block)
         return None
 
-    # What is wired to what
+    # Wires
 
     def check_names(self):
         for wanted, block in self.diagram.duplicates:
             first = self.diagram[wanted]
             self.report(
                 "TW009",
-                f"the name is taken by the block made at {first.location}",
+                f"the name is already used by the block made at {first.location}",
                 block,
-                hint="choose another `name=`",
+                hint="choose a different `name=`",
             )
         for block in self.blocks:
             if isinstance(block, Device) and block.bus not in ("", block.path):
@@ -168,7 +168,7 @@ class Compilation:
                     wire.block,
                     wire.port,
                     wire.where,
-                    "an input takes one wire: add the two signals with a Sum, or choose with a Switch",
+                    "connect one signal to an input: add the two with a Sum, or select one with a Switch",
                 )
                 continue
             self.sources[key] = wire.source if isinstance(wire.source, Signal) else np.asarray(wire.source, dtype=float)
@@ -182,7 +182,7 @@ class Compilation:
                 if port.default is None:
                     self.report(
                         "TW001",
-                        f"nothing is wired to it, and it has no default [{port.unit}]",
+                        f"the input is not connected and has no default [{port.unit}]",
                         block,
                         name,
                         hint=f"wire it, as in {block.path.split('/')[-1]}({name}=...)",
@@ -190,7 +190,7 @@ class Compilation:
                 self.sources[block, name] = np.asarray(0.0 if port.default is None else port.default, dtype=float)
 
     def compile_marked(self):
-        """Python blocks that are marked `jit` become native, where Numba is installed."""
+        """Compile the Python blocks with `jit = True` to kernels, if Numba is installed."""
         marked = [block for block in self.blocks if block.jit and block.is_python and not block.hold_exceptions]
         if not marked:
             return
@@ -200,7 +200,7 @@ class Compilation:
             if not jit.available():
                 self.report(
                     "TW023",
-                    "runs in Python, since Numba is not installed",
+                    "runs in Python because Numba is not installed",
                     block,
                     hint="pip install 'tickwork[jit]'",
                     severity="warning",
@@ -209,7 +209,7 @@ class Compilation:
             try:
                 jit.compile_block(block)
             except jit.CannotCompile as error:
-                self.report("TW017", str(error), block, hint="write it with numbers, or take the mark `jit` away")
+                self.report("TW017", str(error), block, hint="use numbers only, or remove `jit = True`")
 
     def check_steps(self):
         for block in self.blocks:
@@ -225,8 +225,9 @@ class Compilation:
     # Types, shapes and units: the same at both ends of a wire
 
     def check_dtypes(self):
-        """A truth is a whole number and a whole number is a number, not the other way round. "any" ports pass what they
-        are given.
+        """Check the dtype of each wire: bool converts to int and int to float, but not the reverse.
+
+        A signal with the unit "any" may have any dtype.
         """
         for (block, name), source in self.wired_inputs():
             wanted = block.inputs[name].dtype
@@ -250,7 +251,7 @@ class Compilation:
                     self.where(block, name),
                     'compare it with a threshold, as in Compare(">")(signal, 0.5)'
                     if wanted == "bool"
-                    else "put a Round between",
+                    else "insert a Round",
                 )
 
     def check_shapes(self):
@@ -286,7 +287,7 @@ class Compilation:
                 )
 
     def wired_inputs(self):
-        """((block, input name), source) of every input, block by block, in the order of declaration."""
+        """Return ((block, input name), source) of every input, in the order of blocks and declarations."""
         return [((block, name), self.sources[block, name]) for block in self.blocks for name in block.inputs]
 
     def unit_hint(self, got, wanted):
@@ -294,7 +295,7 @@ class Compilation:
             units.conversion(got, wanted)
         except ValueError:
             return ""
-        return f"units never convert by themselves: wire signal.to({wanted!r})"
+        return f"units are not converted implicitly: connect signal.to({wanted!r})"
 
     def where(self, block, name):
         wire = self.wires.get((block, name))
@@ -310,14 +311,14 @@ class Compilation:
             if isinstance(block, Actuator) and block.inputs and not any((block, n) in self.wires for n in block.inputs):
                 self.report(
                     "TW005",
-                    f"none of its commands is wired ({', '.join(block.inputs)})",
+                    f"none of its commands is connected ({', '.join(block.inputs)})",
                     block,
-                    hint=f"wire one, as in {block.path.split('/')[-1]}({next(iter(block.inputs))}=...), or "
-                    "take the actuator out",
+                    hint=f"connect one, as in {block.path.split('/')[-1]}({next(iter(block.inputs))}=...), or "
+                    "remove the actuator",
                 )
 
     def check_heat(self):
-        """An actuator that reports no temperature needs a model of it."""
+        """Check that each actuator reports its temperature or has a thermal model."""
         modelled = {
             source.block
             for block in self.blocks
@@ -329,25 +330,25 @@ class Compilation:
             if isinstance(block, Actuator) and "temperature" not in block.outputs and block not in modelled:
                 self.report(
                     "TW024",
-                    "it reports no temperature, and no model of its heat is wired to it",
+                    "the actuator reports no temperature and has no thermal model",
                     block,
-                    hint="wire a ThermalModel to its torque, and a TemperatureDerating behind that",
+                    hint="connect a ThermalModel to its torque, and limit the command with a TemperatureDerating",
                     severity="warning",
                 )
 
     def check_relays(self):
-        """A device that holds a relay names actuators, or buses of actuators, that the diagram has."""
+        """Check that the diagram has the actuators and buses that a relay powers."""
         actuators = [block for block in self.blocks if isinstance(block, Actuator)]
         known = {name for block in actuators for name in (block.path, block.bus)}
         for block in self.blocks:
             for name in sorted(set(block.protects) - known) if isinstance(block, Device) else ():
                 self.report(
                     "TW010",
-                    f"protects: there is no actuator and no bus of actuators named {name!r}",
+                    f"protects: the diagram has no actuator and no bus of actuators named {name!r}",
                     block,
                     hint=suggestion(name, known) or f"name one of {', '.join(sorted(known))}"
                     if known
-                    else "add an actuator, or leave the block out",
+                    else "add an actuator, or remove the block",
                 )
 
     def check_timeouts(self):
@@ -356,10 +357,9 @@ class Compilation:
                 self.report(
                     "TW010",
                     f"timeout: {block.timeout:g} s is shorter than two ticks at "
-                    f"{self.diagram.rate:g} Hz, so that every run "
-                    "would end as silent",
+                    f"{self.diagram.rate:g} Hz, so every run would time out",
                     block,
-                    hint=f"timeout={2.0 / self.diagram.rate:.3g} or more, or 0 for never",
+                    hint=f"set timeout={2.0 / self.diagram.rate:.3g} or more, or 0 to disable it",
                 )
 
     def check_addresses(self):
@@ -378,23 +378,22 @@ class Compilation:
                     break
 
     def check_bitrates(self):
-        """One CAN bus has one bitrate: that of the drives, and of devices that say what they are set to."""
+        """Check that all devices on a CAN bus that declare a bitrate have the same one."""
         devices = [block for block in self.blocks if isinstance(block, Actuator) or "bitrate" in block.parameters]
         for block in devices:
             other = next((other for other in devices if other.bus == block.bus and other.bitrate > block.bitrate), None)
             if other is not None:
                 self.report(
                     "TW025",
-                    f"is set to {block.bitrate / 1e3:g} kbit/s, and {other.path}, on the same bus "
-                    f"{block.bus!r}, to "
+                    f"is set to {block.bitrate / 1e3:g} kbit/s, but {other.path} on the same bus {block.bus!r} to "
                     f"{other.bitrate / 1e3:g} kbit/s",
                     block,
-                    hint=f"give it a bus of its own, or set the device to {other.bitrate / 1e3:g} kbit/s and "
-                    f"say bitrate={other.bitrate:.0f}",
+                    hint=f"connect it to a separate bus, or set the device to {other.bitrate / 1e3:g} kbit/s and "
+                    f"pass bitrate={other.bitrate:.0f}",
                 )
 
     def check_lines(self):
-        """A bus is of one kind, and a line that streams has one device."""
+        """Check that a bus has one medium, and a stream one device."""
         first = {}
         for block in self.blocks:
             if not isinstance(block, Device):
@@ -414,7 +413,7 @@ class Compilation:
                     "TW013",
                     f"is on bus {block.bus!r} with {other.path}, made at {other.location}, and needs {what}",
                     block,
-                    hint="give it another `bus`, or leave that out: its path is then the name of its line",
+                    hint="set a different `bus`, or omit it: the default is the path of the block",
                 )
 
     def check_buses(self):
@@ -422,8 +421,8 @@ class Compilation:
         for load in self.loads:
             there = [block for block in self.blocks if isinstance(block, Device) and block.bus == load.bus]
             what = (
-                f"{load.frames:g} frames a second take {load.typical:.0%} of bus {load.bus!r} at "
-                f"{load.bitrate / 1e6:g} Mbit/s, {load.worst:.0%} at worst"
+                f"{load.frames:g} frames per second use {load.typical:.0%} of bus {load.bus!r} at "
+                f"{load.bitrate / 1e6:g} Mbit/s, {load.worst:.0%} in the worst case"
             )
             hint = f"lower the rate, or put some of its {len(there)} devices on another bus"
             if load.typical > 1.0:
@@ -435,10 +434,10 @@ class Compilation:
     def check_line_speeds(self):
         for load in line_loads([block for block in self.blocks if isinstance(block, Device)]):
             what = (
-                f"{load.messages:g} messages a second, {load.bytes:g} bytes at least, take {load.share:.0%} of "
+                f"{load.messages:g} messages per second, at least {load.bytes:g} bytes, use {load.share:.0%} of "
                 f"its line at {load.speed:g} bit/s"
             )
-            hint = "lower its rate, ask for fewer channels, or set the device, and `baudrate`, to more"
+            hint = "lower its rate, request fewer channels, or raise the baud rate of the device and `baudrate`"
             if load.share > 1.0:
                 self.report("TW016", what, load.device, hint=hint)
             elif load.share > 0.8:
@@ -447,7 +446,7 @@ class Compilation:
     # Rates and conditions
 
     def check_always(self, block):
-        """A block that must be looked at in every tick, and so must what is wired to it."""
+        """Check that a block with `always` and its sources run in every tick."""
         if block.every != 1:
             self.report("TW018", f"runs at every {block.every} ticks", block, hint="take it out of the slow subsystem")
         if block.conditions:
@@ -499,7 +498,7 @@ class Compilation:
                         block,
                         name,
                         self.where(block, name),
-                        f"put a Hold(every={block.every}) between them, which samples what is there",
+                        f"insert a Hold(every={block.every}), which samples the signal",
                     )
                 else:
                     self.holds.append((source.path, source.block.every, f"{block.path}.{name}", block.every))
@@ -515,7 +514,7 @@ class Compilation:
                             block,
                             name,
                             self.where(block, name),
-                            "put a Switch behind the subsystem that chooses 0 while it is disabled",
+                            "connect a Switch after the subsystem that selects 0 while it is disabled",
                             "warning",
                         )
 
@@ -530,10 +529,10 @@ class Compilation:
             *_, (_, _, first, port) = cycle
             self.report(
                 "TW006",
-                f"each of these needs the other in the same tick: {spelled}",
+                f"these blocks depend on each other in the same tick: {spelled}",
                 first,
                 where=self.where(first, port),
-                hint="break the loop with a block that has no direct feedthrough, such as UnitDelay",
+                hint="insert a block without direct feedthrough, such as UnitDelay",
             )
         self.order = cluster(graph)
 
@@ -560,7 +559,7 @@ class Compilation:
         self.proofs.append(proof)
         if not proof.holds:
             what = source.path if isinstance(source, Signal) else f"{float(source):g} {unit}"
-            what += f" can reach {interval} {unit}" if interval.bounded else " is not bounded by anything"
+            what += f" can reach {interval} {unit}" if interval.bounded else " is unbounded"
             self.report(
                 "TW007",
                 f"{what}, and the limit is {limit} {unit} ({block.rating()})",
@@ -570,11 +569,11 @@ class Compilation:
                 "put a limiter last, as in "
                 f"{block.path.split('/')[-1]}({name}=TorqueLimiter(limit={limit.high:g})(...))"
                 if unit == "N·m"
-                else "put a Saturation last, in front of the actuator",
+                else "insert a Saturation before the actuator",
             )
 
     def check_reach(self):
-        """Constants, parameters and courses that lie outside what the joint, its range or the drive can reach."""
+        """Check setpoints against the limits of the joints and drives (graph.reach)."""
         ReachCheck(
             self,
             lambda message, block, port, where, hint, severity: self.report(
@@ -589,12 +588,12 @@ class Compilation:
             return
         for block in self.blocks:
             if block.outputs and block not in used and not isinstance(block, Device):
-                self.report("TW020", "nobody uses or records what it computes", block, severity="warning")
+                self.report("TW020", "its outputs are not connected or recorded", block, severity="warning")
 
-    # What blocks are told before they are laid out
+    # Preparation before the layout
 
     def prepare(self):
-        """Tell each block how wide it is and how often it runs."""
+        """Set the width and the sampling period of each block, and call its `prepare`."""
         for block in self.blocks:
             free = (
                 self.shapes[block, name] for name, port in (block.inputs | block.outputs).items() if port.shape is ...

@@ -1,7 +1,7 @@
-"""What a block declares: its ports, its parameters and its memory.
+"""Declarations of a block: ports, parameters and memory.
 
-A declaration carries its documentation: the reference page, the drawing, the CSV header and the error messages are made
-from it. Within a block each name is used once.
+The reference page, the drawing, the CSV header and the error messages are generated from the declarations. Names are
+unique within a block.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from graph import units
 from graph.interval import Interval
 from graph.signal import Signal
 
-RAMP_TIME = 1.0  # s in which a live parameter crosses its whole range, where no slew is given
+RAMP_TIME = 1.0  # s in which a live parameter without a slew crosses its range
 
 DTYPES = {float: "float", int: "int", bool: "bool", "float": "float", "int": "int", "bool": "bool"}
 
@@ -52,9 +52,9 @@ class Port(Declaration):
         if shape is not ... and not (
             isinstance(shape, tuple) and all(isinstance(length, int) and length > 0 for length in shape)
         ):
-            raise TypeError(f"a shape is a tuple of lengths, as in (3,), or ..., not {shape!r}")
+            raise TypeError(f"shape must be a tuple of lengths, as in (3,), or ..., got {shape!r}")
         if dtype not in DTYPES:
-            raise TypeError(f"a dtype is float, int or bool, not {dtype!r}")
+            raise TypeError(f"dtype must be float, int or bool, got {dtype!r}")
         self.unit = units.canonical(unit)
         self.description = description
         self.shape = shape
@@ -71,7 +71,7 @@ class Input(Port):
     shape : (), (3,), ...; `...` for any shape, the same for all such ports of a block
     dtype : float, int or bool
     default : value of an unwired input; without one, leaving it unwired is an error
-    broadcast : of shape ..., a scalar signal may be wired too and goes with every element; a kernel finds size 1, a
+    broadcast : with shape ..., also accept a scalar signal, combined with every element; a kernel receives size 1, a
         step a float
     """
 
@@ -87,17 +87,17 @@ class Input(Port):
     ) -> None:
         super().__init__(unit, description, shape=shape, dtype=dtype)
         if broadcast and shape is not ...:
-            raise TypeError(f"what broadcasts has shape=..., not {shape!r}")
+            raise TypeError(f"broadcast requires shape=..., got {shape!r}")
         self.default, self.broadcast = default, broadcast
 
 
 class Output(Port):
     """An output port.
 
-    range : (low, high) that the output never leaves, if the block can promise one
-    circle : (low, high) of a value that goes round, so that the two ends are one, as those of a phase or a bearing:
-        a recording is resampled across them
-    kernel : it is among the items of a native block's kernel; what is not, somebody else writes
+    range : (low, high) that the output never leaves, or None
+    circle : (low, high) of a periodic value such as a phase or a bearing, whose two ends are equal; resampling of a
+        recording interpolates across them
+    kernel : the kernel of a native block writes it; False for an output that another component writes
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Output(Port):
     ) -> None:
         super().__init__(unit, description, shape=shape, dtype=dtype)
         if circle and not (len(circle) == 2 and -math.inf < circle[0] < circle[1] < math.inf and self.dtype == "float"):
-            raise TypeError(f"a circle is (low, high) of a float, as in (-math.pi, math.pi), not {circle!r}")
+            raise TypeError(f"circle must be (low, high) of a float output, as in (-math.pi, math.pi), got {circle!r}")
         self.kernel, self.circle = kernel, tuple(circle)
         self.range = Interval(*range) if range is not None else None
 
@@ -146,17 +146,17 @@ if TYPE_CHECKING:
 class Param(Declaration, Generic[T]):
     """A parameter, a plain attribute of the block once it is built.
 
-    default : its value when none is given; its type is the parameter's
-    unit : of the value
+    default : value if none is passed; its type is that of the parameter
+    unit : unit of the value
     min, max : inclusive bounds; above, below : exclusive ones
-    choices : the values allowed
+    choices : allowed values
     live : may change while running; needs min and max, both finite
-    fixed : is read before the run alone, so that a change while running would do nothing; text and tables are, always
-    slew : how fast it may change while running, in its unit per second; its whole live range in a second if left out, a
-        step if infinite. Whole numbers and truths step
-    required : there is no default
-    file : it is the path of a file that the block reads, whose content counts in the diagram's hash instead of the path
-    kernel : it is among the items of a native block's kernel, if it is a number
+    fixed : is read before the run only, so that it cannot change while running; always True for text and tables
+    slew : fastest change while running, in its unit per second; by default its live range in one second. An infinite
+        slew is a step, and int and bool parameters always step
+    required : has no default
+    file : path of a file that the block reads; its content, not its path, enters the hash of the diagram
+    kernel : the kernel of a native block reads it, if it is a number
     """
 
     # The type of a parameter follows from its default and dtype.
@@ -254,11 +254,11 @@ class Param(Declaration, Generic[T]):
         if live and (min is None or max is None or not (math.isfinite(min) and math.isfinite(max))):
             raise TypeError("a live parameter needs both bounds, min and max, both finite")
         if not kernel and not self.fixed:
-            raise TypeError("a parameter that no kernel is told of is fixed")
+            raise TypeError("a parameter with kernel=False must be fixed")
         if self.fixed and (live or slew is not None):
-            raise TypeError("a fixed parameter does not change while running, so it is not live and has no slew")
+            raise TypeError("a fixed parameter cannot be live or have a slew")
         if slew is not None and not slew > 0.0:
-            raise TypeError(f"a slew is above 0, in the parameter's unit per second, not {slew!r}")
+            raise TypeError(f"slew must be above 0, in the parameter's unit per second, got {slew!r}")
 
     if TYPE_CHECKING:  # a block class replaces the declaration by an attribute of each block
 
@@ -273,30 +273,27 @@ class Param(Declaration, Generic[T]):
         return LiveBounds(self.min, self.max, self.live_slew(self.min, self.max))
 
     def live_slew(self, low: float, high: float) -> float:
-        """The fastest change while running between two bounds, in the parameter's unit per second; infinite for what
-        steps.
-        """
+        """Return the slew between two live bounds, in the parameter's unit per second, infinite for a step."""
         if self.dtype is not float or low == high:
             return math.inf
         return min(high - low, sys.float_info.max) / RAMP_TIME if self.slew is None else float(self.slew)
 
     @property
     def numeric(self) -> bool:
+        """Whether it is a float, int or bool."""
         return self.dtype in (float, int, bool)
 
     @property
     def placed(self) -> bool:
-        """Whether it has a place in the arena."""
+        """Whether it has a slot in the arena."""
         return self.numeric and self.kernel
 
     def check(self, value: Any) -> Any:
-        """The value in the parameter's type; None where that is the default. ValueError saying which bound it
-        breaks.
-        """
+        """Convert a value to the parameter's type. Raises ValueError outside its type, bounds or choices."""
         if value is None and (self.default is None and not self.required or self.dtype is object):
             return None
         if value is None:
-            raise ValueError("a value is wanted, got None")
+            raise ValueError("expected a value, got None")
         if isinstance(value, str) and self.numeric:
             raise ValueError(f"expected a number, got {value!r}")
         if self.dtype is bool and not isinstance(value, (bool, np.bool_)):
@@ -325,7 +322,7 @@ class Param(Declaration, Generic[T]):
         return value
 
     def parse(self, text: str) -> Any:
-        """The value of a command-line text, '40', '60 deg', 'true'. ValueError if it is none."""
+        """Parse command-line text, such as '40', '60 deg' or 'true'. Raises ValueError if it is not valid."""
         if self.dtype is bool:
             truths = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
             if text.lower() not in truths:
@@ -350,9 +347,7 @@ def is_whole(value: Any) -> bool:
 
 
 class LiveBounds(NamedTuple):
-    """What a parameter may do while running: stay between min and max, and change no faster than slew, in its unit per
-    second.
-    """
+    """Bounds of a parameter while running. slew : fastest change, in its unit per second"""
 
     min: float
     max: float
@@ -362,9 +357,9 @@ class LiveBounds(NamedTuple):
 class Live:
     """A parameter's value that may change while running, within bounds: `limit=Live(12.0, max=15.0, slew=2.0)`.
 
-    Bounds and slew left out are the parameter's own; a live parameter needs both bounds, and the proof takes it over
-    all of them. Where neither has a slew, the value crosses the whole range in a second; `slew=math.inf` asks for a
-    step. Whole numbers and truths step.
+    min, max, slew : by default those of the parameter. Both bounds are required, and the range proof covers all values
+    between them. Without a slew the value crosses its range in one second; `slew=math.inf` is a step. int and bool
+    parameters always step.
     """
 
     def __init__(
@@ -373,12 +368,11 @@ class Live:
         self.value, self.min, self.max, self.slew = value, min, max, slew
 
     def bounds(self, param: Param[Any]) -> LiveBounds:
-        """The LiveBounds for a Param. ValueError where they are none."""
+        """Return the LiveBounds for a Param. Raises ValueError for invalid bounds."""
         if param.fixed:
             raise ValueError(
-                "cannot be Live: it is read before the run alone, and a change would do nothing. Give "
-                "its value as it is; "
-                "--set chooses another for the next run"
+                "cannot be Live: it is read before the run only. Pass a plain value, and change it for the next run "
+                "with --set"
             )
         low = param.min if self.min is None else param.check(self.min)
         high = param.max if self.max is None else param.check(self.max)
@@ -394,14 +388,15 @@ class Live:
 
 
 class Memory(Declaration):
-    """State or coefficients of a native block, in the arena. `initial` is its value at reset; `prepare` may set another
-    of any length.
+    """State or coefficients of a native block, in the arena.
+
+    initial : value at reset, unless `prepare` sets another, of any length
     """
 
     def __init__(self, initial: Numbers = 0.0, description: str = "") -> None:
         self.initial, self.description = initial, description
 
-    if TYPE_CHECKING:  # an attribute of the block takes the place of the declaration
+    if TYPE_CHECKING:  # an attribute of the block replaces the declaration
 
         def __get__(self, block: object, owner: type | None = None) -> Any: ...
         def __set__(self, block: object, value: Numbers) -> None: ...

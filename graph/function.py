@@ -17,11 +17,12 @@ from graph.declarations import Input, Output, Param
 
 
 def block(function: Callable[..., Any]) -> type[Block]:
-    """A Block class from an annotated function without state.
+    """Return a Block class from an annotated function without state.
 
     Arguments annotated with Input become inputs, those with Param parameters; `t`, `tick` and `dt` need no annotation.
-    The return annotation is one Output, whose port is called `y`, or a dict of them by name. TypeError, when
-    decorating, if the signature says less.
+    The return annotation is one Output, whose port is called `y`, or a dict of them by name.
+
+    Raises TypeError for an incomplete signature.
     """
     annotations = inspect.get_annotations(function, eval_str=True)
     outputs = annotations.pop("return", None)
@@ -29,7 +30,7 @@ def block(function: Callable[..., Any]) -> type[Block]:
         outputs = {"y": outputs}
     if not isinstance(outputs, dict) or not all(isinstance(port, Output) for port in outputs.values()):
         raise TypeError(
-            f"{function.__name__} must say what it returns: -> Output(unit), or -> {{name: Output(unit), ...}}"
+            f"{function.__name__} has no return annotation: add -> Output(unit), or -> {{name: Output(unit), ...}}"
         )
     body = {
         "__doc__": function.__doc__,
@@ -57,7 +58,7 @@ def block(function: Callable[..., Any]) -> type[Block]:
 
 
 def make_step(function: Callable[..., Any], arguments: list[str], parameters: list[str]) -> Callable[..., Any]:
-    """A `step` with the function's own argument names, which is how a block says what its inputs are."""
+    """Return a `step` with the argument names of the function, by which a block selects its inputs."""
     call = ", ".join(f"{name}={name}" for name in arguments) + "".join(f", {name}=self.{name}" for name in parameters)
     source = f"def step(self, {', '.join(arguments)}):\n    return function({call.removeprefix(', ')})"
     namespace = {"function": function}

@@ -35,7 +35,7 @@ def check_kernels(block):
 
 
 def problem_of(block, kind, item, incomplete):
-    """The problem with the declaration of an item and its remedy; None if there is none."""
+    """Return the problem with the declaration of an item and its remedy, or None."""
     name = item.name
     ports = block.inputs | block.outputs
     if name in ports:
@@ -58,12 +58,12 @@ def problem_of(block, kind, item, incomplete):
 
 
 def fits(shape, size):
-    """Whether a port of a shape, ... for any, has as many numbers as a kernel takes, None for any."""
+    """Return whether a port has the number of elements that a kernel takes. size : None for any"""
     return size is None or shape is not ... and math.prod(shape) == size
 
 
 def rest_of(block, kernel, kind):
-    """Names of the "inputs" or "outputs" of a block that a kernel takes without naming them, in their order."""
+    """Return the "inputs" or "outputs" of a block that a kernel does not name, in the order of declaration."""
     ports = [name for name, port in getattr(block, kind).items() if getattr(port, "kernel", True)]
     return [name for name in ports if name not in kernel.names]
 

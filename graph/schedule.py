@@ -1,4 +1,4 @@
-"""The result of a compile: an arena, steps in order, devices, what is recorded. Data only; `cext` runs it."""
+"""Result of a compile, as data: arena, steps in order, devices, recorded signals. `cext` executes it."""
 
 from dataclasses import dataclass, field
 
@@ -11,8 +11,9 @@ from graph.interval import Interval
 
 @dataclass(frozen=True)
 class Step:
-    """One call of a tick. Native: kernel and table. Python: function, inputs as (name, slot, dtype, shape), outputs
-    with (low, high) behind.
+    """One call in a tick: a kernel with its table, or a Python function.
+
+    inputs : (name, slot, dtype, shape) of each argument; outputs : (name, slot, dtype, shape, low, high) of each result
     """
 
     name: str
@@ -23,15 +24,16 @@ class Step:
     function: object = None
     inputs: tuple = ()
     outputs: tuple = ()
-    hold: int = 0  # exceptions in a row that are no fault
+    hold: int = 0  # consecutive exceptions that are not a fault
 
 
 @dataclass(frozen=True)
 class WatchSteps:
-    """What is watched over an actuator, and where it finds its things: slots, -1 for what there is none of.
+    """The Watch of an actuator and the slots that it uses, -1 for a quantity that the actuator does not have.
 
-    felt : where the kernel reads what is left of its limit; full : what stands there when nothing is taken
-    law : first of five: what the last frame carried; gains : where the kernel reads the share of stiffness and damping
+    felt : slot of the remaining torque limit, read by the kernel; full : its initial value, N·m
+    law : first of five slots with the command of the last frame
+    gains : slot of the allowed share of stiffness and damping, read by the kernel
     """
 
     watch: object  # graph.device.Watch
@@ -65,37 +67,38 @@ class DeviceSteps:
     enable: tuple
     zero: tuple
     disable: tuple
-    damp: DampedStop | None = None  # what a safe stop begins with, in place of zero and disable
-    unanswered: int = 0  # of the frames of disable
-    relay_time: float = 0.0  # s without a frame after which its relay drops; 0: it holds none
-    start_time: float = 0.0  # s of arming in which others are sent nothing
+    damp: DampedStop | None = None  # first part of a safe stop, instead of zero and disable
+    unanswered: int = 0  # number of disable frames without a reply
+    relay_time: float = 0.0  # s without a frame after which its relay opens; 0: it has no relay
+    start_time: float = 0.0  # s at the beginning of arming during which no other device receives a frame
     watch: WatchSteps | None = None
-    warning: int = -1  # slot of what it warns of, bit by bit
-    warnings: tuple = ()  # words for each bit
-    reads: tuple = ()  # those of `enable` that read and change nothing
-    ready: int = -1  # slot that is not 0 once it has read back what arming wrote; -1: nothing is read back
-    ready_size: int = 0  # numbers from there on that outlive the start of the blocks
+    warning: int = -1  # slot of the warning bits
+    warnings: tuple = ()  # text of each bit
+    reads: tuple = ()  # frames of `enable` that only read
+    ready: int = -1  # slot that is not 0 after the settings are confirmed; -1: no confirmation
+    ready_size: int = 0  # numbers from there on that keep their value when the blocks are reset
 
 
 @dataclass(frozen=True)
 class SignalPlace:
-    """Where a signal lies in the arena, and what it is."""
+    """A signal and its slot in the arena."""
 
     path: str
     slot: int
     shape: tuple
     dtype: str
     unit: str
-    circle: tuple = ()  # the two ends that are one, of a value that goes round
+    circle: tuple = ()  # the two equal ends of a periodic value
 
     @property
     def size(self):
+        """Number of elements."""
         return int(np.prod(self.shape))
 
 
 @dataclass(frozen=True)
 class Column:
-    """One recorded number: its place in the row, and its header."""
+    """One recorded number: its index in the row, and its header."""
 
     index: int
     path: str
@@ -106,7 +109,7 @@ class Column:
 
 @dataclass(frozen=True)
 class SinkColumns:
-    """A recorder or viewer, and the columns it takes."""
+    """A recorder or viewer, and its columns."""
 
     block: object
     columns: tuple
@@ -114,8 +117,9 @@ class SinkColumns:
 
 @dataclass(frozen=True)
 class LiveParameter:
-    """A parameter that may change while running: its slot in the arena (-1: it has none), its block if it is a Python
-    block's attribute.
+    """A parameter that may change while running.
+
+    slot : in the arena, -1 without one; block : the Python block with this attribute, or None
     """
 
     path: str  # "left/impedance.stiffness"
@@ -128,12 +132,12 @@ class LiveParameter:
     built: float
     low: float
     high: float
-    slew: float  # unit per second, infinite where it steps
+    slew: float  # unit per second, infinite for a step
 
 
 @dataclass(frozen=True)
 class Proof:
-    """What is known of one command of one actuator before anything moves."""
+    """Proved interval of a command of an actuator, and its limit."""
 
     path: str
     port: str
@@ -144,6 +148,7 @@ class Proof:
 
     @property
     def holds(self):
+        """Whether the interval is inside the limit."""
         return self.interval in self.limit
 
 
@@ -154,14 +159,14 @@ class Schedule:
     name: str
     rate: float
     arena: np.ndarray
-    memory_start: int  # slot where the memory of blocks begins: from here on the arena is state
-    look: list  # a pass over what settling needs, on the present measurement, each block settled before its output
-    settle: list  # the settle steps of that pass alone
+    memory_start: int  # first slot of the memory of blocks: the arena is state from here on
+    look: list  # steps that settle the blocks on the present measurement, each settle step before its output step
+    settle: list  # the settle steps of `look`
     output: list
     update: list
     devices: list
     buses: list
-    media: list  # of each bus: graph.Device.medium of what is on it
+    media: list  # graph.Device.medium of each bus
     signals: dict  # path: SignalPlace
     columns: np.ndarray  # slots of the recorded numbers
     recorded: list  # Column of each of them, by the path of its signal
@@ -178,7 +183,7 @@ class Schedule:
 
     @property
     def gil_sections(self):
-        """How often a tick takes the GIL."""
+        """Number of GIL acquisitions in a tick."""
         count, python = 0, False
         for phase in (self.output, self.update):
             python = False

@@ -1,4 +1,4 @@
-"""One native block on an arena of its own, so that `block.step(...)` computes as it does in a diagram."""
+"""Execution of one native block on an arena of its own, for `block.step(...)` outside a run."""
 
 from typing import Any
 
@@ -10,13 +10,11 @@ from graph.kernel_items import check_kernels
 
 
 class Scratch:
-    """Runs a block's kernels by hand. Not for the tick."""
+    """Arena and kernel tables of one block, for single steps outside a tick."""
 
     def __init__(self, block):
         if block.kernel is None and block.update_kernel is None:
-            raise TypeError(
-                f"{block.path} has nothing to compute: {type(block).__name__} has neither a step nor a kernel"
-            )
+            raise TypeError(f"{block.path} cannot be stepped: {type(block).__name__} has neither a step nor a kernel")
         self.block = block
         self.arena: Any = None  # made at the first step, when shapes are known
 
@@ -53,13 +51,13 @@ class Scratch:
         self.tick = 0
 
     def restart(self):
-        """Memory back to what it was at the start, as a run does it: what `prepare` made of the parameters stays."""
+        """Reset the memory as at the start of a run, without a call of `prepare`."""
         if self.arena is not None:
             self.arena[self.memory_start :] = self.memory
             self.tick = 0
 
     def load(self, values, named, needed):
-        """Put the inputs into the arena; `needed` are those that the kernel reads."""
+        """Write the inputs to the arena. needed : names of the inputs that the kernel reads"""
         block = self.block
         names = list(block.inputs)
         if len(values) > len(names) or set(named) - set(names):
@@ -82,7 +80,7 @@ class Scratch:
             arena[slot] = np.nan if value is None else value
 
     def table(self, kernel):
-        """The KernelTable of one of the block's kernels."""
+        """Return the KernelTable of a kernel of the block."""
         if kernel not in self.tables:
             self.tables[kernel] = kernel_table(self.block, kernel, self.items)
         return self.tables[kernel]

@@ -42,7 +42,6 @@ OLD_VOICE = (  # folders and files that are not rewritten yet: remove them as so
     "cext/lines/",
     "cext/safety/",
     "cext/schedule/",
-    "graph/",
     *(
         f"runtime/{folder}/"
         for folder in (

@@ -1,10 +1,9 @@
-"""Columns: which column each box of a level stands in, and in which order. (Sugiyama, Tagawa and Toda 1981; Gansner et
-al. 1993.)
+"""Layered layout: the column of each box of a level, and the order in each column.
 
-Principle: 1. links that close a loop are turned to feedback, first those that a block does not need within the tick; 2.
-each box stands as far left as the boxes it listens to allow; 3. a link over several columns gets a place in each of
-them, so that it goes around boxes; 4. the order in a column is swept to the mean of the neighbours' until no fewer
-lines cross.
+Principle of operation: 1. Links that close a loop become feedback, preferably those without direct feedthrough. 2. Each
+box is in the leftmost column that its sources permit. 3. A link over several columns has a node in each of them, so
+that it passes between boxes. 4. Each column is sorted by the mean position of the neighbours, forwards and backwards,
+until the number of crossings no longer decreases. (Sugiyama, Tagawa and Toda 1981; Gansner et al. 1993)
 """
 
 from bisect import bisect, insort
@@ -14,15 +13,15 @@ from itertools import pairwise
 
 import networkx as nx
 
-SWEEPS = 12
+SWEEP_LIMIT = 12  # sorting passes over all columns
 
 
 @dataclass(eq=False)
 class Node:
-    """A box, a frame, a pin, or a place where a line passes through a column. left, right : y of each port, from the
-    top.
+    """A box, a frame, a pin, or the passage of a line through a column.
 
-    side : "first" or "last" for pins, which stand in the outermost columns
+    left, right : {port: y from the top} in px
+    side : "first" or "last" for pins, which are in the outermost columns
     """
 
     what: object
@@ -31,20 +30,20 @@ class Node:
     left: dict = field(default_factory=dict)
     right: dict = field(default_factory=dict)
     side: str = ""
-    eager: bool = False  # a device: where a loop is to be opened, if one can choose
+    eager: bool = False  # a device: the preferred place to open a loop
     layer: int = 0
     x: float = 0.0
     y: float = 0.0
 
     @property
     def passes(self):
-        """Whether it is no box, but a line's way through a column."""
+        """Whether it is the passage of a line through a column."""
         return isinstance(self.what, Net)
 
 
 @dataclass(eq=False)
 class Edge:
-    """From an output of one node to an input of another."""
+    """A link from an output of one node to an input of another."""
 
     source: Node
     output: object
@@ -56,7 +55,7 @@ class Edge:
 
 @dataclass(eq=False)
 class Net:
-    """All edges of one output that go one way. stops : the node of each column that it passes on its way."""
+    """All edges of one output in one direction. stops : its node in each column that it passes"""
 
     source: Node
     output: object
@@ -67,7 +66,7 @@ class Net:
 
 @dataclass(frozen=True)
 class Hop:
-    """A piece of a net between two neighbouring columns."""
+    """A segment of a net between adjacent columns."""
 
     source: Node
     output: object
@@ -77,13 +76,14 @@ class Hop:
 
     @property
     def weight(self):
-        """Long lines bend least. (Gansner et al. 1993.)"""
+        """Weight of the vertical offset, higher for segments of long lines. (Gansner et al. 1993)"""
         return (1.0, 2.0, 8.0)[self.source.passes + self.target.passes]
 
 
 def arrange(nodes, edges):
-    """(columns of nodes, nets, hops), with every node's `layer` set. The order of `nodes` decides where nothing else
-    does.
+    """Set the `layer` of every node. Returns (columns of nodes, nets, hops).
+
+    The order of `nodes` resolves ties.
     """
     back = feedback(nodes, edges)
     find_layers(nodes, [edge for edge in edges if edge not in back])
@@ -100,22 +100,22 @@ def arrange(nodes, edges):
 
 
 def feedback(nodes, edges):
-    """The edges that go back: without them there is no loop."""
+    """Return a set of feedback edges, without which there is no loop."""
     position = {node: index for index, node in enumerate(nodes)}
     back = {edge for edge in edges if edge.source is edge.target}
     while True:
         remaining = [edge for edge in edges if edge not in back]
         graph = nx.DiGraph((edge.source, edge.target) for edge in remaining)
-        knots = [knot for knot in nx.strongly_connected_components(graph) if len(knot) > 1]
-        if not knots:
+        loops = [component for component in nx.strongly_connected_components(graph) if len(component) > 1]
+        if not loops:
             return back
-        for knot in knots:
-            inside = [edge for edge in remaining if edge.source in knot and edge.target in knot]
+        for loop in loops:
+            inside = [edge for edge in remaining if edge.source in loop and edge.target in loop]
             back |= opening(inside, position)
 
 
 def opening(edges, position):
-    """The edges into one node of a knot, chosen so that the flow begins there."""
+    """Return the edges into the node of a loop at which the flow should begin."""
     entering, leaving = defaultdict(list), defaultdict(int)
     for edge in edges:
         entering[edge.target].append(edge)
@@ -137,24 +137,24 @@ def opening(edges, position):
 
 
 def find_layers(nodes, edges):
-    """Longest path from the left; what listens to nobody moves right, next to the first that listens to it."""
+    """Set layers by the longest path from the left; a source is in the column before its first target."""
     followers, waiting = defaultdict(list), dict.fromkeys(nodes, 0)
     for edge in edges:
         followers[edge.source].append(edge.target)
         waiting[edge.target] += 1
-    heard = {node for node, count in waiting.items() if count}
+    has_input = {node for node, count in waiting.items() if count}
     first = any(node.side == "first" for node in nodes)
     ready = [node for node in nodes if not waiting[node]]
     for node in nodes:
         node.layer = int(first and node.side != "first")
-    for node in ready:  # grows while it is walked through
+    for node in ready:  # grows during the iteration
         for follower in followers[node]:
             follower.layer = max(follower.layer, node.layer + 1)
             waiting[follower] -= 1
             if not waiting[follower]:
                 ready.append(follower)
     for node in nodes:
-        if node not in heard and node.side != "first" and followers[node]:
+        if node not in has_input and node.side != "first" and followers[node]:
             node.layer = min(follower.layer for follower in followers[node]) - 1
     last = max((node.layer + 1 for node in nodes if node.side != "last"), default=0)
     for node in nodes:
@@ -163,7 +163,7 @@ def find_layers(nodes, edges):
 
 
 def pass_through(net, columns):
-    """The hops of a net, through one stop in each column between its source and its furthest target."""
+    """Return the hops of a net, with a stop in each column between its source and its furthest target."""
     at, hops = (net.source, net.output), []
     last = max(edge.target.layer for edge in net.edges)
     for column in range(net.source.layer + 1, last + 1):
@@ -177,14 +177,14 @@ def pass_through(net, columns):
 
 
 def uncross(columns, hops):
-    """The columns, each in an order that lets few lines cross."""
+    """Return the columns, each in an order with few crossings."""
     entering, leaving = defaultdict(list), defaultdict(list)
     for hop in hops:
         entering[hop.target].append(hop)
         leaving[hop.source].append(hop)
     order = [list(column) for column in columns]
     best, fewest = order, crossings(order, leaving)
-    for sweep in range(SWEEPS):
+    for sweep in range(SWEEP_LIMIT):
         if not fewest:
             break
         order = [list(column) for column in order]
@@ -199,25 +199,26 @@ def uncross(columns, hops):
 
 
 def sort_column(order, index, hops, forth):
-    """Each node to the mean place of those it is linked to in the column beside; one without links keeps its share of
-    the way down.
+    """Sort a column by the mean position of the linked nodes in the adjacent column.
+
+    A node without links keeps its relative position.
     """
     beside = places(order[index - 1 if forth else index + 1])
     column = order[index]
 
     def place(at, node):
         if forth:
-            found = [beside[hop.source] + share(hop.source.right, hop.output) for hop in hops[node]]
+            linked = [beside[hop.source] + share(hop.source.right, hop.output) for hop in hops[node]]
         else:
-            found = [beside[hop.target] + share(hop.target.left, hop.input) for hop in hops[node]]
-        return sum(found) / len(found) if found else at * len(beside) / len(column)
+            linked = [beside[hop.target] + share(hop.target.left, hop.input) for hop in hops[node]]
+        return sum(linked) / len(linked) if linked else at * len(beside) / len(column)
 
-    wanted = {node: place(at, node) for at, node in enumerate(column)}
-    order[index] = sorted(column, key=wanted.__getitem__)
+    means = {node: place(at, node) for at, node in enumerate(column)}
+    order[index] = sorted(column, key=means.__getitem__)
 
 
 def swap_neighbours(order, entering, leaving):
-    """Exchange two that stand one above the other wherever their own lines then cross less."""
+    """Swap adjacent nodes of a column while that reduces the crossings of their lines."""
     for index, column in enumerate(order):
         before = places(order[index - 1]) if index else {}
         behind = places(order[index + 1]) if index + 1 < len(order) else {}
@@ -241,7 +242,7 @@ def swap_neighbours(order, entering, leaving):
 
 
 def crossings(order, leaving):
-    """How many pairs of hops cross."""
+    """Return the number of pairs of hops that cross."""
     count = 0
     for column, following in pairwise(order):
         here, there = places(column), places(following)
@@ -263,5 +264,5 @@ def places(column):
 
 
 def share(ports, port):
-    """Where a port stands on its edge, from 0 to 1."""
+    """Return the relative position of a port on its edge, from 0 to 1."""
     return (list(ports).index(port) + 1) / (len(ports) + 1)

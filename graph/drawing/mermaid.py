@@ -1,13 +1,11 @@
-"""A drawing as Mermaid text, for documents that draw it themselves. It says what is wired to what; Mermaid decides
-where things lie.
-"""
+"""Mermaid text of a drawing, for documents that render it. It contains the connections; Mermaid does the layout."""
 
 from graph.drawing.style import FAMILIES
 from graph.drawing.svg import used
 
 
 def mermaid(drawing):
-    """The flowchart as text."""
+    """Return a drawing as the text of a Mermaid flowchart."""
     names = {box.path: f"b{index}" for index, box in enumerate(drawing.boxes)}
     lines = ["flowchart LR", *inside(drawing, "", names, "    ")]
     frames = {frame.path: f"f{index}" for index, frame in enumerate(drawing.frames)}
@@ -27,7 +25,7 @@ def mermaid(drawing):
 
 
 def inside(drawing, subsystem, names, indent):
-    """The boxes and frames that stand in one frame."""
+    """Yield the lines for the boxes and frames in one frame."""
     for box in drawing.boxes:
         if box.subsystem == subsystem:
             text = f"{box.title}<br>{box.subtitle}" if box.subtitle else box.title
@@ -40,9 +38,7 @@ def inside(drawing, subsystem, names, indent):
 
 
 def wires(drawing):
-    """(source's port, target's port or the pin that enables a frame, whether it goes back) of every wire, its lines put
-    together.
-    """
+    """Yield (port of the source, port of the target or pin of a frame, whether it is feedback) of every wire."""
     following = {}
     for line in drawing.lines:
         following.setdefault((line.signal, line.source), []).append(line)

@@ -1,14 +1,13 @@
-"""A drawing as data: where every box, frame and line lies. Lengths are pixels, x to the right, y downwards, from the
-drawing's corner.
-"""
+"""Drawings as data: positions of boxes, frames and lines, in px from the top left corner, x right and y down."""
 
 from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
 class Port:
-    """One end of lines on the edge of a box. side : "in", on the left, or "out", on the right. note : value of a
-    constant wired to it.
+    """End of lines on the edge of a box.
+
+    side : "in", on the left, or "out", on the right; note : value of a constant wired to it
     """
 
     name: str
@@ -21,8 +20,9 @@ class Port:
 
 @dataclass(frozen=True)
 class Box:
-    """A block. subsystem : path of the frame it stands in, "" for none. details : parameters worth showing. wrong : its
-    errors.
+    """A block.
+
+    subsystem : path of the enclosing frame, "" for none; details : lines of parameters; wrong : its errors
     """
 
     path: str
@@ -41,8 +41,9 @@ class Box:
 
 @dataclass(frozen=True)
 class Pin:
-    """Where lines of one signal cross the edge of a frame. side : "in", "out", or "enabled" for what switches a
-    subsystem on.
+    """Crossing of a signal and the edge of a frame.
+
+    side : "in", "out", or "enabled" for the signal that enables a subsystem
     """
 
     signal: str
@@ -53,7 +54,7 @@ class Pin:
 
 @dataclass(frozen=True)
 class Frame:
-    """A subsystem. subsystem : path of the frame around it. note : its rate and condition, where it has its own."""
+    """A subsystem. subsystem : path of the enclosing frame; note : its rate and condition, if it has its own"""
 
     path: str
     subsystem: str
@@ -68,12 +69,12 @@ class Frame:
 
 @dataclass(frozen=True)
 class Line:
-    """A piece of a signal's way inside one frame: from a port or pin to a port or pin.
+    """Segment of a signal's path inside one frame, between two ports or pins.
 
-    source, target : paths of ports, "left/knee.torque"; (frame, side, signal) of pins
-    points : corners, ends included; every piece between two is level or upright
-    joints : those of its corners where other lines of the signal leave it
-    back : whether it goes against the flow, to a block that stands before its source
+    source, target : path of a port, "left/knee.torque", or (frame, side, signal) of a pin
+    points : ends and corners; the line between two points is horizontal or vertical
+    joints : corners at which other lines of the signal branch off
+    back : whether it is feedback, to a block left of its source
     """
 
     signal: str
@@ -89,7 +90,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Drawing:
-    """cards : what a reader may ask of a block, by path. signals : text on a signal, by path."""
+    """A drawing. cards : {path: description of a block}; signals : {path: text on a signal}"""
 
     name: str
     rate: float

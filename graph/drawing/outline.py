@@ -1,8 +1,7 @@
-"""A diagram as a tree of subsystems, each with what stands in it and the links between those: what a picture is made
-from.
+"""A diagram as a tree of subsystems, each with its blocks, its inner subsystems and the links between them.
 
-A signal that leaves a subsystem or enters one is cut at its edge, where it has a pin; so every subsystem can be laid
-out by itself.
+A signal that enters or leaves a subsystem is split at a pin on its edge, so that each subsystem can be laid out
+separately.
 """
 
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ from graph.signal import Signal
 
 @dataclass(eq=False)
 class Level:
-    """A subsystem, or the diagram itself. things : blocks and Levels in the order in which they were made."""
+    """A subsystem, or the diagram itself. things : blocks and Levels in the order of construction"""
 
     path: str
     title: str
@@ -23,7 +22,7 @@ class Level:
     things: list = field(default_factory=list)
     levels: dict = field(default_factory=dict)
     links: dict = field(default_factory=dict)  # (source end, target end): Link
-    pins: dict = field(default_factory=dict)  # (side, signal path): whether nothing behind it needs it within the tick
+    pins: dict = field(default_factory=dict)  # (side, signal path): whether no target needs it within the tick
 
     def connect(self, source, target, signal, delayed):
         link = self.links.get((source, target))
@@ -39,8 +38,9 @@ class Level:
 
 @dataclass(eq=False)
 class Link:
-    """From one end to another, inside one level. An end is (block, port), (Level, pin) or, for a pin of the level
-    itself, (None, pin).
+    """A link between two ends in one level.
+
+    source, target : (block, port), (Level, pin) or, for a pin of the level itself, (None, pin)
 
     delayed : whether the target does not need it within the tick
     """
@@ -52,9 +52,9 @@ class Link:
 
 
 def outline(diagram, taps):
-    """The diagram's own Level. taps : {sink: [(label, Signal)]} of sinks that take any number of signals."""
+    """Return the Level of a diagram. taps : {sink: [(label, Signal)]} of sinks for any number of signals"""
     root = Level("", diagram.name)
-    lineage = {}  # block: the levels that hold it, from the outermost
+    lineage = {}  # {block: the levels that contain it, from the outermost}
     for block in diagram:
         level, chain = root, [root]
         parts = block.path.split("/")
@@ -81,7 +81,7 @@ def outline(diagram, taps):
 
 
 def find_rate_and_condition(level, outer, blocks):
-    """What all blocks of a level have in common."""
+    """Set the rate and the conditions that all blocks of a level share."""
     common = blocks[0].conditions
     for block in blocks:
         common = tuple(a for a, _ in takewhile(lambda pair: pair[0] == pair[1], zip(common, block.conditions)))
@@ -91,9 +91,7 @@ def find_rate_and_condition(level, outer, blocks):
 
 
 def wires(diagram, taps):
-    """(signal, target block, key of its input, whether it is not needed within the tick) of every wire that comes from
-    a port.
-    """
+    """Yield (signal, target block, input, whether the target does not need it within the tick) of each wire."""
     for wire in diagram.wires:
         if isinstance(wire.source, Signal) and not wire.block.variadic:
             yield (
@@ -109,7 +107,7 @@ def wires(diagram, taps):
 
 
 def run(signal, source_chain, target, key, target_chain, delayed):
-    """Connect a signal to a port or pin of `target`, level by level: out of the source's subsystems, across, and in."""
+    """Connect a signal to a port or pin of `target`, through the pins of all levels between them."""
     shared = sum(a is b for a, b in zip(source_chain, target_chain))
     end = signal.block, signal.port
     for level in reversed(source_chain[shared:]):

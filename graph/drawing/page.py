@@ -1,6 +1,4 @@
-"""A drawing as a page: one HTML file without a network, to pan, zoom, search, fold subsystems, and read what a block
-says of itself.
-"""
+"""HTML page of a drawing, in one file: pan, zoom, search, fold subsystems, and show descriptions of blocks."""
 
 import json
 from dataclasses import asdict
@@ -14,7 +12,7 @@ HERE = Path(__file__).parent
 
 
 def page(drawing):
-    """The page as text."""
+    """Return the HTML text of a drawing."""
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -64,7 +62,7 @@ def asset(name):
 
 
 def data(drawing):
-    """What the scripts need, as JSON that cannot end its element."""
+    """Return the data for the scripts as JSON without "<", which could end the script element."""
     shape = {"width": drawing.width, "height": drawing.height, "head": FRAME_TITLE}
     places = ("path", "subsystem", "x", "y", "width", "height")
     shape["boxes"] = [{key: getattr(item, key) for key in places} for item in drawing.boxes]

@@ -1,18 +1,18 @@
-"""Colours, sizes and widths of text: what every picture has in common."""
+"""Colours, sizes and text widths of all drawings."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Family:
-    """What blocks of one kind are called in the legend, and their colours: of the edge, and of the head."""
+    """Title and colours of blocks of one kind. edge, head : colour of the edge and of the title bar"""
 
     title: str
     edge: str
     head: str
 
 
-# Told apart by hue and by lightness, also by readers who do not see red and green apart. (After Okabe and Ito 2008.)
+# Distinct in hue and lightness, also with red-green colour blindness. (After Okabe and Ito 2008.)
 FAMILIES = {
     "actuator": Family("actuator", "#b8420b", "#ffd8c2"),
     "sensor": Family("sensor", "#00735a", "#c4efe2"),
@@ -45,7 +45,7 @@ BETWEEN_LINES = 12.0  # from line to line, side by side
 CHANNEL = 34.0  # the least room for lines between two columns
 CORNER = 6.0  # radius
 
-# Widths of characters in hundredths of the font's size, of the widest of the fonts above; what is not listed is usual.
+# {width in hundredths of the font size: characters}, for the widest of the fonts above. Others: _DEFAULT_WIDTH.
 _WIDTHS = {
     41: "' ijlIJ,.·:;|/\\-f()[]t!r",
     56: '"*_`°szcL?',
@@ -54,16 +54,16 @@ _WIDTHS = {
     100: "W%@…mM",
 }
 _WIDTH = {letter: width / 100 for width, letters in _WIDTHS.items() for letter in letters}
-_USUAL, _BOLDER = 0.64, 1.12
+_DEFAULT_WIDTH, _BOLD_FACTOR = 0.64, 1.12
 
 
 def text_width(text, size, bold=False):
-    """Pixels that a line of text takes at most."""
-    return size * (_BOLDER if bold else 1.0) * sum(_WIDTH.get(letter, _USUAL) for letter in text)
+    """Return the largest width in px of a line of text. size : of the font, px"""
+    return size * (_BOLD_FACTOR if bold else 1.0) * sum(_WIDTH.get(letter, _DEFAULT_WIDTH) for letter in text)
 
 
 def fit(text, size, width, bold=False):
-    """The text, cut with an ellipsis where it is wider than `width` pixels."""
+    """Return the text, truncated with an ellipsis if it is wider than `width` px."""
     if text_width(text, size, bold) <= width:
         return text
     while text and text_width(text + "…", size, bold) > width:

@@ -1,4 +1,4 @@
-"""A drawing as SVG: one file, no scripts, for papers and for the page."""
+"""SVG of a drawing, in one file without scripts, for papers and for the HTML page."""
 
 import math
 from html import escape
@@ -32,7 +32,7 @@ LEGEND, FEEDBACK = 28.0, "feedback"
 
 
 def css():
-    """The style sheet of the pictures."""
+    """Return the style sheet of the drawings."""
     rules = [
         f"text {{ font-family: {FONT}; fill: {INK}; }}",
         f".title {{ font-size: {TITLE:g}px; font-weight: 600; }} .type {{ font-size: {SMALL:g}px; fill: {FAINT}; }}",
@@ -56,7 +56,7 @@ def css():
 
 
 def svg(drawing):
-    """The whole picture as text, with a legend below."""
+    """Return the SVG text of a drawing, with a legend below it."""
     key = "".join(legend(drawing))
     width, height = number(max(drawing.width, legend_width(drawing))), number(drawing.height + LEGEND)
     return "\n".join(
@@ -75,7 +75,7 @@ def svg(drawing):
 
 
 def legend(drawing):
-    """The diagram's name and rate, and what the colours and the dashes mean, as far as they are used."""
+    """Yield the SVG of the legend: name and rate of the diagram, colours, and feedback lines."""
     x, y = MARGIN, drawing.height
     yield f'<g class="legend"><text class="title" x="{number(x)}" y="{number(y + 4)}">{escape(heading(drawing))}</text>'
     x += text_width(heading(drawing), TITLE, bold=True) + 2 * MARGIN
@@ -102,7 +102,7 @@ def heading(drawing):
 
 
 def used(drawing):
-    """The families of its blocks, in the order of the list."""
+    """Return the families of the blocks in a drawing, in the order of FAMILIES."""
     return [name for name in FAMILIES if any(item.family == name for item in drawing.boxes)]
 
 
@@ -118,7 +118,7 @@ def legend_width(drawing):
 
 
 def body(drawing):
-    """Frames, lines, boxes, from the back to the front."""
+    """Yield the SVG of frames, lines and boxes, from back to front."""
     yield from (frame(item) for item in drawing.frames)
     for lines in nets(drawing):
         yield from (line(item, start, drawing) for item, start in zip(lines, branches(lines)))
@@ -127,7 +127,7 @@ def body(drawing):
 
 
 def frame(item):
-    """A subsystem. Its parts stand at their own places, so that a page can move them apart."""
+    """Return the SVG of a subsystem. Its parts have absolute positions, so that a page can move them separately."""
     left, top, right, bottom = (number(v) for v in (item.x, item.y, item.x + item.width, item.y + item.height))
     inner_left, inner_right, inner_top, inner_bottom, under = (
         number(v)
@@ -152,15 +152,15 @@ def frame(item):
 
 
 def nets(drawing):
-    """Lines of one signal that go one way inside one frame, together; feedback on top."""
-    found = {}
+    """Return the lines of a drawing grouped by signal, frame and direction, feedback last."""
+    groups = {}
     for item in sorted(drawing.lines, key=lambda item: item.back):
-        found.setdefault((item.signal, item.subsystem, item.back), []).append(item)
-    return found.values()
+        groups.setdefault((item.signal, item.subsystem, item.back), []).append(item)
+    return groups.values()
 
 
 def line(item, start, drawing):
-    """A line from `start` on, px along its way: what comes before it shares with one that is drawn already."""
+    """Return the SVG of a line from `start` px on; the part before is shared with a line already drawn."""
     names = "line" + " back" * item.back + " wide" * item.wide + " wrong" * item.wrong
     data = f'data-signal="{escape(item.signal)}" data-in="{escape(item.subsystem)}"'
     text = escape(drawing.signals.get(item.signal, item.signal))
@@ -176,7 +176,7 @@ def joints(lines):
 
 
 def branches(lines):
-    """How far each of the lines from one port runs where another has been drawn, px."""
+    """Return the length in px that each line from one port shares with an earlier one."""
     return [
         max((shared(item.points, other.points) for other in lines[:index]), default=0.0)
         for index, item in enumerate(lines)
@@ -184,7 +184,7 @@ def branches(lines):
 
 
 def shared(one, other):
-    """Length that two ways from one place have in common."""
+    """Return the length of the common beginning of two paths."""
     length = 0.0
     for (a, b), (c, d) in zip(pairwise(one), pairwise(other)):
         (dx, dy), (ex, ey) = (b[0] - a[0], b[1] - a[1]), (d[0] - c[0], d[1] - c[1])
@@ -197,7 +197,7 @@ def shared(one, other):
 
 
 def rest(points, start):
-    """What remains of a way after `start` px of it."""
+    """Return the points of a path without its first `start` px."""
     for index, (a, b) in enumerate(pairwise(points)):
         length = abs(b[0] - a[0]) + abs(b[1] - a[1])
         if start < length:
@@ -210,7 +210,7 @@ def rest(points, start):
 
 
 def way(points, joints=()):
-    """The `d` of a path through the points, its corners rounded but for those where lines part."""
+    """Return the `d` attribute of a path, with rounded corners except at joints."""
     text = f"M{number(points[0][0])} {number(points[0][1])}"
     for before, point, after in zip(points, points[1:], points[2:]):
         (x1, y1), r1 = toward(point, before)
@@ -223,7 +223,7 @@ def way(points, joints=()):
 
 
 def toward(corner, other):
-    """The point on the way from a corner where its rounding ends, and how far that is."""
+    """Return the point toward `other` where the rounding of a corner ends, and the radius."""
     dx, dy = other[0] - corner[0], other[1] - corner[1]
     length = abs(dx) + abs(dy)
     radius = min(CORNER, length / 2.0)
@@ -262,5 +262,5 @@ def box(item, drawing):
 
 
 def number(value):
-    """As short as it can be written."""
+    """Return the shortest text of a number with one decimal."""
     return f"{value:.1f}".rstrip("0").rstrip(".")

@@ -77,7 +77,7 @@ def test_signs_that_are_none_are_refused(signs):
 def test_a_sum_with_an_input_left_open_does_not_compile():
     with Diagram("open", rate=100) as diagram:
         Sum("+-")(player([1.0]))
-    with pytest.raises(DiagramError, match="sum.u2: nothing is wired to it"):
+    with pytest.raises(DiagramError, match="sum.u2: the input is not connected"):
         compile(diagram)
 
 

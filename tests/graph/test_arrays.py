@@ -153,5 +153,5 @@ def test_scalars_do_not_hide_the_shape_that_comes_round_a_loop():
 
 
 def test_what_broadcasts_has_any_shape():
-    with pytest.raises(TypeError, match="what broadcasts has shape=..., not"):
+    with pytest.raises(TypeError, match="broadcast requires shape=..., got"):
         Input("1", broadcast=True)

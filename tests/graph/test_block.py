@@ -60,7 +60,7 @@ def test_a_parameter_is_a_plain_attribute_in_its_declared_type():
         ({"number": math.nan}, "number: NaN is not allowed"),
         ({"number": "1"}, "number: expected a number, got '1'"),
         ({"number": [1.0, 2.0]}, "number: expected one number, got [1.0, 2.0]"),
-        ({"number": None}, "number: a value is wanted, got None"),
+        ({"number": None}, "number: expected a value, got None"),
         ({"number": 1j}, "number: "),
         ({"count": 2.5}, "count: expected a whole number, got 2.5"),
         ({"count": math.inf}, "count: expected a whole number, got inf"),
@@ -71,7 +71,7 @@ def test_a_parameter_is_a_plain_attribute_in_its_declared_type():
         ({"flag": 1}, "flag: expected True or False, got 1"),
         ({"text": "c"}, "text: must be one of a, b, got 'c'"),
         ({"text": 1}, "text: expected text, got 1"),
-        ({"needed": None}, "needed: a value is wanted, got None"),
+        ({"needed": None}, "needed: expected a value, got None"),
     ],
 )
 def test_a_wrong_parameter_is_told_with_its_bound_and_the_users_line(given, complaint):
@@ -154,13 +154,13 @@ def test_an_update_is_held_to_the_same():
 
 @pytest.mark.parametrize("shape", [3, [3], (0,), (-1,), (2.0,), "3", None])
 def test_a_shape_is_a_tuple_of_lengths(shape):
-    with pytest.raises(TypeError, match="a shape is a tuple of lengths, as in"):
+    with pytest.raises(TypeError, match="shape must be a tuple of lengths, as in"):
         Output("1", shape=shape)
 
 
 @pytest.mark.parametrize("dtype", [str, np.float64, "double", None])
 def test_a_dtype_is_one_of_three(dtype):
-    with pytest.raises(TypeError, match="a dtype is float, int or bool"):
+    with pytest.raises(TypeError, match="dtype must be float, int or bool"):
         Input("1", dtype=dtype)
 
 

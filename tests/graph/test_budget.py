@@ -37,7 +37,7 @@ def test_a_bus_that_cannot_carry_its_traffic_is_an_error():
     found = complaint(actuators(8, 600))
     assert (
         found.code == "TW016"
-        and "9600 frames a second" in found.message
+        and "9600 frames per second" in found.message
         and "bus 'legs' at 1 Mbit/s" in found.message
         and "8 devices" in found.hint
     )
@@ -73,7 +73,7 @@ def test_a_serial_line_that_cannot_carry_its_sensor_is_told(parameters, code, sh
     assert [each[0] for each in found] == ([code] if code else [])
     if code:
         [(_, message)] = found
-        assert f"500 messages a second, 22000 bytes at least, take {share} of its line" in message
+        assert f"500 messages per second, at least 22000 bytes, use {share} of its line" in message
 
 
 def test_a_microcontroller_that_says_how_often_it_sends_is_checked():
@@ -85,7 +85,7 @@ def test_a_microcontroller_that_says_how_often_it_sends_is_checked():
     [(code, message)] = teensy(port="/dev/ttyUSB0", packet_rate=1000.0)  # 1 + 10 + 2 bytes, stuffed 14, and a zero
     assert (
         code == "TW016"
-        and "1000 messages a second, 15000 bytes at least, take 130% of its line at 115200 bit/s" in message
+        and "1000 messages per second, at least 15000 bytes, use 130% of its line at 115200 bit/s" in message
     )
     assert teensy(port="/dev/ttyUSB0") == teensy(port="/dev/ttyACM0", packet_rate=1000.0) == []
     assert teensy(port="/dev/ttyUSB0", packet_rate=500.0) == []

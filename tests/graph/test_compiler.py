@@ -60,7 +60,7 @@ def test_an_unconnected_input_is_told_where_its_block_was_made():
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW001", "left/assist", "velocity", at)
     assert (
-        found.message == "nothing is wired to it, and it has no default [rad/s]"
+        found.message == "the input is not connected and has no default [rad/s]"
         and found.hint == "wire it, as in assist(velocity=...)"
     )
 
@@ -97,8 +97,10 @@ def test_an_actuator_that_is_never_commanded_is_told():
         Gain()(knee.position)
     found = complaint(diagram)
     assert (found.code, found.path, found.where) == ("TW005", "knee", at)
-    assert found.message.startswith("none of its commands is wired (position_command, velocity_command, torque_command")
-    assert found.hint == "wire one, as in knee(position_command=...), or take the actuator out"
+    assert found.message.startswith(
+        "none of its commands is connected (position_command, velocity_command, torque_command"
+    )
+    assert found.hint == "connect one, as in knee(position_command=...), or remove the actuator"
 
 
 def test_two_drives_with_one_id_on_one_bus_name_each_other():
@@ -135,7 +137,7 @@ def test_a_timeout_shorter_than_two_ticks_is_told_with_one_that_works():
         "TW010",
         "cube_mars",
     ) and "0.1 s is shorter than two ticks at 8 Hz" in found.message
-    assert found.hint == "timeout=0.25 or more, or 0 for never"
+    assert found.hint == "set timeout=0.25 or more, or 0 to disable it"
     for diagram in (at_rate(20), at_rate(8, timeout=0.25), at_rate(8, timeout=0.0)):
         assert compile(diagram).devices
 
@@ -150,7 +152,7 @@ def test_a_loop_is_spelled_out_as_a_cycle_with_ports():
         Gain(name="behind")(c.y)
     found = complaint(diagram)
     assert (found.code, found.path, found.where) == ("TW006", "a", at)
-    assert found.message == "each of these needs the other in the same tick: a.y -> b.u, b.y -> c.u, c.y -> a.u2"
+    assert found.message == "these blocks depend on each other in the same tick: a.y -> b.u, b.y -> c.u, c.y -> a.u2"
     assert "UnitDelay" in found.hint
 
 
@@ -230,7 +232,7 @@ def test_types_only_widen_along_a_wire():
         Integers(name="seventh")(StepSource().y)  # a source of anything may be a source of this
     third, fourth, fifth = complaints(diagram)
     assert (third.code, third.path, third.port, third.where) == ("TW008", "third", "count", at)
-    assert third.message == "expected int, got float from cube_mars.position" and third.hint == "put a Round between"
+    assert third.message == "expected int, got float from cube_mars.position" and third.hint == "insert a Round"
     assert (fourth.path, fourth.message) == (
         "fourth",
         "expected bool, got int from first.twice",

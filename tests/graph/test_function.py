@@ -43,7 +43,7 @@ def test_a_function_block_is_wired_like_any_other():
 
 
 def test_a_signature_that_says_too_little_is_refused_when_decorating():
-    with pytest.raises(TypeError, match=r"bare must say what it returns: -> Output\(unit\)"):
+    with pytest.raises(TypeError, match=r"bare has no return annotation: add -> Output\(unit\)"):
 
         @block
         def bare(u: Input("1")):

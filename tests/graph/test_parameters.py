@@ -44,7 +44,7 @@ def test_a_live_parameter_says_how_fast_it_may_change():
     )
     assert Assist(scale=Live(0.5, slew=math.inf)).live("scale").slew == math.inf and Assist().live("offset") is None
     for slew in (0.0, -1.0, math.nan):
-        with pytest.raises(TypeError, match="a slew is above 0"):
+        with pytest.raises(TypeError, match="slew must be above 0"):
             Param(0.5, min=0.0, max=1.0, live=True, slew=slew)
 
 
@@ -67,7 +67,7 @@ def test_a_live_parameter_says_how_fast_it_may_change():
         (Live(1.0, min=2.0, max=15.0), "limit: must be between its live bounds 2 and 15, got 1.0"),
         (Live(math.nan, max=15.0), "limit: NaN is not allowed"),
         (Live("12", max=15.0), "limit: expected a number, got '12'"),
-        (Live(None, max=15.0), "limit: a value is wanted, got None"),
+        (Live(None, max=15.0), "limit: expected a value, got None"),
         (Live(12.0, max="15"), "limit: expected a number, got '15'"),
     ],
 )
@@ -91,9 +91,8 @@ def test_a_parameter_that_is_read_before_the_run_alone_cannot_be_live(kind, para
     with Diagram("d", rate=200):
         found = refusal(kind, **parameters)
     assert (found.code, found.path) == ("TW010", kind.__name__) and found.message == (
-        f"{name}: cannot be Live: it is read before the run alone, and a change would do nothing. Give its value as "
-        "it is; "
-        "--set chooses another for the next run"
+        f"{name}: cannot be Live: it is read before the run only. Pass a plain value, and change it for the next run "
+        "with --set"
     )
 
 
@@ -107,7 +106,7 @@ def test_a_parameter_that_is_read_before_the_run_alone_cannot_be_live(kind, para
     ],
 )
 def test_a_fixed_parameter_is_not_declared_live(declared):
-    with pytest.raises(TypeError, match="a fixed parameter does not change while running"):
+    with pytest.raises(TypeError, match="a fixed parameter cannot be live"):
         declared()
 
 

@@ -89,7 +89,7 @@ def test_rates_that_do_not_divide_are_refused():
     assert (
         "every 3 ticks" in found.message
         and "two.y at every 2" in found.message
-        and found.hint == "put a Hold(every=3) between them, which samples what is there"
+        and found.hint == "insert a Hold(every=3), which samples the signal"
     )
 
 

@@ -194,7 +194,7 @@ def test_a_constant_beyond_a_limit_does_not_compile():
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_constant_that_is_not_finite_does_not_compile(bad):
-    assert f"drive.torque_command: {bad:g} N·m is not bounded by anything" in refusals(torque_command=bad)
+    assert f"drive.torque_command: {bad:g} N·m is unbounded" in refusals(torque_command=bad)
 
 
 def test_two_drives_with_one_id_on_one_bus_do_not_compile():
