@@ -93,7 +93,7 @@ def drives(channel, *identifiers):
 
 
 def channel():
-    """A multicast group that nobody else is likely to use."""
+    """Return a random multicast group, unlikely to be in use."""
     return f"239.{random.randrange(1, 255)}.{random.randrange(255)}.{random.randrange(1, 255)}"
 
 

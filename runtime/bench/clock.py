@@ -79,11 +79,11 @@ class Kept:
         self.ticks, self.missed = self.ticks + ticks, self.missed + missed
 
     def late(self, share):
-        """s, lateness that this share of the ticks does not exceed."""
+        """Return the lateness in s that this share of the ticks does not exceed."""
         return percentile(self.lateness, share)
 
     def off(self, share):
-        """s, likewise of |period - T|."""
+        """Return |period - T| in s that this share of the ticks does not exceed."""
         return percentile(self.period, share)
 
 

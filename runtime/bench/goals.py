@@ -1,31 +1,36 @@
-"""Speed that Tickwork aims for, beside what was measured."""
+"""Performance goals and the measured values to compare with them."""
 
 from dataclasses import dataclass
 
-CHAIN_NS = {"native blocks": 5.0, "Python blocks": 150.0}  # ns a block
+CHAIN_NS = {"native blocks": 5.0, "Python blocks": 150.0}  # ns per block
 COMPILE_MS = 20.0  # ms, 200 blocks
 START_MS = 450.0  # ms
 MEMORY_MB = 60.0  # MB
 CLOCK_RATIO = {"native": 1.3, "python": 2.0, "disturbed": 2.0}  # times the C loop
-RECORDED_US = 0.2  # µs a tick, 60 signals
+RECORDED_US = 0.2  # µs per tick, 60 signals
 HISTOGRAM_ADD_NS = 5.0  # ns
 DRIFT_NS = 1.0  # ns
 GROWTH_MIB = 1.0  # MiB
-KNEE_MINUTE_S = 0.2  # s
-BUS_US = 1.0  # µs a tick beyond two system calls
-GUARDIAN_US = 100.0  # µs of a round trip, p99
-DRIVES_US = 5.0  # µs a tick of eight drives, beyond the system calls
+KNEE_MINUTE_S = 0.2  # s of loop time for 60 s in virtual time
+BUS_US = 1.0  # µs per tick in addition to two system calls
+GUARDIAN_US = 100.0  # µs added to a round trip, p99
+DRIVES_US = 5.0  # µs per tick for eight drives, without system calls
 STOP_MS = 20.0  # ms from kill -9, p99
-SENSORS_SHARE = 0.1  # of one processor: eight at 500 Hz
+SENSORS_SHARE = 0.1  # of one processor, for eight sensors at 500 Hz
 LATENESS_BESIDE_SENSORS_RATIO = 1.5  # times the lateness of the loop alone
 PARSER_MB_S = 200.0  # MB/s
 PARSER_OVER_PYTHON_RATIO = 10.0
-LATENESS_WITH_VIEWS_RATIO = 1.5  # times the lateness without any, p99
+LATENESS_WITH_VIEWS_RATIO = 1.5  # times the lateness without viewers, p99
 
 
 @dataclass(frozen=True)
 class Goal:
-    """value and bound in `unit`; at_least : whether more is better"""
+    """One goal.
+
+    what : measured quantity
+    value, bound : measured value and goal, in `unit`
+    at_least : whether the bound is a minimum
+    """
 
     what: str
     value: float
@@ -39,35 +44,37 @@ class Goal:
 
 
 def of_blocks(rows):
-    """Goals of a chain of blocks. rows : of measure.table"""
-    return [Goal(f"a chain, {name}", rows[name]["ns_a_block"], bound, "ns a block") for name, bound in CHAIN_NS.items()]
+    """Return the goals of a chain of blocks. rows : of measure.table"""
+    return [
+        Goal(f"a chain, {name}", rows[name]["ns_a_block"], bound, "ns per block") for name, bound in CHAIN_NS.items()
+    ]
 
 
 def of_compiles(compiles, exponent, n_log_n):
     return [
         Goal(f"compile {compiles[0].blocks} blocks", compiles[0].compile.median, COMPILE_MS, "ms"),
-        Goal("growth of the compile, p of blocks^p", exponent, n_log_n, ""),
+        Goal("growth of the compile time, p in blocks^p", exponent, n_log_n, ""),
     ]
 
 
-def of_start(found):
-    times, memory = found["run"]
+def of_start(results):
+    times, memory = results["run"]
     return [
         Goal("from process start to the first tick", times.median, START_MS, "ms"),
         Goal("resident memory of the control process", memory.median, MEMORY_MB, "MB"),
     ]
 
 
-def of_clock(found, disturbed):
-    """found : {rate: {contender: runtime.bench.clock.Kept}}"""
+def of_clock(results, disturbed):
+    """Return the goals of the clock. results : {rate: {contender: runtime.bench.clock.Kept}}"""
     goals = []
-    for rate, contenders in found.items():
+    for rate, contenders in results.items():
         reference, native, python = contenders.values()
         bound = CLOCK_RATIO["disturbed" if disturbed else "native"]
         goals.append(Goal(f"{rate} Hz, |period-T| p99 over C", native.off(0.99) / reference.off(0.99), bound, "times"))
         if disturbed:
             goals.append(
-                Goal(f"{rate} Hz, ticks lost beyond the C loop's", max(0, native.missed - reference.missed), 0, "")
+                Goal(f"{rate} Hz, ticks lost in excess of the C loop", max(0, native.missed - reference.missed), 0, "")
             )
         else:
             goals.append(Goal(f"{rate} Hz, late p50 over C", native.late(0.5) / reference.late(0.5), bound, "times"))
@@ -76,55 +83,55 @@ def of_clock(found, disturbed):
     return goals
 
 
-def of_costs(found):
+def of_costs(results):
     return [
-        Goal("60 recorded signals", found["recorded_signals_us"], RECORDED_US, "µs a tick"),
-        Goal("a histogram add", found["histogram_add_ns"], HISTOGRAM_ADD_NS, "ns"),
-        Goal("drift over 10^9 grid points", found["drift_ns"], DRIFT_NS, "ns"),
-        Goal("growth of resident memory", found["growth_mib"], GROWTH_MIB, "MiB"),
-        Goal("60 s of knee_exo, loop time", found["knee_minute_s"], KNEE_MINUTE_S, "s"),
+        Goal("60 recorded signals", results["recorded_signals_us"], RECORDED_US, "µs per tick"),
+        Goal("adding to a histogram", results["histogram_add_ns"], HISTOGRAM_ADD_NS, "ns"),
+        Goal("drift over 10^9 grid points", results["drift_ns"], DRIFT_NS, "ns"),
+        Goal("growth of resident memory", results["growth_mib"], GROWTH_MIB, "MiB"),
+        Goal("60 s of knee_exo, loop time", results["knee_minute_s"], KNEE_MINUTE_S, "s"),
     ]
 
 
-def of_bus(found):
+def of_bus(results):
     return [
-        Goal("a bus, beyond its two system calls", found["beyond_us"]["p50"], BUS_US, "µs a tick"),
-        Goal("the guardian, added to p99 of a round trip", found["added_p99_us"], GUARDIAN_US, "µs"),
-        Goal("kill -9 to the last first stop frame, p99", found["stop_ms"]["p99"], STOP_MS, "ms"),
-        Goal("kills that no stop frame followed", found["missed"] + found["guardian_deaths_missed"], 0, ""),
+        Goal("a bus, without its two system calls", results["beyond_us"]["p50"], BUS_US, "µs per tick"),
+        Goal("the guardian, added to p99 of a round trip", results["added_p99_us"], GUARDIAN_US, "µs"),
+        Goal("kill -9 to the last stop frame, p99", results["stop_ms"]["p99"], STOP_MS, "ms"),
+        Goal("kills without stop frames", results["missed"] + results["guardian_deaths_missed"], 0, ""),
         *(
-            Goal(f"kill -9 of the guardian to the last first stop frame, p99, {name}", each["p99"], STOP_MS, "ms")
-            for name, each in found["guardian_deaths_ms"].items()
+            Goal(f"kill -9 of the guardian to the last stop frame, p99, {name}", each["p99"], STOP_MS, "ms")
+            for name, each in results["guardian_deaths_ms"].items()
         ),
     ]
 
 
-def of_can(found):
+def of_can(results):
     return [
-        Goal("eight drives, beyond the bus's system calls", found["native_us"]["p50"], DRIVES_US, "µs a tick"),
+        Goal("eight drives, without system calls", results["native_us"]["p50"], DRIVES_US, "µs per tick"),
         Goal(
-            "answers missed beyond those of the C loop",
-            max(0, found["motors"]["tickwork"]["unanswered"] - found["motors"]["c"]["unanswered"]),
+            "answers missed in excess of the C loop",
+            max(0, results["motors"]["tickwork"]["unanswered"] - results["motors"]["c"]["unanswered"]),
             0,
             "",
         ),
     ]
 
 
-def of_sensors(found):
+def of_sensors(results):
     return [
-        Goal("eight sensors, of one processor", found["processor"], SENSORS_SHARE, ""),
-        Goal("packets lost or corrupt", found["lost"] + found["corrupt"] + found["overflows"], 0, ""),
+        Goal("eight sensors, share of one processor", results["processor"], SENSORS_SHARE, ""),
+        Goal("packets lost or corrupt", results["lost"] + results["corrupt"] + results["overflows"], 0, ""),
         Goal(
-            "late p99 beside them, over the loop alone",
-            found["late_p99_us"]["beside"] / found["late_p99_us"]["alone"],
+            "late p99 with them over the loop alone",
+            results["late_p99_us"]["beside"] / results["late_p99_us"]["alone"],
             LATENESS_BESIDE_SENSORS_RATIO,
             "times",
         ),
-        Goal("MIP, parsed natively", found["native_mb_s"], PARSER_MB_S, "MB/s", True),
+        Goal("MIP, native parser", results["native_mb_s"], PARSER_MB_S, "MB/s", True),
         Goal(
-            "the same, over the parser in Python",
-            found["native_mb_s"] / found["python_mb_s"],
+            "native parser over the parser in Python",
+            results["native_mb_s"] / results["python_mb_s"],
             PARSER_OVER_PYTHON_RATIO,
             "times",
             True,
@@ -132,11 +139,9 @@ def of_sensors(found):
     ]
 
 
-def of_views(looked_at, alone, dropped):
-    """looked_at, alone : Kept; dropped : records"""
+def of_views(viewed, alone, dropped):
+    """Return the goals of recorders and viewers. viewed, alone : Kept; dropped : number of records"""
     return [
-        Goal(
-            "all viewers on, lateness p99", looked_at.late(0.99) / alone.late(0.99), LATENESS_WITH_VIEWS_RATIO, "times"
-        ),
+        Goal("all viewers on, lateness p99", viewed.late(0.99) / alone.late(0.99), LATENESS_WITH_VIEWS_RATIO, "times"),
         Goal("all viewers on, records dropped", dropped, 0, "records"),
     ]

@@ -1,4 +1,4 @@
-"""What `bench` prints: tables as it goes, goals at the end; or all of it as one JSON text."""
+"""Output of `bench`: tables followed by goals, or one JSON document."""
 
 import json
 import os
@@ -11,26 +11,29 @@ def machine():
     return {"python": platform.python_version(), "machine": platform.machine(), "processors": os.cpu_count()}
 
 
-def words():
+def machine_lines():
     return ["Python {python} on {machine}, {processors} processors".format(**machine())]
 
 
 class Report:
-    """Prints as it goes, or gathers for one JSON text at the end."""
+    """Printer of tables and goals.
 
-    def __init__(self, for_machines):
-        self.for_machines = for_machines
+    as_json : whether to collect everything and print one JSON document at the end
+    """
+
+    def __init__(self, as_json):
+        self.as_json = as_json
         self.data = {}
         self.goals = []
 
     def say(self, lines, **data):
         self.data |= data
-        if not self.for_machines:
+        if not self.as_json:
             tell(lines)
 
     def finish(self):
-        if self.for_machines:
-            found = [
+        if self.as_json:
+            goals = [
                 {
                     "what": g.what,
                     "value": g.value,
@@ -41,13 +44,13 @@ class Report:
                 }
                 for g in self.goals
             ]
-            tell([json.dumps({**self.data, "goals": found}, indent=1, ensure_ascii=False)])
+            tell([json.dumps({**self.data, "goals": goals}, indent=1, ensure_ascii=False)])
             return
-        lines = ["", f"{'goals':46}{'found':>12}{'wanted':>18}"]
+        lines = ["", f"{'goals':46}{'measured':>12}{'goal':>18}"]
         for goal in self.goals:
             bound = f"{'at least' if goal.at_least else 'at most'} {goal.bound:.3g}"
             lines.append(
                 f"  {goal.what:44}{goal.value:12.3g}{bound:>18} "
-                f"{goal.unit:10}{'' if goal.reached else 'not reached'}".rstrip()
+                f"{goal.unit:12}{'' if goal.reached else 'not reached'}".rstrip()
             )
         tell(lines)

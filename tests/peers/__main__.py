@@ -10,7 +10,7 @@ import importlib
 from runtime.bench import can_cost
 from runtime.bench.c_program import NoCompiler
 from runtime.bench.measure import interleave, table
-from runtime.bench.report import words
+from runtime.bench.report import machine_lines
 from tests.peers import netlists, python_can
 from tests.peers.agreement import check
 from tests.peers.by_hand import PlainPython, StraightC
@@ -79,7 +79,7 @@ def main():
     options = parser.parse_args()
     if unknown := set(options.parts) - {*DIAGRAMS, "can"}:
         parser.error(f"unknown part {unknown.pop()!r}")
-    print(*words(), sep="\n")
+    print(*machine_lines(), sep="\n")
     for part in options.parts or (*DIAGRAMS, "can"):
         time_drives() if part == "can" else time_diagram(DIAGRAMS[part](), options.seconds, options.repeats)
 

@@ -67,7 +67,7 @@ class OnRig:
     """Steps on a rig, through the ordinary path: pre-flight, guardian, zero torque, safe stop.
 
     rig : RigFile; its first bus is the one
-    confirmed : whether nobody has to press Enter any more
+    confirmed : whether to arm without confirmation by the operator
     say : as of runtime.session.session.Session
     """
 
@@ -99,7 +99,7 @@ class OnRig:
             self.say,
             count_from=round(SETTLING * rate),
         ).carry_out()
-        self.confirmed = True  # a person has seen the table: the drives stay the same
+        self.confirmed = True  # the operator has confirmed the table; the drives stay the same
         outcome, statistics = result.outcome, result.statistics
         if outcome.stopped:
             raise Interrupted(signal.SIGINT)

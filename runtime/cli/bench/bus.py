@@ -7,7 +7,7 @@ import numpy as np
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import count
 from runtime.bench import goals
-from runtime.bench.report import Report, machine, words
+from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
@@ -16,7 +16,7 @@ def main(arguments):
     """Run the command. Returns the exit code."""
     parser = Parser(
         "bench bus",
-        "Measure what a bus costs a tick, what the guardian adds to it, and how soon the motors stop after kill -9.",
+        "Measure the cost of a bus per tick, the latency that the guardian adds, and the stop time after kill -9.",
     )
     parser.add_argument(
         "--rounds", type=count("--rounds"), default=20_000, metavar="N", help="ticks on the native bus (default 20000)"
@@ -26,50 +26,48 @@ def main(arguments):
         type=count("--trips"),
         default=200,
         metavar="N",
-        help="round trips of each of ten chunks (default 200)",
+        help="round trips in each of ten chunks (default 200)",
     )
-    parser.add_argument(
-        "--kills", type=count("--kills"), default=100, metavar="N", help="runs that are killed (default 100)"
-    )
+    parser.add_argument("--kills", type=count("--kills"), default=100, metavar="N", help="runs to kill (default 100)")
     add_options(parser)
     options = parser.parse_args(arguments)
     from runtime.bench import bus, guardian_death
 
     report = Report(options.json)
-    report.say(["over sockets of this machine; what is compared is taken in turn", *words()], **machine())
-    found = {}
+    report.say(["over sockets of this machine; compared measurements alternate", *machine_lines()], **machine())
+    results = {}
     try:
         through, alone = (np.array(times) * 1e-3 for times in bus.host_cost(rounds=options.rounds))
-        found["host_us"], found["calls_us"], found["beyond_us"] = (
+        results["host_us"], results["calls_us"], results["beyond_us"] = (
             spread(through),
             spread(alone),
             spread(through - alone),
         )
         direct, carried = (np.array(times) * 1e6 for times in bus.round_trips(trips=options.trips))
-        found["direct_us"], found["guardian_us"] = spread(direct), spread(carried)
-        found["added_p99_us"] = found["guardian_us"]["p99"] - found["direct_us"]["p99"]
+        results["direct_us"], results["guardian_us"] = spread(direct), spread(carried)
+        results["added_p99_us"] = results["guardian_us"]["p99"] - results["direct_us"]["p99"]
         stops = np.array(bus.kills(options.kills)) * 1e3
         deaths = {name: np.array(guardian_death.deaths(name, options.kills)) * 1e3 for name in guardian_death.RIGS}
     except OSError as error:
         raise BadInput(str(error)) from None
-    found["stop_ms"], found["missed"] = spread(stops[np.isfinite(stops)]), int((~np.isfinite(stops)).sum())
-    found["guardian_deaths_ms"] = {name: spread(times[np.isfinite(times)]) for name, times in deaths.items()}
-    found["guardian_deaths_missed"] = int(sum((~np.isfinite(times)).sum() for times in deaths.values()))
+    results["stop_ms"], results["missed"] = spread(stops[np.isfinite(stops)]), int((~np.isfinite(stops)).sum())
+    results["guardian_deaths_ms"] = {name: spread(times[np.isfinite(times)]) for name, times in deaths.items()}
+    results["guardian_deaths_missed"] = int(sum((~np.isfinite(times)).sum() for times in deaths.values()))
     report.say(
         [
             "",
             f"{'':46}{'p50':>9}{'p99':>9}{'max':>9}",
-            row("8 frames in and out through a bus, µs", found["host_us"]),
-            row("the two system calls alone, µs", found["calls_us"]),
-            row("the difference, µs", found["beyond_us"]),
-            row("round trip by python-can, µs", found["direct_us"]),
-            row("the same through the guardian, µs", found["guardian_us"]),
-            row(f"{len(stops)} times kill -9, to the last first stop, ms", found["stop_ms"]),
-            *(row(f"the same of the guardian, {name}, ms", each) for name, each in found["guardian_deaths_ms"].items()),
+            row("8 frames received and sent through a bus, µs", results["host_us"]),
+            row("the two system calls alone, µs", results["calls_us"]),
+            row("the difference, µs", results["beyond_us"]),
+            row("round trip through python-can, µs", results["direct_us"]),
+            row("the same through the guardian, µs", results["guardian_us"]),
+            row(f"{len(stops)} kills of the run to the last stop frame, ms", results["stop_ms"]),
+            *(row(f"kills of the guardian, {name}, ms", each) for name, each in results["guardian_deaths_ms"].items()),
         ],
-        bus=found,
+        bus=results,
     )
-    report.goals += goals.of_bus(found)
+    report.goals += goals.of_bus(results)
     report.finish()
     return OK
 
@@ -84,5 +82,5 @@ def spread(values):
     }
 
 
-def row(name, found):
-    return f"  {name:44}{found['p50']:9.2f}{found['p99']:9.2f}{found['max']:9.2f}"
+def row(name, results):
+    return f"  {name:44}{results['p50']:9.2f}{results['p99']:9.2f}{results['max']:9.2f}"

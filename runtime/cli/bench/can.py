@@ -5,7 +5,7 @@ import numpy as np
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import count
 from runtime.bench import goals
-from runtime.bench.report import Report, machine, words
+from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench.bus import row, spread
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
@@ -13,13 +13,15 @@ from runtime.cli.parsing import Parser
 
 def main(arguments):
     """Run the command. Returns the exit code."""
-    parser = Parser("bench can", "Measure what eight drives cost a tick, and whether motors at 1000 Hz lose answers.")
+    parser = Parser(
+        "bench can", "Measure the cost of eight drives per tick, and the answers lost from motors at 1000 Hz."
+    )
     parser.add_argument(
         "--rounds",
         type=count("--rounds"),
         default=4000,
         metavar="N",
-        help="ticks of each of five chunks (default 4000)",
+        help="ticks in each of five chunks (default 4000)",
     )
     add_options(parser, seconds=2.0, repeats=5, seconds_limit=600.0)
     options = parser.parse_args(arguments)
@@ -27,7 +29,7 @@ def main(arguments):
     from runtime.bench.c_program import NoCompiler
 
     report = Report(options.json)
-    report.say(["over sockets of this machine; what is compared is taken in turn", *words()], **machine())
+    report.say(["over sockets of this machine; compared measurements alternate", *machine_lines()], **machine())
     alone, through, calls = [], [], []
     try:
         can_cost.native(max(1, options.rounds // 10))  # warm
@@ -37,7 +39,7 @@ def main(arguments):
         ours, theirs = can_cost.fast_motors(options.seconds, options.repeats)
     except (OSError, NoCompiler) as error:
         raise BadInput(str(error)) from None
-    found = {
+    results = {
         "native_us": spread(np.array(alone) * 1e-3),
         "socket_us": spread(np.array(through) * 1e-3),
         "calls_us": spread(np.array(calls) * 1e-3),
@@ -50,10 +52,10 @@ def main(arguments):
     report.say(
         [
             "",
-            f"{f'{can_cost.DRIVES} drives, µs a tick':46}{'p50':>9}{'p99':>9}{'max':>9}",
-            row("native, without the system calls of a bus", found["native_us"]),
-            row("native, over a socket", found["socket_us"]),
-            row("its two system calls alone", found["calls_us"]),
+            f"{f'{can_cost.DRIVES} drives, µs per tick':46}{'p50':>9}{'p99':>9}{'max':>9}",
+            row("native, without the system calls of a bus", results["native_us"]),
+            row("native, over a socket", results["socket_us"]),
+            row("the two system calls alone", results["calls_us"]),
             "",
             f"{title:46}{'commands':>9}{'unanswered':>12}{'ticks lost':>12}",
             *(
@@ -61,8 +63,8 @@ def main(arguments):
                 for name, (missed, lost, commands) in (("Tickwork", ours), ("a loop in C", theirs))
             ),
         ],
-        can=found,
+        can=results,
     )
-    report.goals += goals.of_can(found)
+    report.goals += goals.of_can(results)
     report.finish()
     return OK

@@ -3,7 +3,7 @@
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import count
 from runtime.bench import goals
-from runtime.bench.report import Report, machine, words
+from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
@@ -14,8 +14,8 @@ def main(arguments):
     """Run the command. Returns the exit code."""
     parser = Parser(
         "bench clock",
-        "Measure how well the executor keeps its clock, beside a loop in C that only sleeps, and what "
-        "parts of a tick cost.",
+        "Measure the lateness of the executor, compared with a C loop that only sleeps, and the cost of parts of a "
+        "tick.",
     )
     parser.add_argument(
         "--load", action="store_true", help="keep every processor busy with another process; at 1000 Hz only"
@@ -28,19 +28,19 @@ def main(arguments):
         type=count("--ticks"),
         default=10_000_000,
         metavar="N",
-        help="after which memory is looked at (default: 10 million)",
+        help="ticks before memory is measured (default: 10 million)",
     )
     add_options(parser, seconds=2.0, repeats=4, realtime=True)
     options = parser.parse_args(arguments)
     report = Report(options.json)
     disturbed = options.load or options.busy_thread
-    chunks = f"{options.repeats} chunks of {options.seconds:g} s of each row, taken in turn"
+    chunks = f"{options.repeats} alternating chunks of {options.seconds:g} s for each row"
     circumstances = [
         f"--realtime {options.realtime}",
-        *["every processor loaded"] * options.load,
+        *["all processors loaded"] * options.load,
         *["a busy Python thread"] * options.busy_thread,
     ]
-    report.say([f"{chunks}; {', '.join(circumstances)}", *words()], **machine())
+    report.say([f"{chunks}; {', '.join(circumstances)}", *machine_lines()], **machine())
     keep_part(report, [1000] if disturbed else RATES, options, disturbed)
     if not disturbed:
         cost_part(report, options.ticks)
@@ -54,7 +54,7 @@ def keep_part(report, rates, options, disturbed):
     from runtime.machine.realtime import RealtimeRefused
 
     try:
-        found = clock.measure(
+        results = clock.measure(
             rates, options.seconds, options.repeats, options.realtime, options.load, options.busy_thread
         )
     except (NoCompiler, RealtimeRefused) as error:
@@ -65,7 +65,7 @@ def keep_part(report, rates, options, disturbed):
         f"{title:38}{'late, µs: p50':>16}{'p99':>10}{'|period-T|: p50':>18}{'p99':>10}{'x C':>8}{'missed':>14}",
     ]
     rows = {}
-    for rate, contenders in found.items():
+    for rate, contenders in results.items():
         reference = contenders[clock.C]
         for name, kept in contenders.items():
             row = rows[f"{rate} Hz, {name}"] = {
@@ -83,14 +83,14 @@ def keep_part(report, rates, options, disturbed):
                 f"{row['period_p50_us']:18.1f}{row['period_p99_us']:10.1f}{row['period_p99_times_c']:8.2f}{lost:>14}"
             )
     report.say(lines, clock=rows)
-    report.goals += goals.of_clock(found, disturbed)
+    report.goals += goals.of_clock(results, disturbed)
 
 
 def cost_part(report, ticks):
     from runtime.bench import costs
 
     busy, waited = costs.knee_minute()
-    found = {
+    results = {
         "recorded_signals_us": costs.recording() * 1e6,
         "histogram_add_ns": costs.histogram_add() * 1e9,
         "stamp_ns": costs.stamp() * 1e9,
@@ -103,16 +103,16 @@ def cost_part(report, ticks):
         [
             "",
             "costs",
-            f"  60 recorded signals                 {found['recorded_signals_us'] * 1e3:10.0f} ns a tick",
-            f"  a histogram add                     {found['histogram_add_ns']:10.2f} ns",
-            f"  a stamp that names who is too long  {found['stamp_ns']:10.1f} ns, at the ends of Python steps and "
-            "phases, in real time",
-            f"  drift over 10^9 grid points         {found['drift_ns']:10.2f} ns",
-            f"  growth over {ticks} ticks{'':{max(1, 17 - len(str(ticks)))}}{found['growth_mib']:11.2f} MiB, beyond "
-            "10000",
-            f"  60 s of knee_exo, in virtual time   {busy:10.3f} s of loop, and {waited:.2f} s of waiting for the "
+            f"  60 recorded signals                 {results['recorded_signals_us'] * 1e3:10.0f} ns per tick",
+            f"  adding to a histogram               {results['histogram_add_ns']:10.2f} ns",
+            f"  time stamp for overrun reports      {results['stamp_ns']:10.1f} ns, after each Python step and "
+            "phase in real time",
+            f"  drift over 10^9 grid points         {results['drift_ns']:10.2f} ns",
+            f"  growth over {ticks} ticks{'':{max(1, 17 - len(str(ticks)))}}{results['growth_mib']:11.2f} MiB, "
+            "compared with 10000 ticks",
+            f"  60 s of knee_exo, in virtual time   {busy:10.3f} s in the loop, {waited:.2f} s waiting for the "
             "recorder",
         ],
-        costs=found,
+        costs=results,
     )
-    report.goals += goals.of_costs(found)
+    report.goals += goals.of_costs(results)

@@ -5,7 +5,7 @@ from pathlib import Path
 from runtime.base.errors import OK, BadInput
 from runtime.bench import goals
 from runtime.bench.measure import interleave, table
-from runtime.bench.report import Report, machine, words
+from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench import bus, can, clock, sensors, views
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
@@ -22,19 +22,19 @@ def main(arguments):
         return COMMANDS[arguments[0]].main(arguments[1:])
     parser = Parser(
         "bench",
-        "Measure on this machine what a native block and a Python block cost a tick, and how long a compile takes.",
+        "Measure the cost of native and Python blocks per tick, and the time of a compile, on this machine.",
         "bench start [FILE]  start-up time and memory\n"
-        "bench clock         lateness of the loop, beside a loop in C that only sleeps\n"
+        "bench clock         lateness of the loop, compared with a C loop that only sleeps\n"
         "bench bus           cost of a bus and of the guardian, and time from kill -9 to the stop frames\n"
-        "bench can           cost of eight drives a tick, and answers lost at 1000 Hz\n"
+        "bench can           cost of eight drives per tick, and answers lost at 1000 Hz\n"
         "bench sensors       cost of eight inertial sensors on serial lines\n"
         "bench views         lateness of the loop with every recorder and viewer on",
     )
     add_options(parser, seconds=0.05, repeats=15)
     options = parser.parse_args(arguments)
     report = Report(options.json)
-    what = f"processor time of one thread; {options.repeats} measurements of {options.seconds:g} s of each row"
-    report.say([f"{what}, taken in turn", *words()], **machine())
+    what = f"processor time of one thread; {options.repeats} measurements of {options.seconds:g} s for each row"
+    report.say([f"{what}, alternating", *machine_lines()], **machine())
     tick_part(report, options.seconds, options.repeats)
     compile_part(report)
     report.finish()
@@ -59,17 +59,17 @@ def compile_part(report):
 
     sizes = blocks.compiles()
     exponent, n_log_n = blocks.exponent(*sizes[-2:]), blocks.n_log_n(*sizes[-2:])
-    lines, rows = ["", f"{'compile':38}{'ms: min':>16}{'median':>12}{'max':>12}{'µs a block':>13}"], []
+    lines, rows = ["", f"{'compile':38}{'ms: min':>16}{'median':>12}{'max':>12}{'µs per block':>13}"], []
     for size in sizes:
         rows.append({"blocks": size.blocks})
-        for label, name in ((f"{size.blocks} blocks", "compile"), ("  making and wiring them", "build")):
+        for label, name in ((f"{size.blocks} blocks", "compile"), ("  construction and wiring", "build")):
             times = getattr(size, name)
             rows[-1][f"{name}_ms"] = {"min": times.least, "median": times.median, "max": times.most}
             lines.append(
                 f"  {label:36}{times.least:16.4g}{times.median:12.4g}{times.most:12.4g}"
                 f"{times.median * 1e3 / size.blocks:13.3g}"
             )
-    lines.append(f"  it grows as blocks^{exponent:.2f}; n log n would be blocks^{n_log_n:.2f} here")
+    lines.append(f"  growth: blocks^{exponent:.2f}; n log n would be blocks^{n_log_n:.2f}")
     report.say(lines, compile={"rows": rows, "exponent": exponent, "n_log_n": n_log_n})
     report.goals += goals.of_compiles(sizes, exponent, n_log_n)
 
@@ -84,9 +84,9 @@ def start_command(arguments):
     add_options(parser, repeats=7)
     options = parser.parse_args(arguments)
     if not options.file.exists():
-        raise BadInput(f"there is no file {options.file}")
+        raise BadInput(f"file {options.file} does not exist")
     report = Report(options.json)
-    report.say([f"{options.repeats} starts of each kind, taken in turn", *words()], **machine())
+    report.say([f"{options.repeats} starts of each kind, alternating", *machine_lines()], **machine())
     starts = starting.measure(options.file.resolve(), options.repeats)
     lines, rows = ["", f"{'start':38}{'ms: min':>16}{'median':>12}{'max':>12}{'MB':>13}"], {}
     for what, (times, memory) in starts.items():

@@ -4,9 +4,9 @@ from runtime.base.options import count, number
 
 
 def add_options(parser, seconds=None, repeats=None, realtime=False, seconds_limit=60.0):
-    """Add --json, and those of --seconds, --repeats and --realtime that a command has.
+    """Add --json and optionally --seconds, --repeats and --realtime.
 
-    seconds, repeats : their defaults, None where the command has no such option
+    seconds, repeats : default values, None to omit the option
     seconds_limit : largest value of --seconds
     """
     if seconds is not None:
@@ -23,10 +23,13 @@ def add_options(parser, seconds=None, repeats=None, realtime=False, seconds_limi
             type=count("--repeats"),
             default=repeats,
             metavar="N",
-            help=f"measurements of each row, taken in turn (default {repeats})",
+            help=f"alternating measurements of each row (default {repeats})",
         )
     if realtime:
         parser.add_argument(
-            "--realtime", choices=("off", "try", "require"), default="off", help="the same as for `run` (default: off)"
+            "--realtime",
+            choices=("off", "try", "require"),
+            default="off",
+            help="real-time scheduling as in `run` (default: off)",
         )
     parser.add_argument("--json", action="store_true", help="print the results as JSON")

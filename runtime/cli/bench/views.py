@@ -2,28 +2,28 @@
 
 from runtime.base.errors import OK
 from runtime.bench import goals
-from runtime.bench.report import Report, machine, words
+from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
 
 def main(arguments):
     """Run the command. Returns the exit code."""
-    parser = Parser("bench views", "Measure how late the loop is with every recorder and viewer on, and with none.")
+    parser = Parser("bench views", "Measure the lateness of the loop with all recorders and viewers, and with none.")
     add_options(parser, seconds=5.0, repeats=6, realtime=True)
     options = parser.parse_args(arguments)
     from runtime.bench import views, views_process
 
     report = Report(options.json)
     what = (
-        f"{options.repeats} chunks of {options.seconds:g} s of each row, taken in turn, each in a process of its "
-        f"own; --realtime {options.realtime}"
+        f"{options.repeats} alternating chunks of {options.seconds:g} s for each row, each in a separate "
+        f"process; --realtime {options.realtime}"
     )
-    report.say([what, *words()], **machine())
-    found, problems, dropped = views.measure(options.seconds, options.repeats, options.realtime)
+    report.say([what, *machine_lines()], **machine())
+    results, problems, dropped = views.measure(options.seconds, options.repeats, options.realtime)
     title = f"{views_process.SIGNALS} signals, {views_process.RATE} Hz"
-    lines, rows = ["", f"{title:38}{'late, µs: p50':>16}{'p99':>10}{'of chunks':>14}{'p99.9':>10}{'missed':>14}"], {}
-    for name, kept in found.items():
+    lines, rows = ["", f"{title:38}{'late, µs: p50':>16}{'p99':>10}{'chunks':>14}{'p99.9':>10}{'missed':>14}"], {}
+    for name, kept in results.items():
         label = "no recorder, no viewer" if name == views.NONE else ", ".join(views.viewers())
         row = rows[name] = {f"late_p{share}_us": kept.late(float(share) / 100) * 1e6 for share in ("50", "99", "99.9")}
         row |= {"missed": kept.missed, "ticks": kept.ticks, "late_p99_of_chunks_us": [late * 1e6 for late in kept.each]}
@@ -32,6 +32,6 @@ def main(arguments):
         late = f"{row['late_p50_us']:16.1f}{row['late_p99_us']:10.1f}{spread:>14}{row['late_p99.9_us']:10.1f}{lost:>14}"
         lines += [f"  {label:36}{late}"] if len(label) <= 36 else [f"  {label}", f"{'':38}{late}"]
     report.say([*lines, *(f"  {problem}" for problem in problems)], views=rows, on=views.viewers(), problems=problems)
-    report.goals += goals.of_views(found[views.ALL], found[views.NONE], dropped)
+    report.goals += goals.of_views(results[views.ALL], results[views.NONE], dropped)
     report.finish()
     return OK

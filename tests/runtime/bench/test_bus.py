@@ -32,7 +32,7 @@ def test_it_tells_what_a_bus_costs_what_the_guardian_adds_and_how_soon_the_motor
     for name in ("host_us", "calls_us", "direct_us", "guardian_us", "stop_ms"):
         assert 0.0 < found[name]["p50"] <= found[name]["p99"] <= found[name]["max"], name
     assert found["missed"] == 0 and found["stop_ms"]["max"] < 500.0
-    assert [goal["what"] for goal in told["goals"]][0] == "a bus, beyond its two system calls" and len(
+    assert [goal["what"] for goal in told["goals"]][0] == "a bus, without its two system calls" and len(
         told["goals"]
     ) == 6
     assert list(found["guardian_deaths_ms"]) == ["udp_multicast", "slcan"] and found["guardian_deaths_missed"] == 0

@@ -32,7 +32,7 @@ def test_the_cost_of_drives_and_the_answers_lost_are_reported(command_line):
         assert (
             found["motors"][contender]["commands"] == 8 * 80 and 0 <= found["motors"][contender]["unanswered"] <= 8 * 80
         )
-    assert [goal["unit"] for goal in report["goals"]] == ["µs a tick", ""]
+    assert [goal["unit"] for goal in report["goals"]] == ["µs per tick", ""]
 
 
 @needs_compiler

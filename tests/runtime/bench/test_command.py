@@ -42,7 +42,7 @@ def test_json_has_the_same_numbers(command_line, quick):
         "a chain, native blocks",
         "a chain, Python blocks",
         "compile 12 blocks",
-        "growth of the compile, p of blocks^p",
+        "growth of the compile time, p in blocks^p",
     ]
 
 
@@ -66,7 +66,7 @@ def test_starting_is_measured_from_outside(command_line):
 
 
 def test_starting_refuses_a_file_that_is_not_there(command_line):
-    assert command_line.refused("bench", "start", "nowhere.py") == "there is no file nowhere.py"
+    assert command_line.refused("bench", "start", "nowhere.py") == "file nowhere.py does not exist"
 
 
 def test_a_start_that_fails_says_why(command_line, tmp_path):
