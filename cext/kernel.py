@@ -24,7 +24,8 @@ The list:
     limits[7]       so many numbers
     u[...]          any number of them; the kernel reads it from `sizes`
     *inputs         all inputs that the list does not name, in two places of each table: their number, and the index in
-                    the table from which on it has the position (or size) of each. `*outputs` likewise
+                    the table from which on it has the position (or size) of each. `*outputs` has the same
+                    form
 
 In a struct the last of these is a field `Rest inputs` or `Rest outputs`. A struct may contain another one, for what
 several kernels share. The schedule builds the two tables of each kernel from the names, so the order in which a block

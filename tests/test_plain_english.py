@@ -47,7 +47,6 @@ OLD_VOICE = (  # folders and files that are not rewritten yet: remove them as so
         for folder in (
             "analysis",
             "base",
-            "bench",
             "cli",
             "diagrams",
             "doctor",

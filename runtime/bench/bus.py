@@ -108,7 +108,7 @@ def round_trips(chunks=10, trips=200):
         stack.callback(bus.shutdown)
         for _ in range(chunks):
             direct += [trip(lambda: send(bus), lambda: answered(bus)) for _ in range(trips)]
-            while line.receive():  # it heard those, too
+            while line.receive():  # the guardian carried those frames as well
                 pass
             carried += [
                 trip(lambda: line.send(ID, COMMAND), lambda: any(data[0] == ID for _, _, data, _ in line.receive()))

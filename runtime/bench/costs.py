@@ -72,9 +72,7 @@ def drift():
 
 
 def growth(few=10_000, many=10_000_000):
-    """Bytes of resident memory after many fast ticks beyond those after few, in one process, with a page that nobody
-    reads.
-    """
+    """Return the growth of resident memory in bytes between `few` and `many` ticks, with an unread shared ring."""
     schedule = compile(diagram(1000, 3, 12))
     executor = Executor(Program(schedule), 1000, page=SharedState(1 << 20), virtual=True)
     uninterrupted(executor.run(few))

@@ -18,8 +18,8 @@ IMPORTS = "numpy, networkx, can"
 BARE = {"Python alone": "pass", f"import {IMPORTS}": f"import {IMPORTS}"}
 TIMEOUT = 60.0  # s
 
-# The peak of this program alone: what wait4 tells has the memory of the parent in it, as it was before exec.
-TELL_MEMORY = "print(next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM:')))"
+# The peak of this program alone: the figure of wait4 includes the parent's memory before exec.
+PRINT_MEMORY = "print(next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM:')))"
 
 
 def measure(file, repeats):
@@ -36,11 +36,9 @@ def measure(file, repeats):
 
 
 def bare(program):
-    """(s from start to end, largest resident memory in kB) of a Python that runs a short program and tells its own
-    memory at the end.
-    """
+    """Run a short program in a new Python process. Returns (duration in s, peak resident memory in kB)."""
     began = time.monotonic()
-    child = subprocess.run([sys.executable, "-c", f"{program}\n{TELL_MEMORY}"], stdout=subprocess.PIPE, text=True)
+    child = subprocess.run([sys.executable, "-c", f"{program}\n{PRINT_MEMORY}"], stdout=subprocess.PIPE, text=True)
     took = time.monotonic() - began
     if child.returncode != 0:
         raise BadInput(f"`{sys.executable} -c {program!r}` fails: exit code {child.returncode}")

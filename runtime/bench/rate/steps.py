@@ -15,7 +15,7 @@ from runtime.bench.rate.robot import UNLIMITED, plant, robot
 from runtime.bench.rate.search import Step
 
 SLOW, FAST = 50.0, 1e9  # Hz and bit/s, at which a bus carries any eight actuators, and a bit takes a whole number of ns
-RESOLUTION = 2e-6  # s, an actuator, between looks of the emulated drives: of several, one answers while others are told
+RESOLUTION = 2e-6  # s per actuator between polls of the emulated drives: one replies while others receive commands
 ARMING = 0.1  # s of virtual time: a bus that is too full to arm on has failed
 SETTLING = 1.0  # s after arming in which nothing is counted: enable frames may still fill the bus
 
