@@ -21,6 +21,7 @@ KINDS = {  # kind of line: the module that opens it
     "gpio": "runtime.rig.gpio_line",
     "net": "runtime.rig.net_line",
 }
+SHOWN_KINDS = {"dialogue": "serial"}  # in tables, where the operator looks for the kind of port
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,10 @@ class StreamLines:
         os.close(opened.fd)
         if opened.close is not None:
             self.closers.append(opened.close)
-        self.lines[device.bus] = StreamInterface(Line(device.bus, kind, opened.channel), opened.remarks), stream
+        self.lines[device.bus] = (
+            StreamInterface(Line(device.bus, SHOWN_KINDS.get(kind, kind), opened.channel), opened.remarks),
+            stream,
+        )
 
     def start(self, priority):
         """Start to read. priority : of SCHED_FIFO if granted, else 0"""

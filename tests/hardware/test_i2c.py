@@ -121,7 +121,7 @@ def test_a_wrong_address_names_those_that_answer(stub):
         insole = ADS1115(name="insole", bus="imus", address=0x49)
     with pytest.raises(SeveralRefused, match="TW128.*address 0x49: no reply") as refused:
         I2cInterface(BUS, [insole])
-    assert "0x0c, 0x2a, 0x48, 0x68, 0x69, 0x70 answer" in str(refused.value)
+    assert "0x0c, 0x2a, 0x48, 0x68, 0x69, 0x70 reply" in str(refused.value)
 
 
 def test_the_thread_of_a_bus_sees_settings_that_are_lost(stub):

@@ -265,7 +265,7 @@ def test_a_queue_of_the_kernel_that_stays_full_is_counted_and_then_a_failure_in_
         why, cure = in_words(bus.can.trouble, bus.interface.bus, False)
         assert (
             why.startswith(
-                f"the queue of {name} was full for {TX_QUEUE_FULL_LIMIT} ticks: nobody acknowledges its frames"
+                f"the queue of {name} was full for {TX_QUEUE_FULL_LIMIT} ticks: no node acknowledges its frames"
             )
             and "txqueuelen" in cure
         )
@@ -299,7 +299,10 @@ def test_error_frames_come_through_the_filter():
 @needs_own_kernel
 @pytest.mark.parametrize(
     "change, number, words",
-    [(("set", "vcan9", "down"), errno.ENETDOWN, "vcan9 went down"), (("del", "vcan9"), errno.ENODEV, "vcan9 is gone")],
+    [
+        (("set", "vcan9", "down"), errno.ENETDOWN, "vcan9 went down"),
+        (("del", "vcan9"), errno.ENODEV, "vcan9 disappeared"),
+    ],
 )
 def test_an_interface_that_goes_away_is_a_failure_in_words(spare, change, number, words):
     with Opened(spare) as bus:

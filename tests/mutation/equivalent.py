@@ -49,8 +49,8 @@ EQUIVALENT = {
     "return UNGUARDED if self.guard > 1 and self.guardian_is_gone(now) else OK": "by a nanosecond",
     "cext/schedule/arming.pyx halt: cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping "
     "    # ns since "
-    "the stop began -> "
-    "cdef int64_t since = 1 if self.tick >= 0 and not self.halted else damping     # ns since the stop began": "by "
+    "the begin of the stop -> "
+    "cdef int64_t since = 1 if self.tick >= 0 and not self.halted else damping     # ns since the begin of the stop": "by "
     "a nanosecond",
     "cext/schedule/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with "
     "the clock: nothing "

@@ -295,9 +295,7 @@ def test_warnings_are_told_and_do_not_keep_a_run_from_starting(command_line):
     idle = "    Law(name='idle')(knee.position, knee.velocity)"
     path = write(command_line.folder, KNEE.format(law="return 0.0").replace("    CsvRecorder()", idle))
     code, out, err = command_line("check", "robot.py")
-    assert (
-        code == OK and "warning TW020 unused outputs" in out and f"robot.py:{line_of(path, 'idle')}\n" in out
-    )
+    assert code == OK and "warning TW020 unused outputs" in out and f"robot.py:{line_of(path, 'idle')}\n" in out
     code, out, err = command_line("robot.py", "--fast", "--duration", "1")
     assert code == OK and f"robot.py:{line_of(path, 'idle')}: warning TW020" in err
 

@@ -41,9 +41,9 @@ def test_without_settings_it_lists_values_bounds_and_units(run, command_line):
     head, *lines = out.splitlines()
     assert head.startswith(f"springs (process {run.pid}, running, tick ")
     assert lines == [
-        "  spring.stiffness  30 N·m/rad  (0 to 150 N·m/rad; built as 30 N·m/rad; by 200 N·m/rad a second at most)  K",
+        "  spring.stiffness  30 N·m/rad  (0 to 150 N·m/rad; built as 30 N·m/rad; by 200 N·m/rad a second at most)  stiffness K",
         "  spring.damping    1 N·m·s/rad  (0 to 10 N·m·s/rad; built as 1 N·m·s/rad; by 10 N·m·s/rad a second at "
-        "most)  B",
+        "most)  damping B",
         "  wave.angle        0.5 rad  (-1 to 1.5 rad; built as 0.5 rad)  of the wave",
         "  wave.count        3  (0 to 12; built as 3)",
         "  wave.on           true  (false or true; built as true)",

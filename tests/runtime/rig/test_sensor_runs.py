@@ -52,7 +52,7 @@ def robot(tmp_path, monkeypatch):
 def test_it_arms_once_they_answer_records_them_and_is_replayed_bit_for_bit(robot):
     run = finished("robot.py", "--rig", "lab.toml", "--yes", "--duration", "0.5", "--record", "out", cwd=robot.folder)
     assert run.returncode == OK, run.stderr
-    assert "bus shank  microstrain " in run.stderr + run.stdout and "2 devices, no problems" in run.stderr + run.stdout
+    assert "bus shank  serial " in run.stderr + run.stdout and "2 devices, no problems" in run.stderr + run.stdout
     assert not list((robot.folder / "out").glob("*.can.log"))
     [recording] = (robot.folder / "out").glob("*.mcap")
     again = finished("replay", str(recording), cwd=robot.folder)
