@@ -1,3 +1,4 @@
-"""The command line, a file a command: each has `main(arguments)`, which returns the exit code. `parsing` has what
-several need.
+"""The command line: one file per command.
+
+Each has `main(arguments)`, which returns the exit code. `parsing` has the options that several commands share.
 """

@@ -7,7 +7,7 @@ from runtime.diagrams.catalog import catalog
 
 
 def main(arguments):
-    parser = Parser("blocks", "List the blocks that are installed, or tell all about one.")
+    parser = Parser("blocks", "List the installed blocks, or describe one.")
     parser.add_argument(
         "name",
         nargs="?",
@@ -15,10 +15,12 @@ def main(arguments):
         help="a block, such as TorqueLimiter, or a family of blocks, such as limiters",
     )
     parser.add_argument(
-        "--from", dest="library", metavar="LIBRARY", help="only this library's blocks, and what is known of it"
+        "--from", dest="library", metavar="LIBRARY", help="list the blocks of this library, with its version and author"
     )
     parser.add_argument(
-        "--actuators", action="store_true", help="the models of actuators with their rated, peak and wire torques"
+        "--actuators",
+        action="store_true",
+        help="list the actuator models with their rated, peak and encoded torque ranges",
     )
     options = parser.parse_args(arguments)
     tell(catalog(options.name, options.library, options.actuators))

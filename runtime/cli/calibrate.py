@@ -1,4 +1,4 @@
-"""`calibrate FILE [SENSOR]`: bias, offset and scale of one IMU."""
+"""`calibrate FILE [SENSOR]`: find bias, offset and scale of one IMU from readings in many orientations."""
 
 import os
 import time
@@ -21,62 +21,65 @@ armed. Without a rig, the file's plant turns an emulated sensor.
 """
 PARTS = ("gyroscope", "accelerometer", "magnetometer")
 DURATION_LIMIT = 600.0  # s
-REPORT_INTERVAL = 2.0  # s of readings between two progress reports
+REPORT_PERIOD = 2.0  # s between progress reports
 
 
 def main(arguments):
     parser = Parser(
-        "calibrate", "Find bias, offset and scale of an IMU, and keep them in a TOML file that its block reads.", EPILOG
+        "calibrate", "Find bias, offset and scale of an IMU, and write them to a TOML file for its block.", EPILOG
     )
     add_options(parser, Request, "file", "rate", "settings", "rig")
-    parser.add_argument("sensor", nargs="?", metavar="SENSOR", help="path of its block, where the diagram has several")
     parser.add_argument(
-        "--only", type=parts, default=PARTS, metavar="PARTS", help="some of gyroscope,accelerometer,magnetometer"
+        "sensor", nargs="?", metavar="SENSOR", help="path of the IMU's block, if the diagram has several"
+    )
+    parser.add_argument(
+        "--only",
+        type=parts,
+        default=PARTS,
+        metavar="PARTS",
+        help="calibrate only these: gyroscope,accelerometer,magnetometer",
     )
     parser.add_argument(
         "--duration",
         type=number("--duration", "seconds", DURATION_LIMIT),
         metavar="S",
-        help="duration of the readings (default: on a rig until complete, at most 120; in simulation 60)",
+        help="duration (default: 60 in simulation; on a rig until all parts are calibrated, at most 120)",
     )
     parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("calibration"),
-        metavar="DIR",
-        help="folder of the files (default: calibration)",
+        "--out", type=Path, default=Path("calibration"), metavar="DIR", help="output folder (default: calibration)"
     )
     options = parser.parse_args(arguments)
     from runtime.commissioning.calibration.result import find
 
     sensor, readings = measured(options)
-    found = find(readings, options.only)
+    result = find(readings, options.only)
     tell(
         [
-            f"{sensor.path}: {readings.time[-1]:.0f} s, {len(found.rates)} positions at rest"
-            + (f" ({', '.join(found.faces)} up)" if found.faces else ""),
-            *found.lines(),
+            f"{sensor.path}: {readings.time[-1]:.0f} s, {len(result.rates)} positions at rest"
+            + (f" ({', '.join(result.faces)} up)" if result.faces else ""),
+            *result.lines(),
         ]
     )
-    if not found.parts:
-        complain(["tickwork: no part could be calibrated; nothing was written"])
+    if not result.parts:
+        complain(["tickwork: no part could be calibrated; no file was written"])
         return CHECK_FAILED
-    tell(written(options.out, sensor, found))
-    return OK if not found.missing else CHECK_FAILED
+    tell(written(options.out, sensor, result))
+    return OK if not result.missing else CHECK_FAILED
 
 
 def parts(text):
-    found = tuple(word.strip() for word in text.split(","))
-    stranger = next((word for word in found if word not in PARTS), None)
-    if stranger is not None:
+    """Convert the text of --only. Raises BadInput."""
+    names = tuple(word.strip() for word in text.split(","))
+    unknown = next((word for word in names if word not in PARTS), None)
+    if unknown is not None:
         from graph.names import suggestion
 
-        raise BadInput(f"--only {stranger}: {suggestion(stranger, PARTS) or 'expected ' + ', '.join(PARTS)}")
-    return found
+        raise BadInput(f"--only {unknown}: {suggestion(unknown, PARTS) or 'expected ' + ', '.join(PARTS)}")
+    return names
 
 
 def measured(options):
-    """(sensor, Readings)"""
+    """Measure on the rig or in simulation. Returns (sensor, Readings)."""
     from runtime.commissioning.calibration.measuring import OnRig, sensor_of, simulated
     from runtime.diagrams.file import load
     from runtime.rig import read
@@ -86,15 +89,15 @@ def measured(options):
     if options.rate is not None:
         diagram.rate = options.rate
     sensor = sensor_of(diagram, options.sensor)
-    sensor.set("calibration", "")  # readings without an earlier calibration
+    sensor.set("calibration", "")  # measure without the present calibration
     if rig is None:
         return sensor, simulated(file, diagram, sensor, options.duration or 60.0)
-    with OnRig(rig, sensor) as rig_sensor:
-        return sensor, watched(rig_sensor, options)
+    with OnRig(rig, sensor) as source:
+        return sensor, watched(source, options)
 
 
-def watched(rig_sensor, options):
-    """Return the Readings on a rig and report progress. Ctrl-C ends the readings; those so far are used."""
+def watched(source, options):
+    """Measure on a rig and report progress. Returns Readings; Ctrl-C ends the measurement early."""
     from runtime.commissioning.calibration.measuring import NOTHING
     from runtime.commissioning.calibration.result import find
 
@@ -102,13 +105,13 @@ def watched(rig_sensor, options):
     deadline = time.monotonic() + (options.duration or 120.0)
     try:
         while (left := deadline - time.monotonic()) > 0.0:
-            readings = readings.plus(rig_sensor.read(min(REPORT_INTERVAL, max(left, 0.1))))
-            found = find(readings, options.only)
-            if options.duration is None and not found.missing:
+            readings = readings.plus(source.read(min(REPORT_PERIOD, max(left, 0.1))))
+            result = find(readings, options.only)
+            if options.duration is None and not result.missing:
                 break
-            now = (tuple(found.faces), tuple(found.missing.items()))
+            now = (tuple(result.faces), tuple(result.missing.items()))
             if now != before:
-                complain([f"  {part}: {why}" for part, why in found.missing.items()])
+                complain([f"  {part}: {why}" for part, why in result.missing.items()])
             before = now
     except Interrupted:
         if not len(readings.time):
@@ -117,8 +120,11 @@ def watched(rig_sensor, options):
     return readings
 
 
-def written(folder, sensor, found):
-    """Write the file and the plot. Returns the lines to print. Parts calibrated earlier but not now are kept."""
+def written(folder, sensor, result):
+    """Write the TOML file and the picture. Returns lines for standard output.
+
+    Parts of the present file that were not calibrated now are kept.
+    """
     from blocks.imus.calibration import Calibration
     from runtime.commissioning.calibration.picture import draw
 
@@ -126,22 +132,22 @@ def written(folder, sensor, found):
     path, picture = folder / f"{name}.toml", folder / f"{name}.png"
     try:
         os.makedirs(folder, exist_ok=True)
-        calibration, kept = found.calibration, []
+        calibration, kept = result.calibration, []
         if path.exists():
             old = Calibration.read(path)
-            kept = [part for part in old.parts_of(path.read_text(encoding="utf-8")) if part not in found.parts]
+            kept = [part for part in old.parts_of(path.read_text(encoding="utf-8")) if part not in result.parts]
             calibration = calibration.with_parts(old, kept)
         about = {"name": sensor.path, "kind": type(sensor).__name__, "made": time.strftime("%Y-%m-%d %H:%M:%S")}
-        text = calibration.text(about, [*found.parts, *kept])
+        text = calibration.text(about, [*result.parts, *kept])
         new = path.with_suffix(".new")
         new.write_text(text, encoding="utf-8")
         os.replace(new, path)
         with open(picture, "wb") as file:
-            draw(sensor.path, found, file)
+            draw(sensor.path, result, file)
     except OSError as error:
         raise BadInput(f"{error.filename or folder}: {error.strerror}") from None
     except ValueError as error:
-        raise BadInput(f"{error}; it is left as it is") from None
+        raise BadInput(f"{error}; the file was not changed") from None
     return [
         f"written: {path}, {picture}" + (f"; kept from before: {', '.join(kept)}" if kept else ""),
         f'in the rig: [device."{sensor.path}"] calibration = "{path}"',

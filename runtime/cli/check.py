@@ -10,8 +10,8 @@ from runtime.session.request import Request
 def main(arguments):
     parser = Parser("check", "Compile a diagram and report on it. The exit code is 1 if it has an error.", KEYS)
     add_options(parser, Request, "file", "rate", "settings", "rig")
-    parser.add_argument("--json", action="store_true", help="for machines: one JSON object with the keys below")
+    parser.add_argument("--json", action="store_true", help="print one JSON object with the keys below")
     options = parser.parse_args(arguments)
-    found = check(options.file, options.settings, options.rate, options.rig)
-    tell(report_lines(found, options.json))
-    return OK if found["ok"] else CHECK_FAILED
+    report = check(options.file, options.settings, options.rate, options.rig)
+    tell(report_lines(report, options.json))
+    return OK if report["ok"] else CHECK_FAILED

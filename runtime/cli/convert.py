@@ -1,4 +1,4 @@
-"""`convert RECORDING...`: recordings in other formats."""
+"""`convert RECORDING...`: write recordings in other formats."""
 
 from pathlib import Path
 
@@ -15,37 +15,35 @@ from runtime.recording.files import make_folder
 from runtime.recording.parts import heads
 from runtime.recording.repair import MendingFailed, finish
 
-READING = 0.5  # share of the time that goes into reading, about
+READING_SHARE = 0.5  # of the progress
 
 
 def main(arguments):
     parser = Parser(
         "convert",
         "Write recordings in other formats: every sample of every signal, in order. "
-        "To mcap: what a recorder that was killed has left, as one file that every viewer opens.",
+        "--to mcap joins and completes the files of a recorder that was killed.",
     )
     parser.add_argument("recordings", type=Path, nargs="+", metavar="RECORDING", help="the .mcap file of a recording")
-    parser.add_argument("--to", type=formats, metavar="FORMAT,...", help=f"of {', '.join(FORMATS)}")
+    parser.add_argument("--to", type=formats, metavar="FORMAT,...", help=f"formats: {', '.join(FORMATS)}")
     parser.add_argument(
-        "--opensim", action="store_true", help="write .sto, with all signals, and .mot, with the joint angles"
+        "--opensim", action="store_true", help="write .sto with all signals and .mot with the joint angles"
     )
     parser.add_argument(
         "--rate",
         type=number("--rate", "Hz"),
         metavar="HZ",
-        help="at this rate, between samples as each kind of signal goes on",
+        help="resample to this rate, with the interpolation of each kind of signal",
     )
     parser.add_argument(
         "--names",
         type=Path,
         metavar="FILE",
-        help="for sto and mot: a TOML file of OpenSim coordinates, with lines such as "
+        help="for sto and mot: a TOML file of OpenSim coordinates with lines such as "
         '"left/knee.position" = "knee_angle_l"',
     )
     parser.add_argument(
-        "--in-place",
-        action="store_true",
-        help="with --to mcap: finish the files themselves, where a second copy would not fit",
+        "--in-place", action="store_true", help="with --to mcap: complete the files in place instead of writing copies"
     )
     parser.add_argument(
         "-o", "--output", type=Path, metavar="DIR", help="folder to write to (default: beside the recording)"
@@ -53,13 +51,13 @@ def main(arguments):
     options = parser.parse_args(arguments)
     kinds = [*(options.to or ()), *(OPENSIM if options.opensim else ())]
     if not kinds:
-        raise BadInput(f"to which format? --to {'|'.join(FORMATS)}, or --opensim")
+        raise BadInput(f"no format given: pass --to {'|'.join(FORMATS)} or --opensim")
     if "mcap" in kinds and options.rate is not None:
-        raise BadInput("--to mcap keeps every sample as it was recorded: --rate is for the other formats")
+        raise BadInput("--to mcap does not resample: use --rate with the other formats")
     if options.in_place and (kinds != ["mcap"] or options.output is not None):
-        raise BadInput("--in-place goes with --to mcap alone")
+        raise BadInput("--in-place requires --to mcap and excludes other formats and -o")
     if options.names is not None and not set(kinds) & set(OPENSIM):
-        raise BadInput("--names is for OpenSim: add --to sto, --to mot or --opensim")
+        raise BadInput("--names requires an OpenSim format: add --to sto, --to mot or --opensim")
     names = None if options.names is None else (opensim.read_names(options.names), options.names)
     for recording in heads(options.recordings):
         for path in (
@@ -72,6 +70,7 @@ def main(arguments):
 
 
 def formats(text):
+    """Convert the text of --to. Raises BadInput."""
     kinds = [word.strip().lstrip(".").lower() for word in text.split(",") if word.strip()]
     known = list(FORMATS)
     for kind in kinds:
@@ -82,41 +81,44 @@ def formats(text):
 
 
 def converted(recording, kinds, rate, folder, names):
-    """Paths of what one recording becomes, as they are written. names : of coordinates and the path of their file, or
-    None
+    """Convert one recording and yield the paths of the files.
+
+    names : coordinates and the path of their file, or None
     """
     with Progress(f"converting {recording.name}") as progress:
-        trial = read(recording, progress, 0.0, READING)
+        trial = read(recording, progress, 0.0, READING_SHARE)
         if rate is not None:
             trial = trial.resample(rate)
         if names is not None:
             trial = opensim.named(trial, *names)
         stem = str((folder or recording.parent) / recording.stem)
         for place, kind in enumerate(kinds):
-            step = (1.0 - READING) / len(kinds)
+            step = (1.0 - READING_SHARE) / len(kinds)
             try:
                 if folder is not None:
                     make(folder)
-                path = convert(trial, kind, stem, progress.part(READING + place * step, READING + (place + 1) * step))
+                path = convert(
+                    trial, kind, stem, progress.part(READING_SHARE + place * step, READING_SHARE + (place + 1) * step)
+                )
             except OSError as error:
                 raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
             progress.terminal.erase()
             if kind in OPENSIM and opensim.missed(trial):
                 complain(
                     [
-                        f"tickwork: {Path(path).name}: {count(opensim.missed(trial), 'missed tick')} filled in, as "
-                        "OpenSim needs even times"
+                        f"tickwork: {Path(path).name}: {count(opensim.missed(trial), 'missed tick')} filled in: "
+                        "OpenSim requires equally spaced times"
                     ]
                 )
             yield path
 
 
 def finished(recording):
-    """Paths of the files of one recording, as they are finished."""
+    """Complete the files of one recording in place and yield their paths."""
     with Progress(f"finishing {recording.name}") as progress:
-        for path in read(recording, progress, 0.0, READING).parts:
+        for path in read(recording, progress, 0.0, READING_SHARE).parts:
             try:
-                finish(path, progress.part(READING, 1.0))
+                finish(path, progress.part(READING_SHARE, 1.0))
             except MendingFailed as error:
                 raise BadInput(str(error)) from None
             except OSError as error:
@@ -126,7 +128,8 @@ def finished(recording):
 
 
 def make(folder):
+    """Create a folder. Raises BadInput if a file has its name."""
     try:
         make_folder(folder)
     except (FileExistsError, NotADirectoryError):
-        raise BadInput(f"cannot write into {folder}: that is a file, and no folder") from None
+        raise BadInput(f"cannot write into {folder}: it is a file, not a folder") from None

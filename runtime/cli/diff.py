@@ -17,9 +17,9 @@ from runtime.console.terminal import tell
 def main(arguments):
     parser = Parser("diff", "Compare two recordings, tick by tick.")
     parser.add_argument("first", type=Path, metavar="A", help="the .mcap file of a recording")
-    parser.add_argument("second", type=Path, metavar="B", help="and of another")
+    parser.add_argument("second", type=Path, metavar="B", help="the .mcap file of another recording")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="where to draw what differs (default: diff.png)"
+        "-o", "--output", type=Path, metavar="FILE", help="picture of the differences (default: diff.png)"
     )
     options = parser.parse_args(arguments)
     drawing.check(options.output)

@@ -1,4 +1,4 @@
-"""`python -m runtime doctor`: the command line, and what it prints."""
+"""`python -m runtime doctor`: check this machine and print the findings."""
 
 import json
 import os
@@ -17,32 +17,36 @@ from runtime.doctor.script import script
 from runtime.machine.finding import BAD, OK, SEVERITY, UNKNOWN, Wants
 from runtime.machine.probe import Machine
 
-WIDTH = 110  # characters of a line of reasons
+WRAP_WIDTH = 110  # characters
 MARKS = {UNKNOWN: "?"}
-FASTEST_CAN = 1_000_000  # bit/s, without a second, faster bitrate
+CLASSIC_CAN_BITRATE_LIMIT = 1_000_000  # bit/s
 
 
 def main(arguments):
-    """Returns the exit code: 0, or 1 where something is bad."""
+    """Run the command. Returns the exit code: 1 if a finding is bad, else 0."""
     parser = Parser(
         "doctor",
-        "Look whether this machine is fit to run a robot, and what to change. Nothing is changed.",
-        "ok; worse: a robot runs, but less well; bad: it does not run, or must not; ?: cannot be told.\n"
-        "The exit code is 1 where something is bad. Ask as the user who runs the robot.",
+        "Check whether this machine is fit to run a robot, and list what to change. Nothing is changed.",
+        "Verdicts:\n"
+        "  ok     no change needed\n"
+        "  worse  a robot runs, with degraded performance\n"
+        "  bad    a robot does not run, or must not be run\n"
+        "  ?      cannot be determined\n\n"
+        "The exit code is 1 if a finding is bad. Run this command as the user that runs the robot.",
     )
     how = parser.add_mutually_exclusive_group()
-    how.add_argument("--json", action="store_true", help="for machines: one JSON object with the findings")
+    how.add_argument("--json", action="store_true", help="print one JSON object with the findings")
     how.add_argument(
         "--script",
         action="store_true",
-        help="print a shell script that sets right what a script can; read it, then run it with sudo",
+        help="print a shell script with the changes that can be scripted; read it, then run it with sudo",
     )
     parser.add_argument(
         "--bitrate",
-        type=count("--bitrate", FASTEST_CAN),
-        default=FASTEST_CAN,
+        type=count("--bitrate", CLASSIC_CAN_BITRATE_LIMIT),
+        default=CLASSIC_CAN_BITRATE_LIMIT,
         metavar="BPS",
-        help="of the CAN buses, in bit/s (default: 1000000)",
+        help="bitrate of the CAN buses in bit/s (default: 1000000)",
     )
     parser.add_argument(
         "--overlay",
@@ -51,9 +55,11 @@ def main(arguments):
         default=[],
         dest="overlays",
         metavar="TEXT",
-        help="what the script puts into a Raspberry Pi's config.txt: mcp251xfd,spi0-0,interrupt=25",
+        help="overlay for a Raspberry Pi's config.txt, such as mcp251xfd,spi0-0,interrupt=25",
     )
-    parser.add_argument("--user", type=name, help="who runs the robot, for the script (default: who asks)")
+    parser.add_argument(
+        "--user", type=name, help="user that runs the robot, for the script (default: the present user)"
+    )
     parser.add_argument(
         "--record",
         default="recordings",
@@ -66,7 +72,7 @@ def main(arguments):
         type=folder,
         default="/",
         metavar="DIR",
-        help="look at another machine: a folder with its files, and the outputs of its commands in DIR/commands",
+        help="check another machine: a folder with its files, and the outputs of its commands in DIR/commands",
     )
     options = parser.parse_args(arguments)
     machine = Machine(options.root)
@@ -81,7 +87,7 @@ def main(arguments):
 
 
 def report(machine, findings):
-    """Lines for a person: what needs attention first, with why and what to do; then what is well."""
+    """Return the lines of a report: findings that need attention first, with reason and remedy."""
     width = max(len(finding.name) for finding in findings)
     lines = [about(machine), ""]
     for verdict in SEVERITY:
@@ -90,7 +96,7 @@ def report(machine, findings):
             lines.append(f"{MARKS.get(verdict, verdict):<6} {finding.name:<{width}}  {finding.found}")
             if verdict != OK:
                 indent = " " * (9 + width)
-                lines += [f"{indent}{line}" for line in textwrap.wrap(finding.why, WIDTH - len(indent))]
+                lines += [f"{indent}{line}" for line in textwrap.wrap(finding.why, WRAP_WIDTH - len(indent))]
                 # not wrapped: it may be a command to copy
                 lines += [f"{indent}→ {finding.cure}"] if finding.cure else []
         if chosen and verdict != OK:
@@ -99,15 +105,15 @@ def report(machine, findings):
 
 
 def about(machine):
-    person = f"user {machine.user}" + (": ask as the one who runs the robot" if machine.root_user else "")
-    return ", ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}", person) if part)
+    user = f"user {machine.user}" + (": run this command as the user that runs the robot" if machine.root_user else "")
+    return ", ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}", user) if part)
 
 
 def summary(findings):
     counts = {verdict: sum(finding.verdict == verdict for finding in findings) for verdict in SEVERITY}
     words = ", ".join(f"{number} {MARKS.get(verdict, verdict)}" for verdict, number in counts.items() if number)
     if any(finding.part for finding in findings if finding.verdict != OK):
-        return f"{words}; what sets most of it right, to be read and run: {program()} doctor --script"
+        return f"{words}; print a script with most of the changes: {program()} doctor --script"
     return words
 
 
@@ -130,19 +136,18 @@ def for_machines(machine, findings):
 def overlay(text):
     if not re.fullmatch(r"[\w.-]+(,[\w.-]+(=[\w.-]+)?)*", text):
         raise BadInput(
-            f"--overlay {text}: expected what stands behind dtoverlay=, as in "
-            "mcp2515-can0,oscillator=12000000,interrupt=25"
+            f"--overlay {text}: expected the value of dtoverlay=, as in mcp2515-can0,oscillator=12000000,interrupt=25"
         )
     return text
 
 
 def name(text):
     if not re.fullmatch(r"[A-Za-z_][\w.-]*\$?", text):
-        raise BadInput(f"--user {text}: expected the name of a user")
+        raise BadInput(f"--user {text}: expected a user name")
     return text
 
 
 def folder(text):
     if not Path(text).is_dir():
-        raise BadInput(f"--root {text}: there is no such folder")
+        raise BadInput(f"--root {text}: no such folder")
     return Path(text)

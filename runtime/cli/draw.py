@@ -1,4 +1,4 @@
-"""`draw FILE`: a diagram as SVG, PNG, Mermaid, or a page to explore."""
+"""`draw FILE`: draw a diagram as SVG, PNG, Mermaid or an HTML page."""
 
 from runtime.base.errors import OK
 from runtime.cli.parsing import Parser, add_options
@@ -8,22 +8,22 @@ from runtime.session.request import Request
 
 
 def main(arguments):
-    parser = Parser("draw", "Draw a diagram, from left to right; feedback goes back below, dashed.")
+    parser = Parser("draw", "Draw a diagram from left to right. Feedback is drawn dashed, below.")
     add_options(parser, Request, "file", "rate", "settings")
     parser.add_argument(
-        "-o", "--output", metavar="NAME", help="file to write, - for standard output (default: the diagram's name)"
+        "-o", "--output", metavar="NAME", help="output file, or - for standard output (default: the diagram's name)"
     )
     parser.add_argument(
         "--format",
         choices=list(FORMATS),
-        help="svg, for papers; png; mermaid, for Markdown; html, a page to explore (default: what "
-        "NAME ends in, or svg)",
+        help="svg: for papers; png; mermaid: for Markdown; html: an interactive page (default: by the ending of "
+        "NAME, or svg)",
     )
-    parser.add_argument("--all-ports", action="store_true", help="show the ports that nothing is wired to as well")
+    parser.add_argument("--all-ports", action="store_true", help="also show unconnected ports")
     options = parser.parse_args(arguments)
-    said, remarks = draw_file(
+    lines, remarks = draw_file(
         options.file, options.settings, options.rate, options.output, options.format, options.all_ports
     )
     complain(remarks)
-    tell(said)
+    tell(lines)
     return OK

@@ -1,25 +1,27 @@
-"""Pictures of commands: where they go, and that nothing is left where they cannot be drawn."""
+"""Picture files of commands. A failed drawing leaves no file."""
 
 from pathlib import Path
 
 from runtime.base.errors import BadInput
 from runtime.recording.files import create, private
 
-KINDS = (".png", ".svg")
+ENDINGS = (".png", ".svg")
 
 
 def check(output):
-    """output : Path that a person has named, or None. BadInput where it is that of no picture"""
-    if output is not None and output.suffix not in KINDS:
-        raise BadInput(f"-o {output}: a picture ends in {' or '.join(KINDS)}")
+    """Raise BadInput if an output does not end in .png or .svg. output : Path from -o, or None"""
+    if output is not None and output.suffix not in ENDINGS:
+        raise BadInput(f"-o {output}: the name of a picture must end in {' or '.join(ENDINGS)}")
 
 
 def write(draw, output, stem, suffix=".png"):
-    """Returns the path.
+    """Write a picture. Returns its path.
 
-    draw : called with a file that is open for writing bytes, and "png" or "svg"
-    output : Path that a person has named, and is replaced; None for a new one: `stem` and `suffix`, or with a number in
-        between where that exists
+    draw : function of a binary file and "png" or "svg"
+    output : Path from -o, an existing file is replaced; None for a new file: `stem` and `suffix`, with a number in
+        between if that exists
+
+    Raises BadInput if the file cannot be written.
     """
     try:
         path, descriptor = (str(output), str(output)) if output is not None else create(stem, suffix)

@@ -1,4 +1,4 @@
-"""`python -m runtime emulate FILE --rig RIG`: the other side of a rig, in a terminal of its own."""
+"""`emulate FILE --rig RIG`: emulate the devices of a diagram on the buses of a rig."""
 
 import sys
 from pathlib import Path
@@ -8,11 +8,11 @@ from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import complain, program, tell
 from runtime.session.request import Request
 
-SIDE_BY_SIDE = "a drive that is really there would take such an answer for a command, and move"
+DANGER = "a real drive would interpret emulated replies as commands, and move"
 
 
 def main(arguments):
-    """Returns the exit code: 0 too after Ctrl-C, which is how it is meant to end."""
+    """Run the command. Returns the exit code; Ctrl-C is a regular end."""
     options = parse(arguments)
     from runtime.diagrams.file import load
     from runtime.diagrams.simulation import plant_of
@@ -25,12 +25,12 @@ def main(arguments):
     file, robot = load(options.file, options.settings, rig)
     diagram, schedule, _ = plant_of(file, robot)
     if schedule is None or not schedule.buses:
-        raise BadInput(f"{options.file}: {robot.name} has nothing on a bus that could be emulated")
+        raise BadInput(f"{options.file}: {robot.name} has no device on a bus that can be emulated")
     terminals = on_terminals(robot, schedule)
-    stranger = next((name for name in schedule.buses if name not in rig.buses and name not in terminals), None)
-    if stranger is not None:
+    missing = next((name for name in schedule.buses if name not in rig.buses and name not in terminals), None)
+    if missing is not None:
         raise BadInput(
-            f"{options.rig}: the plant emulates a device on bus {stranger!r}, and the rig has no [bus.{stranger}]"
+            f"{options.rig}: the plant emulates a device on bus {missing!r}, but the rig has no [bus.{missing}]"
         )
     buses = PlantBuses(rig, [name for name in schedule.buses if name not in terminals])
     lines = PtyLines(terminals, options.lines)
@@ -52,8 +52,7 @@ def main(arguments):
 
 def parse(arguments):
     parser = Parser(
-        "emulate",
-        "Play the plant of a diagram on the real buses of a rig, for a robot that another terminal runs there.",
+        "emulate", "Emulate the devices of a diagram on the real buses of a rig, for a run in another terminal."
     )
     add_options(
         parser,
@@ -64,8 +63,8 @@ def parse(arguments):
         "duration",
         "bitrate",
         "yes",
-        file={"help": "the robot's diagram file; its plant(), or every device emulated"},
-        rig={"required": True, "help": "the rig file that the robot runs with"},
+        file={"help": "the robot's diagram file; without a plant() every device is emulated"},
+        rig={"required": True, "help": "the rig file of the run"},
         bitrate={"help": "delay each reply by the time of its bits at N bit/s (default: reply at once)"},
         yes={"help": "on real CAN: do not ask whether every real drive is disconnected"},
     )
@@ -73,25 +72,32 @@ def parse(arguments):
         "--lines",
         type=Path,
         metavar="DIR",
-        help="an existing folder for links to the terminals of sensors on serial lines",
+        help="an existing folder for links to the terminals of emulated serial sensors",
     )
     return parser.parse_args(arguments)
 
 
 def consent(real, given):
-    """On a bus that is not this machine's alone somebody says that no real drive is there. BadInput"""
+    """Ask the operator to confirm that no real drive is connected. Raises BadInput.
+
+    real : names of the buses that are not virtual
+    given : whether --yes has confirmed it
+    """
     if not real or given:
         return
     if not (sys.stdin is not None and sys.stdin.isatty()):
-        raise BadInput(f"{', '.join(real)}: real drives may be there, and {SIDE_BY_SIDE}; where none is, say --yes")
+        raise BadInput(
+            f"{', '.join(real)}: cannot ask whether real drives are connected, as standard input is not a terminal: "
+            f"{DANGER}. Disconnect every real drive and pass --yes"
+        )
     complain(
         [
-            f"{', '.join(real)}: take every real drive off first: {SIDE_BY_SIDE}",
-            "Enter: there is none; Ctrl-C ends this",
+            f"{', '.join(real)}: disconnect every real drive first: {DANGER}",
+            "Press Enter to confirm that none is connected, Ctrl-C to end",
         ]
     )
     if sys.stdin.readline() == "":
-        raise BadInput("nobody has said that no real drive is there")
+        raise BadInput("standard input ended before the confirmation that no real drive is connected")
 
 
 def introduction(options, diagram, schedule, rig, given, serial):
@@ -105,8 +111,8 @@ def introduction(options, diagram, schedule, rig, given, serial):
             else f"  {name:<12}{rig.buses[name].interface} {rig.buses[name].channel}"
         )
         lines += [f"    {title(block)}" for block in here]
-    found = f"TICKWORK_PORTS={':'.join(serial.paths.values())} " if serial.paths else ""
-    return [*lines, f"in another terminal: {found}{program()} {options.file} --rig {options.rig}", "Ctrl-C ends it"]
+    variable = f"TICKWORK_PORTS={':'.join(serial.paths.values())} " if serial.paths else ""
+    return [*lines, f"in another terminal: {variable}{program()} {options.file} --rig {options.rig}", "Ctrl-C ends it"]
 
 
 def title(block):
@@ -125,5 +131,5 @@ def summary(statistics, schedule):
     frames, seconds = statistics["frames"], (statistics["last_tick"] + 1) / schedule.rate
     return [
         f"{schedule.name}: {seconds:.1f} s at {schedule.rate:g} Hz, {statistics['missed']} steps missed",
-        f"  buses       {frames['received']} frames heard, {frames['sent']} sent",
+        f"  buses       {frames['received']} frames received, {frames['sent']} sent",
     ]

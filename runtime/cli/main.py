@@ -42,9 +42,9 @@ GROUPS = {
     },
 }
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
-UNUSABLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)  # of files; every command takes some, and looks at them first
-SHOWN = 80  # characters of such a name
-MODULES = {"bench": "bench.command"}  # of commands that are not one module of the same name
+UNUSABLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)  # errors of file names
+NAME_LENGTH_SHOWN = 80  # characters of a file name in an error
+MODULES = {"bench": "bench.command"}  # commands whose module has another name
 
 
 def main(arguments=None, folder=None):
@@ -69,7 +69,7 @@ def main(arguments=None, folder=None):
     except OSError as error:
         if error.errno not in UNUSABLE_NAMES:
             raise
-        complain([f"tickwork: {str(error.filename)[:SHOWN]}: {error.strerror}"])
+        complain([f"tickwork: {str(error.filename)[:NAME_LENGTH_SHOWN]}: {error.strerror}"])
         code = BAD_INPUT
     except ending.Interrupted as interrupt:
         complain([f"tickwork: {ending.stopped_by(interrupt.number)}"])
@@ -80,7 +80,7 @@ def main(arguments=None, folder=None):
 
 
 def check_encoding(arguments):
-    """Raise BadInput for an argument that is not valid UTF-8: no file, title or recording could hold it."""
+    """Raise BadInput for an argument that is not valid UTF-8: file names and recordings cannot contain it."""
     for argument in arguments:
         if not argument.isascii() and any("\ud800" <= character <= "\udfff" for character in argument):
             shown = argument.encode(errors="surrogateescape").decode(errors="backslashreplace")
@@ -97,6 +97,7 @@ def refusal(arguments):
 
 
 def command(arguments, folder):
+    """Run the command that the first argument names; any other first argument is the diagram file of `run`."""
     if not arguments or arguments[0] in ("-h", "--help"):
         (tell if arguments else complain)(usage())
         return OK if arguments else BAD_INPUT
@@ -114,16 +115,17 @@ def command(arguments, folder):
 
 
 def run(name, arguments, folder):
+    """Import a command and run it. Returns the exit code."""
     module = import_module(f"runtime.cli.{MODULES.get(name, name)}")
-    trouble = installation_check.namesake(folder)  # after the imports that this command needs
-    if trouble is not None:
-        raise BadInput(trouble)
+    problem = installation_check.namesake(folder)  # after the imports that this command needs
+    if problem is not None:
+        raise BadInput(problem)
     ending.raise_on_signals()
     return module.main(arguments)
 
 
 def usage():
-    """Lines of the program's own help."""
+    """Return the lines of the program's help."""
     name, width = short_program(), max(map(len, COMMANDS)) + 3
     lines = [f"usage: {name} FILE [OPTION...]", f"       {name} COMMAND [ARGUMENT...]", ""]
     lines.append("FILE, such as diagrams/knee_exo.py, is a diagram: FILE alone is `run FILE`.")

@@ -1,4 +1,4 @@
-"""`move ID`: one actuator of a bus, gently, through the ordinary run."""
+"""`move ID`: move one actuator of a bus within small limits, in a regular run."""
 
 import tempfile
 from dataclasses import replace
@@ -16,9 +16,10 @@ from runtime.console.terminal import tell
 from runtime.report import summary
 from runtime.session.request import Request
 
-SHARE = 0.1  # of the rated torque, by default
-SPRING = 2.0  # 1/rad: with the limit, the stiffness of a position; its damping is a fifth of that
-DAMPER = 1.0  # s/rad: with the limit, the damping of a velocity
+LIMIT_SHARE = 0.1  # default torque limit, share of the rated torque
+STIFFNESS_PER_LIMIT = 2.0  # 1/rad, default of --position
+POSITION_DAMPING_PER_LIMIT = 0.4  # s/rad, default of --position
+VELOCITY_DAMPING_PER_LIMIT = 1.0  # s/rad, default of --velocity
 
 EPILOG = """\
   move 3 --channel can0 --model {0} --torque 0.5
@@ -36,51 +37,60 @@ def main(arguments):
         "Move one actuator: with a torque, to a position, or at a velocity, within small limits.",
         EPILOG.format(*example_models()),
     )
-    parser.add_argument("can_id", metavar="ID", help="of the drive; `scan` tells who is there")
+    parser.add_argument("can_id", metavar="ID", help="CAN id of the drive; `scan` lists those that respond")
     add_bus(parser)
-    add_model(parser, "of the actuator, as the vendor writes it: {} (a drive does not report it)")
+    add_model(parser, "model of the actuator in the vendor's spelling: {} (drives do not report it)")
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--torque", type=value("--torque", "N·m"), metavar="T", help="N·m")
-    what.add_argument("--position", type=value("--position", "rad"), metavar="P", help="rad, of the drive's own zero")
-    what.add_argument("--velocity", type=value("--velocity", "rad/s"), metavar="V", help="rad/s")
+    what.add_argument("--torque", type=value("--torque", "N·m"), metavar="T", help="torque in N·m")
+    what.add_argument(
+        "--position", type=value("--position", "rad"), metavar="P", help="position in rad from the zero of the drive"
+    )
+    what.add_argument("--velocity", type=value("--velocity", "rad/s"), metavar="V", help="velocity in rad/s")
     parser.add_argument(
-        "--limit", type=number("--limit", "N·m"), metavar="T", help="torque at most (default: a tenth of the rated one)"
+        "--limit",
+        type=number("--limit", "N·m"),
+        metavar="T",
+        help="torque limit in N·m (default: a tenth of the rated torque)",
     )
     parser.add_argument(
-        "--duration", type=number("--duration", "seconds", TIME_LIMIT), default=5.0, metavar="S", help="default: 5"
+        "--duration",
+        type=number("--duration", "seconds", TIME_LIMIT),
+        default=5.0,
+        metavar="S",
+        help="duration in s (default: 5)",
     )
     parser.add_argument(
         "--rise",
         type=number("--rise", "seconds"),
         default=1.0,
         metavar="S",
-        help="to the target and back to zero (default: 1)",
+        help="s from zero to the target, and back (default: 1)",
     )
     parser.add_argument(
         "--speed",
         type=number("--speed", "rad/s"),
         default=0.5,
         metavar="V",
-        help="toward a position (default: 0.5 rad/s)",
+        help="velocity toward a position in rad/s (default: 0.5)",
     )
     parser.add_argument(
         "--stiffness",
         type=number("--stiffness", "N·m/rad"),
         metavar="K",
-        help="of a position (default: twice the limit)",
+        help="stiffness of a position in N·m/rad (default: twice the limit)",
     )
     parser.add_argument(
         "--damping",
         type=number("--damping", "N·m·s/rad"),
         metavar="B",
-        help="of a position or a velocity (default: from the limit)",
+        help="damping of a position or velocity in N·m·s/rad (default: from the limit)",
     )
     parser.add_argument(
         "--fastest",
         type=number("--fastest", "rad/s"),
         default=10.0,
         metavar="V",
-        help="velocity that ends the run (default: 10 rad/s)",
+        help="velocity that ends the run, in rad/s (default: 10)",
     )
     add_options(
         parser,
@@ -93,15 +103,15 @@ def main(arguments):
     options = parser.parse_args(arguments)
     can_id = drive_id(options.can_id)
     kind, target = target_of(options)
-    drive, found = model_of(options)
+    drive, model = model_of(options)
     if kind not in drive.movements:
         raise BadInput(f"--{kind}: {drive.block.__name__} is commanded with --{', --'.join(drive.movements)}")
-    limit = limit_of(options, found, kind, target)
+    limit = limit_of(options, model, kind, target)
     unbounded = kind not in drive.bounded
     bus = single_bus(options)
     settings = {
         "block": drive.block.__name__,
-        "model": found.name,
+        "model": model.name,
         "bus": bus.name,
         "can_id": can_id,
         "kind": kind,
@@ -112,25 +122,23 @@ def main(arguments):
         "speed": options.speed,
         "fastest": options.fastest,
         "rate": options.rate,
-        "stiffness": options.stiffness or SPRING * limit,
-        "damping": options.damping or limit * (DAMPER if kind == "velocity" else SPRING / 5.0),
+        "stiffness": options.stiffness or STIFFNESS_PER_LIMIT * limit,
+        "damping": options.damping
+        or limit * (VELOCITY_DAMPING_PER_LIMIT if kind == "velocity" else POSITION_DAMPING_PER_LIMIT),
     }
     if drive.wire is None:
-        check_law(found, settings)
-    rated = f" ({limit / found.rated:.0%} of rated)" if found.rated else ""
-    bound = (
-        "its torque bounded by the drive's own settings alone" if unbounded else (f"torque limit {limit:g} N·m{rated}")
-    )
+        check_law(model, settings)
+    rated = f" ({limit / model.rated:.0%} of rated)" if model.rated else ""
+    bound = "torque limited only by the settings of the drive" if unbounded else (f"torque limit {limit:g} N·m{rated}")
     tell(
         [
-            f"{found.name}, id {can_id} on {bus.channel}: {kind} {target:g} {UNITS[kind]} for {options.duration:g} s, "
+            f"{model.name}, id {can_id} on {bus.channel}: {kind} {target:g} {UNITS[kind]} for {options.duration:g} s, "
             f"{bound}; the run ends beyond {options.fastest:g} rad/s",
-            "no range of a joint is known here: nothing ends the run at the end of a joint's motion, so move an "
-            "actuator that turns freely",
+            "joint limits are not checked: only move an actuator that can turn freely",
         ]
     )
     with tempfile.TemporaryDirectory(prefix="tickwork-") as place:
-        rig = Path(place) / "move.toml"  # the bus alone: a robot's devices are not in this diagram
+        rig = Path(place) / "move.toml"  # only the bus: the diagram has no other devices
         rig.write_text("\n".join([*entry(bus), ""]), encoding="utf-8")
         result = carried_out(
             instance(
@@ -151,10 +159,11 @@ UNITS = {"torque": "N·m", "position": "rad", "velocity": "rad/s"}
 
 
 def target_of(options):
+    """Return (kind of movement, target)."""
     for kind in UNITS:
         if getattr(options, kind) is not None:
             return kind, getattr(options, kind)
-    raise BadInput("where to? one of --torque T, --position P and --velocity V")
+    raise BadInput("no target given: pass --torque T, --position P or --velocity V")
 
 
 def add_model(parser, text):
@@ -172,59 +181,65 @@ def model_of(options):
     """Return (graph.family.Drive, model). BadInput"""
     if not options.model:
         examples = ", ".join(f"--model {name}" for name in example_models())
-        raise BadInput(f"which model? its ranges make a torque of a frame, and a drive does not report it: {examples}")
+        raise BadInput(f"no model given: it defines the encoded ranges, and drives do not report it. Pass {examples}")
     try:
         return find_model(options.model, options.option or "")
     except ValueError as error:
         raise BadInput(f"--model {error}") from None
 
 
-def limit_of(options, found, kind, target):
-    """N·m. BadInput"""
-    if found.rated is None and options.limit is None:
+def limit_of(options, model, kind, target):
+    """Return the torque limit in N·m. Raises BadInput for a target outside the limits."""
+    if model.rated is None and options.limit is None:
         raise BadInput(
-            f"--model {found.name}: its rated torque is not published: say a --limit in N·m that is safe for your joint"
+            f"--model {model.name}: its rated torque is not published: pass a --limit in N·m, safe for your joint"
         )
-    rated = found.wire_torque if found.rated is None else found.rated
-    limit = options.limit or SHARE * rated
-    found = replace(found, rated=rated)
-    if limit > found.rated:
-        raise BadInput(f"--limit {limit:g}: at most the rated torque of {found.name}, {found.rated:g} N·m")
+    rated = model.wire_torque if model.rated is None else model.rated
+    limit = options.limit or LIMIT_SHARE * rated
+    model = replace(model, rated=rated)
+    if limit > model.rated:
+        raise BadInput(f"--limit {limit:g}: at most the rated torque of {model.name}, {model.rated:g} N·m")
     if kind == "torque" and abs(target) > limit:
         allowed = (
             f"--limit {abs(target):g} allows it"
-            if abs(target) <= found.rated
-            else (f"its rated torque is {found.rated:g} N·m")
+            if abs(target) <= model.rated
+            else (f"its rated torque is {model.rated:g} N·m")
         )
         raise BadInput(
-            f"--torque {target:g} is beyond the limit of {limit:g} N·m ({limit / found.rated:.0%} of rated); {allowed}"
+            f"--torque {target:g} exceeds the limit of {limit:g} N·m ({limit / model.rated:.0%} of rated); {allowed}"
         )
     if kind == "velocity" and abs(target) >= options.fastest:
         raise BadInput(
             f"--velocity {target:g}: the run ends at {options.fastest:g} rad/s; --fastest {2 * abs(target):g} allows it"
         )
-    if kind == "position" and abs(target) > found.wire_position:
-        raise BadInput(f"--position {target:g}: the wire says ± {found.wire_position:g} rad")
-    if kind == "velocity" and abs(target) > found.wire_velocity:
-        raise BadInput(f"--velocity {target:g}: the wire of {found.name} says ± {found.wire_velocity:g} rad/s")
+    if kind == "position" and abs(target) > model.wire_position:
+        raise BadInput(
+            f"--position {target:g}: outside the encoded range of {model.name}, ±{model.wire_position:g} rad"
+        )
+    if kind == "velocity" and abs(target) > model.wire_velocity:
+        raise BadInput(
+            f"--velocity {target:g}: outside the encoded range of {model.name}, ±{model.wire_velocity:g} rad/s"
+        )
     return limit
 
 
-def check_law(found, settings):
-    """BadInput where the wire cannot say the spring or the damper."""
-    for name, most in (("stiffness", found.wire_stiffness), ("damping", found.wire_damping)):
-        if settings[name] > most:
-            raise BadInput(f"--{name} {settings[name]:g}: the wire of {found.name} says at most {most:g}")
+def check_law(model, settings):
+    """Raise BadInput for a stiffness or damping outside the encoded range."""
+    for name, highest in (("stiffness", model.wire_stiffness), ("damping", model.wire_damping)):
+        if settings[name] > highest:
+            raise BadInput(f"--{name} {settings[name]:g}: at most {highest:g} in the encoding of {model.name}")
 
 
 def value(option, unit):
+    """Return a converter of texts to finite numbers."""
+
     def parse(text):
         try:
-            found = float(text)
+            number = float(text)
         except ValueError:
-            found = float("nan")
-        if not abs(found) < float("inf"):
+            number = float("nan")
+        if not abs(number) < float("inf"):
             raise BadInput(f"{option} {text}: expected a number of {unit}")
-        return found
+        return number
 
     return parse

@@ -1,6 +1,7 @@
 """The parser of the command line, and options that several commands have."""
 
 import argparse
+import textwrap
 from dataclasses import MISSING, fields
 from pathlib import Path
 
@@ -15,6 +16,16 @@ def short_program():
     return "tickwork" if program().endswith("tickwork") else "python -m runtime"
 
 
+class HelpFormatter(argparse.RawDescriptionHelpFormatter):
+    """Formatter that wraps paragraphs and keeps tables and examples, whose lines have two spaces in a row."""
+
+    def _fill_text(self, text, width, indent):
+        return "\n\n".join(
+            paragraph if "  " in paragraph else textwrap.fill(paragraph, width, break_on_hyphens=False)
+            for paragraph in text.rstrip().split("\n\n")
+        )
+
+
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are BadInput, in one line.
 
@@ -27,7 +38,7 @@ class Parser(argparse.ArgumentParser):
             description=description,
             epilog=epilog,
             allow_abbrev=False,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            formatter_class=HelpFormatter,
         )
         self.name = name
         self.collected = {}  # {name of an option: function from its texts to its value}
@@ -40,7 +51,7 @@ class Parser(argparse.ArgumentParser):
         return self.groups[name]
 
     def parse_args(self, arguments, mixed=False):
-        """mixed : positional arguments may stand between and behind options"""
+        """Parse arguments. mixed : allow positional arguments between and after options"""
         options, unknown = (self.parse_known_intermixed_args if mixed else self.parse_known_args)(arguments)
         if unknown:
             self.error(self.explain(unknown[0]))
@@ -49,6 +60,7 @@ class Parser(argparse.ArgumentParser):
         return options
 
     def explain(self, word):
+        """Return the error message for an unknown argument."""
         if not word.startswith("-"):
             return f"unexpected argument {word!r}"
         hint = suggestion(word.partition("=")[0], self._option_string_actions)
@@ -56,10 +68,10 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message):
         if message.endswith("required: FILE"):
-            message = "which file? name a diagram file, such as diagrams/knee_exo.py"
+            message = "no diagram file given: pass one, such as diagrams/knee_exo.py"
         elif "required: RECORDING" in message:
             message = (
-                "which recording? name the .mcap file of a run, as in recordings/knee_exo_2026-11-21_10-00-00.mcap"
+                "no recording given: pass the .mcap file of a run, such as recordings/knee_exo_2026-11-21_10-00-00.mcap"
             )
         raise BadInput(f"{message} ({program()} {self.name} --help lists the options)")
 
@@ -96,17 +108,19 @@ def instance(kind, options, **more):
 
 def add_bus(parser):
     """Add the options that select a bus."""
-    parser.add_argument("--rig", type=Path, metavar="FILE", help="a rig file, such as lab.toml: its buses")
-    parser.add_argument("--bus", metavar="NAME", help="this bus of the rig alone")
+    parser.add_argument("--rig", type=Path, metavar="FILE", help="select the buses of a rig file, such as lab.toml")
+    parser.add_argument("--bus", metavar="NAME", help="select one bus of the rig")
     parser.add_argument(
         "--interface",
         metavar="KIND",
-        help="instead of a rig: one of python-can's interfaces, such as socketcan or slcan; or i2c",
+        help="without a rig: an interface of python-can, such as socketcan or slcan; or i2c",
     )
-    parser.add_argument("--channel", metavar="NAME", help="of the interface, such as can0, /dev/ttyACM0 or /dev/i2c-1")
+    parser.add_argument(
+        "--channel", metavar="NAME", help="channel of the interface, such as can0, /dev/ttyACM0 or /dev/i2c-1"
+    )
     parser.add_argument(
         "--bitrate",
         type=count("--bitrate"),
         metavar="BPS",
-        help="of the bus, in bit/s (default: the interface's own, or 1000000)",
+        help="bitrate of the bus in bit/s (default: the present bitrate of the interface, or 1000000)",
     )

@@ -1,4 +1,4 @@
-"""`plot RECORDING SIGNAL...`: pictures of a recording."""
+"""`plot RECORDING SIGNAL...`: plot signals of a recording."""
 
 import re
 from pathlib import Path
@@ -12,35 +12,33 @@ from runtime.console.progress import Progress
 from runtime.console.terminal import tell
 
 EPILOG = """\
-  plot trial.mcap                                       a picture a subsystem, a plot a unit
+  plot trial.mcap           one picture per subsystem, one plot per unit
   plot trial.mcap left/knee.position left/knee.torque
-  plot trial.mcap left/knee                             all of a block, or of a subsystem
-  plot trial.mcap --strides                             angle, assistance and power over the gait cycle, a column a leg
+  plot trial.mcap left/knee  all signals of a block or subsystem
+  plot trial.mcap --strides  angle, assistance and power over the gait cycle
   plot trial.mcap --strides left/knee.torque -o torque.svg
 """
 
 
 def main(arguments):
     parser = Parser(
-        "plot", "Draw signals of a recording, with faults and marks: over time, or over the gait cycle.", EPILOG
+        "plot", "Plot signals of a recording with faults and marks, over time or over the gait cycle.", EPILOG
     )
     parser.add_argument("recording", type=Path, metavar="RECORDING", help="the .mcap file of a recording")
     parser.add_argument(
         "signals",
         nargs="*",
         metavar="SIGNAL",
-        help="as in left/knee.position, or all of left/knee or of left (default: one picture of each subsystem)",
+        help="signal, block or subsystem: left/knee.position, left/knee, left (default: one picture per subsystem)",
     )
     parser.add_argument("--strides", action="store_true", help="mean and standard deviation over the gait cycle")
     parser.add_argument(
         "--events",
         metavar="SIGNAL",
-        help="with --strides: what begins one, a bool or a gait phase (default: that of the subsystem)",
+        help="with --strides: signal that starts a stride, a bool or a gait phase (default: of the subsystem)",
     )
-    parser.add_argument("--svg", action="store_true", help="SVG, for papers, instead of PNG")
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="where to draw (default: beside the recording)"
-    )
+    parser.add_argument("--svg", action="store_true", help="write SVG, for papers, instead of PNG")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="output file (default: beside the recording)")
     options = parser.parse_args(arguments, mixed=True)
     if options.events is not None and not options.strides:
         raise BadInput("--events needs --strides")
@@ -48,10 +46,10 @@ def main(arguments):
     with Progress(f"drawing {options.recording.name}") as progress:
         trial = read(options.recording, progress, 0.0, 0.5)
         try:
-            wanted = plots(trial, options)
-            for number, (name, draw) in enumerate(wanted):
-                path = write(options, name if len(wanted) > 1 or options.output is None else "", draw)
-                progress(0.5 + 0.5 * (number + 1) / len(wanted))
+            pictures = plots(trial, options)
+            for number, (name, draw) in enumerate(pictures):
+                path = write(options, name if len(pictures) > 1 or options.output is None else "", draw)
+                progress(0.5 + 0.5 * (number + 1) / len(pictures))
                 progress.terminal.erase()
                 tell([path])
         except KeyError as error:
@@ -60,7 +58,7 @@ def main(arguments):
 
 
 def plots(trial, options):
-    """[(name, function that draws it into a file)]"""
+    """Return [(name, function that draws the picture into a file)]."""
     need("matplotlib.figure", "a picture")
     from runtime.analysis import plots
 
@@ -71,17 +69,19 @@ def plots(trial, options):
     if options.strides:
         return [("strides", lambda file, kind: plots.average_stride(trial, options.events, file, kind))]
     if not len(trial):
-        raise BadInput(f"{trial.path} holds no tick")
+        raise BadInput(f"{trial.path} contains no ticks")
     if options.signals:
         if others := [word for word in options.signals if word.endswith(".mcap")]:
-            raise BadInput(f"{others[0]}: plot draws one recording, and signals of it; `diff` compares two")
+            raise BadInput(
+                f"{others[0]}: plot takes one recording and its signals; use `diff` to compare two recordings"
+            )
         rows = plots.rows_of(trial, options.signals)
         return [("plot", lambda file, kind: plots.over_time(trial, rows, trial.path.stem, file, kind))]
     return [
         (
             title,
-            lambda file, kind, rows=rows, title=title, told=f", {share}" * bool(share): plots.over_time(
-                trial, rows, f"{trial.path.stem}: {title}{told}", file, kind, title
+            lambda file, kind, rows=rows, title=title, suffix=f", {share}" * bool(share): plots.over_time(
+                trial, rows, f"{trial.path.stem}: {title}{suffix}", file, kind, title
             ),
         )
         for title, (rows, share) in plots.overview(trial).items()
@@ -89,7 +89,7 @@ def plots(trial, options):
 
 
 def write(options, name, draw):
-    """Returns the path. A file that was not named is never overwritten."""
+    """Write a picture and return its path. Only a file named with -o is overwritten."""
     name = re.sub(r"[^\w.-]+", "_", name)
     output = (
         options.output

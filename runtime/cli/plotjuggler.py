@@ -1,4 +1,4 @@
-"""`plotjuggler FILE`: PlotJuggler's layout for a diagram; with --dummy, a stream to try the set-up with."""
+"""`plotjuggler FILE`: write PlotJuggler's layout for a diagram; with --dummy, send test data."""
 
 import math
 import time
@@ -17,39 +17,42 @@ DUMMY = [
     for side in ("left", "right")
     for signal, unit in (("knee.position", "rad"), ("knee.torque", "N·m"))
 ]
-RATE = 200.0  # Hz of a stream without a diagram
+DUMMY_RATE = 200.0  # Hz of test data without a diagram
 EPILOG = """\
-  plotjuggler diagrams/knee_exo.py                      writes knee_exo.xml: in PlotJuggler, File, Load Layout
-  plotjuggler diagrams/knee_exo.py --dummy              sends waves named as its signals to 127.0.0.1, port 9870
-  plotjuggler --dummy 192.168.1.7:9870                  sends four waves there
+  plotjuggler diagrams/knee_exo.py          write the layout knee_exo.xml
+  plotjuggler diagrams/knee_exo.py --dummy  send its signals as sine waves
+  plotjuggler --dummy 192.168.1.7:9870      send four sine waves
 """
 
 
 def main(arguments):
-    parser = Parser(
-        "plotjuggler", "Make PlotJuggler's layout for a diagram, or send it a stream to try the set-up with.", EPILOG
-    )
-    file, duration = {"nargs": "?"}, {"help": "of the waves (default: Ctrl-C)"}
+    parser = Parser("plotjuggler", "Write PlotJuggler's layout for a diagram, or send test data.", EPILOG)
+    file, duration = {"nargs": "?"}, {"help": "with --dummy: stop after S seconds (default: Ctrl-C)"}
     add_options(parser, Request, "file", "rate", "settings", "duration", file=file, duration=duration)
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="of the layout (default: the diagram's name and .xml)"
+        "-o", "--output", type=Path, metavar="FILE", help="layout file (default: the diagram's name with .xml)"
     )
     parser.add_argument(
-        "--dummy", nargs="?", const="", metavar="HOST:PORT", help="send waves until Ctrl-C (default: to 127.0.0.1:9870)"
+        "--dummy", nargs="?", const="", metavar="HOST:PORT", help="send sine waves (default: to 127.0.0.1:9870)"
     )
     options = parser.parse_args(arguments)
     if options.file is None and options.dummy is None:
         raise BadInput(
-            f"which file? name a diagram file, such as diagrams/knee_exo.py, or say --dummy ({program()} "
+            f"no diagram file given: pass one, such as diagrams/knee_exo.py, or --dummy ({program()} "
             "plotjuggler --help)"
         )
     if options.file is None:
-        name, rate, signals, parameters = "dummy", options.rate or RATE, DUMMY, {"host": "127.0.0.1", "port": 9870}
+        name, rate, signals, parameters = (
+            "dummy",
+            options.rate or DUMMY_RATE,
+            DUMMY,
+            {"host": "127.0.0.1", "port": 9870},
+        )
     else:
         from runtime.recorder.plotjuggler_layout import columns
 
         name, rate, signals, block = columns(options.file, options.settings, options.rate)
-        # they are chosen already
+        # the columns are selected already
         parameters = {name: getattr(block, name) for name in block.parameters} | {"signals": ""}
     if options.dummy is None:
         return write(name, signals, parameters, options.output)
@@ -59,6 +62,7 @@ def main(arguments):
 
 
 def write(name, signals, parameters, output):
+    """Write the layout file. Returns the exit code."""
     from runtime.recorder.plotjuggler_layout import address, layout
 
     text = layout(name, signals, parameters["host"], parameters["port"])
@@ -82,7 +86,7 @@ def write(name, signals, parameters, output):
 
 
 def stream(name, rate, signals, parameters, duration):
-    """Waves: each signal its own frequency, so that one can tell them apart."""
+    """Send sine waves, each signal at a frequency of its own."""
     from runtime.recorder.plotjuggler import PlotJugglerSender
 
     sender = PlotJugglerSender(
@@ -103,16 +107,17 @@ def stream(name, rate, signals, parameters, duration):
             tick += 1
     except Interrupted:
         handled()
-    told = sender.close()
+    report = sender.close()
     tell(
         [
-            f"{told['datagrams']} datagrams sent, {told['lost']} not taken"
-            + (f" ({told['trouble']})" if told["trouble"] else "")
+            f"{report['datagrams']} datagrams sent, {report['lost']} lost"
+            + (f" ({report['trouble']})" if report["trouble"] else "")
         ]
     )
     return OK
 
 
 def wave(dtype, place, at):
+    """Return the sample of a test signal. place : index of the signal; at : s"""
     value = math.sin(2.0 * math.pi * (0.2 + 0.1 * (place % 10)) * at)
     return value if dtype == "float" else float(value > 0.0) if dtype == "bool" else float(round(3.0 * value))

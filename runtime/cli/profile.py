@@ -11,17 +11,17 @@ from runtime.session.request import Request
 
 
 def main(arguments):
-    parser = Parser("profile", "Run a diagram in simulation, and print where the time of a tick goes, block by block.")
+    parser = Parser("profile", "Run a diagram in simulation and print the time of each block in a tick.")
     duration = {"default": 5.0, "help": "stop after S seconds (default: 5)"}
     add_options(parser, Request, "file", "rate", "settings", "duration", "fast", "overrun", "spin", duration=duration)
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="NAME", help="picture to write (default: the diagram's name, _profile.png)"
+        "-o", "--output", type=Path, metavar="NAME", help="picture file (default: the diagram's name with _profile.png)"
     )
     options = parser.parse_args(arguments)
     result = carried_out(instance(Request, options, no_record=True, profile=True))
     tell(summary.summary(result))
     tell(profiled(result))
-    if result.outcome.signal:  # it ends the command, and a picture takes a second
+    if result.outcome.signal:  # end at once: drawing takes a second
         return summary.exit_code(result.outcome)
     tell([f"picture: {picture(result, options.output or Path(f'{options.file.stem}_profile.png'))}"])
     return summary.exit_code(result.outcome)

@@ -1,18 +1,20 @@
-"""Recordings as commands read them: how far that is shows on the terminal, and what is the matter with a file is
-told.
-"""
+"""Read recordings for commands, with progress and problems on the terminal."""
 
 from runtime.analysis.trial import Trial
 from runtime.console.terminal import complain
 
 
 def read(path, progress, first, last):
-    """A Trial. progress : runtime.console.progress.Progress; first, last : the shares of the whole that it goes from
-    and to. BadInput
+    """Read a recording. Returns a Trial.
+
+    progress : runtime.console.progress.Progress
+    first, last : share of the progress before and after reading
+
+    Raises BadInput if the file is not a recording.
     """
     trial = Trial(path, progress.part(first, last))
     if trial.trouble:
         progress.terminal.erase()
-        until = f", {len(trial)} ticks until {trial.time[-1]:g} s" if len(trial) else ", no tick"
+        until = f", {len(trial)} ticks until {trial.time[-1]:g} s" if len(trial) else ", no ticks"
         complain([f"tickwork: {trial.trouble}{until}"])
     return trial

@@ -11,22 +11,21 @@ from runtime.session.replay import opened, replay, report_lines, source_of
 
 def main(arguments):
     parser = Parser(
-        "replay", "Run a recording again: from what its buses received, on the recorded clock, with nothing connected."
+        "replay", "Run a recording again from its received frames, on the recorded clock, without hardware."
     )
     parser.add_argument("recording", type=Path, metavar="RECORDING", help="the .mcap file of a recording")
     parser.add_argument(
         "--diagram",
         type=Path,
         metavar="FILE",
-        help="run this diagram file; by default the recorded "
-        "one, if its content is unchanged, "
-        "or else the diagram in the recording",
+        help="run this diagram file (default: the recorded file if its content is unchanged, "
+        "else the diagram in the recording)",
     )
     parser.add_argument("--record", type=folder, metavar="DIR", help="keep the new recording in this folder")
     options = parser.parse_args(arguments)
     trial = opened(options.recording)
     source = source_of(trial, options.diagram)
-    if source.sha256 is not None:  # named by the recording alone, and not by the operator
+    if source.sha256 is not None:  # named by the recording, not by the operator
         tell([one_line(f"running {source.file}: its content is the recorded one")])
     result = replay(trial, source, options.record)
     tell(map(one_line, report_lines(result)))

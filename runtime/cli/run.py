@@ -18,7 +18,7 @@ def main(arguments):
 
 
 def carried_out(request):
-    """The Result of a run, with what went wrong told."""
+    """Carry out a run and print its problems. Returns its Result."""
     from runtime.machine.realtime import RealtimeRefused
     from runtime.recorder import RecorderError
     from runtime.report import summary
@@ -39,6 +39,7 @@ def carried_out(request):
 
 
 def profiled(result):
+    """Return the lines of the profile of a run."""
     from cext.clock.stopwatch import time_of_lap
     from runtime.report.profile import table
 

@@ -13,7 +13,7 @@ from runtime.console.terminal import program, tell
 from runtime.live import patterns, table
 from runtime.live.running import page_of, runs
 
-TAKE_TIMEOUT = 2.0  # s, and TAKE_TICKS, until a change counts as not taken
+TAKE_TIMEOUT = 2.0  # s, to which TAKE_TICKS are added, for the run to take a change
 TAKE_TICKS = 4
 POLL_PERIOD = 0.001  # s
 
@@ -41,63 +41,67 @@ def main(arguments):
 
 
 def set_live(pid, settings):
-    """Lines to tell. BadInput, and then nothing was changed unless it says so.
+    """Change or list live parameters. Returns lines for standard output.
 
     pid : of the run
-    settings : pairs (path or pattern, text); what one pattern matches changes in one tick, up to CHANGE_LIMIT
-        parameters
+    settings : pairs (path or pattern, text); all parameters that a pattern matches change in one tick, up to
+        CHANGE_LIMIT parameters
+
+    Raises BadInput; then no parameter was changed unless the text states otherwise.
     """
     page = find(pid)
-    told = table.read(page)
-    if not told.parameters:
+    run_table = table.read(page)
+    if not run_table.parameters:
         raise BadInput(
-            f"{told.name} (process {pid}) has no live parameters: a diagram marks one with Param(..., "
+            f"{run_table.name} (process {pid}) has no live parameters: declare one with Param(..., "
             "live=True) or Live(...)"
         )
     if not settings:
-        return listing(pid, page, told)
-    changes = letters([wanted(told, name, text) for name, text in settings])
-    return [line for letter in changes for line in send(page, told, pid, letter)]
+        return listing(pid, page, run_table)
+    changes = batches([changes_of(run_table, name, text) for name, text in settings])
+    return [line for batch in changes for line in send(page, run_table, pid, batch)]
 
 
-def letters(groups):
-    """Lists of at most CHANGE_LIMIT changes, each taken in one tick. A group that fits into one is not divided."""
-    found = [[]]
+def batches(groups):
+    """Return batches of at most CHANGE_LIMIT changes, each taken in one tick. Divide a group only if it exceeds one."""
+    collected = [[]]
     for group in groups:
-        if len(found[-1]) + len(group) > CHANGE_LIMIT:
-            found.append([])
-        found[-1] += group
-    return [letter[first : first + CHANGE_LIMIT] for letter in found for first in range(0, len(letter), CHANGE_LIMIT)]
+        if len(collected[-1]) + len(group) > CHANGE_LIMIT:
+            collected.append([])
+        collected[-1] += group
+    return [batch[first : first + CHANGE_LIMIT] for batch in collected for first in range(0, len(batch), CHANGE_LIMIT)]
 
 
 def find(pid):
-    """The page of a run. BadInput that tells which runs there are."""
+    """Return the SharedState of a run. Raises BadInput, with the present runs."""
     try:
         page = page_of(pid)
         if page is not None and not page.closed:
             return page
-        trouble = "is no run of a diagram" if os.path.exists(f"/proc/{pid}") else "does not exist"
+        problem = "is not a run of a diagram" if os.path.exists(f"/proc/{pid}") else "does not exist"
     except PermissionError:
-        trouble = "may not be looked at: it belongs to another user, or has more privileges than you"
+        problem = "belongs to another user or has more privileges"
     others = [f"{other} ({table.read(page).name})" for other, page in sorted(runs().items())]
     raise BadInput(
-        f"process {pid} {trouble}; " + (f"runs are {', '.join(others)}" if others else "nothing of yours runs now")
+        f"process {pid} {problem}; " + (f"runs are {', '.join(others)}" if others else "no run of this user exists")
     )
 
 
-def wanted(told, name, text):
-    """[(Parameter, value)] of one setting: of every parameter that its name, or pattern, matches. BadInput where one of
-    them cannot have it.
+def changes_of(run_table, name, text):
+    """Return [(Parameter, value)] of the parameters that a name or pattern matches.
+
+    Raises BadInput if none matches or one cannot take the value.
     """
-    known = {parameter.path: parameter for parameter in told.parameters}
-    found = patterns.matching(name, known)
-    if not found:
-        hint = patterns.hint(name, known) or "live are " + ", ".join(known)
-        raise BadInput(f"{name}={text}: {told.name} has no live parameter {name!r}; {hint}")
-    return [(known[path], value_of(known[path], name, text)) for path in found]
+    known = {parameter.path: parameter for parameter in run_table.parameters}
+    paths = patterns.matching(name, known)
+    if not paths:
+        hint = patterns.hint(name, known) or "the live parameters are " + ", ".join(known)
+        raise BadInput(f"{name}={text}: {run_table.name} has no live parameter {name!r}; {hint}")
+    return [(known[path], value_of(known[path], name, text)) for path in paths]
 
 
 def value_of(parameter, name, text):
+    """Convert a text to a value of a parameter. Raises BadInput."""
     types = {"float": float, "int": int, "bool": bool}
     bounds = (
         {}
@@ -113,65 +117,65 @@ def value_of(parameter, name, text):
         raise BadInput(f"{name}={text}: {which}{error}") from None
 
 
-def send(page, told, pid, changes):
-    """Put changes into the mailbox and wait until the loop has taken them. Lines; BadInput if it does not."""
-    before = table.values(page, told.parameters)
+def send(page, run_table, pid, changes):
+    """Send changes to a run and wait until it has taken them. Returns lines. Raises BadInput if it does not."""
+    before = table.values(page, run_table.parameters)
     writer = Writer(page)
-    until = time.monotonic() + TAKE_TIMEOUT + TAKE_TICKS / told.rate
+    until = time.monotonic() + TAKE_TIMEOUT + TAKE_TICKS / run_table.rate
     ticket = None
     while ticket is None:
         ticket = writer.set([(parameter.index, value) for parameter, value in changes])
         if ticket is None:
-            wait(page, pid, until, "its mailbox is full")
+            wait(page, pid, until, "its mailbox was full")
     while (answer := writer.answer(ticket)) is None:
         try:
             wait(page, pid, until, "it did not take the change")
         except BadInput:
             if writer.withdraw(ticket):
                 raise
-            until = math.inf  # it has it just now
+            until = math.inf  # it is taking the change
     verdict, tick, _ = answer
     if verdict == "over":
         raise BadInput(f"the run of process {pid} has ended; nothing was changed")
     if verdict != "taken":
         raise BadInput(
-            f"process {pid} refuses {', '.join(parameter.path for parameter, _ in changes)} ({verdict}); "
+            f"process {pid} rejected {', '.join(parameter.path for parameter, _ in changes)} ({verdict}); "
             "nothing was changed"
         )
-    return [line(parameter, before[parameter.index][0], value, tick, told.rate) for parameter, value in changes]
+    return [line(parameter, before[parameter.index][0], value, tick, run_table.rate) for parameter, value in changes]
 
 
-def wait(page, pid, until, trouble):
-    """A moment. BadInput once that is no use any more."""
+def wait(page, pid, until, problem):
+    """Sleep for one poll period. Raises BadInput if the run has ended or `until` has passed."""
     if page.closed or page.state in ("stopping", "safe"):
         raise BadInput(f"the run of process {pid} has ended; nothing was changed")
     if not os.path.exists(f"/proc/{pid}"):
         raise BadInput(f"process {pid} has died; nothing was changed")
     if time.monotonic() > until:
         raise BadInput(
-            f"process {pid}: {trouble} within {TAKE_TIMEOUT:g} s (is it stopped, or its recorder's disk "
-            "full?); nothing was changed"
+            f"process {pid}: {problem} within {TAKE_TIMEOUT:g} s (check whether it is stopped, or "
+            "its disk full); nothing was changed"
         )
     time.sleep(POLL_PERIOD)
 
 
 def line(parameter, before, value, tick, rate):
-    """What one change did."""
+    """Return the line of one change."""
     text = f"{parameter.path}: {parameter.shown(before)} to {parameter.shown(value)} from tick {tick} on"
     seconds = abs(value - before) / parameter.slew if parameter.slew > 0.0 else 0.0
     return text + (f", over {seconds:.3g} s" if seconds * rate > 1.0 else "")
 
 
-def listing(pid, page, told):
-    """The live parameters with their values, bounds and units."""
+def listing(pid, page, run_table):
+    """Return lines of the live parameters with values, bounds and units."""
     tick = page.statistics()["last_tick"]
     when = f", tick {tick}" if tick >= 0 else ""
-    lines = [f"{told.name} (process {pid}, {page.state}{when})"]
-    width = max(len(parameter.path) for parameter in told.parameters)
-    for parameter, (value, target) in zip(told.parameters, table.values(page, told.parameters)):
-        text = parameter.shown(value) + (f", on the way to {parameter.shown(target)}" if value != target else "")
+    lines = [f"{run_table.name} (process {pid}, {page.state}{when})"]
+    width = max(len(parameter.path) for parameter in run_table.parameters)
+    for parameter, (value, target) in zip(run_table.parameters, table.values(page, run_table.parameters)):
+        text = parameter.shown(value) + (f", ramping to {parameter.shown(target)}" if value != target else "")
         more = [parameter.bounds, f"built as {parameter.shown(parameter.built)}"]
         if math.isfinite(parameter.slew):
-            more.append(f"by {parameter.slew:g}{parameter.behind} a second at most")
+            more.append(f"at most {parameter.slew:g}{parameter.behind} per second")
         lines.append(f"  {parameter.path:<{width}}  {text}  ({'; '.join(more)})  {parameter.description}".rstrip())
     return lines

@@ -1,5 +1,7 @@
-"""`stream actuator ID`: one drive live, without torque; `stream imu SERIAL...`, `stream i2c ADDRESS...` and `stream
-NAME ADDRESS`, for the sensors on CAN of a device family: sensors.
+"""`stream`: show a drive or sensors live.
+
+`stream actuator ID` shows one drive without torque; `stream imu SERIAL...`, `stream i2c ADDRESS...` and `stream NAME
+ADDRESS`, for the CAN sensors of a device family, show sensors.
 """
 
 from blocks.families import example_models, families
@@ -14,15 +16,16 @@ from runtime.console.terminal import tell
 from runtime.recording.files import make_folder
 from runtime.session.request import Request
 
-FASTEST = 500.0  # Hz: Python asks and waits
+RATE_LIMIT = 500.0  # Hz; each query waits for its reply
 EPILOG = """\
-  stream actuator 3 --channel can0 --model {0} --plotjuggler 127.0.0.1:9870
+  stream actuator 3 --channel can0 --model {0}
+  stream actuator 3 --channel can0 --plotjuggler 127.0.0.1:9870
   stream actuator 9 --rig lab.toml --bus legs --record recordings
   stream imu 133931 --channels accel,gyro --rate 500
-  stream imu --rerun                    every sensor that answers, in Rerun's viewer
+  stream imu --rerun
 {1}  stream i2c 0x68 0x70.3:0x48 --channel /dev/i2c-1
 
-Nothing is armed: the drive is asked with the frame that disables or stops it, and can be moved by hand. Ctrl-C ends it.
+No motor is enabled: the drive is queried with its disable or stop frame and can be moved by hand. Press Ctrl-C to end.
 """
 
 
@@ -35,23 +38,21 @@ def main(arguments):
         return kinds[arguments[0]](arguments[1:])
     parser = Parser(
         "stream",
-        "Show one drive live: position, velocity, torque and temperature, without torque.",
+        "Show position, velocity, torque and temperature of one drive live, without enabling it.",
         EPILOG.format(
             example_models()[0], "".join(f"  stream {name} 128 --channel can1 --bitrate 250000\n" for name in nodes)
         ),
     )
-    parser.add_argument(
-        "kind", metavar="actuator", help="what is shown: actuator; `stream imu --help` tells of sensors"
-    )
-    parser.add_argument("can_id", metavar="ID", help="of the drive; `scan` tells who is there")
+    parser.add_argument("kind", metavar="actuator", help="the word actuator; for sensors see `stream imu --help`")
+    parser.add_argument("can_id", metavar="ID", help="CAN id of the drive; `scan` lists those that respond")
     add_bus(parser)
-    add_model(parser, "as in {}; without it velocity and torque are not known")
+    add_model(parser, "model of the actuator, such as {}; required for velocity and torque")
     add_showing(parser)
     options = parser.parse_args(arguments)
     if options.kind != "actuator":
         raise BadInput(
-            f"stream {options.kind}: expected stream actuator ID, or stream imu, {', '.join(nodes)} or i2c; what a "
-            "whole robot measures is shown by a run"
+            f"stream {options.kind}: expected stream actuator ID, or stream imu, {', '.join(nodes)} or i2c. To show "
+            "all devices of a robot, run its diagram"
         )
     can_id = drive_id(options.can_id)
     model = model_of(options)[1] if options.model else None
@@ -63,14 +64,18 @@ def main(arguments):
                 + ("" if model else "; velocity and torque need --model")
             ]
         )
-        result = show(drive, f"actuator_{can_id}", options)
-    return ended(result, f"{result.answers} answers to {result.asked} queries")
+        totals = show(drive, f"actuator_{can_id}", options)
+    return ended(totals, f"{totals.answers} replies to {totals.asked} queries")
 
 
 def add_showing(parser):
-    """How often, for how long and where it is shown."""
+    """Add the options of rate, duration and viewers."""
     parser.add_argument(
-        "--rate", type=number("--rate", "Hz", FASTEST), default=100.0, metavar="HZ", help="default: 100"
+        "--rate",
+        type=number("--rate", "Hz", RATE_LIMIT),
+        default=100.0,
+        metavar="HZ",
+        help="samples per second (default: 100)",
     )
     parser.add_argument(
         "--duration",
@@ -82,13 +87,13 @@ def add_showing(parser):
         parser,
         Request,
         *("record", "plotjuggler", "rerun"),
-        record={"help": "write a CSV file into this folder"},
-        rerun={"help": "show them in Rerun's viewer; or WHERE, as of `run`"},
+        record={"help": "write a CSV file to this folder"},
+        rerun={"help": "show in Rerun's viewer; WHERE: see `run --help`"},
     )
 
 
 def show(watched, name, options):
-    """Stream as the options of `add_showing` select. Returns a StreamResult."""
+    """Stream to the viewers that the options name. Returns the totals."""
     try:
         if options.record is not None:
             make_folder(options.record)
@@ -98,11 +103,11 @@ def show(watched, name, options):
         raise BadInput(f"{error.filename or 'stream'}: {error.strerror or error}") from None
 
 
-def ended(result, what):
-    """Print the counts and files of a stream. Returns the exit code."""
-    lost = f"; {result.lost} datagrams were not sent" if result.lost else ""
-    tell([f"{what}{lost}", *(f"written: {file}" for file in result.files)])
-    return OK if result.answers else CHECK_FAILED
+def ended(totals, text):
+    """Print the totals of a stream. Returns the exit code."""
+    lost = f"; {totals.lost} datagrams were lost" if totals.lost else ""
+    tell([f"{text}{lost}", *(f"written: {file}" for file in totals.files)])
+    return OK if totals.answers else CHECK_FAILED
 
 
 def comma_separated(text):
@@ -110,51 +115,53 @@ def comma_separated(text):
 
 
 def imu(arguments):
-    """`stream imu`: sensors that are found by the last digits of their serial numbers."""
+    """Run `stream imu`: sensors selected by the last digits of their serial numbers."""
     from runtime.commissioning.imus import WatchedImus
 
     kinds = [kind for family in families() for kind in family.sensors]
     names = " and ".join(f"{kind.sensor}s" for kind in kinds)
     standard = ",".join(kinds[0].parameters["channels"].default)
-    parser = Parser("stream imu", f"Show {names} live, each set up as asked. Ctrl-C ends it.")
+    parser = Parser("stream imu", f"Configure {names} and show them live. Press Ctrl-C to end.")
     parser.add_argument(
         "serials",
         nargs="*",
         metavar="SERIAL",
-        help="last digits of a serial number (default: every sensor that answers)",
+        help="last digits of a serial number (default: every sensor that responds)",
     )
-    parser.add_argument("--channels", default=standard, metavar="NAME,...", help=f"default: {standard}")
+    parser.add_argument(
+        "--channels", default=standard, metavar="NAME,...", help=f"channels to show (default: {standard})"
+    )
     parser.add_argument(
         "--attitude",
         choices=("filter", "sensor"),
         default="filter",
-        help="what tells quaternion and euler (default: filter)",
+        help="source of quaternion and euler: host filter or sensor (default: filter)",
     )
     add_showing(parser)
     options = parser.parse_args(arguments)
     watched = WatchedImus(options.serials, comma_separated(options.channels), options.rate, options.attitude)
     try:
         tell([f"{interface.bus.channel}: {name}" for name, (interface, _) in watched.lines.lines.items()])
-        result = show(watched, "imu", options)
+        totals = show(watched, "imu", options)
     finally:
         watched.close()
     tell(watched.summary())
-    return ended(result, f"{result.answers} rows")
+    return ended(totals, f"{totals.answers} rows")
 
 
 def node(kind, arguments):
-    """`stream NAME`: one sensor on a CAN bus, by its source address. kind : graph.family.Node"""
+    """Run `stream NAME`: one sensor on a CAN bus, by its source address. kind : graph.family.Node"""
     from runtime.commissioning.watched_node import WatchedNode
 
     parser = Parser(
         f"stream {kind.name.lower()}",
-        f"Show one {kind.name} on CAN live, set up as a run would, until its power is gone. Ctrl-C ends it.",
+        f"Configure one {kind.name} on CAN, until its next power-off, and show it live. Press Ctrl-C to end.",
     )
     parser.add_argument(
         "address",
         metavar="ADDRESS",
         type=number("ADDRESS", "", 247.0),
-        help="its source address, 128 as it is sold; `scan` tells who is there",
+        help="source address, 128 as delivered; `scan` lists those that respond",
     )
     add_bus(parser)
     for option, (name, text) in kind.options.items():
@@ -173,32 +180,30 @@ def node(kind, arguments):
     with opened(single_bus(options)) as bus:
         watched = WatchedNode(bus, kind, int(options.address), **parameters)
         tell([f"{kind.name} {getattr(watched.block, 'model', '')} at address {options.address:g} on {bus.bus.channel}"])
-        result = show(watched, watched.block.path, options)
-    return ended(result, f"{result.answers} rows")
+        totals = show(watched, watched.block.path, options)
+    return ended(totals, f"{totals.answers} rows")
 
 
 def i2c(arguments):
-    """`stream i2c`: sensors on an I2C bus, by their addresses."""
+    """Run `stream i2c`: sensors on an I2C bus, by their addresses."""
     from runtime.commissioning.watched_chips import WatchedChips, chip_names, place_of
 
-    parser = Parser(
-        "stream i2c", f"Show {', '.join(chip_names())} live, each recognised and set up as for a run. Ctrl-C ends it."
-    )
+    parser = Parser("stream i2c", f"Configure {', '.join(chip_names())} and show them live. Press Ctrl-C to end.")
     parser.add_argument(
         "places",
         nargs="*",
         metavar="ADDRESS",
         type=place_of,
-        help="0x68, or behind a multiplexer 0x70.3:0x68 (default: every one that is known; that touches each address)",
+        help="0x68, or behind a multiplexer 0x70.3:0x68 (default: scan all addresses for known chips)",
     )
     add_bus(parser)
     parser.add_argument(
         "--channels",
         default="",
         metavar="NAME,...",
-        help="as in accel,gyro,mag,a0,force (default: all that is measured)",
+        help="channels to show, such as accel,gyro,mag,a0,force (default: all)",
     )
-    texts = {"help": "set a parameter of the blocks, as in accel_range=16 or capacity=200; `blocks NAME` lists them"}
+    texts = {"help": "set a parameter of a block, such as accel_range=16; `blocks NAME` lists the parameters"}
     add_options(parser, Request, "settings", settings=texts)
     add_showing(parser)
     options = parser.parse_args(arguments)
@@ -207,8 +212,8 @@ def i2c(arguments):
     )
     try:
         tell([f"{watched.interface.bus.channel}: {fed.block.path}, {fed.block.kind}" for fed in watched.fed])
-        result = show(watched, "i2c", options)
+        totals = show(watched, "i2c", options)
         tell(watched.summary())
     finally:
         watched.close()
-    return ended(result, f"{result.answers} rows")
+    return ended(totals, f"{totals.answers} rows")

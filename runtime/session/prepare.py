@@ -16,8 +16,8 @@ from runtime.session import rearming
 from runtime.session.request import Request
 
 NO_CONFIRMATION = (
-    "on a rig the operator reads the pre-flight table and presses Enter, and standard input, output and error are not a "
-    "terminal: pass --yes to arm without confirmation"
+    "on a rig the operator reads the pre-flight table and presses Enter, and standard input, output and error are not "
+    "a terminal: pass --yes to arm without confirmation"
 )
 RATE_LIMIT = 100_000.0  # Hz; a shorter period is too short to sleep in
 

@@ -146,9 +146,12 @@ def test_undrawable_selection_is_reported_in_one_line(command_line, recording, t
         "plot", recording, "left/knee.posiion"
     )
     assert command_line.refused("plot", recording, "b.mcap") == (
-        "b.mcap: plot draws one recording, and signals of it; `diff` compares two"
+        "b.mcap: plot takes one recording and its signals; use `diff` to compare two recordings"
     )
-    assert command_line.refused("plot", recording, "-o", "a.jpg") == "-o a.jpg: a picture ends in .png or .svg"
+    assert (
+        command_line.refused("plot", recording, "-o", "a.jpg")
+        == "-o a.jpg: the name of a picture must end in .png or .svg"
+    )
     assert "has no complete stride of a joint" in command_line.refused("plot", recording, "--strides")
     assert command_line.refused("plot", recording, "--events", "x") == "--events needs --strides"
     assert "No such file" in command_line.refused("plot", recording, "-o", tmp_path / "nowhere" / "a.png")

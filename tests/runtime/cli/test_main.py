@@ -41,7 +41,7 @@ def test_without_a_word_it_says_how_it_is_used(command_line):
 
 @pytest.mark.parametrize("words", [["run"], ["check"], ["--duration", "1"], ["--fast"]])
 def test_without_a_file_it_asks_for_one(command_line, words):
-    assert command_line.refused(*words).startswith("which file? name a diagram file, such as diagrams/knee_exo.py")
+    assert command_line.refused(*words).startswith("no diagram file given: pass one, such as diagrams/knee_exo.py")
 
 
 @pytest.mark.parametrize("word", ["caf\udce9.py", "notes=caf\udce9"])
@@ -226,7 +226,7 @@ def test_a_host_that_does_not_resolve(command_line):
     complaint = command_line.refused(
         knee(command_line.folder), "--duration", "1", "--plotjuggler", "robot.invalid:9870"
     )
-    assert complaint.startswith("plot_juggler cannot start: there is no host 'robot.invalid'") and "\n" not in complaint
+    assert complaint.startswith("plot_juggler cannot start: unknown host 'robot.invalid'") and "\n" not in complaint
 
 
 PLANT = """

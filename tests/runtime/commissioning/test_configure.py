@@ -185,11 +185,11 @@ def test_a_robstride_changes_its_protocol_both_ways(command_line):
 @pytest.mark.parametrize(
     "words, said",
     [
-        ([], "which drive? name its id"),
-        (["9"], "what shall be done?"),
+        ([], "no drive given: pass its id"),
+        (["9"], "nothing to do: pass"),
         (["0", "--zero"], "0: expected an id from 1 to 127"),
         (["AK80-9", "--zero"], "AK80-9: it is a CubeMars, whose id, mode and limits are set in CubeMars' own program"),
-        (["9", "--set-id", "9"], "that is its id already"),
+        (["9", "--set-id", "9"], "the drive already has this id"),
         (["9", "--set-id", "128"], "128: expected an id from 1 to 127"),
         (["9", "--write", "limit_torqe=1"], "there is no parameter 'limit_torqe'; did you mean 'limit_torque'?"),
         (["9", "--write", "limit_torque=nan"], "expected a number (N·m)"),

@@ -162,13 +162,13 @@ def test_without_a_person_or_yes_nothing_is_armed(tmp_path):
 @pytest.mark.parametrize(
     "words, said",
     [
-        (["3"], "where to? one of --torque T, --position P and --velocity V"),
-        (["3", "--torque", "1"], "which model?"),
+        (["3"], "no target given: pass --torque T, --position P or --velocity V"),
+        (["3", "--torque", "1"], "no model given"),
         (
             ["3", "--torque", "1", "--model", "AK80-9"],
-            "--torque 1 is beyond the limit of 0.9 N·m (10% of rated); --limit 1 allows it",
+            "--torque 1 exceeds the limit of 0.9 N·m (10% of rated); --limit 1 allows it",
         ),
-        (["3", "--torque", "1", "--model", "AK80-8-V3.0"], "its rated torque is not published: say a --limit"),
+        (["3", "--torque", "1", "--model", "AK80-8-V3.0"], "its rated torque is not published: pass a --limit"),
         (["3", "--torque", "1", "--model", "AK80-8", "--servo", "--mit"], "not allowed with"),
         (["3", "--torque", "10", "--model", "AK80-9"], "its rated torque is 9 N·m"),
         (
@@ -177,7 +177,7 @@ def test_without_a_person_or_yes_nothing_is_armed(tmp_path):
         ),
         (["3", "--torque", "nan", "--model", "AK80-9"], "--torque nan: expected a number of N·m"),
         (["3", "--velocity", "20", "--model", "AK80-9"], "the run ends at 10 rad/s; --fastest 40 allows it"),
-        (["3", "--position", "13", "--model", "AK80-9"], "the wire says ± 12.5 rad"),
+        (["3", "--position", "13", "--model", "AK80-9"], "outside the encoded range of AK80-9, ±12.5 rad"),
         (["3", "--torque", "1", "--model", "AK10-9"], "was sold with driver boards of several generations"),
         (["3", "--torque", "1", "--model", "RS2"], "is not a RobStride model"),
         (["3", "--torque", "1", "--position", "1", "--model", "AK80-9"], "not allowed with argument"),

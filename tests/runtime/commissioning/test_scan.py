@@ -182,7 +182,7 @@ def test_a_rig_file_is_written_once_and_is_one(command_line):
         assert rig.buses["can"].channel == nodes.channel and rig.devices == {}
         assert '# [device."cubemars_3"]\n# can_id = 3\n' in text and '# [device."robstride_9"]\n# can_id = 9\n' in text
         heard = len(nodes.nodes[0].heard)
-        assert "it is there already" in command_line.refused("scan", *nodes.words, "--write-rig", "new.toml")
+        assert "the file exists" in command_line.refused("scan", *nodes.words, "--write-rig", "new.toml")
         assert len(nodes.nodes[0].heard) == heard and (command_line.folder / "new.toml").read_text() == text
         assert command_line("scan", "--rig", "new.toml", *QUICK, "--ids", "3")[0] == OK
 

@@ -36,8 +36,7 @@ def test_most_severe_problem_is_listed_first_with_remedy(command_line, laid_out)
     marks = [line.split()[0] for line in lines[2:-1] if line and not line.startswith(" ")]
     assert marks == sorted(marks, key=["bad", "worse", "?", "ok"].index)
     assert (
-        lines[-1]
-        == f"3 bad, {marks.count('worse')} worse, {marks.count('ok')} ok; what sets most of it right, to be read and "
+        lines[-1] == f"3 bad, {marks.count('worse')} worse, {marks.count('ok')} ok; print a script with most of the "
         "run: "
         "python -m runtime doctor --script"
     )
@@ -85,11 +84,10 @@ def test_the_script_is_printed_and_nothing_else(command_line, laid_out):
         (["--bitrate", "5000000"], "--bitrate 5000000: at most 1000000"),
         (
             ["--overlay", "x; rm"],
-            "--overlay x; rm: expected what stands behind dtoverlay=, as in "
-            "mcp2515-can0,oscillator=12000000,interrupt=25",
+            "--overlay x; rm: expected the value of dtoverlay=, as in mcp2515-can0,oscillator=12000000,interrupt=25",
         ),
-        (["--user", "a b"], "--user a b: expected the name of a user"),
-        (["--root", "nowhere"], "--root nowhere: there is no such folder"),
+        (["--user", "a b"], "--user a b: expected a user name"),
+        (["--root", "nowhere"], "--root nowhere: no such folder"),
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(command_line, words, said):
@@ -112,7 +110,7 @@ def test_run_as_root_prints_warning_that_results_apply_to_root(command_line, lai
     assert (
         command_line("doctor", "--root", folder)[1]
         .splitlines()[0]
-        .endswith(", user root: ask as the one who runs the robot")
+        .endswith(", user root: run this command as the user that runs the robot")
     )
 
 

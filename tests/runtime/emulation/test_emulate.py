@@ -70,7 +70,7 @@ def test_a_robot_in_one_process_is_answered_by_its_plant_in_another(rig, tmp_pat
         plant.kill()
         plant.communicate()
     assert (plant.returncode, err) == (OK, "")
-    heard, said = map(int, re.search(r"(\d+) frames heard, (\d+) sent", out).groups())
+    heard, said = map(int, re.search(r"(\d+) frames received, (\d+) sent", out).groups())
     assert heard == said >= 200  # each command was answered
 
 
@@ -113,7 +113,7 @@ def test_a_robot_without_devices_and_a_command_without_a_rig_are_refused(command
         "with Diagram('wave', rate=100) as diagram:\n    Sine()\n",
     )
     empty = write(tmp_path, "", "empty.toml")
-    assert "nothing on a bus that could be emulated" in command_line.refused("emulate", wave, "--rig", empty)
+    assert "no device on a bus that can be emulated" in command_line.refused("emulate", wave, "--rig", empty)
 
 
 def test_an_interface_of_one_process_and_one_that_is_not_there_are_told_with_a_cure(tmp_path):

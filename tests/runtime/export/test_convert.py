@@ -215,7 +215,7 @@ def test_unknown_names_are_reported_in_one_line(command_line, recording, text, t
 
 def test_names_are_for_opensim(command_line, recording):
     assert command_line.refused("convert", recording, "--to", "csv", "--names", "x") == (
-        "--names is for OpenSim: add --to sto, --to mot or --opensim"
+        "--names requires an OpenSim format: add --to sto, --to mot or --opensim"
     )
 
 
@@ -309,10 +309,10 @@ def test_missing_library_is_reported_with_its_extra(command_line, recording, mon
 
 def test_unreadable_or_unwritable_file_is_reported_in_one_line(command_line, recording, tmp_path):
     assert command_line.refused("convert", recording) == (
-        "to which format? --to mcap|csv|parquet|mat|rrd|sto|mot, or --opensim"
+        "no format given: pass --to mcap|csv|parquet|mat|rrd|sto|mot or --opensim"
     )
-    assert command_line.refused("convert").startswith("which recording? name the .mcap file of a run")
-    assert command_line.refused("convert", recording, "--to", " , ").startswith("to which format?")
+    assert command_line.refused("convert").startswith("no recording given: pass the .mcap file of a run")
+    assert command_line.refused("convert", recording, "--to", " , ").startswith("no format given")
     assert (
         command_line("convert", recording, "--to", ".CSV,", "-o", tmp_path)[0] == OK and (tmp_path / "odd.csv").exists()
     )
@@ -322,7 +322,7 @@ def test_unreadable_or_unwritable_file_is_reported_in_one_line(command_line, rec
     assert command_line.refused("convert", "nothing.mcap", "--to", "csv") == "nothing.mcap: No such file or directory"
     (tmp_path / "file").write_text("")
     code, out, err = command_line("convert", recording, "--to", "csv", "-o", tmp_path / "file")
-    assert code == BAD_INPUT and "cannot write into file: that is a file" in err and len(err.splitlines()) == 1
+    assert code == BAD_INPUT and "cannot write into file: it is a file" in err and len(err.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import pytest
 
 from cext.schedule.mailbox_writer import CHANGE_LIMIT
 from runtime.base.errors import BadInput
-from runtime.cli.set import letters, wanted
+from runtime.cli.set import batches, changes_of
 from runtime.diagrams.file import load
 from runtime.diagrams.overrides import set_block_parameters
 from runtime.live import patterns
@@ -57,15 +57,15 @@ def test_a_pattern_is_every_parameter_that_it_matches_and_a_name_itself_alone():
 
 
 def test_if_one_of_them_cannot_have_the_value_none_gets_it():
-    assert [value for _, value in wanted(LEGS, "*/profile.scale", "0.75")] == [0.75, 0.75]
+    assert [value for _, value in changes_of(LEGS, "*/profile.scale", "0.75")] == [0.75, 0.75]
     with pytest.raises(BadInput) as refused:
-        wanted(LEGS, "*/profile.scale", "0.9")
+        changes_of(LEGS, "*/profile.scale", "0.9")
     assert str(refused.value) == "*/profile.scale=0.9: right/profile.scale must be at most 0.8, got 0.9"
 
 
 def test_a_pattern_that_matches_nothing_is_an_error_with_a_suggestion():
     with pytest.raises(BadInput) as refused:
-        wanted(LEGS, "*/profil.scale", "0.5")
+        changes_of(LEGS, "*/profil.scale", "0.5")
     assert str(refused.value) == (
         "*/profil.scale=0.5: legs has no live parameter '*/profil.scale'; did you mean '*/profile.scale'?"
     )
@@ -77,8 +77,8 @@ def test_what_one_pattern_matches_is_one_letter_where_it_fits():
         [("b", index) for index in range(8)],
         [("c", index) for index in range(CHANGE_LIMIT + 1)],
     ]
-    assert [len(letter) for letter in letters(groups)] == [10, 8, CHANGE_LIMIT, 1]
-    assert [len(letter) for letter in letters(groups[:1] * 1 + [[("d", 0)]])] == [11]
+    assert [len(letter) for letter in batches(groups)] == [10, 8, CHANGE_LIMIT, 1]
+    assert [len(letter) for letter in batches(groups[:1] * 1 + [[("d", 0)]])] == [11]
 
 
 def test_the_keys_offer_what_both_legs_have_alike_first():
@@ -141,7 +141,7 @@ def test_both_legs_change_in_one_tick_and_ramp_and_the_replay_is_the_same(legs, 
 def test_one_key_press_changes_both_legs_in_one_tick(legs):
     with Terminal() as terminal:
         terminal.run("legs.py", "--duration", "60", cwd=legs)
-        terminal.wait_for(r"running .* \? tells the keys")
+        terminal.wait_for(r"running .* \? lists the keys")
         terminal.press(b"\t")
         terminal.wait_for(r"\*/profile\.scale 0\.5, 0\.25 \(0 to 1, 0 to 0\.8\)")
         terminal.press(b"\x1b[A")

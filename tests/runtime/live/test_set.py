@@ -1,4 +1,4 @@
-"""`set PID`: another process changes live parameters of a run, or receives the reason for a refusal."""
+"""`set PID`: another process changes live parameters of a run, or is told in words why it cannot."""
 
 import signal
 import subprocess
@@ -41,9 +41,10 @@ def test_without_settings_it_lists_values_bounds_and_units(run, command_line):
     head, *lines = out.splitlines()
     assert head.startswith(f"springs (process {run.pid}, running, tick ")
     assert lines == [
-        "  spring.stiffness  30 N·m/rad  (0 to 150 N·m/rad; built as 30 N·m/rad; by 200 N·m/rad a second at most)  stiffness K",
-        "  spring.damping    1 N·m·s/rad  (0 to 10 N·m·s/rad; built as 1 N·m·s/rad; by 10 N·m·s/rad a second at "
-        "most)  damping B",
+        "  spring.stiffness  30 N·m/rad  (0 to 150 N·m/rad; built as 30 N·m/rad; at most 200 N·m/rad per second)  "
+        "stiffness K",
+        "  spring.damping    1 N·m·s/rad  (0 to 10 N·m·s/rad; built as 1 N·m·s/rad; at most 10 N·m·s/rad per "
+        "second)  damping B",
         "  wave.angle        0.5 rad  (-1 to 1.5 rad; built as 0.5 rad)  of the wave",
         "  wave.count        3  (0 to 12; built as 3)",
         "  wave.on           true  (false or true; built as true)",
@@ -61,8 +62,8 @@ REFUSED = {
     "wave.on=perhaps": "wave.on=perhaps: expected true or false, got 'perhaps'",
     "spring.stifness=40": "spring.stifness=40: springs has no live parameter 'spring.stifness'; did you mean "
     "'spring.stiffness'?",
-    "zzz=1": "zzz=1: springs has no live parameter 'zzz'; live are spring.stiffness, spring.damping, wave.angle, "
-    "wave.count, wave.on",
+    "zzz=1": "zzz=1: springs has no live parameter 'zzz'; the live parameters are spring.stiffness, "
+    "spring.damping, wave.angle, wave.count, wave.on",
     "wave.on": "wave.on: expected NAME=VALUE, as in left/impedance.stiffness=40",
 }
 
@@ -80,7 +81,7 @@ def test_change_of_fixed_parameter_lists_live_ones(run, command_line):
 
 def test_process_that_is_not_a_run_lists_running_ones(run, command_line):
     with subprocess.Popen(["sleep", "60"]) as stranger:
-        for pid, trouble in ((stranger.pid, "is no run of a diagram"), (2**22 + 1, "does not exist")):
+        for pid, trouble in ((stranger.pid, "is not a run of a diagram"), (2**22 + 1, "does not exist")):
             said = command_line.refused("set", pid, "spring.damping=9")
             assert said.startswith(f"process {pid} {trouble}; runs are ") and f"{run.pid} (springs)" in said
         assert run.pid in runs() and stranger.pid not in runs()

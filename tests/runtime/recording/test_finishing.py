@@ -221,10 +221,13 @@ def test_recording_without_signal_metadata_is_reported(command_line):
 def test_invalid_request_is_reported_in_one_line(command_line):
     path = part(command_line.folder, "a", range(3))
     assert command_line.refused("convert", path, "--to", "mcap", "--rate", "50") == (
-        "--to mcap keeps every sample as it was recorded: --rate is for the other formats"
+        "--to mcap does not resample: use --rate with the other formats"
     )
     for words in (["--to", "csv"], ["--to", "mcap,csv"], ["--to", "mcap", "-o", "out"], ["--opensim"]):
-        assert command_line.refused("convert", path, *words, "--in-place") == "--in-place goes with --to mcap alone"
+        assert (
+            command_line.refused("convert", path, *words, "--in-place")
+            == "--in-place requires --to mcap and excludes other formats and -o"
+        )
     with open(path, "rb") as recorder:
         fcntl.flock(recorder, fcntl.LOCK_EX)
         assert command_line.refused("convert", path, "--to", "mcap", "--in-place") == "a.mcap is still being recorded"

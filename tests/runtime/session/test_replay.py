@@ -191,7 +191,10 @@ def test_a_changed_diagram_gives_a_recording_to_compare(recorded, command_line, 
         and "law.torque [N*m]".replace("*", "·") in out
         and picture.read_bytes()[:4] == b"\x89PNG"
     )
-    assert command_line.refused("diff", file, new, "-o", "a.jpg") == "-o a.jpg: a picture ends in .png or .svg"
+    assert (
+        command_line.refused("diff", file, new, "-o", "a.jpg")
+        == "-o a.jpg: the name of a picture must end in .png or .svg"
+    )
     (command_line.folder / "diff.png").write_text("dear")
     assert (
         command_line("diff", file, new)[1].splitlines()[-1] == "  diff-2.png"

@@ -84,7 +84,7 @@ def test_where_no_rate_passes_it_says_why(command_line):
     "words, said",
     [
         (("--actuators", "9"), "at most 8"),
-        (("--actuators", "3..2"), "from the lower number"),
+        (("--actuators", "3..2"), "expected the lower number first"),
         (("--low", "500", "--high", "400"), "not below"),
         (("--model", "AK80-99"), "not a CubeMars model"),
         (("--picture", "nowhere/rate.png", "--actuators", "1", "--high", "60"), "No such file"),
@@ -144,5 +144,5 @@ def test_on_a_rig_the_drives_are_armed_and_stopped_at_every_rate(tmp_path):
     finally:
         drives.kill()
         drives.communicate()
-    heard, said = map(int, re.search(r"(\d+) frames heard, (\d+) sent", out).groups())
+    heard, said = map(int, re.search(r"(\d+) frames received, (\d+) sent", out).groups())
     assert heard == said >= 5
