@@ -1,8 +1,7 @@
-"""The recorder as the control process sees it: a process of its own that drains the page's ring into files, viewers and
-the terminal.
+"""The recorder: a process that drains the ring of a run into files, viewers and the terminal.
 
-    recorder = RecorderProcess(page)      # its start-up overlaps with the compiling
-    recorder.configure(plan)              # files are open from here on
+    recorder = RecorderProcess(page)      # starts while the diagram is compiled
+    recorder.configure(plan)              # returns once all files are open
     ...                                   # the run
     page.close()
     report = recorder.finish()
@@ -12,16 +11,17 @@ The plan is a dict that JSON can carry:
     name, stem      of the diagram; of the files
     folder          of the recording, or None to write no files
     rate, duration  Hz; s or None
-    virtual         whether time is: files of two runs are then byte-identical
-    simulated       whether a plant stands behind the buses
-    signals, buses  what each number of a row is (index, path, dtype, unit); the names of the buses
+    virtual         whether time is virtual: the files of two equal runs are then byte-identical
+    simulated       whether the devices are simulated by a plant
+    signals, buses  the columns of a row (index, path, dtype, unit); the names of the buses
     diagram_json    the diagram as JSON text, or None
-    control_pid     number of the control process
-    sinks           of each: service (see runtime.recorder.plugins), path, parameters, columns (index, path, dtype,
-                    unit)
-    status_line     whether the terminal may be used; keys : whether it is asked for keys, too (by default it is)
-    limits          {path: (lowest, highest)} of what is recorded, where that is known
-    metadata        what else the sidecar file shall carry
+    control_pid     process id of the control process
+    sinks           of each sink: service (see runtime.recorder.plugins), path, parameters, columns (index, path,
+                    dtype, unit)
+    status_line     whether the terminal shows a status line
+    keys            whether the terminal's keys are read (default: true)
+    limits          {path: (lowest, highest)} of the recorded signals with known limits
+    metadata        further content of the sidecar file
 
 SharedState(fd) -> rows, frames and events -> runtime.recorder.writer -> runtime.recorder.recording -> services
 (runtime.recorder.service) and files.
@@ -42,11 +42,11 @@ from runtime.recording.ascii_units import ascii_name
 
 READY_TIMEOUT = 30.0  # s, for a slow disk
 ABANDON_TIMEOUT = 5.0  # s
-CURE = "`convert FILE.mcap --to mcap` makes of its .mcap one that every viewer opens"
+REMEDY = "complete its .mcap file with `convert FILE.mcap --to mcap`"
 
 
 def can_ask():
-    """Whether a run of this process can be answered by keys: it reads and writes a terminal of its own."""
+    """Return whether this process reads and writes a terminal, so that the operator can press keys."""
     descriptor = own_terminal()
     if descriptor is None:
         return False
@@ -55,15 +55,15 @@ def can_ask():
 
 
 class RecorderError(Exception):
-    """The recording cannot be made. The text says why, in one line."""
+    """The recording cannot be made. The text is the reason in one line."""
 
 
 class RecorderProcess(ChildProcess):
     """The recorder process of one run. Spawned at once.
 
     page : cext.safety.shared_state.SharedState
-    lifeline : file descriptor that hangs up when nobody is left that reads the ring
-    pid : number of the process
+    lifeline : file descriptor that hangs up once no process reads the ring
+    pid : process id
     """
 
     def __init__(self, page):
@@ -75,8 +75,9 @@ class RecorderProcess(ChildProcess):
         self._over = self._planned = False
 
     def configure(self, plan):
-        """Send the plan and wait until every file is open. RecorderError if one cannot be; then nothing is left
-        behind.
+        """Send the plan and wait until every file is open.
+
+        Raises RecorderError if a file cannot be opened; the files opened before are then removed.
         """
         sinks = [
             {**sink, "columns": [{**column, "ascii_unit": ascii_name(column["unit"])} for column in sink["columns"]]}
@@ -103,7 +104,7 @@ class RecorderProcess(ChildProcess):
 
     @property
     def alive(self):
-        """Whether somebody reads the ring: the process, or another that has taken over."""
+        """Whether a process reads the ring: the recorder or a process that has replaced it."""
         poll = select.poll()
         poll.register(self.lifeline, 0)
         return not poll.poll(0)
@@ -116,32 +117,32 @@ class RecorderProcess(ChildProcess):
         """After page.close(): wait until all is written, and return the report.
 
         The report has `files` (path, note), `problems` (lines of text), `strides`, `sinks`, `statistics`, `ended` and
-        more: what the sidecar file holds. If the process has died, or needs longer than `timeout` s, `problems` says so
-        and `files` are those it had opened.
+        more: the content of the sidecar file. If the process has died or exceeds `timeout` s, `problems` states it
+        and `files` lists the files that it had opened.
         """
         try:
             report = self._answer(timeout)
         except TimeoutError:
             self._give_terminal_back()
             return self._lost(
-                f"the recorder (process {self.pid}) had not finished after {timeout:g} s; it goes on by itself"
+                f"the recorder (process {self.pid}) has not finished after {timeout:g} s and continues alone"
             )
         except OSError:
             self._end()
             return self._lost(
-                "its report is missing: a block closed descriptors of the run. The recorder has "
-                "finished the files by itself"
+                "the report of the recorder is missing, because a block closed file descriptors of the run. The "
+                "recorder has completed the files"
             )
         how = self._end()
         if report is None:
-            return self._lost(f"the recorder process died before the end ({how}): the files stop where it did; {CURE}")
+            return self._lost(f"the recorder process died before the end ({how}) and the files end there; {REMEDY}")
         return report
 
     def abandon(self):
-        """The run fails before it began: the process ends and takes its files with it."""
+        """End the process and remove its files: the run has failed before its start."""
         if self._over:
             return
-        if not self._planned:  # it has created nothing, and may still be importing
+        if not self._planned:  # no file was created yet
             self._child.kill()
         try:
             self._child.stdin.write(b"abandon\n")
@@ -151,7 +152,7 @@ class RecorderProcess(ChildProcess):
         self._end(ABANDON_TIMEOUT)
 
     def _give_terminal_back(self):
-        """As it was; the process has done that, unless it was killed."""
+        """Restore the terminal, in case the process was killed before it did so."""
         if self._terminal is not None:
             with suppress(OSError):
                 put_back(self._terminal, self._attributes)
@@ -162,13 +163,13 @@ class RecorderProcess(ChildProcess):
         return {"files": self._files, "problems": [problem], "strides": [], "sinks": {}, "ended": "unknown"}
 
     def _await_writer(self, timeout):
-        """Wait until the writer has ended, too, where the process that started it was killed."""
+        """Wait until the writer has ended, if the process that started it was killed."""
         poll = select.poll()
         poll.register(self._answers, 0)
         poll.poll(timeout * 1e3)
 
     def _end(self, timeout=10.0):
-        """Wait for the process to end, kill it if it does not, and say how it ended."""
+        """Wait for the process to end and kill it after `timeout` s. Returns how it ended."""
         if not self._over:
             self._over = True
             try:

@@ -1,9 +1,9 @@
-"""The CAN log: every frame of every CAN bus, in the format of `candump -L`, by python-can's own writer.
+"""The CAN log: every frame of every CAN bus in the format of `candump -L`, written by python-can.
 
     (1763683200.004512) legs 001#7FFF7FF0000007FF T
 
-The time is the wall clock; in virtual time it begins at 0. R was received, T sent by us. Frames stand in the order in
-which the control process handled them, which is what a replay needs.
+The time is the wall clock; in virtual time it begins at 0. R: received; T: sent by the run. Frames are in
+the order in which the control process handled them.
 """
 
 import os
@@ -17,11 +17,13 @@ FLUSH_FRAMES = 1000
 
 
 def on_can(plan):
-    """Whether each bus is CAN."""
+    """Return for each bus whether it is CAN."""
     return [medium == "can" for medium in plan.get("media", ["can"] * len(plan["buses"]))]
 
 
 class CanLog(Service):
+    """The CAN log of a recording."""
+
     title = "CAN log"
 
     @classmethod
@@ -41,7 +43,7 @@ class CanLog(Service):
         from can.io.canutils import CanutilsLogWriter
 
         self.writer = CanutilsLogWriter(cast(TextIO, self.file))  # it calls `write` and `close`
-        self.message = Message(data=b"", check=False)  # filled anew for every frame
+        self.message = Message(data=b"", check=False)  # reused for every frame
 
     def frame(self, payload):
         if not self.on_can[payload[BUS_BYTE]]:
@@ -62,7 +64,7 @@ class CanLog(Service):
         message.channel = self.plan["buses"][frame.bus]
         message.data = bytearray(frame.data)
         message.dlc = len(frame.data)
-        self.writer.last_timestamp = None  # or it would move a frame of another bus to a later time
+        self.writer.last_timestamp = None  # otherwise python-can delays earlier frames of other buses
         self.writer.on_message_received(message)
         self.frames += 1
         if self.frames % FLUSH_FRAMES == 0:

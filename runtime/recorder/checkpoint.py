@@ -1,8 +1,8 @@
-"""How far a writer has come, in shared memory: what is left of it when it dies.
+"""The progress of a writer, in shared memory that outlives it.
 
-The writer saves a checkpoint, then releases the drained part of the ring. The ring keeps everything behind the last
-release, so the checkpoint whose `tail` is the ring's names the length at which each file is whole and from which record
-on the next part begins: nothing is lost and no record is written twice.
+The writer saves a checkpoint, then releases the drained part of the ring. The ring keeps all records after the last
+release. The checkpoint whose `tail` equals the tail of the ring therefore holds the complete length of each file and
+the first record of the next part: no record is lost or written twice.
 """
 
 import json
@@ -11,7 +11,7 @@ from contextlib import suppress
 
 
 class Checkpoint:
-    """page : cext.safety.shared_state.SharedState, of the ring"""
+    """Checkpoints of the writers of one run. page : cext.safety.shared_state.SharedState"""
 
     def __init__(self, page):
         self.page, self.saves = page, 0
@@ -22,7 +22,7 @@ class Checkpoint:
             os.close(file)
 
     def save(self, state):
-        """Keep a state, a dict for JSON, then release what has been drained."""
+        """Save a state, a dict for JSON, then release the drained part of the ring."""
         file, self.saves = self.files[self.saves % 2], self.saves + 1
         state = {**state, "tail": self.page.cursor, "dropped": self.page.statistics()["dropped"], "save": self.saves}
         os.ftruncate(file, 0)
@@ -30,10 +30,10 @@ class Checkpoint:
         self.page.release()
 
     def newest(self):
-        """The newest state at the ring's tail, None where there is none. The next save keeps it."""
+        """Return the newest state at the tail of the ring, or None. The next save does not overwrite it."""
         states = []
         for file in self.files:
-            with suppress(ValueError):  # being written when the writer died
+            with suppress(ValueError):  # incomplete when the writer died
                 states.append(json.loads(os.pread(file, os.fstat(file).st_size, 0)))
         states = [state for state in states if state["tail"] == self.page.tail]
         newest = max(states, key=lambda state: state["save"], default=None)
@@ -42,7 +42,7 @@ class Checkpoint:
 
     @staticmethod
     def cut_files(state):
-        """Cut every file to the length at which it was whole."""
+        """Truncate every file to its complete length."""
         for path, size in state["sizes"].items():
             with suppress(OSError):
                 os.truncate(path, size)

@@ -1,7 +1,7 @@
-"""CSV: `time [s],tick,left/knee.position [rad],...`, a line a tick.
+"""CSV files: `time [s],tick,left/knee.position [rad],...`, one line per tick.
 
-The unit stands in brackets behind the name, in ASCII; plain numbers have none. Floats have the fewest digits that read
-back as the same number, ints and bools are whole numbers, and what is not a number is `nan`, `inf` or `-inf`.
+The unit follows the name in brackets, in ASCII; dimensionless signals have none. Floats have the fewest digits that
+convert back to the same number; ints and bools are integers; non-finite values are `nan`, `inf` and `-inf`.
 """
 
 import csv
@@ -34,7 +34,7 @@ class CsvWriter(Service):
         if self.plan["folder"] is None:
             return
         stem = os.path.join(self.plan["folder"], name_of(parameters.get("file")) or self.plan["stem"])
-        first = self.plan.get("part", 1) == 1  # the recorder that goes on after one that died must not replace its file
+        first = self.plan.get("part", 1) == 1  # later parts keep the file of part 1
         self.file = WholeFile(*create(stem, ".csv", parameters.get("overwrite", False) and first))
         self.device_time, self.began = parameters.get("time") == "device" and not self.plan["virtual"], None
         self.files[self.file.path] = ""
@@ -66,48 +66,49 @@ class CsvWriter(Service):
 
 
 def place_of(path, columns):
-    """Which column has that path, None for an empty one. BadInput"""
+    """Return the index of the column with a path, None for an empty path. Raises BadInput."""
     paths = [column["path"] for column in columns]
     if not path:
         return None
     if path not in paths:
-        raise BadInput(f"during: it records no signal {path!r}; {suggestion(path, paths) or 'as in mocap.on'}")
+        raise BadInput(
+            f"during: {path!r} is not a recorded signal; {suggestion(path, paths) or 'expected one such as mocap.on'}"
+        )
     return paths.index(path)
 
 
 def name_of(file):
-    """What a person calls the file, without its ending; "" for nothing. BadInput where that is in another folder, or
-    none at all
-    """
+    """Return the file name of the parameter `file` without .csv, "" for none. Raises BadInput for a path."""
     name = (file or "").strip()
     if os.path.basename(name) != name or name.strip(".") == "" != name:
         raise BadInput(
-            f"file: {file!r} is not the name of a file; it stands where the recording does, in the folder "
-            "that --record says"
+            f"file: {file!r} is not a file name. The file is written to the folder of the recording, "
+            "which --record sets"
         )
     return name.removesuffix(".csv")
 
 
 class Lines:
-    """What the lines of a table look like. columns : of the sink"""
+    """Converter of rows to lines of CSV. columns : of the sink"""
 
     def __init__(self, columns, delimiter=","):
         self.delimiter = delimiter.encode()
         self.whole = [2 + index for index, column in enumerate(columns) if column["dtype"] != "float"]
 
     def line(self, time, tick, values):
-        """One, as bytes."""
+        """Return the line of a tick as bytes."""
         cells = [time, tick, *values]
         for index in self.whole:
             if isfinite(cells[index]):
                 cells[index] = int(cells[index])
-        line = encode(cells)[1:-1]  # JSON writes numbers as CSV does, and ten times faster than repr
+        line = encode(cells)[1:-1]  # JSON numbers are valid CSV and ten times faster than repr
         if NOT_A_NUMBER in line:
             line = b",".join(encode(cell) if isfinite(cell) else repr(cell).encode() for cell in cells)
         return line.replace(b",", self.delimiter) + b"\n"
 
 
 def header(columns, delimiter):
+    """Return the first line."""
     names = ["time [s]", "tick"]
     for column in columns:
         unit = column["ascii_unit"]

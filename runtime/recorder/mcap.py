@@ -1,18 +1,15 @@
-"""The flight log: everything of a run in one MCAP file, which PlotJuggler, Foxglove and Rerun open, and which a replay
-runs on.
+"""The flight log: one MCAP file with everything of a run, for PlotJuggler, Foxglove, Rerun and replays.
 
-    /left, /right, ...      a message a subsystem and tick, with every recorded signal of it as a double
-    /tickwork/tick          closes the row of a tick: number, time and lateness in s
-    /tickwork/can/legs, ... every CAN frame, received or sent, in the order in which the control process handled them;
-    `sequence` tells in
-                            which drain of the buses it was there, or which it followed, and `publish_time` when that
-                            was
-    /tickwork/events        what happened besides: the begin by both clocks, live changes, marks, the end
+    /left, /right, ...      one message per subsystem and tick, with its recorded signals as doubles
+    /tickwork/tick          last message of a tick: number, time and lateness in s
+    /tickwork/can/legs, ... every CAN frame, received or sent, in the order in which the control process handled
+                            them; `sequence` is the number of the bus drain that returned or preceded it,
+                            `publish_time` the time of that drain
+    /tickwork/events        other events: the start by both clocks, live changes, marks, the end
 
-Times are ns of the wall clock at the run's begin plus those of the steady clock since; in virtual time they begin at 0.
-Records are written as they come, so that a file which was cut off anywhere holds all that is complete before the cut.
-What was known before the first tick stands in front, as the attachments `diagram.json` and `about.json`; what is known
-at the end as `end.json`.
+Times in ns are the wall clock at the start of the run plus the monotonic clock since; in virtual time they begin at 0.
+Records are written as they arrive, so a truncated file contains all complete records before the cut. The attachments
+`diagram.json` and `about.json` precede the first tick, and `end.json` follows the last.
 """
 
 import json
@@ -25,11 +22,13 @@ from runtime.recording.format import Frame
 from runtime.recording.mcap_file import McapFile
 from runtime.recording.reader import LIBRARY
 
-FORMAT = "1"
-JSON = "application/json"
+FORMAT_VERSION = "1"
+JSON_MEDIA_TYPE = "application/json"
 
 
 class FlightLog(Service):
+    """The flight log of a recording."""
+
     title = "flight log"
 
     @property
@@ -41,22 +40,24 @@ class FlightLog(Service):
         claim(self.file.descriptor)
         self.files[self.file.path] = ""
         self.rows = self.frames = 0
-        self.drain = self.drained = 0  # how often the buses had been drained, and when last
-        self.heads = {}  # what a frame's message begins with, and its channel
+        self.drain = self.drained = 0  # number of bus drains, ns of the last one
+        self.heads = {}  # first bytes of a frame's message, and its channel
         self.writer: McapFile | None = None
         self.begun, self.began = False, 0
 
     def begin(self, about):
-        """Import the writer, which takes a while, and write what is known before the first tick. about : dict"""
+        """Import the writer and write the attachments and channels. about : dict"""
         self.writer = writer = McapFile(self.file)
         self.write = writer.message
         writer.begin(LIBRARY)
         if self.plan.get("diagram_json"):
-            writer.attach("diagram.json", JSON, self.plan["diagram_json"].encode())
+            writer.attach("diagram.json", JSON_MEDIA_TYPE, self.plan["diagram_json"].encode())
         writer.attach(
             "about.json",
-            JSON,
-            json.dumps({**about, "format": FORMAT, "signals": self.plan["signals"]}, ensure_ascii=False).encode(),
+            JSON_MEDIA_TYPE,
+            json.dumps(
+                {**about, "format": FORMAT_VERSION, "signals": self.plan["signals"]}, ensure_ascii=False
+            ).encode(),
         )
         self.subsystems = [
             (subsystem, writer.channel(subsystem.topic, *subsystem.descriptor()))
@@ -73,7 +74,7 @@ class FlightLog(Service):
         self.events = writer.channel(messages.EVENTS, *messages.simple(own_event, messages.EVENT))
 
     def wall(self, time):
-        """ns in the file of ns since the run's begin."""
+        """Convert ns since the start of the run to ns in the file."""
         if not self.begun:
             self.begun = True
             if not self.plan["virtual"]:
@@ -92,7 +93,7 @@ class FlightLog(Service):
         self.rows += 1
 
     def received(self, payload):
-        """The buses were drained: what comes now was received then. payload : ns since the run's begin"""
+        """Take the time of a bus drain, in ns since the start of the run. The frames received then follow."""
         self.drain += 1
         self.drained = int.from_bytes(payload, "little", signed=True)
 
@@ -120,9 +121,9 @@ class FlightLog(Service):
         self.file.flush()
 
     def end(self, report):
-        """What is known at the end, and the file's own summary."""
+        """Write end.json and the summary of the file."""
         if self.writer is not None:
-            self.writer.attach("end.json", JSON, json.dumps(report).encode())
+            self.writer.attach("end.json", JSON_MEDIA_TYPE, json.dumps(report).encode())
             self.writer.finish()
 
     def close(self):

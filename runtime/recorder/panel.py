@@ -1,17 +1,16 @@
-"""What the keys of the run's terminal do, and what the status line says of it.
+"""Keys of the run's terminal, and their part of the status line.
 
-space           stop, in the safe stop
-Enter           arm, where the run has shown what it found and asks; q ends it there
-r               arm again, where the run waits after a fault; q ends it there
-Tab, Shift-Tab  choose a live parameter: the next, the one before; what several parts of the diagram have alike, as
-both legs have
-                profile.scale, is offered first as one, */profile.scale
-up, down        a step of about a twentieth of its range
+space           stop the run with the safe stop
+Enter           confirm the pre-flight table and arm; q ends the run instead
+r               arm again after a fault; q ends the run instead
+Tab, Shift-Tab  select the next or previous live parameter. Parameters that subsystems have in common, such as
+                */profile.scale of both legs, come first and change together
+up, down        a step of about a twentieth of the range
 right, left     a tenth of such a step
-0               back to the value it was built with
-m               mark this moment
-s               save the values in a file that `--set @FILE` reads
-?               tell the keys
+0               reset to the value in the diagram
+m               mark this tick
+s               save the values in a file for `--set @FILE`
+?               list the keys
 """
 
 import os
@@ -21,19 +20,20 @@ from runtime.console.status_layout import part
 from runtime.live import patterns, table
 from runtime.recording.files import create
 
-ENDING = ".set"
-NOTE = 4.0  # s that a note stands in the status line
+SAVED_SUFFIX = ".set"
+NOTE_DURATION = 4.0  # s, of a note in the status line
 STEPS = {"up": table.FINE, "down": -table.FINE, "right": 1, "left": -1}
-ASKS = {"ready": "Enter arms, space ends", "waiting": "r arms again, space ends"}
+PROMPTS = {"ready": "Enter arms, space ends", "waiting": "r arms again, space ends"}
 HELP = (
-    "tickwork: space stops; Tab, Shift-Tab choose a live parameter; up, down a step, right, left a tenth of it; "
-    "0 back to the built value; m marks; s saves the values; where the run asks, Enter arms, and r arms again after "
-    "a fault"
+    "tickwork: space: stop; Tab, Shift-Tab: select a live parameter; up, down: change it by a step; right, left: by a "
+    "tenth of a step; 0: reset it; m: mark; s: save the values; at the pre-flight table Enter: arm; after a fault r: "
+    "arm again"
 )
 
 
 class Panel:
-    """
+    """Keys of one run.
+
     page : cext.safety.shared_state.SharedState
     keyboard : runtime.console.keys.Keyboard
     recording : runtime.recorder.recording.Recording, beside whose files the values are saved
@@ -45,18 +45,18 @@ class Panel:
         self.choices = choices(self.table.parameters)
         self.writer = Writer(page, "keys")
         self.chosen = None
-        self.waiting = {}  # ticket: what to say once it is answered
-        self.wanted = {}  # index of a parameter: (ticket, value) that waits
+        self.waiting = {}  # ticket: kind of request
+        self.pending = {}  # index of a parameter: (ticket, value)
         self.note, self.note_until = "", 0.0
-        self.asking = False  # somebody can have read what the run asks
+        self.asking = False  # whether the prompt was shown before the key
 
     def look(self, now):
-        """Do what was pressed, hear what was answered. now : s, of any steady clock"""
+        """Take the answers of the loop, then the pressed keys. now : s, of any monotonic clock"""
         for ticket in list(self.waiting):
-            self.hear(ticket, now)
+            self.take_answer(ticket, now)
         for key in self.keyboard.read():
             self.press(key, now)
-        self.asking = self.recording.asks  # what was pressed before is no answer
+        self.asking = self.recording.asks  # keys pressed before the prompt are ignored
 
     def press(self, key, now):
         waits = self.page.state in ("ready", "waiting")
@@ -81,7 +81,7 @@ class Panel:
         elif key == "shift tab":
             self.chosen = (self.chosen or 0) - 1 if self.chosen else len(self.choices) - 1
         elif key in ("0", *STEPS) and self.chosen is None:
-            self.say("Tab chooses a parameter first", now)
+            self.say("select a parameter first with Tab", now)
         elif self.chosen is not None and key in ("0", *STEPS):
             _, parameters = self.choices[self.chosen]
             self.change(
@@ -96,42 +96,44 @@ class Panel:
             )
 
     def target(self, parameter):
-        """Where a parameter is going, letters that wait included."""
-        return self.wanted[parameter.index][1] if parameter.index in self.wanted else self.values()[parameter.index][1]
+        """Return the value that a parameter will have after all pending changes."""
+        return (
+            self.pending[parameter.index][1] if parameter.index in self.pending else self.values()[parameter.index][1]
+        )
 
     def values(self):
         return table.values(self.page, self.table.parameters)
 
-    def change(self, wanted, now):
-        """Post what differs as one letter, which takes effect in one tick. wanted : pairs (Parameter, value)"""
-        changes = [(parameter.index, value) for parameter, value in wanted if value != self.target(parameter)]
+    def change(self, pairs, now):
+        """Post the differing values as one request, which takes effect in one tick. pairs : (Parameter, value)"""
+        changes = [(parameter.index, value) for parameter, value in pairs if value != self.target(parameter)]
         if not changes:
             return
         ticket = self.post(self.writer.set(changes), "", now)
         if ticket is not None:
-            self.wanted |= {index: (ticket, value) for index, value in changes}
+            self.pending |= {index: (ticket, value) for index, value in changes}
 
     def post(self, ticket, what, now):
         if ticket is None:
-            self.say("too much waits for the loop already", now)
+            self.say("the loop has not taken the previous changes yet", now)
         else:
             self.waiting[ticket] = what
         return ticket
 
-    def hear(self, ticket, now):
+    def take_answer(self, ticket, now):
         answer = self.writer.answer(ticket)
         if answer is None:
             return
         what = self.waiting.pop(ticket)
-        self.wanted = {index: entry for index, entry in self.wanted.items() if entry[0] != ticket}
+        self.pending = {index: entry for index, entry in self.pending.items() if entry[0] != ticket}
         verdict, tick, mark = answer
-        if verdict not in ("taken", "over") and what != "rearm":  # the run says itself what stands in the way
-            self.say(f"refused: {verdict}", now)
+        if verdict not in ("taken", "over") and what != "rearm":  # the run itself reports why it does not arm
+            self.say(f"rejected: {verdict}", now)
         elif what == "mark" and verdict == "taken":
             self.say(f"mark {mark} at tick {tick}", now)
 
     def save(self, now):
-        """The values that parameters have, or are going to, in a file of their own."""
+        """Save the values of all parameters, after pending changes, in a file."""
         plan = self.recording.plan
         tick = self.page.statistics()["last_tick"]
         lines = [f"# {self.table.name}: live parameters at tick {tick}; `--set @FILE` reads this"]
@@ -139,7 +141,7 @@ class Panel:
             lines.append(f"# {parameter.bounds}; {parameter.description}".rstrip("; "))
             lines.append(f"{parameter.path}={parameter.written(self.target(parameter))}")
         try:
-            path, descriptor = create(os.path.join(plan["folder"] or "", plan["stem"]), ENDING)
+            path, descriptor = create(os.path.join(plan["folder"] or "", plan["stem"]), SAVED_SUFFIX)
             with open(descriptor, "w", encoding="utf-8") as file:
                 file.write("\n".join(lines) + "\n")
         except OSError as error:
@@ -151,24 +153,24 @@ class Panel:
         self.recording.say(f"tickwork: saved {path}; --set @{path} starts with these values")
 
     def say(self, note, now):
-        self.note, self.note_until = note, now + NOTE
+        self.note, self.note_until = note, now + NOTE_DURATION
 
     def parts(self, now):
-        """What the status line shows."""
-        parts = [part(8.8, ASKS[self.page.state], colour="bold")] if self.page.state in ASKS else []
+        """Return the parts of the status line."""
+        parts = [part(8.8, PROMPTS[self.page.state], colour="bold")] if self.page.state in PROMPTS else []
         if self.chosen is not None:
             name, parameters = self.choices[self.chosen]
             values = self.values()
-            told = list(dict.fromkeys(shown(parameter, *values[parameter.index]) for parameter in parameters))
+            texts = list(dict.fromkeys(shown(parameter, *values[parameter.index]) for parameter in parameters))
             bounds = list(dict.fromkeys(parameter.bounds for parameter in parameters))
             parts += [
-                part(8.5, f"{name} {', '.join(told)}", colour="bold"),
+                part(8.5, f"{name} {', '.join(texts)}", colour="bold"),
                 part(4.5, f"({', '.join(bounds)})", joined=True),
             ]
         if now < self.note_until:
             parts.append(part(8.2, self.note, colour="yellow"))
         elif self.chosen is None and self.keyboard.taken:
-            parts.append(part(1, "? tells the keys", "? keys"))
+            parts.append(part(1, "? lists the keys", "? keys"))
         return parts
 
     def close(self):
@@ -176,9 +178,7 @@ class Panel:
 
 
 def choices(parameters):
-    """[(name, parameters)] that Tab goes through: what several parts have alike, in one, and then each parameter
-    alone.
-    """
+    """Return [(name, parameters)] in the order of Tab: common parameters of subsystems, then each parameter."""
     by_path = {parameter.path: parameter for parameter in parameters}
     together = {
         pattern: [by_path[path] for path in paths]

@@ -1,11 +1,11 @@
-"""PlotJuggler over UDP: a datagram a tick, JSON nested by block path.
+"""PlotJuggler over UDP: one datagram per tick, as JSON nested by block path.
 
     {"timestamp": 1767262212.34, "left": {"knee": {"position": 0.52, "torque": 3.1}, "imu": {"accel": [0.1, 0.2, 9.8]}}}
 
-With batches a datagram is a list of such messages, each with its own timestamp, which PlotJuggler 3.16 and later take.
-Whatever is not finite becomes null, which PlotJuggler skips; NaN in JSON would stop its server. What does not fit into
-one datagram goes as several, a subsystem each, with the same timestamp. Sending never waits: a datagram that the
-network does not take, or that nobody listens for, is counted and forgotten.
+With batches a datagram is a list of such messages, each with its own timestamp (PlotJuggler 3.16 or later). Non-finite
+values become null, which PlotJuggler skips; NaN in JSON stops its server. A message that exceeds one datagram is
+divided by subsystem, with the same timestamp. Sending never blocks: datagrams that cannot be sent or delivered are
+counted and dropped.
 """
 
 import re
@@ -19,10 +19,10 @@ import msgspec.json
 from runtime.recorder.service import Service
 from runtime.recording.signal_selection import chosen
 
-DATAGRAM = 65507  # bytes, the most that UDP over IPv4 carries
-STAMP = "timestamp"
-RETRY = 1.0  # s between sockets, while the network takes nothing
-WATCHED = 50  # datagrams that were taken: somebody was there
+DATAGRAM_LIMIT = 65507  # bytes, UDP over IPv4
+TIMESTAMP = "timestamp"
+REOPEN_PERIOD = 1.0  # s, while the network fails
+LISTENER_MINIMUM = 50  # delivered datagrams from which a listener counts as present
 _ELEMENT = re.compile(r"^(.*?)((?:\[\d+\])+)$")
 
 
@@ -33,22 +33,22 @@ class PlotJugglerSender(Service):
         parameters = self.sink["parameters"]
         host, port = parameters["host"], parameters["port"]
         try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+            addresses = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
         except socket.gaierror as error:
-            raise OSError(error.errno, f"there is no host {host!r} ({error.strerror})") from None
-        found.sort(key=lambda entry: entry[0] != socket.AF_INET)  # "localhost" is both, and PlotJuggler listens on IPv4
-        *self.kind, _, self.address = found[0]
+            raise OSError(error.errno, f"unknown host {host!r} ({error.strerror})") from None
+        addresses.sort(key=lambda entry: entry[0] != socket.AF_INET)  # PlotJuggler listens on IPv4, also for localhost
+        *self.kind, _, self.address = addresses[0]
         self.again, self.cut = 0.0, 0
         self.socket = self.connected()
         places = chosen(self.sink["columns"], parameters.get("signals", ""))
         self.messages = [Message([self.sink["columns"][place] for place in places], places)]
-        self.began = 0.0 if parameters.get("time") == "relative" else None  # of the timestamps: s since 1970 at tick 0
+        self.began = 0.0 if parameters.get("time") == "relative" else None  # s since 1970 at tick 0
         self.decimation, self.batch = parameters.get("decimation", 1), parameters.get("batch", 1)
-        # the newest sample's tick over the decimation; messages of the datagram to come
+        # last: tick of the newest sample over the decimation; waiting: messages of the next datagram
         self.last, self.waiting = None, []
         self.sent = self.lost = 0
-        self.trouble, self.said, self.returned = None, False, False
-        # a block that the diagram has anyhow: who does not look on need not be told of it
+        self.problem, self.reported, self.returned = None, False, False
+        # no report of a missing listener for a block of the diagram itself
         self.silent = not self.sink.get("wanted", True)
 
     def row(self, tick, time, values):
@@ -62,7 +62,7 @@ class PlotJugglerSender(Service):
         index = 0
         while index < len(self.messages):
             datagram = self.messages[index].encode(time, values)
-            if len(datagram) > DATAGRAM and self.messages[index].divisible:
+            if len(datagram) > DATAGRAM_LIMIT and self.messages[index].divisible:
                 self.messages[index : index + 1] = self.messages[index].split()
                 continue
             if self.batch == 1:
@@ -72,20 +72,20 @@ class PlotJugglerSender(Service):
             index += 1
 
     def reopen(self):
-        """A new socket, with the address that this computer has now for its own."""
+        """Open a new socket with the present address of this machine."""
         self.socket.close()
         self.socket = self.connected()
 
     def connected(self):
         made = socket.socket(*self.kind)
         made.setblocking(False)
-        with suppress(OSError):  # a network that is not there yet
+        with suppress(OSError):  # no network yet
             made.connect(self.address)  # so that a refused datagram raises ConnectionRefusedError
         return made
 
     def gather(self, message):
-        """Into the datagram to come, which goes once it is full."""
-        if self.waiting and sum(map(len, self.waiting)) + len(self.waiting) + len(message) + 2 > DATAGRAM:
+        """Add a message to the next datagram, which is sent once full."""
+        if self.waiting and sum(map(len, self.waiting)) + len(self.waiting) + len(message) + 2 > DATAGRAM_LIMIT:
             self.flush()
         self.waiting.append(message)
         if len(self.waiting) >= self.batch * len(self.messages):
@@ -102,45 +102,44 @@ class PlotJugglerSender(Service):
                 self.socket.sendto(datagram, self.address)
                 self.sent += 1
                 if self.cut:
-                    self.reopen()  # connected, so that we hear when nobody listens
-                    self.tell_return()
+                    self.reopen()  # connected, to be notified if no process listens
+                    self.report_recovery()
                     self.cut = 0
                 return
-            except ConnectionRefusedError as error:  # of the one before; this one has not gone yet
+            except ConnectionRefusedError as error:  # of the previous datagram; this one was not sent
                 self.sent -= 1
-                gone = self.sent - self.lost > WATCHED
+                gone = self.sent - self.lost > LISTENER_MINIMUM
                 self.silent = self.silent and not gone
                 self.lose(
-                    f"nobody listens at {self.where}{' any more' if gone else ''}: in PlotJuggler start the UDP server",
+                    f"no process listens at {self.where}{' any more' if gone else ''}: "
+                    "start the UDP server in PlotJuggler",
                     error,
                 )
             except OSError as error:
                 self.silent = False
-                self.lose(f"the network does not take what is sent to {self.where} ({error.strerror})", error)
+                self.lose(f"cannot send to {self.where} ({error.strerror})", error)
                 self.cut += 1
-                if monotonic() >= self.again:  # this computer may have come back with another address
-                    self.again = monotonic() + RETRY
+                if monotonic() >= self.again:  # the address of this machine may have changed
+                    self.again = monotonic() + REOPEN_PERIOD
                     self.reopen()
                 return
 
-    def lose(self, words, error):
-        """Count a datagram. The first is told."""
-        if not self.silent and not self.said:
-            self.said = True
-            self.tell(f"{words}; the run goes on")
+    def lose(self, reason, error):
+        """Count a lost datagram and report the first one."""
+        if not self.silent and not self.reported:
+            self.reported = True
+            self.report(f"{reason}; the run continues")
         self.lost += 1
-        self.trouble = error.strerror
+        self.problem = error.strerror
 
-    def tell_return(self):
-        """That the network is there again: the first time, so that one which comes and goes does not fill the
-        screen.
-        """
+    def report_recovery(self):
+        """Report the first recovery of the network; later ones are not reported."""
         if not self.returned:
             self.returned = True
-            self.tell(f"the network takes it again; {self.cut} datagrams were lost")
+            self.report(f"sending works again; {self.cut} datagrams were lost")
 
-    def tell(self, words):
-        self.say(f"tickwork: {self.sink.get('path', 'PlotJuggler')}: {words}")
+    def report(self, text):
+        self.say(f"tickwork: {self.sink.get('path', 'PlotJuggler')}: {text}")
 
     @property
     def where(self):
@@ -149,26 +148,25 @@ class PlotJugglerSender(Service):
     def close(self):
         self.flush()
         self.socket.close()
-        return {"datagrams": self.sent, "lost": self.lost, "trouble": self.trouble, "to": self.where}
+        return {"datagrams": self.sent, "lost": self.lost, "trouble": self.problem, "to": self.where}
 
 
 class Message:
-    """A nested dict that is made once and filled every tick.
+    """A nested dict that is built once and filled every tick.
 
-    columns : of the sink; positions : which of the sink's values they are
+    columns : of the sink
+    positions : their indices among the values of the sink
     """
 
     def __init__(self, columns, positions=None):
         self.columns = list(columns)
         self.positions = list(range(len(self.columns))) if positions is None else positions
-        self.content: dict = {STAMP: 0.0}
+        self.content: dict = {TIMESTAMP: 0.0}
         self.places = [self.place(column["path"]) for column in self.columns]
         self.kinds = [{"int": whole, "bool": truth}.get(column["dtype"]) for column in self.columns]
 
     def place(self, path) -> tuple[dict | list, Any]:
-        """(container, key) where a column's value goes. A path that is taken, or in the way, becomes a key of its
-        own.
-        """
+        """Return (container, key) of a column's value. A path that conflicts with another becomes a top-level key."""
         names = re.split(r"[/.]", path)
         match = _ELEMENT.match(names[-1])
         indices = [int(i) for i in re.findall(r"\d+", match[2])] if match else []
@@ -203,7 +201,7 @@ class Message:
         return path
 
     def encode(self, time, values):
-        self.content[STAMP] = time
+        self.content[TIMESTAMP] = time
         for (container, key), position, kind in zip(self.places, self.positions, self.kinds):
             value = values[position]
             container[key] = value if kind is None else kind(value)
@@ -214,9 +212,7 @@ class Message:
         return len(self.columns) > 1
 
     def split(self):
-        """Two messages or more with the same columns: by the outermost name that divides them, in halves if none
-        does.
-        """
+        """Return two or more messages with the same columns, divided by their outermost names or else in halves."""
         names = [re.split(r"[/.]", column["path"]) for column in self.columns]
         groups = {}
         for depth in range(min(map(len, names))):

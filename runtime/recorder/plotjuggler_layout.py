@@ -1,7 +1,7 @@
-"""A layout for PlotJuggler, made from a diagram: a tab a subsystem, a plot a unit, and the stream's settings.
+"""Layout for PlotJuggler from a diagram: one tab per subsystem, one plot per unit, and the stream settings.
 
-PlotJuggler asks whether to start the stream when the layout is opened, and shows its settings with what it had last
-time, so that they stand in the file for who opens it: a comment says what to enter, once.
+When the layout is opened, PlotJuggler offers to start the stream and shows the settings of the last stream. A comment
+in the file lists the settings to enter once.
 (plotjuggler_app/mainwindow.cpp, plotwidget.cpp and plot_docker.cpp of 3.17)
 """
 
@@ -13,15 +13,16 @@ from runtime.diagrams.file import compiled, load
 from runtime.recording.grouping import by_unit
 from runtime.recording.signal_selection import chosen
 
-STREAMER, PROTOCOL, STAMP = "UDP Server", "json", "timestamp"
-BUFFER = 60  # s that PlotJuggler keeps
+STREAMER, PROTOCOL, TIMESTAMP = "UDP Server", "json", "timestamp"
+BUFFER_DURATION = 60  # s of data in PlotJuggler
 # (Okabe and Ito 2008)
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#333333")
 
 
 def columns(path, settings=(), rate=None):
-    """(name of the diagram, its rate, what its PlotJuggler block takes, that block): of a diagram file; all signals
-    where it has no such block.
+    """Return (name of the diagram, rate, columns of its PlotJuggler block, that block).
+
+    Without a PlotJuggler block in the diagram the columns are all signals.
     """
     _, diagram = load(path, settings)
     if rate is not None:
@@ -30,13 +31,13 @@ def columns(path, settings=(), rate=None):
         with diagram:
             PlotJuggler()
     schedule = compiled(path, diagram)
-    found = next(sink for sink in schedule.sinks if isinstance(sink.block, PlotJuggler))
-    signals = [vars(column) for column in found.columns]
-    return schedule.name, schedule.rate, [signals[place] for place in chosen(signals, found.block.signals)], found.block
+    sink = next(sink for sink in schedule.sinks if isinstance(sink.block, PlotJuggler))
+    signals = [vars(column) for column in sink.columns]
+    return schedule.name, schedule.rate, [signals[place] for place in chosen(signals, sink.block.signals)], sink.block
 
 
 def address(host):
-    """What PlotJuggler has to listen on so that it hears what is sent to a host: it takes numbers alone."""
+    """Return the IP address on which PlotJuggler must listen to receive what is sent to a host."""
     try:
         return str(ip_address(host))
     except ValueError:
@@ -44,13 +45,13 @@ def address(host):
 
 
 def layout(name, signals, host, port):
-    """The file's text. signals : columns; host, port : that is sent to"""
+    """Return the text of the layout file. signals : columns; host, port : destination of the stream"""
     root, host = tree.Element("root"), address(host)
-    words = (
+    comment = (
         f"Tickwork: {name}. Start the stream with: address {host}, port {port}, protocol {PROTOCOL}; "
-        f"tick 'use field as timestamp' and enter {STAMP}. PlotJuggler keeps that."
+        f"tick 'use field as timestamp' and enter {TIMESTAMP}. PlotJuggler keeps these settings."
     )
-    root.append(tree.Comment(f" {words.replace('-', '‐')} "))  # two hyphens would end a comment
+    root.append(tree.Comment(f" {comment.replace('-', '‐')} "))  # two hyphens would end a comment
     tabs = tree.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     for title, plots in by_unit(name, signals).items():
         tab = tree.SubElement(tabs, "Tab", tab_name=title, containers="1")
@@ -67,9 +68,11 @@ def layout(name, signals, host, port):
                 tree.SubElement(plot, "curve", name=curve(path), color=COLOURS[number % len(COLOURS)])
     tree.SubElement(tabs, "currentTabIndex", index="0")
     tree.SubElement(root, "use_relative_time_offset", enabled="1")
-    tree.SubElement(root, "streaming_buffer_size", value=str(BUFFER))
+    tree.SubElement(root, "streaming_buffer_size", value=str(BUFFER_DURATION))
     plugins = tree.SubElement(root, "Plugins")
-    tree.SubElement(plugins, "plugin", ID=STREAMER, address=host, port=str(port), protocol=PROTOCOL, timestamp=STAMP)
+    tree.SubElement(
+        plugins, "plugin", ID=STREAMER, address=host, port=str(port), protocol=PROTOCOL, timestamp=TIMESTAMP
+    )
     tree.SubElement(root, "previouslyLoaded_Datafiles")
     tree.SubElement(root, "previouslyLoaded_Streamer", name=STREAMER)
     tree.indent(root)
@@ -77,5 +80,5 @@ def layout(name, signals, host, port):
 
 
 def curve(path):
-    """What PlotJuggler calls a signal: its own parser makes a path of nested names."""
+    """Return the name of a signal in PlotJuggler, whose parser joins nested names with slashes."""
     return "/" + path.replace(".", "/")

@@ -1,4 +1,4 @@
-"""The services of the recorder process by name: ours, and those of installed packages."""
+"""Services of the recorder process by name: of this package and of installed packages."""
 
 from runtime.base.plugins import Plugins
 
@@ -13,4 +13,4 @@ SERVICES = Plugins(
         "rerun": "runtime.recorder.rerun.sender:RerunSender",
     },
 )
-LOGS = ("mcap", "candump")  # services of every recording with files; no Sink names them
+LOGS = ("mcap", "candump")  # services of every recording with files, without a Sink

@@ -1,13 +1,13 @@
-"""The recorder process: starts a writer (runtime.recorder.writer), and another one where a writer dies.
+"""The recorder process: starts a writer (runtime.recorder.writer), and a new one when a writer dies.
 
-    start     the writer opens part 1 of the recording and drains the ring into it
-    death     the cause is printed once; a new writer records part 2, 3, ... into files of its own, from the first
-    record that part 1 lacks end       no new writer starts after RESTART_LIMIT deaths, after a second death of one
-    cause, or once the control process has ended
+* start: the writer opens part 1 of the recording and drains the ring into it
+* death: the cause is printed once, and a new writer records part 2, 3, ... from the first record that is missing
+* end: no new writer starts after RESTART_LIMIT deaths, after a second death of the same cause, or once the control
+  process has ended
 
-Parts share nothing but the checkpoint (runtime.recorder.checkpoint), which says how far each file of the dead writer is
-whole. The loop never waits for any of this: without a writer the ring fills and drops. Signals do not end this process;
-the end of its writer does.
+Parts share only the checkpoint (runtime.recorder.checkpoint), which holds the complete length of each file. The loop
+never waits for a writer: without one the ring fills and drops records. This process ignores signals and ends after its
+writer.
 """
 
 import json
@@ -28,53 +28,57 @@ from runtime.recorder.recording import RecordingFailed
 from runtime.recorder.report import PARTIAL, write_json
 from runtime.recorder.writer import answer, name_process, write
 
-ORDERS = 0  # standard input
+ORDERS_DESCRIPTOR = 0  # standard input
 RESTART_LIMIT = 3
 CANNOT_RECORD = 2  # exit code of a writer whose files cannot be created
 
 
 class Control:
-    """The control process as its recorder sees it: whether it lives, and its orders on standard input.
+    """State of the control process and its orders on standard input.
 
-    gone : it has ended, or runs another program
-    abandoned : it wants no recording
+    gone : whether it has ended or runs another program
+    abandoned : whether it has ordered to discard the recording
     """
 
     def __init__(self, pidfd, page):
         self.pidfd, self.page = pidfd, page
         self.gone = self.abandoned = self.hung_up = False
-        self.heard = b""
+        self.received = b""
         self.poll = select.poll()
         self.poll.register(pidfd, select.POLLIN)
-        self.poll.register(ORDERS, select.POLLIN)
+        self.poll.register(ORDERS_DESCRIPTOR, select.POLLIN)
 
     def look(self, milliseconds=None):
-        """Wait until something happens, but no longer than `milliseconds`."""
+        """Wait for an order or the end of the control process, at most for `milliseconds`."""
         for descriptor, _ in self.poll.poll(milliseconds):
             if descriptor == self.pidfd:
                 self.gone = True
                 self.poll.unregister(self.pidfd)
                 continue
-            data = os.read(ORDERS, 1 << 20)
-            self.heard += data
+            data = os.read(ORDERS_DESCRIPTOR, 1 << 20)
+            self.received += data
             if not data:
-                self.poll.unregister(ORDERS)
+                self.poll.unregister(ORDERS_DESCRIPTOR)
                 self.hung_up = True
-            self.abandoned = self.abandoned or self.heard.endswith(b"abandon\n")
-        if self.hung_up and not self.gone:  # at the end of a run, or where a block has closed descriptors, it goes on
+            self.abandoned = self.abandoned or self.received.endswith(b"abandon\n")
+        if self.hung_up and not self.gone:  # a hang-up alone: end of the run, or a block has closed descriptors
             self.gone = not maps(self.page.control, self.page.fd)
 
     def plan(self):
-        """The first order, or None if there will be none."""
-        while b"\n" not in self.heard and not self.gone:
+        """Return the plan, which is the first order; None if the run ends before it."""
+        while b"\n" not in self.received and not self.gone:
             self.look()
-        line, _, self.heard = self.heard.partition(b"\n")
+        line, _, self.received = self.received.partition(b"\n")
         return None if self.abandoned or self.gone else json.loads(line)
 
 
 def main(answers, control, page, keys):
-    """File descriptors of the pipe for answers, a pidfd of the control process, of the page, and its terminal's or
-    -1.
+    """Run the recorder process.
+
+    answers : file descriptor of the pipe to the control process
+    control : pidfd of the control process
+    page : file descriptor of the shared state
+    keys : file descriptor of the terminal, or -1
     """
     ignore_signals()
     be_ordinary()
@@ -89,7 +93,7 @@ def main(answers, control, page, keys):
         current = {**plan, "part": part}
         cause, unfit = death_of_writer(lambda: write(page, answers, orders, keys, current, checkpoint), page)
         state = checkpoint.newest()
-        if cause is None or state is None:  # it is done, or died before it was ready, which control reports
+        if cause is None or state is None:  # complete, or dead before it was ready, which the control process reports
             return
         checkpoint.cut_files(state)
         again = not unfit and cause not in causes and len(causes) < RESTART_LIMIT and not ended(control)
@@ -104,7 +108,7 @@ def main(answers, control, page, keys):
 def death_of_writer(writer, page):
     """Fork a process that calls `writer`, and wait until it has ended.
 
-    Returns the cause of its death in words, None if it finished, and whether it could not even create its files.
+    Returns the cause of its death as text, None if it completed, and whether it could not create its files.
     """
     reader, pipe = os.pipe()
     pid = os.fork()
@@ -122,27 +126,29 @@ def death_of_writer(writer, page):
     os.close(pipe)
     status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
     with open(reader, "rb") as stream:
-        words = stream.read().decode(errors="replace")
+        text = stream.read().decode(errors="replace")
     if status == 0:
         return None, False
-    return words or (signal.Signals(-status).name if status < 0 else f"exit code {status}"), status == CANNOT_RECORD
+    return text or (signal.Signals(-status).name if status < 0 else f"exit code {status}"), status == CANNOT_RECORD
 
 
 def described(error):
-    """An exception in a line."""
+    """Return the text of an exception in one line."""
     return " ".join((str(error) if isinstance(error, RecordingFailed) else name_and_text(error)).split())
 
 
 def ended(pidfd):
-    """Whether the process behind a pidfd has ended."""
+    """Return whether the process of a pidfd has ended."""
     poll = select.poll()
     poll.register(pidfd, select.POLLIN)
     return bool(poll.poll(0))
 
 
 def successor(plan, part, state, cause, again, page):
-    """(plan of the next part, its number, what happened in a line). state : the newest checkpoint of the part that
-    died
+    """Return (plan of the next part, its number, the problem in one line).
+
+    state : newest checkpoint of the part whose writer died
+    again : whether a next part follows
     """
     lost = page.statistics()["dropped"] - state["dropped"]
     died = f"the writer of part {part} died ({cause})"
@@ -151,12 +157,12 @@ def successor(plan, part, state, cause, again, page):
     )
     problem = f"{died}; {following}" if again else f"{died}; recording stops and the run continues without it"
     with suppress(OSError, TypeError):
-        os.unlink(state["sidecar"] + PARTIAL)  # which the writer was replacing its sidecar with
+        os.unlink(state["sidecar"] + PARTIAL)  # incomplete replacement of the sidecar
     with suppress(OSError, ValueError, TypeError):
-        known = json.loads(Path(state["sidecar"]).read_text())
+        sidecar = json.loads(Path(state["sidecar"]).read_text())
         write_json(
             state["sidecar"],
-            {**known, "ended": f"the recorder died ({cause})" + f"; part {part + 1} continues it" * again},
+            {**sidecar, "ended": f"the recorder died ({cause})" + f"; part {part + 1} continues it" * again},
         )
     before = plan.get("before", {"files": {}, "logs": [], "problems": [], "stem": state["stem"]})
     before = {
@@ -170,7 +176,7 @@ def successor(plan, part, state, cause, again, page):
 
 
 def lost_report(before):
-    """What control gets where recording has stopped for good."""
+    """Return the report of a recording that has stopped before the end of the run."""
     files = [{"path": path, "note": remark} for path, remark in before["files"].items()]
     return {"files": files, "problems": before["problems"], "strides": [], "sinks": {}, "ended": "unknown"}
 

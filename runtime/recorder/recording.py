@@ -1,6 +1,6 @@
-"""One recording: what comes out of the ring goes to the services of the sinks, the logs and the sidecar.
+"""One part of a recording: passes records of the ring to the services of sinks and logs, and writes the sidecar.
 
-A service that fails is stopped and told about; the rest goes on.
+A service that fails is stopped and reported; the others continue.
 """
 
 import json
@@ -21,34 +21,35 @@ from runtime.recording.format import BUS_BYTE, row_struct
 from runtime.recording.repair import Backlog
 from runtime.report import preflight
 
-KEPT_EVENTS = 100_000
+SIDECAR_EVENT_LIMIT = 100_000
 
 
 class RecordingFailed(Exception):
-    """The files cannot be made. The text says why, in one line."""
+    """The files cannot be created. The text is the reason in one line."""
 
 
 class Recording:
-    """
+    """One part of a recording.
+
     plan : as runtime.recorder describes it
     page : cext.safety.shared_state.SharedState
-    part : 1; after the death of a writer 2, and so on
-    say : called with a line of text that the person at the terminal shall read
+    part : 1; 2, 3, ... after the death of a writer
+    say : function that prints a line on the terminal
     """
 
     def __init__(self, plan, page):
         self.plan, self.page = plan, page
         self.part = plan.get("part", 1)
-        before = plan.get("before", {"files": {}, "logs": [], "problems": []})  # the parts whose writers have died
+        before = plan.get("before", {"files": {}, "logs": [], "problems": []})  # earlier parts, whose writers have died
         self.row = row_struct(len(plan["signals"]))
         self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
         self.events, self.events_left_out, self.end = [], 0, None
         self.changes = Changes(table.read(page).parameters)
         self.newest = None  # the newest row: tick, lateness, values
         self.traffic = [0] * len(plan["buses"])  # frames of each bus, received or sent
-        self.bits = [0] * len(plan["buses"])  # that they took on the wire
-        self.services = []  # (path, service), those that live
-        self.pickers = []  # (what picks the columns out of a row, service)
+        self.bits = [0] * len(plan["buses"])  # length of these frames on the bus
+        self.services = []  # (path, service) of the running ones
+        self.pickers = []  # (function from a row to the columns of the service, service)
         self.whole_rows, self.drains, self.frames = [], [], []  # services that take every signal, drains, frames
         self.about = {}
         self.sidecar = None
@@ -57,18 +58,18 @@ class Recording:
         self.say = lambda line: None
         self.console, self.asks = Console(), False
         self.before = before["files"]  # {path: remark}
-        self.backlog = Backlog(before["logs"])  # their flight logs, which are not finished
+        self.backlog = Backlog(before["logs"])  # their incomplete flight logs
         if "lost" in before:
             self.events.append({"event": "recorder", "part": self.part, "dropped": before["lost"]})
 
     def open(self):
-        """Make the folder and every file. RecordingFailed, with nothing left behind."""
-        doing = f"cannot record into {self.plan['folder']!r}"
+        """Create the folder and every file. Raises RecordingFailed and then leaves no file."""
+        problem = f"cannot record into {self.plan['folder']!r}"
         try:
             if self.plan["folder"] is not None:
                 self.open_folder()
             for sink in self.plan["sinks"]:
-                doing = f"{sink['path']} cannot start"
+                problem = f"{sink['path']} cannot start"
                 try:
                     self.open_sink(sink)
                 except Exception as error:
@@ -76,15 +77,15 @@ class Recording:
                         raise
                     self.leave_out(sink["path"], error)
             for name in LOGS if self.plan["folder"] is not None else ():
-                doing = f"the {name} log cannot start"
+                problem = f"the {name} log cannot start"
                 kind = SERVICES.load(name)
                 if kind.applies(self.plan):
-                    doing = f"the {kind.title} cannot start"
+                    problem = f"the {kind.title} cannot start"
                     self.start(kind, {"path": kind.title, "columns": self.plan["signals"], "parameters": {}})
             self.share_out()
-        except Exception as error:  # a service may be anybody's
+        except Exception as error:  # a service can be of any package
             self.discard()
-            raise RecordingFailed(f"{doing}: {reason(error)}") from error
+            raise RecordingFailed(f"{problem}: {reason(error)}") from error
 
     def start(self, kind, sink):
         service = kind(self.plan, sink)
@@ -107,27 +108,27 @@ class Recording:
         )
 
     def leave_out(self, path, error):
-        """Do without a service that cannot start in a later part, such as one whose viewer was closed."""
+        """Leave out a service that cannot start in a later part, for example because its viewer was closed."""
         for entry in [entry for entry in self.services if entry[0] == path]:
             self.services.remove(entry)
             self.files.update({file: files.INCOMPLETE for file in entry[1].files})
-        self.problems.append(f"{path} does not go on: {reason(error)}")
+        self.problems.append(f"{path} does not continue: {reason(error)}")
         self.sinks[path] = {"failed": self.problems[-1]}
 
     def say_later(self, line):
-        """`say`, which is there once the files are open."""
+        """Call `say`, which is set after the files are open."""
         self.say(line)
 
     def open_folder(self):
         folder = self.plan["folder"]
         self.folders = files.make_folder(folder)
         self.plan["stem"], self.sidecar, descriptor = files.reserve(folder, self.plan["stem"])
-        self.files[self.sidecar] = "what ran, and how it went"
+        self.files[self.sidecar] = "description and report of the run"
         with open(descriptor, "w") as file:
             json.dump({"name": self.plan["name"], "ended": STILL_RECORDING}, file)
 
     def begin(self):
-        """What may take its time, once the control process need not wait for it."""
+        """Gather the provenance and begin the services, while the control process continues."""
         self.about = provenance.gather(self.plan)
         if self.sidecar is not None:
             write_json(self.sidecar, {"name": self.plan["name"], "ended": STILL_RECORDING, **self.about})
@@ -135,7 +136,7 @@ class Recording:
             self.attempt(service, lambda: service.begin(self.about))
 
     def take(self, records):
-        """Records as the page's `drain` returns them."""
+        """Pass records to the services. records : as `drain` of the page returns them"""
         for kind, payload in records:
             if kind == RECORD_ROW:
                 values = self.newest = self.row.unpack(payload)
@@ -173,8 +174,8 @@ class Recording:
                 for event in self.changes.events(payload):
                     self.take_event(event)
 
-    def tell(self, event):
-        """What of the events a person shall read at once."""
+    def show(self, event):
+        """Print the lines of an event on the terminal."""
         if event.get("event") == "preflight":
             for line in preflight.text(event, self.console):
                 self.say(line)
@@ -183,10 +184,10 @@ class Recording:
             self.say(line)
 
     def take_event(self, event):
-        self.tell(event)
+        self.show(event)
         if event.get("event") == "end":
             self.end = event
-        elif len(self.events) < KEPT_EVENTS:
+        elif len(self.events) < SIDECAR_EVENT_LIMIT:
             self.events.append(event)
             if event.get("event") == "warning":
                 self.say(f"tickwork: {event['device']} at tick {event['tick']}: {event['what']}")
@@ -198,17 +199,17 @@ class Recording:
     def flush(self):
         for _, service in list(self.services):
             self.attempt(service, service.flush)
-        self.miss()
+        self.stop_deleted()
 
-    def miss(self):
-        """Stop the services whose files were deleted: what they wrote would be nowhere."""
+    def stop_deleted(self):
+        """Stop the services whose files were deleted."""
         for _, service in list(self.services):
             gone = [] if service.elsewhere else [file for file in service.files if not os.path.exists(file)]
             if gone:
                 self.stop(service, OSError(0, "its file was deleted", gone[0]))
 
     def sizes(self):
-        """{path: bytes} of every file that this process writes, as it is on the disk."""
+        """Return {path: bytes} of every file that this process writes, as on the disk."""
         others = {
             self.sidecar,
             *self.before,
@@ -221,7 +222,7 @@ class Recording:
         }
 
     def checkpoint(self):
-        """What the next part has to know, should this process die: a dict for JSON."""
+        """Return the state for the next part, should this process die: a dict for JSON."""
         return {
             "sizes": self.sizes(),
             "files": self.known(),
@@ -231,7 +232,7 @@ class Recording:
         }
 
     def attempt(self, service, action):
-        """Call a service's method. If it raises, the service is stopped, and None returned."""
+        """Call a method of a service. Returns its result; stops the service and returns None if it raises."""
         try:
             return action()
         except Exception as error:
@@ -239,7 +240,7 @@ class Recording:
             return None
 
     def stop(self, service, error):
-        """A service has failed: say so once, keep what it has written, and go on without it."""
+        """Stop a failed service, keep its files and report the problem."""
         if all(other is not service for _, other in self.services):
             return
         path = next(path for path, other in self.services if other is service)
@@ -249,18 +250,18 @@ class Recording:
         problem = f"{path} stopped at {self.time:g} s: {reason(error)}"
         try:
             service.close()
-        except Exception:  # it has failed already, and that is what is told
+        except Exception:  # the first failure is reported
             pass
         self.sinks[path] = {"failed": problem}
         self.files.update({file: files.INCOMPLETE if os.path.exists(file) else files.DELETED for file in service.files})
         self.problems.append(problem)
-        self.say(f"tickwork recorder: {problem}; the run goes on")
+        self.say(f"tickwork recorder: {problem}; the run continues")
 
     def finish(self, orphaned):
-        """Close everything, write the sidecar. Returns the report."""
+        """Close all services and write the sidecar. Returns the report."""
         for service in [service for _, service in self.services if takes(service, "end")]:
             self.attempt(service, lambda: service.end(outcome(self, orphaned)))
-        self.miss()
+        self.stop_deleted()
         for path, service in list(self.services):
             result = self.attempt(service, service.close) or {}
             if path not in self.sinks:
@@ -288,7 +289,7 @@ class Recording:
         return report
 
     def known(self):
-        """{path: remark} of every file; the sidecar comes last."""
+        """Return {path: remark} of every file, the sidecar last."""
         known = {
             **self.before,
             **self.files,
@@ -300,26 +301,26 @@ class Recording:
         return known
 
     def list_files(self):
-        """The same, as the report has it."""
+        """Return every file as the report lists it."""
         return [{"path": path, "note": note} for path, note in self.known().items()]
 
     def discard(self):
-        """Take away all that this recording has made."""
+        """Remove all files and folders of this recording."""
         for _, service in self.services:
             try:
                 service.close()
-            except Exception:  # the file goes away anyhow
+            except Exception:  # the file is removed below
                 pass
         for file in self.list_files():
             with suppress(FileNotFoundError):
                 os.unlink(file["path"])
-        with suppress(OSError):  # somebody else uses the folder by now
+        with suppress(OSError):  # another process uses the folder
             for folder in reversed(self.folders):
                 os.rmdir(folder)
 
 
 def picker(indices, columns):
-    """What takes these columns out of an unpacked row, as a tuple."""
+    """Return a function from an unpacked row to the tuple of these columns."""
     if indices == list(range(columns)):
         return itemgetter(slice(2, None))
     if len(indices) == 1:

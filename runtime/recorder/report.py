@@ -1,4 +1,4 @@
-"""What a recording says of itself: in the sidecar file, in the flight log, and to the control process."""
+"""The report of a recording: for the sidecar file, the flight log and the control process."""
 
 import os
 from datetime import datetime, timezone
@@ -8,11 +8,11 @@ from runtime.base.errors import BadInput
 from runtime.base.exception_text import name_and_text
 from runtime.recording.files import private
 
-STILL_RECORDING = "still recording; if no process is, the recorder was killed, and the files stop where it did"
+STILL_RECORDING = "still recording; if no recorder process runs, it was killed and the files end there"
 
 
 def outcome(recording, orphaned):
-    """How it went, for the flight log: in virtual time nothing that another run of the same would not say, too."""
+    """Return the end of a run for the flight log; in virtual time only values that every equal run reproduces."""
     facts = {
         "ended": ending(recording.end, orphaned),
         "end": recording.end,
@@ -30,7 +30,7 @@ def outcome(recording, orphaned):
 
 
 def describe(recording, orphaned):
-    """Everything the report says besides what the services made."""
+    """Return the report without the results of the services."""
     plan, statistics = recording.plan, recording.page.statistics()
     wall = recording.page.wall
     return {
@@ -60,9 +60,9 @@ def describe(recording, orphaned):
 
 
 def ending(end, orphaned):
-    """How the run ended, in words."""
+    """Return how the run ended, as text."""
     if end is None:
-        return "the control process died" if orphaned else "without a word"
+        return "the control process died" if orphaned else "without an end event"
     if end["status"] != "ok":
         return f"fault: {end['status']} at {end.get('culprit')}, tick {end.get('tick')}"
     if end.get("stopped"):
@@ -71,7 +71,7 @@ def ending(end, orphaned):
 
 
 def reason(error):
-    """What an exception says, without the path and number that an OSError repeats."""
+    """Return the text of an exception, for an OSError without number and repeated path."""
     if isinstance(error, FileExistsError):
         return f"{error.filename} is not a folder"
     if isinstance(error, BadInput):
@@ -81,11 +81,11 @@ def reason(error):
     return name_and_text(error)
 
 
-PARTIAL = ".part"  # ending of a file until it is whole
+PARTIAL = ".part"  # suffix of an incomplete file
 
 
 def write_json(path, content):
-    """Replace a JSON file at once. NaN and infinities become null, as JSON wants it."""
+    """Replace a JSON file atomically. NaN and infinities become null."""
     import msgspec.json
 
     part = path + PARTIAL

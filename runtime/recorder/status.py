@@ -1,22 +1,24 @@
-"""The status line: how the run is doing, refreshed in place ten times a second while it runs on a terminal.
+"""The status line of a run on a terminal, refreshed ten times a second.
 
     running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · missed 0 · dropped 0 ·
-    left/knee ━━╌╌  −4.5 N·m running 5.3/10 s  200.0 Hz  late 61/240 µs  load 3.1 %  legs 21 %  lost 0  τ ▃▁
+    left/knee ━━╌╌  −4.5 N·m
 
-The second is what 80 columns have room for. What the keys have chosen stands behind the time. A bar is a torque's share
-of its limit. Lateness is the median and the 99th percentile of the run so far; rate, load and what is on the buses are
-those of the last second: of CAN the share of its bits that frames take, of others their frames.
+    running 5.3/10 s  200.0 Hz  late 61/240 µs  load 3.1 %  legs 21 %  lost 0  τ ▃▁
+
+The second form fits 80 columns. The parameter selected with the keys follows the time. A bar is the share of the torque
+limit. Lateness is the median and the 99th percentile since the start; rate, load and bus load are averages over the
+last second: for CAN the share of the bitrate, for other buses frames per second.
 """
 
 from collections import deque
 
 from runtime.console.status_layout import bar, fit, part
 
-REFRESH = 0.1  # s
-WINDOW = 10  # refreshes over which rates are taken
-STEADY = 30  # refreshes for which there was more room before the line takes it, so that it does not flicker
+REFRESH_PERIOD = 0.1  # s
+RATE_WINDOW = 10  # refreshes
+WIDENING_DELAY = 30  # refreshes with room for a longer form before it is shown, against flicker
 TORQUE_BAR = 4  # characters
-LEVELS = ".:-=+*#@", "▁▂▃▄▅▆▇█"  # of a torque where there is room for one character
+LEVELS = ".:-=+*#@", "▁▂▃▄▅▆▇█"  # torque bars of one character
 HIGH_LOAD, HIGH_TORQUE = 0.8, 0.95  # share of the time in ticks; of the limit
 STATES = {
     "running": "green",
@@ -30,20 +32,22 @@ STATES = {
 
 
 class StatusLine:
+    """The status line of one run."""
+
     def __init__(self, terminal, plan, page, panel=None, recording=None):
         self.terminal, self.plan, self.page, self.panel, self.recording = terminal, plan, page, panel, recording
         self.torques = torques_of(plan)
         self.enabled = plan["status_line"] and terminal.interactive
         self.next = 0.0
-        self.history, self.state = deque(maxlen=WINDOW + 1), None  # of the present state alone
-        # by which steps the newest lines were; on how many columns
-        self.narrowed, self.columns = deque(maxlen=STEADY), None
+        self.history, self.state = deque(maxlen=RATE_WINDOW + 1), None  # of the present state alone
+        # shortening of the newest lines; width of the terminal
+        self.narrowed, self.columns = deque(maxlen=WIDENING_DELAY), None
 
     def update(self, now):
-        """Redraw if it is time. now : s, of any steady clock"""
+        """Redraw if due. now : s, of any monotonic clock"""
         if not self.enabled or now < self.next:
             return
-        self.next = now + REFRESH
+        self.next = now + REFRESH_PERIOD
         statistics = self.page.statistics()
         frames = statistics["frames"]["sent"] + statistics["frames"]["received"]
         if self.page.state != self.state:  # arming has other rates than running
@@ -74,7 +78,7 @@ class StatusLine:
 
 
 def torques_of(plan):
-    """[(name of the actuator, place in the recorded row, limit)] of a run whose plan says what their limits are."""
+    """Return [(name of the actuator, index in the recorded row, limit)] of the actuators with known limits."""
     limits = {path: max(map(abs, ends)) for path, ends in plan.get("limits", {}).items() if path.endswith(".torque")}
     return [
         (signal["path"].removesuffix(".torque"), 2 + place, limits[signal["path"]])
@@ -84,12 +88,12 @@ def torques_of(plan):
 
 
 def torque_part(torques, row, unicode):
-    """The part of the line about the torques, in a list; none where there are none. row : tick, lateness, values"""
+    """Return a list with the part of the torques, empty without torques. row : tick, lateness, values"""
     long, middle, shares = [], [], []
     for name, place, limit in torques:
         torque, share = row[place], abs(row[place]) / limit
         colour = "red" if share > HIGH_TORQUE else None
-        if share != share:  # a NaN is a fault, and told as one
+        if share != share:  # NaN, which ends the run with a fault
             shares.append(("!", "red"))
             continue
         text = f"{torque:{len(f'{-limit:.1f}')}.1f} N·m"
@@ -107,16 +111,18 @@ def torque_part(torques, row, unicode):
 
 
 def rates(history):
-    """(ticks/s, share of the time spent in ticks, frames/s, those of each bus, its bits/s) over the window, or None
-    while there is too little of it.
+    """Return (ticks/s, share of time in ticks, frames/s, frames/s of each bus, bits/s of each bus) over the window.
+
+    None with fewer than two samples.
     """
     (start, *first), (stop, *last) = history[0], history[-1]
     return tuple((b - a) / (stop - start) for a, b in zip(first, last)) if stop > start else None
 
 
 def describe(plan, state, statistics, speeds, unicode, chosen=()):
-    """The parts of the line, in their order.
+    """Return the parts of the line in order.
 
+    speeds : as `rates` returns it
     chosen : parts of the panel
     """
     seconds = (statistics["last_tick"] + 1) / plan["rate"]
@@ -158,7 +164,7 @@ def describe(plan, state, statistics, speeds, unicode, chosen=()):
 
 
 def traffic(plan, pace, frames, each):
-    """Parts of the line about the buses. pace : s of the run in a second; each : frames/s of every bus, then bits/s"""
+    """Return the parts of the buses. pace : s of the run per second; each : frames/s of every bus, then bits/s"""
     parts = []
     for place, (name, speed) in enumerate(zip(plan["buses"], each)):
         bitrate = plan.get("bitrates", {}).get(name)

@@ -1,6 +1,6 @@
-"""The average stride of each leg while it is recorded, and the picture of them at the end.
+"""The average stride of each leg, updated during the recording, and their picture at the end.
 
-Each part of a recording has its own average; `plot --strides` reads them all.
+Each part of a recording has its own average; `plot --strides` reads all parts.
 """
 
 import os
@@ -27,14 +27,14 @@ class StrideAverage(Service):
         sources = {signal["index"]: signal["path"] for signal in self.plan["signals"]}
         signals = {name: sources[column["index"]] for name, column in zip(INPUTS, self.sink["columns"])}
         self.result = {"title": self.title, "path": self.sink["path"], "signals": signals, **self.average.result()}
-        told, part = {key: self.result[key] for key in ("strides", "left_out")}, self.plan.get("part", 1)
-        return told | (
-            {"problem": f"{self.title}: strides before part {part} are not in the average"} if part > 1 else {}
+        summary, part = {key: self.result[key] for key in ("strides", "left_out")}, self.plan.get("part", 1)
+        return summary | (
+            {"problem": f"{self.title}: the average does not include strides before part {part}"} if part > 1 else {}
         )
 
     @classmethod
     def conclude(cls, plan, services):
-        """All legs in one picture. Report: `strides`, of each leg a dict in s, N·m, J, rad and W."""
+        """Draw all legs in one picture. Returns `strides` for the report: a dict per leg in s, N·m, J, rad and W."""
         results = [service.result for service in services]
         walked = [result for result in results if result["strides"]]
         if not walked or plan["folder"] is None:

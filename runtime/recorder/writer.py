@@ -1,7 +1,6 @@
-"""The process that writes: drains the ring into one part of a recording until the run is over, finishes the files, and
-reports.
+"""The writer process: drains the ring into one part of a recording, completes the files and reports.
 
-It outlives the control process: whatever had reached the ring when that died is written.
+It outlives the control process and writes all records that were in the ring when that died.
 """
 
 import json
@@ -17,17 +16,18 @@ from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
 from runtime.recorder.status import StatusLine
 
-BATCH = 4096  # records taken out of the ring at once
-IDLE = 5  # ms between looks at an empty ring
-IDLE_VIRTUAL = 1  # ms; a loop in virtual time waits for us
-FLUSH = 0.5  # s between flushes at most,
-HELD = 0.25  # or this share of the ring that waits for one
-FOLLOW = 0.1  # s between looks at who has the terminal
+DRAIN_LIMIT = 4096  # records per drain of the ring
+POLL_PERIOD = 5  # ms, of an empty ring
+POLL_PERIOD_VIRTUAL = 1  # ms; a loop in virtual time waits for the writer
+FLUSH_PERIOD = 0.5  # s
+FLUSH_SHARE = 0.25  # of the ring; a flush is due when more than this is not released
+TERMINAL_POLL_PERIOD = 0.1  # s, of the process group in the foreground
 
 
 def write(page, answers, control, keys, plan, checkpoint):
-    """One part, from opening its files to its report. RecordingFailed, of a part behind the first, where its files
-    cannot be made
+    """Record one part, from opening its files to its report.
+
+    Raises RecordingFailed if the files of a later part cannot be created; part 1 reports that to the control process.
     """
     recording = Recording(plan, page)
     try:
@@ -50,23 +50,25 @@ def write(page, answers, control, keys, plan, checkpoint):
     try:
         record(page, answers, control, keys, recording, terminal, checkpoint)
     finally:
-        if before is not None:  # whoever had changed the terminal may have been killed, and the run with it
+        if before is not None:  # the process that changed the terminal may have been killed
             put_back(keys, before)
 
 
 def record(page, answers, control, keys, recording, terminal, checkpoint):
-    """Ring to recording, until the run is over; then the end of the recording, and the report."""
+    """Drain the ring until the run is over, then complete the recording and send the report."""
     plan = recording.plan
     recording.begin()
     answered = keys >= 0 and plan["status_line"] and plan.get("keys", True) and terminal.interactive
     panel = Panel(page, Keyboard(keys, page.control), recording) if answered else None
     status = StatusLine(terminal, plan, page, panel, recording)
     try:
-        drain(page, control, recording, status, panel, checkpoint, IDLE_VIRTUAL if plan["virtual"] else IDLE)
+        drain(
+            page, control, recording, status, panel, checkpoint, POLL_PERIOD_VIRTUAL if plan["virtual"] else POLL_PERIOD
+        )
     finally:
         if panel is not None:
             panel.close()
-    if control.abandoned or (control.gone and not page.wall):  # nothing has begun
+    if control.abandoned or (control.gone and not page.wall):  # the run has not started
         recording.discard()
         return
     orphaned = not page.closed
@@ -78,22 +80,22 @@ def record(page, answers, control, keys, recording, terminal, checkpoint):
 
 
 def drain(page, control, recording, status, panel, checkpoint, idle):
-    """Ring to recording, until nothing more will come."""
+    """Drain the ring into the recording until the end of the run."""
     flush_at = follow_at = 0.0
     while True:
-        # asked first: what was pushed before is then in the ring
+        # read before the drain: all earlier records are then in the ring
         over = page.closed or (control.gone and not guarded(page))
-        records = page.drain(BATCH, release=False)
+        records = page.drain(DRAIN_LIMIT, release=False)
         recording.take(records)
         now = time.monotonic()
-        if now >= flush_at or page.held > HELD:
+        if now >= flush_at or page.held > FLUSH_SHARE:
             recording.flush()
             checkpoint.save(recording.checkpoint())
-            flush_at = now + FLUSH
+            flush_at = now + FLUSH_PERIOD
         if panel is not None and not over:
             if now >= follow_at:
                 panel.keyboard.follow()
-                follow_at = now + FOLLOW
+                follow_at = now + TERMINAL_POLL_PERIOD
             panel.look(now)
         if panel is None or panel.keyboard.here:
             status.update(now)
@@ -106,15 +108,14 @@ def drain(page, control, recording, status, panel, checkpoint, idle):
 
 
 def guarded(page):
-    """Whether a guardian is at work, which reports what it has done after the control process has died."""
+    """Return whether a guardian runs, which reports its stop after the death of the control process."""
     return time.monotonic_ns() - page.guarded < GUARDIAN_DEATH
 
 
 def cause_of_death(page):
-    """What the page shows of a control process that died before the end of its run: the signal that killed it from
-    within, or where it was.
+    """Return how a control process died before the end of its run: by a signal of its own, or in which state.
 
-    Its exit code goes to the process that started it, and to no other.
+    Its exit code is only available to its parent process.
     """
     if page.crashed:
         return f"of {signal.Signals(page.crashed).name}"
@@ -139,7 +140,7 @@ def orphan_line(report, cause):
 
 
 def answer(descriptor, message):
-    """One line of JSON to the control process, if it still listens."""
+    """Send one line of JSON to the control process, if it still runs."""
     data = json.dumps(message).encode() + b"\n"
     try:
         while data:

@@ -1,14 +1,12 @@
-"""Rerun: a run while it goes on, or a recording, in its viewer.
+"""Rerun: a live run in its viewer, in a browser or in a file.
 
-target      where it goes: a viewer, a browser, a file
-scene       what recorded signals become: plots, limits, limbs, inertial sensors
-blueprint   the viewer's layout, made from the scene
-catching_up what a recorder that has died had not handed over
-stream      rows and events as Rerun's columns and logs
-sender      the recorder's end: a service that never blocks
-process     the other end, in a process of its own, as Rerun's queues block whoever fills them
-viewer      the viewers and servers that it starts, on loopback unless told otherwise
-conversion  a recording as a file
+target      destination: a viewer, a browser, a file
+scene       what is shown: plots, limits, limbs, inertial sensors
+blueprint   layout of the viewer, from the scene
+stream      conversion of rows and events to Rerun's columns and logs
+sender      service of the recorder, which never blocks
+process     separate process that feeds Rerun, because Rerun's queues can block
+viewer      start of viewers and servers, on loopback by default
 
-Only `blueprint`, `stream`, `process`, `viewer` and `conversion` need the library, which is called `rerun`, too.
+`blueprint`, `stream`, `process` and `viewer` require the package `rerun-sdk`.
 """

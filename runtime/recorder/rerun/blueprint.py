@@ -1,11 +1,11 @@
-"""The viewer's layout: a plot a subsystem, the limbs in 3-D, and what happened."""
+"""Layout of the viewer: one plot per subsystem, the limbs in 3-D, and the events."""
 
 EVENTS = ("events",)
 SPACE = ("space",)
 
 
 def blueprint(scene):
-    """rerun.blueprint.Blueprint of a Scene."""
+    """Return the rerun.blueprint.Blueprint of a Scene."""
     import rerun as rr
     import rerun.blueprint as rrb
 

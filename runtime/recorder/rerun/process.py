@@ -1,12 +1,11 @@
-"""The process that feeds Rerun: rows and events come over a socket, and go into Rerun's own queues, which may block it
-as they like.
+"""The process that feeds Rerun from a socket, because Rerun's queues can block.
 
-    order       4 bytes of length, a letter, and its content: P, the plan as JSON; R, rows of doubles (tick, time,
-    values); E, an event as JSON; Q, all is told answers     lines of JSON: {"ready": ...} or {"error": ...}, then
-    {"gone": ...} if the viewer has gone, or at the end
-                {"done": {"rows": how many were shown, "problem": null}}
+    order    4 bytes of length, a letter, and its content: P, the plan as JSON; R, rows of doubles (tick, time, values);
+             E, an event as JSON; Q, the end
+    answer   a line of JSON: {"ready": ...} or {"error": ...}; then {"gone": ...} if the viewer has closed, or
+             {"done": {"rows": number of rows shown, "problem": null}}
 
-It ends when all is shown, when the recorder has died, or when its viewer has gone.
+It ends after the last order, or when the recorder has died or the viewer has closed.
 """
 
 import json
@@ -19,20 +18,20 @@ from struct import Struct
 from runtime.base.ending import ignore_signals
 
 HEAD = Struct("<IB")
-LOOK = 1.0  # s between looks at the viewer
-FLUSH = 0.2  # s between flushes
-SERVER_END = 5.0  # s for the server of the part before to have ended
-PATIENCE = 5.0  # s for a flush, before the viewer or the disk counts as gone
-RECEIVE = 1 << 20  # bytes at once
+VIEWER_CHECK_PERIOD = 1.0  # s
+FLUSH_PERIOD = 0.2  # s
+PORT_TIMEOUT = 5.0  # s, for the server of the previous part to release its ports
+FLUSH_TIMEOUT = 5.0  # s, after which the viewer or disk counts as failed
+RECEIVE_SIZE = 1 << 20  # bytes
 PLAN, ROWS, EVENT, QUIT = b"PREQ"
 
 
 class Gone(Exception):
-    """Nobody takes what is told any more. The text says who, in one line."""
+    """The viewer no longer takes data. The text is the reason in one line."""
 
 
 def main(answers, control, descriptor):
-    """File descriptors of the pipe for answers, a pidfd of the recorder, and the socket."""
+    """Run the process. answers : descriptor of a pipe; control : pidfd of the recorder; descriptor : of the socket"""
     ignore_signals()
     os.nice(5)
     quiet()
@@ -42,13 +41,13 @@ def main(answers, control, descriptor):
         order = orders.next(None)
         assert order is not None  # without a timeout
         plan = json.loads(order[1])
-        feed = Feed(plan, SERVER_END if plan["part"] > 1 else 0.0)
-        ready = say(answers, {"ready": feed.told})
+        feed = Feed(plan, PORT_TIMEOUT if plan["part"] > 1 else 0.0)
+        ready = say(answers, {"ready": feed.notice})
         follow(orders, feed)
         say(answers, {"done": {"rows": feed.count, "problem": None}})
     except Gone as error:
         say(answers, {"gone": str(error)})
-    except Exception as error:  # Rerun's, the disk's, the network's: told, as nobody sees this process
+    except Exception as error:  # of Rerun, disk or network: reported by the recorder
         say(
             answers,
             {"gone" if ready else "error": getattr(error, "strerror", None) or str(error) or type(error).__name__},
@@ -57,17 +56,17 @@ def main(answers, control, descriptor):
 
 
 def follow(orders, feed):
-    """Until all is told."""
+    """Carry out orders up to the last one."""
     look_at = flush_at = 0.0
     while True:
         now = time.monotonic()
         if now >= look_at:
             feed.look()
-            look_at = now + LOOK
+            look_at = now + VIEWER_CHECK_PERIOD
         if now >= flush_at:
             feed.flush()
-            flush_at = now + FLUSH
-        order = orders.next(FLUSH)
+            flush_at = now + FLUSH_PERIOD
+        order = orders.next(FLUSH_PERIOD)
         if order is None:
             continue
         kind, content = order
@@ -81,12 +80,12 @@ def follow(orders, feed):
 
 
 class Orders:
-    """What comes over the socket, in whole orders."""
+    """Receiver of complete orders from the socket."""
 
     def __init__(self, descriptor, control):
         self.socket = socket.socket(fileno=descriptor)
         self.socket.setblocking(False)
-        self.heard = bytearray()
+        self.received = bytearray()
         self.over = self.dead = False
         self.poll = select.poll()
         self.poll.register(self.socket, select.POLLIN)
@@ -94,13 +93,13 @@ class Orders:
         self.control = control
 
     def next(self, timeout):
-        """(kind, content) within s, or None. The end of the recorder is the last order."""
+        """Return (kind, content) of the next order, None after `timeout` s. The death of the recorder is an end."""
         while True:
-            if len(self.heard) >= HEAD.size:
-                length, kind = HEAD.unpack_from(self.heard)
-                if len(self.heard) >= HEAD.size + length:
-                    content = bytes(self.heard[HEAD.size : HEAD.size + length])
-                    del self.heard[: HEAD.size + length]
+            if len(self.received) >= HEAD.size:
+                length, kind = HEAD.unpack_from(self.received)
+                if len(self.received) >= HEAD.size + length:
+                    content = bytes(self.received[HEAD.size : HEAD.size + length])
+                    del self.received[: HEAD.size + length]
                     return kind, content
             if self.over:
                 return QUIT, b""
@@ -111,9 +110,9 @@ class Orders:
                 self.dead = True
                 self.poll.unregister(self.control)
             try:
-                data = self.socket.recv(RECEIVE)
+                data = self.socket.recv(RECEIVE_SIZE)
                 self.over = not data
-                self.heard += data
+                self.received += data
             except BlockingIOError:
                 self.over = self.dead
             except ConnectionError:
@@ -121,14 +120,16 @@ class Orders:
 
 
 class Feed:
-    """What is told, in Rerun. patience : s for ports to become free; plan : of the run, with `target`, as
-    runtime.recorder.rerun.target.Target has it, and `path` of the file
+    """Rerun's recording of a run.
 
-    told : what the person at the terminal shall know
-    count : rows that were shown
+    plan : of the run, with the fields of a Target as `target` and `path` of the file
+    timeout : s to wait for the ports of a server
+
+    notice : line for the terminal
+    count : number of rows shown
     """
 
-    def __init__(self, plan, patience=0.0):
+    def __init__(self, plan, timeout=0.0):
         import rerun as rr
 
         from runtime.recorder.rerun import viewer
@@ -138,7 +139,7 @@ class Feed:
         from runtime.recorder.rerun.target import bracketed, url
 
         kind, place, port = (plan["target"][key] for key in ("kind", "place", "port"))
-        self.path, self.count, self.told = plan["path"], 0, ""
+        self.path, self.count, self.notice = plan["path"], 0, ""
         self.process, self.watched, self.mortal = None, None, kind == "serve"
         self.width = 2 + len(plan["signals"])
         scene = Scene(plan["name"], plan["signals"], plan["limits"])
@@ -150,9 +151,9 @@ class Feed:
             if kind == "viewer":
                 self.process, host = viewer.viewer(port)
             elif kind == "serve":
-                self.process, host = viewer.serve(place, port, plan["web_port"], patience)
+                self.process, host = viewer.serve(place, port, plan["web_port"], timeout)
                 there = viewer.reached_at(place)
-                self.told = (
+                self.notice = (
                     "Rerun in a browser: "
                     f"http://{bracketed(there)}:{plan['web_port']}/?url={url(there, port).replace('+', '%2B')}"
                 )
@@ -178,7 +179,7 @@ class Feed:
         self.stream.event(event)
 
     def look(self):
-        """Gone, where the viewer is."""
+        """Raise Gone if the viewer has closed."""
         if self.process is not None and self.process.poll() is not None:
             raise Gone("the server has ended" if self.mortal else "the viewer was closed")
         if self.watched is not None and not self.answers(*self.watched):
@@ -186,21 +187,23 @@ class Feed:
 
     def flush(self):
         try:
-            self.recording.flush(timeout_sec=PATIENCE)
+            self.recording.flush(timeout_sec=FLUSH_TIMEOUT)
         except RuntimeError:
-            self.look()  # which may tell it better
+            self.look()  # raises a more specific reason
             raise Gone(
-                f"cannot write {self.path}: is the disk full?" if self.path else f"{self.where} takes nothing any more"
+                f"cannot write {self.path}: check whether the disk is full"
+                if self.path
+                else f"{self.where} no longer takes data"
             ) from None
 
     def finish(self):
         self.flush()
         if self.path:
-            self.recording.disconnect()  # which writes the end of the file
+            self.recording.disconnect()  # writes the end of the file
 
 
 def quiet():
-    """Rerun tells its troubles on standard error, which is the terminal of the run."""
+    """Discard the output of Rerun, which would go to the terminal of the run."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.dup2(nowhere, 2)
@@ -208,9 +211,9 @@ def quiet():
 
 
 def say(descriptor, message):
-    """Returns True: it has been said, to whoever listens."""
+    """Send a message to the recorder, if it still runs. Returns True."""
     try:
         os.write(descriptor, json.dumps(message).encode() + b"\n")
-    except OSError:  # nobody listens any more
+    except OSError:  # the recorder has ended
         pass
     return True

@@ -1,9 +1,8 @@
-"""What recorded signals become in a viewer: a plot a subsystem, limits, limbs with coloured joints, inertial sensors,
-faults.
+"""The scene of a viewer: one plot per subsystem, limits, limbs with coloured joints, inertial sensors, faults.
 
-A limb model is found by its names: in one subsystem, actuators called `hip`, `knee` and `ankle` (or ending so, as in
-`left_knee`) with a `position` in rad; what is not there stays straight. Angles are flexion: of the hip and of the ankle
-forward, of the knee back.
+Limbs are detected by name: actuators of one subsystem called `hip`, `knee` and `ankle` (or with such an ending, as in
+`left_knee`) with a `position` in rad. Missing joints stay straight. Angles are flexion: of hip and ankle forward, of
+the knee backward.
 """
 
 from dataclasses import dataclass, field
@@ -13,17 +12,19 @@ from runtime.recording.messages import split
 JOINTS, SEGMENTS = ("hip", "knee", "ankle"), ("thigh", "shank", "foot")
 # (Okabe and Ito 2008)
 COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233), (240, 228, 66))
-PALE = 0.45  # of white, in the colour of a position beside its torque
-SHOWN = ("position", "torque")  # ports of an actuator that a person wants to see together
-MOST = 8  # lines that are shown where there is no actuator
+POSITION_WHITE_SHARE = 0.45  # in the colour of a position beside its torque
+SHOWN_PORTS = ("position", "torque")  # of an actuator
+LINE_LIMIT = 8  # visible lines of a plot without an actuator
 
 
 @dataclass
 class Plot:
-    """
+    """Plot of one subsystem.
+
     title : of the subsystem
     entity : names from the outermost
-    columns : places in the row; labels, shown, colours : of each
+    columns : indices in the row
+    labels, shown, colours : of each column
     limits : [(label, value)]
     """
 
@@ -36,20 +37,20 @@ class Plot:
     limits: list = field(default_factory=list)
 
     def order(self):
-        """What is shown comes first: a legend is as long as it finds room."""
+        """Sort visible lines first, because a long legend is cut."""
         places = sorted(range(len(self.columns)), key=lambda place: not self.shown[place])
         self.columns, self.labels, self.shown = (
             [what[place] for place in places] for what in (self.columns, self.labels, self.shown)
         )
 
     def paint(self):
-        """An actuator's torque and position in one hue, the position paler; each other signal in one of its own."""
+        """Give torque and position of an actuator one hue, the position paler, and other signals hues of their own."""
         devices, self.colours = {}, []
         for number, (label, shown) in enumerate(zip(self.labels, self.shown)):
             block, _, port = label.partition(" [")[0].rpartition(".")
-            if shown and port in SHOWN:
+            if shown and port in SHOWN_PORTS:
                 hue = COLOURS[devices.setdefault(block, len(devices)) % len(COLOURS)]
-                pale = PALE if port == "position" else 0.0
+                pale = POSITION_WHITE_SHARE if port == "position" else 0.0
                 self.colours.append(tuple(round(share + pale * (255 - share)) for share in hue))
             else:
                 self.colours.append(COLOURS[number % len(COLOURS)])
@@ -57,7 +58,11 @@ class Plot:
 
 @dataclass(frozen=True)
 class Joint:
-    """position, torque : places in the row, None where it is not recorded; limit : N·m, of what is full colour"""
+    """Joint of a limb.
+
+    position, torque : indices in the row, None if not recorded
+    limit : N·m, torque of full colour
+    """
 
     name: str
     position: int | None
@@ -67,7 +72,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Limb:
-    """side : name of its subsystem; place : how many limbs stand before it; joints : {name: Joint}"""
+    """Limb of a subsystem. side : name of the subsystem; place : index of the limb; joints : {name: Joint}"""
 
     side: str
     place: int
@@ -76,8 +81,10 @@ class Limb:
 
 @dataclass(frozen=True)
 class Sensor:
-    """An inertial sensor. columns : of its quaternion, w first; side, segment : where it sits, "" where the names do
-    not tell
+    """Inertial sensor.
+
+    columns : indices of its quaternion in the row, w first
+    side, segment : its mounting by name, "" if unknown
     """
 
     path: str
@@ -87,7 +94,8 @@ class Sensor:
 
 
 class Scene:
-    """
+    """Scene of one diagram.
+
     name : of the diagram
     signals : as the plan of a recording has them
     limits : {path: (lowest, highest)}
@@ -106,13 +114,14 @@ class Scene:
         plots, limits = {}, {}
         for path, place in self.places.items():
             folder, block, port = split(path)
-            title = folder or self.name  # where a subsystem is called as the diagram, both are in one
+            title = folder or self.name  # a subsystem with the diagram's name shares its plot
             plot = plots.setdefault(title, Plot(title, tuple(folder.split("/")) if folder else (self.name,)))
             unit = self.signals[place]["unit"]
             plot.columns.append(place)
             plot.labels.append(path.removeprefix(f"{folder}/") + (f" [{unit}]" if unit not in ("1", "any") else ""))
             plot.shown.append(
-                port in SHOWN and all(f"{folder}/{block}.{other}".lstrip("/") in self.places for other in SHOWN)
+                port in SHOWN_PORTS
+                and all(f"{folder}/{block}.{other}".lstrip("/") in self.places for other in SHOWN_PORTS)
             )
             if path in self.limits and plot.shown[-1]:
                 low, high = self.limits[path]
@@ -121,21 +130,21 @@ class Scene:
         for folder, plot in plots.items():
             plot.limits = [
                 (f"{', '.join(blocks)}.{port} {end} {value:g} {unit}", value)
-                # equal ones are one line
+                # equal limits share one line
                 for (port, end, value, unit), blocks in limits.get(folder, {}).items()
             ]
             if not any(plot.shown):
-                plot.shown = [number < MOST for number in range(len(plot.columns))]
+                plot.shown = [number < LINE_LIMIT for number in range(len(plot.columns))]
             plot.order()
             plot.paint()
         return sorted(plots.values(), key=lambda plot: not driven(plot))
 
     def limb_of(self, sensor):
-        """The limb that a sensor sits on, None where the names do not tell."""
+        """Return the limb of a sensor; None if unknown."""
         return next((limb for limb in self.limbs if limb.side == sensor.side), None) if sensor.segment else None
 
     def find_limbs(self):
-        found = {}
+        limbs = {}
         for path, place in self.places.items():
             folder, block, port = split(path)
             joint = next((name for name in JOINTS if block == name or block.endswith(f"_{name}")), None)
@@ -143,10 +152,10 @@ class Scene:
                 continue
             torque = f"{path.removesuffix('position')}torque"
             low, high = self.limits.get(torque, (-10.0, 10.0))
-            found.setdefault(folder or self.name, {})[joint] = Joint(
+            limbs.setdefault(folder or self.name, {})[joint] = Joint(
                 joint, place, self.places.get(torque), max(abs(low), abs(high))
             )
-        return [Limb(side, place, joints) for place, (side, joints) in enumerate(found.items())]
+        return [Limb(side, place, joints) for place, (side, joints) in enumerate(limbs.items())]
 
     def find_sensors(self):
         sensors = []
@@ -162,5 +171,5 @@ class Scene:
 
 
 def driven(plot):
-    """Whether it shows an actuator: those plots stand first."""
+    """Return whether a plot shows an actuator; these plots come first."""
     return any(label.partition(" [")[0].endswith(".torque") for label, shown in zip(plot.labels, plot.shown) if shown)

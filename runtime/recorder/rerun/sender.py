@@ -1,7 +1,7 @@
-"""The recorder's end of Rerun: rows and events go to a process of its own, over a socket that is never waited for.
+"""The service for Rerun: sends rows and events to a separate process over a non-blocking socket.
 
-What that process does not take waits here, up to 64 MB; then batches are left out and counted. In virtual time the run
-waits instead. Each part of a recording has a process and a Rerun recording of its own.
+Data that the process does not take is queued up to 64 MiB; further batches are dropped and counted. In virtual time the
+run waits instead. Each part of a recording has a process and a Rerun recording of its own.
 """
 
 import json
@@ -21,30 +21,30 @@ from runtime.recorder.rerun.target import parse
 from runtime.recorder.service import Service
 from runtime.recording.files import INCOMPLETE, create
 
-BATCH = 0.05  # s of rows that go together
-MOST_ROWS = 2000  # in a batch
-HELD = 64 << 20  # bytes that may wait
-READY = 25.0  # s for Rerun to be imported and a viewer to be started
-END = 20.0  # s for what is left at the end
-STUCK = 20.0  # s in virtual time without anything being taken
-BUFFER = 1 << 20  # bytes of the socket
+BATCH_DURATION = 0.05  # s
+BATCH_ROW_LIMIT = 2000
+QUEUE_LIMIT = 64 << 20  # bytes
+READY_TIMEOUT = 25.0  # s, to import Rerun and start a viewer
+END_TIMEOUT = 20.0  # s, to show the rest at the end
+STALL_TIMEOUT = 20.0  # s in virtual time without any data taken
+SOCKET_BUFFER_SIZE = 1 << 20  # bytes
 
 
 class RerunError(OSError):
-    """Rerun cannot be fed. The text says why, in one line."""
+    """Rerun cannot show the run. The text is the reason in one line."""
 
     def __init__(self, text):
         super().__init__(0, text)
 
 
 class Feeder(ChildProcess):
-    """runtime.recorder.rerun.process, started. descriptor : its end of the socket"""
+    """The process runtime.recorder.rerun.process. descriptor : its end of the socket"""
 
     def __init__(self, descriptor):
         super().__init__("runtime.recorder.rerun.process", (descriptor,), (descriptor,))
 
     def answer(self, timeout):
-        """The next of its answers; {"gone": ...} where it has ended without, None where there is none within s."""
+        """Return the next answer; {"gone": ...} if the process has died, None after `timeout` s."""
         try:
             answer = self._answer(timeout)
         except TimeoutError:
@@ -80,7 +80,7 @@ class RerunSender(Service):
         self.waiting, self.held = deque(), 0
         self.socket, theirs = socket.socketpair()
         self.socket.setblocking(False)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_SIZE)
         self.poll = select.poll()
         self.poll.register(self.socket, select.POLLOUT)
         self.child = None
@@ -98,8 +98,8 @@ class RerunSender(Service):
             "part": self.plan.get("part", 1),
         }
         self.put(PLAN, json.dumps(plan).encode())
-        self.drain(READY)
-        answer = self.child.answer(READY) or {"error": f"it was not ready within {READY:g} s"}
+        self.drain(READY_TIMEOUT)
+        answer = self.child.answer(READY_TIMEOUT) or {"error": f"it was not ready within {READY_TIMEOUT:g} s"}
         if "ready" not in answer:
             self.end_process()
             raise RerunError(answer.get("error") or answer.get("gone"))
@@ -112,7 +112,7 @@ class RerunSender(Service):
         batch.extend(values)
         self.rows += 1
         now = monotonic()
-        if now - self.sent > BATCH or len(batch) > MOST_ROWS * (2 + len(values)):
+        if now - self.sent > BATCH_DURATION or len(batch) > BATCH_ROW_LIMIT * (2 + len(values)):
             self.hand_over(now)
 
     def event(self, event):
@@ -134,22 +134,22 @@ class RerunSender(Service):
         if self.batch:
             self.put(ROWS, self.batch.tobytes())
             self.batch = array("d")
-        self.drain(STUCK if self.plan["virtual"] else 0.0)
+        self.drain(STALL_TIMEOUT if self.plan["virtual"] else 0.0)
 
     def put(self, kind, content):
-        if self.held > HELD and kind == ROWS:
+        if self.held > QUEUE_LIMIT and kind == ROWS:
             self.lost += len(content) // (8 * (2 + len(self.sink["columns"])))
             return
         self.waiting.append(memoryview(HEAD.pack(len(content), kind) + content))
         self.held += len(content)
 
-    def drain(self, patience):
-        """Send what waits: what is taken at once, or all of it, unless nothing is taken for s."""
+    def drain(self, timeout):
+        """Send the queue until the socket is full; wait up to `timeout` s each time it is."""
         while self.waiting:
             try:
                 taken = self.socket.send(self.waiting[0])
             except BlockingIOError:
-                if patience == 0.0 or not self.poll.poll(patience * 1e3):
+                if timeout == 0.0 or not self.poll.poll(timeout * 1e3):
                     return
                 continue
             except OSError:
@@ -169,8 +169,8 @@ class RerunSender(Service):
         try:
             self.hand_over(monotonic())
             self.put(QUIT, b"")
-            self.drain(END)
-            answer: dict = self.child.answer(END) or {"gone": f"it had not shown all after {END:g} s"}
+            self.drain(END_TIMEOUT)
+            answer: dict = self.child.answer(END_TIMEOUT) or {"gone": f"not all data was shown after {END_TIMEOUT:g} s"}
             done = answer.get("done", {"problem": answer.get("gone")})
             shown, problem = done.get("rows"), done["problem"]
         except RerunError as error:
@@ -178,7 +178,7 @@ class RerunSender(Service):
         self.end_process()
         result = {"rows": self.rows, "lost": self.lost}
         if self.lost:
-            slow = f"{self.lost} of {self.rows} rows were not shown, as Rerun was too slow"
+            slow = f"{self.lost} of {self.rows} rows were not shown because Rerun was too slow"
             problem = f"{slow}; {problem}" if problem else slow
         for path in self.files:
             self.files[path] = (

@@ -1,4 +1,4 @@
-"""Rows and events as Rerun takes them: a vector a subsystem in columns, limits, limbs, sensors, and texts."""
+"""Conversion of rows and events to Rerun: one vector per subsystem, limits, limbs, sensors and texts."""
 
 import numpy as np
 import rerun as rr
@@ -6,20 +6,21 @@ import rerun as rr
 from runtime.recorder.rerun.blueprint import EVENTS, SPACE
 from runtime.recorder.rerun.scene import JOINTS, SEGMENTS
 
-FRAMES = 50.0  # poses of the limbs a second, for which an eye is enough
-HIP_HEIGHT, APART = 0.95, 0.25  # m
+POSE_RATE = 50.0  # Hz, of the limbs
+HIP_HEIGHT, HIP_WIDTH = 0.95, 0.25  # m
 LENGTHS = {"thigh": 0.42, "shank": 0.43, "foot": 0.18}  # m, of an average adult
-FORWARD = {"hip": -1.0, "knee": 1.0, "ankle": -1.0}  # of a flexion, about the y axis; x is forward, z up
-AXIS, HEEL = 0.15, 0.05  # m
-OUT, BEHIND = 0.12, -0.35  # m that a sensor stands beside its leg; behind both, where it has none
-# joint torque: none, least, most
+FLEXION_SIGN = {"hip": -1.0, "knee": 1.0, "ankle": -1.0}  # about the y axis; x is forward, z up
+AXIS_LENGTH, HEEL_LENGTH = 0.15, 0.05  # m
+SENSOR_OFFSET, SENSOR_ROW_X = 0.12, -0.35  # m, beside the leg; of sensors without a leg
+# joint torque: zero, negative limit, positive limit
 GREY, LOW, HIGH = np.array([150, 150, 150]), np.array([0, 114, 178]), np.array([213, 94, 0])
 LIMIT_COLOUR = (150, 150, 150)
 LEVELS = {"fault": "ERROR", "end": "INFO", "warning": "WARN", "mark": "INFO", "set": "INFO"}
 
 
 class Stream:
-    """
+    """Rerun's stream of a scene.
+
     recording : rerun.RecordingStream
     scene : Scene
     rate : Hz
@@ -27,7 +28,7 @@ class Stream:
 
     def __init__(self, recording, scene, rate):
         self.recording, self.scene, self.rate = recording, scene, rate
-        self.every = max(1, round(rate / FRAMES))
+        self.every = max(1, round(rate / POSE_RATE))
         self.faults = {}  # place: code
         self.begun = False
         self.statics()
@@ -55,7 +56,7 @@ class Stream:
             self.log(hip_of(limb), rr.Transform3D(translation=[0.0, side(limb), HIP_HEIGHT]), static=True)
             for segment in SEGMENTS:
                 strip = (
-                    [[-HEEL, 0, 0], [LENGTHS["foot"], 0, 0]]
+                    [[-HEEL_LENGTH, 0, 0], [LENGTHS["foot"], 0, 0]]
                     if segment == "foot"
                     else [[0, 0, 0], [0, 0, -LENGTHS[segment]]]
                 )
@@ -65,12 +66,12 @@ class Stream:
                     static=True,
                 )
         for sensor in self.scene.sensors:
-            axes = [[AXIS, 0, 0], [0, AXIS, 0], [0, 0, AXIS]]
+            axes = [[AXIS_LENGTH, 0, 0], [0, AXIS_LENGTH, 0], [0, 0, AXIS_LENGTH]]
             colours = [[220, 60, 60], [60, 180, 75], [60, 100, 220]]
             self.log(axes_of(sensor), rr.Arrows3D(vectors=axes, colors=colours, radii=0.006), static=True)
 
     def rows(self, ticks, times, values):
-        """ticks : (n,) whole numbers; times : s; values : (n, signals)"""
+        """Send rows. ticks : (n,) int; times : (n,) s; values : (n, signals)"""
         if not len(ticks):
             return
         times, seconds = nanoseconds(times), times
@@ -94,7 +95,7 @@ class Stream:
         if len(chosen):
             when = [rr.TimeColumn("time", duration=times[chosen]), rr.TimeColumn("tick", sequence=ticks[chosen])]
             self.pose(when, values[chosen])
-        self.tell_faults(ticks, seconds, values)
+        self.log_faults(ticks, seconds, values)
         self.begun = True
 
     def send(self, path, index, columns):
@@ -106,7 +107,7 @@ class Stream:
                 known = limb.joints.get(joint)
                 angle = np.nan_to_num(values[:, known.position]) if known is not None else np.zeros(len(values))
                 at = np.tile([0.0, 0.0, -LENGTHS[above] if above else 0.0], (len(values), 1))
-                half = 0.5 * FORWARD[joint] * angle
+                half = 0.5 * FLEXION_SIGN[joint] * angle
                 turn = np.column_stack((np.zeros_like(half), np.sin(half), np.zeros_like(half), np.cos(half)))
                 self.send(entity(limb, segment), index, rr.Transform3D.columns(translation=at, quaternion=turn))
                 if known is not None and known.torque is not None:
@@ -124,26 +125,24 @@ class Stream:
                 axes_of(sensor), index, rr.Transform3D.columns(translation=at, quaternion=np.column_stack((x, y, z, w)))
             )
 
-    def tell_faults(self, ticks, times, values):
-        """Where a device's fault code has changed."""
+    def log_faults(self, ticks, times, values):
+        """Log each change of a device's fault code."""
         for place in self.scene.faults:
             codes = values[:, place]
             before = np.concatenate(([self.faults.get(place, 0.0)], codes[:-1]))
             for row in np.flatnonzero((codes != before) & ~np.isnan(codes)):
-                text = f"{self.scene.signals[place]['path']}: {codes[row]:g}" + (
-                    "" if codes[row] else ", as it should be"
-                )
+                text = f"{self.scene.signals[place]['path']}: {codes[row]:g}" + ("" if codes[row] else ", no fault")
                 self.text(int(ticks[row]), float(times[row]), text, "ERROR" if codes[row] else "INFO")
             self.faults[place] = codes[-1]
 
     def event(self, event):
-        """What of the recording's events a person wants to read. event : dict"""
+        """Log an event of the recording. event : dict"""
         kind = event.get("event")
-        words = told(event)
-        if words:
+        text = text_of(event)
+        if text:
             tick = max(0, event.get("tick") or 0)
             level = "ERROR" if kind == "end" and event.get("status") != "ok" else LEVELS.get(kind, "INFO")
-            self.text(tick, tick / self.rate, words, level)
+            self.text(tick, tick / self.rate, text, level)
 
     def text(self, tick, time, text, level):
         self.recording.set_time("time", duration=nanoseconds(time))
@@ -152,12 +151,12 @@ class Stream:
 
 
 def nanoseconds(times):
-    """Of s, the nearest: Rerun itself would take the next below, which puts a tick of 1.005 s before one of 1.005 s."""
+    """Round s to ns. Rerun itself rounds down, which can order equal times differently."""
     return np.round(np.asarray(times) * 1e9).astype("timedelta64[ns]")
 
 
-def told(event):
-    """An event in words, "" for one that is not told."""
+def text_of(event):
+    """Return an event as text, "" for one that is not shown."""
     kind = event.get("event")
     if kind in ("fault", "end"):
         culprit = f" at {event['culprit']}" if event.get("culprit") else ""
@@ -170,7 +169,7 @@ def told(event):
 
 
 def colour(share):
-    """Colours of joint torques, as shares of the limit: (n, 3)."""
+    """Return colours (n, 3) of joint torques. share : (n,) torque over limit"""
     share = np.clip(np.nan_to_num(share), -1.0, 1.0)[:, None]
     return (GREY + np.abs(share) * (np.where(share < 0.0, LOW, HIGH) - GREY)).astype(np.uint8)
 
@@ -180,7 +179,7 @@ def hip_of(limb):
 
 
 def entity(limb, segment):
-    """Names of a segment: each hangs on the one above."""
+    """Return the entity path of a segment, below that of its parent."""
     return [*hip_of(limb), *SEGMENTS[: SEGMENTS.index(segment) + 1]]
 
 
@@ -189,23 +188,23 @@ def axes_of(sensor):
 
 
 def side(limb):
-    """m to the left of the middle."""
-    return -APART / 2 if "right" in limb.side else APART / 2 + max(0, limb.place - 1) * APART
+    """Return the lateral position of a limb in m, positive to the left."""
+    return -HIP_WIDTH / 2 if "right" in limb.side else HIP_WIDTH / 2 + max(0, limb.place - 1) * HIP_WIDTH
 
 
 def place_of(sensor, scene, values):
-    """m: beside the middle of the segment that it sits on, as the leg moves; in a row behind where the names do not
-    tell. (n, 3)
-    """
+    """Return the positions (n, 3) of a sensor in m: beside its segment, or in a row behind if it has none."""
     limb = scene.limb_of(sensor)
     if limb is None:
         row = [other for other in scene.sensors if scene.limb_of(other) is None]
-        return np.tile([BEHIND, APART * (row.index(sensor) - 0.5 * (len(row) - 1)), HIP_HEIGHT], (len(values), 1))
-    at = np.tile([0.0, side(limb) + np.sign(side(limb)) * OUT, HIP_HEIGHT], (len(values), 1))
+        return np.tile(
+            [SENSOR_ROW_X, HIP_WIDTH * (row.index(sensor) - 0.5 * (len(row) - 1)), HIP_HEIGHT], (len(values), 1)
+        )
+    at = np.tile([0.0, side(limb) + np.sign(side(limb)) * SENSOR_OFFSET, HIP_HEIGHT], (len(values), 1))
     angle = np.zeros(len(values))
     for joint, segment in zip(JOINTS, SEGMENTS):
         if joint in limb.joints:
-            angle = angle + FORWARD[joint] * np.nan_to_num(values[:, limb.joints[joint].position])
+            angle = angle + FLEXION_SIGN[joint] * np.nan_to_num(values[:, limb.joints[joint].position])
         down = 0.0 if segment == "foot" else -LENGTHS[segment]
         ahead = LENGTHS[segment] if segment == "foot" else 0.0
         bone = np.column_stack(

@@ -1,4 +1,4 @@
-"""Where a run is shown: `--rerun`, `--rerun trial.rrd`, `--rerun serve`, `--rerun 192.168.1.7`."""
+"""Destination of a live run: `--rerun`, `--rerun trial.rrd`, `--rerun serve`, `--rerun 192.168.1.7`."""
 
 import re
 from dataclasses import dataclass
@@ -6,15 +6,16 @@ from dataclasses import dataclass
 from runtime.base.errors import BadInput
 
 LOOPBACK = "127.0.0.1"
-PORT, WEB_PORT = 9876, 9090  # Rerun's own
-EXPECTED = "expected nothing, a file.rrd, serve, serve:ADDRESS, or HOST:PORT of a viewer"
+PORT, WEB_PORT = 9876, 9090  # Rerun's defaults
+EXPECTED = "expected no value, a file.rrd, serve, serve:ADDRESS, or HOST:PORT of a viewer"
 
 
 @dataclass(frozen=True)
 class Target:
-    """
-    kind : "viewer", on this machine, started where none is; "file"; "serve", for a browser; or "connect", to a viewer
-        elsewhere
+    """Destination of a live run.
+
+    kind : "viewer", on this machine, started if none runs; "file"; "serve", for a browser; or "connect", to a viewer
+        of another machine
     place : path of the file; address to serve on; or host
     port : of the viewer, or of the server
     """
@@ -25,7 +26,7 @@ class Target:
 
 
 def parse(text, port=PORT):
-    """The Target of what a person has written. BadInput"""
+    """Convert the text of --rerun to a Target. Raises BadInput."""
     if not text:
         return Target("viewer", LOOPBACK, port)
     if text.endswith(".rrd"):
@@ -46,10 +47,10 @@ def parse(text, port=PORT):
 
 
 def bracketed(host):
-    """As it stands in an address of the web."""
+    """Return a host as written in a URL."""
     return f"[{host}]" if ":" in host else host
 
 
 def url(host, port):
-    """As Rerun writes it."""
+    """Return the URL of a viewer's data port."""
     return f"rerun+http://{bracketed(host)}:{port}/proxy"

@@ -1,6 +1,4 @@
-"""Viewers and servers that are started for a run. They listen on loopback unless told otherwise: Rerun's own default is
-every address.
-"""
+"""Start of Rerun's viewers and servers. They listen on loopback by default, where Rerun listens on every address."""
 
 import errno
 import os
@@ -13,22 +11,22 @@ from runtime.base.ending import ENDING_SIGNALS
 from runtime.base.system import end_with_parent
 from runtime.recorder.rerun.target import LOOPBACK, bracketed
 
-STARTED = 15.0  # s for a server to answer
-LOOK = 0.02  # s between looks whether it does
-QUICK = 0.5  # s for a port to answer
-ANYWHERE = {"0.0.0.0": LOOPBACK, "::": "::1"}  # where to reach what listens everywhere
+START_TIMEOUT = 15.0  # s
+POLL_PERIOD = 0.02  # s
+CONNECT_TIMEOUT = 0.5  # s
+WILDCARDS = {"0.0.0.0": LOOPBACK, "::": "::1"}  # {wildcard address: address to connect to}
 # HTTP/2 with empty settings (RFC 9113, 3.4)
-GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
-SETTINGS = 4  # the first frame of whoever speaks it (6.5)
-GREETED = 3.0  # s for that
+PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
+SETTINGS_FRAME = 4  # type of the first frame of an HTTP/2 server (6.5)
+PREFACE_TIMEOUT = 3.0  # s
 
 
 class ViewerFailed(Exception):
-    """A viewer cannot be started or reached. The text says why, in one line."""
+    """A viewer cannot be started or reached. The text is the reason in one line."""
 
 
-def answers(host, port, timeout=QUICK):
-    """Whether somebody listens there."""
+def answers(host, port, timeout=CONNECT_TIMEOUT):
+    """Return whether a process listens on a port."""
     try:
         socket.create_connection((host, port), timeout).close()
     except OSError:
@@ -36,60 +34,59 @@ def answers(host, port, timeout=QUICK):
     return True
 
 
-def meet(host, port, timeout=GREETED):
-    """Connect once, and hear that whoever listens there speaks what Rerun does. ViewerFailed"""
+def meet(host, port, timeout=PREFACE_TIMEOUT):
+    """Connect once and check that the listener uses HTTP/2, as Rerun does. Raises ViewerFailed."""
     try:
         with socket.create_connection((host, port), timeout) as line:
-            line.sendall(GREETING)
-            heard = line.recv(4)
+            line.sendall(PREFACE)
+            reply = line.recv(4)
     except ConnectionRefusedError:
         raise ViewerFailed(f"no viewer of Rerun answers on {host} port {port}") from None
     except socket.gaierror as error:
-        raise ViewerFailed(f"there is no host {host!r} ({error.strerror})") from None
+        raise ViewerFailed(f"unknown host {host!r} ({error.strerror})") from None
     except TimeoutError:
-        heard = b""
+        reply = b""
     except OSError as error:
         raise ViewerFailed(f"no viewer of Rerun answers on {host} port {port} ({error.strerror})") from None
-    if heard[3:] != bytes([SETTINGS]):
-        raise ViewerFailed(f"what listens on {host} port {port} is no viewer of Rerun")
+    if reply[3:] != bytes([SETTINGS_FRAME]):
+        raise ViewerFailed(f"the process that listens on {host} port {port} is not a viewer of Rerun")
 
 
 def free(address, port):
-    """Refuse an address that a server could not listen on. ViewerFailed"""
+    """Raise ViewerFailed if a server cannot listen on an address."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # one that has just ended is no hindrance
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # allow a port that was closed just now
         try:
             probe.bind((address, port))
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
                 raise ViewerFailed(
-                    f"somebody listens on {address} port {port} already: end that, or choose another "
-                    "port of the Rerun block"
+                    f"{address} port {port} is in use: end the process that listens there, or set another "
+                    "port in the Rerun block"
                 ) from None
             if error.errno == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
-                raise ViewerFailed(f"cannot serve on {address}: this computer has no such address") from None
+                raise ViewerFailed(f"cannot serve on {address}: this machine has no such address") from None
             raise ViewerFailed(f"cannot serve on {address} port {port}: {error.strerror}") from None
 
 
-def become_free(address, port, patience):
-    deadline = time.monotonic() + patience
+def become_free(address, port, timeout):
+    """Wait until a server can listen on an address. Raises ViewerFailed after `timeout` s."""
+    deadline = time.monotonic() + timeout
     while True:
         try:
             return free(address, port)
         except ViewerFailed:
             if time.monotonic() >= deadline:
                 raise
-        time.sleep(LOOK)
+        time.sleep(POLL_PERIOD)
 
 
 def reached_at(address):
-    """How others reach what listens on an address: of every address, the one that this computer has towards the rest of
-    the network.
-    """
-    if address not in ANYWHERE:
+    """Return the address for other machines; for a wildcard address that of the default network interface."""
+    if address not in WILDCARDS:
         return address
-    # of documents: nobody's
+    # documentation addresses, which are not in use
     family, far = (socket.AF_INET6, "2001:db8::1") if ":" in address else (socket.AF_INET, "192.0.2.1")
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
@@ -106,11 +103,11 @@ def executable():
 
 
 def start(*words, mortal):
-    """Rerun's program with its words. mortal : it ends with this process, else it stays open for who looks at it"""
+    """Start Rerun's program. mortal : end it with this process"""
 
     def before():
         for number in ENDING_SIGNALS:
-            signal.signal(number, signal.SIG_DFL)  # we ignore them, and it would inherit that
+            signal.signal(number, signal.SIG_DFL)  # a child inherits ignored signals
         if mortal:
             end_with_parent()
 
@@ -125,47 +122,44 @@ def start(*words, mortal):
 
 
 def await_port(process, host, port, doubt):
-    """Until it answers. ViewerFailed, with the doubt about what may be wrong"""
-    deadline = time.monotonic() + STARTED
+    """Wait until a port accepts connections. Raises ViewerFailed. doubt : possible cause of a failure"""
+    deadline = time.monotonic() + START_TIMEOUT
     while not answers(host, port):
         if process.poll() is not None:
             raise ViewerFailed(f"Rerun ended at once (code {process.returncode}): {doubt}")
         if time.monotonic() > deadline:
             process.kill()
-            raise ViewerFailed(f"Rerun's viewer does not answer on {host} port {port}")
-        time.sleep(LOOK)
+            raise ViewerFailed(f"Rerun's viewer does not respond on {host} port {port}")
+        time.sleep(POLL_PERIOD)
 
 
 def viewer(port):
-    """(process or None, host): the viewer of this machine that listens on a port, started where none does."""
+    """Return (process or None, host) of the viewer on a port of this machine. Start one if none runs."""
     if answers(LOOPBACK, port):
         meet(LOOPBACK, port)
         return None, LOOPBACK
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ViewerFailed(
-            "there is no screen for Rerun's viewer; --rerun serve shows the run in a browser, --rerun "
-            "trial.rrd writes a file"
+            "no display for Rerun's viewer: use --rerun serve for a browser or --rerun trial.rrd for a file"
         )
     process = start("--bind", LOOPBACK, "--port", port, "--expect-data-soon", mortal=False)
-    await_port(process, LOOPBACK, port, "can it draw on this screen?")
+    await_port(process, LOOPBACK, port, "check its graphics driver")
     return process, LOOPBACK
 
 
 def origins(address, web_port):
-    """Where the page that a browser elsewhere shows may come from: the names of this computer. Of loopback Rerun allows
-    it anyhow.
-    """
+    """Return the origins from which a browser may load the page: all names of this machine besides loopback."""
     name = socket.gethostname()
     return [
         f"http://{bracketed(host)}:{web_port}" for host in dict.fromkeys((reached_at(address), name, f"{name}.local"))
     ]
 
 
-def serve(address, port, web_port, patience=0.0):
-    """(process, host): a server for browsers, on an address and two ports. patience : s for them to become free"""
-    host = ANYWHERE.get(address, address)
+def serve(address, port, web_port, timeout=0.0):
+    """Start a server for browsers. Returns (process, host). timeout : s to wait for the ports"""
+    host = WILDCARDS.get(address, address)
     for number in (port, web_port):
-        become_free(address, number, patience)
+        become_free(address, number, timeout)
     process = start(
         "--serve-web",
         "--bind",
@@ -177,5 +171,5 @@ def serve(address, port, web_port, patience=0.0):
         *(word for origin in origins(address, web_port) for word in ("--cors-allow-origin", origin)),
         mortal=True,
     )
-    await_port(process, host, port, f"are ports {port} and {web_port} free?")
+    await_port(process, host, port, f"check whether ports {port} and {web_port} are free")
     return process, host

@@ -42,10 +42,10 @@ def around(table, header, tick):
 def test_keys_change_mark_save_and_stop_and_the_recording_has_each_with_its_tick(tmp_path, terminal):
     live_diagram(tmp_path)
     terminal.run("springs.py", "--duration", "60", cwd=tmp_path)
-    terminal.wait_for(r"running .* \? tells the keys")
+    terminal.wait_for(r"running .* \? lists the keys")
     assert terminal.takes_keys and not terminal.attributes[3] & termios.ECHO and terminal.attributes[3] & termios.ISIG
     terminal.press(UP)
-    terminal.wait_for("Tab chooses a parameter first")
+    terminal.wait_for("select a parameter first with Tab")
     terminal.press(TAB)
     terminal.wait_for(r"spring\.stiffness 30 N·m/rad \(0 to 150 N·m/rad\)")
     terminal.press(UP + UP + RIGHT)
@@ -55,7 +55,7 @@ def test_keys_change_mark_save_and_stop_and_the_recording_has_each_with_its_tick
     terminal.press(SHIFT_TAB + DOWN)
     terminal.wait_for(r"wave\.on false \(false or true\)")
     terminal.press(SHIFT_TAB + UP + b"?")
-    terminal.wait_for(r"tickwork: space stops; Tab, .*\r\n")
+    terminal.wait_for(r"tickwork: space: stop; Tab, .*\r\n")
     terminal.press(b"s")
     saved = terminal.wait_for(r"tickwork: saved (recordings/springs_\S+\.set); --set @")[1]
     terminal.press(TAB + TAB + b"0")
@@ -107,7 +107,7 @@ def test_keys_change_mark_save_and_stop_and_the_recording_has_each_with_its_tick
 def test_ctrl_c_still_interrupts_and_the_terminal_is_as_it_was(tmp_path, terminal):
     live_diagram(tmp_path)
     terminal.run("springs.py", "--no-record", cwd=tmp_path)
-    terminal.wait_for("tells the keys")
+    terminal.wait_for("lists the keys")
     terminal.press(b"\x03")
     assert terminal.end() == 130 and terminal.attributes == terminal.before
 
@@ -131,7 +131,7 @@ def test_in_virtual_time_the_space_bar_stops_as_well(tmp_path, terminal):
 def test_after_kill_9_of_either_process_or_both_the_terminal_is_as_it_was(tmp_path, terminal, victim):
     live_diagram(tmp_path)
     terminal.run("springs.py", "--no-record", cwd=tmp_path)
-    terminal.wait_for("tells the keys")
+    terminal.wait_for("lists the keys")
     recorder = recorder_of(terminal)
     assert terminal.takes_keys
     if victim == "recorder":
@@ -202,7 +202,7 @@ def test_without_a_terminal_at_both_ends_no_keys_are_taken(tmp_path, terminal, m
     with open(os.devnull, "r+") as nowhere:
         terminal.run("springs.py", "--no-record", cwd=tmp_path, **{missing: nowhere})
         terminal.wait_for(r"running .*Hz")
-        assert terminal.attributes == terminal.before and "tells the keys" not in terminal.look()
+        assert terminal.attributes == terminal.before and "lists the keys" not in terminal.look()
         terminal.press(b"\x03")
         assert terminal.end() == 130
 

@@ -21,7 +21,10 @@ def test_run_with_closed_descriptors_ends_with_summary_and_complete_files(tmp_pa
     out, err = process.communicate(timeout=10)
     assert time.monotonic() - began < 2.0 and process.returncode == (130 if ending == "signal" else 0)
     assert "Traceback" not in err and "Bad file descriptor" not in err
-    assert out.startswith("knee: ") and "its report is missing: a block closed descriptors of the run" in out
+    assert (
+        out.startswith("knee: ")
+        and "the report of the recorder is missing, because a block closed file descriptors" in out
+    )
     files = Files(tmp_path / "recordings")
     assert files.sidecar["ended"] == ("stopped by SIGINT" if ending == "signal" else "ok")
     assert files.sidecar["ticks"] == len(files.table["tick"]) > 0

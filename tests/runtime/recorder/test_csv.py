@@ -163,7 +163,7 @@ def test_rows_are_written_while_trigger_signal_is_true(tmp_path):
 
 def test_trigger_signal_must_be_recorded(tmp_path):
     writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("mocap.on 1"), during="mocap.off"))
-    with pytest.raises(BadInput, match="^during: it records no signal 'mocap.off'; did you mean 'mocap.on'?"):
+    with pytest.raises(BadInput, match="^during: 'mocap.off' is not a recorded signal; did you mean 'mocap.on'?"):
         writer.open()
     assert not list(tmp_path.iterdir())
 
@@ -182,7 +182,7 @@ def test_file_name_is_used_with_or_without_suffix(tmp_path, file, made):
 def test_file_is_written_only_to_recording_folder(tmp_path, file):
     writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("a.x m"), file=file))
     with pytest.raises(
-        BadInput, match=f"^file: '{file}' is not the name of a file; it stands where the recording does"
+        BadInput, match=f"^file: '{file}' is not a file name. The file is written to the folder of the recording"
     ):
         writer.open()
     assert not list(tmp_path.iterdir())

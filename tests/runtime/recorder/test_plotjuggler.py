@@ -238,8 +238,7 @@ def test_refused_datagrams_are_counted_and_reported_once(tmp_path, capfd):
     assert report["sinks"]["juggler"]["lost"] == 10 and report["sinks"]["juggler"]["trouble"] == "Permission denied"
     assert report["ticks"] == 10 and report["problems"] == []
     assert capfd.readouterr().err == (
-        "tickwork: juggler: the network does not take what is sent to 255.255.255.255 port 9870 (Permission denied); "
-        "the run goes on\n"
+        "tickwork: juggler: cannot send to 255.255.255.255 port 9870 (Permission denied); the run continues\n"
     )
 
 
@@ -279,9 +278,8 @@ def test_network_with_new_address_is_used_again():
         pytest.skip("no network of its own can be had here")
     done = subprocess.run(["unshare", "-rn", sys.executable, "-c", ROAMING], capture_output=True, text=True, timeout=60)
     assert done.stdout.splitlines() == [
-        "tickwork: juggler: the network does not take what is sent to 10.9.0.7 port 9870 (Network is unreachable); "
-        "the run goes on",
-        "tickwork: juggler: the network takes it again; 10 datagrams were lost",
+        "tickwork: juggler: cannot send to 10.9.0.7 port 9870 (Network is unreachable); the run continues",
+        "tickwork: juggler: sending works again; 10 datagrams were lost",
         "10.9.0.10",
         "10.9.0.30",
         "{'datagrams': 20, 'lost': 20, 'trouble': 'Network is unreachable', 'to': '10.9.0.7 port 9870'}",
@@ -304,8 +302,8 @@ def test_missing_listener_is_reported_once_and_late_listener_receives_rest():
         result = sender.close()
         assert [strict(later.recv(1 << 16))["a"]["x"] for _ in range(10)] == list(range(10, 20))
     assert told == [
-        f"tickwork: juggler: nobody listens at 127.0.0.1 port {listener.port}: in PlotJuggler start the "
-        "UDP server; the run goes on"
+        f"tickwork: juggler: no process listens at 127.0.0.1 port {listener.port}: start the UDP "
+        "server in PlotJuggler; the run continues"
     ]
     assert result["datagrams"] == 10 and result["lost"] == 10 and result["trouble"] == "Connection refused"
 
@@ -322,8 +320,8 @@ def test_block_of_diagram_reports_only_lost_listener(listener):
         sender.row(tick, tick / 200, (1.0,))
     result = sender.close()
     assert told == [
-        f"tickwork: juggler: nobody listens at 127.0.0.1 port {listener.port} any more: in PlotJuggler "
-        "start the UDP server; the run goes on"
+        f"tickwork: juggler: no process listens at 127.0.0.1 port {listener.port} any more: start the "
+        "UDP server in PlotJuggler; the run continues"
     ]
     assert 100 <= result["datagrams"] <= 101 and 99 <= result["lost"] <= 100
     sender.open()
@@ -333,7 +331,7 @@ def test_block_of_diagram_reports_only_lost_listener(listener):
 
 
 def test_unknown_host_is_reported_before_run(tmp_path):
-    with pytest.raises(RecorderError, match="juggler cannot start: there is no host 'no-such-host.invalid'"):
+    with pytest.raises(RecorderError, match="juggler cannot start: unknown host 'no-such-host.invalid'"):
         record(plan(tmp_path, here(columns("a.x m"), host="no-such-host.invalid", port=9870)), [])
     assert list(tmp_path.iterdir()) == []
 

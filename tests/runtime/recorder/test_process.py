@@ -98,7 +98,7 @@ def test_report_describes_how_the_run_ended(tmp_path):
     assert ended({"status": "ok"}, tmp_path) == "ok"
     assert ended({"status": "ok", "signal": 2}, tmp_path) == "stopped by SIGINT"
     assert ended({"status": "not finite", "culprit": "left/knee"}, tmp_path) == "fault: not finite at left/knee, tick 7"
-    assert ended(None, tmp_path) == "without a word"
+    assert ended(None, tmp_path) == "without an end event"
 
 
 CONTROL = """
@@ -400,7 +400,7 @@ def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_r
     report = recorder.finish()
     assert report["problems"] == [
         "the writer of part 1 died (SIGKILL); part 2 continues the recording; no record was lost",
-        "once does not go on: ValueError: it was there once",
+        "once does not continue: ValueError: it was there once",
     ]
     assert ticks_of(tmp_path / "out" / "bench_1.csv", tmp_path / "out" / "bench_1_part2.csv") == list(range(100))
     assert Trial(tmp_path / "out" / "bench_1.mcap").tick.tolist() == list(range(100))
@@ -460,8 +460,8 @@ def test_the_run_continues_without_any_recorder_and_reports_their_death(tmp_path
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500
     assert statistics["dropped"] > 0
     assert report["problems"] == [
-        "the recorder process died before the end (SIGKILL): the files stop where it did; "
-        "`convert FILE.mcap --to mcap` makes of its .mcap one that every viewer opens"
+        "the recorder process died before the end (SIGKILL) and the files end there; "
+        "complete its .mcap file with `convert FILE.mcap --to mcap`"
     ]
     assert [Path(file["path"]).name for file in report["files"]] == ["killing.csv", "killing.mcap", "killing.json"]
     ticks = ticks_of(tmp_path / "killing.csv")  # whole rows only
@@ -541,7 +541,7 @@ def test_a_full_disk_stops_the_writer_and_nothing_else(tmp_path, capfd):
         "wide stopped at # s: File too large",
     ]
     assert capfd.readouterr().err.splitlines() == [
-        f"tickwork recorder: {problem}; the run goes on" for problem in report["problems"]
+        f"tickwork recorder: {problem}; the run continues" for problem in report["problems"]
     ]
     assert report["ticks"] == 400 and len(read_csv(tmp_path / "narrow.csv")[1]) == 400
     cut = read_csv(tmp_path / "bench_1.csv")[1]
@@ -568,7 +568,7 @@ def test_deleted_files_are_reported_and_others_continue(tmp_path, capfd):
         for path, ending in (("csv", "csv"), ("flight log", "mcap"))
     ]
     told = capfd.readouterr().err
-    assert told.count("; the run goes on") == 2 and "Traceback" not in told
+    assert told.count("; the run continues") == 2 and "Traceback" not in told
     assert (
         report["ticks"] == 200
         and {"path": f"{folder}/bench_1.csv", "note": "deleted while it was written"} in report["files"]

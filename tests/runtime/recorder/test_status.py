@@ -15,7 +15,7 @@ import pytest
 from runtime.console.progress import Progress, rounds
 from runtime.console.status_layout import compose, fit
 from runtime.console.stderr import Terminal
-from runtime.recorder.status import STEADY, StatusLine, describe, rates, torque_part
+from runtime.recorder.status import WIDENING_DELAY, StatusLine, describe, rates, torque_part
 from tests.runtime.recorder.running import plan
 from tests.runtime.runs import KNEE_EXO, finished
 from tests.runtime.terminals import WIDE
@@ -164,7 +164,9 @@ def test_a_line_that_grows_and_shrinks_by_a_character_keeps_its_form_for_three_s
 
     long, short = "running ━━━━━━━━ 9.9/10 s · missed 0 · dropped 0", "running 10.0/10 s · missed 0 · dropped 0"
     assert drawn(1979) == long and drawn(1999) == short
-    assert [drawn(1979) for _ in range(STEADY + 1)] == [short.replace("10.0/", "9.9/")] * (STEADY - 1) + [long] * 2
+    assert [drawn(1979) for _ in range(WIDENING_DELAY + 1)] == [short.replace("10.0/", "9.9/")] * (
+        WIDENING_DELAY - 1
+    ) + [long] * 2
     drawn(1999)
     sheet.columns += 20  # the person makes it wider: at once
     assert drawn(1979) == long

@@ -167,7 +167,7 @@ def test_strides_restart_after_killed_writer_and_report_states_it():
     page.close()
     report = recorder.finish()
     assert report["strides"][0]["strides"] == 8 and report["problems"][1:] == [
-        "left: strides before part 2 are not in the average"
+        "left: the average does not include strides before part 2"
     ]
 
 

@@ -146,7 +146,7 @@ def test_a_sensor_moves_with_the_segment_that_it_sits_on():
     """Of a leg whose hip is bent by a right angle forward and whose knee by one back: thigh level, shank upright, foot
     level.
     """
-    from runtime.recorder.rerun.stream import APART, HIP_HEIGHT, LENGTHS, OUT, place_of
+    from runtime.recorder.rerun.stream import HIP_HEIGHT, HIP_WIDTH, LENGTHS, SENSOR_OFFSET, place_of
 
     parts = [f"left/{name}_imu.quaternion[{number}] 1" for name in ("thigh", "shank", "foot") for number in range(4)]
     scene = Scene(
@@ -161,7 +161,7 @@ def test_a_sensor_moves_with_the_segment_that_it_sits_on():
     )
     values = np.array([[math.pi / 2, math.pi / 2, *([0.0] * 16)], [0.0] * 18])
     thigh, shank, foot, trunk = (place_of(sensor, scene, values) for sensor in scene.sensors)
-    y, knee = APART / 2 + OUT, LENGTHS["thigh"]
+    y, knee = HIP_WIDTH / 2 + SENSOR_OFFSET, LENGTHS["thigh"]
     assert thigh == pytest.approx(np.array([[knee / 2, y, HIP_HEIGHT], [0.0, y, HIP_HEIGHT - knee / 2]]), abs=1e-12)
     assert shank == pytest.approx(
         np.array([[knee, y, HIP_HEIGHT - LENGTHS["shank"] / 2], [0.0, y, HIP_HEIGHT - knee - LENGTHS["shank"] / 2]]),
@@ -354,7 +354,7 @@ def test_server_on_all_addresses_is_announced_with_reachable_one():
 
 
 @pytest.mark.parametrize(
-    "speaks, words", [(b"HTTP/1.1 400 Bad Request\r\n", "is no viewer of Rerun"), (b"", "is no viewer of Rerun")]
+    "speaks, words", [(b"HTTP/1.1 400 Bad Request\r\n", "is not a viewer of Rerun"), (b"", "is not a viewer of Rerun")]
 )
 def test_listener_that_is_not_a_viewer_is_reported_before_run(speaks, words):
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -374,9 +374,9 @@ def test_listener_that_is_not_a_viewer_is_reported_before_run(speaks, words):
 
 def test_server_that_cannot_listen_reports_reason():
     with socket.create_server(("127.0.0.1", 0)) as server:
-        with pytest.raises(viewer.ViewerFailed, match="somebody listens on 127.0.0.1 port"):
+        with pytest.raises(viewer.ViewerFailed, match="127.0.0.1 port .* is in use"):
             viewer.free("127.0.0.1", server.getsockname()[1])
-    with pytest.raises(viewer.ViewerFailed, match="cannot serve on 203.0.113.9: this computer has no such address"):
+    with pytest.raises(viewer.ViewerFailed, match="cannot serve on 203.0.113.9: this machine has no such address"):
         viewer.free("203.0.113.9", free_port())
 
 
@@ -384,9 +384,7 @@ def test_server_that_cannot_listen_reports_reason():
 def test_missing_display_is_reported_with_alternative(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(
-        viewer.ViewerFailed, match="no screen for Rerun's viewer; --rerun serve shows the run in a browser"
-    ):
+    with pytest.raises(viewer.ViewerFailed, match="no display for Rerun's viewer: use --rerun serve for a browser"):
         viewer.viewer(free_port())
 
 
@@ -416,7 +414,7 @@ def test_killed_viewer_is_reported_and_run_continues(tmp_path):
         line = run.stderr.readline()
         assert re.fullmatch(
             r"tickwork recorder: rerun stopped at [\d.]+ s: the viewer on 127\.0\.0\.1 port \d+ .*; "
-            r"the run goes on\n",
+            r"the run continues\n",
             line,
         ), line
         assert run.poll() is None
@@ -528,7 +526,7 @@ def test_full_disk_is_reported_and_run_continues(tmp_path):
     patient(lambda: run.poll() is not None or (tmp_path / "out").is_dir() and list((tmp_path / "out").glob("*.mcap")))
     resource.prlimit(feeder, resource.RLIMIT_FSIZE, (60_000, 60_000))
     line = run.stderr.readline()
-    assert "a.rrd: is the disk full?; the run goes on" in line, line
+    assert "a.rrd: check whether the disk is full; the run continues" in line, line
     run.send_signal(signal.SIGINT)
     out, _ = run.communicate(timeout=60)
     assert run.returncode == 130 and "a.rrd  (incomplete)" in out
