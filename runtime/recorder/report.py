@@ -8,7 +8,7 @@ from runtime.base.errors import BadInput
 from runtime.base.exception_text import name_and_text
 from runtime.recording.files import private
 
-STILL_RECORDING = "still recording; if no recorder process runs, it was killed and the files end there"
+STILL_RECORDING = "still recording; if no recorder process runs, the recorder was killed and the files end there"
 
 
 def outcome(recording, orphaned):

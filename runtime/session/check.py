@@ -23,39 +23,41 @@ from runtime.rig import read, require_ranges
 from runtime.session.preflight import stop_of
 
 KEYS = """The keys of --json. Numbers are in the unit beside them; null: no bound.
-  diagram, file, rate, okname; path; Hz; true without errors
-  blocks                path, type, module, made (file:line), runs, rate,
-                        conditions, hold_exceptions, inputs, outputs
-    inputs              name, unit, shape, dtype, and source (a port), constant
-                        or default
-    outputs             name, unit, shape, dtype, low, high, targets (ports)
-  schedule              null if there are errors
-    devices, recorded   paths, in order; number of values recorded each tick
-    output, update      steps in order: block, native, every, rate (Hz), while,
-                        gil (index of the section that holds the GIL, or null)
-    gil_sections        number of times a tick takes the GIL
-  holds                 rate transitions: source, source_every, target,
-                        target_every (ticks)
-  proofs                command, unit, low, high, limit_low, limit_high,
-                        rating, bounded_by, at (file:line), slew (largest rate
-                        of change of the command per second; null: no bound),
-                        holds, safe_stop, assumes (further condition of the
-                        torque limit; null: none)
-  torque                torque limit of each actuator: actuator, bound, limit
-                        (N·m), holds, acceleration (rad/s²), figures
-    bound               proved; assumed (while |α| <= acceleration); drive (a
-                        limit in the drive); none
-    figures             name, value, unit, description: usable damping,
-                        smallest inertia, stall torque
-  buses                 bus, medium (can, stream, i2c), devices, coverage, and
-                        if the traffic is known bitrate (bit/s), frames (1/s),
-                        typical, worst (share of the bitrate)
-    coverage            for each failure of a run on a rig: failure, covered,
-                        by (what stops the drives, or the drives that nothing
-                        stops)
-  plant                 given (true: defined in the file), blocks, rate; null
-                        without devices
-  errors, warnings      code, title, path, port, at (file:line), message, hint"""
+  diagram, file, rate, ok  name; path; Hz; true without errors
+  blocks                   path, type, module, made (file:line), runs, rate,
+                           conditions, hold_exceptions, inputs, outputs
+    inputs                 name, unit, shape, dtype, and source (a port),
+                           constant or default
+    outputs                name, unit, shape, dtype, low, high, targets (ports)
+  schedule                 null if there are errors
+    devices, recorded      paths, in order; number of values recorded each tick
+    output, update         steps in order: block, native, every, rate (Hz),
+                           while, gil (index of the section that holds the GIL,
+                           or null)
+    gil_sections           number of times a tick takes the GIL
+  holds                    rate transitions: source, source_every, target,
+                           target_every (ticks)
+  proofs                   command, unit, low, high, limit_low, limit_high,
+                           rating, bounded_by, at (file:line), slew (largest
+                           rate of change of the command per second; null: no
+                           bound), holds, safe_stop, assumes (further condition
+                           of the torque limit; null: none)
+  torque                   torque limit of each actuator: actuator, bound,
+                           limit (N·m), holds, acceleration (rad/s²), figures
+    bound                  proved; assumed (while |α| <= acceleration); drive
+                           (a limit in the drive); none
+    figures                name, value, unit, description: usable damping,
+                           smallest inertia, stall torque
+  buses                    bus, medium (can, stream, i2c), devices, coverage,
+                           and if the traffic is known bitrate (bit/s), frames
+                           (1/s), typical, worst (share of the bitrate)
+    coverage               for each failure of a run on a rig: failure,
+                           covered, by (what stops the drives, or the drives
+                           that nothing stops)
+  plant                    given (true: defined in the file), blocks, rate;
+                           null without devices
+  errors, warnings         code, title, path, port, at (file:line), message,
+                           hint"""
 
 
 def report_lines(report, as_json):

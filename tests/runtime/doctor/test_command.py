@@ -37,8 +37,7 @@ def test_most_severe_problem_is_listed_first_with_remedy(command_line, laid_out)
     assert marks == sorted(marks, key=["bad", "worse", "?", "ok"].index)
     assert (
         lines[-1] == f"3 bad, {marks.count('worse')} worse, {marks.count('ok')} ok; print a script with most of the "
-        "run: "
-        "python -m runtime doctor --script"
+        "changes: python -m runtime doctor --script"
     )
 
 

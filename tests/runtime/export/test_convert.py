@@ -143,7 +143,8 @@ def test_opensim_export_has_all_signals_at_even_times_and_reports_filled_gaps(co
     code, out, err = command_line("convert", recording, "--opensim", "-o", command_line.folder / "out")
     assert code == OK
     assert err == "".join(
-        f"tickwork: odd.{kind}: 1 missed tick filled in, as OpenSim needs even times\n" for kind in ("sto", "mot")
+        f"tickwork: odd.{kind}: 1 missed tick filled in: OpenSim requires equally spaced times\n"
+        for kind in ("sto", "mot")
     )
     sto, mot = out.split()
     trial = runtime.load(recording)

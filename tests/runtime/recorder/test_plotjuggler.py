@@ -252,7 +252,7 @@ def ip(*words):
 ip("link", "add", "wlan", "type", "veth", "peer", "name", "lan")
 ip("link", "set", "lan", "up")
 ip("link", "set", "wlan", "up")
-plotjuggler.RETRY = 0.0
+plotjuggler.REOPEN_PERIOD = 0.0
 target = {"host": "10.9.0.7", "port": 9870}
 sender = plotjuggler.PlotJugglerSender({}, {
     "path": "juggler", "parameters": target, "columns": [{"path": "a.x", "dtype": "float"}]})

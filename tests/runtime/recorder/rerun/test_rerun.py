@@ -102,7 +102,7 @@ def test_destination_is_parsed(text, expected):
 
 @pytest.mark.parametrize("text", ["a b", "host:0", "host:99999", "out/trial.mcap", "::"])
 def test_where_it_cannot_go(text):
-    with pytest.raises(BadInput, match="expected nothing, a file.rrd, serve"):
+    with pytest.raises(BadInput, match="expected no value, a file.rrd, serve"):
         parse(text)
 
 
