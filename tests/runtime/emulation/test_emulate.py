@@ -102,7 +102,7 @@ def test_real_can_needs_somebody_to_say_that_no_drive_is_there(tmp_path):
         process = finished("emulate", knee(tmp_path), "--rig", rig, cwd=tmp_path)
     finally:
         os.close(master)
-    assert process.returncode == 2 and "real drives may be there" in process.stderr and "--yes" in process.stderr
+    assert process.returncode == 2 and "cannot ask whether real drives are connected" in process.stderr and "--yes" in process.stderr
 
 
 def test_a_robot_without_devices_and_a_command_without_a_rig_are_refused(command_line, rig, tmp_path):

@@ -1,4 +1,4 @@
-"""`set PID`: another process changes live parameters of a run, or is told in words why it cannot."""
+"""`set PID`: another process changes live parameters of a run, or receives the reason for a refusal."""
 
 import signal
 import subprocess
