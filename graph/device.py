@@ -290,7 +290,7 @@ class Actuator(Device):
         return {}
 
     def rating(self) -> str:
-        """Return the source of the command limits, such as 'rated torque of AK80-9'."""
+        """Return the source of the command limits, such as 'rated torque of the drive'."""
         return ""
 
     def warnings_in_words(self) -> Sequence[str]:

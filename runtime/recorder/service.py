@@ -9,9 +9,13 @@ the entry-point group "tickwork.sinks":
 and its Sink has `service = "lsl"`. A module on the path needs no entry point: `service = "mylab.lsl:LslSender"`.
 """
 
-import time
+from __future__ import annotations
 
-from cext.safety.shared_state import SharedState
+import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cext.safety.shared_state import SharedState
 
 
 class Service:

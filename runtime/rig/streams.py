@@ -67,7 +67,7 @@ class StreamLines:
                 else:
                     self.troubles.append(opened)
 
-    def add(self, streams, device, kind, opened):
+    def add(self, streams, device, kind: str, opened):
         stream = streams.add(
             opened.fd,
             device.bus,

@@ -50,8 +50,8 @@ EQUIVALENT = {
     "cext/schedule/arming.pyx halt: cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping "
     "    # ns since "
     "the begin of the stop -> "
-    "cdef int64_t since = 1 if self.tick >= 0 and not self.halted else damping     # ns since the begin of the stop": "by "
-    "a nanosecond",
+    "cdef int64_t since = 1 if self.tick >= 0 and not self.halted else damping "
+    "    # ns since the begin of the stop": "by a nanosecond",
     "cext/schedule/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with "
     "the clock: nothing "
     "of a block stands at 0",

@@ -238,7 +238,7 @@ def test_a_rate_that_no_clock_has_is_refused(rate):
 
 def test_a_plant_slower_than_its_robot_is_refused():
     schedule = compile(Diagram("d", rate=1))
-    with pytest.raises(ValueError, match="whole multiple"):
+    with pytest.raises(ValueError, match="integer multiple"):
         Executor(Program(schedule), 1.0, plant=Program(schedule), substeps=0)
 
 

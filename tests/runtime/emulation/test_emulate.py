@@ -94,7 +94,7 @@ def test_a_simulated_bus_can_be_too_slow(command_line, tmp_path):
     assert "exclude each other" in command_line.refused(*words[:1], "--bitrate", "1e6", "--rig", "lab.toml")
 
 
-def test_real_can_needs_somebody_to_say_that_no_drive_is_there(tmp_path):
+def test_real_can_bus_needs_confirmation_that_no_real_drive_is_connected(tmp_path):
     master, port = pty.openpty()
     try:
         rig = write(tmp_path, f'[bus.legs]\ninterface = "slcan"\nchannel = "{os.ttyname(port)}"\n', "real.toml")
@@ -102,7 +102,8 @@ def test_real_can_needs_somebody_to_say_that_no_drive_is_there(tmp_path):
         process = finished("emulate", knee(tmp_path), "--rig", rig, cwd=tmp_path)
     finally:
         os.close(master)
-    assert process.returncode == 2 and "cannot ask whether real drives are connected" in process.stderr and "--yes" in process.stderr
+    assert process.returncode == 2
+    assert "cannot ask whether real drives are connected" in process.stderr and "--yes" in process.stderr
 
 
 def test_a_robot_without_devices_and_a_command_without_a_rig_are_refused(command_line, rig, tmp_path):
