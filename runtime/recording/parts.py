@@ -50,6 +50,8 @@ def whole(path, read, progress):
             second = read(following, progress)
         except BadInput:  # its recorder was killed, too, before its first tick
             continue
+        if is_unbegun(first):
+            first.began = second.began
         if second.about.get("part") != number or run_of(second) != run_of(first):
             break  # of another run that had the same name
         join(first, second)
@@ -70,8 +72,13 @@ def read_first(path, read, progress):
     return first, first.about.get("part", 1), [path]
 
 
+def is_unbegun(reader):
+    """Return whether the recorder of a part was killed before it wrote the begin of the run."""
+    return not any(event["event"] == "begin" for event in reader.events)
+
+
 def run_of(reader):
-    """What two parts of one run have in common."""
+    """Return what the parts of one run have in common."""
     return reader.about.get("hash"), reader.began, [signal["path"] for signal in reader.about["signals"]]
 
 
@@ -92,7 +99,8 @@ def join(first, second):
         )
     for topic in {**first.messages, **second.messages}:
         first.messages[topic] = first.messages.get(topic, [])[:rows] + second.messages.get(topic, [])
-    first.events += [event for event in second.events if event["event"] != "begin"]
+    unbegun = is_unbegun(first)
+    first.events += [event for event in second.events if unbegun or event["event"] != "begin"]
     first.end, first.finished, first.trouble = second.end, second.finished, second.trouble
 
 

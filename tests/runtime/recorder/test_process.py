@@ -306,6 +306,18 @@ def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doub
     assert nobody_is_left(session)
 
 
+def test_a_part_killed_before_its_first_record_does_not_hide_the_parts_after_it(tmp_path):
+    killed(tmp_path, {150: signal.SIGKILL}, virtual=False, page=SharedState(1 << 20))
+    first, second = (tmp_path / f"killing{part}.mcap" for part in ("", "_part2"))
+    data, ticks = first.read_bytes(), Trial(second).tick.tolist()
+    begin = data.index(b'"begin"')
+    first.write_bytes(data[: begin - 40])
+    joined = Trial(first)
+    assert joined.parts == [first, second] and joined.tick.tolist() == ticks and len(ticks) > 300
+    assert [event["event"] for event in joined.events].count("begin") == 1
+    assert joined.time[0] == pytest.approx(ticks[0] / 500, abs=0.1)
+
+
 @pytest.mark.parametrize("virtual", [True, False])
 def test_a_second_death_of_one_cause_ends_the_recording_and_the_run_continues(tmp_path, virtual, capfd):
     outcome, report, page, killer, session = killed(
