@@ -50,9 +50,7 @@ def whole(path, read, progress):
             second = read(following, progress)
         except BadInput:  # its recorder was killed, too, before its first tick
             continue
-        if is_unbegun(first):
-            first.began = second.began
-        if second.about.get("part") != number or run_of(second) != run_of(first):
+        if second.about.get("part") != number or not are_of_one_run(first, second):
             break  # of another run that had the same name
         join(first, second)
         paths.append(following)
@@ -77,13 +75,19 @@ def is_unbegun(reader):
     return not any(event["event"] == "begin" for event in reader.events)
 
 
-def run_of(reader):
-    """Return what the parts of one run have in common."""
-    return reader.about.get("hash"), reader.began, [signal["path"] for signal in reader.about["signals"]]
+def are_of_one_run(first, second):
+    """Return whether two parts agree in diagram, signals and, where the first one has it, the start of the run."""
+    here, there = (
+        (part.about.get("hash"), [signal["path"] for signal in part.about["signals"]]) for part in (first, second)
+    )
+    return here == there and (is_unbegun(first) or first.began == second.began)
 
 
 def join(first, second):
     """Lengthen what was read of a part by the next one."""
+    unbegun = is_unbegun(first)
+    if unbegun:
+        first.began = second.began
     rows, since = keep(first, second)
     offset = drains_before(first.frames, second.frames, rows)
     drained = first.frames[-1].drained if first.frames else 0
@@ -99,7 +103,6 @@ def join(first, second):
         )
     for topic in {**first.messages, **second.messages}:
         first.messages[topic] = first.messages.get(topic, [])[:rows] + second.messages.get(topic, [])
-    unbegun = is_unbegun(first)
     first.events += [event for event in second.events if unbegun or event["event"] != "begin"]
     first.end, first.finished, first.trouble = second.end, second.finished, second.trouble
 
