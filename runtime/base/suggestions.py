@@ -1,6 +1,6 @@
 """Suggestions for misspelt words.
 
-Imports nothing of graph, whose graph.block has the same function, so that it works without compiled modules.
+Imports nothing of graph, whose graph.names has the same function, so that it works without compiled modules.
 """
 
 import difflib

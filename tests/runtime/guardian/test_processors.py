@@ -12,9 +12,10 @@ import pytest
 from tests.runtime.guardian.bus import Bus, guardian_of
 
 EVERYWHERE = os.sched_getaffinity(0)
-pytestmark = pytest.mark.skipif(
-    os.geteuid() != 0 or len(EVERYWHERE) < 2, reason="needs real-time priority, and two processors"
-)
+pytestmark = [
+    pytest.mark.timing,
+    pytest.mark.skipif(os.geteuid() != 0 or len(EVERYWHERE) < 2, reason="needs real-time priority, and two processors"),
+]
 
 
 def threads(pid):
