@@ -223,6 +223,11 @@ class Family:
     configure_note: str = ""
     benchmark: Benchmark | None = None
 
+    def __init_subclass__(cls):
+        super().__init_subclass__()
+        if cls.drives and cls.stop_query is Family.stop_query:
+            raise TypeError(f"{cls.__name__} has drives: define stop_query(self, block), which returns a StopQuery")
+
     def recognises(self, text: str) -> bool:
         """Return whether a text begins with the name of this family or the letters of one of its models: AK, RS."""
         models = [model for table in self.tables for model in table.models]
@@ -243,8 +248,8 @@ class Family:
         return ()
 
     def stop_query(self, block: Any) -> StopQuery:
-        """Return the StopQuery of a block of this family."""
-        raise NotImplementedError
+        """Return the StopQuery of a block of this family. A family with drives defines it."""
+        raise TypeError(f"{type(block).__name__} is no drive of {self.name}")
 
     def check(self, request: Request) -> None:
         """Raise Rejected for a Request that no drive of this family supports. Sends nothing."""

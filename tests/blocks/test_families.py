@@ -9,7 +9,7 @@ from blocks.actuators.robstride import frames
 from blocks.families import families, family_of, find_model
 from graph import Diagram
 from graph.dialogue import Confirm, Listen, Rejected, Send, Tell
-from graph.family import Request
+from graph.family import Family, Request
 from tests.house import copy_rooms, python
 
 NAMES = {"RobStride", "CubeMars", "InvenSense", "MicroStrain", "OpenIMU", "analogue-to-digital converters"}
@@ -89,6 +89,13 @@ def test_every_actuator_block_has_a_family_that_can_query_it():
             assert family_of(block) is family
             frame, read = family.stop_query(block).frame, family.stop_query(block).read
             assert frame is not None and read(0x7FF, False, b"") is None
+
+
+def test_a_family_with_drives_and_without_their_stop_query_is_refused_when_it_is_made():
+    drives = next(family.drives for family in families() if family.drives)
+    with pytest.raises(TypeError, match=r"Incomplete has drives: define stop_query\(self, block\)"):
+        type("Incomplete", (Family,), {"drives": drives})
+    assert type("Sensors", (Family,), {})().drives == ()
 
 
 def carried_out(dialogue, answers, permission=True):
