@@ -57,7 +57,7 @@ class Exchange:
 
 
 @dataclass(frozen=True)
-class Tell:
+class Show:
     """Show lines to the operator. Yields None."""
 
     lines: tuple[str, ...]

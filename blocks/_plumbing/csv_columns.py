@@ -44,7 +44,7 @@ def split_unit(name):
 
 
 def column_index(name, names, file):
-    """Return the index of a column. names : (name, unit) of each column; ValueError if there is no such column"""
+    """Return the index of a column. names : (name, unit) of each column. Raises ValueError for an unknown column."""
     for index, (candidate, _) in enumerate(names):
         if candidate == name:
             return index

@@ -115,7 +115,9 @@ class Joint:
     )
     rms_window = Param(20.0, "s", "of the RMS torque", above=0.0, max=3600.0, fixed=True, kernel=False)
     warning_temperature = Param(70.0, "°C", "above which the drive is reported as warm", fixed=True, kernel=False)
-    derating_temperature = Param(80.0, "°C", "from which on its limit goes down", fixed=True, kernel=False)
+    derating_temperature = Param(
+        80.0, "°C", "temperature above which the torque limit decreases", fixed=True, kernel=False
+    )
     fault_temperature = Param(
         100.0, "°C", "at which nothing is left of its limit, and the run ends", fixed=True, kernel=False
     )

@@ -10,7 +10,7 @@ from collections import defaultdict
 from graph.drawing.style import BETWEEN_BOXES, BETWEEN_LINES, ROW
 
 ROUNDS = 6
-FAR = 150.0  # px between two preferred positions, from which on their mean is used
+FAR = 150.0  # px between two preferred positions; from this distance their mean is used
 ANCHOR = 1e-3  # weight of the present position, for a box without lines
 
 

@@ -143,14 +143,14 @@ class ToolBus:
                 reply = self.send(step.frame, step.why)
             elif isinstance(step, dialogue.Listen):
                 reply = self.listen(step.seconds, step.until or (lambda frames: False))
-            elif isinstance(step, dialogue.Tell):
+            elif isinstance(step, dialogue.Show):
                 reply = tell(step.lines)
             elif isinstance(step, dialogue.Confirm):
                 reply = confirm(step.what, yes)
                 if not reply:
                     tell(["nothing was changed"])
             else:
-                raise TypeError(f"a dialogue on a CAN bus yields Send, Listen, Tell or Confirm, got {step!r}")
+                raise TypeError(f"a dialogue on a CAN bus yields Send, Listen, Show or Confirm, got {step!r}")
 
 
 def named_buses(options, machine=None):

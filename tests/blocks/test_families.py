@@ -8,7 +8,7 @@ import pytest
 from blocks.actuators.robstride import frames
 from blocks.families import families, family_of, find_model
 from graph import Diagram
-from graph.dialogue import Confirm, Listen, Rejected, Send, Tell
+from graph.dialogue import Confirm, Listen, Rejected, Send, Show
 from graph.family import Family, Request
 from tests.house import copy_rooms, python
 
@@ -115,7 +115,7 @@ def carried_out(dialogue, answers, permission=True):
             pending += answers(step.frame)
         elif isinstance(step, Listen):
             reply, pending = pending, []
-        elif isinstance(step, Tell):
+        elif isinstance(step, Show):
             lines += step.lines
         else:
             assert step == Confirm("change that")

@@ -224,9 +224,8 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         for name, code in (("velocity_limit", speed), ("acceleration", acceleration)):
             if not 0 < code <= WORD:
                 raise ValueError(
-                    f"{name} must be between {self.scales[1]:.3g} and {WORD * self.scales[1]:.3g}, which is what "
-                    f"{self.found.name} can be "
-                    f"told of the joint, got {getattr(self, name):g}"
+                    f"{name} must be between {self.scales[1]:.3g} and {WORD * self.scales[1]:.3g}, the range "
+                    f"of {self.found.name} at the joint, got {getattr(self, name):g}"
                 )
         return float(speed), float(acceleration)
 

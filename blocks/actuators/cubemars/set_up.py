@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from blocks.actuators.cubemars import frames, queries
 from blocks.actuators.mit_frames import SET_ZERO
 from blocks.actuators.queries import disable_in_mit_mode
-from graph.dialogue import Confirm, Dialogue, Listen, Rejected, Send, Tell, ask
+from graph.dialogue import Confirm, Dialogue, Listen, Rejected, Send, Show, ask
 from graph.family import Answer
 
 STILL_TOLERANCE = 0.02  # rad between two queries
@@ -57,7 +57,7 @@ def set_up(request):
     if in_mit_mode:
         kept = "whether it is kept when its power goes depends on the firmware; check it with `scan`"
     position = target.answer.position
-    yield Tell((f"id {request.can_id}, {family}", f"  position: {position:.4f} rad -> 0 rad, {kept}"))
+    yield Show((f"id {request.can_id}, {family}", f"  position: {position:.4f} rad -> 0 rad, {kept}"))
     if not (yield Confirm("change that")):
         return True
     yield Send(target.frame, "set zero")
@@ -68,7 +68,7 @@ def set_up(request):
             break
     confirmed = after is not None and abs(after.position) < ZERO_TOLERANCE
     reported = "not reported" if after is None else f"{after.position:.4f} rad"
-    yield Tell((f"done: position is {reported}" if confirmed else f"NOT done: position is {reported}",))
+    yield Show((f"done: position is {reported}" if confirmed else f"NOT done: position is {reported}",))
     return confirmed
 
 

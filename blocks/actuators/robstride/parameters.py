@@ -76,6 +76,4 @@ def find(name):
         if known.lower() == name.lower():
             return parameter
     hint = suggestion(name, PARAMETERS)
-    raise ValueError(
-        f"there is no parameter {name!r}" + (f"; {hint}" if hint else f"; there are {', '.join(PARAMETERS)}")
-    )
+    raise ValueError(f"unknown parameter {name!r}; " + (hint or f"expected one of {', '.join(PARAMETERS)}"))

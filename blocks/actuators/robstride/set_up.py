@@ -8,7 +8,7 @@ import struct
 
 from blocks.actuators.queries import disable_in_mit_mode
 from blocks.actuators.robstride import parameters, queries
-from graph.dialogue import Confirm, Listen, Rejected, Send, Tell, ask
+from graph.dialogue import Confirm, Listen, Rejected, Send, Show, ask
 from graph.names import suggestion
 
 MAX_VELOCITY, MAX_CURRENT = 0.1, 0.3  # rad/s and A of a drive at rest
@@ -88,12 +88,12 @@ def switch_back(can_id):
     """Send a drive in the MIT protocol back to the private one; None where none answers in that."""
     if (yield from in_mit_mode(can_id)) is None:
         return None
-    yield Tell((f"  id {can_id}: protocol: mit -> private, from its next power on",))
+    yield Show((f"  id {can_id}: protocol: mit -> private, from its next power on",))
     if not (yield Confirm("change that")):
         return True
     yield Send((can_id, False, SWITCH_BACK), "set protocol")
     yield Listen(0.1)
-    yield Tell((f"sent: protocol private; {POWER_CYCLE}",))
+    yield Show((f"sent: protocol private; {POWER_CYCLE}",))
     return True
 
 
@@ -130,11 +130,11 @@ class Drive:
 
     def carry_out(self, request):
         """Report, ask, change, and read again; return whether everything was confirmed."""
-        yield Tell((f"id {self.can_id}, unique {self.unique}",))
+        yield Show((f"id {self.can_id}, unique {self.unique}",))
         for parameter in reads(request):
             value = yield from self.read(parameter.name)
             text = "-" if value is None else parameter.text(value)
-            yield Tell((f"  {parameter.name:<14} {text:<14} {parameter.meaning}",))
+            yield Show((f"  {parameter.name:<14} {text:<14} {parameter.meaning}",))
         if not request.other_than("--read"):
             return True
         yield from self.refuse_running()
@@ -144,7 +144,7 @@ class Drive:
         for parameter, _ in wanted:
             before[parameter.name] = yield from self.read(parameter.name)
         position = (yield from self.read("mechPos")) if request.zero else None
-        yield Tell(tuple(self.planned(request, wanted, before, position)))
+        yield Show(tuple(self.planned(request, wanted, before, position)))
         if not (yield Confirm("change that")):
             return True
         done = []
@@ -235,9 +235,9 @@ class Drive:
         after = yield from self.read(parameter.name)
         text = "not reported" if after is None else parameter.text(after)
         if same(parameter, value, after):
-            yield Tell((f"done: {parameter.name} is {text}",))
+            yield Show((f"done: {parameter.name} is {text}",))
             return True
-        yield Tell((f"NOT done: {parameter.name} is {text}, and not {parameter.text(value)}",))
+        yield Show((f"NOT done: {parameter.name} is {text}, and not {parameter.text(value)}",))
         return False
 
     def zero(self):
@@ -246,20 +246,20 @@ class Drive:
         after = yield from self.read("mechPos")
         confirmed = after is not None and abs(after) < ZERO_TOLERANCE
         text = "not reported" if after is None else f"{after:.4f} rad"
-        yield Tell((f"done: position is {text}" if confirmed else f"NOT done: position is {text}",))
+        yield Show((f"done: position is {text}" if confirmed else f"NOT done: position is {text}",))
         return confirmed
 
     def save(self):
         read = queries.feedback_of(self.can_id)
         answer = yield from ask(queries.save(self.can_id), "save", read, patience=0.5, attempts=1)
         silent = "saved, but the drive did not answer: turn its power off and on, and read again"
-        yield Tell(("done: saved" if answer else silent,))
+        yield Show(("done: saved" if answer else silent,))
         return answer is not None
 
     def switch(self, name):
         yield Send(queries.set_protocol(self.can_id, name), "set protocol")
         yield Listen(0.1)
-        yield Tell((f"sent: protocol {name}; {POWER_CYCLE}",))
+        yield Show((f"sent: protocol {name}; {POWER_CYCLE}",))
         return True
 
     def rename(self, new):
@@ -268,7 +268,7 @@ class Drive:
         after = yield from self.identities(new)
         confirmed = after == [self.unique] and not (yield from self.identities(self.can_id))
         silent = f"NOT done: as id {new} answers {' and '.join(after) or 'no drive'}; look with `scan`"
-        yield Tell((f"done: id {self.can_id} is now {new}, unique {self.unique}" if confirmed else silent,))
+        yield Show((f"done: id {self.can_id} is now {new}, unique {self.unique}" if confirmed else silent,))
         return confirmed
 
 

@@ -5,7 +5,7 @@ from gaitlab.drive import EmulatedGaitDrive, GaitDrive, protocol
 from gaitlab.drive.family import FAMILY
 
 from graph.conformance import check_block
-from graph.dialogue import Confirm, Listen, Rejected, Send, Tell
+from graph.dialogue import Confirm, Listen, Rejected, Send, Show
 from graph.family import Request
 
 
@@ -27,7 +27,7 @@ class Drive:
                 step = dialogue.send(reply)
             except StopIteration as end:
                 return end.value
-            reply = {Send: self.take, Listen: self.give, Tell: lambda step: None, Confirm: lambda step: True}[
+            reply = {Send: self.take, Listen: self.give, Show: lambda step: None, Confirm: lambda step: True}[
                 type(step)
             ](step)
 

@@ -191,7 +191,7 @@ def test_a_robstride_changes_its_protocol_both_ways(command_line):
         (["AK80-9", "--zero"], "AK80-9: it is a CubeMars, whose id, mode and limits are set in CubeMars' own program"),
         (["9", "--set-id", "9"], "the drive already has this id"),
         (["9", "--set-id", "128"], "128: expected an id from 1 to 127"),
-        (["9", "--write", "limit_torqe=1"], "there is no parameter 'limit_torqe'; did you mean 'limit_torque'?"),
+        (["9", "--write", "limit_torqe=1"], "unknown parameter 'limit_torqe'; did you mean 'limit_torque'?"),
         (["9", "--write", "limit_torque=nan"], "expected a number (N·m)"),
         (["9", "--write", "canTimeout=1.5"], "expected a whole number that fits it"),
         (["9", "--write", "run_mode=300"], "expected a whole number that fits it"),

@@ -4,7 +4,7 @@ from gaitlab.drive import models, protocol
 from gaitlab.drive.block import GaitDrive
 
 from blocks.sources import TimeTable
-from graph.dialogue import Confirm, Listen, Rejected, Send, Tell, ask
+from graph.dialogue import Confirm, Listen, Rejected, Send, Show, ask
 from graph.family import Drive, Family, Query, StopQuery, Table
 
 
@@ -56,8 +56,8 @@ class GaitLab(Family):
         if before is None:
             return None
         self.check(request)
-        yield Tell((f"id {can_id}, {before.family}",))
-        yield Tell((f"  position: {before.position:.3f} rad -> 0 rad",) * request.zero)
+        yield Show((f"id {can_id}, {before.family}",))
+        yield Show((f"  position: {before.position:.3f} rad -> 0 rad",) * request.zero)
         if request.new_id and (yield from ask(disable(request.new_id), "disable", reader(request.new_id))) is not None:
             raise Rejected(f"id {request.new_id} is on the bus already; nothing was changed")
         if not (yield Confirm("change that")):
@@ -71,7 +71,7 @@ class GaitLab(Family):
             can_id = request.new_id
         after = yield from ask(disable(can_id), "disable", reader(can_id))
         done = after is not None and (not request.zero or abs(after.position) < 0.01)
-        yield Tell((f"done: id {can_id}, {after.position:.3f} rad" if done else "NOT done",))
+        yield Show((f"done: id {can_id}, {after.position:.3f} rad" if done else "NOT done",))
         return done
 
 
