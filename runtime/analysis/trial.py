@@ -10,6 +10,7 @@ standby recorders continued.
 """
 
 import re
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,11 @@ import numpy as np
 from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
 from runtime.recording import messages
+from runtime.recording.batches import FRAME, Batch
 from runtime.recording.parts import whole
 from runtime.recording.reader import Reader
 
+BATCH_ROWS = 10_000
 DTYPES = {"int": np.int64, "bool": np.bool_}
 ELEMENT = re.compile(r"(.*?)((?:\[[\d, ]+\])*)")
 
@@ -164,6 +167,19 @@ class Trial:
     def marks(self) -> np.ndarray:
         """Times in s of the marks that the key m has set."""
         return np.array([event["tick"] / self.about["rate"] for event in self.events if event["event"] == "mark"])
+
+    def batches(self, size=BATCH_ROWS):
+        """Yield the recording as Batches, in order, in constant memory. size : rows of a batch at most"""
+        known = np.zeros(len(self.frames), dtype=FRAME)
+        for place, frame in enumerate(self.frames):
+            known[place : place + 1] = np.frombuffer(
+                struct.pack("=3q", frame.drain, frame.drained, frame.row) + frame.payload, dtype=FRAME
+            )
+        for first in range(0, max(len(self), 1), size):
+            last = min(first + size, len(self))
+            rows = np.column_stack((self.tick[first:last], self.lateness[first:last], self.rows[first:last]))
+            begin, end = np.searchsorted(known["row"], (first, last))
+            yield Batch(rows, known[begin : end if last < len(self) else len(known)])
 
     def resample(self, rate):
         """Return this Trial at a fixed rate in Hz, from its first tick to its last, with missed ticks filled in.

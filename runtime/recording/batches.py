@@ -1,0 +1,36 @@
+"""Batch: a stretch of a recording, as NumPy arrays."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+# A frame as it was recorded; its last 80 bytes are a struct Frame of cext/abi.pxd.
+#   drain: number of the bus drain that returned or preceded it, from 1; 0 before the first
+#   drained: time of that drain in ns since the start of the run
+#   row: rows that were complete before it
+#   time: ns since the start of the run; id: with the flag bits of SocketCAN; bus: index in about["buses"]
+FRAME = np.dtype(
+    [
+        ("drain", "<i8"),
+        ("drained", "<i8"),
+        ("row", "<i8"),
+        ("time", "<i8"),
+        ("id", "<u4"),
+        ("length", "u1"),
+        ("flags", "u1"),
+        ("bus", "u1"),
+        ("sent", "u1"),
+        ("data", "V64"),
+    ]
+)
+
+
+class Batch(NamedTuple):
+    """Stretch of a recording.
+
+    rows : (ticks, 2 + signals) float64: the tick, its lateness in s, every signal
+    frames : array of FRAME that were recorded between these rows, in order; the last batch has those after the last row
+    """
+
+    rows: np.ndarray
+    frames: np.ndarray
