@@ -6,97 +6,122 @@ over the phase and added to running sums. A stride with missing ticks, a non-fin
 excluded and counted.
 """
 
-from math import isfinite, sqrt
 from typing import Any
+
+import numpy as np
 
 POINTS = 101  # 0, 1, ... 100 % of the stride
 WRAP = 0.5  # decrease of the phase at the end of a stride
 STRIDE_MINIMUM, STRIDE_LIMIT = 0.4, 4.0  # s: running, and walking with great difficulty
 CURVES = ("angle", "torque", "power")
 INPUTS = ("phase", "walking", "angle", "velocity", "torque")
+PHASE, WALKING, ANGLE, VELOCITY, TORQUE = range(5)
 
 
 class AverageStride:
     """Average stride. rate : Hz, of the rows"""
 
-    def __init__(self, rate):
+    def __init__(self, rate: float) -> None:
         self.rate = rate
-        self.stride: Any = (
-            None  # samples (phase, angle, velocity, torque) since the last wrap, None while there was none
-        )
-        self.longest = STRIDE_LIMIT * rate + 1
-        self.before: Any = None
-        self.previous: Any = None  # the sample before the stride, one stride back in phase; and the newest
-        self.last_tick = self.last_phase = None
+        self.length_limit = int(STRIDE_LIMIT * rate + 1)  # samples
+        # blocks of samples since the last wrap; None while there was none
+        self.stride: Any = None
+        self.before: Any = None  # the sample before the stride
+        self.last_tick: Any = None
+        self.last: Any = None  # the newest sample
         self.strides = 0
-        self.left_out = {}  # {reason: strides}
+        self.left_out: dict[str, int] = {}  # {reason: strides}
         # ticks: all, without walking, of strides that ended or were excluded
         self.rows = self.standing = self.in_strides = 0
         self.time = self.positive_work = self.negative_work = self.peak = 0.0
         self.sums = {name: Sums() for name in CURVES}
 
-    def add(self, tick, phase, walking, angle, velocity, torque):
-        """Add a row, in the order of ticks. walking : 1.0 if the phase is valid"""
-        self.rows += 1
-        self.standing += walking != 1.0
-        if abs(torque) > self.peak and isfinite(torque):
-            self.peak = abs(torque)
-        unbroken = self.last_tick is not None and tick == self.last_tick + 1
-        wrapped = unbroken and walking == 1.0 and self.last_phase - phase > WRAP
-        sample = (phase, angle, velocity, torque)
-        if not unbroken:
-            self.leave_out("with missed ticks")
-        elif walking != 1.0:
-            self.leave_out("in which walking ended")
-        elif wrapped:
-            if self.stride is not None:
-                self.complete(sample)
-            self.before, self.stride = self.previous, [sample]
-        elif self.stride is not None:
-            self.stride.append(sample)
-            if len(self.stride) > self.longest:
-                self.leave_out(f"longer than {STRIDE_LIMIT:g} s")
-        self.last_tick, self.last_phase, self.previous = tick, phase, sample
+    def add(self, ticks: Any, samples: Any) -> None:
+        """Add rows, in the order of ticks.
 
-    def leave_out(self, reason):
+        ticks : array (rows,)
+        samples : array (rows, 5) of the INPUTS in s, rad, rad/s and N·m; walking is 1.0 where the phase is valid
+        """
+        if not len(ticks):
+            return
+        walking = samples[:, WALKING] == 1.0
+        self.rows += len(ticks)
+        self.standing += int(np.count_nonzero(~walking))
+        torque = np.abs(samples[:, TORQUE])
+        self.peak = max(self.peak, float(torque[np.isfinite(torque)].max(initial=0.0)))
+        phase = samples[:, PHASE]
+        first = self.last is None
+        unbroken = np.diff(ticks, prepend=ticks[0] if first else self.last_tick) == 1
+        with np.errstate(invalid="ignore"):
+            wrapped = unbroken & walking & (-np.diff(phase, prepend=phase[0] if first else self.last[PHASE]) > WRAP)
+        ended = ~unbroken | ~walking
+        ended[1:] &= ~ended[:-1]  # further ticks without walking end nothing
+        start = 0
+        for place in np.flatnonzero(ended | wrapped):
+            self.extend(samples[start:place])
+            start = place
+            if wrapped[place]:
+                if self.stride is not None:
+                    self.complete(samples[place])
+                self.before, self.stride = (samples[place - 1].copy() if place else self.last), []
+            elif not unbroken[place]:
+                self.leave_out("with missed ticks")
+            else:
+                self.leave_out("in which walking ended")
+        self.extend(samples[start:])
+        self.last_tick, self.last = ticks[-1], samples[-1].copy()
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of the present stride."""
+        return sum(map(len, self.stride))
+
+    def extend(self, samples: Any) -> None:
+        """Extend the present stride, if there is one."""
+        if self.stride is None or not len(samples):
+            return
+        self.stride.append(samples.copy())
+        if self.samples > self.length_limit:
+            self.stride = [np.concatenate(self.stride)[: self.length_limit + 1]]
+            self.leave_out(f"longer than {STRIDE_LIMIT:g} s")
+
+    def leave_out(self, reason: str) -> None:
         """Exclude the present stride, if there is one."""
         if self.stride is not None:
             self.left_out[reason] = self.left_out.get(reason, 0) + 1
-            self.in_strides += len(self.stride)
+            self.in_strides += self.samples
         self.stride = None
 
-    def complete(self, after):
+    def complete(self, after: Any) -> None:
         """Average a complete stride unless it is excluded. after : first sample of the next one"""
-        samples = [*self.stride, after]
-        duration = len(self.stride) / self.rate
+        count = self.samples
+        duration = count / self.rate
+        rows = np.concatenate([[self.before], *self.stride, [after]])
         reason = (
             f"shorter than {STRIDE_MINIMUM:g} s"
             if duration < STRIDE_MINIMUM
             else f"longer than {STRIDE_LIMIT:g} s"
             if duration > STRIDE_LIMIT
             else ""
-            if all(isfinite(v) for sample in [self.before, *samples] for v in sample)
+            if np.isfinite(rows).all()
             else "with a value that is not finite"
         )
         if reason:
             self.leave_out(reason)
             return
-        powers = [velocity * torque for _, _, velocity, torque in samples]
-        self.positive_work += trapezoid([max(p, 0.0) for p in powers], 1.0 / self.rate)
-        self.negative_work += trapezoid([min(p, 0.0) for p in powers], 1.0 / self.rate)
+        power = rows[:, VELOCITY] * rows[:, TORQUE]
+        self.positive_work += trapezoid(np.maximum(power[1:], 0.0), 1.0 / self.rate)
+        self.negative_work += trapezoid(np.minimum(power[1:], 0.0), 1.0 / self.rate)
         self.strides += 1
-        self.in_strides += len(self.stride)
+        self.in_strides += count
         self.time += duration
-        rows = [self.before, *samples]
-        phases = [self.before[0] - 1.0, *(phase for phase, _, _, _ in self.stride), after[0] + 1.0]
-        for name, values in (
-            ("angle", [angle for _, angle, _, _ in rows]),
-            ("torque", [torque for _, _, _, torque in rows]),
-            ("power", [velocity * torque for _, _, velocity, torque in rows]),
-        ):
+        phases = rows[:, PHASE].copy()
+        phases[0] -= 1.0
+        phases[-1] += 1.0
+        for name, values in (("angle", rows[:, ANGLE]), ("torque", rows[:, TORQUE]), ("power", power)):
             self.sums[name].add(resample(phases, values))
 
-    def result(self):
+    def result(self) -> dict[str, Any]:
         """Return a dict in s, N·m, J, rad and W: means over the strides, and the rows outside strides.
 
         It has no curves without a stride.
@@ -117,7 +142,9 @@ class AverageStride:
                 "stride_time": self.time / count,
                 "positive_work": self.positive_work / count,
                 "negative_work": self.negative_work / count,
-                "curves": {name: {"mean": sums.mean, "sd": sums.sd()} for name, sums in self.sums.items()},
+                "curves": {
+                    name: {"mean": sums.mean.tolist(), "sd": sums.sd().tolist()} for name, sums in self.sums.items()
+                },
             }
         return found
 
@@ -138,38 +165,29 @@ def signals_texts(result):
 class Sums:
     """Running mean and standard deviation of curves. (Welford 1962)"""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.count = 0
-        self.mean, self.squares = [0.0] * POINTS, [0.0] * POINTS
+        self.mean, self.squares = np.zeros(POINTS), np.zeros(POINTS)
 
-    def add(self, curve):
+    def add(self, curve: Any) -> None:
+        """Add a curve, an array (POINTS,)."""
         self.count += 1
-        for index, value in enumerate(curve):
-            difference = value - self.mean[index]
-            self.mean[index] += difference / self.count
-            self.squares[index] += difference * (value - self.mean[index])
+        difference = curve - self.mean
+        self.mean += difference / self.count
+        self.squares += difference * (curve - self.mean)
 
-    def sd(self):
+    def sd(self) -> Any:
         """Return the sample standard deviation; zero for a single curve."""
-        return [sqrt(square / (self.count - 1)) if self.count > 1 else 0.0 for square in self.squares]
+        return np.sqrt(self.squares / (self.count - 1)) if self.count > 1 else np.zeros(POINTS)
 
 
-def resample(phases, values):
+def resample(phases: Any, values: Any) -> Any:
     """Resample values to 0, 1, ... 100 % of the stride, linearly. Samples that do not advance the phase are skipped."""
-    xs, ys = [phases[0]], [values[0]]
-    for phase, value in zip(phases, values):
-        if phase > xs[-1]:
-            xs.append(phase)
-            ys.append(value)
-    curve, right = [], 1
-    for point in range(POINTS):
-        at = point / (POINTS - 1)
-        while right < len(xs) - 1 and xs[right] < at:
-            right += 1
-        share = (at - xs[right - 1]) / (xs[right] - xs[right - 1])
-        curve.append(ys[right - 1] + min(1.0, max(0.0, share)) * (ys[right] - ys[right - 1]))
-    return curve
+    phases = np.asarray(phases)
+    advances = np.append(True, phases[1:] > np.maximum.accumulate(phases)[:-1])
+    return np.interp(np.linspace(0.0, 1.0, POINTS), phases[advances], np.asarray(values)[advances])
 
 
-def trapezoid(values, dt):
-    return dt * (sum(values) - 0.5 * (values[0] + values[-1]))
+def trapezoid(values: Any, dt: float) -> float:
+    """Return the integral of samples over time by the trapezoidal rule. dt : s"""
+    return float(dt * (values.sum() - 0.5 * (values[0] + values[-1])))

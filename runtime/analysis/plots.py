@@ -241,8 +241,7 @@ def legs(trial, events=None):
             continue
         average = AverageStride(trial.about["rate"])
         columns = (phase, walking, *(trial[signals[name]][rows] for name in CURVES_OF))
-        for tick, *values in zip(trial.tick[rows].tolist(), *(column.astype(float).tolist() for column in columns)):
-            average.add(tick, *values)
+        average.add(trial.tick[rows], np.column_stack([column.astype(float) for column in columns]))
         result = average.result()
         found += [{"title": title, "path": path, "signals": signals, **result}] if result["strides"] else []
     if not found:

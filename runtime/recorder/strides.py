@@ -5,9 +5,13 @@ Each part of a recording has its own average; `plot --strides` reads all parts.
 
 import os
 
+import numpy as np
+
 from runtime.analysis.average_stride import INPUTS, AverageStride
 from runtime.recorder.service import Service
 from runtime.recording.files import create
+
+BLOCK_ROWS = 1024
 
 
 class StrideAverage(Service):
@@ -18,12 +22,21 @@ class StrideAverage(Service):
             raise ValueError("wire all five inputs: phase, walking, angle, velocity, torque")
         path = self.sink["path"]
         self.title = self.sink["parameters"].get("title") or path.rpartition("/")[0] or path
-        self.average = AverageStride(self.plan["rate"])
+        self.average, self.rows = AverageStride(self.plan["rate"]), []
 
     def row(self, tick, time, values):
-        self.average.add(tick, *values)
+        self.rows.append((tick, *values))
+        if len(self.rows) == BLOCK_ROWS:
+            self.add_rows()
+
+    def add_rows(self):
+        """Add the rows that have arrived to the average."""
+        rows = np.array(self.rows, dtype=float).reshape(-1, 1 + len(INPUTS))
+        self.average.add(rows[:, 0].astype(np.int64), rows[:, 1:])
+        self.rows.clear()
 
     def close(self):
+        self.add_rows()
         sources = {signal["index"]: signal["path"] for signal in self.plan["signals"]}
         signals = {name: sources[column["index"]] for name, column in zip(INPUTS, self.sink["columns"])}
         self.result = {"title": self.title, "path": self.sink["path"], "signals": signals, **self.average.result()}
