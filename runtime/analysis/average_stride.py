@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 POINTS = 101  # 0, 1, ... 100 % of the stride
+GRID = np.linspace(0.0, 1.0, POINTS)
 WRAP = 0.5  # decrease of the phase at the end of a stride
 STRIDE_MINIMUM, STRIDE_LIMIT = 0.4, 4.0  # s: running, and walking with great difficulty
 CURVES = ("angle", "torque", "power")
@@ -34,7 +35,7 @@ class AverageStride:
         # ticks: all, without walking, of strides that ended or were excluded
         self.rows = self.standing = self.in_strides = 0
         self.time = self.positive_work = self.negative_work = self.peak = 0.0
-        self.sums = {name: Sums() for name in CURVES}
+        self.sums = Sums()
 
     def add(self, ticks: Any, samples: Any) -> None:
         """Add rows, in the order of ticks.
@@ -118,8 +119,7 @@ class AverageStride:
         phases = rows[:, PHASE].copy()
         phases[0] -= 1.0
         phases[-1] += 1.0
-        for name, values in (("angle", rows[:, ANGLE]), ("torque", rows[:, TORQUE]), ("power", power)):
-            self.sums[name].add(resample(phases, values))
+        self.sums.add(resample(phases, rows[:, ANGLE], rows[:, TORQUE], power))
 
     def result(self) -> dict[str, Any]:
         """Return a dict in s, N·m, J, rad and W: means over the strides, and the rows outside strides.
@@ -143,7 +143,8 @@ class AverageStride:
                 "positive_work": self.positive_work / count,
                 "negative_work": self.negative_work / count,
                 "curves": {
-                    name: {"mean": sums.mean.tolist(), "sd": sums.sd().tolist()} for name, sums in self.sums.items()
+                    name: {"mean": mean, "sd": sd}
+                    for name, mean, sd in zip(CURVES, self.sums.mean.tolist(), self.sums.sd().tolist())
                 },
             }
         return found
@@ -163,29 +164,35 @@ def signals_texts(result):
 
 
 class Sums:
-    """Running mean and standard deviation of curves. (Welford 1962)"""
+    """Running mean and standard deviation of the CURVES. (Welford 1962)"""
 
     def __init__(self) -> None:
         self.count = 0
-        self.mean, self.squares = np.zeros(POINTS), np.zeros(POINTS)
+        self.mean, self.squares = np.zeros((len(CURVES), POINTS)), np.zeros((len(CURVES), POINTS))
 
-    def add(self, curve: Any) -> None:
-        """Add a curve, an array (POINTS,)."""
+    def add(self, curves: Any) -> None:
+        """Add the curves of a stride, an array (CURVES, POINTS)."""
         self.count += 1
-        difference = curve - self.mean
+        difference = curves - self.mean
         self.mean += difference / self.count
-        self.squares += difference * (curve - self.mean)
+        self.squares += difference * (curves - self.mean)
 
     def sd(self) -> Any:
-        """Return the sample standard deviation; zero for a single curve."""
-        return np.sqrt(self.squares / (self.count - 1)) if self.count > 1 else np.zeros(POINTS)
+        """Return the sample standard deviation; zero for a single stride."""
+        return np.sqrt(self.squares / max(1, self.count - 1))
 
 
-def resample(phases: Any, values: Any) -> Any:
-    """Resample values to 0, 1, ... 100 % of the stride, linearly. Samples that do not advance the phase are skipped."""
+def resample(phases: Any, *curves: Any) -> Any:
+    """Resample curves to 0, 1, ... 100 % of the stride, linearly. Samples that do not advance the phase are skipped.
+
+    phases : array (samples,); the first is 0 or less, the last 1 or more
+    curves : arrays (samples,)
+
+    Returns an array (curves, POINTS).
+    """
     phases = np.asarray(phases)
     advances = np.append(True, phases[1:] > np.maximum.accumulate(phases)[:-1])
-    return np.interp(np.linspace(0.0, 1.0, POINTS), phases[advances], np.asarray(values)[advances])
+    return np.array([np.interp(GRID, phases[advances], np.asarray(values)[advances]) for values in curves])
 
 
 def trapezoid(values: Any, dt: float) -> float:

@@ -135,7 +135,7 @@ def test_standing_for_an_hour_takes_no_memory():
 
 
 def test_resampling_passes_over_samples_that_do_not_advance():
-    curve = resample([-0.1, 0.5, 0.5, 0.4, 0.6, 1.1], [-1.0, 5.0, 50.0, 40.0, 6.0, 11.0])
+    [curve] = resample([-0.1, 0.5, 0.5, 0.4, 0.6, 1.1], [-1.0, 5.0, 50.0, 40.0, 6.0, 11.0])
     assert curve[0] == pytest.approx(0.0) and curve[50] == pytest.approx(5.0) and curve[100] == pytest.approx(10.0)
 
 
