@@ -5,6 +5,7 @@ number of its own.
 import io
 import re
 import tokenize
+from typing import NamedTuple
 
 import pytest
 
@@ -40,6 +41,20 @@ NO_THRESHOLDS = {  # times of processes and of Python, sizes, bit masks
 }
 
 
+class Threshold(NamedTuple):
+    name: str
+    value: int
+    unit: str
+    meaning: str
+
+
+def table():
+    """The Thresholds of thresholds.pxd, each with the unit and the meaning in the comment above it."""
+    text = re.sub(r"\n    #     ", " ", (ROOT / "cext/safety/thresholds.pxd").read_text())
+    rows = re.findall(r"^    # ([^:\n]+): (.+)\n    ([A-Z_]+) = (-?\d+)$", text, re.MULTILINE)
+    return [Threshold(name, int(value), unit, meaning) for unit, meaning, name, value in rows]
+
+
 def in_words(threshold):
     if threshold.unit != "ns":
         return f"{threshold.value} {threshold.unit}"
@@ -49,13 +64,8 @@ def in_words(threshold):
 
 def shown():
     """The table as docs/rigs.md has it."""
-    rows = [f"| `{each.name}` | {in_words(each)} | {each.meaning} |" for each in thresholds.table()]
+    rows = [f"| `{each.name}` | {in_words(each)} | {each.meaning} |" for each in table()]
     return "\n".join(["| threshold | value | |", "|---|--:|---|", *rows]) + "\n"
-
-
-def defined():
-    text = (ROOT / "cext/safety/thresholds.pxd").read_text()
-    return {name: int(value) for name, value in re.findall(r"^    ([A-Z_]+) = (-?\d+)", text, re.MULTILINE)}
 
 
 def constants_of(path):
@@ -84,18 +94,18 @@ def large_numbers_of(path):
 
 
 def test_every_threshold_has_a_value_a_unit_and_a_meaning():
-    assert {each.name: each.value for each in thresholds.table()} == defined()
+    assert {each.name: each.value for each in table()} == {
+        name: int(value) for name, value in vars(thresholds).items() if name.isupper()
+    }
     units = {"ns", "periods", "ticks", "failures", "replies", "%", "mrad", "mrad/s", "°C"}
-    assert all(
-        each.unit in units and each.meaning and (each.value > 0 or each.unit == "°C") for each in thresholds.table()
-    )
+    assert all(each.unit in units and (each.value > 0 or each.unit == "°C") for each in table())
 
 
 def test_the_thresholds_fit_together():
     """A run whose watchdog works is not taken for one that stalls; the guardian looks often enough to be believed
     alive.
     """
-    value = {each.name: each.value for each in thresholds.table()}
+    value = {each.name: each.value for each in table()}
     assert value["HANG_PERIODS"] < value["LOOP_STALL_PERIODS"] and value["HANG_MINIMUM"] < value["LOOP_STALL_MINIMUM"]
     assert (
         value["GUARDIAN_LOOK_PERIOD"] * 4
