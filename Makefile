@@ -40,7 +40,7 @@ help:
 	echo "make run            set up .venv, build, and run: RUN='$(RUN)'"
 	echo "make test           set up .venv, build, lint, and run the tests; TESTS='tests/graph -k units' chooses"
 	echo "make lint           check style and format with ruff, and types with pyright"
-	echo "make stubs          write the type stubs of blocks from their declarations"
+	echo "make stubs          write the type stubs of blocks and of native modules"
 	echo "make test-hardware  those of real buses: SocketCAN on vcan0, here or under User Mode Linux, and real processes over UDP"
 	echo "make soak           the long tests"
 	echo "make build          compile what has changed"
@@ -66,6 +66,7 @@ lint: $(VENV)/installed-test
 
 stubs: $(VENV)/installed-test
 	$(VENV)/bin/python -m graph.stubs blocks graph/arithmetic.py
+	$(VENV)/bin/python -m cext.stubs
 
 test-hardware: $(VENV)/installed-test
 	$(VENV)/bin/python -m pytest -rs -m '' tests/hardware $(TESTS)

@@ -63,7 +63,7 @@ cdef int bits_of(const Frame *frame) noexcept nogil:
     return count_bits(frame).bits
 
 
-def frame_bits(uint32_t arbitration_id, bytes data, bint extended=False):
+def frame_bits(uint32_t arbitration_id, bytes data, bint extended=False) -> tuple[int, int]:
     """Return (bits on the wire including the intermission, number of stuffed bits) of a data frame."""
     cdef Frame frame
     cdef Counter counter
@@ -77,7 +77,7 @@ def frame_bits(uint32_t arbitration_id, bytes data, bint extended=False):
     return counter.bits, counter.stuffed
 
 
-def payload_bits(bytes payload not None):
+def payload_bits(bytes payload not None) -> int:
     """Return the bits on the wire of a frame in the ring, given as the bytes of a struct Frame."""
     if len(payload) != sizeof(Frame):
         raise ValueError("a frame has %d bytes, not %d" % (sizeof(Frame), len(payload)))

@@ -32,7 +32,7 @@ cdef int memory_send(void *context, const Frame *frames, int count) noexcept nog
 
 
 cdef class BusEnd:
-    def receive(self, int most=QUEUE):
+    def receive(self, int most=QUEUE) -> list[tuple[int, bool, bytes, int]]:
         """Return received frames as a list of (arbitration id, is extended, data, time in ns).
 
         For tests and tools, not for the tick.
@@ -43,12 +43,12 @@ cdef class BusEnd:
             taken.append((frame.id & ID_MASK, bool(frame.id & EXTENDED), bytes(frame.data[: frame.length]), frame.time))
         return taken
 
-    def advance(self, int64_t now):
+    def advance(self, int64_t now) -> None:
         """Set the time of a bus with its own clock, in ns of the run. For tests and tools."""
         if self.bus.at != NULL:
             self.bus.at(self.bus.context, now)
 
-    def send(self, uint32_t arbitration_id, bytes data, bint extended=False, int64_t time=0):
+    def send(self, uint32_t arbitration_id, bytes data, bint extended=False, int64_t time=0) -> bool:
         """Send one frame. For tests and tools, not for the tick."""
         cdef Frame frame
         if len(data) > FRAME_BYTES:
@@ -86,6 +86,6 @@ cdef class MemoryBus:
         free(self.queues)
 
     @property
-    def dropped(self):
+    def dropped(self) -> int:
         """Number of frames lost to a full queue."""
         return self.queues[0].dropped + self.queues[1].dropped

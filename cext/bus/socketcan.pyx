@@ -217,26 +217,26 @@ cdef class SocketCan:
     def __dealloc__(self):
         free(self.socket)
 
-    def begin(self, int64_t began):
+    def begin(self, int64_t began) -> None:
         """Reset the counts, and time frames from `began`, in ns of CLOCK_MONOTONIC."""
         socket_begin(self.socket, began)
 
     @property
-    def counts(self):
+    def counts(self) -> dict[str, int]:
         """Frames since the begin, by kind."""
         return self.socket.counts
 
     @property
-    def state(self):
+    def state(self) -> str:
         """Reported state of the controller: active, warning, passive or off."""
         return STATES[self.socket.state]
 
     @property
-    def worst(self):
+    def worst(self) -> str:
         """Worst state since the begin."""
         return STATES[self.socket.worst]
 
     @property
-    def trouble(self):
+    def trouble(self) -> str | int | None:
         """Reason for a failure of the bus: "full", "bus-off", the errno of a system call, or None."""
         return TROUBLES.get(self.socket.trouble, self.socket.trouble) if self.socket.trouble else None

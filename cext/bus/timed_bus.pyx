@@ -149,17 +149,17 @@ cdef class TimedBus:
         free(self.wire)
 
     @property
-    def dropped(self):
+    def dropped(self) -> int:
         """Number of frames lost to a full queue."""
         return self.wire.dropped
 
     @property
-    def carried(self):
+    def carried(self) -> int:
         """Number of transmitted frames."""
         return self.wire.carried
 
     @property
-    def busy(self):
+    def busy(self) -> float:
         """s with a frame on the wire."""
         return self.wire.busy * 1e-9
 
@@ -214,6 +214,6 @@ cdef class SlowBus:
         self.end.owner = self
 
     @property
-    def refused(self):
+    def refused(self) -> int:
         """Number of replies that the faster bus rejected."""
         return self.context.refused

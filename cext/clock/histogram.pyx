@@ -25,7 +25,7 @@ cdef dict summary(const Histogram *histogram):
     return result
 
 
-def percentiles(durations):
+def percentiles(durations) -> dict[str, float]:
     """Return the percentiles of durations in ns, as in the statistics: a dict in s, each at most 3.2 % above the
     true value.
     """
@@ -36,7 +36,7 @@ def percentiles(durations):
     return summary(&histogram)
 
 
-def counts_of(durations):
+def counts_of(durations) -> np.ndarray:
     """Return the bucket counts of durations in ns, as an array that can be added to others."""
     cdef Histogram histogram
     memset(&histogram, 0, sizeof(Histogram))
@@ -51,7 +51,7 @@ cdef object buckets(const Histogram *histogram):
     return np.asarray(<uint64_t[:BUCKETS]>(<uint64_t *>histogram.buckets)).copy()
 
 
-def percentile(uint64_t[::1] counts, double share):
+def percentile(uint64_t[::1] counts, double share) -> float:
     """Return a percentile in s, at most 3.2 % above the true value.
 
     counts : of `counts_of` or SharedState
@@ -71,7 +71,7 @@ def percentile(uint64_t[::1] counts, double share):
     raise ValueError("there are no durations")
 
 
-def time_of_add(int64_t[::1] durations, int64_t rounds):
+def time_of_add(int64_t[::1] durations, int64_t rounds) -> float:
     """Return the ns of processor time of one `add`, measured over `rounds` times all durations. For `bench`."""
     cdef Histogram histogram
     cdef int64_t began, round

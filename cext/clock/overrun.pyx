@@ -48,6 +48,7 @@ cdef class Overrun:
         free(self.missed)
 
     cpdef void reset(self) noexcept nogil:
+        """Forget earlier overruns."""
         self.fault = False
         self.late = self.lately = 0
         memset(self.missed, 0, self.window + 1)

@@ -96,7 +96,7 @@ cdef extern from "<errno.h>" nogil:
     int error_number "errno"
 
 
-def lock_memory(bint as_touched=False):
+def lock_memory(bint as_touched=False) -> None:
     """Lock all present and future memory of this process against paging. Raises OSError.
 
     as_touched : lock untouched pages only when they are first used
@@ -105,32 +105,33 @@ def lock_memory(bint as_touched=False):
         raise failed(error_number)
 
 
-def unlock_memory():
+def unlock_memory() -> None:
+    """Undo `lock_memory`."""
     if munlockall() != 0:
         raise failed(error_number)
 
 
-def prefault_stack(long size):
+def prefault_stack(long size) -> None:
     """Touch `size` bytes of this thread's stack below its present end."""
     touch_stack(size)
 
 
-def timer_slack():
+def timer_slack() -> int:
     """Return the ns by which the kernel may delay the end of this thread's sleeps to save wake-ups."""
     return prctl(PR_GET_TIMERSLACK, 0)
 
 
-def set_timer_slack(unsigned long nanoseconds):
+def set_timer_slack(unsigned long nanoseconds) -> None:
     """Set the timer slack in ns; 0 for the thread's default. A real-time thread has none."""
     prctl(PR_SET_TIMERSLACK, nanoseconds)
 
 
-def slice_length():
+def slice_length() -> int:
     """Return the time slice of this thread in ns; 0 if unknown (Linux before 6.12)."""
     return current_slice()
 
 
-def set_slice(unsigned long long nanoseconds):
+def set_slice(unsigned long long nanoseconds) -> None:
     """Request a time slice for this ordinary thread in ns; 0 for the default of a few ms. Raises OSError.
 
     A thread with a short slice preempts threads with a longer one when it wakes. It needs no privilege. Linux before
@@ -141,7 +142,7 @@ def set_slice(unsigned long long nanoseconds):
         raise failed(number)
 
 
-def watch_for_spinning():
+def watch_for_spinning() -> None:
     """Make SIGXCPU turn the calling thread into an ordinary one.
 
     The caller sets RLIMIT_RTTIME, which sends the signal.
@@ -156,7 +157,7 @@ def watch_for_spinning():
     sigaction(SIGXCPU, &install, &before)
 
 
-def stop_watching():
+def stop_watching() -> bool:
     """Restore the previous action of SIGXCPU. Returns whether the thread has lost its priority."""
     global watched
     if watched:

@@ -18,12 +18,12 @@ PHASES = {
 }
 
 
-def names(schedule):
+def names(schedule) -> list[str]:
     """Return the name of each item: text for a phase, the path of a step's block, the path of a device."""
     return [*(PHASES[item] for item in range(FIRST_STEP)), *(step.name for step in (*schedule.output, *schedule.update, *schedule.devices))]
 
 
-def time_of_lap(int64_t laps=20000):
+def time_of_lap(int64_t laps=20000) -> float:
     """Return the time of one clock reading with its histogram, in s."""
     cdef Histogram histogram
     cdef Laps watch
@@ -68,7 +68,7 @@ cdef class Stopwatch:
         if ns > blamed.longest:
             blamed.longest, blamed.at = ns, self.laps.tick
 
-    def name(self, int item):
+    def name(self, int item) -> str:
         """Return the path of a block or device, 'left/a to left/b' for a sequence of native blocks, or text for a
         phase.
         """
@@ -85,11 +85,12 @@ cdef class Stopwatch:
                 last += 1
         return step.name if self.steps[last].name == step.name else "%s to %s" % (step.name, self.steps[last].name)
 
-    def follows(self, step, first):
+    def follows(self, step, first) -> bool:
         """Return whether a native step is in the sequence that begins with `first`."""
         return step.kernel is not None and (step.every, step.conditions) == (first.every, first.conditions)
 
-    def kind(self, int item):
+    def kind(self, int item) -> str:
+        """Return "phase", "native", "Python", "device", or "native update" and "Python update"."""
         cdef int step = item - FIRST_STEP
         if step < 0:
             return "phase"
@@ -97,7 +98,7 @@ cdef class Stopwatch:
             return "device"
         return ("native" if self.steps[step].kernel is not None else "Python") + (" update" if step >= len(self.schedule.output) else "")
 
-    def overruns(self):
+    def overruns(self) -> list[dict[str, Any]]:
         """Return the items that caused missed grid points, most first: dicts of name, times, missed, longest (s),
         at_tick.
         """
@@ -108,7 +109,7 @@ cdef class Stopwatch:
         ]
         return sorted(found, key=lambda row: -row["missed"])
 
-    def rows(self):
+    def rows(self) -> list[dict[str, Any]]:
         """Return the profile, longest total first: dicts of name, kind, and the histogram's summary.
 
         Empty without a profile.

@@ -71,7 +71,7 @@ cdef void i2c_begin(void *context, int64_t began) noexcept nogil:
 cdef class I2cAdapter:
     """Carrier of exchanges: cext.lines.i2c_adapters for Linux, cext.lines.i2c_memory in memory."""
 
-    def exchange_bytes(self, int address, int register, bytes data=None, int count=0):
+    def exchange_bytes(self, int address, int register, bytes data=None, int count=0) -> bytes:
         """Write `data`, or read and return `count` bytes; for tests and tools.
 
         Raises OSError without an acknowledge.
@@ -119,7 +119,7 @@ cdef class I2cBus:
         free(self.setups)
         free(self.inbox)
 
-    def add(self, int place, int address, set_up=(), check=None, rounds=(), identity=()):
+    def add(self, int place, int address, set_up=(), check=None, rounds=(), identity=()) -> None:
         """Add a device, which has been set up, before `start`.
 
         place : of its frames; address : of the device
@@ -200,7 +200,7 @@ cdef class I2cBus:
                     exchange += 1
         return 0
 
-    def start(self, int priority=0):
+    def start(self, int priority=0) -> None:
         """Start the thread. priority : of SCHED_FIFO if granted, 0 for an ordinary thread"""
         cdef int failed, index
         cdef int64_t now
@@ -219,7 +219,7 @@ cdef class I2cBus:
             raise OSError(failed, "cannot start the thread of an I2C bus")
         self.running = True
 
-    def stop(self):
+    def stop(self) -> None:
         """Stop the thread. Earlier answers can still be received."""
         if not self.running:
             return
@@ -231,12 +231,12 @@ cdef class I2cBus:
             pthread_join(self.thread, NULL)
         self.ended = monotonic()
 
-    def begin(self, int64_t began):
+    def begin(self, int64_t began) -> None:
         """Discard earlier answers, and time frames from `began`, in ns of CLOCK_MONOTONIC."""
         i2c_begin(self.inbox, began)
 
     @property
-    def counts(self):
+    def counts(self) -> dict[str, Any]:
         """Counts of the thread: switches of multiplexers, rounds, overflows (frames overwritten unread), and for each
         device, in the order
         added: state, answers, rate (Hz of its first round), failures, losses, returns, and error, the errno of the last

@@ -99,7 +99,7 @@ cdef class MemoryI2c(I2cAdapter):
     def __dealloc__(self):
         free(self.chips)
 
-    def add(self, int address, int place=0, bint wide=False):
+    def add(self, int address, int place=0, bint wide=False) -> int:
         """Add a chip with all registers 0.
 
         wide : registers of two bytes, most significant first. Returns its number.
@@ -117,7 +117,7 @@ cdef class MemoryI2c(I2cAdapter):
             raise IndexError(number)
         return &self.chips.chip[number]
 
-    def write(self, int number, int register, bytes data):
+    def write(self, int number, int register, bytes data) -> None:
         """Set registers of a chip."""
         cdef Chip *chip = self.of(number)
         cdef int width = 2 if chip.wide else 1
@@ -125,19 +125,20 @@ cdef class MemoryI2c(I2cAdapter):
         for k in range(len(data)):
             chip.registers[(register * width + k) % (width * REGISTERS)] = data[k]
 
-    def read(self, int number, int register, int count=1):
+    def read(self, int number, int register, int count=1) -> bytes:
+        """Return `count` bytes of the registers of a chip."""
         cdef Chip *chip = self.of(number)
         cdef int width = 2 if chip.wide else 1
         return bytes([chip.registers[(register * width + k) % (width * REGISTERS)] for k in range(count)])
 
-    def clear(self, int number):
+    def clear(self, int number) -> None:
         """Set every register to 0, as after power-on."""
         cdef Chip *chip = self.of(number)
         cdef int k
         for k in range(2 * REGISTERS):
             chip.registers[k] = 0
 
-    def behave(self, int number, *, absent=None, stuck=None, slow=None):
+    def behave(self, int number, *, absent=None, stuck=None, slow=None) -> None:
         """Set faults. absent : no acknowledge; stuck : exchanges time out; slow : s per exchange"""
         cdef Chip *chip = self.of(number)
         if absent is not None:
@@ -147,16 +148,17 @@ cdef class MemoryI2c(I2cAdapter):
         if slow is not None:
             chip.slow = round(slow * 1e9)
 
-    def of_chip(self, int number):
+    def of_chip(self, int number) -> tuple[int, int]:
         """Return (reading exchanges, writing exchanges) of a chip."""
         cdef Chip *chip = self.of(number)
         return load_u64(&chip.reads), load_u64(&chip.writes)
 
     @property
-    def switches(self):
+    def switches(self) -> int:
         """Number of writes to multiplexers."""
         return load_u64(&self.chips.switches)
 
     @property
-    def exchanges(self):
+    def exchanges(self) -> int:
+        """Number of exchanges."""
         return load_u64(&self.chips.exchanges)

@@ -114,7 +114,7 @@ cdef class Stream:
         self.close()
         free(self.source)
 
-    def close(self):
+    def close(self) -> None:
         """Close the line after the thread has ended. Earlier data can still be received."""
         store_i32(&self.source.gone, 1)
         if self.own >= 0:
@@ -123,25 +123,26 @@ cdef class Stream:
             close(self.source.attempt)
         self.own, self.source.attempt = -1, 0
 
-    def fileno(self):
+    def fileno(self) -> int:
         """Return the descriptor of the line, which this object owns."""
         return self.own
 
-    def begin(self, int64_t began):
+    def begin(self, int64_t began) -> None:
         """Discard earlier data, and time frames from `began`, in ns of CLOCK_MONOTONIC."""
         stream_begin(self.source, began)
 
     @property
-    def gone(self):
+    def gone(self) -> bool:
+        """Whether the line is lost."""
         return bool(load_i32(&self.source.gone))
 
     @property
-    def trouble(self):
+    def trouble(self) -> int | None:
         """errno of the loss, None while connected."""
         return (self.source.error or None) if self.gone else None
 
     @property
-    def counts(self):
+    def counts(self) -> dict[str, int]:
         """Counts: bytes read, overflows (frames overwritten unread), refused messages, losses, returns, and strangers
         (failed
         identifications)."""

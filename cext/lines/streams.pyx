@@ -63,7 +63,7 @@ cdef class Streams(Reopening):
         free(self.sources)
 
     def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False, bint reconnects=False,
-            proof=(b"", b"")):
+            proof=(b"", b"")) -> Stream:
         """Add a descriptor before `start`.
 
         It is duplicated: the caller closes its own. Returns a Stream; raises OSError if it cannot be polled.
@@ -123,7 +123,7 @@ cdef class Streams(Reopening):
         self.streams.append(stream)
         return stream
 
-    def start(self, int priority=0):
+    def start(self, int priority=0) -> None:
         """Start the thread. priority : of SCHED_FIFO if granted, 0 for an ordinary thread"""
         cdef int failed
         if self.running:
@@ -141,7 +141,7 @@ cdef class Streams(Reopening):
             raise OSError(failed, "cannot start the thread that reads streams")
         self.running = True
 
-    def end(self):
+    def end(self) -> None:
         """End the thread. Earlier data can still be received."""
         if not self.running:
             return
@@ -235,7 +235,7 @@ cdef void *enter(void *context) noexcept nogil:
     return NULL
 
 
-def is_datagram_socket(fd):
+def is_datagram_socket(fd) -> bool:
     """Return whether a descriptor reads datagrams, which may be empty."""
     if not stat.S_ISSOCK(os.fstat(fd).st_mode):
         return False

@@ -114,7 +114,7 @@ cdef class Lines:
         if self.made_here:
             close(self.fd)
 
-    def take(self, int line, int most=RING_FRAMES):
+    def take(self, int line, int most=RING_FRAMES) -> list[tuple[int, bytes, int]]:
         """Return the frames that the loop sends, as a list of (id with the flag bits of struct can_frame, data, CAN
         FD's flags).
         """
@@ -124,7 +124,7 @@ cdef class Lines:
             taken.append((frame.id, bytes(frame.data[: min(frame.length, <uint8_t>FRAME_BYTES)]), frame.flags))
         return taken
 
-    def give(self, int line, uint32_t identifier, bytes data, int64_t time, int flags=0):
+    def give(self, int line, uint32_t identifier, bytes data, int64_t time, int flags=0) -> None:
         """Pass a received frame to the loop; time in ns of CLOCK_MONOTONIC. A full ring counts as an overflow."""
         cdef Frame frame
         cdef LineLayout *place = &self.lines[self.at(line)]
@@ -136,7 +136,7 @@ cdef class Lines:
         if not put(&place.inward, &frame):
             place.counts.overflows += 1
 
-    def count_up(self, int line, str kind, int64_t more=1):
+    def count_up(self, int line, str kind, int64_t more=1) -> None:
         """Add to a count. kind : field of LineCounts"""
         cdef LineCounts *counts = &self.lines[self.at(line)].counts
         if kind == "refused":
@@ -152,7 +152,7 @@ cdef class Lines:
         else:
             raise KeyError(kind)
 
-    def fail(self, int line, int number):
+    def fail(self, int line, int number) -> None:
         """Report a failure of the bus. number : errno of the reason"""
         store_i32(&self.lines[self.at(line)].failed, number)
 
@@ -181,18 +181,18 @@ cdef class Line:
         self.end.bus.context = &self.context
         self.end.owner = self
 
-    def begin(self, int64_t began):
+    def begin(self, int64_t began) -> None:
         """Time frames from `began`, in ns of CLOCK_MONOTONIC."""
         line_begin(&self.context, began)
 
     @property
-    def counts(self):
+    def counts(self) -> dict[str, int]:
         """Frames by kind."""
         counts = dict(self.context.line.counts)
         counts["refused"] += self.context.refused
         return counts
 
     @property
-    def trouble(self):
+    def trouble(self) -> str | int | None:
         """Reason for a failure of the bus: "full", an errno, or None."""
         return "full" if self.context.trouble == FULL else self.context.trouble or None

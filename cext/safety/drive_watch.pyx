@@ -71,7 +71,7 @@ cdef class DriveWatch:
         free(self.told)
 
     @property
-    def found(self):
+    def found(self) -> list[dict[str, Any]]:
         """Return a dict for each drive.
 
         Keys: device (path), rms (N·m) and temperature (°C) maxima, number of ticks of each warning, and about, value and bound

@@ -62,14 +62,14 @@ cdef class SharedState:
         if self.made_here:
             close(self.fd)
 
-    def take_hold(self):
+    def take_hold(self) -> None:
         """Lock the loop's mutex in the calling thread: waiters are notified when the thread dies. Raises OSError."""
         failed = pthread_mutex_trylock(&self.layout.hold)
         if failed and failed != EDEADLK:
             raise OSError(failed, "another thread holds the loop's mutex of this shared state")
         self.held = True
 
-    def take_guard(self):
+    def take_guard(self) -> None:
         """Lock the guardian's mutex in the calling thread: the loop detects its death at the next tick.
 
         Raises OSError.
@@ -80,7 +80,7 @@ cdef class SharedState:
         self.guarding = True
 
     @property
-    def guardian_died(self):
+    def guardian_died(self) -> bool:
         """Return whether the thread that called `take_guard` has died."""
         return find_dead(&self.layout.guard_hold, &self.layout.guard_dead)
 
@@ -89,7 +89,7 @@ cdef class SharedState:
         if self.held:
             self.held = pthread_mutex_unlock(&self.layout.hold) != 0
 
-    def push(self, uint32_t kind, bytes payload):
+    def push(self, uint32_t kind, bytes payload) -> None:
         """Append one record from outside the loop, padded with spaces to a multiple of 8 bytes.
 
         Returns False if the ring is full.
@@ -102,7 +102,7 @@ cdef class SharedState:
         commit(self.layout)
         return True
 
-    def drain(self, int most=4096, bint release=True):
+    def drain(self, int most=4096, bint release=True) -> list[tuple[int, bytes]]:
         """Take up to `most` records out of the ring. Returns a list of (kind, payload in bytes).
 
         Without `release`, their space is kept until `release()`, so that a later reader finds them again.
@@ -122,79 +122,83 @@ cdef class SharedState:
                 store_u64(&page.tail, self.cursor)
         return records
 
-    def release(self):
+    def release(self) -> None:
         """Free the space of all drained records."""
         store_u64(&self.layout.tail, self.cursor)
 
-    def rewind(self):
+    def rewind(self) -> None:
         """Make records that were drained but not released available again."""
         self.cursor = self.layout.tail
 
     @property
-    def tail(self):
+    def tail(self) -> int:
         """Bytes of the ring that have been released."""
         return load_u64(&self.layout.tail)
 
     @property
-    def cursor(self):
+    def cursor(self) -> int:
         """Bytes of the ring that have been drained here."""
         return self.cursor
 
     @property
-    def held(self):
+    def held(self) -> float:
         """Fraction of the ring that was drained but not released."""
         return (self.cursor - self.layout.tail) / <double>self.layout.capacity
 
-    def raise_fence(self):
+    def raise_fence(self) -> None:
         """Raise the fence permanently: no process of this run sends command frames from now on."""
         store_i32(&self.layout.fence, FENCED_FOR_GOOD)
 
-    def look_after(self, int64_t now):
+    def look_after(self, int64_t now) -> None:
         """Record a check of the guardian. now : ns of CLOCK_MONOTONIC; 0 when it ends"""
         store_i64(&self.layout.guard, now)
 
     @property
-    def guarded(self):
+    def guarded(self) -> int:
         """ns of CLOCK_MONOTONIC of the guardian's newest check; 0 without one."""
         return load_i64(&self.layout.guard)
 
     @property
-    def beat(self):
+    def beat(self) -> int:
         """ns of CLOCK_MONOTONIC at which the loop's newest round of arming, tick, or round of the safe stop began."""
         return load_i64(&self.layout.beat)
 
-    def close(self):
+    def close(self) -> None:
         """Announce that no further records follow."""
         store_i32(&self.layout.closed, 1)
 
     @property
-    def closed(self):
+    def closed(self) -> bool:
+        """Whether no further records follow."""
         return load_i32(&self.layout.closed) != 0
 
     @property
-    def fenced(self):
+    def fenced(self) -> bool:
+        """Whether the fence is raised."""
         return load_i32(&self.layout.fence) != 0
 
     @property
-    def hung(self):
+    def hung(self) -> int | None:
         """Stopwatch item in which a tick hung or the process crashed, -1 if unknown; None without either."""
         cdef int32_t hung = load_i32(&self.layout.hung)
         return None if hung == 0 else max(hung - 1, -1)
 
     @property
-    def crashed(self):
+    def crashed(self) -> int:
         """Number of a fatal signal of the control process, 0 without one."""
         return load_i32(&self.layout.crashed)
 
     @property
-    def state(self):
+    def state(self) -> str:
+        """State of the life cycle, one of STATES."""
         return STATES[load_i32(&self.layout.state)]
 
     @property
-    def empty(self):
+    def empty(self) -> bool:
+        """Whether all records have been released."""
         return load_u64(&self.layout.head) == load_u64(&self.layout.tail)
 
-    def statistics(self):
+    def statistics(self) -> dict[str, Any]:
         """Return a dict of all counts: ticks, missed, dropped, frames, and percentiles in s of
 
         lateness    of the wake-up after its grid point, which is the one after the previous tick
@@ -228,7 +232,7 @@ cdef class SharedState:
             "bus": summary(&page.bus),
         }
 
-    def counts(self, str name):
+    def counts(self, str name) -> np.ndarray:
         """Return the bucket counts of a histogram, as an array like that of cext.clock.histogram.counts_of."""
         if name == "lateness":
             return buckets(&self.layout.lateness)
@@ -237,31 +241,31 @@ cdef class SharedState:
         raise KeyError(name)
 
     @property
-    def control(self):
+    def control(self) -> int:
         """ID of the control process."""
         return self.layout.control
 
     @property
-    def live(self):
+    def live(self) -> bytes:
         """Description of the live parameters, as bytes."""
         return self.memory[len(self.memory) - self.layout.live_bytes :]
 
-    def live_values(self):
+    def live_values(self) -> list[tuple[float, float]]:
         """Return (value in the newest tick, target) of each live parameter."""
         cdef Shown *values = shown(self.layout)
         return [(values[index].value, values[index].target) for index in range(self.layout.live_count)]
 
     @property
-    def wall(self):
+    def wall(self) -> int:
         """ns of CLOCK_REALTIME of the begin of the run; 0 before it."""
         return load_i64(&self.layout.wall)
 
     @property
-    def began(self):
+    def began(self) -> int:
         """ns of CLOCK_MONOTONIC of the begin of the run; 0 before it."""
         return load_i64(&self.layout.began)
 
     @property
-    def first_tick(self):
+    def first_tick(self) -> int:
         """ns from the begin of the run to tick 0."""
         return load_i64(&self.layout.first_tick)

@@ -113,7 +113,7 @@ cdef class SpeedBands:
                 return &self.batches[index]
         return &self.batches[self.count - 1]
 
-    def hear(self, uint32_t identifier, bytes data, int64_t now):
+    def hear(self, uint32_t identifier, bytes data, int64_t now) -> bool:
         """Call `note` from Python.
 
         identifier : with the flag bits of struct can_frame
@@ -127,7 +127,7 @@ cdef class SpeedBands:
         memcpy(frame.data, <const char *>data, len(data))
         return self.note(&frame)
 
-    def frames(self, int64_t now):
+    def frames(self, int64_t now) -> list[tuple[int, bytes]]:
         """Call `choose` from Python. Returns a list of (identifier with the flag bits of struct can_frame, data)."""
         cdef const Batch *batch = self.choose(now)
         return [

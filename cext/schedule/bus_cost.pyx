@@ -31,7 +31,7 @@ cdef void prepare(Calls *calls, bint stamped) noexcept nogil:
             calls.messages[index].msg_hdr.msg_controllen = sizeof(calls.control[0])
 
 
-def time_of_ticks(BusEnd end, int own, int other, int frames, int rounds):
+def time_of_ticks(BusEnd end, int own, int other, int frames, int rounds) -> tuple[list[int], list[int]]:
     """Return two lists of ns: of a tick's receive and send through a bus, and of one recvmmsg and one sendmmsg alone,
     in turns.
 
@@ -72,7 +72,7 @@ def time_of_ticks(BusEnd end, int own, int other, int frames, int rounds):
     return through, alone
 
 
-def time_of_control(Program control, BusEnd other, answers, int rounds, double rate=1000.0):
+def time_of_control(Program control, BusEnd other, answers, int rounds, double rate=1000.0) -> list[int]:
     """Return the ns of each tick of a robot on one bus: receive and decode, watch, steps, limits and encode, transmit.
 
     other : the far end of its bus

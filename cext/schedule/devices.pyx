@@ -79,25 +79,25 @@ cdef class Devices:
         self.warnings.reset()
 
     @property
-    def culprit(self):
+    def culprit(self) -> str | None:
         """Path of the device or bus that failed last, or None."""
         if self.failed.device >= 0:
             return self.schedule.devices[self.failed.device].name
         return self.schedule.buses[self.failed.bus] if self.failed.bus >= 0 else None
 
-    def silent(self):
+    def silent(self) -> list[str]:
         """Return the paths of the devices with too few replies, or not ready."""
         return [self.schedule.devices[index].name for index in range(self.count) if not self.has_answered(&self.devices[index])]
 
     @property
-    def unready(self):
+    def unready(self) -> list[str]:
         """Return the paths of the devices that reply but have not returned what arming wrote."""
         return [
             self.schedule.devices[index].name for index in range(self.count)
             if self.devices[index].ready >= 0 and self.devices[index].answered and self.arena[self.devices[index].ready] == 0.0]
 
     @property
-    def latencies(self):
+    def latencies(self) -> dict[str, dict[str, float]]:
         """Return {path: cext.clock.histogram.summary of its reply times in s} of the timed devices."""
         return {
             self.schedule.devices[index].name: summary(self.devices[index].latency)
@@ -105,7 +105,7 @@ cdef class Devices:
         }
 
     @property
-    def missed(self):
+    def missed(self) -> dict[str, int]:
         """Return {path: commands without a reply before the next one, from tick `counted_from` on} of the commanded
         devices.
         """
@@ -113,7 +113,7 @@ cdef class Devices:
             self.schedule.devices[index].name: self.devices[index].missed for index in range(self.count) if self.devices[index].zero.count}
 
     @property
-    def malformed(self):
+    def malformed(self) -> dict[str, tuple[dict[int, int], int]]:
         """Return {path: ({length: frames}, first byte of the newest)} of the devices that rejected frames of their
         own id.
         """

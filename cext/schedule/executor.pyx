@@ -99,7 +99,7 @@ cdef class Executor(Waiting):
 
     def run(self, int64_t ticks=-1, *, double fade=FADE_IN / 1e9, double arming_timeout=ARMING_LIMIT / 1e9,
             double stopping_timeout=STOP_LIMIT / 1e9, answered=None,
-            bint confirm=False, permitted=None, rearm=None, told=None):
+            bint confirm=False, permitted=None, rearm=None, told=None) -> Outcome:
         """Arm, run `ticks` grid points (-1: until a signal), and stop safely. Returns an Outcome.
 
         fade : s, over which commands increase to full size after arming
@@ -198,31 +198,31 @@ cdef class Executor(Waiting):
         return replace(ended, stopped=stopped, faults=tuple(faults))
 
     @property
-    def watch(self):
+    def watch(self) -> Stopwatch:
         """The Stopwatch of the robot."""
         return self.body.watch
 
     @property
-    def overruns(self):
+    def overruns(self) -> list[dict[str, Any]]:
         """Items that caused missed grid points: cext.clock.stopwatch.Stopwatch.overruns of the run."""
         return self.body.watch.overruns()
 
     @property
-    def newest(self):
+    def newest(self) -> list[tuple]:
         """Rows of the newest ticks, as of cext.schedule.publisher.Publisher.newest."""
         return self.journal.newest()
 
     @property
-    def rows(self):
+    def rows(self) -> int:
         """Number of recorded rows."""
         return self.journal.recent_count
 
     @property
-    def profile(self):
+    def profile(self) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
         """(rows of the robot, rows of its plant), as of cext.clock.stopwatch.Stopwatch.rows."""
         return self.body.watch.rows(), [] if self.body.plant_watch is None else self.body.plant_watch.rows()
 
-    def spin(self, int64_t ticks):
+    def spin(self, int64_t ticks) -> int:
         """Run bare ticks as fast as possible: no arming, no clock, no plant, no recording.
 
         For `bench`. Returns the ns of this thread's processor time.

@@ -12,7 +12,7 @@ from libc.string cimport memcpy, memset
 from cext.abi cimport DECODE, ENCODE, KERNEL, Frame, decode_t, kernel_t
 
 
-def address(kernel, kind="kernel"):
+def address(kernel, kind="kernel") -> int:
     """Return the address of a native function: of a Kernel, or of what a Kernel holds.
 
     kind is "kernel", "decode" or "encode". Raises TypeError for any other object or signature.
@@ -41,7 +41,7 @@ def address(kernel, kind="kernel"):
     return int(function)
 
 
-def call_kernel(kernel, double[::1] arena, table):
+def call_kernel(kernel, double[::1] arena, table) -> int:
     """Run one kernel once, with the GIL, and return its status. For `block.step` and tests, not for the tick.
 
     table : graph.arena_layout.KernelTable
@@ -52,11 +52,12 @@ def call_kernel(kernel, double[::1] arena, table):
     return function(&arena[0], &slots[0], &sizes[0])
 
 
-def words(values):
+def words(values) -> np.ndarray:
+    """Return integers as an array of int32, with one element at least."""
     return np.array(list(values) or [0], dtype=np.int32)
 
 
-def feed(decode, double[::1] arena, table, const unsigned char[::1] data, int chunk=64, int64_t time=0, uint32_t identifier=0, int flags=0):
+def feed(decode, double[::1] arena, table, const unsigned char[::1] data, int chunk=64, int64_t time=0, uint32_t identifier=0, int flags=0) -> dict[int, int]:
     """Offer a stream of bytes to a device's decode, in frames of `chunk` bytes.
 
     Returns {return value of decode: count}.

@@ -52,7 +52,7 @@ cdef class LiveTable:
         free(self.parameters)
         free(self.script)
 
-    def follow(self, changes):
+    def follow(self, changes) -> None:
         """Apply these changes in every run from now on, in addition to the mailbox.
 
         changes : (tick, index of the parameter, value, slew), in the order of ticks; each sets the slew of the
@@ -69,7 +69,7 @@ cdef class LiveTable:
             if self.check(&letter) != TAKEN:
                 raise ValueError("parameter %d cannot be %r" % (index, value))
 
-    def reset(self):
+    def reset(self) -> None:
         """Restore every parameter to its built value. Native ones are reset with the arena."""
         cdef int index
         cdef LiveParameter *parameter
@@ -89,7 +89,7 @@ cdef class LiveTable:
         if self.tell_python(NULL) != OK:
             raise self.error
 
-    def leave(self):
+    def leave(self) -> None:
         """Restore the blocks of the diagram after a run. The arena and the shared state keep the final values."""
         for entry in self.entries:
             if entry.block is not None:

@@ -34,7 +34,7 @@ cdef class Writer:
     def __init__(self, SharedState page, str origin="set"):
         self.page, self.mailbox, self.origin = page, &page.layout.mailbox, ORIGINS[origin]
 
-    def set(self, changes):
+    def set(self, changes) -> int | None:
         """Set parameters.
 
         changes : at most CHANGE_LIMIT pairs (index of the parameter, value), which take effect in one tick, all or none
@@ -43,17 +43,19 @@ cdef class Writer:
             raise ValueError("a letter takes at most %d changes, not %d" % (CHANGES, len(changes)))
         return self.post(SET, changes)
 
-    def mark(self):
+    def mark(self) -> int | None:
+        """Set a mark in the recording."""
         return self.post(MARK, ())
 
-    def stop(self):
+    def stop(self) -> int | None:
+        """Stop the run."""
         return self.post(STOP, ())
 
-    def confirm(self):
+    def confirm(self) -> int | None:
         """Arm a robot that is ready."""
         return self.post(CONFIRM, ())
 
-    def rearm(self):
+    def rearm(self) -> int | None:
         """Arm again after a fault."""
         return self.post(REARM, ())
 
@@ -87,7 +89,7 @@ cdef class Writer:
                 return index
         return -1
 
-    def answer(self, int ticket):
+    def answer(self, int ticket) -> tuple[str, int, int] | None:
         """Return None while the letter waits, else (one of ANSWERS, tick, number of the mark), which ends the
         ticket.
         """
@@ -98,7 +100,7 @@ cdef class Writer:
         store_u64(&letter.state, FREE)
         return answer
 
-    def withdraw(self, int ticket):
+    def withdraw(self, int ticket) -> bool:
         """Take back a waiting letter, which ends the ticket. Returns False if the loop has taken it."""
         cdef Letter *letter = &self.mailbox.letters[ticket]
         cdef uint64_t mine = <uint64_t>os.getpid() << 32

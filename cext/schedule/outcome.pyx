@@ -65,10 +65,11 @@ class Outcome:
     faults: tuple = ()
 
     @property
-    def faulted(self):
+    def faulted(self) -> bool:
+        """Whether the run ended in a fault."""
         return self.status != "ok"
 
 
-def name_of(int status):
+def name_of(int status) -> str:
     """Return the name of a tick's status."""
     return STATUS.get(status, "kernel status %d" % status)

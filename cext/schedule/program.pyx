@@ -114,7 +114,7 @@ cdef class Program:
         self.keep.append(array)
         return <int32_t *><uintptr_t>array.ctypes.data
 
-    def reset(self):
+    def reset(self) -> None:
         """Restore the state of the first tick: arena, devices, Python blocks."""
         self.memory[:] = self.image
         self.live.reset()
@@ -128,17 +128,17 @@ cdef class Program:
         self.gil_taken = 0
 
     @property
-    def values(self):
+    def values(self) -> np.ndarray:
         """The arena as an array that shares its memory."""
         return self.memory
 
     @property
-    def late(self):
+    def late(self) -> float:
         """Lateness of the newest tick in s."""
         return float(self.arena[LATENESS])
 
     @property
-    def held(self):
+    def held(self) -> list[tuple[str, int, int, BaseException]]:
         """Held exceptions: a list of (path, count, first tick, last exception) of each block that held any."""
         found = {}
         for call in self.holding:
@@ -148,36 +148,36 @@ cdef class Program:
         return list(found.values())
 
     @property
-    def latencies(self):
+    def latencies(self) -> dict[str, dict[str, float]]:
         """Reply times of each device on a rig, as of cext.schedule.devices.Devices.latencies."""
         return self.devices.latencies
 
     @property
-    def missed(self):
+    def missed(self) -> dict[str, int]:
         """Commands without a reply in time, as of cext.schedule.devices.Devices.missed."""
         return self.devices.missed
 
     @property
-    def malformed(self):
+    def malformed(self) -> dict[str, tuple[dict[int, int], int]]:
         """Frames that devices rejected, as of cext.schedule.devices.Devices.malformed."""
         return self.devices.malformed
 
     @property
-    def unready(self):
+    def unready(self) -> list[str]:
         """Devices that reply but have not returned what arming wrote, as of cext.schedule.devices.Devices.unready."""
         return self.devices.unready
 
-    def count_from(self, int64_t tick):
+    def count_from(self, int64_t tick) -> None:
         """Count missing replies from this tick on, as arming may fill the bus before."""
         self.devices.counted_from = tick
 
     @property
-    def watched(self):
+    def watched(self) -> list[dict[str, Any]]:
         """Monitored values of each actuator, as of cext.safety.drive_watch.DriveWatch.found."""
         return self.devices.drives.found
 
     @property
-    def culprit(self):
+    def culprit(self) -> str | None:
         """Path of the block, device or bus whose step failed last, or None."""
         if self.devices.culprit is not None:
             return self.devices.culprit
@@ -192,14 +192,14 @@ cdef class Program:
         self.laps = self.devices.laps = self.live.laps = NULL if watch is None else &watch.laps
         self.devices.item = FIRST_STEP + self.output.step_count + self.update.step_count
 
-    def inputs(self, str path):
+    def inputs(self, str path) -> dict[str, float]:
         """Return the values at the scalar inputs of a block at the end of the run, by name; empty for an unknown
         block.
         """
         return {name: float(self.kept[slot]) for name, slot in self.schedule.inputs.get(path, {}).items()}
 
     @property
-    def final(self):
+    def final(self) -> np.ndarray:
         """The arena at the end of the run, before the safe stop received anything."""
         return self.kept
 

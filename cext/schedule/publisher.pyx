@@ -60,7 +60,7 @@ cdef class Publisher:
         self.recent = <double *><uintptr_t>self.table.ctypes.data
         self.recent_size = len(self.table)
 
-    def newest(self):
+    def newest(self) -> list[tuple]:
         """Return the newest rows in order, each as a tuple: tick, lateness in s, recorded signals."""
         cdef int width = 2 + self.program.column_count
         cdef int64_t row

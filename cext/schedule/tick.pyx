@@ -132,7 +132,7 @@ cdef class Tick:
         self.plant_tick += 1
         return status
 
-    def spin(self, int64_t ticks):
+    def spin(self, int64_t ticks) -> tuple[int, int]:
         """Run bare ticks as fast as possible: no devices, no clock, no plant, no recording.
 
         Returns the status and the ns of this thread's processor time.

@@ -81,6 +81,7 @@ class PlantBuses:
         if bus.interface != SOCKETCAN:
             look_at_port(bus)
             self.real += [bus.channel] * (bus.interface not in ONE_MACHINE)
+            assert self.lines is not None
             return Line(self.lines, self.carried.index(bus.name), self.bell)
         interface = self.interfaces[bus.name] = Interface(bus, None, [], machine)
         self.remarks += [f"{self.rig.path}: {remark}" for remark in interface.remarks]

@@ -129,6 +129,7 @@ class RigBuses:
             )
         if bus.interface != SOCKETCAN:
             look_at_port(bus)
+            assert self.lines is not None
             return OpenBus(Carried(bus), Line(self.lines, index, self.bell))
         heard = [device.hears() for device in devices]
         listens = None if None in heard else sorted({pattern for patterns in heard for pattern in patterns})

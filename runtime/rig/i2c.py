@@ -252,6 +252,7 @@ def open_adapter(bus):
         ) from None
     except OSError as error:
         raise Refused(in_words(name, bus.channel, error)) from None
+    assert wires.fd is not None
     try:
         return Chips(wires), LinuxAdapter(wires.fd)
     except OSError as error:

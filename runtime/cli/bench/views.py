@@ -1,5 +1,7 @@
 """`python -m runtime bench views`."""
 
+from typing import Any
+
 from runtime.base.errors import OK
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, machine_lines
@@ -25,8 +27,11 @@ def main(arguments):
     lines, rows = ["", f"{title:38}{'late, µs: p50':>16}{'p99':>10}{'chunks':>14}{'p99.9':>10}{'missed':>14}"], {}
     for name, kept in results.items():
         label = "no recorder, no viewer" if name == views.NONE else ", ".join(views.viewers())
-        row = rows[name] = {f"late_p{share}_us": kept.late(float(share) / 100) * 1e6 for share in ("50", "99", "99.9")}
+        row: dict[str, Any] = {
+            f"late_p{share}_us": kept.late(float(share) / 100) * 1e6 for share in ("50", "99", "99.9")
+        }
         row |= {"missed": kept.missed, "ticks": kept.ticks, "late_p99_of_chunks_us": [late * 1e6 for late in kept.each]}
+        rows[name] = row
         spread = f"{min(row['late_p99_of_chunks_us']):.0f} to {max(row['late_p99_of_chunks_us']):.0f}"
         lost = f"{kept.missed}/{kept.ticks + kept.missed}"
         late = f"{row['late_p50_us']:16.1f}{row['late_p99_us']:10.1f}{spread:>14}{row['late_p99.9_us']:10.1f}{lost:>14}"

@@ -1,0 +1,4 @@
+# Generated from the source by `python -m cext.stubs`. Do not edit.
+
+class EventTemplate:
+    def __init__(self, event: dict) -> None: ...

@@ -1,0 +1,9 @@
+# Generated from the source by `python -m cext.stubs`. Do not edit.
+from typing import Any
+
+class SpeedBands:
+    count: int
+    round: int
+    def __init__(self, bands: Any, round: int, acceleration: float, velocity: Any = None) -> None: ...
+    def hear(self, identifier: int, data: bytes, now: int) -> bool: ...
+    def frames(self, now: int) -> list[tuple[int, bytes]]: ...

@@ -1,0 +1,3 @@
+# Generated from the source by `python -m cext.stubs`. Do not edit.
+
+class Arming: ...
