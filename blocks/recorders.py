@@ -35,6 +35,7 @@ class StrideReport(Sink):
     """
 
     title = Param("", "1", "name of the leg; the name of the subsystem by default")
+    positive = Param("", "1", "direction of positive angles and torques, such as flexion, for the axes of plots")
 
     phase = Input("1", "gait phase, 0 at heel strike")
     walking = Input("1", "true while the phase is known", dtype=bool)

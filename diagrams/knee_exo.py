@@ -44,7 +44,7 @@ def leg(side, can_id, assistance, invert):
         torque = TorqueLimiter(limit=12.0, slew=200.0)(Sum("++")(profile, damper))
         knee(torque_command=torque)
 
-        StrideReport()(
+        StrideReport(positive="flexion")(
             phase=gait.phase, walking=gait.walking, angle=knee.position, velocity=velocity, torque=knee.torque
         )
 

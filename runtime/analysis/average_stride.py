@@ -6,7 +6,7 @@ over the phase and added to running sums. A stride with missing ticks, a non-fin
 excluded and counted.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,23 @@ STRIDE_MINIMUM, STRIDE_LIMIT = 0.4, 4.0  # s: running, and walking with great di
 CURVES = ("angle", "torque", "power")
 INPUTS = ("phase", "walking", "angle", "velocity", "torque")
 PHASE, WALKING, ANGLE, VELOCITY, TORQUE = range(5)
+
+
+class Stride(NamedTuple):
+    """One complete stride.
+
+    begin, end : its first tick, and that of the next stride
+    time : duration in s
+    positive_work, negative_work : J
+    curves : array (CURVES, POINTS) in rad, N·m and W, at 0, 1, ... 100 % of the stride
+    """
+
+    begin: int
+    end: int
+    time: float
+    positive_work: float
+    negative_work: float
+    curves: Any
 
 
 class AverageStride:
@@ -63,7 +80,7 @@ class AverageStride:
             start = place
             if wrapped[place]:
                 if self.stride is not None:
-                    self.complete(samples[place])
+                    self.complete(samples[place], int(ticks[place]))
                 self.before, self.stride = (samples[place - 1].copy() if place else self.last), []
             elif not unbroken[place]:
                 self.leave_out("with missed ticks")
@@ -93,8 +110,8 @@ class AverageStride:
             self.in_strides += self.samples
         self.stride = None
 
-    def complete(self, after: Any) -> None:
-        """Average a complete stride unless it is excluded. after : first sample of the next one"""
+    def complete(self, after: Any, end: int) -> None:
+        """Average a complete stride unless it is excluded. after, end : first sample of the next one, and its tick"""
         count = self.samples
         duration = count / self.rate
         rows = np.concatenate([[self.before], *self.stride, [after]])
@@ -111,15 +128,28 @@ class AverageStride:
             self.leave_out(reason)
             return
         power = rows[:, VELOCITY] * rows[:, TORQUE]
-        self.positive_work += trapezoid(np.maximum(power[1:], 0.0), 1.0 / self.rate)
-        self.negative_work += trapezoid(np.minimum(power[1:], 0.0), 1.0 / self.rate)
-        self.strides += 1
-        self.in_strides += count
-        self.time += duration
         phases = rows[:, PHASE].copy()
         phases[0] -= 1.0
         phases[-1] += 1.0
-        self.sums.add(resample(phases, rows[:, ANGLE], rows[:, TORQUE], power))
+        self.in_strides += count
+        self.keep(
+            Stride(
+                end - count,
+                end,
+                duration,
+                trapezoid(np.maximum(power[1:], 0.0), 1.0 / self.rate),
+                trapezoid(np.minimum(power[1:], 0.0), 1.0 / self.rate),
+                resample(phases, rows[:, ANGLE], rows[:, TORQUE], power),
+            )
+        )
+
+    def keep(self, stride: Stride) -> None:
+        """Add a complete stride to the average."""
+        self.strides += 1
+        self.time += stride.time
+        self.positive_work += stride.positive_work
+        self.negative_work += stride.negative_work
+        self.sums.add(stride.curves)
 
     def result(self) -> dict[str, Any]:
         """Return a dict in s, N·m, J, rad and W: means over the strides, and the rows outside strides.

@@ -1,4 +1,4 @@
-"""Plots of a recording over time or the gait cycle: `python -m runtime plot`.
+"""Plots of a recording over time: `python -m runtime plot`.
 
 Red lines mark faults, red areas fault codes of devices, blue lines marks, and dashed grey lines limits.
 """
@@ -6,10 +6,8 @@ Red lines mark faults, red areas fault codes of devices, blue lines marks, and d
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from runtime.analysis import picture, stride_picture
-from runtime.analysis.average_stride import INPUTS, AverageStride
+from runtime.analysis import picture
 from runtime.analysis.picture import GREY, INK, plain, short
-from runtime.analysis.strides import beginnings, bounds, over, phase_of
 from runtime.base.errors import BadInput
 from runtime.recording.grouping import CURVES, PLAIN, by_unit
 from runtime.recording.messages import split
@@ -24,9 +22,6 @@ AXIS_LIMIT = 1e150  # larger values are not drawn
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#333333", "#999933")
 FAULT, MARK = "#C1121F", "#0072B2"
 ROW, WIDTH = 1.9, 10.0  # inches
-JOINT = ("position", "velocity", "torque")
-CURVES_OF = ("angle", "velocity", "torque")  # the same, as inputs of a StrideReport
-STRIDE_REPORT = "blocks.recorders:StrideReport"
 
 
 def overview(trial):
@@ -222,148 +217,6 @@ def spells(truths):
     """Return [(first, last)] of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], truths, [False])).astype(np.int8)))
     return [(first, last - 1) for first, last in zip(edges[::2], edges[1::2])]
-
-
-def legs(trial, events=None):
-    """Return the legs for runtime.analysis.stride_picture, from the recorded rows. Raises BadInput without a stride.
-
-    They are those of the diagram's StrideReports with the same signals, so that the figures equal those of the run;
-    then every other joint with position, velocity and torque.
-    """
-    known = reports(trial)
-    used = {signals["angle"] for _, _, signals in known}
-    found, refused = [], None
-    for title, path, signals in [*known, *(joint for joint in joints(trial) if joint[2]["angle"] not in used)]:
-        try:
-            rows, phase, walking = gait(trial, signals, events)
-        except BadInput as error:  # this joint has no gait phase, but another may have
-            refused = refused or error
-            continue
-        average = AverageStride(trial.about["rate"])
-        columns = (phase, walking, *(trial[signals[name]][rows] for name in CURVES_OF))
-        average.add(trial.tick[rows], np.column_stack([column.astype(float) for column in columns]))
-        result = average.result()
-        found += [{"title": title, "path": path, "signals": signals, **result}] if result["strides"] else []
-    if not found:
-        raise refused or BadInput(f"{trial.path} has no complete stride of a joint with position, velocity and torque")
-    several = len({one["title"] for one in found}) < len(found)
-    return [{**one, "title": one["path"] if several else one["title"]} for one in found]
-
-
-def reports(trial):
-    """Return [(title, path, {input: signal})] of the diagram's StrideReports whose signals were recorded."""
-    diagram, found = trial.diagram or {}, []
-    for block in diagram.get("blocks", []):
-        if block["type"] == STRIDE_REPORT:
-            path = block["path"]
-            wires = {wire["port"]: wire["from"] for wire in diagram["wires"] if wire["to"] == path}
-            if set(wires) == set(INPUTS) and all(signal in trial.signals for signal in wires.values()):
-                found.append(
-                    (
-                        block["parameters"].get("title") or path.rpartition("/")[0] or path,
-                        path,
-                        {name: wires[name] for name in INPUTS},
-                    )
-                )
-    return found
-
-
-def joints(trial):
-    """Return the same for every joint with position, velocity and torque; its phase is not included."""
-    for path in trial.names:
-        folder, block, port = split(path)
-        stem = f"{folder}/{block}".lstrip("/")
-        if port == "position" and all(f"{stem}.{other}" in trial.signals for other in JOINT):
-            yield folder or stem, stem, {name: f"{stem}.{port}" for name, port in zip(CURVES_OF, JOINT)}
-
-
-def gait(trial, signals, events):
-    """Return (rows, phase, walking) of the part of the recording with strides, and add the names to `signals`.
-
-    events : as for Trial.strides
-
-    Raises BadInput without a phase.
-    """
-    everything, ones = slice(None), np.ones(len(trial))
-    if events is None:
-        if "phase" not in signals:
-            signals["phase"], walking = phase_of(trial, signals["angle"])
-            signals |= {} if walking is None else {"walking": walking}
-        return everything, trial[signals["phase"]], trial[signals["walking"]] if "walking" in signals else ones
-    signals.pop("walking", None)
-    signals["phase"] = events if isinstance(events, str) else "given times"
-    if isinstance(events, str) and trial[events].ndim == 1 and trial[events].dtype == float:
-        return everything, trial[events], ones
-    return between(
-        trial,
-        beginnings(trial, events) if isinstance(events, str) else np.sort(np.asarray(events, dtype=float).ravel()),
-    )
-
-
-def between(trial, times):
-    """Return (rows, phase, walking) from the tick before the first event to the last one.
-
-    The phase is the fraction of the time to the next event. times : s
-    """
-    near = 0.5 / trial.about["rate"]
-    places = np.searchsorted(trial.time, times - near)
-    events = np.unique(places[(places < len(trial)) & (times >= trial.time[:1].sum() - near)])
-    if len(events) < 2:
-        return slice(0, 0), np.empty(0), np.empty(0)
-    phase = np.zeros(len(trial))
-    for first, last in zip(events[:-1], events[1:]):
-        phase[first:last] = np.arange(last - first) / (last - first)
-    begin = max(0, events[0] - 1)
-    if begin < events[0]:  # a stride begins at a fall of the phase
-        phase[begin] = 1.0 - 1.0 / (events[1] - events[0])
-    rows = slice(begin, events[-1] + 1)
-    return rows, phase[rows], np.ones(events[-1] + 1 - begin)
-
-
-def statistics(values):
-    sd = values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1])
-    return {"mean": values.mean(axis=0).tolist(), "sd": sd.tolist()}
-
-
-def average_stride(trial, events, file, kind):
-    """Plot angle, assistance and power of every walking joint."""
-    stride_picture.draw(trial.about["name"], legs(trial, events), file, kind)
-
-
-def over_the_stride(trial, paths, events, file, kind):
-    """Plot mean and standard deviation over the stride, one plot a signal. paths : of signals, blocks or subsystems"""
-    paths = [signal for path in paths for signal in alone(trial, path)]
-    if len(paths) > PLOT_LIMIT:
-        raise BadInput(f"{len(paths)} signals need as many plots, more than {PLOT_LIMIT}: name fewer")
-    figure, axes = sheet(len(paths), f"{trial.about['name']}: the average stride, ± 1 standard deviation")
-    for number, (axis, path) in enumerate(zip(axes, paths)):
-        values = over(trial, path, bounds(trial, path, events))
-        if values.shape[2] != 1:
-            raise BadInput(f"{path} has {values.shape[2]} elements: name one, as in {elements(trial, path)[0]}")
-        values = values[np.isfinite(values).all(axis=(1, 2))]
-        if not len(values):
-            raise BadInput(f"{trial.path} has no complete stride for {path}")
-        mean, sd = (np.array(part) for part in statistics(values[:, :, 0]).values())
-        cycle, colour = np.linspace(0.0, 100.0, len(mean)), COLOURS[number % len(COLOURS)]
-        axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0)
-        [line] = axis.plot(cycle, mean, color=colour, linewidth=2.0)
-        whole(axis, {trial.dtype(path)} & {"bool"})  # a mean of integers is not an integer
-        axis.set_ylabel(unit_label(trial.unit(path)), color=INK)
-        axis.set_xlim(0, 100)
-        dress(axis)
-        legend = axis.legend(
-            [line],
-            ["1"],
-            fontsize=8,
-            frameon=False,
-            labelcolor=INK,
-            loc="lower left",
-            bbox_to_anchor=(0.0, 1.0),
-            borderaxespad=0.2,
-        )
-        legend.get_texts()[0].set_text(plain(f"{path}, {len(values)} stride{'s' * (len(values) > 1)}"))
-    axes[-1].set_xlabel("gait cycle [%]", color=INK)
-    picture.save(figure, file, kind)
 
 
 def elements(trial, path):

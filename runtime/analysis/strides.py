@@ -1,5 +1,7 @@
 """Signals over the gait cycle: begin and end of strides in a recording, and a signal in each."""
 
+import math
+
 import numpy as np
 
 from runtime.analysis.average_stride import STRIDE_LIMIT, STRIDE_MINIMUM, WRAP
@@ -7,10 +9,10 @@ from runtime.analysis.resample import interpolate, kind_of
 from runtime.base.errors import BadInput
 
 
-def strides(trial, path, events=None, points=101):
+def strides(trial, path, events=None, points=101, between=None, last=None):
     """Return the result of Trial.strides."""
     _, shape = trial.find(path)
-    return over(trial, path, bounds(trial, path, events), points).reshape(-1, points, *shape)
+    return over(trial, path, bounds(trial, path, events, between, last), points).reshape(-1, points, *shape)
 
 
 def over(trial, path, spans, points=101):
@@ -24,12 +26,40 @@ def over(trial, path, spans, points=101):
     )
 
 
-def bounds(trial, path, events=None):
+def moment(trial, text):
+    """Return the time of "mark 2", "start", "end" or a number of seconds, in s. Raises BadInput."""
+    if text in ("start", "end"):
+        return float(trial.time[0 if text == "start" else -1]) if len(trial) else 0.0
+    marks = {f"mark {event['number']}": event["tick"] for event in trial.events if event["event"] == "mark"}
+    if text in marks:
+        return marks[text] / trial.about["rate"]
+    try:
+        time = float(text)
+    except (TypeError, ValueError):
+        time = math.nan
+    if not math.isfinite(time):
+        known = f"the recording has {', '.join(marks)}" if marks else "the recording has no marks"
+        raise BadInput(f"{text!r} is not a time: expected seconds, start, end or a mark; {known}")
+    return time
+
+
+def interval(trial, between=None):
+    """Return (begin, end) in s. between : two times for `moment`, in order; None for the whole recording"""
+    if between is None:
+        return -math.inf, math.inf
+    begin, end = (moment(trial, text) for text in between)
+    if begin >= end:
+        raise BadInput(f"between {between[0]} and {between[1]}: {begin:g} s is not before {end:g} s")
+    return begin, end
+
+
+def bounds(trial, path, events=None, between=None, last=None):
     """Return the times at which complete strides begin and end, as a (strides, 2) array in s.
 
     path : of the signal
-    events : as for Trial.strides
+    events, between, last : as for Trial.strides
     """
+    begin, end = interval(trial, between)
     walking = None
     if events is None:
         events, walking = phase_of(trial, path)
@@ -43,11 +73,11 @@ def bounds(trial, path, events=None):
     near = 0.5 / trial.about["rate"]
     walks = None if walking is None else trial[walking] == 1
     for index in np.flatnonzero(good):
-        first, last = np.searchsorted(trial.time, (spans[index, 0] - near, spans[index, 1] + near))
-        good[index] = np.all(np.diff(trial.tick[first:last]) == 1) and (
-            walks is None or bool(np.all(walks[first:last]))
-        )
-    return spans[good]
+        within = slice(*np.searchsorted(trial.time, (spans[index, 0] - near, spans[index, 1] + near)))
+        good[index] = np.all(np.diff(trial.tick[within]) == 1) and (walks is None or bool(np.all(walks[within])))
+    good &= (spans[:, 0] >= begin) & (spans[:, 1] <= end)
+    spans = spans[good]
+    return spans if last is None else spans[max(0, len(spans) - last) :]
 
 
 def phase_of(trial, path):

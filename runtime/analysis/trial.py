@@ -191,7 +191,7 @@ class Trial:
 
         return resampled(self, rate)
 
-    def strides(self, path, events=None, points=101):
+    def strides(self, path, events=None, points=101, between=None, last=None):
         """Return a signal over the gait cycle, as (strides, points), or (strides, points, ...) for a vector.
 
         events : times in s at which strides begin, such as heel strikes; or the path of a bool that becomes true there,
@@ -203,9 +203,9 @@ class Trial:
         """
         from runtime.analysis.strides import strides
 
-        return strides(self, path, events, points)
+        return strides(self, path, events, points, between, last)
 
-    def stride_times(self, path, events=None):
+    def stride_times(self, path, events=None, between=None, last=None):
         """Return the begin and end of those strides, as (strides, 2) in s.
 
         A stride twice as long as its neighbours is counted as two with a missed event.
@@ -213,7 +213,7 @@ class Trial:
         from runtime.analysis.strides import bounds
 
         self.find(path)
-        return bounds(self, path, events)
+        return bounds(self, path, events, between, last)
 
     def table(self):
         """Return a pandas DataFrame with a row a tick, `time` as its index, and a column a number.

@@ -3,28 +3,43 @@
 from functools import partial
 from pathlib import Path
 
-from runtime.analysis import difference_picture
+from runtime.analysis import condition_table, difference_picture
 from runtime.analysis.compare import compare
-from runtime.base.errors import CHECK_FAILED, OK
+from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.base.optional_dependencies import need
-from runtime.cli import drawing
+from runtime.cli import drawing, selection
 from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
 from runtime.console.progress import Progress
 from runtime.console.terminal import tell
 
+EPILOG = """\
+  diff run.mcap replay.mcap
+  diff without.mcap assisted.mcap --strides --last 20
+  diff trial.mcap trial.mcap --strides --between start "mark 1" --between "mark 1" end
+"""
+
 
 def main(arguments):
-    parser = Parser("diff", "Compare two recordings, tick by tick.")
+    parser = Parser("diff", "Compare two recordings: tick by tick, or with --strides over the gait cycle.", EPILOG)
     parser.add_argument("first", type=Path, metavar="A", help="the .mcap file of a recording")
     parser.add_argument("second", type=Path, metavar="B", help="the .mcap file of another recording")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="picture of the differences (default: diff.png)"
     )
+    parser.add_argument(
+        "--strides",
+        action="store_true",
+        help="compare two conditions over the gait cycle, the clearest difference first",
+    )
+    selection.add(parser)
     options = parser.parse_args(arguments)
+    selection.check(options, options.strides)
     drawing.check(options.output)
     with Progress("comparing") as progress:
         here, there = read(options.first, progress, 0.0, 0.5), read(options.second, progress, 0.5, 0.9)
+        if options.strides:
+            return compare_strides(here, there, options)
         comparison = compare(here, there)
     tell(difference_picture.table(here, there, comparison))
     if comparison.differences:
@@ -32,3 +47,19 @@ def main(arguments):
         draw = partial(difference_picture.draw, here=here, there=there, comparison=comparison)
         tell([f"  {drawing.write(draw, options.output, 'diff')}"])
     return OK if comparison.identical else CHECK_FAILED
+
+
+def compare_strides(here, there, options):
+    """Print the table of two conditions and draw them. Returns OK. Raises BadInput."""
+    compared = selection.conditions_of([here] if here.path == there.path else [here, there], options)
+    if len(compared) != 2:
+        raise BadInput(
+            f"diff --strides compares 2 conditions, not {len(compared)}: pass two recordings, or one recording twice "
+            "with two --between"
+        )
+    tell(condition_table.table(*compared, condition_table.compare(*compared)))
+    need("matplotlib.figure", "a picture")
+    from runtime.analysis import condition_picture
+
+    tell(["", drawing.write(lambda file, kind: condition_picture.draw(compared, file, kind), options.output, "diff")])
+    return OK

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from runtime.base.errors import OK, BadInput
 from runtime.base.optional_dependencies import need
-from runtime.cli import drawing
+from runtime.cli import drawing, selection
 from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
 from runtime.console.progress import Progress
@@ -17,6 +17,8 @@ EPILOG = """\
   plot trial.mcap left/knee  all signals of a block or subsystem
   plot trial.mcap --strides  angle, assistance and power over the gait cycle
   plot trial.mcap --strides left/knee.torque -o torque.svg
+  plot without.mcap assisted.mcap --strides  conditions in one picture
+  plot trial.mcap --strides --between start "mark 1" --between "mark 1" end
 """
 
 
@@ -29,24 +31,25 @@ def main(arguments):
         "signals",
         nargs="*",
         metavar="SIGNAL",
-        help="signal, block or subsystem: left/knee.position, left/knee, left (default: one picture per subsystem)",
+        help="signal, block or subsystem: left/knee.position, left/knee, left (default: one picture per subsystem); "
+        "with --strides also further recordings, each a condition in the same picture",
     )
     parser.add_argument("--strides", action="store_true", help="mean and standard deviation over the gait cycle")
-    parser.add_argument(
-        "--events",
-        metavar="SIGNAL",
-        help="with --strides: signal that starts a stride, a bool or a gait phase (default: of the subsystem)",
-    )
+    selection.add(parser)
     parser.add_argument("--svg", action="store_true", help="write SVG, for papers, instead of PNG")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="output file (default: beside the recording)")
     options = parser.parse_args(arguments, mixed=True)
-    if options.events is not None and not options.strides:
-        raise BadInput("--events needs --strides")
+    selection.check(options, options.strides)
     drawing.check(options.output)
+    recordings = [options.recording]
+    if options.strides:
+        recordings += [Path(word) for word in options.signals if word.endswith(".mcap")]
+        options.signals = [word for word in options.signals if not word.endswith(".mcap")]
     with Progress(f"drawing {options.recording.name}") as progress:
-        trial = read(options.recording, progress, 0.0, 0.5)
+        share = 0.5 / len(recordings)
+        trials = [read(path, progress, number * share, (number + 1) * share) for number, path in enumerate(recordings)]
         try:
-            pictures = plots(trial, options)
+            pictures = stride_plots(trials, options) if options.strides else plots(trials[0], options)
             for number, (name, draw) in enumerate(pictures):
                 path = write(options, name if len(pictures) > 1 or options.output is None else "", draw)
                 progress(0.5 + 0.5 * (number + 1) / len(pictures))
@@ -57,23 +60,38 @@ def main(arguments):
     return OK
 
 
+def stride_plots(trials, options):
+    """Return [("strides", function that draws the picture into a file)]."""
+    need("matplotlib.figure", "a picture")
+    from runtime.analysis import condition_picture, stride_picture
+    from runtime.analysis.legs import legs
+    from runtime.analysis.plots import PLOT_LIMIT, alone
+
+    compared = selection.conditions_of(trials, options)
+    if options.signals:
+        paths = [path for name in options.signals for path in alone(trials[0], name)]
+        if len(paths) > PLOT_LIMIT:
+            raise BadInput(f"{len(paths)} signals need as many plots, more than {PLOT_LIMIT}: name fewer")
+        return [("strides", lambda file, kind: condition_picture.draw_signals(compared, paths, file, kind))]
+    [first, *others] = compared
+    if others or first.mass is not None:
+        return [("strides", lambda file, kind: condition_picture.draw(compared, file, kind))]
+    found = legs(first.trial, first.events, first.between, first.last)
+    return [("strides", lambda file, kind: stride_picture.draw(first.trial.about["name"], found, file, kind))]
+
+
 def plots(trial, options):
     """Return [(name, function that draws the picture into a file)]."""
     need("matplotlib.figure", "a picture")
     from runtime.analysis import plots
 
-    if options.strides and options.signals:
-        return [
-            ("strides", lambda file, kind: plots.over_the_stride(trial, options.signals, options.events, file, kind))
-        ]
-    if options.strides:
-        return [("strides", lambda file, kind: plots.average_stride(trial, options.events, file, kind))]
     if not len(trial):
         raise BadInput(f"{trial.path} contains no ticks")
     if options.signals:
         if others := [word for word in options.signals if word.endswith(".mcap")]:
             raise BadInput(
-                f"{others[0]}: plot takes one recording and its signals; use `diff` to compare two recordings"
+                f"{others[0]}: over time, plot takes one recording and its signals; --strides compares several over "
+                "the gait cycle, and `diff` two of them tick by tick"
             )
         rows = plots.rows_of(trial, options.signals)
         return [("plot", lambda file, kind: plots.over_time(trial, rows, trial.path.stem, file, kind))]

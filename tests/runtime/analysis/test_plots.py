@@ -13,6 +13,7 @@ import pytest
 import runtime
 from cext.safety.shared_state import RECORD_EVENT
 from runtime.analysis import plots
+from runtime.analysis.legs import legs
 from runtime.analysis.picture import short
 from runtime.base.errors import FAULT, OK, BadInput
 from tests.runtime.analysis.test_recorded_trial import walk
@@ -94,7 +95,7 @@ def test_summary_picture_and_plot_have_the_same_figures_of_the_same_signals(comm
     texts = drawn("strides.svg")
     assert {"left", "right", "angle [deg]", "torque [N·m]", "power [W]", "gait cycle [%]"} <= texts
     assert {"work of knee.torque and butterworth.y", "angle knee.position, phase gait_phase.phase"} <= texts
-    found, told = plots.legs(runtime.load(path)), sidecar(path)["strides"]
+    found, told = legs(runtime.load(path)), sidecar(path)["strides"]
     assert found == told and [leg["title"] for leg in found] == ["left", "right"]
     for leg in found:
         assert leg["signals"]["velocity"] == f"{leg['title']}/butterworth.y"
@@ -107,7 +108,7 @@ def test_summary_picture_and_plot_have_the_same_figures_of_the_same_signals(comm
 
 
 def test_joints_without_report_are_plotted_from_their_signals(crowded):
-    [leg] = plots.legs(runtime.load(crowded))
+    [leg] = legs(runtime.load(crowded))
     assert leg["signals"] == {
         "angle": "left/knee/motor.position",
         "velocity": "left/knee/motor.velocity",
@@ -121,7 +122,7 @@ def test_joints_without_report_are_plotted_from_their_signals(crowded):
 @pytest.mark.parametrize("events", ["left/gait.phase", [1.0, 2.0, 3.0, 4.0]])
 def test_strides_begin_at_given_events_and_are_the_same(crowded, events):
     trial = runtime.load(crowded)
-    [leg], [given, spare] = plots.legs(trial), plots.legs(trial, events)
+    [leg], [given, spare] = legs(trial), legs(trial, events)
     assert spare["path"] == "spare/motor"  # which has no gait of its own
     assert given["strides"] == leg["strides"] == 2 and given["positive_work"] == pytest.approx(
         leg["positive_work"], rel=1e-12
@@ -146,7 +147,8 @@ def test_undrawable_selection_is_reported_in_one_line(command_line, recording, t
         "plot", recording, "left/knee.posiion"
     )
     assert command_line.refused("plot", recording, "b.mcap") == (
-        "b.mcap: plot takes one recording and its signals; use `diff` to compare two recordings"
+        "b.mcap: over time, plot takes one recording and its signals; --strides compares several over "
+        "the gait cycle, and `diff` two of them tick by tick"
     )
     assert (
         command_line.refused("plot", recording, "-o", "a.jpg")
@@ -258,7 +260,7 @@ def test_labels_of_faults_and_marks_do_not_overlap(crowded):
 
 def test_a_stride_that_is_not_all_numbers_is_left_out_and_so_is_a_joint_without_a_gait(command_line, crowded):
     trial = runtime.load(crowded)
-    [leg] = plots.legs(trial)
+    [leg] = legs(trial)
     # of four that begin and end in it, less the torn one and the last
     assert (leg["path"], leg["strides"]) == ("left/knee/motor", 2)
     assert np.allclose(leg["curves"]["torque"]["mean"], np.sin(2.0 * np.pi * np.linspace(0.0, 1.0, 101)), atol=0.05)

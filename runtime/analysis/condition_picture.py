@@ -1,0 +1,142 @@
+"""Plots of conditions over the gait cycle: mean and standard deviation, one colour per condition."""
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from runtime.analysis import picture
+from runtime.analysis.picture import GREY, INK, plain, short
+from runtime.base.errors import BadInput
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # (Okabe and Ito 2008)
+ROWS = (("angle", "deg"), ("torque", "N·m"), ("power", "W"))
+LABEL_WIDTH = 60  # characters of a condition
+MINUS = str.maketrans("-", "−")
+
+
+def draw(conditions, file, kind):
+    """Plot angle, torque and power of every leg.
+
+    conditions : [Condition], as many as COLOURS or fewer
+    file : open for writing bytes
+    kind : "png" or "svg"
+
+    Raises BadInput.
+    """
+    check(conditions)
+    known = [condition.legs() for condition in conditions]
+    titles = list(dict.fromkeys(title for legs in known for title in legs))
+    made = picture.figure(4.6 * len(titles) + 1.2, 7.8)
+    axes = made.subplots(len(ROWS), len(titles), sharex=True, sharey="row", squeeze=False)
+    per_kg = conditions[0].mass is not None
+    for column, title in enumerate(titles):
+        legs = [(number, legs[title]) for number, legs in enumerate(known) if title in legs]
+        for row, (name, unit) in enumerate(ROWS):
+            axis = axes[row][column]
+            dress(axis)
+            toe_offs = {leg.toe_off for _, leg in legs}
+            for number, leg in legs:
+                values = leg.curves(name)
+                plot(axis, np.degrees(values) if name == "angle" else values, COLOURS[number])
+                if leg.toe_off is not None:
+                    colour = GREY if len(toe_offs) == 1 else COLOURS[number]
+                    axis.axvline(100.0 * leg.toe_off, color=colour, linewidth=0.9, linestyle=":", zorder=2)
+            if column == 0:
+                first = legs[0][1]
+                sign = f"\n{first.positive} +" if first.positive and name != "power" else ""
+                unit = f"{unit}/kg" if per_kg and name != "angle" else unit
+                axis.set_ylabel(plain(f"{first.joint} {name} [{unit}]{sign}"), color=INK)
+        heading(axes[0][column], title, legs, per_kg)
+        axes[-1][column].set_xlabel("gait cycle [%]", color=INK)
+    made.align_ylabels(axes[:, 0])
+    toe_off = any(leg.toe_off is not None for legs in known for leg in legs.values())
+    legend(made, conditions, toe_off)
+    picture.save(made, file, kind)
+
+
+def draw_signals(conditions, paths, file, kind):
+    """Plot scalar signals, one plot each. paths : [path]. Other arguments and errors: see `draw`. KeyError"""
+    check(conditions)
+    made = picture.figure(8.0, 1.4 + 2.2 * len(paths))
+    axes = made.subplots(len(paths), 1, sharex=True, squeeze=False)[:, 0]
+    for axis, path in zip(axes, paths):
+        dress(axis)
+        counts = []
+        for condition, colour in zip(conditions, COLOURS):
+            values = condition.curves(path)
+            counts.append(len(values))
+            plot(axis, values, colour)
+        unit = conditions[0].trial.unit(path)
+        count = strides_text(counts[0]) if len(set(counts)) == 1 else f"{', '.join(map(str, counts))} strides"
+        axis.set_title(plain(f"{path}, {count}"), loc="left", fontsize=9, color=INK)
+        axis.set_ylabel("" if unit in ("1", "any") else f"[{unit}]", color=INK)
+    axes[-1].set_xlabel("gait cycle [%]", color=INK)
+    made.align_ylabels(axes)
+    legend(made, conditions, toe_off=False)
+    picture.save(made, file, kind)
+
+
+def check(conditions):
+    if len(conditions) > len(COLOURS):
+        raise BadInput(f"{len(conditions)} conditions: at most {len(COLOURS)} can be told apart in one picture")
+
+
+def dress(axis):
+    axis.axhline(0.0, color="#AAAAAA", linewidth=0.8, zorder=1)
+    axis.set_xlim(0, 100)
+    axis.set_xticks(range(0, 101, 20))
+    axis.margins(y=0.12)
+    picture.frame(axis)
+    axis.tick_params(colors=INK, labelsize=9, length=3)
+
+
+def plot(axis, values, colour):
+    """Plot the mean of curves with a band of one standard deviation. values : (strides, 101)"""
+    mean, sd = values.mean(axis=0), values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1])
+    cycle = np.linspace(0.0, 100.0, len(mean))
+    axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.2, linewidth=0, zorder=2)
+    axis.plot(cycle, mean, color=colour, linewidth=2.0, zorder=3)
+
+
+def heading(axis, title, legs, per_kg):
+    """Write the name of a leg, with a line of figures for each condition in its colour."""
+    unit = "J/kg" if per_kg else "J"
+    for line, (number, leg) in enumerate(reversed(legs)):
+        count = len(leg.strides)
+        time, gain, loss = (
+            np.mean([getattr(stride, name) for stride in leg.strides])
+            for name in ("time", "positive_work", "negative_work")
+        )
+        axis.annotate(
+            f"{count} stride{'s' * (count > 1)} of {time:.2f} s, work {gain:+.2f} and {loss:+.2f} {unit}".translate(
+                MINUS
+            ),
+            xy=(0.5, 1.03),
+            xycoords="axes fraction",
+            xytext=(0, 11 * line),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=8,
+            color=COLOURS[number],
+        )
+    axis.set_title(plain(title), fontsize=11, fontweight="bold", color=INK, pad=10 + 11 * len(legs))
+
+
+def strides_text(count):
+    return f"{count} stride{'s' * (count > 1)}"
+
+
+def legend(made, conditions, toe_off):
+    marks = [
+        *(
+            Line2D([], [], color=colour, linewidth=2.0, label=plain(short(condition.label, LABEL_WIDTH)))
+            for condition, colour in zip(conditions, COLOURS)
+        ),
+        Patch(color=GREY, alpha=0.25, label="± 1 standard deviation"),
+    ]
+    if toe_off:
+        marks.append(
+            Line2D([], [], color=GREY, linewidth=0.9, linestyle=":", label="toe-off (event_phase of GaitPhase)")
+        )
+    made.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)

@@ -1,0 +1,196 @@
+"""Differences of two conditions over the gait cycle, the clearest first: `python -m runtime diff A B --strides`.
+
+The effect is the difference in standard deviations over strides, pooled over both conditions (Cohen 1988):
+
+    figures of a stride     d = |m₂ − m₁| / s,  s² = (s₁² + s₂²) / 2
+    curves                  d = RMS(m₂ − m₁) / RMS(s), over the gait cycle
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from runtime.base.errors import BadInput
+from runtime.recording.messages import split
+
+ANGLE, TORQUE, POWER = range(3)  # among CURVES
+FIGURES = (  # of a stride: name, unit, function of a Stride, whether it scales with body mass
+    ("stride time", "s", lambda stride: stride.time, False),
+    ("angle, range", "deg", lambda stride: np.degrees(np.ptp(stride.curves[ANGLE])), False),
+    ("torque, peak", "N·m", lambda stride: np.max(np.abs(stride.curves[TORQUE])), True),
+    ("power, peak", "W", lambda stride: np.max(stride.curves[POWER]), True),
+    ("positive work", "J", lambda stride: stride.positive_work, True),
+    ("negative work", "J", lambda stride: stride.negative_work, True),
+)
+SIGNAL_LIMIT = 10  # signals of a leg in the table
+EFFECT_LIMIT = 99.0  # larger effects are printed as ">99"
+MINUS = str.maketrans("-", "−")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table.
+
+    effect : in pooled standard deviations
+    relative : difference of a figure relative to the first; of a curve, RMS relative to the RMS of the first
+    largest : difference of a figure; largest difference of the mean curves, signed
+    first, second : (mean, standard deviation) of a figure; None for a curve
+    at : place of the largest difference in % of the gait cycle; None for a figure
+    """
+
+    name: str
+    unit: str
+    effect: float
+    relative: float
+    largest: float
+    first: tuple[float, float] | None = None
+    second: tuple[float, float] | None = None
+    at: float | None = None
+
+
+def compare(first, second):
+    """Return {title of a leg: (strides of both, figures, signals)}: [Row] each, in order of their effect.
+
+    first, second : Condition
+
+    Raises BadInput if they have no leg in common.
+    """
+    mine, others = first.legs(), second.legs()
+    found = {}
+    for title in [title for title in mine if title in others]:
+        a, b = mine[title], others[title]
+        per_kg = "/kg" if first.mass is not None else ""
+        figures = [
+            figure(name, unit + per_kg * scales, *(np.array([of(one) for one in leg.strides]) for leg in (a, b)))
+            for name, unit, of, scales in FIGURES
+        ]
+        found[title] = (len(a.strides), len(b.strides)), ranked(figures), ranked(signals(a, b))[:SIGNAL_LIMIT]
+    if not found:
+        raise BadInput(
+            f"{first.label} has {', '.join(mine)} and {second.label} has {', '.join(others)}: no leg in common"
+        )
+    return found
+
+
+def figure(name, unit, a, b):
+    """Return the Row of a figure. a, b : value of each stride"""
+    spread = np.sqrt((deviation(a) ** 2 + deviation(b) ** 2) / 2)
+    difference = float(b.mean() - a.mean())
+    return Row(
+        name,
+        unit,
+        share(abs(difference), float(spread)),
+        share(difference, abs(float(a.mean()))),
+        difference,
+        (float(a.mean()), float(deviation(a))),
+        (float(b.mean()), float(deviation(b))),
+    )
+
+
+def signals(a, b):
+    """Yield a Row for each float signal of a leg's subsystem that both conditions have. a, b : Leg"""
+    folder = split(a.signals["angle"])[0]
+    for path in a.condition.trial.names:
+        if not (split(path)[0] == folder and path in b.condition.trial.signals and path in a.condition.trial.signals):
+            continue
+        if a.condition.trial.dtype(path) != "float" or path == a.signals["phase"]:
+            continue
+        try:
+            mine, others = (leg.condition.curves(path) for leg in (a, b))
+        except BadInput:  # no stride with finite values
+            continue
+        difference = others.mean(axis=0) - mine.mean(axis=0)
+        spread = np.sqrt((deviation(mine) ** 2 + deviation(others) ** 2) / 2)
+        place = int(np.argmax(np.abs(difference)))
+        yield Row(
+            path.removeprefix(f"{folder}/"),
+            a.condition.trial.unit(path),
+            share(rms(difference), rms(spread)),
+            share(rms(difference), rms(mine.mean(axis=0))),
+            float(difference[place]),
+            at=100.0 * place / (len(difference) - 1),
+        )
+
+
+def deviation(values):
+    """Return the sample standard deviation over the strides; 0 for a single one."""
+    return values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1:])
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def share(difference, of):
+    """Return a difference relative to something: 0 for none, infinite relative to 0."""
+    return 0.0 if difference == 0.0 else difference / of if of > 0.0 else math.copysign(math.inf, difference)
+
+
+def ranked(rows):
+    """Return the rows in order of their effect; beyond EFFECT_LIMIT, where strides hardly vary, of their size."""
+    return sorted(rows, key=lambda row: (min(row.effect, EFFECT_LIMIT), abs(row.relative)), reverse=True)
+
+
+def table(first, second, comparison):
+    """Return the lines for standard output. comparison : as `compare` returns it"""
+    lines = [f"A  {first.label}", f"B  {second.label}"]
+    for title, (counts, figures, curves) in comparison.items():
+        lines += ["", f"{title}: {counts[0]} strides in A, {counts[1]} in B", ""]
+        lines += columns(
+            ("a stride", "A", "B", "B − A", "", "effect"),
+            [
+                (
+                    f"{row.name} [{row.unit}]",
+                    spread_text(row.first),
+                    spread_text(row.second),
+                    signed(row.largest),
+                    percent(row),
+                    effect_text(row.effect),
+                )
+                for row in figures
+            ],
+        )
+        if curves:
+            lines += [""]
+            lines += columns(
+                ("over the gait cycle", "largest B − A", "at", "effect"),
+                [
+                    (
+                        f"{row.name} [{row.unit}]" if row.unit not in ("1", "any") else row.name,
+                        signed(row.largest),
+                        f"{row.at:.0f} %",
+                        effect_text(row.effect),
+                    )
+                    for row in curves
+                ],
+            )
+    return [*lines, "", "effect: difference in standard deviations of the strides, the clearest first"]
+
+
+def columns(head, rows):
+    """Return lines of a table: the first column on the left, the others on the right."""
+    widths = [max(len(row[place]) for row in [head, *rows]) for place in range(len(head))]
+    return [
+        "  " + "  ".join([row[0].ljust(widths[0]), *(text.rjust(width) for text, width in zip(row[1:], widths[1:]))])
+        for row in [head, *rows]
+    ]
+
+
+def spread_text(spread):
+    """Return "mean ± standard deviation", with three digits of the mean."""
+    mean, deviation = spread
+    digits = max(0, 2 - math.floor(math.log10(abs(mean)))) if mean else 2
+    return f"{mean:.{digits}f} ± {deviation:.{digits}f}".translate(MINUS)
+
+
+def signed(value):
+    return f"{value:+.3g}".translate(MINUS) if value else "0"
+
+
+def percent(row):
+    return f"{100.0 * row.relative:+.0f} %".translate(MINUS) if math.isfinite(row.relative) else ""
+
+
+def effect_text(value):
+    return f">{EFFECT_LIMIT:.0f}" if value > EFFECT_LIMIT else f"{value:.1f}"

@@ -1,0 +1,53 @@
+"""Options that select strides, of `plot --strides` and `diff --strides`."""
+
+from runtime.analysis.conditions import conditions
+from runtime.base.errors import BadInput
+from runtime.base.options import count
+
+OPTIONS = ("events", "between", "last", "per_kg")
+
+
+def add(parser):
+    """Add the options to a Parser."""
+    parser.add_argument(
+        "--events",
+        metavar="SIGNAL",
+        help="with --strides: signal that starts a stride, a bool or a gait phase (default: of the subsystem)",
+    )
+    parser.add_argument(
+        "--between",
+        nargs=2,
+        action="append",
+        metavar=("FROM", "TO"),
+        help="with --strides: strides between two times: seconds, start, end, or a mark, as in --between 'mark 1' end. "
+        "May be repeated: each is a condition",
+    )
+    parser.add_argument(
+        "--last", type=count("--last"), metavar="N", help="with --strides: the last N strides of each leg and condition"
+    )
+    parser.add_argument(
+        "--per-kg",
+        nargs="?",
+        const="mass",
+        metavar="KG",
+        help="with --strides: divide torque, power and work by the body mass: KG, or the field mass of each recording",
+    )
+
+
+def check(options, strides):
+    """Raise BadInput for options that need --strides, or with a wrong value. strides : whether it was given"""
+    for name in OPTIONS:
+        if getattr(options, name) is not None and not strides:
+            raise BadInput(f"--{name.replace('_', '-')} needs --strides")
+    if options.per_kg not in (None, "mass"):
+        try:
+            options.per_kg = float(options.per_kg)
+        except ValueError:
+            options.per_kg = 0.0
+        if not 0.0 < options.per_kg < float("inf"):
+            raise BadInput("--per-kg needs a body mass in kg above 0, as in --per-kg 72")
+
+
+def conditions_of(trials, options):
+    """Return the Conditions of recordings. Raises BadInput."""
+    return conditions(trials, options.events, options.between or (), options.last, options.per_kg)
