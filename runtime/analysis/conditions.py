@@ -79,6 +79,12 @@ class Leg:
         return np.array([stride.curves[CURVES.index(name)] for stride in self.strides])
 
     @property
+    def blocks(self) -> list[dict[str, Any]]:
+        """Blocks of the recorded diagram, as of graph.store."""
+        diagram: Any = self.condition.trial.diagram
+        return diagram["blocks"] if diagram else []
+
+    @property
     def joint(self) -> str:
         """Name of the block that measures the angle, such as "knee"."""
         return split(self.signals["angle"])[1]
@@ -86,7 +92,7 @@ class Leg:
     @property
     def positive(self) -> str:
         """Direction of positive angles and torques, such as "flexion"; "" if the StrideReport has none."""
-        for block in (self.condition.trial.diagram or {}).get("blocks", []):
+        for block in self.blocks:
             if block["type"] == STRIDE_REPORT and split(block["path"] + ".")[0] == split(self.signals["angle"])[0]:
                 return str(block["parameters"].get("positive") or "")
         return ""
@@ -95,7 +101,7 @@ class Leg:
     def toe_off(self) -> float | None:
         """Gait phase of the toe-off as fraction of the stride: the `event_phase` of the GaitPhase; None without one."""
         path = self.signals["phase"].rpartition(".")[0]
-        for block in (self.condition.trial.diagram or {}).get("blocks", []):
+        for block in self.blocks:
             if block["path"] == path and block["type"] == GAIT_PHASE:
                 return float(block["parameters"]["event_phase"])
         return None

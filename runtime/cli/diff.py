@@ -57,7 +57,8 @@ def compare_strides(here, there, options):
             f"diff --strides compares 2 conditions, not {len(compared)}: pass two recordings, or one recording twice "
             "with two --between"
         )
-    tell(condition_table.table(*compared, condition_table.compare(*compared)))
+    first, second = compared
+    tell(condition_table.table(first, second, condition_table.compare(first, second)))
     need("matplotlib.figure", "a picture")
     from runtime.analysis import condition_picture
 

@@ -37,7 +37,12 @@ from runtime.rig.file import parse
 
 RING_SIZE = 1 << 22  # bytes
 READ_SIZE = 1 << 20  # bytes
-SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")
+SINKS = (
+    "blocks.recorders:CsvRecorder",
+    "blocks.recorders:StrideReport",
+    "blocks.sinks:PlotJuggler",
+    "blocks.sinks:Rerun",
+)
 # how a run ended whose cause is not in the recording
 EXTERNAL_ENDS = ("bus error", "fenced", "foreign command", "hung", "overrun", "unguarded")
 

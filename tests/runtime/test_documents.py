@@ -14,7 +14,7 @@ from runtime.bench import blocks
 from runtime.live.running import page_of
 from tests.house import python
 from tests.peers import __main__ as peers
-from tests.runtime.runs import ROOT, environment, finished, started, write
+from tests.runtime.runs import KNEE_EXO, ROOT, environment, finished, started, write
 from tests.runtime.terminals import patient
 
 README, RUNNING, BLOCKS, RECORDINGS = (
@@ -149,8 +149,13 @@ def test_what_the_page_of_recordings_shows_is_what_happens(tmp_path):
     commands = [
         line.split("#")[0].split()[3:] for line in RECORDINGS.splitlines() if line.startswith("    python -m runtime ")
     ]
-    assert len(commands) == 9
+    assert len(commands) == 12
     one = min(str(path) for path in (tmp_path / "recordings").glob("hold_*.mcap"))
+    walk = finished(KNEE_EXO, "--fast", "--duration", "9", "--trial", "mass=72", "--record", "walk", cwd=tmp_path)
+    assert walk.returncode == OK, walk.stderr
+    [recording] = (tmp_path / "walk").glob("*.mcap")
+    for name in ("without", "assisted", "trial"):
+        shutil.copy(recording, tmp_path / f"{name}.mcap")
     for words in commands:
         needs = {"parquet": "pyarrow", "mat": "scipy"}
         if any(
