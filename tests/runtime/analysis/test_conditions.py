@@ -132,7 +132,7 @@ def test_signals_of_several_recordings_share_a_plot(command_line, pair):
     assert {"left/knee.torque, 4 strides", "off", "on", "[N·m]"} <= drawn("signals.svg")
 
 
-def test_picture_of_knee_exo_names_joint_sign_and_toe_off():
+def test_picture_of_knee_exo_names_joint_sign_and_toe_off(tmp_path):
     from runtime.analysis import condition_picture
     from tests.runtime.runs import KNEE_EXO
 
@@ -140,9 +140,10 @@ def test_picture_of_knee_exo_names_joint_sign_and_toe_off():
     compared = conditions(trials, last=3)
     [left, _] = compared[0].legs().values()
     assert (left.joint, left.positive, left.toe_off) == ("knee", "flexion", 0.62)
-    with open("picture.svg", "wb") as file:
+    path = tmp_path / "picture.svg"
+    with open(path, "wb") as file:
         condition_picture.draw(compared, file, "svg")
-    assert {"knee angle [deg]", "flexion +", "toe-off (event_phase of GaitPhase)"} <= drawn("picture.svg")
+    assert {"knee angle [deg]", "flexion +", "toe-off (event_phase of GaitPhase)"} <= drawn(path)
 
 
 @pytest.mark.parametrize(
