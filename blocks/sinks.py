@@ -12,6 +12,8 @@ class PlotJuggler(Sink):
 
     In PlotJuggler: Streaming, UDP Server, port 9870, JSON; tick "use field as timestamp" and enter `timestamp`.
     `python -m runtime plotjuggler FILE` writes a layout with the plots.
+
+    A run in virtual time sends nothing, unless `virtual_time` is set or the run has the option --plotjuggler.
     """
 
     host = Param("127.0.0.1", "1", "host on which PlotJuggler runs")
@@ -30,7 +32,12 @@ class PlotJuggler(Sink):
     )
     batch = Param(1, "1", "samples per datagram; more than 1 requires PlotJuggler 3.16", min=1, max=1000, fixed=True)
 
+    virtual_time = Param(False, "1", "true also sends runs in virtual time", fixed=True)
+
     service = "plotjuggler"
+
+    def is_active(self, virtual: bool) -> bool:
+        return bool(self.virtual_time) or not virtual
 
 
 class Rerun(Sink):

@@ -12,6 +12,7 @@ class PlotJuggler(Sink):
     decimation: Param[int]
     time: Param[Literal['device', 'relative']]
     batch: Param[int]
+    virtual_time: Param[bool]
     def __init__(
         self,
         host: str = '127.0.0.1',
@@ -20,9 +21,11 @@ class PlotJuggler(Sink):
         decimation: int = 1,
         time: Literal['device', 'relative'] = 'device',
         batch: int = 1,
+        virtual_time: bool = False,
         **options: Unpack[BlockOptions],
     ) -> None: ...
     def __call__(self, *signals: Operand, **named: Operand) -> PlotJuggler: ...
+    def is_active(self, virtual: bool) -> bool: ...
 class Rerun(Sink):
     target: Param[str]
     port: Param[int]

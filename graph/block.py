@@ -387,6 +387,10 @@ class Sink(Block):
     service: str = ""  # name of the service in the entry-point group "tickwork.sinks", or "module:class"
     writes_files: bool = False  # whether a run with this sink is recorded in files
 
+    def is_active(self, virtual: bool) -> bool:
+        """Return whether this sink receives a run. virtual : whether the run is in virtual time"""
+        return True
+
 
 def _arguments(function: Callable[..., Any]) -> tuple[list[str], bool]:
     """Return (names of the positional arguments after self, whether it takes `*arguments`).

@@ -60,6 +60,8 @@ cdef class Executor(Waiting):
         records
     reader : file descriptor that hangs up when the reader of the shared state has ended, or -1; it ends a wait for
         space
+    drain : callable that empties the ring in this process instead, in virtual time. Its exception ends the run safely and
+        is raised then
     overrun : policy for late ticks, in the syntax of cext.clock.overrun.Overrun
     spin : s before a deadline in which it spins instead of sleeping
     profile : time every step, for `profile`
@@ -78,12 +80,12 @@ cdef class Executor(Waiting):
 
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, SharedState page=None, bint virtual=False,
                  int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, ReplayClock tape=None,
-                 double guard=0.0, bint carried=False, others=(), rows=None, bint hosted=False):
+                 double guard=0.0, bint carried=False, others=(), rows=None, bint hosted=False, drain=None):
         self.hosted = hosted
         self.signals = Signals(not hosted or threading.current_thread() is threading.main_thread())
         self.pace = DeadlineClock(rate, self.signals, spin=round(spin * 1e9))
         self.overrun = Overrun(overrun)
-        self.journal = Publisher(page, control, virtual, reader, self.signals, round(guard * 1e9), rows)
+        self.journal = Publisher(page, control, virtual, reader, self.signals, round(guard * 1e9), rows, drain)
         self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
         self.watchdog = Watchdog(control, self.journal, self.signals, self.pace.period, guard > 0.0 and not virtual, others)
         self.body.handover = self.watchdog.handover
@@ -189,6 +191,9 @@ cdef class Executor(Waiting):
                     gc.unfreeze()
                 if collecting:
                     gc.enable()
+        error = self.journal.error or (self.tape.error if self.tape is not None else None)
+        if error is not None:
+            raise error
         if self.layout != NULL:
             store_i32(&self.layout.status, max(status, 0))
         self.control.live.leave()

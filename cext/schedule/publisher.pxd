@@ -17,6 +17,10 @@ cdef class Publisher:
     cdef int64_t recent_size         # capacity in rows
     cdef int64_t recent_count        # rows written in total
     cdef bint records                # whether rows have a destination
+    cdef object drain                # empties the ring in this process, or None
+    cdef bint drains                 # whether there is one
+    cdef int64_t drained             # ns of CLOCK_MONOTONIC of its newest call
+    cdef readonly object error       # the exception that it has raised
 
     cdef void clear(self)
     cdef void set_state(self, int32_t state) noexcept nogil
@@ -31,3 +35,4 @@ cdef class Publisher:
     cdef bint push_row(self, int64_t tick) noexcept nogil
     cdef bint make_room(self, bint stopping) noexcept nogil
     cdef bint wait_for_reader(self) noexcept nogil
+    cdef bint drain_here(self) noexcept nogil

@@ -21,6 +21,7 @@ from cext.clock.signals cimport Signals
 
 cdef enum:
     RECENT = 6                      # rows that are kept for the report of a fault
+    DRAIN_PERIOD = 50_000_000       # ns between two calls of `drain`, at most
 
 
 cdef class Publisher:
@@ -33,13 +34,16 @@ cdef class Publisher:
     virtual : the loop waits for space in a full ring instead of dropping records
     reader : file descriptor that hangs up when the reader of the shared state has ended, or -1; it ends a wait for
         space
+    drain : callable that empties the ring in this process, in virtual time: called before a tick for which the ring has
+        no room, and every 50 ms. An exception ends the run. None: another process empties the ring
     guard : ns of the guardian's silence that end the run, 0 without a guardian
     rows : C-contiguous float64 array (ticks, 2 + columns) for the row of every tick: tick, lateness in s, recorded
         signals; or None.
         A run with more ticks overwrites the first rows
     """
 
-    def __init__(self, SharedState page, Program program, bint virtual, int reader, Signals signals, int64_t guard=0, rows=None):
+    def __init__(self, SharedState page, Program program, bint virtual, int reader, Signals signals,
+                 int64_t guard=0, rows=None, drain=None):
         if page is not None and 16 * (3 + program.column_count) > <int64_t>page.layout.capacity:
             raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2 + program.column_count))
         self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
@@ -53,6 +57,7 @@ cdef class Publisher:
         if page is not None:
             self.most = min(self.most, page.layout.capacity // 2)          # a smaller ring drops records
         self.records = page is not None or rows is not None
+        self.drain, self.drains = drain, drain is not None and page is not None and virtual
         self.table = np.zeros((RECENT, 2 + program.column_count)) if rows is None else rows
         if (self.table.ndim != 2 or len(self.table) == 0 or self.table.shape[1] != 2 + program.column_count or self.table.dtype != np.float64
                 or not self.table.flags.carray):
@@ -72,7 +77,8 @@ cdef class Publisher:
     cdef void clear(self):
         """Clear the statistics of an earlier run; the ring keeps what has not been read."""
         cdef SharedLayout *page = self.layout
-        self.recent_count = 0
+        self.recent_count = self.drained = 0
+        self.error = None
         if page == NULL:
             return
         page.tick = -1
@@ -184,8 +190,12 @@ cdef class Publisher:
         cdef SharedLayout *page = self.layout
         cdef int64_t since
         cdef int patience = 1000
+        if self.drains and monotonic() - self.drained > DRAIN_PERIOD and not self.drain_here():
+            return stopping
         if page == NULL or not self.virtual or page.capacity - (page.head - load_u64(&page.tail)) >= self.most:
             return True
+        if self.drains:
+            return self.drain_here() or stopping
         since = monotonic()
         while page.capacity - (page.head - load_u64(&page.tail)) < self.most and self.wait_for_reader():
             patience -= 1
@@ -197,7 +207,21 @@ cdef class Publisher:
     cdef bint wait_for_reader(self) noexcept nogil:
         """Wait a millisecond for the recorder. Returns False if there is no recorder, or it has ended."""
         cdef pollfd ended
+        if self.drains:
+            return self.drain_here()
         if self.reader < 0:
             return False
         ended.fd, ended.events, ended.revents = self.reader, POLLIN, 0
         return poll(&ended, 1, 1) <= 0
+
+    cdef bint drain_here(self) noexcept nogil:
+        """Empty the ring in this process. Returns False after an exception, which `error` holds."""
+        with gil:
+            try:
+                self.drain()
+            except BaseException as error:
+                self.error = error
+                self.drains = False
+                return False
+        self.drained = monotonic()
+        return True

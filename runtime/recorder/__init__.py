@@ -33,6 +33,7 @@ import select
 import signal
 import subprocess
 import termios
+import time
 from contextlib import suppress
 
 from runtime.base.child_process import ChildProcess
@@ -112,6 +113,11 @@ class RecorderProcess(ChildProcess):
     @property
     def lifeline(self):
         return self._answers
+
+    def make_room(self, seconds):
+        """Wait, so that the process can empty the ring. Returns whether a process reads it."""
+        time.sleep(seconds)
+        return self.alive
 
     def finish(self, timeout=60.0):
         """After page.close(): wait until all is written, and return the report.

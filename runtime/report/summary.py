@@ -198,7 +198,8 @@ def hints(result, program):
         tries.append(f"change a parameter: {start} --duration 10 --set {change}")
     if not result.request.fast and result.rig is None:
         tries.append(f"simulate a minute in virtual time: {start} --duration 60 --fast")
-    if any(isinstance(sink.block, PlotJuggler) for sink in result.schedule.sinks):
+    viewers = [sink.block for sink in result.schedule.sinks if isinstance(sink.block, PlotJuggler)]
+    if any(viewer.is_active(result.request.fast) for viewer in viewers):
         tries.append("watch live in PlotJuggler: Streaming, UDP Server, port 9870, JSON, field `timestamp` as time")
     tries.append(f"show what is proved: {program} check {name}{on_rig}")
     tries.append(f"measure this machine: {program} bench")

@@ -113,7 +113,7 @@ def adapt(diagram, request):
         viewers = [block for block in diagram if isinstance(block, PlotJuggler)]
         with diagram:
             for viewer in viewers or [PlotJuggler()]:
-                viewer.host, viewer.port = host, port
+                viewer.host, viewer.port, viewer.virtual_time = host, port, True
     if request.rerun is not None:
         viewers = [block for block in diagram if isinstance(block, Rerun)]
         with diagram:

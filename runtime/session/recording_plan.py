@@ -8,6 +8,7 @@ import re
 import time
 from pathlib import Path
 
+from blocks.recorders import CsvRecorder
 from graph import Actuator
 from graph.store import to_json
 
@@ -15,6 +16,7 @@ ROW_SECONDS = 2.5  # how much of a run the ring holds at least
 FRAME_BYTES = 88  # of a frame in the ring
 FRAMES = {"can": 4}  # that a device has in a tick; of another medium OTHERS
 OTHERS = 16
+LOCAL_SERVICES = ("strides",)  # of runtime.recorder.local, without a process
 LONGEST_WORD = 40  # characters of a trial's field in the names of files
 
 
@@ -25,15 +27,40 @@ def ring_bytes(schedule):
     return max(1 << 20, int(ROW_SECONDS * schedule.rate * a_tick))
 
 
+def records_files(prepared):
+    """Return whether a run writes files. prepared : runtime.session.prepare.Prepared"""
+    request = prepared.request
+    written = any(sink.block.writes_files for sink in prepared.schedule.sinks)
+    return not request.no_record and (request.record is not None or written)
+
+
+def active_sinks(prepared):
+    """Return the sinks of the schedule that receive a run: [graph.schedule.SinkColumns]."""
+    request = prepared.request
+    return [
+        sink
+        for sink in prepared.schedule.sinks
+        if not (request.no_record and isinstance(sink.block, CsvRecorder)) and sink.block.is_active(request.fast)
+    ]
+
+
+def needs_process(prepared):
+    """Return whether a run needs the recorder process: in real time, or for files or viewers."""
+    return (
+        not prepared.request.fast
+        or records_files(prepared)
+        or any(sink.block.service not in LOCAL_SERVICES for sink in active_sinks(prepared))
+    )
+
+
 def plan(prepared, realtime):
-    """Return the plan of the recorder process.
+    """Return the plan of the recorder.
 
     prepared : runtime.session.prepare.Prepared
     realtime : runtime.machine.realtime.Realtime
     """
-    from blocks.recorders import CsvRecorder
-
     request, schedule, rig = prepared.request, prepared.schedule, prepared.rig
+    records = records_files(prepared)
     sinks = [
         {
             "service": sink.block.service,
@@ -42,12 +69,8 @@ def plan(prepared, realtime):
             "columns": [vars(column) for column in sink.columns],
             "wanted": request.plotjuggler is not None,
         }
-        for sink in schedule.sinks
-        if not (request.no_record and isinstance(sink.block, CsvRecorder))
+        for sink in active_sinks(prepared)
     ]
-    records = not request.no_record and (
-        request.record is not None or any(sink.block.writes_files for sink in schedule.sinks)
-    )
     return {
         "name": schedule.name,
         "folder": str(request.record or "recordings") if records else None,

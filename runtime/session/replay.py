@@ -33,6 +33,7 @@ from runtime.console.terminal import one_line
 from runtime.diagrams.file import compiled, load
 from runtime.live.table import describe
 from runtime.recorder import RecorderError, RecorderProcess
+from runtime.recording.format import FRAME
 from runtime.rig.file import parse
 
 RING_SIZE = 1 << 22  # bytes
@@ -248,20 +249,19 @@ def computation(description):
 
 def buses(trial, schedule):
     """Return the robot's end of each bus. Raises BadInput for a bus that is not in the recording."""
-    drains = max((frame.drain for frame in trial.frames), default=0)
     ends = []
     for name in schedule.buses:
         if name not in trial.about["buses"]:
             known = ", ".join(trial.about["buses"]) or "none"
             raise BadInput(f"bus {name!r} of the diagram is not in the recording, whose buses are {known}")
-        batches = [[] for _ in range(drains)]
-        for frame in trial.frames:
-            if frame.bus == name and not frame.sent and frame.drain > 0:
-                batches[frame.drain - 1].append(frame.payload)
+        received = [frame for frame in trial.frames if frame.bus == name and not frame.sent and frame.drain > 0]
+        frames = np.frombuffer(b"".join(frame.payload for frame in received), np.uint8).reshape(-1, FRAME.size)
+        bus = ReplayBus()
         try:
-            ends.append(ReplayBus(batches).host)
+            bus.give(frames, [frame.drain for frame in received])
         except ValueError as error:
             raise BadInput(f"{trial.path} is damaged: bus {name!r}: {error}") from None
+        ends.append(bus.host)
     return ends
 
 
@@ -271,7 +271,9 @@ def tape(trial):
     end = (trial.end or {}).get("end")
     if end is not None and end["status"] not in ("ok", *EXTERNAL_ENDS) and end["tick"] > ticks[-1]:
         ticks, late = np.append(ticks, end["tick"]), np.append(late, round(end.get("late", 0.0) * 1e9))
-    return ReplayClock(ticks, late, trial.about["simulated"], drained_before(trial))
+    clock = ReplayClock(lambda: False, trial.about["simulated"], drained_before(trial))
+    clock.give(ticks, late)
+    return clock
 
 
 def drained_before(trial):

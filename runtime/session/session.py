@@ -24,7 +24,7 @@ from runtime.recorder import RecorderProcess, can_ask
 from runtime.report.fault import explain
 from runtime.session.preflight import Preflight
 from runtime.session.rearming import Rearming
-from runtime.session.recording_plan import plan, ring_bytes
+from runtime.session.recording_plan import needs_process, plan, ring_bytes
 from runtime.session.result import Result
 
 EVENT_TIMEOUT = 5.0  # s, for the recorder to make room for an event
@@ -60,7 +60,8 @@ class Session:
                 undo.callback(rig.close)
                 priority = None if request.realtime == "off" else request.priority or PRIORITY
                 rig.watch(self.page, self.prepared.schedule, self.prepared.diagram, priority)
-            self.recorder = RecorderProcess(self.page)  # before the priority, memory lock and processor of the loop
+            # before the priority, memory lock and processor of the loop
+            self.recorder = recorder_of(self.prepared, self.page)
             undo.callback(self.recorder.abandon)
             self.realtime = Realtime(request.realtime, request.priority or PRIORITY, request.cpu)
             undo.callback(self.realtime.release)
@@ -100,6 +101,7 @@ class Session:
             page=self.page,
             virtual=request.fast,
             reader=self.recorder.lifeline,
+            drain=getattr(self.recorder, "drain", None),
             overrun=request.overrun,
             spin=request.spin,
             profile=request.profile,
@@ -200,8 +202,18 @@ class Session:
     def record(self, event):
         """Put an event into the ring, which the recorder may still be emptying."""
         event, deadline = json.dumps(event).encode(), time.monotonic() + EVENT_TIMEOUT
-        while not self.page.push(RECORD_EVENT, event) and self.recorder.alive and time.monotonic() < deadline:
-            time.sleep(POLL_PERIOD)
+        while not self.page.push(RECORD_EVENT, event) and time.monotonic() < deadline:
+            if not self.recorder.make_room(POLL_PERIOD):
+                break
+
+
+def recorder_of(prepared, page):
+    """Return the recorder of a run: a process, or a LocalRecorder where nothing is recorded."""
+    if needs_process(prepared):
+        return RecorderProcess(page)
+    from runtime.recorder.local import LocalRecorder
+
+    return LocalRecorder(page)
 
 
 def stopped_from_here(outcome, rig, page):

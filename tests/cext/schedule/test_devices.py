@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars, RobStride
@@ -180,10 +181,10 @@ def test_oversized_frame_is_refused_from_block_and_recording():
         Long("AK10-9-V2.0", can_id=1)(torque_command=0.0)
     with pytest.raises(ValueError, match="at most 64 bytes, not 65"):
         Rig(robot)
-    recorded = bytearray(bytes(Frame(id=1, length=65)))
+    long, valid = (np.frombuffer(bytes(Frame(id=1, length=length)), np.uint8)[None] for length in (65, 64))
     with pytest.raises(ValueError, match="at most 64 bytes, not 65"):
-        ReplayBus([[bytes(recorded)]])
-    assert ReplayBus([[bytes(Frame(id=1, length=64))]]).host.receive() == []
+        ReplayBus().give(long, [1])
+    ReplayBus().give(valid, [1])
 
 
 DOUBLES, SLOTS, FRAME = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int64)

@@ -1,0 +1,84 @@
+"""Recorder inside the control process, for runs in virtual time without files and viewers.
+
+It has the interface of runtime.recorder.RecorderProcess. The executor calls `drain` whenever the ring is full, and
+several times a second: the run waits for nothing, and no other process is started.
+"""
+
+import json
+import time
+
+import numpy as np
+
+from cext.safety.ring_reader import take
+from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT
+from runtime.console.stderr import Terminal
+from runtime.live import table
+from runtime.recorder.report import ending
+from runtime.recorder.status import StatusLine
+from runtime.recorder.strides import StrideAverage
+from runtime.recording.changes import Changes
+
+
+class LocalRecorder:
+    """Status line, events and average strides of a run in this process. page : cext.safety.shared_state.SharedState"""
+
+    lifeline = -1  # no other process reads the ring
+    pid = None
+
+    def __init__(self, page):
+        self.page = page
+        self.changes = Changes(table.read(page).parameters)
+        self.events, self.end = [], None
+
+    def configure(self, plan):
+        """Begin. plan : as runtime.recorder describes it, without files, and without sinks but "strides"."""
+        self.plan = plan
+        self.columns = len(plan["signals"])
+        self.strides = []
+        for sink in plan["sinks"]:
+            service = StrideAverage(plan, sink)
+            service.open()
+            self.strides.append((service, [2 + column["index"] for column in sink["columns"]]))
+        self.status = StatusLine(Terminal(), plan, self.page)
+
+    def drain(self):
+        """Take what is in the ring."""
+        rows, _, _, others = take(self.page, self.columns)
+        ticks = rows[:, 0].astype(np.int64)
+        for service, places in self.strides:
+            service.average.add(ticks, rows[:, places])
+        for kind, payload in others:
+            if kind == RECORD_CHANGE:
+                self.events += self.changes.events(payload)
+            elif kind == RECORD_EVENT:
+                event = json.loads(payload)
+                if event["event"] == "end":
+                    self.end = event
+                else:
+                    self.events.append(event)
+        self.status.update(time.monotonic())
+
+    def make_room(self, seconds):
+        """Take what is in the ring. Returns True: there is room again."""
+        self.drain()
+        return True
+
+    def finish(self):
+        """Return the report, after the end of the run."""
+        self.drain()
+        self.status.erase()
+        services = [service for service, _ in self.strides]
+        return {
+            "files": [],
+            "problems": [],
+            "events": self.events,
+            "sinks": {service.sink["path"]: service.close() for service in services},
+            "ended": ending(self.end, False),
+            **StrideAverage.conclude(self.plan, services),
+        }
+
+    def abandon(self):
+        """Do nothing: there are no files."""
+
+    def keep_to(self, processors):
+        """Do nothing: there is no process to move."""
