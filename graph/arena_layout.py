@@ -1,12 +1,17 @@
 """Layout of the arena: the clock, then signals and parameters, then the memory of blocks."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from graph.kernel_items import rest_of
+
+if TYPE_CHECKING:
+    from cext.kernel import Kernel
 
 CLOCK_SLOTS = 8
 
@@ -21,10 +26,10 @@ class KernelTable(NamedTuple):
 class Layout:
     """Allocator of the slots of one arena, with their initial values."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.values = [0.0] * CLOCK_SLOTS
 
-    def place(self, values):
+    def place(self, values: float | np.ndarray) -> int:
         """Allocate consecutive slots for values. Returns the first."""
         slot = len(self.values)
         self.values.extend(np.ravel(np.asarray(values, dtype=float)).tolist())
@@ -33,12 +38,12 @@ class Layout:
     def __len__(self):
         return len(self.values)
 
-    def arena(self):
+    def arena(self) -> np.ndarray:
         """Return the arena as an array of float64 with the initial values."""
         return np.array(self.values, dtype=np.float64)
 
 
-def place_parameters(block, layout):
+def place_parameters(block: Any, layout: Layout) -> dict[str, int]:
     """Allocate the numeric parameters of a block, NaN for None. Returns {name: slot}."""
     slots = {}
     for name, param in block.parameters.items():
@@ -48,7 +53,7 @@ def place_parameters(block, layout):
     return slots
 
 
-def place_memory(block, layout):
+def place_memory(block: Any, layout: Layout) -> dict[str, tuple[int, int]]:
     """Allocate the memory of a block, set by `prepare` or declared. Returns {name: (slot, length)}."""
     places = {}
     for name, memory in block.memory.items():
@@ -63,7 +68,7 @@ def size_of(shape: Sequence[int]) -> int:
     return math.prod(shape)
 
 
-def kernel_table(block, kernel, places):
+def kernel_table(block: Any, kernel: Kernel, places: dict[str, tuple[int, int]]) -> KernelTable:
     """The KernelTable of one kernel of a block. places : {name: (slot, length)} of all that a kernel may name
 
     Raises TypeError if an item has another length than the kernel states, as memory that `prepare` has set.

@@ -3,6 +3,8 @@
 All have direct feedthrough and no state, and work element by element; NaN passes.
 """
 
+from __future__ import annotations
+
 import functools
 import math
 import operator
@@ -33,13 +35,13 @@ class Gain(Block):
 
     kernel = kernels.gain
 
-    def configure(self):
+    def configure(self) -> None:
         self.unit = canonical(self.unit)
 
-    def output_units(self, u):
+    def output_units(self, u: str) -> dict[str, str]:
         return {"y": multiply(u, self.unit)}
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return self.span("gain") * u
 
 
@@ -53,7 +55,7 @@ class Sum(Block):
 
     kernel = kernels.sum
 
-    def configure(self):
+    def configure(self) -> None:
         if not self.signs or set(self.signs) - {"+", "-"}:
             raise ValueError(f"signs must be one + or - for each input, as in '+-', got {self.signs!r}")
         self.inputs = {
@@ -61,7 +63,7 @@ class Sum(Block):
         }
         self.weights = [1.0 if sign == "+" else -1.0 for sign in self.signs]
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> Interval:
         first, *rest = (u if sign == "+" else -u for u, sign in zip(inputs.values(), self.signs))
         for interval in rest:
             first = first + interval
@@ -81,10 +83,10 @@ class Product(Block):
     kernel = kernels.product
     free_units = ("a", "b")
 
-    def output_units(self, a, b):
+    def output_units(self, a: str, b: str) -> dict[str, str]:
         return {"y": multiply(a, b)}
 
-    def output_range(self, a, b):
+    def output_range(self, a: Interval, b: Interval) -> Interval:
         return a * b
 
 
@@ -102,10 +104,10 @@ class Divide(Block):
     kernel = kernels.divide
     free_units = ("a", "b")
 
-    def output_units(self, a, b):
+    def output_units(self, a: str, b: str) -> dict[str, str]:
         return {"y": divide(a, b)}
 
-    def output_range(self, a, b):
+    def output_range(self, a: Interval, b: Interval) -> Interval:
         return a / b
 
 
@@ -123,12 +125,12 @@ class UnitConversion(Block):
     kernel = kernels.conversion
     examples = ({"source": "deg", "target": "rad"},)
 
-    def configure(self):
+    def configure(self) -> None:
         self.factor, self.offset = units.conversion(self.source, self.target)
         self.inputs = {"u": Input(self.source, "in the unit `source`", shape=...).named("u")}
         self.outputs = {"y": Output(self.target, "in the unit `target`", shape=...).named("y")}
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         # exact: the kernel rounds the same operations
         return Interval(self.factor * u.low + self.offset, self.factor * u.high + self.offset)
 
@@ -143,14 +145,14 @@ class Stack(Block):
 
     kernel = vectors.stack
 
-    def configure(self):
+    def configure(self) -> None:
         shape = whole_numbers("shape", self.shape)
         self.inputs = {
             f"u{i}": Input("any", f"input {i}", shape=shape).named(f"u{i}") for i in range(1, self.count + 1)
         }
         self.outputs = {"y": Output("any", "stacked inputs", shape=(self.count, *shape)).named("y")}
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> Interval:
         return functools.reduce(operator.or_, inputs.values())
 
 
@@ -175,7 +177,7 @@ class Select(Block):
     kernel = vectors.select
     examples = ({}, {"index": (1, {"slice": (None, None, None)}), "of": (2, 3)})
 
-    def configure(self):
+    def configure(self) -> None:
         if self.of is None:
             self.plain()
             return
@@ -190,7 +192,7 @@ class Select(Block):
         self.outputs = {"y": Output("any", "selected elements", shape=taken.shape).named("y")}
         self.places = taken.ravel().tolist()
 
-    def plain(self):
+    def plain(self) -> None:
         """Set the indices for a vector of any length: an integer, or a list of integers."""
         index: Any = self.index
         several = isinstance(index, (list, tuple))
@@ -201,7 +203,7 @@ class Select(Block):
             "y": Output("any", "selected elements", shape=(len(self.indices),) if several else ()).named("y")
         }
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         if self.of is not None:
             return
         for index in self.indices:
@@ -209,7 +211,7 @@ class Select(Block):
                 raise ValueError(f"index {index} is out of bounds for a vector of length {self.width}")
         self.places = [index % self.width for index in self.indices]
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return u
 
 
@@ -262,16 +264,16 @@ class Convert(Block):
     kernel = kernels.conversion
     examples = ({"target": "deg"},)
 
-    def configure(self):
+    def configure(self) -> None:
         self.target = canonical(self.target)
         self.factor, self.offset = 1.0, 0.0
 
-    def output_units(self, u):
+    def output_units(self, u: str) -> dict[str, str]:
         if u != units.ANY:
             self.factor, self.offset = units.conversion(u, self.target)
         return {"y": self.target}
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return Interval(self.factor * u.low + self.offset, self.factor * u.high + self.offset)
 
 

@@ -1,6 +1,10 @@
 """Last stage of a compile: allocate arena slots to the checked and sorted blocks and build the schedule."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,8 +18,15 @@ from graph.order import computes, upstream
 from graph.schedule import Column, DeviceSteps, LiveParameter, Schedule, SignalPlace, SinkColumns, Step, WatchSteps
 from graph.signal import Signal
 
+if TYPE_CHECKING:
+    from cext.kernel import Kernel
+    from graph.arena_layout import KernelTable
+    from graph.block import Block
+    from graph.declarations import Output
+    from graph.device import DampedStop, Motion
 
-def assemble(facts):
+
+def assemble(facts: Any) -> Schedule:
     """Return the Schedule of a Compilation without errors."""
     return Assembly(facts).schedule()
 
@@ -23,7 +34,7 @@ def assemble(facts):
 class Assembly:
     """Arena layout and steps of one compile. facts : graph.compiler.Compilation"""
 
-    def __init__(self, facts):
+    def __init__(self, facts: Any) -> None:
         self.facts = facts
         self.blocks = facts.blocks
         self.layout = Layout()
@@ -57,27 +68,29 @@ class Assembly:
             for block in self.native
         }
 
-    def place_signal(self, block, name, port):
+    def place_signal(self, block: Block, name: str, port: Output) -> SignalPlace:
         shape = self.facts.shapes[block, name]
         slot = self.layout.place(np.zeros(size_of(shape)))
         return SignalPlace(f"{block.path}.{name}", slot, shape, port.dtype, self.facts.units[block, name], port.circle)
 
-    def size(self, block, name):
+    def size(self, block: Block, name: str) -> int:
         return size_of(self.facts.shapes[block, name])
 
-    def input_slot(self, block, name):
+    def input_slot(self, block: Block, name: str) -> int:
         source = self.facts.sources[block, name]
         return self.places[source].slot if isinstance(source, Signal) else self.constants[block, name]
 
     # Steps
 
-    def native_step(self, block, kernel):
+    def native_step(self, block: Block, kernel: Kernel) -> Step:
         return Step(block.path, block.every, self.conditions(block), kernel=kernel, table=self.table(block, kernel))
 
-    def table(self, block, kernel):
+    def table(self, block: Block, kernel: Kernel) -> KernelTable:
         return kernel_table(block, kernel, self.items[block])
 
-    def python_step(self, block, method, names, outputs):
+    def python_step(
+        self, block: Block, method: Callable[..., Any], names: Sequence[str], outputs: dict[str, Output]
+    ) -> Step:
         return Step(
             block.path,
             block.every,
@@ -88,15 +101,15 @@ class Assembly:
             hold=block.hold_exceptions,
         )
 
-    def conditions(self, block):
+    def conditions(self, block: Block) -> tuple[int, ...]:
         return tuple(self.places[condition].slot for condition in block.conditions)
 
-    def argument(self, block, name):
+    def argument(self, block: Block, name: str) -> tuple[str, int, str, tuple[int, ...]]:
         if name in CLOCK and name not in block.inputs:
             return name, CLOCK[name], "int" if name == "tick" else "float", ()
         return name, self.input_slot(block, name), block.inputs[name].dtype, self.facts.shapes[block, name]
 
-    def result(self, block, name, port):
+    def result(self, block: Block, name: str, port: Output) -> tuple[Any, ...]:
         declared = port.range or EVERYTHING
         return (
             name,
@@ -107,12 +120,12 @@ class Assembly:
             declared.high,
         )
 
-    def output_step(self, block):
+    def output_step(self, block: Block) -> Step:
         if block.is_python:
             return self.python_step(block, block.step, block.step_inputs(), block.outputs)
         return self.native_step(block, block.kernel)
 
-    def settle_step(self, block):
+    def settle_step(self, block: Block) -> Step | None:
         """Return the step that sets the steady state of the present inputs, or None."""
         if block.settle_kernel is not None:
             return self.native_step(block, block.settle_kernel)
@@ -120,7 +133,7 @@ class Assembly:
             return self.python_step(block, block.settle, block.arguments_of("settle"), {})
         return None
 
-    def update_steps(self):
+    def update_steps(self) -> list[Step]:
         steps = [
             self.native_step(block, block.update_kernel) for block in self.blocks if block.update_kernel is not None
         ]
@@ -133,7 +146,7 @@ class Assembly:
 
     # Schedule
 
-    def schedule(self):
+    def schedule(self) -> Schedule:
         facts = self.facts
         output = [self.output_step(block) for block in facts.order]
         settle = {block: step for block in facts.order if (step := self.settle_step(block)) is not None}
@@ -186,7 +199,7 @@ class Assembly:
             warnings=[diagnostic for diagnostic in facts.diagnostics if diagnostic.severity == "warning"],
         )
 
-    def live_parameters(self):
+    def live_parameters(self) -> list[LiveParameter]:
         """Return a LiveParameter for each parameter that may change while running."""
         parameters = []
         for block in self.blocks:
@@ -212,7 +225,7 @@ class Assembly:
                 )
         return parameters
 
-    def device_steps(self, block, buses):
+    def device_steps(self, block: Device, buses: Sequence[str]) -> DeviceSteps:
         def slot(name):
             return self.places[Signal(block, name)].slot if name in block.outputs else -1
 
@@ -242,18 +255,18 @@ class Assembly:
             **self.ready_place(block),
         )
 
-    def damped_stop(self, block):
+    def damped_stop(self, block: Device) -> DampedStop | None:
         """Return the DampedStop of a device, with a round that its bus has the capacity for."""
         stop = block.damped_stop()
         return stop and replace(stop, round=max(stop.round, damping_round(block.bus, self.blocks)))
 
-    def ready_place(self, block):
+    def ready_place(self, block: Device) -> dict[str, int]:
         if block.ready is None:
             return {}
         slot, size = self.memory[block][block.ready][:2]
         return {"ready": slot, "ready_size": size}
 
-    def watch_steps(self, block, slot):
+    def watch_steps(self, block: Device, slot: Callable[[str | None], int]) -> WatchSteps | None:
         watch = block.watched()
         if watch is None:
             return None
@@ -269,7 +282,7 @@ class Assembly:
             **self.motion_slots(block, watch.motion, slot),
         )
 
-    def motion_slots(self, block, motion, slot):
+    def motion_slots(self, block: Device, motion: Motion | None, slot: Callable[[str | None], int]) -> dict[str, int]:
         """Return {field of WatchSteps: slot} for the watch of an actuator's motion, {} without one."""
         if motion is None:
             return {}
@@ -282,7 +295,7 @@ class Assembly:
             slots["gains"] = self.memory[block][name][0] + index
         return slots
 
-    def recorded(self):
+    def recorded(self) -> tuple[np.ndarray, list[Column], list[SinkColumns]]:
         """Return (slots of all recorded numbers, Column of each, SinkColumns of each sink)."""
         slots, index_of, sinks, recorded = [], {}, [], []
         everything = [

@@ -5,10 +5,17 @@ three bits between frames. Stuffing adds one bit after five equal bits: at worst
 average about one for 16 data bits. (ISO 11898-1.) A byte on a serial line has ten bits, including start and stop bit.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from graph.device import Device
 from graph.stream import StreamDevice
+
+if TYPE_CHECKING:
+    from graph.block import Block
 
 SERIAL_BITS_PER_BYTE = 10
 DAMPING_BUS_LOAD = 0.8  # share of the bitrate that a damped safe stop uses
@@ -39,19 +46,19 @@ class LineLoad:
     bytes: float
 
     @property
-    def share(self):
+    def share(self) -> float:
         """Share of the speed."""
         return SERIAL_BITS_PER_BYTE * self.bytes / self.speed
 
 
-def frame_bits(length, extended):
+def frame_bits(length: int, extended: int) -> tuple[float, int]:
     """Return the (typical, worst) number of bits of a frame with `length` data bytes, including the gap."""
     header, stuffed = (67, 53) if extended else (47, 33)
     bits = header + 8 * length
     return bits + 8 * length / 15.6, bits + (stuffed + 8 * length) // 4
 
 
-def bus_loads(devices, rate):
+def bus_loads(devices: Sequence[Device], rate: float) -> list[BusLoad]:
     """Return a BusLoad for each bus with traffic, sorted by name. rate : Hz, of the ticks"""
     loads = []
     devices = [device for device in devices if device.medium == "can"]
@@ -68,7 +75,7 @@ def bus_loads(devices, rate):
     return loads
 
 
-def damping_round(bus, blocks):
+def damping_round(bus: str, blocks: Sequence[Block]) -> float:
     """Return the shortest period in s of the damping frames on a bus, with one reply to each."""
     damped = [
         (block, stop)
@@ -83,7 +90,7 @@ def damping_round(bus, blocks):
     return bits / DAMPING_BUS_LOAD
 
 
-def line_loads(devices):
+def line_loads(devices: Sequence[Device]) -> list[LineLoad]:
     """Return a LineLoad for each device with a known line speed and known messages."""
     loads = []
     for device in devices:

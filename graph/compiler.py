@@ -6,9 +6,9 @@ Every check appends its diagnostics to one list, and all errors are raised toget
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,10 @@ from graph.ranges import find_ranges, interval_of
 from graph.reach import ReachCheck
 from graph.schedule import Proof, Schedule
 from graph.signal import Signal
+
+if TYPE_CHECKING:
+    from graph.block import Block
+    from graph.interval import Interval
 
 NARROW_TO_WIDE = ("bool", "int", "float")  # each holds the ones before it
 
@@ -118,12 +122,14 @@ class Compilation:
         self.diagnostics.append(Diagnostic(code, message, path, port or "", place, hint, severity))
 
     @property
-    def errors(self):
+    def errors(self) -> list[Diagnostic]:
         """Diagnostics with severity "error", in the order of the user's lines."""
         errors = [d for d in self.diagnostics if d.severity == "error"]
         return sorted(errors, key=lambda d: (d.where.file, d.where.line) if d.where else ("", 0))
 
-    def attempt(self, block, hook, /, *arguments, **named):
+    def attempt(
+        self, block: Block, hook: Callable[..., Any], /, *arguments: float | dict[str, Interval], **named: Interval
+    ) -> Any:
         """Call a hook of a block. A ValueError or OSError is reported once, and None returned."""
         try:
             return hook(*arguments, **named)
@@ -135,7 +141,7 @@ class Compilation:
 
     # Wires
 
-    def check_names(self):
+    def check_names(self) -> None:
         for wanted, block in self.diagram.duplicates:
             first = self.diagram[wanted]
             self.report(
@@ -154,7 +160,7 @@ class Compilation:
                     [wrong] = error.diagnostics
                     self.report("TW010", f"its bus: {wrong.message}", block, "", block.location, wrong.hint)
 
-    def check_wires(self):
+    def check_wires(self) -> None:
         for wire in self.diagram.wires:
             if wire.block.variadic:
                 label = wire.port or wire.source.path
@@ -189,7 +195,7 @@ class Compilation:
                     )
                 self.sources[block, name] = np.asarray(0.0 if port.default is None else port.default, dtype=float)
 
-    def compile_marked(self):
+    def compile_marked(self) -> None:
         """Compile the Python blocks with `jit = True` to kernels, if Numba is installed."""
         marked = [block for block in self.blocks if block.jit and block.is_python and not block.hold_exceptions]
         if not marked:
@@ -211,7 +217,7 @@ class Compilation:
             except jit.CannotCompile as error:
                 self.report("TW017", str(error), block, hint="use numbers only, or remove `jit = True`")
 
-    def check_steps(self):
+    def check_steps(self) -> None:
         for block in self.blocks:
             works = computes(block) or block.update_kernel is not None or block.has_python_update and not block.outputs
             if not works and not isinstance(block, (Device, Sink)):
@@ -224,7 +230,7 @@ class Compilation:
 
     # Types, shapes and units: the same at both ends of a wire
 
-    def check_dtypes(self):
+    def check_dtypes(self) -> None:
         """Check the dtype of each wire: bool converts to int and int to float, but not the reverse.
 
         A signal with the unit "any" may have any dtype.
@@ -254,7 +260,7 @@ class Compilation:
                     else "insert a Round",
                 )
 
-    def check_shapes(self):
+    def check_shapes(self) -> None:
         self.shapes = infer_shapes(self.blocks, self.sources)
         for (block, name), source in self.wired_inputs():
             wanted = self.shapes[block, name]
@@ -269,7 +275,7 @@ class Compilation:
                     self.where(block, name),
                 )
 
-    def check_units(self):
+    def check_units(self) -> None:
         self.units, shared = self.units, self.shared_units = infer_units(self.blocks, self.sources, self.attempt)
         for (block, name), source in self.wired_inputs():
             unit = block.inputs[name].unit
@@ -286,27 +292,27 @@ class Compilation:
                     self.unit_hint(got, unit),
                 )
 
-    def wired_inputs(self):
+    def wired_inputs(self) -> list[tuple[tuple[Block, str], np.ndarray | Signal]]:
         """Return ((block, input name), source) of every input, in the order of blocks and declarations."""
         return [((block, name), self.sources[block, name]) for block in self.blocks for name in block.inputs]
 
-    def unit_hint(self, got, wanted):
+    def unit_hint(self, got: str, wanted: str) -> str:
         try:
             units.conversion(got, wanted)
         except ValueError:
             return ""
         return f"units are not converted implicitly: connect signal.to({wanted!r})"
 
-    def where(self, block, name):
+    def where(self, block: Block, name: str) -> Location:
         wire = self.wires.get((block, name))
         return wire.where if wire else block.location
 
-    def origin(self, source):
+    def origin(self, source: np.ndarray | Signal) -> str:
         return f" from {source.path}" if isinstance(source, Signal) else ""
 
     # Devices
 
-    def check_actuators(self):
+    def check_actuators(self) -> None:
         for block in self.blocks:
             if isinstance(block, Actuator) and block.inputs and not any((block, n) in self.wires for n in block.inputs):
                 self.report(
@@ -317,7 +323,7 @@ class Compilation:
                     "remove the actuator",
                 )
 
-    def check_heat(self):
+    def check_heat(self) -> None:
         """Check that each actuator reports its temperature or has a thermal model."""
         modelled = {
             source.block
@@ -336,7 +342,7 @@ class Compilation:
                     severity="warning",
                 )
 
-    def check_relays(self):
+    def check_relays(self) -> None:
         """Check that the diagram has the actuators and buses that a relay powers."""
         actuators = [block for block in self.blocks if isinstance(block, Actuator)]
         known = {name for block in actuators for name in (block.path, block.bus)}
@@ -351,7 +357,7 @@ class Compilation:
                     else "add an actuator, or remove the block",
                 )
 
-    def check_timeouts(self):
+    def check_timeouts(self) -> None:
         for block in self.blocks:
             if isinstance(block, Device) and 0.0 < block.timeout < 2.0 / self.diagram.rate:
                 self.report(
@@ -362,7 +368,7 @@ class Compilation:
                     hint=f"set timeout={2.0 / self.diagram.rate:.3g} or more, or 0 to disable it",
                 )
 
-    def check_addresses(self):
+    def check_addresses(self) -> None:
         taken = {}
         for block in self.blocks:
             for address in block.addresses() if isinstance(block, Device) else ():
@@ -377,7 +383,7 @@ class Compilation:
                     )
                     break
 
-    def check_bitrates(self):
+    def check_bitrates(self) -> None:
         """Check that all devices on a CAN bus that declare a bitrate have the same one."""
         devices = [block for block in self.blocks if isinstance(block, Actuator) or "bitrate" in block.parameters]
         for block in devices:
@@ -392,7 +398,7 @@ class Compilation:
                     f"pass bitrate={other.bitrate:.0f}",
                 )
 
-    def check_lines(self):
+    def check_lines(self) -> None:
         """Check that a bus has one medium, and a stream one device."""
         first = {}
         for block in self.blocks:
@@ -416,7 +422,7 @@ class Compilation:
                     hint="set a different `bus`, or omit it: the default is the path of the block",
                 )
 
-    def check_buses(self):
+    def check_buses(self) -> None:
         self.loads = bus_loads([block for block in self.blocks if isinstance(block, Device)], self.diagram.rate)
         for load in self.loads:
             there = [block for block in self.blocks if isinstance(block, Device) and block.bus == load.bus]
@@ -431,7 +437,7 @@ class Compilation:
                 self.report("TW022", what, there[0], hint=hint, severity="warning")
         self.check_line_speeds()
 
-    def check_line_speeds(self):
+    def check_line_speeds(self) -> None:
         for load in line_loads([block for block in self.blocks if isinstance(block, Device)]):
             what = (
                 f"{load.messages:g} messages per second, at least {load.bytes:g} bytes, use {load.share:.0%} of "
@@ -445,7 +451,7 @@ class Compilation:
 
     # Rates and conditions
 
-    def check_always(self, block):
+    def check_always(self, block: Block) -> None:
         """Check that a block with `always` and its sources run in every tick."""
         if block.every != 1:
             self.report("TW018", f"runs at every {block.every} ticks", block, hint="take it out of the slow subsystem")
@@ -468,7 +474,7 @@ class Compilation:
                     f"take {source.block.path} out of the subsystem",
                 )
 
-    def check_rates(self):
+    def check_rates(self) -> None:
         self.holds = []
         for block in self.blocks:
             if isinstance(block, (Device, Sink)) and block.every != 1:
@@ -520,7 +526,7 @@ class Compilation:
 
     # Order
 
-    def sort(self):
+    def sort(self) -> None:
         graph = dependencies(self.blocks, self.sources)
         for cycle in take_out_loops(graph):
             spelled = ", ".join(
@@ -538,7 +544,7 @@ class Compilation:
 
     # Range proof
 
-    def prove(self):
+    def prove(self) -> None:
         self.ranges = find_ranges(self.blocks, self.order, self.sources, self.attempt)
         self.proofs, self.torque_bounds = [], {}
         for block in self.blocks:
@@ -550,7 +556,7 @@ class Compilation:
                     block, block.torque_bound, commands, 1.0 / self.diagram.rate
                 )
 
-    def prove_command(self, block, name, limit):
+    def prove_command(self, block: Actuator, name: str, limit: Interval) -> None:
         source = self.sources[block, name]
         interval = interval_of(source, self.ranges)
         bounded_by = source.block.path if isinstance(source, Signal) else "a constant"
@@ -572,7 +578,7 @@ class Compilation:
                 else "insert a Saturation before the actuator",
             )
 
-    def check_reach(self):
+    def check_reach(self) -> None:
         """Check setpoints against the limits of the joints and drives (graph.reach)."""
         ReachCheck(
             self,
@@ -581,7 +587,7 @@ class Compilation:
             ),
         )
 
-    def check_use(self):
+    def check_use(self) -> None:
         used = {wire.source.block for wire in self.diagram.wires if isinstance(wire.source, Signal)}
         used |= {condition.block for block in self.blocks for condition in block.conditions}
         if any(isinstance(block, Sink) and block not in self.taps for block in self.blocks):
@@ -592,7 +598,7 @@ class Compilation:
 
     # Preparation before the layout
 
-    def prepare(self):
+    def prepare(self) -> None:
         """Set the width and the sampling period of each block, and call its `prepare`."""
         for block in self.blocks:
             free = (
@@ -603,6 +609,6 @@ class Compilation:
             self.attempt(block, block.prepare, block.dt)
 
 
-def names_of(conditions):
+def names_of(conditions: tuple[Signal, ...]) -> str:
     """Return the paths of conditions, joined by "and"."""
     return " and ".join(signal.path for signal in conditions)

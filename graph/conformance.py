@@ -4,8 +4,12 @@ Like scikit-learn's check_estimator. A block class without usable defaults lists
 `examples = ({"limit": 12.0},)`.
 """
 
+from __future__ import annotations
+
 import math
 import random
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,11 +21,15 @@ from graph.diagram import Diagram
 from graph.interval import Interval
 from graph.store import from_json, loadable, registered, to_json
 
+if TYPE_CHECKING:
+    from graph.block import Block
+    from graph.declarations import Input, Param, Port
+
 RATE = 200.0
 STEPS = 50  # ticks in each check
 
 
-def check_block(kind, examples=None):
+def check_block(kind: type[Block], examples: Sequence[dict[str, Any]] | None = None) -> int:
     """Check that a Block class obeys the rules for blocks. Returns the number of checks.
 
     1. Every declaration has a unit and a description, and the class has a docstring.
@@ -56,18 +64,18 @@ def check_block(kind, examples=None):
     return made
 
 
-def make(kind, parameters):
+def make(kind: type[Block], parameters: dict[str, Any]) -> Block:
     """Return a block in a diagram of its own."""
     with Diagram("conformance", RATE):
         return kind(**parameters)
 
 
-def computes(kind):
+def computes(kind: type[Block]) -> bool:
     """Return whether a block class has a step: devices and sinks do not."""
     return not issubclass(kind, (Device, Sink))
 
 
-def check_declarations(kind, parameters):
+def check_declarations(kind: type[Block], parameters: dict[str, Any]) -> None:
     """Check that class, ports and parameters have descriptions and units, and no name is used twice."""
     assert kind.__doc__ and kind.__doc__.strip(), f"{kind.__name__} has no docstring"
     block = make(kind, parameters)
@@ -79,7 +87,7 @@ def check_declarations(kind, parameters):
     ), f"{kind.__name__} uses a name for more than one port or parameter"
 
 
-def check_kernels(kind, parameters):
+def check_kernels(kind: type[Block], parameters: dict[str, Any]) -> None:
     """Check that the class does not change the items of a kernel that it inherits."""
     try:
         kernel_items.check_kernels(kind)
@@ -87,7 +95,7 @@ def check_kernels(kind, parameters):
         raise AssertionError(str(error)) from None
 
 
-def check_bounds(kind, parameters):
+def check_bounds(kind: type[Block], parameters: dict[str, Any]) -> None:
     """Check that each numeric parameter rejects values outside its bounds, and NaN."""
     for name, param in kind.parameters.items():
         if not param.numeric or param.dtype is bool:
@@ -111,30 +119,30 @@ def check_bounds(kind, parameters):
 class Drive:
     """A block under test and a generator of random inputs."""
 
-    def __init__(self, kind, parameters, seed):
+    def __init__(self, kind: type[Block], parameters: dict[str, Any], seed: int) -> None:
         self.block = make(kind, parameters)
         self.shape = (3,) if any(p.shape is ... for p in self.block.inputs.values()) and seed % 2 else ()
         self.block.width = int(np.prod(self.shape))
         self.random = random.Random(seed)
         self.tick = 0
 
-    def shape_of(self, port):
+    def shape_of(self, port: Port) -> tuple[int, ...]:
         return self.shape if port.shape is ... else port.shape
 
-    def draw(self, intervals=None):
+    def draw(self, intervals: dict[str, Interval] | None = None) -> dict[str, float | np.ndarray]:
         return {
             name: self.value(port, (intervals or {}).get(name, Interval(-3.0, 3.0)))
             for name, port in self.block.inputs.items()
         }
 
-    def draw_around(self, bound, defaults):
+    def draw_around(self, bound: float, defaults: bool) -> dict[str, Any]:
         """Return inputs from -bound to bound; with `defaults`, inputs that have a default keep it."""
         drawn = self.draw({name: Interval(-bound, bound) for name in self.block.inputs})
         return drawn | {
             name: port.default for name, port in self.block.inputs.items() if defaults and port.default is not None
         }
 
-    def value(self, port, interval):
+    def value(self, port: Input, interval: Interval) -> float | np.ndarray:
         def one():
             if port.dtype == "bool":
                 return self.random.random() < 0.5
@@ -144,13 +152,13 @@ class Drive:
         shape = self.shape_of(port)
         return np.array([one() for _ in range(int(np.prod(shape)))], dtype=float).reshape(shape) if shape else one()
 
-    def constant(self, value):
+    def constant(self, value: float) -> dict[str, float | np.ndarray]:
         return {
             name: np.full(self.shape_of(port), value) if self.shape_of(port) else value
             for name, port in self.block.inputs.items()
         }
 
-    def restart(self):
+    def restart(self) -> None:
         """Reset the block as at the start of a run: a native block is not prepared again."""
         self.tick = 0
         if self.block.is_python:
@@ -176,7 +184,7 @@ class Drive:
         return dict(zip(names, [values] if len(names) == 1 else values or ()))
 
 
-def check_outputs(kind, parameters):
+def check_outputs(kind: type[Block], parameters: dict[str, Any]) -> None:
     """Check that a step returns the declared outputs, in shape and dtype."""
     if not computes(kind):
         return
@@ -194,7 +202,7 @@ def check_outputs(kind, parameters):
                 assert np.all(np.equal(np.mod(outputs[name], 1), 0)), f"{kind.__name__}.{name} is not a whole number"
 
 
-def check_reset(kind, parameters):
+def check_reset(kind: type[Block], parameters: dict[str, Any]) -> None:
     """Check that a reset block repeats its outputs."""
     if not computes(kind):
         return
@@ -212,7 +220,7 @@ def check_reset(kind, parameters):
                 )
 
 
-def check_nan(kind, parameters):
+def check_nan(kind: type[Block], parameters: dict[str, Any]) -> None:
     """Check that a NaN or infinity at the float inputs reaches a float output."""
     drive = Drive(kind, parameters, 4) if computes(kind) else None
     if drive is None or not any(p.dtype == "float" for p in drive.block.inputs.values()):
@@ -231,7 +239,7 @@ def check_nan(kind, parameters):
         )
 
 
-def check_range(kind, parameters):
+def check_range(kind: type[Block], parameters: dict[str, Any]) -> None:
     """Check that outputs stay inside `output_range`, for random inputs."""
     if not computes(kind):
         return
@@ -252,7 +260,7 @@ def check_range(kind, parameters):
                 )
 
 
-def check_json(kind, parameters):
+def check_json(kind: type[Block], parameters: dict[str, Any]) -> None:
     """Check that a diagram with the block is the same after conversion to JSON and back."""
     if not loadable(kind, registered()):
         return
@@ -262,7 +270,7 @@ def check_json(kind, parameters):
     assert to_json(from_json(text)) == text, f"{kind.__name__} changes in the conversion to JSON and back"
 
 
-def check_live(kind, parameters):
+def check_live(kind: type[Block], parameters: dict[str, Any]) -> None:
     """Check that a change of each live parameter takes effect, and parameters without effect are fixed."""
     for name, param in kind.parameters.items():
         if param.fixed or param.live and not computes(kind):
@@ -285,7 +293,7 @@ def check_live(kind, parameters):
                 )
 
 
-def test_values(param, value):
+def test_values(param: Param, value: float | None) -> Sequence[float | bool | None]:
     """Return some valid values of a parameter, the present one first."""
     if param.dtype is bool:
         return [value, not value]
@@ -300,7 +308,7 @@ def test_values(param, value):
     return values
 
 
-def takes(kind, parameters, name, value):
+def takes(kind: type[Block], parameters: dict[str, Any], name: str, value: Any) -> bool:
     """Return whether a block accepts a value of a parameter."""
     try:
         return bool(Drive(kind, parameters | {name: value}, 8))
@@ -308,7 +316,7 @@ def takes(kind, parameters, name, value):
         return False
 
 
-def has_effect(kind, parameters, name, before, after):
+def has_effect(kind: type[Block], parameters: dict[str, Any], name: str, before: Any, after: Any) -> bool:
     """Return whether a parameter changed while running has the same effect as when set at construction."""
     for seed, bound, defaults in ((8, 3.0, False), (9, 100.0, True), (10, 3.0, True)):
         changed, made = Drive(kind, parameters | {name: before}, seed), Drive(kind, parameters | {name: after}, seed)

@@ -21,7 +21,7 @@ Dialogue = Generator[Any, Any, Any]
 class Rejected(ValueError):
     """A dialogue that cannot be completed: the message states the cause, `hint` the remedy."""
 
-    def __init__(self, message: str, hint: str = ""):
+    def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(message)
         self.hint = hint
 

@@ -1,13 +1,19 @@
 """The last line of a diagram file: `main(diagram)` makes `python knee.py` run it."""
 
+from __future__ import annotations
+
 import os
 import sys
 from runpy import run_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from graph.diagram import Diagram
 
 HOME = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 
 
-def main(diagram=None):
+def main(diagram: Diagram | None = None) -> None:
     """Run the command line for the file that calls this, with the options of `python -m runtime FILE`, and exit with
     its code.
 

@@ -147,7 +147,7 @@ class Chip:
     name: str = ""
 
     @property
-    def rig_name(self):
+    def rig_name(self) -> str:
         """Name of the block in lower case, "" without a block."""
         return self.block.__name__.lower() if self.block is not None else ""
 

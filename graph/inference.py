@@ -3,14 +3,23 @@
 An inferred property never changes again, so the work is proportional to the number of wires and loops terminate.
 """
 
+from __future__ import annotations
+
 from collections import deque
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from graph import units
 from graph.block import Block
 from graph.signal import Signal
 
+if TYPE_CHECKING:
+    import numpy as np
 
-def spread(blocks, sources, visit):
+
+def spread(
+    blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal], visit: Callable[..., Any]
+) -> None:
     """Visit every block, and again the followers of a block whose outputs have changed.
 
     visit : called with a block; returns whether a property of its outputs was inferred
@@ -30,7 +39,9 @@ def spread(blocks, sources, visit):
                     waiting.append(follower)
 
 
-def infer_shapes(blocks, sources):
+def infer_shapes(
+    blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal]
+) -> dict[tuple[Block, str], tuple[int, ...]]:
     """Return {(block, port name): shape}.
 
     The ports declared `...` of a block have the shape of the first such input that is not a scalar, or () if all are
@@ -70,7 +81,9 @@ def infer_shapes(blocks, sources):
     }
 
 
-def infer_units(blocks, sources, attempt):
+def infer_units(
+    blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal], attempt: Callable[..., Any]
+) -> tuple[dict[tuple[Block, str], str], dict[Block, str]]:
     """Return ({(block, port name): unit}, {block: unit of its ports declared "any"}).
 
     A port without an inferred unit keeps "any".
@@ -116,6 +129,6 @@ def infer_units(blocks, sources, attempt):
     return known, shared
 
 
-def stated_units(block, of_inputs):
+def stated_units(block: Block, of_inputs: dict[str, str]) -> dict[str, str]:
     """Return the `output_units` of a block in canonical spelling. Raises ValueError for an invalid unit."""
     return {name: units.canonical(unit) for name, unit in (block.output_units(**of_inputs) or {}).items()}

@@ -11,28 +11,37 @@ sqrt and comparisons, and are within 2 ulp for elementary functions. A division 
 instead of raising an exception. Without Numba the block runs in Python.
 """
 
+from __future__ import annotations
+
 import ast
 import inspect
 import math
 import textwrap
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from cext.kernel import Kernel
 from graph.block import CLOCK
 from graph.declarations import Memory
+
+if TYPE_CHECKING:
+    from ast import AST, Attribute, FunctionDef, Module, Name, Return, stmt
+
+    from graph.block import Block
 
 
 class CannotCompile(ValueError):
     """A step whose source cannot be compiled. The message states the construct and its line."""
 
 
-def available():
+def available() -> bool:
     """Return whether Numba is installed."""
     from importlib.util import find_spec
 
     return find_spec("numba") is not None
 
 
-def compile_block(block):
+def compile_block(block: Block) -> None:
     """Compile the step and update of a Python block to kernels. Raises CannotCompile if that is not possible."""
     block.reset()
     state = {
@@ -54,12 +63,12 @@ def compile_block(block):
     block.compiled = True
 
 
-def is_state(block, name):
+def is_state(block: Block, name: str) -> bool:
     """Return whether an attribute is state: set on the block, not private, not a parameter."""
     return name not in block.parameters and not name.startswith("_") and not hasattr(type(block), name)
 
 
-def kernel_of(block, method, slots, outputs):
+def kernel_of(block: Block, method: Callable[..., Any], slots: dict[str, int], outputs: Sequence[str]) -> Kernel:
     """Return the Kernel of a method of a block, compiled by Numba. slots : {item: position in the slot table}"""
     import numba
     from numba import types
@@ -93,10 +102,10 @@ class Rewriter(ast.NodeTransformer):
     the outputs.
     """
 
-    def __init__(self, block, slots, outputs, arguments):
+    def __init__(self, block: Block, slots: dict[str, int], outputs: Sequence[str], arguments: Sequence[str]) -> None:
         self.block, self.slots, self.outputs, self.arguments = block, slots, outputs, arguments
 
-    def kernel(self, function):
+    def kernel(self, function: FunctionDef) -> Module:
         reads = [self.read(name) for name in self.arguments]
         tree = ast.parse("def kernel(arena, slots, sizes):\n    return 0")
         self.generic_visit(body := ast.Module(function.body, []))
@@ -105,7 +114,7 @@ class Rewriter(ast.NodeTransformer):
         kernel.body[:0] = [*reads, *body.body]
         return ast.fix_missing_locations(tree)
 
-    def read(self, name):
+    def read(self, name: str) -> stmt:
         if name in CLOCK and name not in self.block.inputs:
             value = f"arena[{CLOCK[name]}]"
             value = f"int({value})" if name == "tick" else value
@@ -115,7 +124,7 @@ class Rewriter(ast.NodeTransformer):
             value = f"({value} != 0.0)" if dtype == "bool" else f"int({value})" if dtype == "int" else value
         return ast.parse(f"{name} = {value}").body[0]
 
-    def visit_Attribute(self, node):
+    def visit_Attribute(self, node: Attribute) -> AST:
         if not (isinstance(node.value, ast.Name) and node.value.id == "self"):
             return self.generic_visit(node)
         if node.attr not in self.slots:
@@ -128,7 +137,7 @@ class Rewriter(ast.NodeTransformer):
         place.ctx = node.ctx
         return ast.copy_location(place, node)
 
-    def visit_Return(self, node):
+    def visit_Return(self, node: Return) -> list[stmt]:
         self.generic_visit(node)
         stores = []
         values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
@@ -143,10 +152,10 @@ class Rewriter(ast.NodeTransformer):
             stores.append(ast.parse(f"arena[slots[{self.slots[name]}]] = result_{index}").body[0])
         return [*stores, ast.parse("return 0").body[0]]
 
-    def visit_Name(self, node):
+    def visit_Name(self, node: Name) -> Name:
         if node.id == "self":
             raise CannotCompile(f"line {node.lineno} of the method uses self without an attribute")
         return node
 
-    def visit_FunctionDef(self, node):
+    def visit_FunctionDef(self, node: FunctionDef) -> FunctionDef:
         raise CannotCompile(f"line {node.lineno} of the method defines a function")

@@ -1,14 +1,23 @@
 """Check of a block class against its kernels: a kernel names its items, and the class declares each of them."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from cext.kernel import Kernel
+
+if TYPE_CHECKING:
+    from types import EllipsisType
+
+    from cext.kernel import Item
 
 STEPS = ("kernel", "update_kernel", "settle_kernel")
 KERNELS = (*STEPS, "decode", "encode")
 
 
-def check_kernels(block):
+def check_kernels(block: Any) -> None:
     """Raise TypeError if a block, or a block class, does not declare an item of its kernels as the kernel takes it.
 
     A class that is marked `abstract` may leave items to its subclasses.
@@ -34,7 +43,7 @@ def check_kernels(block):
                 )
 
 
-def problem_of(block, kind, item, incomplete):
+def problem_of(block: Any, kind: type, item: Item, incomplete: bool) -> tuple[str, str] | None:
     """Return the problem with the declaration of an item and its remedy, or None."""
     name = item.name
     ports = block.inputs | block.outputs
@@ -57,18 +66,18 @@ def problem_of(block, kind, item, incomplete):
     return None
 
 
-def fits(shape, size):
+def fits(shape: Sequence[int] | EllipsisType, size: int | None) -> bool:
     """Return whether a port has the number of elements that a kernel takes. size : None for any"""
     return size is None or shape is not ... and math.prod(shape) == size
 
 
-def rest_of(block, kernel, kind):
+def rest_of(block: Any, kernel: Kernel, kind: str) -> list[str]:
     """Return the "inputs" or "outputs" of a block that a kernel does not name, in the order of declaration."""
     ports = [name for name, port in getattr(block, kind).items() if getattr(port, "kernel", True)]
     return [name for name in ports if name not in kernel.names]
 
 
-def replace_kernels(kind):
+def replace_kernels(kind: type) -> None:
     """Drop the kernels that a block class inherits and a step in Python replaces."""
     for name in STEPS:
         if name not in vars(kind):

@@ -1,18 +1,29 @@
 """Order of the steps in a tick: dependencies, algebraic loops, and segments of one kind."""
 
+from __future__ import annotations
+
 import heapq
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import networkx as nx
 
 from graph.signal import Signal
 
+if TYPE_CHECKING:
+    import numpy as np
+    from networkx.classes.digraph import DiGraph
 
-def computes(block):
+    from graph.block import Block
+    from graph.schedule import Step
+
+
+def computes(block: Block) -> bool:
     """Return whether a block has a step in the output phase."""
     return block.is_python or block.kernel is not None
 
 
-def dependencies(blocks, sources):
+def dependencies(blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal]) -> DiGraph:
     """Return a networkx.DiGraph of blocks with an edge for each direct feedthrough and each condition.
 
     The edge attributes `source` and `port` are the names of the output and the input.
@@ -34,7 +45,7 @@ def dependencies(blocks, sources):
     return graph
 
 
-def upstream(blocks, sources):
+def upstream(blocks: dict[Block, Step], sources: dict[tuple[Block, str], np.ndarray | Signal]) -> set[Block]:
     """Return the blocks and all upstream of them, with or without direct feedthrough, as a set."""
     reached, waiting = set(blocks), list(blocks)
     while waiting:
@@ -46,7 +57,7 @@ def upstream(blocks, sources):
     return reached
 
 
-def take_out_loops(graph):
+def take_out_loops(graph: DiGraph) -> list[list[tuple[Block, str, Block, str]]]:
     """Remove the edges of algebraic loops from a graph.
 
     Returns one cycle of each loop, as a list of (block, output, block, input).
@@ -65,7 +76,7 @@ def take_out_loops(graph):
     return cycles
 
 
-def shortest_cycle(graph, first):
+def shortest_cycle(graph: DiGraph, first: Block) -> list[tuple[Block, Block]]:
     """Return the edges of a shortest cycle through a block."""
     if graph.has_edge(first, first):
         return [(first, first)]
@@ -75,7 +86,7 @@ def shortest_cycle(graph, first):
     return list(zip(around, around[1:]))
 
 
-def cluster(graph):
+def cluster(graph: DiGraph) -> list[Block]:
     """Return the blocks in a topological order with few changes between native and Python segments.
 
     Steps of one kind and rate are adjacent, which minimises GIL acquisitions. Within a segment the order is by depth,
@@ -109,6 +120,6 @@ def cluster(graph):
     return order
 
 
-def kind(block):
+def kind(block: Block) -> tuple[int, tuple[str, ...], bool]:
     """Return the key that all steps of a segment share: rate, conditions, whether they run in Python."""
     return block.every, tuple(condition.path for condition in block.conditions), block.is_python

@@ -9,12 +9,21 @@ order. Each result is a valid bound, so a limit inside a loop tightens the whole
 The number of evaluations of a block is bounded, so the work is proportional to the size of the diagram.
 """
 
+from __future__ import annotations
+
 import heapq
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from graph.block import range_of
 from graph.interval import EVERYTHING, Interval
 from graph.order import computes
 from graph.signal import Signal
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from graph.block import Block
 
 GROWTH_LIMIT = 3  # growths of a block without direct feedthrough, after which its growing bound is infinite
 UPWARD_LIMIT = 16  # evaluations of a block in the upward pass, after which its outputs are unbounded
@@ -22,7 +31,12 @@ DOWNWARD_LIMIT = 8  # evaluations of a block in the downward pass, after which i
 ZERO = Interval.point(0.0)
 
 
-def find_ranges(blocks, order, sources, attempt):
+def find_ranges(
+    blocks: Sequence[Block],
+    order: Sequence[Block],
+    sources: dict[tuple[Block, str], np.ndarray | Signal],
+    attempt: Callable[..., Any],
+) -> dict[Signal, Interval]:
     """Return {Signal: Interval} for all outputs.
 
     blocks : all blocks; order : those with a step, in topological order
@@ -35,12 +49,12 @@ def find_ranges(blocks, order, sources, attempt):
     }
 
 
-def interval_of(source, ranges):
+def interval_of(source: np.ndarray | Signal, ranges: dict[Signal, Interval]) -> Interval:
     """Return the Interval of the source of an input: a Signal, or an array of numbers."""
     return ranges.get(source, EVERYTHING) if isinstance(source, Signal) else interval_of_numbers(source)
 
 
-def interval_of_numbers(source):
+def interval_of_numbers(source: np.ndarray) -> Interval:
     """Return the Interval of an array of numbers."""
     return (
         Interval.point(float(source))

@@ -10,10 +10,13 @@ Thresholds, offsets and sums with the unit "any" may be outside that range; they
 drive only.
 """
 
+from __future__ import annotations
+
 import copy
 import math
 from collections import deque
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from graph import units
 from graph.block import Sink, range_of
@@ -21,6 +24,11 @@ from graph.device import Actuator, Device
 from graph.interval import EVERYTHING, Interval
 from graph.ranges import find_ranges, interval_of, interval_of_numbers
 from graph.signal import Signal
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from graph.block import Block
 
 POSITION, VELOCITY, TORQUE = "rad", "rad/s", "N·m"
 TURN = 2.0 * math.pi
@@ -61,7 +69,7 @@ class ReachCheck:
     report : called as report(message, block, port, where, hint, severity) for each problem
     """
 
-    def __init__(self, compilation, report):
+    def __init__(self, compilation: Any, report: Callable[..., Any]) -> None:
         self.blocks, self.sources, self.wires = compilation.blocks, compilation.sources, compilation.wires
         self.units, self.shared_units, self.ranges = compilation.units, compilation.shared_units, compilation.ranges
         self.attempt = compilation.attempt
@@ -89,7 +97,7 @@ class ReachCheck:
         for block, name, value, start in self.seeds():
             self.follow(block, name, value, start)
 
-    def while_measuring(self, order, limits):
+    def while_measuring(self, order: Sequence[Block], limits: Callable[..., Any]) -> dict[Signal, Interval]:
         """Return the intervals of all signals while each position and velocity is inside limits(Reach)."""
         narrow = {
             block: {
@@ -112,14 +120,14 @@ class ReachCheck:
 
         return find_ranges(self.blocks, order, self.sources, attempt)
 
-    def unit_of(self, block, name):
+    def unit_of(self, block: Block, name: str) -> str:
         """Return the unit of an input, also of a constant at an input with the unit "any"."""
         unit = self.units[block, name]
         return self.shared_units.get(block, unit) if unit == units.ANY and name not in block.free_units else unit
 
     # Connections between values and joints
 
-    def find_fed(self):
+    def find_fed(self) -> dict[tuple[Block, str], dict[tuple[Actuator, str], None]]:
         """Return {(block, input): {(actuator, output)}} for the inputs that a measurement reaches in one unit."""
         fed = {}
         for actuator, reach in self.reaches.items():
@@ -137,7 +145,7 @@ class ReachCheck:
                                 waiting.append(onward)
         return fed
 
-    def find_leads(self):
+    def find_leads(self) -> dict[Signal, dict[tuple[Actuator, str], None]]:
         """Return {Signal: {(actuator, input)}} for the signals that reach a command in one unit."""
         leads = {}
         for actuator, reach in self.reaches.items():
@@ -157,7 +165,7 @@ class ReachCheck:
                     )
         return leads
 
-    def outputs_in(self, block, unit):
+    def outputs_in(self, block: Block, unit: str) -> list[Signal]:
         return [Signal(block, name) for name in block.outputs if self.units[block, name] == unit]
 
     def reach_of(self, actuator: Any, unit: str) -> Any:
@@ -167,7 +175,7 @@ class ReachCheck:
 
     # Values compared with a measurement
 
-    def look_beside_measurements(self, block):
+    def look_beside_measurements(self, block: Block) -> None:
         for unit in (POSITION, VELOCITY):
             measured = {
                 (actuator, name): None
@@ -191,7 +199,7 @@ class ReachCheck:
                             actuator, unit, self.values_of(block, name), block, name, self.sources[block, other], True
                         )
 
-    def values(self, source):
+    def values(self, source: np.ndarray | Signal) -> list[Value]:
         """Return the Values of the source of an input."""
         if not isinstance(source, Signal):
             return [Value("", interval_of_numbers(source))]
@@ -206,18 +214,27 @@ class ReachCheck:
             else [*values, Value(f"the live bounds of {source.block.path} allow ", interval, chosen=True)]
         )
 
-    def as_built(self, source):
+    def as_built(self, source: Signal) -> Interval:
         """Return the interval of a block without inputs, at the initial values of its live parameters."""
         block = copy.copy(source.block)
         block.live = lambda name: None
         return range_of(block, source.port, promised(block))
 
-    def values_of(self, block, name):
+    def values_of(self, block: Block, name: str) -> list[Value]:
         built, span = Interval.point(float(getattr(block, name))), block.span(name)
         values = [Value("", built, certain=False)]
         return values if span == built else [*values, Value(f"the live bounds of {name} allow ", span, chosen=True)]
 
-    def judge(self, actuator, unit, values, block, name, measured, strict):
+    def judge(
+        self,
+        actuator: Actuator,
+        unit: str,
+        values: Sequence[Value],
+        block: Block,
+        name: str,
+        measured: Signal,
+        strict: bool,
+    ) -> None:
         """Compare Values with the limits of a measurement at another input of the same block.
 
         strict : compare with the range of the joint as well
@@ -230,17 +247,27 @@ class ReachCheck:
             drive, joint = (drive | Interval(-TURN, TURN) if unit == POSITION else drive), None
         self.compare(actuator, unit, reach, values, block, name, drive, joint if reach.joint is not None else None)
 
-    def compare(self, actuator, unit, reach, values, block, name, drive, joint):
+    def compare(
+        self,
+        actuator: Actuator,
+        unit: str,
+        reach: Reach,
+        values: Sequence[Value],
+        block: Block,
+        name: str,
+        drive: Interval,
+        joint: Interval | None,
+    ) -> None:
         """Report the first of the Values outside its limits. drive, joint : limits at that input, or None"""
         for value in values:
             severity = self.severity(value, drive, joint, unit)
             if severity is None:
                 continue
-            limits, words = (reach.joint, "its range") if joint is not None else (reach.drive, reach.words)
+            limits, words = (reach.joint, "its range") if joint and reach.joint else (reach.drive, reach.words)
             self.report_value(actuator, unit, value, block, name, limits, words, severity)
             return
 
-    def severity(self, value, drive, joint, unit):
+    def severity(self, value: Value, drive: Interval, joint: Interval | None, unit: str) -> str | None:
         """Return "error" or "warning" for a Value outside its limits, None for another."""
         interval = value.interval
         alone = is_point(interval)
@@ -257,7 +284,7 @@ class ReachCheck:
 
     # Values that lead to a command
 
-    def seeds(self):
+    def seeds(self) -> Iterator[tuple[Block, str, Value, tuple[Block, str, str]]]:
         """Yield (block, input, Value, (block, port, unit) to report) of values that lead to a command in one unit."""
         for (block, name), source in self.sources.items():
             unit = self.unit_of(block, name)
@@ -269,7 +296,7 @@ class ReachCheck:
                 for value in self.own_values(source, unit):
                     yield block, name, value, (source.block, "", unit)
 
-    def own_values(self, source, unit):
+    def own_values(self, source: Signal, unit: str) -> Iterator[Value]:
         """Yield the Values that a block sets for all inputs: a source, a table, a limiter, a parameter in N·m."""
         if not source.block.inputs:
             yield from self.values(source)
@@ -284,7 +311,7 @@ class ReachCheck:
             if unit == TORQUE and param.unit == unit and param.numeric and math.isfinite(getattr(source.block, name)):
                 yield Value(f"{name} is ", Interval.point(float(getattr(source.block, name))), certain=False)
 
-    def follow(self, block, name, value, start):
+    def follow(self, block: Block, name: str, value: Value, start: tuple[Block, str, str]) -> None:
         """Propagate a Value along the connections and compare it where it ends."""
         whose, port, unit = start
         waiting, seen = deque([(block, name, value.interval)]), set()
@@ -306,7 +333,7 @@ class ReachCheck:
                     else:
                         waiting.extend((*follower, passed) for follower in self.followers.get(onward, ()))
 
-    def passed(self, block, name, onward, interval):
+    def passed(self, block: Block, name: str, onward: Signal, interval: Interval) -> Interval | None:
         """Return the output interval of a block for an interval at one input, with the other inputs at 0.
 
         Returns the interval itself if the block passes it, and None if the block clips it.
@@ -320,7 +347,7 @@ class ReachCheck:
             return interval
         return None if of(interval * Interval.point(10.0)) == made else made
 
-    def at_command(self, commands, unit, value, block, port):
+    def at_command(self, commands: dict[Any, None], unit: str, value: Value, block: Block, port: str) -> None:
         for actuator, name in commands:
             reach = self.reach_of(actuator, unit)
             if (actuator.path, name) in self.unproved or unit == TORQUE and inside(value.interval, reach.drive):
@@ -332,7 +359,17 @@ class ReachCheck:
 
     # Messages
 
-    def report_value(self, actuator, unit, value, block, name, limits, words, severity):
+    def report_value(
+        self,
+        actuator: Actuator,
+        unit: str,
+        value: Value,
+        block: Block,
+        name: str,
+        limits: Interval,
+        words: str,
+        severity: str,
+    ) -> None:
         if (block, name, unit) in self.reported:
             return
         self.reported.add((block, name, unit))
@@ -363,7 +400,7 @@ class ReachCheck:
         )
 
 
-def promised(block, **inputs):
+def promised(block: Block, **inputs: Interval) -> dict[str, Interval] | Interval:
     """Return the output range of a block, {} if it states none or rejects the inputs."""
     try:
         stated = block.output_range(**inputs)
@@ -372,18 +409,18 @@ def promised(block, **inputs):
     return {} if stated is None else stated
 
 
-def inside(interval, bound):
+def inside(interval: Interval, bound: Interval) -> bool:
     """Return whether an interval lies inside a bound, up to rounding."""
     slack = SLACK * (bound.high - bound.low)
     return bound.low - slack <= interval.low and interval.high <= bound.high + slack
 
 
-def apart(interval, bound):
+def apart(interval: Interval, bound: Interval) -> bool:
     """Return whether an interval and a bound have no number in common, up to rounding."""
     slack = SLACK * (bound.high - bound.low)
     return interval.high < bound.low - slack or interval.low > bound.high + slack
 
 
-def is_point(interval):
+def is_point(interval: Interval) -> bool:
     """Return whether an interval is one number, up to rounding."""
     return interval.high - interval.low <= SLACK * abs(interval.high)

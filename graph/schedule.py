@@ -91,7 +91,7 @@ class SignalPlace:
     circle: tuple = ()  # the two equal ends of a periodic value
 
     @property
-    def size(self):
+    def size(self) -> int:
         """Number of elements."""
         return int(np.prod(self.shape))
 
@@ -147,7 +147,7 @@ class Proof:
     bounded_by: str  # path of the block that bounds it
 
     @property
-    def holds(self):
+    def holds(self) -> bool:
         """Whether the interval is inside the limit."""
         return self.interval in self.limit
 
@@ -182,7 +182,7 @@ class Schedule:
     warnings: list = field(default_factory=list)
 
     @property
-    def gil_sections(self):
+    def gil_sections(self) -> int:
         """Number of GIL acquisitions in a tick."""
         count, python = 0, False
         for phase in (self.output, self.update):

@@ -1,6 +1,9 @@
 """Execution of one native block on an arena of its own, for `block.step(...)` outside a run."""
 
-from typing import Any
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -8,17 +11,21 @@ from cext.schedule.kernel_table import call_kernel
 from graph.arena_layout import Layout, kernel_table, place_memory, place_parameters, size_of
 from graph.kernel_items import check_kernels
 
+if TYPE_CHECKING:
+    from cext.kernel import Kernel
+    from graph.arena_layout import KernelTable
+
 
 class Scratch:
     """Arena and kernel tables of one block, for single steps outside a tick."""
 
-    def __init__(self, block):
+    def __init__(self, block: Any) -> None:
         if block.kernel is None and block.update_kernel is None:
             raise TypeError(f"{block.path} cannot be stepped: {type(block).__name__} has neither a step nor a kernel")
         self.block = block
         self.arena: Any = None  # made at the first step, when shapes are known
 
-    def build(self, inputs):
+    def build(self, inputs: dict[str, Any]) -> None:
         block = self.block
         given = (np.shape(inputs[n]) for n, p in block.inputs.items() if p.shape is ...)
         free = next((shape for shape in given if shape), ())
@@ -50,13 +57,13 @@ class Scratch:
         self.rate = 1.0 / period
         self.tick = 0
 
-    def restart(self):
+    def restart(self) -> None:
         """Reset the memory as at the start of a run, without a call of `prepare`."""
         if self.arena is not None:
             self.arena[self.memory_start :] = self.memory
             self.tick = 0
 
-    def load(self, values, named, needed):
+    def load(self, values: tuple[float, ...], named: dict[str, float], needed: Iterable[str]) -> None:
         """Write the inputs to the arena. needed : names of the inputs that the kernel reads"""
         block = self.block
         names = list(block.inputs)
@@ -79,13 +86,13 @@ class Scratch:
             value = getattr(block, name)
             arena[slot] = np.nan if value is None else value
 
-    def table(self, kernel):
+    def table(self, kernel: Kernel) -> KernelTable:
         """Return the KernelTable of a kernel of the block."""
         if kernel not in self.tables:
             self.tables[kernel] = kernel_table(self.block, kernel, self.items)
         return self.tables[kernel]
 
-    def call(self, kernel):
+    def call(self, kernel: Kernel) -> None:
         status = call_kernel(kernel, self.arena, self.table(kernel))
         if status != 0:
             raise ArithmeticError(f"the kernel of {self.block.path} returned status {status}")

@@ -5,6 +5,8 @@ Diagrams with equal hashes compute the same. The hash covers the source, paramet
 the content of the files that they read. It does not depend on paths of files or on the order in which blocks were made.
 """
 
+from __future__ import annotations
+
 import hashlib
 import importlib
 import importlib.metadata
@@ -12,7 +14,7 @@ import inspect
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graph.block import Block
 from graph.declarations import Live
@@ -20,24 +22,27 @@ from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Diagram, Scope, _scope
 from graph.signal import Signal
 
+if TYPE_CHECKING:
+    from graph.diagram import Wire
+
 FORMAT = 1
 ENTRY_POINTS = "tickwork.blocks"
 OWN = ("blocks", "graph")
 
 
-def to_json(diagram):
+def to_json(diagram: Diagram) -> str:
     """Return the diagram as JSON text, independent of the order in which its blocks were made and wired."""
     data = describe(diagram)
     data["hash"] = digest(data)
     return json.dumps(data, indent=1, ensure_ascii=False)
 
 
-def content_hash(diagram):
+def content_hash(diagram: Diagram) -> str:
     """Return the content hash of a diagram, as 'sha256:...'."""
     return digest(describe(diagram))
 
 
-def describe(diagram):
+def describe(diagram: Diagram) -> dict[str, Any]:
     """Return a diagram as a dict that JSON can represent."""
     blocks = sorted(diagram, key=lambda block: block.path)
     known = registered()
@@ -57,10 +62,10 @@ def describe(diagram):
     }
 
 
-def describe_block(block, known, source):
+def describe_block(block: Block, known: dict[str, str], source: str) -> dict[str, Any]:
     """Return a block as a JSON object, with the hash of its source."""
     kind = type(block)
-    data = {"path": block.path, "type": f"{kind.__module__}:{kind.__qualname__}", "source": source}
+    data: dict[str, Any] = {"path": block.path, "type": f"{kind.__module__}:{kind.__qualname__}", "source": source}
     if not loadable(kind, known):
         data["local"] = True
     parameters = {}
@@ -88,7 +93,7 @@ def describe_block(block, known, source):
     return data
 
 
-def describe_wire(wire):
+def describe_wire(wire: Wire) -> dict[str, Any]:
     """Return a wire as a JSON object."""
     data = {"to": wire.block.path}
     if wire.port is not None:
@@ -97,7 +102,7 @@ def describe_wire(wire):
     return data
 
 
-def encode(value):
+def encode(value: Any) -> Any:
     """Return a parameter or constant in JSON form: infinities as text, tuples and arrays as lists.
 
     Raises TypeError for a value that JSON cannot represent.
@@ -116,7 +121,7 @@ def encode(value):
     raise TypeError(f"{value!r} cannot be written to JSON")
 
 
-def decode(value):
+def decode(value: Any) -> Any:
     """Return the value that `encode` wrote: arrays as tuples."""
     if isinstance(value, dict):
         if set(value) == {"float"}:
@@ -125,7 +130,7 @@ def decode(value):
     return tuple(decode(item) for item in value) if isinstance(value, list) else value
 
 
-def unchanging(entry):
+def unchanging(entry: dict[str, Any]) -> dict[str, Any]:
     """Return the part of a block in JSON form that enters the hash.
 
     Paths of files are replaced by the hash of their content, live parameters by their bounds.
@@ -137,7 +142,7 @@ def unchanging(entry):
     return {**entry, "parameters": parameters}
 
 
-def digest(data):
+def digest(data: dict[str, Any]) -> str:
     """Return the content hash of a diagram in JSON form."""
     essence = {key: data[key] for key in ("name", "rate", "blocks", "wires")}
     essence["blocks"] = [unchanging(entry) for entry in data["blocks"]]
@@ -145,7 +150,7 @@ def digest(data):
     return "sha256:" + hashlib.sha256(text.encode()).hexdigest()
 
 
-def source_hash(kind):
+def source_hash(kind: type[Block]) -> str:
     """Return the hash of the source of a block class or its function, or of its name if there is no source."""
     try:
         source = inspect.getsource(getattr(kind, "function", kind))
@@ -154,7 +159,7 @@ def source_hash(kind):
     return hashlib.sha256(source.encode()).hexdigest()[:16]
 
 
-def file_hash(block, name):
+def file_hash(block: Block, name: str) -> str:
     """Return the hash of a file that a block reads. Raises DiagramError if it cannot be read."""
     try:
         return "sha256:" + hashlib.sha256(Path(getattr(block, name)).read_bytes()).hexdigest()
@@ -170,12 +175,12 @@ def file_hash(block, name):
         ) from None
 
 
-def loadable(kind, known):
+def loadable(kind: type[Block], known: dict[str, str]) -> bool:
     """Return whether a library provides the class by module and name. known : result of `registered`"""
     return kind.__module__.split(".")[0] in known and "<locals>" not in kind.__qualname__
 
 
-def registered():
+def registered() -> dict[str, str]:
     """Return {top-level package: distribution} of all installed block libraries, including this one."""
     packages: dict[str, str] = dict.fromkeys(OWN, "tickwork")
     for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
@@ -183,7 +188,7 @@ def registered():
     return packages
 
 
-def library(kind, known):
+def library(kind: type[Block], known: dict[str, str]) -> tuple[str, str]:
     """Return the (distribution, version) of a class, or (file, "local") for a class in a user's file."""
     distribution = known.get(kind.__module__.split(".")[0])
     if distribution is None:
@@ -194,7 +199,7 @@ def library(kind, known):
         return distribution, "not installed"
 
 
-def from_json(text, *, trust=()):
+def from_json(text: str, *, trust: tuple[str, ...] = ()) -> Diagram:
     """Return the diagram of a JSON text.
 
     trust : names of modules to import although no library registers them
@@ -240,7 +245,7 @@ def from_json(text, *, trust=()):
     return diagram
 
 
-def parameters_of(entry):
+def parameters_of(entry: dict[str, Any]) -> dict[str, Any]:
     """Return {name: value or Live} of a block in JSON form."""
     parameters = {}
     for name, value in entry.get("parameters", {}).items():
@@ -253,18 +258,18 @@ def parameters_of(entry):
     return parameters
 
 
-def held_by(entry):
+def held_by(entry: dict[str, Any]) -> dict[str, Any]:
     """Return the constructor argument `hold_exceptions` of a block in JSON form, if it has one."""
     return {"hold_exceptions": entry["hold_exceptions"]} if "hold_exceptions" in entry else {}
 
 
-def signal_at(diagram, path):
+def signal_at(diagram: Diagram, path: str) -> Signal:
     """Return the Signal at a path such as "left/knee.position"."""
     block, _, port = path.rpartition(".")
     return Signal(diagram[block], port)
 
 
-def find_type(entry, libraries, trust):
+def find_type(entry: dict[str, Any], libraries: dict[str, str], trust: tuple[str, ...]) -> type[Block]:
     """Return the class of a block in JSON form. Raises DiagramError unless its module is trusted and exists."""
     module, _, qualname = entry["type"].partition(":")
     top = module.split(".")[0]

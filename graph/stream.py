@@ -1,5 +1,8 @@
 """Devices with a line of their own: a tty, a socket or an input device. They send a stream of bytes."""
 
+from collections.abc import Sequence
+from typing import Any
+
 from cext.kernels import no_io
 from graph.declarations import Param
 from graph.device import Device
@@ -33,15 +36,15 @@ class StreamDevice(Device):
             "bus": cls.parameters["bus"]
         }
 
-    def configure(self):
+    def configure(self) -> None:
         if not self.bus:
             self.bus = self.path
 
-    def opening(self):
+    def opening(self) -> dict[str, Any]:
         """Return {option: value} with which runtime.rig.streams opens its kind of line."""
         return {}
 
-    def set_up(self):
+    def set_up(self) -> Any:
         """Set up an identified device on a line of kind "dialogue": a dialogue (graph.dialogue).
 
         Returns (messages to send again after a reconnect, remarks for the operator). Raises Rejected, NoReply,
@@ -49,17 +52,17 @@ class StreamDevice(Device):
         """
         return [], []
 
-    def relay_frames(self):
+    def relay_frames(self) -> Sequence[bytes]:
         """Return the two frames that the guardian sends alternately to keep the relay of this device closed.
 
         Required if `relay_time` is above 0.
         """
         return []
 
-    def sends(self):
+    def sends(self) -> Sequence[tuple[float, int]]:
         """Return the messages that it sends, as (frequency in Hz, least number of bytes) pairs, [] if unknown."""
         return []
 
-    def line_speed(self):
+    def line_speed(self) -> float:
         """Return the speed of its line in bit/s, 0 for a line without a baud rate."""
         return 0.0

@@ -4,8 +4,10 @@ drawing = draw(diagram)
 svg(drawing)                    '<svg ...'
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graph.compiler import examine
 from graph.diagram import Diagram
@@ -18,6 +20,9 @@ from graph.drawing.page import page
 from graph.drawing.style import MARGIN
 from graph.drawing.svg import svg
 from graph.signal import Signal
+
+if TYPE_CHECKING:
+    from graph.compiler import Compilation
 
 __all__ = ["Drawing", "draw", "mermaid", "page", "svg"]
 
@@ -49,7 +54,7 @@ def draw(diagram: Diagram, *, all_ports: bool = False, place: Callable[[Any], st
     )
 
 
-def wired_to(diagram, found):
+def wired_to(diagram: Diagram, found: Compilation) -> dict[str, list[str]]:
     """Return {signal path: [paths of the ports it is wired to]}."""
     targets = {}
     for wire in diagram.wires:

@@ -1,12 +1,19 @@
 """Text and size of the box of a block."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from graph.drawing import cards
 from graph.drawing.style import HEAD, LINE, PADDING, ROW, SMALL, TEXT, TITLE, fit, text_width
 from graph.names import snake_case
 from graph.signal import Signal
+
+if TYPE_CHECKING:
+    from graph.block import Block
+    from graph.compiler import Compilation
 
 BOX_WIDTH_LIMIT = 260.0  # px
 DETAIL_LIMIT = 4  # lines of parameters on a box
@@ -33,7 +40,7 @@ class Plan:
     height: float
 
 
-def plan(block, found, all_ports, links, every):
+def plan(block: Block, found: Compilation, all_ports: bool, links: Any, every: int) -> Plan:
     """Return the Plan of a block.
 
     found : graph.compiler.Compilation

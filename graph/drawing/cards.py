@@ -1,14 +1,26 @@
 """Descriptions of blocks as plain data, from their declarations and the results of the compiler."""
 
+from __future__ import annotations
+
 import inspect
 import re
+from collections.abc import Callable, Sequence
 from math import inf
+from typing import TYPE_CHECKING, Any
 
 from graph import units
 from graph.block import Block, Sink
 from graph.device import Actuator, Device
 from graph.diagnostics import DiagramError
 from graph.signal import Signal
+
+if TYPE_CHECKING:
+    from graph.compiler import Compilation
+    from graph.declarations import Input, Output, Param
+    from graph.device import TorqueBound
+    from graph.diagnostics import Diagnostic
+    from graph.interval import Interval
+    from graph.schedule import Proof
 
 FAMILY_OF_MODULE = {
     "filters": "filter",
@@ -20,7 +32,7 @@ FAMILY_OF_MODULE = {
 }
 
 
-def family(kind):
+def family(kind: type[Block]) -> str:
     """Return the key of style.FAMILIES of a block class, by its base class or else by its module."""
     if issubclass(kind, Actuator):
         return "actuator"
@@ -31,7 +43,7 @@ def family(kind):
     return next((FAMILY_OF_MODULE[part] for part in kind.__module__.split(".") if part in FAMILY_OF_MODULE), "other")
 
 
-def documentation(kind):
+def documentation(kind: type[Block]) -> tuple[str, ...]:
     """Return the paragraphs of the docstring of a block class, () if it has none.
 
     Prose is joined to one line; indented text keeps its lines.
@@ -43,13 +55,13 @@ def documentation(kind):
     return tuple(text if re.search(r"^\s", text, re.M) else " ".join(text.split()) for text in paragraphs)
 
 
-def summary(kind):
+def summary(kind: type[Block]) -> str:
     """Return the first sentence of the docstring of a block class."""
     first = " ".join("".join(documentation(kind)[:1]).split())
     return re.split(r"(?<=[.!?])\s+(?=[A-Z(])", first)[0]
 
 
-def example(kind):
+def example(kind: type[Block]) -> Any:
     """Return a block of a class, outside a diagram, with the ports that its parameters create.
 
     Returns the class itself if the block needs other parameters.
@@ -60,12 +72,12 @@ def example(kind):
         return kind
 
 
-def shape_text(shape):
+def shape_text(shape: Any) -> str:
     """Return the text of a shape: '' for a scalar, '3', '3 × 3', or 'any' for a port of any shape."""
     return "any" if shape is ... else " × ".join(map(str, shape))
 
 
-def quantity(value, unit):
+def quantity(value: Any, unit: str) -> str:
     """Return the text of a value with its unit: '12 N·m', 'yes', '8 entries'."""
     if value is None:
         return "none"
@@ -80,7 +92,7 @@ def quantity(value, unit):
     return str(value).encode("unicode_escape").decode() if str(value).isspace() else str(value) or "none"
 
 
-def bounds_text(param):
+def bounds_text(param: Param) -> str:
     """Return the text of a parameter's bounds: '0 to 150', 'above 0', 'one of rated, peak', '' without bounds."""
     if param.choices is not None:
         return "one of " + ", ".join(repr(choice) if str(choice).isspace() else str(choice) for choice in param.choices)
@@ -90,7 +102,7 @@ def bounds_text(param):
     return " and ".join(f"{word} {bound:g}" for bound, word in words if bound is not None)
 
 
-def interval_text(interval, unit):
+def interval_text(interval: Interval | None, unit: str) -> str:
     """Return the text of an interval: '-12 to 12 N·m', or '' if it is unbounded."""
     if interval is None or interval.low == -inf and interval.high == inf:
         return ""
@@ -104,7 +116,7 @@ def interval_text(interval, unit):
     )
 
 
-def parameter_cards(block):
+def parameter_cards(block: type[Block] | Block) -> list[dict[str, str | bool]]:
     """Return a dict for each parameter of a block or a block class.
 
     With a block, `value` is the text of its value, and `own` states whether that differs from the default.
@@ -130,7 +142,7 @@ def parameter_cards(block):
     return cards
 
 
-def same(value, default):
+def same(value: Any, default: Any) -> bool:
     """Return whether a value is the default."""
     try:
         return bool(value == default)
@@ -138,7 +150,7 @@ def same(value, default):
         return False
 
 
-def unit_text(card):
+def unit_text(card: dict[str, str | float | None]) -> str:
     """Return the unit, shape and dtype of a port or parameter, without defaults: 'rad/s, (3)', 'int'."""
     shape = card.get("shape", "")
     words = [
@@ -148,7 +160,7 @@ def unit_text(card):
     return ", ".join(word for word in [*words, "" if card.get("dtype", "float") == "float" else card["dtype"]] if word)
 
 
-def port_card(port):
+def port_card(port: Any) -> dict[str, str]:
     """Return the declaration of a port as a dict."""
     card = {
         "name": port.name,
@@ -164,7 +176,7 @@ def port_card(port):
     return card
 
 
-def runs(block):
+def runs(block: type[Block] | Block) -> str:
     """Return where a block runs: 'native', 'Python', 'native, on a bus' or 'in the recorder process'."""
     if isinstance(block, Device) or isinstance(block, type) and issubclass(block, Device):
         return "native, on a bus"
@@ -175,7 +187,7 @@ def runs(block):
     return "Python" if block.step is not Block.step or block.update is not Block.update else "native"
 
 
-def class_card(kind):
+def class_card(kind: type[Block]) -> Any:
     """Return the declarations of a block class as a dict."""
     block = example(kind)
     return {
@@ -193,7 +205,9 @@ def class_card(kind):
     }
 
 
-def block_card(block, found, targets, place):
+def block_card(
+    block: Block, found: Compilation, targets: dict[str, list[str]], place: type | Callable[..., Any]
+) -> dict[str, Any]:
     """Return the description of one block of a diagram as a dict.
 
     found : graph.compiler.Compilation
@@ -224,7 +238,7 @@ def block_card(block, found, targets, place):
     }
 
 
-def proof_texts(proofs):
+def proof_texts(proofs: Sequence[Proof]) -> list[str]:
     """Return a line for each proof of a wired command, and one for all constant commands."""
     texts, constants = [], []
     for proof in proofs:
@@ -240,19 +254,19 @@ def proof_texts(proofs):
     return texts + (["constant: " + ", ".join(constants)] if constants else [])
 
 
-def torque_texts(bound):
+def torque_texts(bound: TorqueBound | None) -> list[str]:
     """Return the assumption of an actuator's torque limit as a list of lines, [] if the limit is proved."""
     return [f"torque, not proved: {bound.holds}"] if bound is not None and bound.holds else []
 
 
-def diagnostic_text(diagnostic):
+def diagnostic_text(diagnostic: Diagnostic) -> str:
     """Return a diagnostic as one line."""
     return f"{diagnostic.code} {diagnostic.title}: {diagnostic.message}" + (
         f"; {diagnostic.hint}" if diagnostic.hint else ""
     )
 
 
-def input_card(block, port, found):
+def input_card(block: Block, port: Input, found: Compilation) -> dict[str, str]:
     """Return the declaration of an input, with its inferred unit and shape and its source."""
     source = found.sources.get((block, port.name))
     card = port_card(port) | {
@@ -261,12 +275,12 @@ def input_card(block, port, found):
     }
     if isinstance(source, Signal):
         card["source"] = source.path
-    elif (block, port.name) in found.wires:
+    elif source is not None and (block, port.name) in found.wires:
         card["constant"] = quantity(source.tolist(), port.unit)
     return card
 
 
-def tap_cards(block, found):
+def tap_cards(block: Block, found: Compilation) -> list[Any]:
     """Return the inputs of a sink that accepts any number of signals."""
     return [
         {
@@ -281,7 +295,7 @@ def tap_cards(block, found):
     ]
 
 
-def output_card(block, port, found, targets):
+def output_card(block: Block, port: Output, found: Compilation, targets: dict[str, list[str]]) -> dict[str, Any]:
     """Return the card of an output: unit, shape, proved range and targets."""
     signal = Signal(block, port.name)
     unit = found.units[block, port.name]
@@ -293,7 +307,7 @@ def output_card(block, port, found, targets):
     }
 
 
-def signal_text(signal, found):
+def signal_text(signal: Signal, found: Compilation) -> str:
     """Return one line on a signal: path, unit, shape and range."""
     unit, shape = found.units[signal.block, signal.port], found.shapes[signal.block, signal.port]
     dtype = signal.declaration.dtype

@@ -6,11 +6,20 @@ the second. If these constraints form a cycle, one wire is split over two tracks
 crossings, and each takes the leftmost free track. 4. Feedback runs in a lane of its own below the boxes that it passes.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import networkx as nx
 
 from graph.drawing.style import BETWEEN_BOXES, BETWEEN_LINES
+
+if TYPE_CHECKING:
+    from networkx.classes.digraph import DiGraph
+
+    from graph.drawing.layers import Hop, Net, Node
 
 NEAR = 4.0  # px, distance below which two lines cannot be distinguished
 
@@ -27,31 +36,33 @@ class Wire:
     halves: tuple = ()  # of a wire split over two tracks: two wires that meet at a free height
 
     @property
-    def heights(self):
+    def heights(self) -> set[float]:
         """Heights of all ends."""
         return self.left | self.right
 
     @property
-    def straight(self):
+    def straight(self) -> bool:
         """Whether the wire needs no track."""
         return len(self.heights) == 1
 
-    def beside(self, other):
+    def beside(self, other: Wire) -> bool:
         """Return whether two wires overlap on one track."""
         return min(self.heights) - NEAR < max(other.heights) and min(other.heights) - NEAR < max(self.heights)
 
-    def before(self, other):
+    def before(self, other: Wire) -> bool:
         """Return whether the track of this wire must be left of the other's: it enters where the other leaves."""
         return self.net is not other.net and any(abs(a - b) < NEAR for a in self.left for b in other.right)
 
-    def crossed_if_before(self, other):
+    def crossed_if_before(self, other: Wire) -> int:
         """Return the number of crossings if the track of this wire is left of the other's."""
         low, high = min(self.heights), max(self.heights)
         other_low, other_high = min(other.heights), max(other.heights)
         return sum(low < y < high for y in other.left) + sum(other_low < y < other_high for y in self.right)
 
 
-def wires_of(columns, nets, hops, lanes):
+def wires_of(
+    columns: Sequence[list[Node]], nets: Sequence[Net], hops: Sequence[Hop], lanes: dict[Net, float]
+) -> list[dict[Net, Wire]]:
     """Return {net: Wire} of each channel: channel i is left of column i, the last right of the last column."""
     channels = [{} for _ in range(len(columns) + 1)]
 
@@ -77,7 +88,7 @@ def wires_of(columns, nets, hops, lanes):
     return channels
 
 
-def find_lanes(columns, nets):
+def find_lanes(columns: Sequence[list[Node]], nets: Sequence[Net]) -> dict[Net, float]:
     """Return {feedback net: height of its lane}: below the boxes that it passes, short lanes above long ones."""
     floor = [max((node.y + node.height for node in column), default=0.0) for column in columns]
     back = sorted((net for net in nets if net.back), key=lambda net: span(net)[1] - span(net)[0])
@@ -93,12 +104,12 @@ def find_lanes(columns, nets):
     return lanes
 
 
-def span(net):
+def span(net: Net) -> tuple[int, int]:
     """Return the first and the last column below which a feedback net runs."""
     return min(edge.target.layer for edge in net.edges), net.source.layer
 
 
-def assign_tracks(wires):
+def assign_tracks(wires: Sequence[Wire]) -> int:
     """Assign a track to every wire that is not straight, two to a split wire. Returns the number of tracks."""
     turning = split_cycles([wire for wire in wires if not wire.straight], {y for wire in wires for y in wire.heights})
     order = least_crossed(turning)
@@ -110,7 +121,7 @@ def assign_tracks(wires):
     return 1 + max((wire.track for wire in order), default=-1)
 
 
-def rules(wires):
+def rules(wires: Sequence[Wire]) -> DiGraph:
     """Return the graph of constraints: an edge from a wire to each whose track must be right of its own."""
     graph = nx.DiGraph()
     graph.add_nodes_from(wires)
@@ -118,7 +129,7 @@ def rules(wires):
     return graph
 
 
-def split_cycles(wires, taken):
+def split_cycles(wires: Sequence[Wire], taken: set[float]) -> list[Wire]:
     """Return the wires, with one wire of each cycle of constraints split into two halves."""
     wires = list(wires)
     while True:
@@ -135,14 +146,14 @@ def split_cycles(wires, taken):
         wires += wire.halves
 
 
-def free_height(wire, taken):
+def free_height(wire: Wire, taken: set[float]) -> float:
     """Return a free height, as near as possible to the middle of a wire. taken : heights in use"""
     middle = (min(wire.heights) + max(wire.heights)) / 2.0
     heights = (middle + NEAR * step for step in range(-400, 401))
     return min(heights, key=lambda y: (any(abs(y - other) < NEAR for other in taken), abs(y - middle)))
 
 
-def least_crossed(wires):
+def least_crossed(wires: Sequence[Wire]) -> list[Wire]:
     """Return the wires in an order with few crossings: each is inserted where it adds the fewest."""
     order = []
     for wire in sorted(wires, key=lambda wire: (max(wire.heights) - min(wire.heights), min(wire.heights))):

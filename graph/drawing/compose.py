@@ -1,7 +1,11 @@
 """Layout of a tree of subsystems: each is laid out separately and is one box in the enclosing one."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import networkx as nx
 
@@ -21,6 +25,13 @@ from graph.drawing.style import (
     text_width,
 )
 
+if TYPE_CHECKING:
+    from graph.block import Block, Sink
+    from graph.compiler import Compilation
+    from graph.device import Actuator
+    from graph.drawing.channels import Wire
+    from graph.drawing.layers import Net
+
 ASPECT = 1.6  # width to height of packed parts
 
 
@@ -33,7 +44,7 @@ class Laid:
     nodes: list = field(default_factory=list)
     lines: list = field(default_factory=list)  # (edge, points, joints, whether it is feedback)
 
-    def shift(self, x, y):
+    def shift(self, x: float, y: float) -> None:
         """Move all nodes and lines."""
         for node in self.nodes:
             node.x, node.y = node.x + x, node.y + y
@@ -43,7 +54,7 @@ class Laid:
         ]
 
 
-def lay_out(level, found, all_ports):
+def lay_out(level: Any, found: Compilation, all_ports: bool) -> Laid:
     """Return the Laid of a level, and set `level.laid` of it and of all levels inside."""
     nodes, pins = {}, {}
     for thing in level.things:
@@ -72,7 +83,7 @@ def lay_out(level, found, all_ports):
     return level.laid
 
 
-def frame_node(level, found, all_ports):
+def frame_node(level: Level, found: Compilation, all_ports: bool) -> Node:
     """Return the node of a subsystem in the enclosing level."""
     inner = lay_out(level, found, all_ports)
     heading = text_width(level.title, TITLE, bold=True) + text_width(note(level), SMALL)
@@ -90,13 +101,13 @@ def frame_node(level, found, all_ports):
     return Node(level, inner.width, inner.height, left, right)
 
 
-def note(level):
+def note(level: Level) -> str:
     """Return the rate and condition of a subsystem, for its title."""
     words = [f"every {level.every} ticks"] if level.every != 1 else []
     return ", ".join(words + [f"while {key[1]}" for key in level.pins if key[0] == "enabled"])
 
 
-def components(nodes, edges):
+def components(nodes: Sequence[Node], edges: Sequence[Edge]) -> list[list[Node]]:
     """Return the connected components: the one with the pins first, unconnected blocks last."""
     graph = nx.Graph()
     graph.add_nodes_from(nodes)
@@ -108,12 +119,12 @@ def components(nodes, edges):
     return sorted(parts, key=lambda part: (not part[0].side, lone(part), position[part[0]]))
 
 
-def lone(part):
+def lone(part: Sequence[Node]) -> bool:
     """Return whether a part is a block without connections, as most recorders are."""
     return len(part) == 1 and not isinstance(part[0].what, Level)
 
 
-def columns(nodes, edges, framed):
+def columns(nodes: Sequence[Node], edges: Sequence[Edge], framed: bool) -> Laid:
     """Return the Laid of a connected component, in columns. framed : it is in a subsystem"""
     order, nets, hops = layers.arrange(nodes, edges)
     placing.place(order, hops)
@@ -142,7 +153,9 @@ def columns(nodes, edges, framed):
     return Laid(x, height, [node for node in nodes], lines)
 
 
-def routes(net, wires, lanes):
+def routes(
+    net: Net, wires: Sequence[dict[Net, Wire]], lanes: dict[Net, float]
+) -> Iterator[tuple[Edge, list[tuple[float, float]], set[tuple[int, float]], bool]]:
     """Yield (edge, points, joints, whether it is feedback) for each edge of a net."""
     begin = net.source.x + net.source.width, net.source.y + net.source.right[net.output]
     joints = {
@@ -168,7 +181,7 @@ def routes(net, wires, lanes):
         yield edge, points, joints & set(points), net.back
 
 
-def through(wire, enter, leave):
+def through(wire: Wire, enter: tuple[str, float], leave: tuple[str, float]) -> Any:
     """Return the corners of a line through a channel. enter, leave : (side, height)"""
     (side, y), (other_side, other_y) = enter, leave
     if wire.halves:
@@ -180,7 +193,7 @@ def through(wire, enter, leave):
     return [(wire.x, y), (wire.x, other_y)] if y != other_y else []
 
 
-def joints_of(wire):
+def joints_of(wire: Wire) -> Any:
     """Yield the points at which three segments of a net meet on its track."""
     if wire.straight:
         return
@@ -190,7 +203,7 @@ def joints_of(wire):
             yield wire.x, y
 
 
-def corners(points):
+def corners(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     """Return the points without those on a straight line."""
     kept = [points[0]]
     for before, point, after in zip(points, points[1:], points[2:]):
@@ -199,7 +212,7 @@ def corners(points):
     return [*kept, points[-1]]
 
 
-def pack(parts, framed, pinned):
+def pack(parts: Sequence[Laid], framed: bool, pinned: bool) -> Laid:
     """Pack parts in rows, with about the aspect ratio of a page.
 
     The part with the pins has a row of its own; unconnected blocks begin a new row.
@@ -225,7 +238,7 @@ def pack(parts, framed, pinned):
     return whole
 
 
-def collect(level, x, y, found, picture):
+def collect(level: Any, x: float, y: float, found: Compilation, picture: dict[str, list[Frame | Box | Line]]) -> None:
     """Append the boxes, frames and lines of a level with its corner at x, y to `picture`, a dict of lists."""
     for node in level.laid.nodes:
         left, top = node.x + x, node.y + y
@@ -258,7 +271,7 @@ def collect(level, x, y, found, picture):
         )
 
 
-def name_of(level, thing, key):
+def name_of(level: Level, thing: Actuator | Block | Level | Sink | None, key: str | tuple[str, str]) -> Any:
     """Return the name of an end of a Line."""
     if thing is None:
         return level.path, *key
@@ -267,9 +280,9 @@ def name_of(level, thing, key):
     )
 
 
-def box(node, x, y, level):
+def box(node: Node, x: float, y: float, level: Level) -> Box:
     """Return the Box of a block, with its ports, at a position."""
-    plan = node.what
+    plan: Any = node.what
     ports = [
         Port(plan.labels[key], "in", x, y + offset, plan.notes.get(key, ""), key in plan.wrong_ports)
         for key, offset in plan.left.items()

@@ -6,10 +6,14 @@ that it passes between boxes. 4. Each column is sorted by the mean position of t
 until the number of crossings no longer decreases. (Sugiyama, Tagawa and Toda 1981; Gansner et al. 1993)
 """
 
+from __future__ import annotations
+
 from bisect import bisect, insort
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import networkx as nx
 
@@ -36,7 +40,7 @@ class Node:
     y: float = 0.0
 
     @property
-    def passes(self):
+    def passes(self) -> bool:
         """Whether it is the passage of a line through a column."""
         return isinstance(self.what, Net)
 
@@ -75,12 +79,12 @@ class Hop:
     net: Net
 
     @property
-    def weight(self):
+    def weight(self) -> float:
         """Weight of the vertical offset, higher for segments of long lines. (Gansner et al. 1993)"""
         return (1.0, 2.0, 8.0)[self.source.passes + self.target.passes]
 
 
-def arrange(nodes, edges):
+def arrange(nodes: Sequence[Node], edges: Sequence[Edge]) -> tuple[list[list[Node]], list[Net], list[Hop]]:
     """Set the `layer` of every node. Returns (columns of nodes, nets, hops).
 
     The order of `nodes` resolves ties.
@@ -99,7 +103,7 @@ def arrange(nodes, edges):
     return uncross(columns, hops), list(nets.values()), hops
 
 
-def feedback(nodes, edges):
+def feedback(nodes: Sequence[Node], edges: Sequence[Edge]) -> set[Edge]:
     """Return a set of feedback edges, without which there is no loop."""
     position = {node: index for index, node in enumerate(nodes)}
     back = {edge for edge in edges if edge.source is edge.target}
@@ -114,7 +118,7 @@ def feedback(nodes, edges):
             back |= opening(inside, position)
 
 
-def opening(edges, position):
+def opening(edges: Sequence[Edge], position: dict[Node, int]) -> set[Edge]:
     """Return the edges into the node of a loop at which the flow should begin."""
     entering, leaving = defaultdict(list), defaultdict(int)
     for edge in edges:
@@ -136,7 +140,7 @@ def opening(edges, position):
     return delayed or set(entering[start])
 
 
-def find_layers(nodes, edges):
+def find_layers(nodes: Sequence[Node], edges: Sequence[Edge]) -> None:
     """Set layers by the longest path from the left; a source is in the column before its first target."""
     followers, waiting = defaultdict(list), dict.fromkeys(nodes, 0)
     for edge in edges:
@@ -162,7 +166,7 @@ def find_layers(nodes, edges):
             node.layer = last
 
 
-def pass_through(net, columns):
+def pass_through(net: Net, columns: Sequence[list[Node]]) -> list[Hop]:
     """Return the hops of a net, with a stop in each column between its source and its furthest target."""
     at, hops = (net.source, net.output), []
     last = max(edge.target.layer for edge in net.edges)
@@ -176,7 +180,7 @@ def pass_through(net, columns):
     return hops
 
 
-def uncross(columns, hops):
+def uncross(columns: Sequence[list[Node]], hops: Sequence[Hop]) -> list[list[Node]]:
     """Return the columns, each in an order with few crossings."""
     entering, leaving = defaultdict(list), defaultdict(list)
     for hop in hops:
@@ -198,7 +202,7 @@ def uncross(columns, hops):
     return best
 
 
-def sort_column(order, index, hops, forth):
+def sort_column(order: list[list[Node]], index: int, hops: dict[Node, list[Hop]], forth: bool) -> None:
     """Sort a column by the mean position of the linked nodes in the adjacent column.
 
     A node without links keeps its relative position.
@@ -217,7 +221,9 @@ def sort_column(order, index, hops, forth):
     order[index] = sorted(column, key=means.__getitem__)
 
 
-def swap_neighbours(order, entering, leaving):
+def swap_neighbours(
+    order: Sequence[list[Node]], entering: dict[Node, list[Hop]], leaving: dict[Node, list[Hop]]
+) -> None:
     """Swap adjacent nodes of a column while that reduces the crossings of their lines."""
     for index, column in enumerate(order):
         before = places(order[index - 1]) if index else {}
@@ -241,7 +247,7 @@ def swap_neighbours(order, entering, leaving):
                     better = True
 
 
-def crossings(order, leaving):
+def crossings(order: Sequence[list[Node]], leaving: dict[Node, list[Hop]]) -> int:
     """Return the number of pairs of hops that cross."""
     count = 0
     for column, following in pairwise(order):
@@ -258,11 +264,11 @@ def crossings(order, leaving):
     return count
 
 
-def places(column):
+def places(column: Sequence[Node]) -> dict[Node, int]:
     """Return {node: index} of a column."""
     return {node: index for index, node in enumerate(column)}
 
 
-def share(ports, port):
+def share(ports: dict[Any, float], port: Any) -> float:
     """Return the relative position of a port on its edge, from 0 to 1."""
     return (list(ports).index(port) + 1) / (len(ports) + 1)

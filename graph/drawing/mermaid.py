@@ -1,10 +1,18 @@
 """Mermaid text of a drawing, for documents that render it. It contains the connections; Mermaid does the layout."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
 from graph.drawing.style import FAMILIES
 from graph.drawing.svg import used
 
+if TYPE_CHECKING:
+    from graph.drawing.model import Drawing, Line
 
-def mermaid(drawing):
+
+def mermaid(drawing: Drawing) -> str:
     """Return a drawing as the text of a Mermaid flowchart."""
     names = {box.path: f"b{index}" for index, box in enumerate(drawing.boxes)}
     lines = ["flowchart LR", *inside(drawing, "", names, "    ")]
@@ -24,7 +32,7 @@ def mermaid(drawing):
     return "\n".join(lines) + "\n"
 
 
-def inside(drawing, subsystem, names, indent):
+def inside(drawing: Drawing, subsystem: str, names: dict[str, str], indent: str) -> Iterator[str]:
     """Yield the lines for the boxes and frames in one frame."""
     for box in drawing.boxes:
         if box.subsystem == subsystem:
@@ -37,7 +45,7 @@ def inside(drawing, subsystem, names, indent):
             yield f"{indent}end"
 
 
-def wires(drawing):
+def wires(drawing: Drawing) -> Iterator[tuple[str, str, bool]]:
     """Yield (port of the source, port of the target or pin of a frame, whether it is feedback) of every wire."""
     following = {}
     for line in drawing.lines:
@@ -47,7 +55,7 @@ def wires(drawing):
             yield from follow(line, following, False)
 
 
-def follow(line, following, back):
+def follow(line: Any, following: dict[tuple[str, Any], list[Line]], back: bool) -> Any:
     """Yield (signal, target, whether it is feedback) for each block that a line reaches through pins."""
     back = back or line.back
     if isinstance(line.target, str) or line.target[1] == "enabled":
@@ -56,6 +64,6 @@ def follow(line, following, back):
         yield from follow(further, following, back)
 
 
-def quoted(text):
+def quoted(text: str) -> str:
     """Return text as a Mermaid string."""
     return '"' + text.replace("#", "#35;").replace('"', "#quot;") + '"'

@@ -4,11 +4,20 @@ A signal that enters or leaves a subsystem is split at a pin on its edge, so tha
 separately.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import takewhile
+from typing import TYPE_CHECKING, Any
 
 from graph.block import Sink
 from graph.signal import Signal
+
+if TYPE_CHECKING:
+    from graph.block import Block
+    from graph.device import Actuator
+    from graph.diagram import Diagram
 
 
 @dataclass(eq=False)
@@ -24,7 +33,13 @@ class Level:
     links: dict = field(default_factory=dict)  # (source end, target end): Link
     pins: dict = field(default_factory=dict)  # (side, signal path): whether no target needs it within the tick
 
-    def connect(self, source, target, signal, delayed):
+    def connect(
+        self,
+        source: tuple[Actuator | Block | Level | None, Any],
+        target: tuple[Any, Any],
+        signal: Signal,
+        delayed: bool,
+    ) -> None:
         link = self.links.get((source, target))
         if link is None:
             self.links[source, target] = Link(source, target, signal, delayed)
@@ -51,7 +66,7 @@ class Link:
     delayed: bool
 
 
-def outline(diagram, taps):
+def outline(diagram: Diagram, taps: dict[Sink, list[tuple[str, Signal]]]) -> Level:
     """Return the Level of a diagram. taps : {sink: [(label, Signal)]} of sinks for any number of signals"""
     root = Level("", diagram.name)
     lineage = {}  # {block: the levels that contain it, from the outermost}
@@ -80,7 +95,7 @@ def outline(diagram, taps):
     return root
 
 
-def find_rate_and_condition(level, outer, blocks):
+def find_rate_and_condition(level: Level, outer: Level, blocks: Sequence[Block]) -> None:
     """Set the rate and the conditions that all blocks of a level share."""
     common = blocks[0].conditions
     for block in blocks:
@@ -90,7 +105,7 @@ def find_rate_and_condition(level, outer, blocks):
     level.every = rates.pop() if len(rates) == 1 else outer.every
 
 
-def wires(diagram, taps):
+def wires(diagram: Diagram, taps: dict[Sink, list[tuple[str, Signal]]]) -> Any:
     """Yield (signal, target block, input, whether the target does not need it within the tick) of each wire."""
     for wire in diagram.wires:
         if isinstance(wire.source, Signal) and not wire.block.variadic:
@@ -106,7 +121,9 @@ def wires(diagram, taps):
                 yield signal, sink, label, False
 
 
-def run(signal, source_chain, target, key, target_chain, delayed):
+def run(
+    signal: Signal, source_chain: Sequence[Level], target: Block, key: Any, target_chain: Sequence[Level], delayed: bool
+) -> None:
     """Connect a signal to a port or pin of `target`, through the pins of all levels between them."""
     shared = sum(a is b for a, b in zip(source_chain, target_chain))
     end = signal.block, signal.port

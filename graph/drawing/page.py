@@ -1,17 +1,24 @@
 """HTML page of a drawing, in one file: pan, zoom, search, fold subsystems, and show descriptions of blocks."""
 
+from __future__ import annotations
+
 import json
+from collections.abc import Iterator
 from dataclasses import asdict
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from graph.drawing.style import BACK, FAMILIES, FRAME_TITLE
 from graph.drawing.svg import FEEDBACK, body, css, used
 
+if TYPE_CHECKING:
+    from graph.drawing.model import Drawing
+
 HERE = Path(__file__).parent
 
 
-def page(drawing):
+def page(drawing: Drawing) -> str:
     """Return the HTML text of a drawing."""
     return f"""<!doctype html>
 <html lang="en">
@@ -51,19 +58,19 @@ BUTTONS = (("further", "zoom out (-)", "−"), ("closer", "zoom in (+)", "+"), (
 FOLDING = (("fold", "fold every subsystem", "fold all"), ("unfold", "unfold every subsystem", "unfold all"))
 
 
-def button(name, title, text, hidden=False):
+def button(name: str, title: str, text: str, hidden: bool = False) -> str:
     """Return the HTML of a button."""
     return f'<button id="{name}" title="{title}"{" hidden" * hidden}>{text}</button>'
 
 
-def asset(name):
+def asset(name: str) -> str:
     """Return the text of a file beside this module."""
     return (HERE / name).read_text(encoding="utf-8")
 
 
-def data(drawing):
+def data(drawing: Drawing) -> str:
     """Return the data for the scripts as JSON without "<", which could end the script element."""
-    shape = {"width": drawing.width, "height": drawing.height, "head": FRAME_TITLE}
+    shape: dict[str, Any] = {"width": drawing.width, "height": drawing.height, "head": FRAME_TITLE}
     places = ("path", "subsystem", "x", "y", "width", "height")
     shape["boxes"] = [{key: getattr(item, key) for key in places} for item in drawing.boxes]
     shape["frames"] = [asdict(item) for item in drawing.frames]
@@ -73,7 +80,7 @@ def data(drawing):
     return text.replace("<", "\\u003c")
 
 
-def legend(drawing):
+def legend(drawing: Drawing) -> Iterator[str]:
     """Yield the HTML of each entry of the legend."""
     for name in used(drawing):
         family = FAMILIES[name]

@@ -5,16 +5,23 @@ minimised: an isotonic regression with absolute errors, solved exactly by poolin
 (Robertson, Wright and Dykstra 1988). The columns are solved in turn.
 """
 
+from __future__ import annotations
+
 from collections import defaultdict
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from graph.drawing.style import BETWEEN_BOXES, BETWEEN_LINES, ROW
+
+if TYPE_CHECKING:
+    from graph.drawing.layers import Hop, Node
 
 ROUNDS = 6
 FAR = 150.0  # px between two preferred positions; from this distance their mean is used
 ANCHOR = 1e-3  # weight of the present position, for a box without lines
 
 
-def place(columns, hops):
+def place(columns: Sequence[list[Node]], hops: Sequence[Hop]) -> None:
     """Set the `y` of every node, the topmost at 0."""
     pulls = defaultdict(list)  # node: [(own port's y, other node, other port's y, weight)]
     for hop in hops:
@@ -39,12 +46,14 @@ def place(columns, hops):
             node.y = round(node.y - top)
 
 
-def bend(hop):
+def bend(hop: Hop) -> float:
     """Return the vertical offset of a hop in px, downwards."""
     return hop.target.y + hop.target.left[hop.input] - hop.source.y - hop.source.right[hop.output]
 
 
-def settle(column, pulls, only_left):
+def settle(
+    column: Sequence[Node], pulls: dict[Node, list[tuple[float, Node, float, float, bool]]], only_left: bool | None
+) -> None:
     """Move the boxes of one column to the optimum for their lines.
 
     only_left : use the lines on the left (True), on the right (False), or all (None)
@@ -56,7 +65,7 @@ def settle(column, pulls, only_left):
     stack(column, {node: node.y for node in column}, preferred)
 
 
-def stack(column, present, preferred):
+def stack(column: Sequence[Node], present: dict[Node, float], preferred: dict[Node, list[tuple[float, float]]]) -> None:
     """Set the heights of a column, in order and at least `gap` apart, nearest to the preferred positions."""
     pools, offset, above = [], 0.0, None  # a pool: [preferred positions without offsets, number of nodes, position]
     offsets = []
@@ -79,7 +88,7 @@ def stack(column, present, preferred):
             index += 1
 
 
-def gap(upper, lower):
+def gap(upper: Node, lower: Node) -> float:
     """Return the vertical distance between two neighbours of a column."""
     if upper.side and lower.side:
         return ROW
@@ -90,7 +99,7 @@ def gap(upper, lower):
     )
 
 
-def median(preferred):
+def median(preferred: Sequence[tuple[float, float]]) -> float:
     """Return the weighted median of (position, weight) pairs.
 
     Between two positions: the upper one if they are near, so that one line is straight, else their mean.

@@ -57,12 +57,12 @@ _WIDTH = {letter: width / 100 for width, letters in _WIDTHS.items() for letter i
 _DEFAULT_WIDTH, _BOLD_FACTOR = 0.64, 1.12
 
 
-def text_width(text, size, bold=False):
+def text_width(text: str, size: float, bold: bool = False) -> float:
     """Return the largest width in px of a line of text. size : of the font, px"""
     return size * (_BOLD_FACTOR if bold else 1.0) * sum(_WIDTH.get(letter, _DEFAULT_WIDTH) for letter in text)
 
 
-def fit(text, size, width, bold=False):
+def fit(text: str, size: float, width: float, bold: bool = False) -> str:
     """Return the text, truncated with an ellipsis if it is wider than `width` px."""
     if text_width(text, size, bold) <= width:
         return text

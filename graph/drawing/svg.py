@@ -1,8 +1,12 @@
 """SVG of a drawing, in one file without scripts, for papers and for the HTML page."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Iterator, Sequence
 from html import escape
 from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 from graph.drawing.style import (
     BACK,
@@ -28,10 +32,13 @@ from graph.drawing.style import (
     text_width,
 )
 
+if TYPE_CHECKING:
+    from graph.drawing.model import Box, Drawing, Frame, Line
+
 LEGEND, FEEDBACK = 28.0, "feedback"
 
 
-def css():
+def css() -> str:
     """Return the style sheet of the drawings."""
     rules = [
         f"text {{ font-family: {FONT}; fill: {INK}; }}",
@@ -55,7 +62,7 @@ def css():
     return "\n".join(rules)
 
 
-def svg(drawing):
+def svg(drawing: Drawing) -> str:
     """Return the SVG text of a drawing, with a legend below it."""
     key = "".join(legend(drawing))
     width, height = number(max(drawing.width, legend_width(drawing))), number(drawing.height + LEGEND)
@@ -74,7 +81,7 @@ def svg(drawing):
     )
 
 
-def legend(drawing):
+def legend(drawing: Drawing) -> Iterator[str]:
     """Yield the SVG of the legend: name and rate of the diagram, colours, and feedback lines."""
     x, y = MARGIN, drawing.height
     yield f'<g class="legend"><text class="title" x="{number(x)}" y="{number(y + 4)}">{escape(heading(drawing))}</text>'
@@ -96,28 +103,28 @@ def legend(drawing):
     yield "</g>"
 
 
-def heading(drawing):
+def heading(drawing: Drawing) -> str:
     """Return the title of a drawing: name and rate."""
     return f"{drawing.name}, {drawing.rate:g} Hz"
 
 
-def used(drawing):
+def used(drawing: Drawing) -> list[str]:
     """Return the families of the blocks in a drawing, in the order of FAMILIES."""
     return [name for name in FAMILIES if any(item.family == name for item in drawing.boxes)]
 
 
-def legend_item(text):
+def legend_item(text: str) -> float:
     """Return the width of an entry of the legend."""
     return 22.0 + text_width(text, SMALL) + 18.0
 
 
-def legend_width(drawing):
+def legend_width(drawing: Drawing) -> int:
     """Return the width of title and legend."""
     items = sum(legend_item(FAMILIES[name].title) for name in used(drawing)) + legend_item(FEEDBACK) + 12.0
     return math.ceil(3 * MARGIN + text_width(heading(drawing), TITLE, bold=True) + items + MARGIN)
 
 
-def body(drawing):
+def body(drawing: Drawing) -> Iterator[str]:
     """Yield the SVG of frames, lines and boxes, from back to front."""
     yield from (frame(item) for item in drawing.frames)
     for lines in nets(drawing):
@@ -126,7 +133,7 @@ def body(drawing):
     yield from (box(item, drawing) for item in drawing.boxes)
 
 
-def frame(item):
+def frame(item: Frame) -> str:
     """Return the SVG of a subsystem. Its parts have absolute positions, so that a page can move them separately."""
     left, top, right, bottom = (number(v) for v in (item.x, item.y, item.x + item.width, item.y + item.height))
     inner_left, inner_right, inner_top, inner_bottom, under = (
@@ -151,7 +158,7 @@ def frame(item):
     return "".join(parts) + "</g>"
 
 
-def nets(drawing):
+def nets(drawing: Drawing) -> Any:
     """Return the lines of a drawing grouped by signal, frame and direction, feedback last."""
     groups = {}
     for item in sorted(drawing.lines, key=lambda item: item.back):
@@ -159,7 +166,7 @@ def nets(drawing):
     return groups.values()
 
 
-def line(item, start, drawing):
+def line(item: Line, start: float, drawing: Drawing) -> str:
     """Return the SVG of a line from `start` px on; the part before is shared with a line already drawn."""
     names = "line" + " back" * item.back + " wide" * item.wide + " wrong" * item.wrong
     data = f'data-signal="{escape(item.signal)}" data-in="{escape(item.subsystem)}"'
@@ -167,7 +174,7 @@ def line(item, start, drawing):
     return f'<path class="{names}" {data} d="{way(rest(item.points, start), item.joints)}"><title>{text}</title></path>'
 
 
-def joints(lines):
+def joints(lines: Sequence[Line]) -> str:
     """Return the SVG of the joints where lines of one signal branch."""
     names = "joint" + " back" * lines[0].back
     data = f'data-signal="{escape(lines[0].signal)}" data-in="{escape(lines[0].subsystem)}"'
@@ -175,7 +182,7 @@ def joints(lines):
     return "".join(f'<circle class="{names}" {data} cx="{number(x)}" cy="{number(y)}" r="2.6"/>' for x, y in places)
 
 
-def branches(lines):
+def branches(lines: Sequence[Line]) -> list[float]:
     """Return the length in px that each line from one port shares with an earlier one."""
     return [
         max((shared(item.points, other.points) for other in lines[:index]), default=0.0)
@@ -183,7 +190,7 @@ def branches(lines):
     ]
 
 
-def shared(one, other):
+def shared(one: tuple[tuple[float, float], ...], other: tuple[tuple[float, float], ...]) -> float:
     """Return the length of the common beginning of two paths."""
     length = 0.0
     for (a, b), (c, d) in zip(pairwise(one), pairwise(other)):
@@ -196,7 +203,7 @@ def shared(one, other):
     return length
 
 
-def rest(points, start):
+def rest(points: tuple[tuple[float, float], ...], start: float) -> Any:
     """Return the points of a path without its first `start` px."""
     for index, (a, b) in enumerate(pairwise(points)):
         length = abs(b[0] - a[0]) + abs(b[1] - a[1])
@@ -209,7 +216,7 @@ def rest(points, start):
     return points[-2:]
 
 
-def way(points, joints=()):
+def way(points: Sequence[tuple[float, float]], joints: tuple[tuple[float, float], ...] = ()) -> str:
     """Return the `d` attribute of a path, with rounded corners except at joints."""
     text = f"M{number(points[0][0])} {number(points[0][1])}"
     for before, point, after in zip(points, points[1:], points[2:]):
@@ -222,7 +229,7 @@ def way(points, joints=()):
     return text + f"L{number(points[-1][0])} {number(points[-1][1])}"
 
 
-def toward(corner, other):
+def toward(corner: tuple[float, float], other: tuple[float, float]) -> tuple[tuple[float, float], float]:
     """Return the point toward `other` where the rounding of a corner ends, and the radius."""
     dx, dy = other[0] - corner[0], other[1] - corner[1]
     length = abs(dx) + abs(dy)
@@ -230,7 +237,7 @@ def toward(corner, other):
     return (corner[0] + dx / length * radius, corner[1] + dy / length * radius) if length else corner, radius
 
 
-def box(item, drawing):
+def box(item: Box, drawing: Drawing) -> str:
     """Return the SVG of a box with its ports."""
     w, h, head = number(item.width), number(item.height), HEAD + (LINE - 2.0 if item.subtitle else 0.0)
     right, corner = number(item.width - 0.6), number(item.width - 6)
@@ -261,6 +268,6 @@ def box(item, drawing):
     return "".join(parts) + "</g>"
 
 
-def number(value):
+def number(value: float) -> str:
     """Return the shortest text of a number with one decimal."""
     return f"{value:.1f}".rstrip("0").rstrip(".")
