@@ -1,11 +1,9 @@
-"""`python -m runtime rate`: the highest rate at which one to eight actuators are commanded and none of them misses an
-answer.
+"""`python -m runtime rate`: the highest rate at which one to eight actuators miss no reply.
 
-That is the maximum operating frequency of Leestma et al. 2025, with every missing answer counted.
+This is the maximum operating frequency of Leestma et al. 2025, with every missing reply counted.
 
-robot       the diagram: so many actuators that are commanded nothing
+robot       the diagram: actuators on one bus, at zero torque
 search      bisection
-steps       one step of it: simulated in virtual time, or on a rig
-picture     what was found beside what the bus can do
-command     the command line, and what it prints
+steps       one step of the search: simulated in virtual time, or on a rig
+picture     the measured rates beside the limit of the bus
 """

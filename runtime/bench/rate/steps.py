@@ -1,6 +1,4 @@
-"""One step of the search: the actuators are commanded for some seconds at one rate, and answers that do not come are
-counted.
-"""
+"""One step of the search: command the actuators for some seconds at one rate, and count the missing replies."""
 
 import signal
 from dataclasses import replace
@@ -16,8 +14,8 @@ from runtime.bench.rate.search import Step
 
 SLOW, FAST = 50.0, 1e9  # Hz and bit/s, at which a bus carries any eight actuators, and a bit takes a whole number of ns
 RESOLUTION = 2e-6  # s per actuator between polls of the emulated drives: one replies while others receive commands
-ARMING = 0.1  # s of virtual time: a bus that is too full to arm on has failed
-SETTLING = 1.0  # s after arming in which nothing is counted: enable frames may still fill the bus
+ARMING = 0.1  # s of virtual time; a bus on which arming takes longer is too full
+SETTLING = 1.0  # s after arming before replies are counted: enable frames may still fill the bus
 
 
 class Simulated:
@@ -41,7 +39,7 @@ class Simulated:
         diagram = robot(self.make, self.ids, rate, self.upper)
         substeps = max(1, round(1.0 / (rate * RESOLUTION * len(self.ids))))
         schedule = compile(diagram)
-        # drives that answer without: enable frames would fill a bus that has room for the commands alone
+        # where drives reply without enable frames, leave those out: the bus may have room for the commands alone
         if not self.enables:
             schedule.devices = [replace(device, enable=()) for device in schedule.devices]
         bus = TimedBus(bitrate)
@@ -51,22 +49,22 @@ class Simulated:
             ticks += settling
             program.count_from(settling)
         drives = Program(compile(plant(diagram, substeps * rate)), [bus.device])
-        executor = Executor(program, rate, plant=drives, substeps=substeps, virtual=True)
-        return program, uninterrupted(executor.run(ticks, fade=0.0, arming_timeout=ARMING)), bus
+        executor = Executor(program, rate, plant=drives, substeps=substeps, virtual=True, hosted=True)
+        # one round of the safe stop: no robot moves, and computing 200 ms of it would delay the end after a signal
+        outcome = executor.run(ticks, fade=0.0, arming_timeout=ARMING, stopping_timeout=0.0)
+        return program, uninterrupted(outcome), bus
 
     def limit(self):
-        """Hz, at which the frames of a tick fill the bus: by the bits that it has really carried, stuffed ones
-        included.
-        """
+        """Return the rate in Hz at which the frames of a tick fill the bus, stuff bits included."""
         few, many = 10, 20
         bits = [self.run(SLOW, ticks, FAST)[2].busy * FAST for ticks in (few, many)]
         return self.bitrate * (many - few) / (bits[1] - bits[0])
 
 
 class OnRig:
-    """Steps on a rig, through the ordinary path: pre-flight, guardian, zero torque, safe stop.
+    """Steps on a rig, each an ordinary run: pre-flight table, guardian, zero torque, safe stop.
 
-    rig : RigFile; its first bus is the one
+    rig : RigFile with one bus
     confirmed : whether to arm without confirmation by the operator
     say : as of runtime.session.session.Session
     """
