@@ -1,4 +1,4 @@
 from cext.safety.shared_state cimport SharedLayout
 
-cdef void take_fatal(SharedLayout *page, const int *at) noexcept nogil
+cdef void take_fatal(SharedLayout *page) noexcept nogil
 cdef void give_back_fatal() noexcept nogil

@@ -2,8 +2,8 @@
 """Fatal signals of the process itself: SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT.
 
 A process that writes a core dump takes time to end, while its motors would continue. The handler therefore first raises
-the fence and reports the signal and the block to the guardian in the shared state. Then the signal takes its previous
-action, on a separate stack, since the thread's own stack may be exhausted.
+the fence and reports the signal and the block to the guardian and the recorder in the shared state. Then the signal
+takes its previous action, on a separate stack, since the thread's own stack may be exhausted.
 """
 
 from libc.stdint cimport int32_t
@@ -23,16 +23,15 @@ cdef int[FATAL] SIGNALS = [SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT]
 cdef action[FATAL] before                   # until `take_fatal`
 cdef stack_t stack_before
 cdef char[STACK] room
-cdef SharedLayout *told = NULL                # global, for the signal handler
-cdef const int *busy_with = NULL
+cdef SharedLayout *shared = NULL            # global, for the signal handler
 cdef pthread_t loop = 0
 
 
 cdef void on_fatal(int number) noexcept nogil:
-    cdef SharedLayout *page = told if not is_child() else NULL        # a child shares the memory of its parent
+    cdef SharedLayout *page = shared if not is_child() else NULL        # a child shares the memory of its parent
     cdef int index
     if page != NULL:
-        store_i32(&page.hung, 1 + busy_with[0] if pthread_self() == loop and busy_with[0] >= 0 else -1)
+        store_i32(&page.hung, 1 + page.at if pthread_self() == loop and page.at >= 0 else -1)
         store_i32(&page.crashed, number)
         store_i32(&page.fence, 1)
     for index in range(FATAL):
@@ -40,13 +39,13 @@ cdef void on_fatal(int number) noexcept nogil:
     raise_signal(number)                    # delivered on return, even if the instruction would not fail again
 
 
-cdef void take_fatal(SharedLayout *page, const int *at) noexcept nogil:
-    """Raise the fence on fatal signals from now on. at : stopwatch item of the calling thread, below 0: none"""
-    global told, busy_with, loop
+cdef void take_fatal(SharedLayout *page) noexcept nogil:
+    """Raise the fence and report the signal on fatal signals from now on. The calling thread is the loop's."""
+    global shared, loop
     cdef action install
     cdef stack_t own
     cdef int index
-    told, busy_with, loop = page, at, pthread_self()
+    shared, loop = page, pthread_self()
     memset(&own, 0, sizeof(stack_t))
     own.ss_sp, own.ss_size = room, STACK
     sigaltstack(&own, &stack_before)
@@ -59,11 +58,11 @@ cdef void take_fatal(SharedLayout *page, const int *at) noexcept nogil:
 
 cdef void give_back_fatal() noexcept nogil:
     """Restore the state before `take_fatal`. A second call does nothing."""
-    global told
+    global shared
     cdef int index
-    if told == NULL:
+    if shared == NULL:
         return
     for index in range(FATAL):
         sigaction(SIGNALS[index], &before[index], NULL)
     sigaltstack(&stack_before, NULL)
-    told = NULL
+    shared = NULL

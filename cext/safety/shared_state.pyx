@@ -43,7 +43,7 @@ cdef class SharedState:
             if not self.made_here:
                 raise ValueError("file descriptor %d is the shared state of a run that is not initialized yet" % fd)
             self.layout.capacity = room
-            self.layout.tick = -1
+            self.layout.tick = self.layout.at = -1
             memset(ring(self.layout), 0, self.layout.capacity)     # touch every page before the loop does
             self.layout.control = os.getpid()
             failed = make_hold(&self.layout.hold) or make_hold(&self.layout.guard_hold)
@@ -182,6 +182,11 @@ cdef class SharedState:
         """Stopwatch item in which a tick hung or the process crashed, -1 if unknown; None without either."""
         cdef int32_t hung = load_i32(&self.layout.hung)
         return None if hung == 0 else max(hung - 1, -1)
+
+    @property
+    def at(self) -> int:
+        """Stopwatch item that the loop executes, -1 if unknown."""
+        return max(load_i32(&self.layout.at), -1)
 
     @property
     def crashed(self) -> int:

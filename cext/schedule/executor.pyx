@@ -147,8 +147,8 @@ cdef class Executor(Waiting):
         self.signals.take()
         try:
             self.watchdog.start()
-            if self.watchdog.handover != NULL and self.layout != NULL:
-                take_fatal(self.layout, &self.control.at)
+            if self.layout != NULL:
+                take_fatal(self.layout)
             # else a signal that Python has caught would wait for the end of the run
             PyErr_CheckSignals()
             with nogil:
@@ -290,6 +290,7 @@ cdef class Executor(Waiting):
             self.previous = tick
             self.late = late
             tick += 1
+            self.control.at[0] = -1
             self.watchdog.end_work()
         self.watchdog.end_work()
         return status

@@ -50,7 +50,8 @@ cdef class Program:
     cdef FailedStep failed
     cdef Stopwatch watch
     cdef Laps *laps              # NULL: not timed
-    cdef int at                  # present stopwatch item, below 0: none
+    cdef int32_t *at             # present stopwatch item, below 0: none; in the shared state if there is one
+    cdef int32_t own_at
     cdef int64_t gil_taken
     cdef list blocks
     cdef list holding            # PythonSteps that may hold exceptions

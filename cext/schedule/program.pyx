@@ -46,6 +46,7 @@ cdef class Program:
         self.kept = self.memory.copy()
         self.last = <double *><uintptr_t>self.kept.ctypes.data
         self.keep = []
+        self.at = &self.own_at
         self.blocks = list(schedule.python_blocks)
         self.holding = []
         self.live = LiveTable(schedule.live, self.memory)
@@ -251,8 +252,9 @@ cdef class Program:
         cdef Laps *laps = self.laps if phase.item >= 0 else NULL
         cdef bint each = laps != NULL and laps.each != NULL
         cdef int item = phase.item + segment.first
+        cdef int32_t *at = self.at
         while step < last:
-            self.at = item
+            at[0] = item
             item += 1
             status = step.kernel(arena, step.slots, step.sizes)
             if status != OK:
@@ -289,7 +291,7 @@ cdef class Program:
         cdef Laps *laps = self.laps if phase.item >= 0 else NULL
         cdef int64_t waited
         self.gil_taken += 1
-        self.at = GIL_WAIT
+        self.at[0] = GIL_WAIT
         with gil:
             if laps != NULL:
                 waited = lap(laps, GIL_WAIT)
@@ -302,7 +304,7 @@ cdef class Program:
                     if periods > 0:
                         self.set_clock(segment, periods, dt, period)
                         for step in range(segment.first, segment.last):
-                            self.at = phase.item + step
+                            self.at[0] = phase.item + step
                             if (<PythonStep>phase.steps[step].python).hold == 0:
                                 (<PythonStep>phase.steps[step].python).call(self.arena)
                             elif (<PythonStep>phase.steps[step].python).attempt(self.arena, tick):
@@ -328,12 +330,13 @@ cdef class Program:
         Returns the ring bytes that one tick may need.
         """
         self.page = page
+        self.at = &self.own_at if page == NULL else &page.at
         return self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
 
     cdef int start_from_here(self) noexcept nogil:
         """Restart blocks from the present measurement: run `look`, reset all state, then run `settle`."""
         cdef int status = self.run(&self.look, 0, -1)
-        self.at = -1
+        self.at[0] = -1
         if status == OK:
             self.devices.keep_ready()
             status = self.reset_blocks()

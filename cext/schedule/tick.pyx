@@ -52,9 +52,9 @@ cdef class Tick:
         cdef Laps *laps = self.control.laps if self.control.devices.bus_count > 0 else NULL
         cdef int64_t on_wires = 0
         cdef int status
-        self.control.at = -1
+        self.control.at[0] = -1
         status = apply_changes(self.control.live, self.journal.layout, tick, self.control.arena[DT])
-        self.control.at = RECEIVE
+        self.control.at[0] = RECEIVE
         if status == OK:
             status = self.control.devices.receive(now, self.journal.layout)
         if laps != NULL:
@@ -64,12 +64,12 @@ cdef class Tick:
         let_go(self.handover)
         if status == OK:
             status = self.control.run(&self.control.output, tick, previous)
-        self.control.at = COMMAND
+        self.control.at[0] = COMMAND
         if status == OK:
             status = self.control.devices.command()
         if not take_back(self.handover):
             return HUNG
-        self.control.at = TRANSMIT
+        self.control.at[0] = TRANSMIT
         if status == OK:
             status = self.control.devices.transmit(now, self.journal.layout)
         if laps != NULL:
@@ -81,7 +81,7 @@ cdef class Tick:
             status = self.control.run(&self.control.update, tick, previous)
         if not take_back(self.handover):
             return HUNG
-        self.control.at = RECORD if self.plant is None else PLANT
+        self.control.at[0] = RECORD if self.plant is None else PLANT
         if status == OK and self.plant is not None:
             status = self.advance_plant(now)
             if self.control.laps != NULL:

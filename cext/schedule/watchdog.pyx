@@ -149,7 +149,7 @@ cdef class Watchdog:
         cdef int64_t nudge = now
         cdef bint mine = False
         cdef bint over = False
-        self.at = self.program.at
+        self.at = self.program.at[0]
         store_i32(&self.hung, 1)
         self.journal.raise_fence_for(self.at)
         self.program.devices.begin_stop()

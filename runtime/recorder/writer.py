@@ -75,7 +75,7 @@ def record(page, answers, control, keys, recording, terminal, checkpoint):
     report = recording.finish(orphaned)
     status.erase()
     if orphaned:
-        terminal.say(orphan_line(report, cause_of_death(page)))
+        terminal.say(orphan_line(report, cause_of_death(page, plan["items"])))
     answer(answers, report)
 
 
@@ -112,14 +112,18 @@ def guarded(page):
     return time.monotonic_ns() - page.guarded < GUARDIAN_DEATH
 
 
-def cause_of_death(page):
+def cause_of_death(page, items):
     """Return how a control process died before the end of its run: by a signal of its own, or in which state.
 
     Its exit code is only available to its parent process.
+
+    items : names of the stopwatch items, as of cext.clock.stopwatch.names
     """
     if page.crashed:
-        return f"of {signal.Signals(page.crashed).name}"
+        block = f" in {items[page.hung]}" if (page.hung or -1) >= 0 else ""
+        return f"of {signal.Signals(page.crashed).name}{block}"
     tick = page.statistics()["last_tick"]
+    block = f"in {items[page.at]} " if page.state == "running" and page.at >= 0 else ""
     where = {
         "init": "before arming",
         "arming": "while arming",
@@ -128,7 +132,7 @@ def cause_of_death(page):
         "safe": "after the safe stop",
     }
     when = where.get(page.state) or ("in its first tick" if tick < 0 else f"after tick {tick}")
-    return f"{when} without ending the run: it was killed, or a block called os._exit or exec"
+    return f"{block}{when} without ending the run: it was killed, or a block called os._exit or exec"
 
 
 def orphan_line(report, cause):

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 from blocks.recorders import CsvRecorder
+from cext.clock.stopwatch import names
 from graph import Actuator
 from graph.store import to_json
 
@@ -84,6 +85,7 @@ def plan(prepared, realtime):
         "buses": schedule.buses,
         "media": schedule.media,
         "bitrates": {load.bus: request.bitrate or load.bitrate for load in schedule.loads},
+        "items": names(schedule),
         "sinks": sinks,
         "status_line": True,
         "diagram_json": to_json(prepared.diagram) if records else None,

@@ -18,6 +18,7 @@ import numpy as np
 
 from blocks.recorders import CsvRecorder
 from cext.bus.replay_bus import ReplayBus, ReplayClock
+from cext.clock.stopwatch import names
 from cext.safety.shared_state import RECORD_EVENT, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.outcome import Outcome
@@ -383,6 +384,7 @@ def plan(trial, diagram, schedule, folder, origin):
         "buses": schedule.buses,
         "media": schedule.media,
         "bitrates": {load.bus: load.bitrate for load in schedule.loads},
+        "items": names(schedule),
         "sinks": [],
         "status_line": True,
         "diagram_json": to_json(diagram),

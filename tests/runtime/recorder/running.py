@@ -47,6 +47,7 @@ def plan(folder, *sinks, **changed):
         "duration": None,
         "virtual": True,
         "simulated": True,
+        "items": [],
         "buses": [],
         "status_line": False,
         "metadata": {},

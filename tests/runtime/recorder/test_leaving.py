@@ -1,5 +1,6 @@
 """A block that ends the control process behind the back of the run: what the recorder prints, and what it leaves."""
 
+import signal
 import time
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -20,7 +21,7 @@ def test_block_that_exits_process_is_reported_with_tick_and_exit_code(tmp_path, 
     process = finished(path, "--fast", "--duration", "5", cwd=tmp_path, timeout=20)
     assert process.returncode == code and process.stdout == "" and "Traceback" not in process.stderr
     assert (
-        "tickwork recorder: the control process died after tick 19 without ending the run: it was killed, or a "
+        "tickwork recorder: the control process died in law after tick 19 without ending the run: it was killed, or a "
         "block called"
     ) in process.stderr
     assert "os._exit or exec; 20 ticks were recorded, the last is 19: " in process.stderr
@@ -29,19 +30,32 @@ def test_block_that_exits_process_is_reported_with_tick_and_exit_code(tmp_path, 
 
 
 @pytest.mark.parametrize(
-    "state, tick, crashed, said",
+    "state, tick, at, crashed, hung, said",
     [
-        ("arming", -1, 0, "while arming without"),
-        ("ready", -1, 0, "before it was armed without"),
-        ("running", -1, 0, "in its first tick without"),
-        ("running", 41, 0, "after tick 41 without"),
-        ("stopping", 41, 0, "during the safe stop without"),
-        ("running", 41, 11, "of SIGSEGV"),
+        ("arming", -1, 1, 0, None, "while arming without"),
+        ("ready", -1, 1, 0, None, "before it was armed without"),
+        ("running", -1, -1, 0, None, "in its first tick without"),
+        ("running", -1, 1, 0, None, "in left/law in its first tick without"),
+        ("running", 41, -1, 0, None, "after tick 41 without"),
+        ("running", 41, 0, 0, None, "in receiving after tick 41 without"),
+        ("stopping", 41, 1, 0, None, "during the safe stop without"),
+        ("running", 41, 1, 11, 1, "of SIGSEGV in left/law"),
+        ("running", 41, 1, 11, -1, "of SIGSEGV"),
     ],
 )
-def test_the_cause_names_the_state_or_the_signal_that_the_page_shows(state, tick, crashed, said):
-    page = SimpleNamespace(state=state, crashed=crashed, statistics=lambda: {"last_tick": tick})
-    assert cause_of_death(page).startswith(said)
+def test_the_cause_names_the_block_and_the_state_or_the_signal(state, tick, at, crashed, hung, said):
+    page = SimpleNamespace(state=state, at=at, crashed=crashed, hung=hung, statistics=lambda: {"last_tick": tick})
+    cause = cause_of_death(page, ["receiving", "left/law"])
+    assert cause == said if crashed else cause.startswith(said)
+
+
+@pytest.mark.parametrize("options", [["--fast"], []])
+def test_a_block_that_aborts_a_simulation_is_reported_with_its_signal(tmp_path, options):
+    path = knee(tmp_path, "import os; tick == 20 and os.abort(); return 1.0")
+    process = finished(path, *options, "--duration", "5", cwd=tmp_path, timeout=20)
+    assert process.returncode == -signal.SIGABRT
+    assert "tickwork recorder: the control process died of SIGABRT in law; 20 ticks were recorded" in process.stderr
+    assert Files(tmp_path / "recordings").sidecar["ended"] == "the control process died"
 
 
 @pytest.mark.parametrize("rig", [False, True], ids=["simulated", "on a rig"])
