@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, TypedDict
 
+from cext.user_text import repr_of, text_of
 from graph.declarations import Declaration, Input, Live, LiveBounds, Memory, Output, Param
 from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.diagram import current_scope, is_count
@@ -151,12 +152,12 @@ class Block:
                     value = value.value
                 setattr(self, key, self.check_live(key, param.check(value)))
             except (ValueError, TypeError, OverflowError) as error:
-                wrong(f"{key}: {error}", param.description)
+                wrong(f"{key}: {text_of(error)}", param.description)
         if not is_count(self.every):
             problems.append(
                 Diagnostic(
                     "TW014",
-                    f"every must be a whole number of ticks, 1 or more, got {self.every!r}",
+                    f"every must be a whole number of ticks, 1 or more, got {repr_of(self.every)}",
                     path=who,
                     where=self.location,
                     hint="every=2 runs the block in every second tick",
@@ -164,7 +165,7 @@ class Block:
             )
         if not (is_count(self.hold_exceptions) or (type(self.hold_exceptions) is int and self.hold_exceptions == 0)):
             wrong(
-                f"hold_exceptions must be a whole number of steps in a row, got {self.hold_exceptions!r}",
+                f"hold_exceptions must be a whole number of steps in a row, got {repr_of(self.hold_exceptions)}",
                 "0: the first exception is a fault",
             )
         elif self.hold_exceptions and not (self.is_python or self.has_python_update):
@@ -339,7 +340,7 @@ class Block:
             setattr(self, name, self.check_live(name, read(value)))
         except ValueError as error:
             raise DiagramError(
-                Diagnostic("TW010", f"{name}: {error}", path=self.path, hint=self.parameters[name].description)
+                Diagnostic("TW010", f"{name}: {text_of(error)}", path=self.path, hint=self.parameters[name].description)
             ) from None
         self._configure()
 
@@ -364,9 +365,9 @@ class Block:
         try:
             return method(*arguments)
         except OSError as error:
-            message = f"cannot read {error.filename}: {error.strerror}"
+            message = text_of(error) if error.strerror is None else f"cannot read {error.filename}: {error.strerror}"
         except ValueError as error:
-            message = str(error)
+            message = text_of(error)
         raise DiagramError(Diagnostic("TW010", message, path=self.path, where=self.location))
 
     def __repr__(self) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cext.user_text import text_of
 from graph import units
 from graph.arena_layout import size_of
 from graph.assembly import assemble
@@ -136,7 +137,7 @@ class Compilation:
         except (ValueError, OSError) as error:
             if (block, hook.__name__) not in self.failed:
                 self.failed.add((block, hook.__name__))
-                self.report("TW010", str(error), block)
+                self.report("TW010", text_of(error), block)
         return None
 
     # Wires

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeAlias, 
 
 import numpy as np
 
+from cext.user_text import repr_of, text_of
 from graph import units
 from graph.interval import Interval
 from graph.signal import Signal
@@ -295,15 +296,15 @@ class Param(Declaration, Generic[T]):
         if value is None:
             raise ValueError("expected a value, got None")
         if isinstance(value, str) and self.numeric:
-            raise ValueError(f"expected a number, got {value!r}")
+            raise ValueError(f"expected a number, got {repr_of(value)}")
         if self.dtype is bool and not isinstance(value, (bool, np.bool_)):
-            raise ValueError(f"expected True or False, got {value!r}")
+            raise ValueError(f"expected True or False, got {repr_of(value)}")
         if self.numeric and np.ndim(value):
-            raise ValueError(f"expected one number, got {value!r}")
+            raise ValueError(f"expected one number, got {repr_of(value)}")
         if self.dtype is int and not is_whole(value):
-            raise ValueError(f"expected a whole number, got {value!r}")
+            raise ValueError(f"expected a whole number, got {repr_of(value)}")
         if self.dtype is str and not isinstance(value, str):
-            raise ValueError(f"expected text, got {value!r}")
+            raise ValueError(f"expected text, got {repr_of(value)}")
         if self.numeric:
             value = self.dtype(value)
             if value != value:
@@ -318,7 +319,7 @@ class Param(Declaration, Generic[T]):
                 if broken:
                     raise ValueError(f"must be {words}{unit}, got {value}")
         if self.choices is not None and value not in self.choices:
-            raise ValueError(f"must be one of {', '.join(map(str, self.choices))}, got {value!r}")
+            raise ValueError(f"must be one of {', '.join(map(text_of, self.choices))}, got {repr_of(value)}")
         return value
 
     def parse(self, text: str) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cext.user_text import repr_of
 from graph.diagnostics import Diagnostic, DiagramError, Location, caller
 from graph.names import check_name, snake_case, suggestion
 from graph.signal import Signal
@@ -64,7 +65,8 @@ class Diagram:
     def __init__(self, name: str, rate: float) -> None:
         check_name(name, caller())
         if not isinstance(rate, numbers.Real) or not 0 < rate <= MAXIMUM_RATE:
-            digits = repr(rate) if len(repr(rate)) <= 40 else f"{repr(rate)[:20]}..."
+            digits = repr_of(rate)
+            digits = digits if len(digits) <= 40 else f"{digits[:20]}..."
             raise DiagramError(
                 Diagnostic(
                     "TW010",
@@ -148,7 +150,7 @@ class Diagram:
                 raise DiagramError(
                     Diagnostic(
                         "TW012",
-                        f"{source!r} is neither a signal nor a number",
+                        f"{repr_of(source)} is neither a signal nor a number",
                         path=block.path,
                         port=port or "",
                         where=where,
@@ -187,14 +189,16 @@ class subsystem:
             raise DiagramError(
                 Diagnostic(
                     "TW014",
-                    f"every must be a whole number of ticks, 1 or more, got {every!r}",
+                    f"every must be a whole number of ticks, 1 or more, got {repr_of(every)}",
                     path=str(name),
                     where=where,
                 )
             )
         if enabled is not None and (not isinstance(enabled, Signal) or enabled.declaration.shape not in ((), ...)):
             raise DiagramError(
-                Diagnostic("TW012", f"enabled must be a scalar signal, got {enabled!r}", path=str(name), where=where)
+                Diagnostic(
+                    "TW012", f"enabled must be a scalar signal, got {repr_of(enabled)}", path=str(name), where=where
+                )
             )
         conditions = scope.conditions + ((enabled,) if enabled is not None else ())
         self.scope = Scope(scope.diagram, f"{scope.prefix}{name}/", scope.every * every, conditions)

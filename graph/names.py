@@ -4,6 +4,7 @@ import difflib
 import re
 from collections.abc import Iterable
 
+from cext.user_text import repr_of
 from graph.diagnostics import Diagnostic, DiagramError, Location
 
 NAME_LENGTH_LIMIT = 100  # characters
@@ -24,7 +25,7 @@ def check_name(name: object, where: Location | None) -> None:
         and len(name) <= NAME_LENGTH_LIMIT
     ):
         return
-    shown = repr(name)
+    shown = repr_of(name)
     if len(shown) > NAME_LENGTH_LIMIT + 2:
         shown = f"{shown[:NAME_LENGTH_LIMIT]}... ({len(shown)} characters)"
     raise DiagramError(

@@ -16,6 +16,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cext.user_text import repr_of
 from graph.block import Block
 from graph.declarations import Live
 from graph.diagnostics import Diagnostic, DiagramError
@@ -118,7 +119,7 @@ def encode(value: Any) -> Any:
         return encode(tolist())
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
-    raise TypeError(f"{value!r} cannot be written to JSON")
+    raise TypeError(f"{repr_of(value)} cannot be written to JSON")
 
 
 def decode(value: Any) -> Any:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from math import inf
 from typing import TYPE_CHECKING, Any
 
+from cext.user_text import text_of
 from graph import units
 from graph.block import Block, Sink
 from graph.device import Actuator, Device
@@ -86,16 +87,17 @@ def quantity(value: Any, unit: str) -> str:
     if isinstance(value, (int, float)):
         return f"{value:g}" + ("" if unit in (units.ONE, units.ANY) else f" {unit}")
     if isinstance(value, (tuple, list)):
-        return f"{len(value)} entries" if len(str(value)) > 24 else ", ".join(map(str, value)) or "none"
+        return f"{len(value)} entries" if len(text_of(value)) > 24 else ", ".join(map(text_of, value)) or "none"
     if isinstance(value, dict):
-        return ", ".join(map(str, value)) or "none"
-    return str(value).encode("unicode_escape").decode() if str(value).isspace() else str(value) or "none"
+        return ", ".join(map(text_of, value)) or "none"
+    text = value if type(value) is str else text_of(value)
+    return text.encode("unicode_escape").decode() if text.isspace() else text or "none"
 
 
 def bounds_text(param: Param) -> str:
     """Return the text of a parameter's bounds: '0 to 150', 'above 0', 'one of rated, peak', '' without bounds."""
     if param.choices is not None:
-        return "one of " + ", ".join(repr(choice) if str(choice).isspace() else str(choice) for choice in param.choices)
+        return "one of " + ", ".join(repr(text) if text.isspace() else text for text in map(text_of, param.choices))
     if param.min is not None and param.max is not None:
         return f"{param.min:g} to {param.max:g}"
     words = ((param.min, "at least"), (param.above, "above"), (param.max, "at most"), (param.below, "below"))
@@ -146,7 +148,7 @@ def same(value: Any, default: Any) -> bool:
     """Return whether a value is the default."""
     try:
         return bool(value == default)
-    except ValueError:  # arrays
+    except Exception:  # arrays, and objects of user code
         return False
 
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from blocks.families import families
+from cext.user_text import name_and_text
 from graph import Block, Device
 from graph.drawing.cards import class_card, documentation, summary, unit_text
 from graph.names import suggestion
 from graph.store import ENTRY_POINTS
 from runtime.base.errors import BadInput
-from runtime.base.exception_text import name_and_text
 from runtime.console.styles import console_for, count
 from runtime.console.terminal import program
 

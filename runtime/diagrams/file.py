@@ -14,11 +14,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from cext.user_text import TEXT_LIMIT, bounded, repr_of, text_of
 from graph import Block, Diagram, DiagramError, compile
 from graph.names import suggestion
 from runtime.base.ending import Interrupted
 from runtime.base.errors import BadInput
-from runtime.base.exception_text import TEXT_LIMIT, bounded, text_of
 from runtime.diagrams.overrides import set_block_parameters, share_out
 from runtime.rig.overrides import override
 
@@ -101,7 +101,7 @@ def build(file: DiagramFile, settings: Any = (), rig: Any = None, before: list |
     if build is not None:
         diagram = call(file, build, **file.build_parameters)
         if not isinstance(diagram, Diagram):
-            raise BadInput(f"{path}: build() returned {shown(diagram)}, and must return a Diagram")
+            raise BadInput(f"{path}: build() returned {repr_of(diagram)}, and must return a Diagram")
     if not len(diagram):
         raise BadInput(f"{path}: the diagram {diagram.name!r} has no blocks: make them inside `with Diagram(...)`")
     if rig is not None:
@@ -114,16 +114,11 @@ def build(file: DiagramFile, settings: Any = (), rig: Any = None, before: list |
     return diagram
 
 
-def shown(value):
-    """Return the repr of what user code has returned."""
-    return bounded(lambda: repr(value), TEXT_LIMIT)
-
-
 def build_plant(file, robot):
     """The plant of a diagram file: a Diagram. Raises BadInput."""
     plant = call(file, file.function("plant"), robot, **file.plant_parameters)
     if not isinstance(plant, Diagram):
-        raise BadInput(f"{file.path}: plant() returned {shown(plant)}, and must return a Diagram")
+        raise BadInput(f"{file.path}: plant() returned {repr_of(plant)}, and must return a Diagram")
     return plant
 
 

@@ -19,8 +19,8 @@ from pathlib import Path
 
 from cext.clock import realtime
 from cext.safety.shared_state import SharedState
+from cext.user_text import name_and_text
 from runtime.base.ending import ignore_signals
-from runtime.base.exception_text import name_and_text
 from runtime.base.system import maps
 from runtime.console.stderr import Terminal
 from runtime.recorder.checkpoint import Checkpoint

@@ -4,8 +4,8 @@ import os
 from datetime import datetime, timezone
 from signal import Signals
 
+from cext.user_text import name_and_text
 from runtime.base.errors import BadInput
-from runtime.base.exception_text import name_and_text
 from runtime.recording.files import private
 
 STILL_RECORDING = "still recording; if no recorder process runs, the recorder was killed and the files end there"

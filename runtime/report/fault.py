@@ -2,9 +2,9 @@
 
 import math
 
+from cext.user_text import last_lines
 from graph import Device
 from graph.signal import Signal
-from runtime.base.exception_text import last_lines
 from runtime.diagrams.file import own_frames, words
 from runtime.report import drive_faults, fault_context
 from runtime.report.lost_ticks import before_fault

@@ -1,6 +1,6 @@
 """Exceptions that Python blocks held without a fault, for the end of a run."""
 
-from runtime.base.exception_text import TEXT_LIMIT, within
+from cext.user_text import TEXT_LIMIT, within
 from runtime.console.styles import count, relative
 from runtime.diagrams.file import own_frames, words
 

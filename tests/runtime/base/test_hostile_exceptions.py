@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from runtime.base.exception_text import TEXT_LIMIT, last_lines, name_and_text, text_of
+from cext.user_text import TEXT_LIMIT, last_lines, name_and_text, text_of
 from runtime.recorder.report import reason
 from tests.runtime.runs import finished, line_of, write
 

@@ -1,0 +1,71 @@
+"""Text of objects of user code, such as exceptions and values of parameters.
+
+Their `__str__` and `__repr__` are user code, too: they may raise, or never return.
+"""
+
+import ctypes
+import threading
+import time
+import traceback
+
+TEXT_LIMIT = 0.02  # s for one text
+
+
+def text_of(value, limit=TEXT_LIMIT):
+    """Return str(value), or in parentheses why there is no text.
+
+    limit : s
+    """
+    return bounded(lambda: str(value), limit)
+
+
+def repr_of(value):
+    """Return repr(value), or in parentheses why there is no text."""
+    return bounded(lambda: repr(value), TEXT_LIMIT)
+
+
+def name_and_text(error, limit=TEXT_LIMIT):
+    """Return 'ValueError: no such gain': the name of an exception, and its text if there is any."""
+    text = text_of(error, limit)
+    return type(error).__name__ + (f": {text}" if text else "")
+
+
+def last_lines(error):
+    """Return the lines with which Python ends a traceback: name and text, and the notes that were added."""
+    text = bounded(
+        lambda: "".join(traceback.format_exception_only(type(error), error)),
+        TEXT_LIMIT,
+        prefix=f"{type(error).__name__}: ",
+    )
+    return text.rstrip().split("\n")
+
+
+def within(seconds):
+    """Return a function that returns the rest of `seconds`, at least 1 ms: a limit that several texts share."""
+    deadline = time.monotonic() + seconds
+    return lambda: max(deadline - time.monotonic(), 0.001)
+
+
+def bounded(form, limit, prefix=""):
+    """Return the text that `form` returns; where it raises or takes longer than `limit` s, `prefix` and the reason.
+
+    A thread calls it, and receives a SystemExit at the limit, since an endless computation would take the interpreter's
+    time. If it does not end, it remains as a daemon thread until the process ends.
+    """
+    texts = []
+
+    def call():
+        try:
+            texts.append(str.__str__(form()))  # a plain str, also of a subclass with methods of its own
+        except BaseException as error:
+            texts.append(f"{prefix}(no text: it raised {type(error).__name__})")
+
+    thread = threading.Thread(target=call, daemon=True)
+    try:
+        thread.start()
+    except RuntimeError:  # the system grants no more threads
+        return f"{prefix}(no text)"
+    thread.join(limit)
+    if not texts:
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit))
+    return texts[0] if texts else f"{prefix}(no text within {limit * 1e3:.0f} ms)"
