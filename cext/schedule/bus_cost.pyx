@@ -11,6 +11,8 @@ from cext.schedule.program cimport Program
 from cext.posix cimport MSG_DONTWAIT, MSG_NOSIGNAL, iovec, mmsghdr, recvmmsg, sendmmsg
 from cext.bus.socketcan cimport CAN_MTU, CONTROL_WORDS, canfd_frame
 
+from cext.schedule.outcome import name_of
+
 
 cdef struct Calls:                      # arguments of the two system calls
     mmsghdr messages[FRAMES_PER_TICK]
@@ -114,7 +116,9 @@ def time_of_control(Program control, BusEnd other, answers, int rounds, double r
             status = control.run(&control.update, round, round - 1)
         now = monotonic()
         came = other.bus.receive(other.bus.context, heard, FRAMES_PER_TICK)
-        if status != OK or came < count:
-            raise OSError("tick %d: status %d, %d of %d frames came" % (round, status, came, count))
+        if status != OK:
+            raise OSError("the measurement ended in tick %d: %s at %s" % (round, name_of(status), control.culprit))
+        if came < count:
+            raise OSError("the measurement ended in tick %d: %d of %d commands arrived" % (round, came, count))
         took.append(now - began)
     return took

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sysconfig
+import time
 
 import pytest
 
@@ -10,7 +11,7 @@ from cext.bus.memory_bus import MemoryBus
 from cext.bus.socketcan import SocketCan
 from cext.schedule.bus_cost import time_of_control
 from cext.schedule.program import Program
-from graph import compile
+from graph import Block, Output, compile
 from runtime.base.errors import OK
 from runtime.bench import can_cost
 from runtime.bench.c_program import build
@@ -50,9 +51,33 @@ def test_the_native_tick_sends_a_command_to_every_drive():
     assert len(time_of_control(Program(compile(can_cost.robot()), [bus.host]), bus.device, can_cost.ANSWERS, 5)) == 5
 
 
+class Slow(Block):
+    """A busy machine: each tick takes 1 ms more."""
+
+    y = Output("1")
+
+    def step(self):
+        time.sleep(0.001)
+        return 1.0
+
+
+def test_slow_ticks_are_measured_although_no_drive_follows():
+    bus, diagram = MemoryBus(), can_cost.robot()
+    with diagram:
+        Slow()
+    program = Program(compile(diagram), [bus.host])
+    assert min(time_of_control(program, bus.device, can_cost.ANSWERS, 300)) > 1_000_000
+
+
+def test_a_fault_of_a_drive_names_it():
+    bus, late = MemoryBus(), [(can_id, bytes([can_id]) + bytes(6) + b"\x08") for can_id in range(1, 9)]
+    with pytest.raises(OSError, match="ended in tick 0: device fault at drive01"):
+        time_of_control(Program(compile(can_cost.robot()), [bus.host]), bus.device, late, 1)
+
+
 def test_a_tick_that_loses_a_frame_is_no_measurement():
     program = Program(compile(can_cost.robot()), [MemoryBus().host])
     with pytest.raises(ValueError, match="1 to 64 frames, not 0"):
         time_of_control(program, MemoryBus().device, [], 1)
-    with pytest.raises(OSError, match="0 of 8 frames came"):
+    with pytest.raises(OSError, match="ended in tick 0: 0 of 8 commands arrived"):
         time_of_control(program, MemoryBus().device, can_cost.ANSWERS, 1)  # the far end of another bus
