@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import time
+from contextlib import contextmanager
 
 from cext.safety.thresholds import GUARDIAN_DEATH
 from runtime.console.keys import Keyboard, attributes_of, put_back
@@ -31,7 +32,8 @@ def write(page, answers, control, keys, plan, checkpoint):
     """
     recording = Recording(plan, page)
     try:
-        recording.open()
+        with discarded_on_signal(recording):
+            recording.open()
     except RecordingFailed as error:
         if "before" in plan:
             raise
@@ -43,6 +45,10 @@ def write(page, answers, control, keys, plan, checkpoint):
         Console(terminal.columns if terminal.interactive else None, terminal.coloured),
     )
     before = attributes_of(keys) if keys >= 0 else None
+    control.look(0)
+    if control.abandoned:
+        recording.discard()
+        return
     checkpoint.save(recording.checkpoint())
     name_process("tickwork-record")
     if "before" not in plan:
@@ -52,6 +58,28 @@ def write(page, answers, control, keys, plan, checkpoint):
     finally:
         if before is not None:  # the process that changed the terminal may have been killed
             put_back(keys, before)
+
+
+@contextmanager
+def discarded_on_signal(recording):
+    """Remove the recording and end the process on SIGTERM, which the control process sends if it ends before the run.
+
+    Opening the files can take long, on a slow disk or for a viewer, and the services are any package's: the handler
+    raises no exception, which they could swallow.
+    """
+
+    def discard(number, frame):
+        recording.discard()
+        os._exit(0)
+
+    if "before" in recording.plan:  # a later part: the run has begun
+        yield
+        return
+    signal.signal(signal.SIGTERM, discard)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
 def record(page, answers, control, keys, recording, terminal, checkpoint):

@@ -56,6 +56,13 @@ def await_file(path, seconds=60.0):
     assert path.exists(), path
 
 
+def await_one(folder, pattern, seconds=60.0):
+    deadline = time.monotonic() + seconds
+    while not list(folder.glob(pattern)) and time.monotonic() < deadline:
+        time.sleep(0.005)
+    assert list(folder.glob(pattern)), pattern
+
+
 def knee_that(folder, tick_20, **names):
     """A robot that does something in tick 20, and then touches the file `there`; a tick may be lost."""
     law = f"tick == 20 and ({tick_20}); tick >= 30 and open('there', 'w').close(); return 1.0"
@@ -151,6 +158,41 @@ def test_a_replay_that_is_interrupted_leaves_no_file(tmp_path, number):
     _, err = process.communicate()
     assert process.returncode == 128 + number and "stopped by " in err and "Traceback" not in err
     assert not list(scratch.iterdir())
+
+
+SLOW_SINK = """
+import os, time
+from graph import Sink
+from runtime.recorder.service import Service
+
+
+class SlowService(Service):
+    def open(self):
+        path = os.path.join(self.plan["folder"], self.plan["stem"] + ".slow")
+        self.files[path] = "of a slow disk"
+        open(path, "w").close()
+        time.sleep(60.0)
+
+
+class Slow(Sink):
+    service = "slow_sink:SlowService"
+    writes_files = True
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGUSR1])
+def test_a_signal_while_the_recorder_opens_its_files_leaves_none(tmp_path, number):
+    path = knee(tmp_path)
+    write(tmp_path, SLOW_SINK, "slow_sink.py")
+    path.write_text(path.read_text().replace("import math", "import math\nfrom slow_sink import Slow") + "    Slow()\n")
+    process = started(path, "--record", "out", cwd=tmp_path)
+    await_one(tmp_path, "out/*.slow")
+    children = psutil.Process(process.pid).children(recursive=True)
+    seconds = took(process, number)
+    _, alive = psutil.wait_procs(children, timeout=1.0)
+    _, err = process.communicate()
+    assert process.returncode == 128 + number and "stopped by " in err and "Traceback" not in err
+    assert not alive and not (tmp_path / "out").exists() and seconds < LIMIT_BUSY
 
 
 def test_an_outcome_that_a_signal_has_ended_is_an_interrupt_with_its_number():
