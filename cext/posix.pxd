@@ -125,3 +125,4 @@ cdef extern from "<sys/mman.h>" nogil:
     const int MCL_CURRENT
     const int MCL_FUTURE
     const int MCL_ONFAULT
+    int madvise(void *address, size_t length, int advice)

@@ -529,6 +529,9 @@ class Compilation:
 
     def sort(self) -> None:
         graph = dependencies(self.blocks, self.sources)
+        self.order = cluster(graph)
+        if len(self.order) == len(graph):
+            return
         for cycle in take_out_loops(graph):
             spelled = ", ".join(
                 f"{source.path}.{output} -> {block.path}.{port}" for source, output, block, port in cycle

@@ -6,8 +6,6 @@ import heapq
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import networkx as nx
-
 from graph.signal import Signal
 
 if TYPE_CHECKING:
@@ -17,20 +15,21 @@ if TYPE_CHECKING:
     from graph.block import Block
     from graph.schedule import Step
 
+    Followers = dict[Block, dict[Block, dict[str, str]]]
+
 
 def computes(block: Block) -> bool:
     """Return whether a block has a step in the output phase."""
     return block.is_python or block.kernel is not None
 
 
-def dependencies(blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal]) -> DiGraph:
-    """Return a networkx.DiGraph of blocks with an edge for each direct feedthrough and each condition.
+def dependencies(blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal]) -> Followers:
+    """Return the direct feedthroughs and conditions among blocks: {block: {follower: {"source": .., "port": ..}}}.
 
-    The edge attributes `source` and `port` are the names of the output and the input.
+    `source` and `port` are the names of the output and of the input.
     """
-    graph = nx.DiGraph()
-    graph.add_nodes_from(block for block in blocks if computes(block))
-    for block in graph.nodes:
+    graph: Followers = {block: {} for block in blocks if computes(block)}
+    for block in graph:
         for name in block.step_inputs():
             source = sources.get((block, name))
             if (
@@ -38,10 +37,10 @@ def dependencies(blocks: Sequence[Block], sources: dict[tuple[Block, str], np.nd
                 and source.block in graph
                 and source.port not in getattr(source.block, "sent_outputs", ())
             ):
-                graph.add_edge(source.block, block, port=name, source=source.port)
+                graph[source.block][block] = {"port": name, "source": source.port}
         for condition in block.conditions:
             if condition.block in graph:
-                graph.add_edge(condition.block, block, port="enabled", source=condition.port)
+                graph[condition.block][block] = {"port": "enabled", "source": condition.port}
     return graph
 
 
@@ -57,22 +56,26 @@ def upstream(blocks: dict[Block, Step], sources: dict[tuple[Block, str], np.ndar
     return reached
 
 
-def take_out_loops(graph: DiGraph) -> list[list[tuple[Block, str, Block, str]]]:
-    """Remove the edges of algebraic loops from a graph.
+def take_out_loops(graph: Followers) -> list[list[tuple[Block, str, Block, str]]]:
+    """Remove the edges of algebraic loops from the dependencies.
 
     Returns one cycle of each loop, as a list of (block, output, block, input).
     """
+    import networkx as nx  # 20 MB and 0.1 s
+
+    digraph = nx.DiGraph(graph)
     cycles = []
-    for component in list(nx.strongly_connected_components(graph)):
-        if len(component) == 1 and not graph.has_edge(*component, *component):
+    for component in list(nx.strongly_connected_components(digraph)):
+        if len(component) == 1 and not digraph.has_edge(*component, *component):
             continue
-        inside = graph.subgraph(component)
+        inside = digraph.subgraph(component)
         first = min(component, key=lambda block: block.path)
         first = next((block for block in [first, *inside] if inside.has_edge(block, block)), first)
         cycles.append(
             [(a, inside.edges[a, b]["source"], b, inside.edges[a, b]["port"]) for a, b in shortest_cycle(inside, first)]
         )
-        graph.remove_edges_from(list(inside.edges))
+        for block in component:
+            graph[block] = {other: names for other, names in graph[block].items() if other not in component}
     return cycles
 
 
@@ -80,19 +83,25 @@ def shortest_cycle(graph: DiGraph, first: Block) -> list[tuple[Block, Block]]:
     """Return the edges of a shortest cycle through a block."""
     if graph.has_edge(first, first):
         return [(first, first)]
-    paths = nx.shortest_path(graph, first)
+    from networkx import shortest_path
+
+    paths = shortest_path(graph, first)
     last = min(graph.predecessors(first), key=lambda block: (len(paths[block]), block.path))
     around = paths[last] + [first]
     return list(zip(around, around[1:]))
 
 
-def cluster(graph: DiGraph) -> list[Block]:
+def cluster(graph: Followers) -> list[Block]:
     """Return the blocks in a topological order with few changes between native and Python segments.
 
     Steps of one kind and rate are adjacent, which minimises GIL acquisitions. Within a segment the order is by depth,
-    then by class: indirect calls are predicted better, and consecutive steps seldom depend on each other.
+    then by class: indirect calls are predicted better, and consecutive steps seldom depend on each other. The blocks of
+    a loop and their followers are missing.
     """
-    waiting = dict(graph.in_degree())
+    waiting = dict.fromkeys(graph, 0)
+    for followers in graph.values():
+        for follower in followers:
+            waiting[follower] += 1
     depth = dict.fromkeys(graph, 0)  # length of the longest path from a source
     ready = {}  # kind: heap of (depth, class, path, block)
 
@@ -112,7 +121,7 @@ def cluster(graph: DiGraph) -> list[Block]:
         if not ready[current]:
             del ready[current]
         order.append(block)
-        for follower in graph.successors(block):
+        for follower in graph[block]:
             waiting[follower] -= 1
             depth[follower] = max(depth[follower], depth[block] + 1)
             if waiting[follower] == 0:

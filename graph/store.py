@@ -7,7 +7,6 @@ the content of the files that they read. It does not depend on paths of files or
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import importlib.metadata
 import inspect
@@ -21,6 +20,7 @@ from graph.block import Block
 from graph.declarations import Live
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Diagram, Scope, _scope
+from graph.sha256 import sha256
 from graph.signal import Signal
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def digest(data: dict[str, Any]) -> str:
     essence = {key: data[key] for key in ("name", "rate", "blocks", "wires")}
     essence["blocks"] = [unchanging(entry) for entry in data["blocks"]]
     text = json.dumps(essence, ensure_ascii=False, separators=(",", ":"))
-    return "sha256:" + hashlib.sha256(text.encode()).hexdigest()
+    return "sha256:" + sha256(text.encode()).hexdigest()
 
 
 def source_hash(kind: type[Block]) -> str:
@@ -157,13 +157,13 @@ def source_hash(kind: type[Block]) -> str:
         source = inspect.getsource(getattr(kind, "function", kind))
     except (OSError, TypeError):
         source = f"{kind.__module__}:{kind.__qualname__}"
-    return hashlib.sha256(source.encode()).hexdigest()[:16]
+    return sha256(source.encode()).hexdigest()[:16]
 
 
 def file_hash(block: Block, name: str) -> str:
     """Return the hash of a file that a block reads. Raises DiagramError if it cannot be read."""
     try:
-        return "sha256:" + hashlib.sha256(Path(getattr(block, name)).read_bytes()).hexdigest()
+        return "sha256:" + sha256(Path(getattr(block, name)).read_bytes()).hexdigest()
     except OSError as error:
         raise DiagramError(
             Diagnostic(

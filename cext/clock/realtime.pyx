@@ -10,14 +10,19 @@ import os
 
 from cext.posix cimport (
     MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT, PR_GET_TIMERSLACK, PR_SET_TIMERSLACK, SA_RESTART, SIGXCPU,
-    action, mlockall, munlockall, prctl, sigaction,
+    action, madvise, mlockall, munlockall, prctl, sigaction,
 )
+from libc.stdint cimport uintptr_t
 from libc.string cimport memset
+
+cdef enum:
+    PAGE = 4096                             # bytes, the smallest page of a supported processor
 
 cdef extern from *:
     """
     #include <errno.h>
     #include <sched.h>
+    #include <sys/mman.h>
     #include <sys/syscall.h>
     #include <unistd.h>
 
@@ -66,6 +71,20 @@ cdef extern from *:
         errno = before;
     }
 
+    #ifndef MADV_POPULATE_READ
+    #define MADV_POPULATE_READ 22
+    #define MADV_POPULATE_WRITE 23
+    #endif
+
+    // Other threads may write the same byte at the same time.
+    static void tw_touch(char *byte, int writable)
+    {
+        if (writable)
+            __atomic_fetch_or(byte, 0, __ATOMIC_RELAXED);
+        else
+            (void)*(volatile char *)byte;
+    }
+
     // Touch every page of the next `size` bytes below, to avoid page faults during a tick.
     static void __attribute__((noinline)) tw_touch_stack(long size)
     {
@@ -77,6 +96,9 @@ cdef extern from *:
         block[1] = 0;                       // not a tail call
     }
     """
+    const int MADV_POPULATE_READ
+    const int MADV_POPULATE_WRITE
+    void touch "tw_touch"(char *byte, int writable) noexcept nogil
     int spun "tw_spun"                      # global, for the signal handler
     int watched "tw_watched"
     void watch_this_thread "tw_watch_this_thread"() noexcept nogil
@@ -96,13 +118,26 @@ cdef extern from "<errno.h>" nogil:
     int error_number "errno"
 
 
-def lock_memory(bint as_touched=False) -> None:
-    """Lock all present and future memory of this process against paging. Raises OSError.
+def lock_memory() -> None:
+    """Lock the present and future memory of this process against paging, each page when it is first used.
 
-    as_touched : lock untouched pages only when they are first used
+    Raises OSError.
     """
-    if mlockall(MCL_CURRENT | MCL_FUTURE | (MCL_ONFAULT if as_touched else 0)) != 0:
+    if mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0:
         raise failed(error_number)
+
+
+def prefault(uintptr_t begin, uintptr_t end, bint writable) -> None:
+    """Bring the pages of a mapping of this process into memory. Their content stays.
+
+    begin, end : addresses, multiples of the page size
+    writable : whether the mapping can be written; its pages are then private copies
+    """
+    cdef uintptr_t place
+    if madvise(<void *>begin, end - begin, MADV_POPULATE_WRITE if writable else MADV_POPULATE_READ) == 0:
+        return
+    for place in range(begin, end, PAGE):                # Linux before 5.14
+        touch(<char *>place, writable)
 
 
 def unlock_memory() -> None:

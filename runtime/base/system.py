@@ -48,13 +48,9 @@ def capable(capability):
     return False
 
 
-def memory_sizes():
-    """Return (bytes of address space of this process, bytes available on the machine)."""
-    size = int(read("/proc/self/statm").split()[0]) * resource.getpagesize()
-    free = [
-        int(line.split()[1]) << 10 for line in read("/proc/meminfo").splitlines() if line.startswith("MemAvailable:")
-    ]
-    return size, free[0] if free else 2 * size
+def address_space():
+    """Return the bytes of address space of this process."""
+    return int(read("/proc/self/statm").split()[0]) * resource.getpagesize()
 
 
 def stack_limit():

@@ -1,6 +1,5 @@
 """Diagram files: Python that offers `diagram` or `build(**parameters)`, and may offer `plant(robot, **parameters)`."""
 
-import hashlib
 import importlib.util
 import inspect
 import os
@@ -17,6 +16,7 @@ from typing import Any
 from cext.user_text import TEXT_LIMIT, bounded, repr_of, text_of
 from graph import Block, Diagram, DiagramError, compile
 from graph.names import suggestion
+from graph.sha256 import sha256
 from runtime.base.ending import Interrupted
 from runtime.base.errors import BadInput
 from runtime.diagrams.overrides import set_block_parameters, share_out
@@ -156,7 +156,7 @@ class Source(SourceFileLoader):
 
     def get_code(self, name):
         source = self.get_data(self.path)
-        found = hashlib.sha256(source).hexdigest()
+        found = sha256(source).hexdigest()
         if self.sha256 not in (None, found):
             raise BadInput(f"{os.path.relpath(self.path)} has changed while it was read: run the command again")
         self.sha256 = found

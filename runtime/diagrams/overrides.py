@@ -1,11 +1,11 @@
 """--set NAME=VALUE: parameters of `build` and `plant`, and of any block by its path."""
 
 import ast
-import hashlib
 import inspect
 
 from graph import DiagramError, units
 from graph.names import suggestion
+from graph.sha256 import sha256
 from runtime.base.errors import BadInput
 from runtime.live import patterns
 
@@ -129,7 +129,7 @@ def noise(diagram):
 
 def derived(seed, path):
     """The first 53 bits of the SHA-256 of "SEED:PATH", as a whole number."""
-    return int.from_bytes(hashlib.sha256(f"{seed}:{path}".encode()).digest()[:7], "big") >> 3
+    return int.from_bytes(sha256(f"{seed}:{path}".encode()).digest()[:7], "big") >> 3
 
 
 def restore(replaced):

@@ -5,7 +5,6 @@ inherits it, so that a bus is released only after its actuators are stopped.
 """
 
 import errno
-import hashlib
 import os
 import pwd
 import socket
@@ -66,6 +65,8 @@ def name_of(interface, channel):
     channel = os.path.realpath(channel) if os.path.exists(channel) else channel  # links to one port are one bus
     name = f"tickwork/bus/{interface}/{channel}".encode()
     if len(name) > NAME_BYTES:
+        import hashlib  # 4 MB
+
         name = name[: NAME_BYTES - 33] + b"/" + hashlib.sha256(name).hexdigest()[:32].encode()
     return b"\0" + name
 

@@ -330,7 +330,7 @@ def hold_on(priority):
         granted.append("last to be killed for memory")
     if capable(CAP_IPC_LOCK) or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         with suppress(OSError):
-            realtime.lock_memory(as_touched=True)
+            realtime.lock_memory()
             granted.append("memory locked")
     if priority is not None:
         with suppress(OSError):

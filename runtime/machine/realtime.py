@@ -20,14 +20,15 @@ from cext.clock import realtime as native
 from runtime.base.system import (
     CAP_IPC_LOCK,
     CAP_SYS_NICE,
+    address_space,
     capable,
     exhausted_group,
     isolated_processors,
-    memory_sizes,
     stack_limit,
     user,
 )
 from runtime.console.terminal import program
+from runtime.machine.memory import prefault
 from runtime.machine.processor import Processor, fastest_first
 
 MODES = ("off", "try", "require")
@@ -168,7 +169,7 @@ class Realtime:
             self._undo.callback(native.set_slice, 0)
 
     def _lock_memory(self):
-        size, free = memory_sizes()
+        size = address_space()
         wanted, name = size + HEADROOM, "locked memory"
         if not capable(CAP_IPC_LOCK) and not self._raised(resource.RLIMIT_MEMLOCK, wanted):
             limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
@@ -178,12 +179,18 @@ class Realtime:
                 limit_cure("memlock", "unlimited"),
             )
         try:
-            native.lock_memory(as_touched=size > free // 2)
+            native.lock_memory()
         except OSError as error:
             raise Refusal(name, error.strerror or str(error), limit_cure("memlock", "unlimited")) from None
         self._undo.callback(native.unlock_memory)
         native.prefault_stack(min(STACK, stack_limit() // 8))
+        self.prefault()
         return "memory locked"
+
+    def prefault(self):
+        """Bring in the memory that the loop uses, if memory is locked: again once all its objects exist."""
+        if self.mode != "off":
+            prefault()
 
     def _stay_awake(self):
         """Open the idle device with a latency of 0, which prevents deep idle states while it stays open."""

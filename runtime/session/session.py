@@ -73,6 +73,7 @@ class Session:
             self.control.count_from(self.count_from)
             self.executor = self.loop(aside)
             self.rearming = Rearming(self.prepared, self.page, self.control, self.executor, can_ask())
+            self.realtime.prefault()
             undo.pop_all()
 
     def keep_others_aside(self):

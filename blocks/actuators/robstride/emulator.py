@@ -1,6 +1,5 @@
 """Emulated RobStride drive: it exchanges the same bytes, for a plant."""
 
-import hashlib
 import re
 
 from blocks.actuators.emulated import Emulated
@@ -86,6 +85,8 @@ class EmulatedRobStride(Emulated, Device):
         return values
 
     def unique_bytes(self):
+        import hashlib  # 4 MB
+
         text = self.unique or hashlib.blake2b(f"{self.found.name} {self.can_id}".encode(), digest_size=8).hexdigest()
         if not re.fullmatch("[0-9A-Fa-f]{16}", text):
             raise ValueError(f"unique is 16 hex digits, got {text!r}")

@@ -416,3 +416,41 @@ def test_realtime_try_runs_without_refused_settings_and_reports_them(tmp_path):
     assert process.returncode == OK, process.stderr
     assert "NOT granted locked memory, " in process.stderr and "NOT granted: locked memory, " in process.stdout
     assert "SCHED_FIFO 80" in Files(tmp_path / "recordings").sidecar["metadata"]["realtime"]["refused"]
+
+
+@as_root
+@pytest.mark.timing
+def test_locked_loop_has_no_page_faults_and_locks_only_what_it_uses():
+    text = """
+import numpy as np
+import runtime.cli.run  # noqa: F401 the modules of a control process
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
+from blocks.mathematics import Gain
+from blocks.recorders import CsvRecorder
+from graph import Block, Diagram, Output, compile
+
+class Faults(Block):
+    y = Output("1")
+
+    def step(self):
+        usage = resource.getrusage(resource.RUSAGE_THREAD)
+        return usage.ru_minflt + usage.ru_majflt
+
+with Diagram("d", rate=500) as diagram:
+    Gain(2.0)(Faults(name="faults").y)
+    CsvRecorder()
+schedule = compile(diagram)
+program = Program(schedule, [])
+rows = np.zeros((300, 2 + len(schedule.recorded)))
+with Realtime("try") as realtime:
+    executor = Executor(program, 500.0, rows=rows)
+    realtime.prefault()
+    assert executor.run(300).status == "ok"
+    kib = {line.split(":")[0]: int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("Vm")}
+counts = rows[:, 2 + [column.path for column in schedule.recorded].index("faults.y")]
+print(json.dumps([counts[-1] - counts[5], kib["VmRSS"], realtime.granted]))
+"""
+    faults, resident, granted = told(text)
+    assert "memory locked" in granted
+    assert faults == 0 and resident < 60_000
