@@ -13,7 +13,7 @@ from runtime.console.terminal import complain, tell
 from runtime.export import FORMATS, OPENSIM, convert, opensim
 from runtime.recording.files import make_folder
 from runtime.recording.parts import heads
-from runtime.recording.repair import MendingFailed, finish
+from runtime.recording.repair import RepairFailed, finish
 
 READING_SHARE = 0.5  # of the progress
 
@@ -119,7 +119,7 @@ def finished(recording):
         for path in read(recording, progress, 0.0, READING_SHARE).parts:
             try:
                 finish(path, progress.part(READING_SHARE, 1.0))
-            except MendingFailed as error:
+            except RepairFailed as error:
                 raise BadInput(str(error)) from None
             except OSError as error:
                 raise BadInput(f"cannot finish {path}: {error.strerror or error}") from None

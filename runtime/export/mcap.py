@@ -8,7 +8,7 @@ import json
 import os
 
 from runtime.recording import messages
-from runtime.recording.chunks import Expander
+from runtime.recording.chunks import Expander, walk_all
 from runtime.recording.files import WholeFile
 from runtime.recording.mcap_file import HEAD, MESSAGE, McapFile
 from runtime.recording.reader import DAMAGE, LIBRARY, MAGIC
@@ -39,6 +39,7 @@ class Copy:
         self.trial, self.writer = trial, McapFile(file)
         self.writer.begin(LIBRARY)
         self.numbers = {}  # {topic: number of its channel}
+        self.began = 0  # ns of the wall clock at the start of the run
 
     def part(self, number, progress):
         from mcap.exceptions import McapError
@@ -53,8 +54,7 @@ class Copy:
         size = path.stat().st_size
         self.expander = Expander(size)
         with open(path, "rb", buffering=0) as stream:
-            stream.seek(len(MAGIC))
-            for at, kind, data in walk(stream, len(MAGIC)):
+            for at, kind, data in walk_all(stream, len(MAGIC)):
                 try:
                     self.record(kind, data, schemas, topics)
                 except (McapError, *DAMAGE):  # the reader has reported it
@@ -94,19 +94,39 @@ class Copy:
             data = json.dumps(self.trial.about, ensure_ascii=False).encode()
         self.writer.attach(attachment.name, attachment.media_type, data)
 
+    def joined(self, body, drain):
+        """Return a message CanFrames with the frames before the next part, None without any.
+
+        drain : of the part; the time of drain 0 is that of the last drain in the previous part
+        """
+        drained, group = messages.split_frames(body)
+        if self.following and self.following.since is not None:
+            until = self.following.since - self.began
+            group = [data for data in group if messages.read(messages.FRAME, data)["time"] < until]
+        if self.seam and not drain:
+            drained = self.seam.drained - self.began
+        return messages.frames(drained, group) if group else None
+
     def message(self, topic, data):
         """Copy a message if it counts; the number of its drain continues from the previous part."""
         _, _, _, sequence, log_time, publish_time = MESSAGE.unpack_from(data)
         body, limit = data[MESSAGE.size :], self.following.rows if self.following else None
         if topic.startswith(messages.BUS):
-            if self.following and (
-                self.rows > self.following.rows or self.following.since is not None and log_time >= self.following.since
-            ):
+            if self.following and self.rows > self.following.rows:
                 return
-            if self.seam:
-                sequence, publish_time = sequence + self.seam.drains, publish_time if sequence else self.seam.drained
+            if self.trial.about["format"] == "1":
+                if self.following and self.following.since is not None and log_time >= self.following.since:
+                    return
+                publish_time = publish_time if sequence or not self.seam else self.seam.drained
+            elif self.seam or self.following:
+                body = self.joined(body, sequence)
+                if body is None:
+                    return
+            sequence += self.seam.drains if self.seam else 0
         elif topic == messages.EVENTS:
-            if self.seam and messages.read(messages.EVENT, body)["event"] == "begin":
+            event = json.loads(messages.read(messages.EVENT, body)["json"])
+            self.began = event.get("wall", self.began)
+            if self.seam and event["event"] == "begin":
                 return
         else:
             over = limit is not None and self.rows >= limit

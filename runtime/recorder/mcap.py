@@ -2,14 +2,15 @@
 
     /left, /right, ...      one message per subsystem and tick, with its recorded signals as doubles
     /tickwork/tick          last message of a tick: number, time and lateness in s
-    /tickwork/can/legs, ... every CAN frame, received or sent, in the order in which the control process handled
-                            them; `sequence` is the number of the bus drain that returned or preceded it,
-                            `publish_time` the time of that drain
+    /tickwork/can/legs, ... one message per bus drain and bus, with the frames received in it and those sent after it,
+                            in the order in which the control process handled them; `sequence` is the number of the
+                            drain. A row or an event ends the message; frames that follow are in another one
     /tickwork/events        other events: the start by both clocks, live changes, marks, the end
 
 Times in ns are the wall clock at the start of the run plus the monotonic clock since; in virtual time they begin at 0.
-Records are written as they arrive, so a truncated file contains all complete records before the cut. The attachments
-`diagram.json` and `about.json` precede the first tick, and `end.json` follows the last.
+Messages are in the order of the ring, in compressed chunks (runtime.recording.mcap_file): a truncated file contains all
+that was flushed before the cut. The attachments `diagram.json` and `about.json` precede the first tick, and `end.json`
+follows the last.
 """
 
 import json
@@ -19,10 +20,10 @@ from runtime.recorder.service import Service
 from runtime.recording import messages
 from runtime.recording.files import WholeFile, claim, create
 from runtime.recording.format import Frame
-from runtime.recording.mcap_file import McapFile
+from runtime.recording.mcap_file import ZSTD, McapFile
 from runtime.recording.reader import LIBRARY
 
-FORMAT_VERSION = "1"
+FORMAT_VERSION = "2"
 JSON_MEDIA_TYPE = "application/json"
 
 
@@ -41,13 +42,14 @@ class FlightLog(Service):
         self.files[self.file.path] = ""
         self.rows = self.frames = 0
         self.drain = self.drained = 0  # number of bus drains, ns of the last one
-        self.heads = {}  # first bytes of a frame's message, and its channel
+        self.group, self.order = {}, 0  # frames since the last drain, row or event: {bus: messages}; how many
+        self.group_time = 0  # ns since the start of the run
         self.writer: McapFile | None = None
         self.begun, self.began = False, 0
 
     def begin(self, about):
         """Import the writer and write the attachments and channels. about : dict"""
-        self.writer = writer = McapFile(self.file)
+        self.writer = writer = McapFile(self.file, self.plan.get("compression", ZSTD))
         self.write = writer.message
         writer.begin(LIBRARY)
         if self.plan.get("diagram_json"):
@@ -65,12 +67,9 @@ class FlightLog(Service):
                 self.plan["name"], [(place, signal["path"]) for place, signal in enumerate(self.plan["signals"])]
             )
         ]
-        own_tick, own_frame, own_event = messages.OWN
+        own_tick, _, own_event, _ = messages.OWN
         self.tick = writer.channel(messages.ROW_END, *messages.simple(own_tick, messages.TICK))
-        self.buses = [
-            writer.channel(messages.BUS + bus, *messages.simple(own_frame, messages.FRAME))
-            for bus in self.plan["buses"]
-        ]
+        self.buses = [writer.channel(messages.BUS + bus, *messages.frames_descriptor()) for bus in self.plan["buses"]]
         self.events = writer.channel(messages.EVENTS, *messages.simple(own_event, messages.EVENT))
 
     def wall(self, time):
@@ -85,6 +84,7 @@ class FlightLog(Service):
 
     def every_signal(self, tick, time, lateness, values):
         assert self.page is not None
+        self.end_group()
         at = self.wall(self.page.first_tick + round(time * 1e9))
         write = self.write
         for subsystem, channel in self.subsystems:
@@ -94,35 +94,45 @@ class FlightLog(Service):
 
     def received(self, payload):
         """Take the time of a bus drain, in ns since the start of the run. The frames received then follow."""
+        self.end_group()
         self.drain += 1
         self.drained = int.from_bytes(payload, "little", signed=True)
 
     def frame(self, payload):
-        key = payload[8:16]
-        head = self.heads.get(key)
-        if head is None:
-            head = self.heads[key] = self.frame_head(payload)
-        channel, begin, length = head
-        at = self.wall(int.from_bytes(payload[:8], "little", signed=True))
-        self.write(channel, at, begin + payload[16 : 16 + length], self.wall(self.drained), self.drain)
+        frame = Frame.unpack(payload)
+        if not self.order:
+            self.group_time = self.drained if self.drain else frame.time
+        order = self.order if len(self.buses) > 1 else None
+        self.group.setdefault(frame.bus, []).append(
+            messages.frame(frame.time, frame.id, frame.truths, frame.data, order)
+        )
+        self.order += 1
         self.frames += 1
 
-    def frame_head(self, payload):
-        frame = Frame.unpack(payload)
-        length = len(frame.data)
-        return self.buses[frame.bus], messages.frame_head(frame.id, frame.truths) + messages.varint(length), length
+    def end_group(self):
+        """Write the frames since the last drain, row or event."""
+        group, self.group, self.order = self.group, {}, 0
+        for bus in sorted(group):
+            at = self.wall(self.group_time)
+            self.write(self.buses[bus], at, messages.frames(self.drained, group[bus]), at, self.drain)
 
     def event(self, event):
         assert self.page is not None
+        self.end_group()
         at = self.wall(self.page.first_tick + round(max(0, event.get("tick", 0)) / self.plan["rate"] * 1e9))
         self.write(self.events, at, messages.event(event["event"], event.get("tick", -1), json.dumps(event)), at)
 
     def flush(self):
-        self.file.flush()
+        if self.writer is None:
+            self.file.flush()
+        else:
+            self.end_group()
+            self.writer.flush()
 
     def end(self, report):
         """Write end.json and the summary of the file."""
         if self.writer is not None:
+            self.end_group()
             self.writer.attach("end.json", JSON_MEDIA_TYPE, json.dumps(report).encode())
             self.writer.finish()
 

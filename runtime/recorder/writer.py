@@ -21,6 +21,9 @@ DRAIN_LIMIT = 4096  # records per drain of the ring
 POLL_PERIOD = 5  # ms, of an empty ring
 POLL_PERIOD_VIRTUAL = 1  # ms; a loop in virtual time waits for the writer
 FLUSH_PERIOD = 0.5  # s
+# of a flush in virtual time, so that the files of two equal runs are flushed at the same rows
+FLUSH_ROWS, FLUSH_SIZE = 250, 128 << 10  # rows; bytes
+UNLIMITED = 1 << 62
 FLUSH_SHARE = 0.25  # of the ring; a flush is due when more than this is not released
 TERMINAL_POLL_PERIOD = 0.1  # s, of the process group in the foreground
 
@@ -110,16 +113,21 @@ def record(page, answers, control, keys, recording, terminal, checkpoint):
 def drain(page, control, recording, status, panel, checkpoint, idle):
     """Drain the ring into the recording until the end of the run."""
     flush_at = follow_at = 0.0
+    virtual = recording.plan["virtual"]
+    per_flush = max(1, min(FLUSH_ROWS, FLUSH_SIZE // recording.row.size))
+    flushed = recording.ticks
     while True:
         # read before the drain: all earlier records are then in the ring
         over = page.closed or (control.gone and not guarded(page))
-        records = page.drain(DRAIN_LIMIT, release=False)
+        rows = flushed + per_flush - recording.ticks if virtual else UNLIMITED
+        records = page.drain(DRAIN_LIMIT, release=False, rows=rows)
         recording.take(records)
         now = time.monotonic()
-        if now >= flush_at or page.held > FLUSH_SHARE:
+        due = recording.ticks - flushed >= per_flush if virtual else now >= flush_at
+        if due or page.held > FLUSH_SHARE:
             recording.flush()
             checkpoint.save(recording.checkpoint())
-            flush_at = now + FLUSH_PERIOD
+            flush_at, flushed = now + FLUSH_PERIOD, recording.ticks
         if panel is not None and not over:
             if now >= follow_at:
                 panel.keyboard.follow()

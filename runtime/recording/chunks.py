@@ -7,8 +7,9 @@ declare.
 import zlib
 from io import BytesIO
 
-from runtime.recording.mcap_file import HEAD
-from runtime.recording.records import A_CHUNK, A_MESSAGE, CHANNEL, read, walk
+from runtime.recording.mcap_file import CHUNK_HEADS, HEAD, STREAM, ZSTD
+from runtime.recording.records import A_CHUNK, A_MESSAGE, CHANNEL, compressed, read, walk
+from runtime.recording.zstd_stream import decode
 
 LARGEST = 64 << 20  # bytes that a chunk may expand to
 RATIO, LEAST = 100, 16 << 20  # all chunks of a file together: so many times its size, and at least so many bytes
@@ -46,6 +47,47 @@ class Expander:
             pass
         self.left -= size
         return data
+
+
+def unfinished(stream, at):
+    """Return (records, position behind it or None) of a zstd chunk without a head or without its end.
+
+    The records are those up to the last complete block; the position is None if the chunk has no end. Returns None for
+    anything else.
+
+    stream : file; at : where the chunk begins
+    """
+    stream.seek(at)
+    form = CHUNK_HEADS[ZSTD]
+    head = stream.read(form.size)
+    if len(head) < form.size or (head[0] != STREAM and not (head[0] == A_CHUNK and compressed(head))):
+        return None
+    frame = stream.read(LARGEST)
+    if head[0] == A_CHUNK and HEAD.size + HEAD.unpack_from(head)[1] <= form.size + len(frame):
+        return None
+    data, ends, ended = decode(frame, LARGEST)
+    end = 0
+    for place, _, record in walk(BytesIO(data), 0):
+        end = place + len(record)
+    return data[:end], at + form.size + ends[-1][0] if ended else None
+
+
+def walk_all(stream, at):
+    """Yield (position, kind, bytes) as `walk` does, including the messages of zstd chunks without head or end."""
+    end = at
+    while end is not None:
+        stream.seek(end)
+        for place, kind, data in walk(stream, end):
+            if kind == STREAM:
+                break
+            yield place, kind, data
+            end = place + len(data)
+        rest = unfinished(stream, end)
+        if rest is None:
+            return
+        place, (content, end) = end, rest
+        for _, kind, data in walk(BytesIO(content), 0):
+            yield place, kind, data
 
 
 def parsed(data):

@@ -1,13 +1,17 @@
-"""An MCAP file that is whole at every moment while it is written, and indexed for every reader once it is finished.
+"""Writer of an MCAP file that can be read up to its last flush at every moment, and is indexed once it is finished.
 
-    header, attachments, schemas, channels, ( room, messages, message indices )*, attachments, end of data, summary,
-    footer
+    header, attachments, schemas, channels, ( chunk, message indices )*, attachments, end of data, summary, footer
 
-Viewers find messages by an index of chunks, and a chunk says at its front how long it is. So room for that is left
-before each piece, as a record of a private kind, which readers skip: until the end the messages stand there by
-themselves, and a file that was cut off anywhere holds all that is complete before the cut. When the file is finished
-each room becomes the head of a chunk, in one write each. Where pieces end follows from what is in them alone. (MCAP
-specification, mcap.dev/spec)
+A chunk begins with its length, which is not known until the chunk is complete. Space for its head is therefore reserved
+by a record of a private type, which is replaced by the head in one write when the chunk and its indices are in the
+file. Until then
+
+    ROOM     is followed by the messages as plain records, which every reader of MCAP finds
+    STREAM   is followed by a zstd frame (runtime.recording.zstd_stream), whose blocks end at each flush. Its declared
+             length exceeds that of any chunk, so that other readers take it for a truncated record
+
+Chunks end at CHUNK bytes of messages, so that the bytes of a file depend only on its messages and, with zstd, on the
+flushes. (MCAP specification, mcap.dev/spec)
 """
 
 import os
@@ -16,51 +20,69 @@ from array import array
 from struct import Struct
 from typing import Any
 
-CHUNK = 256 << 10  # bytes of messages in a piece
-PRIVATE = 0x80  # kinds of records from here on are anybody's
-HEAD = Struct("<BQ")  # of a record: kind, bytes that follow
-CHUNK_HEAD = Struct("<BQQQQIIQ")  # and of a chunk: begin, end, bytes, their checksum, no compression, bytes
-MESSAGE = Struct("<BQHIQQ")  # kind, bytes that follow, channel, sequence, log time, publish time
-INDEX = Struct("<BQHI")  # kind, bytes that follow, channel, bytes of the index
+from runtime.base.errors import BadInput
+from runtime.recording.zstd_stream import BLOCK_LIMIT, Compressor
+
+CHUNK = 1 << 20  # bytes of messages
+ROOM, STREAM = 0x80, 0x81  # private types of records
+STREAM_LENGTH = 64 << 20  # bytes, that the record declares
+HEAD = Struct("<BQ")  # of a record: type, bytes that follow
+ZSTD, LEVEL, LEVELS = "zstd", 3, range(1, 20)
+# of a chunk: type, bytes that follow, first and last log time, bytes and CRC-32 of its messages, compression (length of
+# its name, name), compressed bytes
+CHUNK_HEADS = {"": Struct("<BQQQQII0sQ"), ZSTD: Struct("<BQQQQII4sQ")}
+CHUNK_HEAD = CHUNK_HEADS[""]
+MESSAGE = Struct("<BQHIQQ")  # type, bytes that follow, channel, sequence, log time, publish time
+INDEX = Struct("<BQHI")  # type, bytes that follow, channel, bytes of the index
 MESSAGE_REST = MESSAGE.size - HEAD.size
 
 
 class McapFile:
-    """file : runtime.recording.files.WholeFile"""
+    """Writer of one MCAP file.
 
-    def __init__(self, file):
+    file : runtime.recording.files.WholeFile
+    compression : of the chunks: "zstd", "zstd:LEVEL" with a level from 1 to 19, or "none"
+    """
+
+    def __init__(self, file: Any, compression: str = ZSTD) -> None:
         from mcap.data_stream import RecordBuilder
         from mcap.opcode import Opcode
         from mcap.writer import MCAP0_MAGIC
 
+        level = compression_level(compression)
         self.file, self.builder, self.opcode, self.magic = file, RecordBuilder, Opcode, MCAP0_MAGIC
+        self.compression, self.compressor = ("", None) if level is None else (ZSTD, Compressor(level))
         self.kind = int(Opcode.MESSAGE)
         self.schemas, self.channels, self.attachments, self.chunks = [], [], [], []
         self.counts = {}  # messages of each channel
         self.first = self.last = None  # log time of all messages, ns
-        self.begun: Any = None  # where the room of the piece that is being written stands
+        self.start: Any = None  # position of the open chunk
+        self.size = 0  # bytes of messages in the open chunk
+        self.waiting, self.waiting_size = [], 0  # messages that are not compressed yet, and their bytes
 
     def begin(self, library):
-        """library : what writes it"""
+        """Write the header. library : name of the program"""
         from mcap.records import Header
 
         self.file.write(self.magic)
         self.record(Header(profile="", library=library))
 
     def record(self, record):
+        """Write a record of the mcap package and return its size in bytes."""
         builder = self.builder()
         record.write(builder)
         return self.file.write(builder.end())
 
     def attach(self, name, media_type, data):
+        """Write an attachment. data : bytes"""
         from mcap.records import Attachment
 
-        self.end_piece()
+        self.end_chunk()
         attachment = Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
         self.attached(attachment, self.file.tell(), self.record(attachment))
 
     def attached(self, attachment, offset, length):
-        """Where an attachment stands in the file."""
+        """Add an attachment to the summary. offset, length : of its record in the file, in bytes"""
         from mcap.records import AttachmentIndex
 
         self.attachments.append(
@@ -76,12 +98,14 @@ class McapFile:
         )
 
     def channel(self, topic, descriptor, name):
-        """The number of a new channel of Protobuf messages. descriptor : a serialised FileDescriptorSet; name : of the
-        message in it
+        """Write a channel of Protobuf messages and return its number.
+
+        descriptor : serialised FileDescriptorSet
+        name : of the message in it
         """
         from mcap.records import Channel, Schema
 
-        self.end_piece()
+        self.end_chunk()
         number = len(self.channels) + 1
         self.schemas.append(Schema(id=number, name=name, encoding="protobuf", data=descriptor))
         self.channels.append(
@@ -93,102 +117,132 @@ class McapFile:
         return number
 
     def message(self, channel, log_time, data, publish_time, sequence=0):
-        """log_time, publish_time : ns"""
-        if self.begun is None:
-            self.begin_piece(self.file.tell())
-            self.file.write(HEAD.pack(PRIVATE, CHUNK_HEAD.size - HEAD.size) + bytes(CHUNK_HEAD.size - HEAD.size))
-        piece = MESSAGE.pack(self.kind, MESSAGE_REST + len(data), channel, sequence, log_time, publish_time) + data
-        self.file.write(piece)
-        self.count(channel, log_time, piece)
+        """Write a message. log_time, publish_time : ns; data : bytes"""
+        record = MESSAGE.pack(self.kind, MESSAGE_REST + len(data), channel, sequence, log_time, publish_time) + data
+        self.messages(record, {channel: array("Q", (log_time, self.size))})
+
+    def messages(self, data, index):
+        """Write message records to the open chunk, and end it if it has CHUNK bytes.
+
+        data : bytes of the records
+        index : {channel: array of log time in ns and position in the chunk, in turn}
+        """
+        if self.start is None:
+            self.begin_chunk(self.file.tell())
+            self.file.write(reserved(self.compression))
+        self.add(data, index)
+        if self.compressor is None:
+            self.file.write(data)
+        else:
+            if self.waiting_size + len(data) > BLOCK_LIMIT:
+                self.compress()
+            self.waiting.append(data)
+            self.waiting_size += len(data)
         if self.size >= CHUNK:
-            self.end_piece()
+            self.end_chunk()
 
-    def begin_piece(self, at):
-        """at : of its room"""
-        self.begun = at
-        self.places, self.size, self.checksum = {}, 0, 0
+    def begin_chunk(self, start):
+        """Begin an empty chunk. start : of its head in the file"""
+        self.start, self.index, self.size, self.checksum = start, {}, 0, 0
 
-    def count(self, channel, log_time, piece):
-        """A message of the piece. piece : the record"""
-        places = self.places.get(channel)
-        if places is None:
-            places = self.places[channel] = array("Q")
-        places.append(log_time)
-        places.append(self.size)
-        self.size += len(piece)
-        self.checksum = zlib.crc32(piece, self.checksum)
-        self.counts[channel] += 1
+    def add(self, data, index):
+        """Add messages to the index of the open chunk. Arguments as for `messages`."""
+        for channel, places in index.items():
+            known = self.index.get(channel)
+            if known is None:
+                known = self.index[channel] = array("Q")
+            known.extend(places)
+            self.counts[channel] += len(places) // 2
+        self.size += len(data)
+        self.checksum = zlib.crc32(data, self.checksum)
 
-    def end_piece(self):
-        """Index the messages of a piece."""
-        if self.begun is None:
+    def compress(self):
+        """Compress the waiting messages to a complete block."""
+        if self.compressor is not None and self.waiting:
+            data, self.waiting, self.waiting_size = b"".join(self.waiting), [], 0
+            self.file.write(self.compressor.block(data))
+
+    def flush(self):
+        """Write all messages to the file, which then ends with a complete block. Raises OSError."""
+        self.compress()
+        self.file.flush()
+
+    def end_chunk(self):
+        """End the open chunk, if any: write its indices, then its head. Raises OSError."""
+        if self.start is None:
             return
-        at = self.file.tell()
+        if self.compressor is not None:
+            self.compress()
+            self.file.write(self.compressor.end())
+        end = self.file.tell()
         for index in self.indices():
             self.file.write(index)
-        self.indexed(at)
+        self.file.flush()
+        start = self.start
+        os.pwrite(self.file.descriptor, self.complete(end), start)
 
     def indices(self):
-        """Of the messages of the piece: a record a channel."""
-        for channel, places in self.places.items():
+        """Yield the message index of each channel of the open chunk, as bytes."""
+        for channel, places in self.index.items():
             data = places.tobytes()
             yield INDEX.pack(self.opcode.MESSAGE_INDEX, INDEX.size - HEAD.size + len(data), channel, len(data)) + data
 
-    def indexed(self, at):
-        """The piece is over: keep what its chunk will be. at : where its indices begin"""
+    def complete(self, end, compression=None, checksum=None):
+        """Close the open chunk, add it to the summary and return its head as bytes.
+
+        end : position in the file, where its indices begin
+        compression, checksum : if they are not those of this writer and of the messages
+        """
         from mcap.records import ChunkIndex
 
+        compression = self.compression if compression is None else compression
         begins, ends = (
-            min(min(places[::2]) for places in self.places.values()),
-            max(max(places[::2]) for places in self.places.values()),
+            min(min(places[::2]) for places in self.index.values()),
+            max(max(places[::2]) for places in self.index.values()),
         )
         offsets, length = {}, 0
-        for channel, index in zip(self.places, self.indices()):
-            offsets[channel] = at + length
+        for channel, index in zip(self.index, self.indices()):
+            offsets[channel] = end + length
             length += len(index)
+        form, start, size = CHUNK_HEADS[compression], self.start, self.size
+        self.start, self.size = None, 0
         self.chunks.append(
-            (
-                self.checksum,
-                ChunkIndex(
-                    chunk_start_offset=self.begun,
-                    chunk_length=CHUNK_HEAD.size + self.size,
-                    message_start_time=begins,
-                    message_end_time=ends,
-                    message_index_offsets=offsets,
-                    message_index_length=length,
-                    compression="",
-                    compressed_size=self.size,
-                    uncompressed_size=self.size,
-                ),
+            ChunkIndex(
+                chunk_start_offset=start,
+                chunk_length=end - start,
+                message_start_time=begins,
+                message_end_time=ends,
+                message_index_offsets=offsets,
+                message_index_length=length,
+                compression=compression,
+                compressed_size=end - start - form.size,
+                uncompressed_size=size,
             )
         )
         self.first = begins if self.first is None else min(self.first, begins)
         self.last = ends if self.last is None else max(self.last, ends)
-        self.begun = None
+        return form.pack(
+            self.opcode.CHUNK,
+            end - start - HEAD.size,
+            begins,
+            ends,
+            size,
+            self.checksum if checksum is None else checksum,
+            len(compression),
+            compression.encode(),
+            end - start - form.size,
+        )
 
     def finish(self):
-        """Make chunks of the pieces, and write the summary. OSError"""
+        """End the open chunk and write the summary. Raises OSError."""
         from mcap.records import DataEnd
 
-        self.end_piece()
-        self.file.flush()
-        for checksum, index in self.chunks:
-            size = index.uncompressed_size
-            head = CHUNK_HEAD.pack(
-                self.opcode.CHUNK,
-                CHUNK_HEAD.size - HEAD.size + size,
-                index.message_start_time,
-                index.message_end_time,
-                size,
-                checksum,
-                0,
-                size,
-            )
-            os.pwrite(self.file.descriptor, head, index.chunk_start_offset)
+        self.end_chunk()
         self.record(DataEnd(data_section_crc=0))
         self.summarise()
 
     def summarise(self):
+        """Write the summary, the footer and the end of the file."""
         from mcap.records import Footer, Statistics, SummaryOffset
 
         start = self.file.tell()
@@ -209,7 +263,7 @@ class McapFile:
             (opcode.SCHEMA, self.schemas),
             (opcode.CHANNEL, self.channels),
             (opcode.STATISTICS, [statistics]),
-            (opcode.CHUNK_INDEX, [index for _, index in self.chunks]),
+            (opcode.CHUNK_INDEX, self.chunks),
             (opcode.ATTACHMENT_INDEX, self.attachments),
         ):
             begun = summary.count
@@ -229,3 +283,22 @@ class McapFile:
             Footer(summary_start=start, summary_offset_start=places, summary_crc=zlib.crc32(head, zlib.crc32(data)))
         )
         self.file.write(self.magic)
+
+
+def reserved(compression):
+    """Return the record that reserves space for the head of a chunk. compression : "zstd" or ""."""
+    form = CHUNK_HEADS[compression]
+    kind, length = (STREAM, STREAM_LENGTH) if compression else (ROOM, form.size)
+    return form.pack(kind, length - HEAD.size, 0, 0, 0, 0, len(compression), compression.encode(), 0)
+
+
+def compression_level(text):
+    """Return the level of zstd of a compression as text, None for "none". Raises BadInput."""
+    name, _, level = text.partition(":")
+    if text == "none":
+        return None
+    if name != ZSTD or (level and not (level.isdecimal() and int(level) in LEVELS)):
+        raise BadInput(
+            f"unknown compression {text!r}: use zstd, zstd:LEVEL with a level from {LEVELS[0]} to {LEVELS[-1]}, or none"
+        )
+    return int(level) if level else LEVEL

@@ -1,8 +1,10 @@
-"""Protobuf messages of the flight log: what a row, a tick, a CAN frame and an event look like to a viewer, and how they
-become bytes.
+"""Protobuf messages of the flight log: schemas of rows, ticks, CAN frames and events, and their encoding.
 
-A row is one message a subsystem, with a message a block in it and a double a signal, `repeated` where the signal has
-elements. All of it has a fixed size, so that one call of struct.pack makes the message.
+A row consists of one message per subsystem, which contains a message per block with a double per signal, `repeated` for
+the elements of an array. Every such message has a fixed size, so that its prefix bytes and doubles are a template.
+
+The frames of one bus drain and one bus are one message CanFrames: the time of the drain, then every frame received in
+it or sent after it, until the next drain or row. Recordings of format 1 have one message CanFrame per frame.
 """
 
 import re
@@ -19,13 +21,14 @@ DOUBLE, FIXED32, SFIXED64, BOOL, STRING, BYTES, MESSAGE = 1, 7, 16, 8, 9, 12, 11
 OPTIONAL, REPEATED = 1, 3  # FieldDescriptorProto.Label
 WIRE_FIXED64, WIRE_LENGTH, WIRE_FIXED32, WIRE_VARINT = 1, 2, 5, 0
 
-OWN = ("Tick", "CanFrame", "Event")  # messages besides those of subsystems
+OWN = ("Tick", "CanFrames", "Event", "CanFrame")  # names that messages of subsystems do not use
 TICK = (("tick", SFIXED64), ("time", DOUBLE), ("lateness", DOUBLE))
-FRAME = (
-    ("id", FIXED32),
-    *((word, BOOL) for word in ("extended", "remote", "error", "fd", "rate_switch", "error_state", "sent")),
-    ("data", BYTES),
-)
+FLAGS = ("extended", "remote", "error", "fd", "rate_switch", "error_state", "sent")
+FRAME_V1 = (("id", FIXED32), *((word, BOOL) for word in FLAGS), ("data", BYTES))  # of format 1
+# time: ns since the start of the run; order: among the frames of all buses since the last row or drain, with two buses
+# or more
+FRAME = (("time", SFIXED64), ("id", FIXED32), *((word, BOOL) for word in FLAGS), ("data", BYTES), ("order", FIXED32))
+DRAINED, FRAMES = 1, 2  # fields of CanFrames: ns since the start of the run; the frames
 EVENT = (("event", STRING), ("tick", SFIXED64), ("json", STRING))
 TICK_BYTES = Struct("<BqBdBd")
 # as a NumPy dtype
@@ -33,6 +36,7 @@ TICK_ROW = [("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u
 
 
 def varint(value):
+    """Return a non-negative integer as the bytes of a Protobuf varint."""
     data = bytearray()
     while value > 127:
         data.append(value & 127 | 128)
@@ -41,22 +45,52 @@ def varint(value):
 
 
 def tag(number, wire):
+    """Return the bytes in front of a field."""
     return varint(number << 3 | wire)
 
 
 def tick(number, time, lateness):
-    """time, lateness : s"""
+    """Return a message Tick. time, lateness : s"""
     return TICK_BYTES.pack(1 << 3 | WIRE_FIXED64, number, 2 << 3 | WIRE_FIXED64, time, 3 << 3 | WIRE_FIXED64, lateness)
 
 
-def frame_head(identifier, flags):
-    """All of a frame but its data, whose length and bytes follow. flags : a truth for each of the names in FRAME"""
-    head = tag(1, WIRE_FIXED32) + identifier.to_bytes(4, "little")
-    head += b"".join(tag(number, WIRE_VARINT) + b"\1" for number, flag in enumerate(flags, 2) if flag)
-    return head + tag(len(FRAME), WIRE_LENGTH)
+def fixed64(number, value):
+    """Return a field sfixed64."""
+    return tag(number, WIRE_FIXED64) + value.to_bytes(8, "little", signed=True)
+
+
+def frame(time, identifier, flags, data, order=None):
+    """Return a message CanFrame. flags : a bool for each of FLAGS; order : None with one bus"""
+    fields = [fixed64(1, time), tag(2, WIRE_FIXED32), identifier.to_bytes(4, "little")]
+    fields += [tag(number, WIRE_VARINT) + b"\1" for number, flag in enumerate(flags, 3) if flag]
+    fields += [tag(len(FRAME) - 1, WIRE_LENGTH), varint(len(data)), data]
+    if order is not None:
+        fields += [tag(len(FRAME), WIRE_FIXED32), order.to_bytes(4, "little")]
+    return b"".join(fields)
+
+
+def frames(drained, group):
+    """Return a message CanFrames. drained : ns since the start of the run; group : messages CanFrame"""
+    head = tag(FRAMES, WIRE_LENGTH)
+    return fixed64(DRAINED, drained) + b"".join(head + varint(len(item)) + item for item in group)
+
+
+def split_frames(data):
+    """Return (ns of the drain since the start of the run, [message CanFrame]) of a message CanFrames."""
+    drained, group, at = 0, [], 0
+    while at < len(data):
+        number, at = data[at] >> 3, at + 1
+        if number == DRAINED:
+            drained, at = int.from_bytes(data[at : at + 8], "little", signed=True), at + 8
+        else:
+            end = at + 1 + data[at]  # a frame has fewer than 128 bytes
+            group.append(data[at + 1 : end])
+            at = end
+    return drained, group
 
 
 def event(kind, at, text):
+    """Return a message Event. kind : its name; at : tick; text : JSON"""
     kind, text = kind.encode(), text.encode()
     return b"".join(
         (
@@ -73,7 +107,7 @@ def event(kind, at, text):
 
 
 def read(fields: Any, data: Any) -> dict[str, Any]:
-    """{name: value} of a flat message."""
+    """Return {name: value} of a flat message without repeated fields. fields : as in FRAME"""
     found, at = {}, 0
     while at < len(data):
         number, wire = data[at] >> 3, data[at] & 7
@@ -214,8 +248,14 @@ def message(field):
 
 
 def simple(name, fields):
-    """A serialised FileDescriptorSet of a flat message, and the name of the message in it."""
+    """Return (serialised FileDescriptorSet, name) of a flat message. fields : as in TICK"""
     return descriptor(name, [(field, kind, OPTIONAL, "") for field, kind in fields], {})
+
+
+def frames_descriptor():
+    """Return (serialised FileDescriptorSet, name) of the message CanFrames."""
+    fields = [("drained", SFIXED64, OPTIONAL, ""), ("frames", MESSAGE, REPEATED, "CanFrames.Frame")]
+    return descriptor("CanFrames", fields, {"Frame": [(field, kind, OPTIONAL, "") for field, kind in FRAME]})
 
 
 def descriptor(name, fields, nested):

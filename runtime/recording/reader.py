@@ -10,17 +10,18 @@ import os
 import re
 import struct
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.recording import messages
-from runtime.recording.chunks import Expander, TooLarge, parsed
+from runtime.recording.chunks import Expander, TooLarge, parsed, unfinished
 from runtime.recording.format import Frame
 from runtime.recording.mcap_file import CHUNK_HEAD, HEAD
 from runtime.recording.records import A_CHUNK, DATA_END, HEADER, RECORD_LIMIT, compressed
 
-FORMATS = ("1",)
+FORMATS = ("1", "2")
 SPLITTING = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # in a name: what would begin another line on a terminal
 DEEPEST = 64  # levels of lists and objects in JSON
 ATTACHMENTS, LIBRARY = ("about.json", "diagram.json", "end.json"), "tickwork"
@@ -66,6 +67,7 @@ class Reader:
         self.end: Any = None
         self.diagram: Any = None
         self.events, self.frames, self.seams = [], [], []
+        self.group = []  # frames since the last row: [(order, Recorded)]
         self.began = 0
         self.messages, self.topics, self.sizes = {messages.ROW_END: []}, {}, {}
         self.finished, self.trouble, self.library = False, "", ""
@@ -78,6 +80,7 @@ class Reader:
                 size = os.fstat(stream.fileno()).st_size
                 self.expander = Expander(size)
                 good = self.read(stream, lambda: progress(stream.tell() / max(1, size)))
+                self.end_group()
                 if not self.finished:
                     self.trouble = f"{path} {self.refused or matter(stream, good, size)}"
                 elif self.spoilt is not None:
@@ -128,6 +131,12 @@ class Reader:
             except (McapError, *DAMAGE) as error:
                 bad = self.before if self.taking else self.at
                 self.refused = str(error) if isinstance(error, TooLarge) else ""
+            if not self.taking and (rest := unfinished(stream, bad)) is not None:
+                data, end = rest
+                if not self.take_unfinished(data) or end is None:
+                    return bad
+                start = end
+                continue
             stream.seek(bad)
             head = stream.read(CHUNK_HEAD.size)
             if self.taking or head[:1] != bytes([A_CHUNK]) or compressed(head):
@@ -168,6 +177,18 @@ class Reader:
                 self.finished = True
             self.taking = False
 
+    def take_unfinished(self, data):
+        """Take the messages of a chunk without a head. Returns whether all are valid."""
+        from mcap.exceptions import McapError
+
+        try:
+            for record in parsed(data):
+                self.take(record)
+                self.count += 1
+        except (McapError, *DAMAGE):
+            return False
+        return True
+
     def records(self, stream):
         """Records of the file from `at` on, those of a chunk in its place."""
         from mcap.records import Chunk
@@ -202,12 +223,15 @@ class Reader:
     def take(self, record):
         topic = self.topics[record.channel_id]
         if topic.startswith(messages.BUS):
-            self.frames.append(self.frame(topic.removeprefix(messages.BUS), record))
-        elif topic == messages.EVENTS:
-            event = parsed_json(messages.read(messages.EVENT, record.data)["json"])
-            self.events.append(event)
-            if event["event"] == "begin":
-                self.began = event["wall"]
+            bus = topic.removeprefix(messages.BUS)
+            if self.about["format"] == "1":
+                self.frames.append(self.frame(bus, record))
+            else:
+                self.group.extend(self.frames_of(bus, record))
+            return
+        self.end_group()
+        if topic == messages.EVENTS:
+            self.take_event(record)
         else:
             if len(record.data) != self.sizes.setdefault(topic, len(record.data)):
                 raise ValueError("a row of another size")
@@ -219,15 +243,42 @@ class Reader:
                         self.messages[topic].pop()
                         raise ValueError("a row that lacks something, or has too much")
 
+    def end_group(self):
+        """Sort the frames of all buses since the last row."""
+        self.frames += [frame for _, frame in sorted(self.group, key=itemgetter(0))]
+        self.group = []
+
+    def take_event(self, record):
+        event = parsed_json(messages.read(messages.EVENT, record.data)["json"])
+        self.events.append(event)
+        if event["event"] == "begin":
+            self.began = event["wall"]
+
     def frame(self, bus, record):
-        fields = messages.read(messages.FRAME, record.data)
-        time = record.log_time - self.began
-        truths = (bool(fields.get(name)) for name, kind in messages.FRAME if kind == messages.BOOL)
+        """Return the Recorded of a message of format 1."""
+        fields = messages.read(messages.FRAME_V1, record.data)
+        return self.recorded(
+            bus, record.log_time - self.began, record.sequence, record.publish_time - self.began, fields
+        )
+
+    def frames_of(self, bus, record):
+        """Return [(order among the frames of all buses, Recorded)] of a message CanFrames."""
+        drained, group = messages.split_frames(record.data)
+        frames = [messages.read(messages.FRAME, data) for data in group]
+        return [
+            (
+                (record.sequence, fields.get("order", place)),
+                self.recorded(bus, fields["time"], record.sequence, drained, fields),
+            )
+            for place, fields in enumerate(frames)
+        ]
+
+    def recorded(self, bus, time, drain, drained, fields):
+        truths = (bool(fields.get(name)) for name in messages.FLAGS)
         values: list[Any] = [time, fields["id"], *truths, self.about["buses"].index(bus), fields.get("data", b"")]
         frame = Frame(*values)
-        sent, payload = frame.sent, frame.pack()
         rows = len(self.messages[messages.ROW_END])
-        return Recorded(time, bus, sent, record.sequence, record.publish_time - self.began, rows, payload)
+        return Recorded(time, bus, frame.sent, drain, drained, rows, frame.pack())
 
 
 class TooDeep(ValueError):

@@ -3,12 +3,12 @@
 import io
 
 from runtime.recording.files import AT_ONCE
-from runtime.recording.mcap_file import CHUNK_HEAD, HEAD, PRIVATE
+from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, ROOM, STREAM
 
 # kinds of records
 HEADER, FOOTER, SCHEMA, CHANNEL, A_MESSAGE, A_CHUNK, AN_INDEX, CHUNK_INDEX, ATTACHMENT = range(1, 10)
 DATA_END = 15
-KINDS = {*range(HEADER, DATA_END + 1), PRIVATE}
+KINDS = {*range(HEADER, DATA_END + 1), ROOM, STREAM}
 RECORD_LIMIT = 64 << 20  # bytes: an attachment
 COMPRESSIONS = (b"\3\0\0\0lz4", b"\4\0\0\0zstd")  # compressions, as the head of a chunk has them
 COMPRESSION_AT = 37  # bytes into a chunk's record
@@ -17,7 +17,8 @@ COMPRESSION_AT = 37  # bytes into a chunk's record
 def walk(stream, at):
     """Yield (position, kind, bytes) of every record, up to an incomplete one.
 
-    The records of a chunk follow its head; a compressed chunk is one record.
+    The records of an uncompressed chunk follow its head; a compressed chunk is one record. Of a zstd chunk without a
+    head (STREAM), only the reserved space is yielded, as the last record.
 
     stream : file, at the position `at`
     """
@@ -29,6 +30,8 @@ def walk(stream, at):
                 return
             window, place = window[place:] + more, 0
         yield at, window[place], window[place : place + size]
+        if window[place] == STREAM:
+            return
         at, place = at + size, place + size
 
 
@@ -40,6 +43,8 @@ def length_of(window, place):
     if len(window) - place < HEAD.size:
         return HEAD.size
     kind, length = HEAD.unpack_from(window, place)
+    if kind == STREAM:
+        return CHUNK_HEADS["zstd"].size
     plain = kind == A_CHUNK and not compressed(window[place : place + CHUNK_HEAD.size])
     return CHUNK_HEAD.size if plain else HEAD.size + length
 

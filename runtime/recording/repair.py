@@ -1,21 +1,23 @@
-"""An MCAP file that its recorder did not finish is finished in place: what stands in it tells all that the recorder
-knew.
+"""Repair of an MCAP file that its recorder did not finish: the file becomes complete in place.
 
-The file may end anywhere. Up to the last whole record it is looked through, a slice at a time; then what is torn is cut
-off, and the end is written as it would have been: the last piece's indices, the heads of chunks, the summary. Whoever
-is killed in between leaves a file that can be mended again: nothing whole is ever cut off or written over but what
-follows from the rest, a piece that has become a chunk is read as the piece it was, and what stands behind the end of
-the data does not count until all of it is there and right. What is damaged, not just torn, is left as it is.
+The file can end anywhere. It is scanned up to the last complete record, a slice at a time; a zstd frame in which it
+ends, up to its last complete block. Then the torn end is removed, and the end is written as the recorder would have
+written it: the end of the zstd frame, the indices of the last chunk, the heads of chunks, the summary.
+
+A repair that is killed leaves a file that can be repaired again: only the torn end is removed, and only bytes that
+follow from the rest are overwritten. A file that is damaged, and not just torn, is not modified.
 """
 
 import io
 import os
 import zlib
+from array import array
 from contextlib import contextmanager
 from struct import Struct
 
+from runtime.recording.chunks import LARGEST
 from runtime.recording.files import AT_ONCE, WholeFile, claim
-from runtime.recording.mcap_file import CHUNK, CHUNK_HEAD, HEAD, MESSAGE, McapFile
+from runtime.recording.mcap_file import CHUNK, CHUNK_HEAD, CHUNK_HEADS, HEAD, MESSAGE, ROOM, STREAM, ZSTD, McapFile
 from runtime.recording.reader import DAMAGE, LIBRARY, MAGIC
 from runtime.recording.records import (
     A_CHUNK,
@@ -28,25 +30,27 @@ from runtime.recording.records import (
     FOOTER,
     HEADER,
     KINDS,
-    PRIVATE,
     RECORD_LIMIT,
     SCHEMA,
-    compressed,
     length_of,
     read,
     walk,
 )
+from runtime.recording.zstd_stream import END, decode, is_torn
 
 FOOTER_REST = Struct("<QQI")  # summary and its offsets begin, checksum
 SLICE = 128 << 10  # bytes that are looked through at once
 
 
-class MendingFailed(Exception):
-    """The file is left as it is. The text says why, in one line."""
+class RepairFailed(Exception):
+    """The file is not modified. The text is the reason in one line."""
 
 
-class Mending:
-    """One file, which nobody else may be writing. MendingFailed, OSError"""
+class Repair:
+    """Repair of one file, which no other process writes.
+
+    Raises RepairFailed and OSError, as `finish` does. `look` raises OSError.
+    """
 
     def __init__(self, path):
         self.path = path
@@ -55,56 +59,59 @@ class Mending:
         self.stream = io.FileIO(descriptor, closefd=False)
         try:
             if not claim(descriptor):
-                raise MendingFailed(f"{path} is still being recorded")
+                raise RepairFailed(f"{path} is still being recorded")
             self.size = os.fstat(descriptor).st_size
             self.whole = finished(self.stream, self.size)
         except BaseException:
             os.close(descriptor)
             raise
         self.writer = McapFile(self.file)
-        self.good = 0  # up to here the file stays as it is
-        self.awaited, self.indices = [], 0  # indices of the piece that are still to come, and where they begin
-        self.claimed = None  # (bytes, checksum) of the chunk that the piece is already
-        self.over = False  # the end of the data has come
+        self.good = 0  # bytes that stay as they are
+        self.expected, self.indices = [], 0  # indices of the chunk that are still to come, and where they begin
+        self.claimed = None  # (bytes, checksum) of the messages in the head of the chunk
+        self.compression = ""  # of the chunk
+        self.ended = True  # whether the zstd frame of the chunk is complete
+        self.heads = []  # [(position, bytes)] of chunks to write
+        self.over = False  # whether the end of the data was reached
         self.stream.seek(0)
         self.looking = not self.whole and self.stream.read(len(MAGIC)) == MAGIC
-        self.records, self.at = walk(self.stream, len(MAGIC)), len(MAGIC)
+        self.at = len(MAGIC)
+        self.records = walk(self.stream, self.at)
 
     def look(self):
-        """Look through the next slice. Returns whether there is more. OSError"""
+        """Scan the next slice. Returns whether more follows."""
         from mcap.exceptions import McapError
 
         until = self.at + SLICE
         while self.looking and self.at < until:
             at, kind, data = next(self.records, (self.at, None, b""))
             try:
-                self.looking = kind is not None and self.take(at, kind, data)
+                end = self.take_frame(at) if kind is None else self.take(at, kind, data)
             except (McapError, *DAMAGE):
-                self.looking = False
-            if self.looking:
-                self.at = at + len(data)
+                end = None
+            self.looking = end is not None and self.ended
+            self.at = self.at if end is None else end
         return self.looking
 
     def take(self, at, kind, data):
-        """A record. False where it cannot stand there, and at the end."""
-        writer, body = self.writer, data[HEAD.size :]
+        """Take a record. Returns where the next one begins, None if it is not valid here or is the last one."""
+        writer, body, end = self.writer, data[HEAD.size :], at + len(data)
         if at == len(MAGIC):
             if kind != HEADER or read("Header", body).library != LIBRARY:
-                return False
-        elif kind == A_MESSAGE and writer.begun is not None and not self.awaited:
-            _, _, channel, _, log_time, _ = MESSAGE.unpack_from(data)
-            if channel not in writer.counts:
-                return False
-            writer.count(channel, log_time, data)
-        elif kind == AN_INDEX and writer.begun is not None:
-            return self.take_index(at, data)
-        elif writer.begun is not None:
-            return False
-        elif kind in (PRIVATE, A_CHUNK) and len(data) == CHUNK_HEAD.size:
-            _, _, _, _, size, checksum, _, again = CHUNK_HEAD.unpack(data)
-            self.claimed = (size, checksum) if kind == A_CHUNK and again == size else None
-            writer.begin_piece(at)
-            return True  # without a message behind it a room is nothing
+                return None
+        elif kind == A_MESSAGE and writer.start is not None and not self.compression and not self.expected:
+            self.count(data)
+        elif kind == AN_INDEX and writer.start is not None:
+            if not self.is_expected(at, data):
+                return None
+        elif writer.start is not None:
+            return None
+        elif kind in (ROOM, A_CHUNK) and len(data) == CHUNK_HEAD.size:
+            _, _, _, _, size, checksum, _, _, again = CHUNK_HEAD.unpack(data)
+            self.begin_chunk(at, "", (size, checksum) if kind == A_CHUNK and again == size else None)
+            return end  # a room without a message behind it is removed
+        elif kind in (STREAM, A_CHUNK):
+            return self.take_frame(at)
         elif kind == SCHEMA:
             writer.schemas.append(read("Schema", body))
         elif kind == CHANNEL:
@@ -115,25 +122,76 @@ class Mending:
             writer.attached(read("Attachment", body), at, len(data))
         else:
             self.over = kind == DATA_END
+            return None
+        if not self.expected:
+            self.good = end
+        return end
+
+    def begin_chunk(self, at, compression, claimed):
+        self.writer.begin_chunk(at)
+        self.compression, self.claimed = compression, claimed
+
+    def count(self, data):
+        """Take a message of the open chunk."""
+        _, _, channel, _, log_time, _ = MESSAGE.unpack_from(data)
+        self.writer.add(data, {channel: array("Q", (log_time, self.writer.size))})
+
+    def take_frame(self, at):
+        """Take a zstd chunk, or the part of it in which the file ends. Returns where that ends, None if it is invalid.
+
+        Kept are the blocks up to the last one that ends with a complete message. `ended` is then False if blocks are
+        missing.
+        """
+        form = CHUNK_HEADS[ZSTD]
+        self.stream.seek(at)
+        head = self.stream.read(form.size)
+        if self.writer.start is not None or len(head) < form.size:
+            return None
+        kind, length, _, _, size, checksum, _, name, compressed_size = form.unpack(head)
+        if kind not in (STREAM, A_CHUNK) or name != ZSTD.encode():
+            return None
+        known = kind == A_CHUNK and form.size - HEAD.size < length < LARGEST
+        frame = self.stream.read(length - form.size + HEAD.size if known else LARGEST)
+        content, ends, ended = decode(frame, LARGEST)
+        complete = {0}
+        self.begin_chunk(at, ZSTD, (size, checksum) if kind == A_CHUNK and compressed_size == len(frame) else None)
+        for place, message, record in walk(io.BytesIO(content), 0):
+            if message != A_MESSAGE:
+                return None
+            complete.add(place + len(record))
+        kept = max(entry for entry in ends if entry[1] in complete)
+        for _, _, record in walk(io.BytesIO(content[: kept[1]]), 0):
+            self.count(record)
+        self.ended = ended and kept == ends[-1]
+        if self.writer.size:
+            self.good = at + form.size + kept[0]
+        end = at + form.size + ends[-1][0]
+        self.stream.seek(end)
+        self.records = walk(self.stream, end)
+        return end
+
+    def is_expected(self, at, data):
+        """Return whether a record is the next index of the open chunk, which ends with the last one."""
+        if not self.expected:
+            self.expected, self.indices = list(self.writer.indices()), at
+        if not self.expected or data != self.expected.pop(0):
             return False
-        self.good = at + len(data)
+        if not self.expected:
+            self.end_chunk(self.indices)
         return True
 
-    def take_index(self, at, data):
-        if not self.awaited:
-            self.awaited, self.indices = list(self.writer.indices()), at
-        if not self.awaited or data != self.awaited.pop(0):
-            return False
-        if not self.awaited:
-            if self.claimed is not None and self.claimed[0] == self.writer.size:
-                self.writer.checksum = self.claimed[1]  # if it is wrong, it shall be found wrong again
-            self.writer.indexed(self.indices)
-            self.good = at + len(data)
-        return True
+    def end_chunk(self, end):
+        """Close the chunk, whose indices begin at `end`."""
+        checksum = None
+        if self.claimed is not None and self.claimed[0] == self.writer.size:
+            checksum = self.claimed[1]  # readers then still find a wrong one
+        start = self.writer.start
+        self.heads.append((start, self.writer.complete(end, self.compression, checksum)))
 
     def finish(self):
-        """Look through the rest, and complete the file. Returns whether there was anything to do. MendingFailed,
-        OSError; the file is closed.
+        """Scan the rest, complete the file and close it. Returns whether it was incomplete.
+
+        Raises RepairFailed and OSError.
         """
         try:
             if self.whole:
@@ -141,97 +199,119 @@ class Mending:
             while self.look():
                 pass
             if self.good == 0:
-                raise MendingFailed(
-                    f"{self.path} was cut off before it began, or is something else: there is nothing to finish"
+                raise RepairFailed(
+                    f"{self.path} was cut off before it began, or is not a recording: it contains nothing to repair"
                 )
-            if not self.over and not torn(self.stream, self.at, self.size):
-                raise MendingFailed(
-                    f"{self.path} is damaged from byte {self.at} of {self.size} on: `convert` writes what stands "
-                    "before into a new file"
+            if not self.over and not self.is_torn():
+                raise RepairFailed(
+                    f"{self.path} is damaged from byte {self.at} of {self.size} on: `convert` writes the part before "
+                    "into a new file"
                 )
-            if self.writer.begun is not None and not self.writer.size:
-                self.writer.begun = None
-            os.ftruncate(self.file.descriptor, self.good)
-            os.lseek(self.file.descriptor, self.good, os.SEEK_SET)
-            self.file.size = self.good
-            self.writer.finish()
+            self.complete()
             return True
         finally:
             self.close()
 
+    def is_torn(self):
+        """Return whether the rest of the file is one incomplete record or block, or zeros after a power cut."""
+        if self.ended:
+            return torn(self.stream, self.at, self.size)
+        self.stream.seek(self.at)
+        return is_torn(self.stream.read())
+
+    def complete(self):
+        """Replace what follows the last complete record by the end of a file."""
+        writer, file = self.writer, self.file
+        if not writer.size:
+            writer.start = None
+        os.ftruncate(file.descriptor, self.good)
+        os.lseek(file.descriptor, self.good, os.SEEK_SET)
+        file.size = self.good
+        if writer.start is not None:
+            if not self.ended:
+                file.write(END)
+            end = file.tell()
+            for index in writer.indices():
+                file.write(index)
+            self.end_chunk(end)
+        file.flush()
+        for start, head in self.heads:
+            os.pwrite(file.descriptor, head, start)
+        writer.finish()
+
     def close(self):
+        """Close the file."""
         self.looking = False
         self.file.close()
 
 
 def finish(path, progress=lambda share: None):
-    """Finish a file in place, whatever has become of its recorder; a finished one stays as it is. MendingFailed,
-    OSError
+    """Complete a file in place, if it is not complete. Raises RepairFailed and OSError.
 
-    progress : called with the share that is done
+    progress : called with the completed share
     """
-    mending = Mending(path)
+    repair = Repair(path)
     try:
-        while mending.look():
-            progress(mending.at / mending.size)
+        while repair.look():
+            progress(repair.at / repair.size)
     except BaseException:
-        mending.close()
+        repair.close()
         raise
-    mending.finish()
+    repair.finish()
 
 
 class Backlog:
-    """Files that recorders which have died could not finish: looked through while there is time, finished at the end.
+    """Incomplete files of earlier parts: scanned while the recorder is idle, completed at the end of the run.
 
     paths : of the files
     """
 
     def __init__(self, paths):
         self.paths = paths
-        self.waiting, self.begun = list(paths), []
+        self.waiting, self.repairs = list(paths), []
         self.problems = {}  # {path: line of text}
 
     def look(self):
-        """A slice of it, which takes about a millisecond. Returns whether there is more."""
+        """Scan the next slice, which takes up to 20 ms. Returns whether more follows."""
         if self.waiting:
-            with self.told(self.waiting[0]):
-                if self.look_through(self.waiting[0]):
+            with self.reported(self.waiting[0]):
+                if self.scan(self.waiting[0]):
                     return True
             del self.waiting[0]
         return bool(self.waiting)
 
-    def look_through(self, path):
-        if not os.path.getsize(path):  # its recorder died before it had begun
+    def scan(self, path):
+        """Scan the next slice of a file. Returns whether more follows."""
+        if not os.path.getsize(path):  # its recorder died before it wrote anything
             return False
-        if not self.begun or self.begun[-1].path != path:
-            self.begun.append(Mending(path))
-        return self.begun[-1].look()
+        if not self.repairs or self.repairs[-1].path != path:
+            self.repairs.append(Repair(path))
+        return self.repairs[-1].look()
 
     def finish(self):
-        """Returns what a person shall know: lines of text."""
+        """Complete all files. Returns problems as lines of text."""
         while self.look():
             pass
-        for mending in self.begun:
-            with self.told(mending.path):
-                mending.finish()
+        for repair in self.repairs:
+            with self.reported(repair.path):
+                repair.finish()
         return [*self.problems.values()]
 
     @contextmanager
-    def told(self, path):
+    def reported(self, path):
+        """Keep a failure as the problem of a file."""
         try:
             yield
-        except MendingFailed as error:
+        except RepairFailed as error:
             self.problems[path] = str(error)
-        except Exception as error:  # the recording goes on, whatever is the matter with a file of before
-            self.problems[path] = f"{path} was not finished: {getattr(error, 'strerror', None) or repr(error)}"
+        except Exception as error:  # the recording continues
+            self.problems[path] = f"{path} was not completed: {getattr(error, 'strerror', None) or repr(error)}"
 
 
 def torn(stream, at, size):
-    """Whether nothing but one record that is not whole stands from a byte on, or the zeros that a power cut leaves of
-    it.
-    """
+    """Return whether the rest of a file is one incomplete record, or zeros after a power cut. at : where it begins"""
     stream.seek(at)
-    head = stream.read(HEAD.size)
+    head = stream.read(CHUNK_HEADS[ZSTD].size)
     if not head.strip(b"\0"):
         return all(not piece.strip(b"\0") for piece in iter(lambda: stream.read(AT_ONCE), b""))
     if len(head) < HEAD.size:
@@ -241,7 +321,7 @@ def torn(stream, at, size):
 
 
 def finished(stream, size):
-    """Whether a file is complete: its summary is whole, and each of the chunks that it tells of has its head."""
+    """Return whether a file is complete: its summary is valid, and every chunk in it has its head."""
     end = HEAD.size + FOOTER_REST.size + len(MAGIC)
     if size < end:
         return False
@@ -258,11 +338,13 @@ def finished(stream, size):
         if kind == CHUNK_INDEX:
             index = read("ChunkIndex", data[HEAD.size :])
             stream.seek(index.chunk_start_offset)
-            head = stream.read(CHUNK_HEAD.size)
+            form = CHUNK_HEADS.get(index.compression)
+            head = stream.read(CHUNK_HEAD.size if form is None else form.size)
             if len(head) < CHUNK_HEAD.size or head[0] != A_CHUNK:
                 return False
-            fields, size = CHUNK_HEAD.unpack(head), index.uncompressed_size
-            # half a head has not got its last field
-            if fields[1] != index.chunk_length - HEAD.size or fields[4 if compressed(head) else 7] != size:
+            if HEAD.unpack_from(head)[1] != index.chunk_length - HEAD.size:
+                return False
+            # the last field is missing in a partly written head
+            if form is not None and (len(head) < form.size or form.unpack(head)[-1] != index.compressed_size):
                 return False
     return True

@@ -38,7 +38,8 @@ def rows():
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     folder = tmp_path_factory.mktemp("odd")
-    order = plan(folder, sink(CSV, "csv", columns(*SIGNALS)), stem="odd", metadata={"trial": {"subject": "S03"}})
+    metadata = {"trial": {"subject": "S03"}}
+    order = plan(folder, sink(CSV, "csv", columns(*SIGNALS)), stem="odd", metadata=metadata, compression="none")
     record(order, [row(*values) for values in rows()])
     return folder / "odd.mcap"
 

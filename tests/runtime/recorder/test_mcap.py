@@ -7,21 +7,25 @@ import struct
 
 import numpy as np
 import pytest
+import zstandard
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.records import Attachment, Channel, Message, Schema
+from mcap.records import Attachment, Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader
 
 import runtime
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
+from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, SharedState
 from graph import Block, Diagram, Input, Output, subsystem
-from runtime.recording.mcap_file import CHUNK, CHUNK_HEAD, HEAD, INDEX, MESSAGE, PRIVATE
+from runtime.recording.mcap_file import CHUNK, HEAD, INDEX, MESSAGE, reserved
 from tests.runtime.recorder.running import CSV, columns, counting, frame, leg, plan, read_csv, record, row, run, sink
 
+LEGS = "/tickwork/can/legs"
 EXTENDED, REMOTE = 0x80000000, 0x40000000
 
 
@@ -181,29 +185,52 @@ def test_frames_keep_order_bus_direction_kind_and_nanoseconds(tmp_path):
     ]
     record(plan(tmp_path, buses=["legs", "arms"]), frames)
     found = log(tmp_path / "bench_1.mcap")
-    first, second, third = found.channels["/tickwork/can/legs"]
-    assert first[0] == 1 and (first[1].id, first[1].data, first[1].sent, first[1].extended, first[1].fd) == (
-        0x123,
-        b"\1\2",
-        False,
-        False,
-        False,
-    )
-    assert second[0] == 1_000_000_007 and (second[1].id, second[1].data, second[1].sent, second[1].extended) == (
-        0x801,
-        b"",
-        True,
-        True,
-    )
-    assert third[1].remote and third[1].id == 7
-    [(time, long)] = found.channels["/tickwork/can/arms"]
-    assert (time, long.id, long.data, long.fd, long.rate_switch) == (1_000_000_007, 5, bytes(range(64)), True, True)
-    assert found.order == [
-        "/tickwork/can/legs",
-        "/tickwork/can/legs",
-        "/tickwork/can/arms",
-        "/tickwork/can/legs",
-        "/tickwork/events",
+    [(time, legs)], [(_, arms)] = found.channels["/tickwork/can/legs"], found.channels["/tickwork/can/arms"]
+    first, second, third = legs.frames
+    assert time == 1 and legs.drained == 0 and (first.time, first.id, first.data, first.order) == (1, 0x123, b"\1\2", 0)
+    assert not any((first.sent, first.extended, first.fd, first.remote, first.error))
+    assert (second.time, second.id, second.data, second.order) == (1_000_000_007, 0x801, b"", 1)
+    assert second.sent and second.extended and not second.remote
+    assert third.remote and third.id == 7 and third.order == 3
+    [long] = arms.frames
+    assert (long.time, long.id, long.data, long.order) == (1_000_000_007, 5, bytes(range(64)), 2)
+    assert long.fd and long.rate_switch and not long.error_state
+    assert found.order == ["/tickwork/can/legs", "/tickwork/can/arms", "/tickwork/events"]
+    read = runtime.load(tmp_path / "bench_1.mcap").frames
+    assert [frame.payload for frame in read] == [payload for _, payload in frames]
+
+
+def test_frames_are_grouped_by_drain_and_keep_their_order_with_rows(tmp_path):
+    def drain(time):
+        return RECORD_RECEIVED, time.to_bytes(8, "little", signed=True)
+
+    records = [
+        frame(3, 9, b"early", sent=1),
+        drain(1000),
+        frame(990, 1, b"a"),
+        frame(995, 2, b"b", bus=1),
+        frame(1010, 3, b"c", sent=1),
+        row(0, 1.0),
+        frame(1020, 4, b"after", sent=1),
+        drain(2000),
+        drain(3000),
+        frame(2990, 1, b"d"),
+        row(1, 2.0),
+    ]
+    record(plan(tmp_path, sink(CSV, "a", columns("a.x m")), buses=["legs", "arms"]), records)
+    found = log(tmp_path / "bench_1.mcap")
+    legs = [(time, message.drained, [item.id for item in message.frames]) for time, message in found.channels[LEGS]]
+    assert legs == [(3, 0, [9]), (1000, 1000, [1, 3]), (1000, 1000, [4]), (3000, 3000, [1])]
+    trial = runtime.load(tmp_path / "bench_1.mcap")
+    payloads = [payload for kind, payload in records if kind == RECORD_FRAME]
+    assert [item.payload for item in trial.frames] == payloads
+    assert [(item.drain, item.drained, item.row) for item in trial.frames] == [
+        (0, 0, 0),
+        (1, 1000, 0),
+        (1, 1000, 0),
+        (1, 1000, 0),
+        (1, 1000, 1),
+        (3, 3000, 1),
     ]
 
 
@@ -235,22 +262,29 @@ def test_end_and_start_metadata_are_attached(tmp_path):
 
 
 def unfinished(data):
-    """The file as it was before its end was written: no chunks, but room for their heads, and no summary."""
+    """Return the file as it was before the heads of its chunks were written."""
     data = bytearray(data)
     for index in chunks(bytes(data)):
-        data[index.chunk_start_offset : index.chunk_start_offset + CHUNK_HEAD.size] = HEAD.pack(
-            PRIVATE, CHUNK_HEAD.size - HEAD.size
-        ) + bytes(CHUNK_HEAD.size - HEAD.size)
+        room = reserved(index.compression)
+        data[index.chunk_start_offset : index.chunk_start_offset + len(room)] = room
     return bytes(data)
+
+
+def full_chunks(data):
+    """Yield (position, messages as bytes) of every chunk, as the mcap package decompresses it."""
+    for index in chunks(data):
+        at = index.chunk_start_offset + HEAD.size
+        chunk = Chunk.read(ReadDataStream(io.BytesIO(data[at : at + index.chunk_length - HEAD.size])))
+        yield index.chunk_start_offset, zstandard.decompress(chunk.data, chunk.uncompressed_size)
 
 
 def chunks(data):
     return make_reader(io.BytesIO(data)).get_summary().chunk_indexes
 
 
-def test_cut_off_at_any_byte_it_opens_up_to_the_last_complete_row(tmp_path):
+def test_uncompressed_and_cut_off_at_any_byte_it_opens_up_to_the_last_complete_row(tmp_path):
     diagram, plant = leg()
-    run(diagram, tmp_path, 30, plant=plant)
+    run(diagram, tmp_path, 30, plant=plant, compression="none")
     finished = (tmp_path / "leg.mcap").read_bytes()
     data = unfinished(finished)
     whole = Log(data)
@@ -268,26 +302,28 @@ def test_cut_off_at_any_byte_it_opens_up_to_the_last_complete_row(tmp_path):
 def test_a_finished_file_that_is_cut_off_or_spoilt_is_read_as_far_as_it_is_good(tmp_path):
     record(
         plan(tmp_path, sink(CSV, "a", columns(*(f"a.x{index} m" for index in range(40)))), stem="long"),
-        [row(k, *[float(k)] * 40) for k in range(1500)],
+        [row(k, *[float(k)] * 40) for k in range(6000)],
+        SharedState(1 << 22),
     )
     data = (tmp_path / "long.mcap").read_bytes()
     first, second, *_ = chunks(data)
     assert CHUNK <= first.uncompressed_size < CHUNK + 1000
     whole = runtime.load(tmp_path / "long.mcap")
-    assert whole.complete and len(whole) == 1500
+    assert whole.complete and len(whole) == 6000
     file = tmp_path / "cut.mcap"
-    for cut in (second.chunk_start_offset - 5, second.chunk_start_offset + 40, second.chunk_start_offset + 100_000):
+    start, length = second.chunk_start_offset, second.chunk_length
+    ticks = []
+    for cut in (start - 5, start + 40, start + length // 2, start + length - 1):
         file.write_bytes(data[:cut])
         found = runtime.load(file)
-        assert (
-            not found.complete
-            and np.array_equal(found.rows, whole.rows[: len(found)])
-            and abs(len(found) - 1500 * cut / len(data)) < 250
-        )
-    # in the middle of a double
-    file.write_bytes(data[: second.chunk_start_offset + 200] + b"\xa5" + data[second.chunk_start_offset + 201 :])
-    found = runtime.load(file)
-    assert len(found) == 1500 and not found.complete and "a checksum is wrong" in found.trouble
+        ticks.append(len(found))
+        assert not found.complete and np.array_equal(found.rows, whole.rows[: len(found)])
+    assert ticks[0] == ticks[1] < ticks[2] < ticks[3] and ticks[0] > 2000
+    for spoilt in (start + length // 2, start + 12):  # the stream; the length
+        file.write_bytes(data[:spoilt] + bytes([data[spoilt] ^ 0xA5]) + data[spoilt + 1 :])
+        found = runtime.load(file)
+        assert ticks[0] <= len(found) and found.complete == (len(found) == 6000)
+        assert np.array_equal(found.rows, whole.rows[: len(found)])
 
 
 def test_readers_find_messages_by_the_index_of_chunks(tmp_path):
@@ -307,13 +343,13 @@ def test_readers_find_messages_by_the_index_of_chunks(tmp_path):
     )
     data = (tmp_path / "leg.mcap").read_bytes()
     for index in summary.chunk_indexes:
-        start = index.chunk_start_offset + CHUNK_HEAD.size
+        content = next(chunk for chunk in full_chunks(data) if chunk[0] == index.chunk_start_offset)[1]
         for channel, offset in index.message_index_offsets.items():
             kind, length, number, size = INDEX.unpack_from(data, offset)
             places = struct.unpack_from(f"<{size // 8}Q", data, offset + INDEX.size)
             assert (kind, number) == (7, channel)
             for time, place in zip(places[::2], places[1::2]):
-                _, _, found, _, log_time, _ = MESSAGE.unpack_from(data, start + place)
+                _, _, found, _, log_time, _ = MESSAGE.unpack_from(content, place)
                 assert (found, log_time) == (channel, time)
 
 

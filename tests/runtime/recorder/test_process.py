@@ -22,7 +22,7 @@ from cext.safety.shared_state import RECORD_EVENT, SharedState
 from graph import Block, Diagram, Output
 from runtime.analysis.trial import Trial
 from runtime.recorder import RecorderError, RecorderProcess
-from runtime.recording.repair import Mending, MendingFailed
+from runtime.recording.repair import Repair, RepairFailed
 from tests.runtime.recorder.running import CSV, STRIDES, columns, counting, leg, plan, read_csv, record, row, run, sink
 from tests.runtime.terminals import patient
 
@@ -307,7 +307,7 @@ def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doub
 
 
 def test_a_part_killed_before_its_first_record_does_not_hide_the_parts_after_it(tmp_path):
-    killed(tmp_path, {150: signal.SIGKILL}, virtual=False, page=SharedState(1 << 20))
+    killed(tmp_path, {150: signal.SIGKILL}, virtual=False, page=SharedState(1 << 20), compression="none")
     first, second = (tmp_path / f"killing{part}.mcap" for part in ("", "_part2"))
     data, ticks = first.read_bytes(), Trial(second).tick.tolist()
     begin = data.find(b'"begin"')  # on a busy machine the writer is killed before it has flushed that
@@ -400,13 +400,15 @@ def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_r
     monkeypatch.syspath_prepend(tmp_path)
     page = SharedState(1 << 20)
     recorder = RecorderProcess(page)
-    recorder.configure(plan(tmp_path / "out", sink("mine:Once", "once", SIGNALS), sink(CSV, "csv", SIGNALS)))
+    recorder.configure(
+        plan(tmp_path / "out", sink("mine:Once", "once", SIGNALS), sink(CSV, "csv", SIGNALS), virtual=False)
+    )
     for tick in range(100):
         page.push(*row(tick, float(tick)))
         if tick == 50:
             patient(lambda: page.empty)
-            with pytest.raises(MendingFailed, match="bench_1.mcap is still being recorded"):
-                Mending(tmp_path / "out" / "bench_1.mcap")
+            with pytest.raises(RepairFailed, match="bench_1.mcap is still being recorded"):
+                Repair(tmp_path / "out" / "bench_1.mcap")
             os.kill(*patient(lambda: writers(os.getsid(recorder.pid))), signal.SIGKILL)
     page.close()
     report = recorder.finish()
@@ -423,7 +425,7 @@ def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_r
 def test_killed_while_it_finishes_itself_and_what_others_left_it_is_replaced_too(tmp_path, attempt):
     page = SharedState(1 << 20)
     recorder = RecorderProcess(page)
-    recorder.configure(plan(tmp_path, sink(CSV, "csv", SIGNALS)))
+    recorder.configure(plan(tmp_path, sink(CSV, "csv", SIGNALS), virtual=False))
     session = os.getsid(recorder.pid)
     for tick in range(9000):
         while not page.push(*row(tick, float(tick))):
@@ -564,7 +566,7 @@ def test_a_full_disk_stops_the_writer_and_nothing_else(tmp_path, capfd):
 def test_deleted_files_are_reported_and_others_continue(tmp_path, capfd):
     page, folder = SharedState(1 << 20), tmp_path / "out"
     recorder = RecorderProcess(page)
-    recorder.configure(plan(folder, sink(CSV, "csv", SIGNALS), sink(CSV, "kept", SIGNALS, file="kept")))
+    recorder.configure(plan(folder, sink(CSV, "csv", SIGNALS), sink(CSV, "kept", SIGNALS, file="kept"), virtual=False))
     for tick in range(100):
         assert page.push(*row(tick, 1.0))
     patient(lambda: (folder / "bench_1.csv").stat().st_size > 500)

@@ -158,7 +158,7 @@ def test_strides_restart_after_killed_writer_and_report_states_it():
     rows, page = walk(12), SharedState(1 << 20)
     recorder = RecorderProcess(page)
     columns = [{**column, "index": index} for index, column in enumerate(INPUTS)]
-    recorder.configure(plan(None, sink(STRIDES, "left/stride_report", columns)))
+    recorder.configure(plan(None, sink(STRIDES, "left/stride_report", columns), virtual=False))
     for number, values in enumerate(rows):
         if number == 700:  # in the middle of the fourth stride
             patient(lambda: page.empty)

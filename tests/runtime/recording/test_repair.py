@@ -2,6 +2,7 @@
 
 import fcntl
 import io
+import json
 import os
 import random
 import resource
@@ -14,49 +15,75 @@ from functools import cache
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
 import runtime
+from cext.safety.shared_state import RECORD_EVENT, SharedState
 from runtime.base.errors import BadInput
-from runtime.recording.mcap_file import CHUNK_HEAD
+from runtime.recorder.recording import Recording
+from runtime.recording import mcap_file
+from runtime.recording.mcap_file import CHUNK_HEADS, HEAD, STREAM
 from runtime.recording.reader import MAGIC
-from runtime.recording.records import walk
-from runtime.recording.repair import Backlog, Mending, MendingFailed
-from tests.runtime.recorder.running import CSV, columns, leg, plan, record, row, run, sink
+from runtime.recording.records import A_CHUNK, walk
+from runtime.recording.repair import Backlog, Repair, RepairFailed
+from tests.runtime.recorder.running import CSV, columns, frame, plan, row, sink
 from tests.runtime.recorder.test_mcap import chunks, unfinished
 from tests.runtime.runs import environment
 
 LEAST = 50  # bytes: magic and header
 
 
-@pytest.fixture(scope="module")
-def short(tmp_path_factory):
-    """A finished recording with frames, rows and events."""
-    folder = tmp_path_factory.mktemp("short")
-    diagram, plant = leg()
-    run(diagram, folder, 12, plant=plant)
-    return (folder / "leg.mcap").read_bytes()
+def write(folder, monkeypatch, compression, rows, flush_rows, chunk, width=40):
+    """Write a recording in this process, flushed every `flush_rows` rows. Returns its bytes. chunk : bytes"""
+    monkeypatch.setattr(mcap_file, "CHUNK", chunk)
+    signals = columns(*(f"a.x{index} m" for index in range(width)))
+    page = SharedState(1 << 20)
+    description = plan(folder, sink(CSV, "a", signals), stem="long", compression=compression, buses=["legs"])
+    recording = Recording(description, page)
+    recording.open()
+    recording.begin()
+    for tick in range(rows):
+        page.push(4, (1000 * tick).to_bytes(8, "little"))
+        page.push(*frame(1000 * tick, 1, bytes([tick % 256])))
+        page.push(*row(tick, *[tick / 3.0] * width))
+        if tick % flush_rows == flush_rows - 1:
+            recording.take(page.drain())
+            recording.flush()
+    page.push(RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "tick": 0}).encode())
+    recording.take(page.drain())
+    recording.finish(False)
+    return (folder / "long.mcap").read_bytes()
 
 
 @pytest.fixture(scope="module")
-def long(tmp_path_factory):
-    """One of three pieces and a bit."""
-    folder = tmp_path_factory.mktemp("long")
-    record(
-        plan(folder, sink(CSV, "a", columns(*(f"a.x{index} m" for index in range(40)))), stem="long"),
-        [row(k, *[float(k)] * 40) for k in range(2100)],
+def monkeypatch_module():
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        yield monkeypatch
+
+
+@pytest.fixture(scope="module", params=["none", "zstd"])
+def short(tmp_path_factory, monkeypatch_module, request):
+    """A finished recording of one chunk with frames, rows and events."""
+    return write(tmp_path_factory.mktemp("short"), monkeypatch_module, request.param, 30, 6, 1 << 20, 5)
+
+
+@pytest.fixture(scope="module", params=["none", "zstd"])
+def long(tmp_path_factory, monkeypatch_module, request):
+    """One of four chunks."""
+    data = write(tmp_path_factory.mktemp("long"), monkeypatch_module, request.param, 1500, 50, 256 << 10)
+    assert len(chunks(data)) == 4 and all(
+        index.compression == request.param.replace("none", "") for index in chunks(data)
     )
-    data = (folder / "long.mcap").read_bytes()
-    assert len(chunks(data)) == 4
     return data
 
 
 def mended(path, data):
     path.write_bytes(data)
-    Mending(str(path)).finish()
+    Repair(str(path)).finish()
     return path.read_bytes()
 
 
@@ -86,6 +113,25 @@ def streamed(data):
     return found
 
 
+def decompressed(data):
+    """Return a file, which can end anywhere, with the messages of its zstd chunks as plain records."""
+    if b"\4\0\0\0zstd" not in data:
+        return data
+    plain, at = bytearray(data[: len(MAGIC)]), len(MAGIC)
+    while at + HEAD.size <= len(data):
+        kind, length = HEAD.unpack_from(data, at)
+        if kind in (A_CHUNK, STREAM):
+            frame = zstandard.ZstdDecompressor().decompressobj()
+            plain += frame.decompress(data[at + CHUNK_HEADS["zstd"].size :])
+            if not frame.eof:
+                break
+            at = len(data) - len(frame.unused_data)
+        else:
+            plain += data[at : at + HEAD.size + length]
+            at += HEAD.size + length
+    return bytes(plain)
+
+
 def read(path):
     """Everything that the reader of this project returns, or None if it fails."""
     try:
@@ -98,16 +144,17 @@ def read(path):
 def cut_and_mended(path, data, cut):
     """Cut off at a byte, both readers see the same before and after, and mending again changes nothing."""
     path.write_bytes(data[:cut])
-    before, messages = read(path), streamed(unfinished_of(data)[:cut])
+    zstd = b"\4\0\0\0zstd" in data
+    before, messages = read(path), streamed(decompressed(data[:cut]) if zstd else unfinished_of(data)[:cut])
     try:
-        Mending(str(path)).finish()
-    except MendingFailed as error:
-        assert cut < LEAST and "there is nothing to finish" in str(error) and path.read_bytes() == data[:cut]
+        Repair(str(path)).finish()
+    except RepairFailed as error:
+        assert cut < LEAST and "it contains nothing to repair" in str(error) and path.read_bytes() == data[:cut]
         return
     after = path.read_bytes()
     assert indexed(after) == messages and read(path) == before
     assert isinstance(before, str) or runtime.load(path).complete == (before[5] is not None)  # its end had been written
-    assert not Mending(str(path)).finish() and path.read_bytes() == after
+    assert not Repair(str(path)).finish() and path.read_bytes() == after
 
 
 @cache
@@ -136,10 +183,8 @@ def test_so_it_is_around_the_ends_of_pieces(tmp_path, long, heads):
         indices + 16000,
         edges[1] - 1,
         edges[1],
-        edges[1] + 48,
-        edges[1] + 49,
-        edges[1] + 50,
-        edges[3] + 5000,
+        *range(edges[1] + 48, edges[1] + 55),
+        edges[3] + 3000,
         len(data) - 1,
     ):
         cut_and_mended(tmp_path / "cut.mcap", data, cut)
@@ -161,7 +206,8 @@ def test_killed_between_any_two_of_its_writes_it_can_be_mended_again(tmp_path, l
     for _ in range(20):
         data = bytearray(unfinished(long))
         for index in chunks(long):
-            done = order.choice([0, 0, 9, 30, CHUNK_HEAD.size, CHUNK_HEAD.size])
+            size = CHUNK_HEADS[index.compression].size
+            done = order.choice([0, 0, 9, 30, size, size])
             data[index.chunk_start_offset : index.chunk_start_offset + done] = long[
                 index.chunk_start_offset : index.chunk_start_offset + done
             ]
@@ -181,10 +227,10 @@ def test_repair_stops_on_full_disk_and_resumes_later(tmp_path, short):
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
         try:
             with pytest.raises(OSError):
-                Mending(str(path)).finish()
+                Repair(str(path)).finish()
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        assert Mending(str(path)).finish() and path.read_bytes() == whole
+        assert Repair(str(path)).finish() and path.read_bytes() == whole
 
 
 @pytest.mark.soak
@@ -197,8 +243,8 @@ def test_kill_9_while_it_mends_leaves_what_can_be_mended(tmp_path, long):
             [
                 sys.executable,
                 "-c",
-                "import sys\nfrom runtime.recording.repair import Mending\nmending = "
-                "Mending(sys.argv[1])\nmending.look()\n"
+                "import sys\nfrom runtime.recording.repair import Repair\nmending = "
+                "Repair(sys.argv[1])\nmending.look()\n"
                 "print(flush=True)\nmending.finish()",
                 path,
             ],
@@ -210,32 +256,40 @@ def test_kill_9_while_it_mends_leaves_what_can_be_mended(tmp_path, long):
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
         process.stdout.close()
-        Mending(str(path)).finish()
+        Repair(str(path)).finish()
         assert path.read_bytes() == whole
 
 
 def test_damaged_file_is_not_modified(tmp_path, long):
     path, sound = tmp_path / "a.mcap", unfinished(long)
-    stream = io.BytesIO(sound)
+    plain = not chunks(long)[0].compression
+    source = sound if plain else long  # whose records can be walked through
+    stream = io.BytesIO(source)
     stream.seek(len(MAGIC))
     middle = next(at for at, _, _ in walk(stream, len(MAGIC)) if at > len(sound) // 2)  # where a record begins
     for data in (sound[:middle] + b"\xff" * 30 + sound[middle + 30 :], sound[:middle] + sound[middle + 5 :]):
         path.write_bytes(data)
         with pytest.raises(
-            MendingFailed,
-            match=r"a\.mcap is damaged from byte \d+ of \d+ on: `convert` writes what "
-            r"stands before",
+            RepairFailed, match=r"a\.mcap is damaged from byte \d+ of \d+ on: `convert` writes the part before"
         ):
-            Mending(str(path)).finish()
+            Repair(str(path)).finish()
         assert path.read_bytes() == data
 
 
 def test_a_checksum_that_was_wrong_stays_wrong(tmp_path, long):
-    place = chunks(long)[1].chunk_start_offset + 200  # in the middle of a double
-    spoilt = bytearray(long[:-1])
-    spoilt[place] ^= 0xA5
-    found = mended(tmp_path / "a.mcap", bytes(spoilt))
-    assert len(found) == len(long) and "a checksum is wrong" in runtime.load(tmp_path / "a.mcap").trouble
+    if chunks(long)[1].compression:  # zstd content is damaged as a whole
+        checksum = bytes([long[chunks(long)[1].chunk_start_offset + 33] ^ 0xA5])
+        place, spoilt = chunks(long)[1].chunk_start_offset + 33, long[:-1]
+        with pytest.raises(RepairFailed, match="damaged"):
+            mended(tmp_path / "a.mcap", spoilt[: place + 500] + b"\xa5" + spoilt[place + 501 :])
+        spoilt = spoilt[:place] + checksum + spoilt[place + 1 :]
+    else:
+        place = chunks(long)[1].chunk_start_offset + 200  # in the middle of a double
+        spoilt = long[:place] + bytes([long[place] ^ 0xA5]) + long[place + 1 : -1]
+    found = mended(tmp_path / "a.mcap", spoilt)
+    assert len(found) == len(long)
+    if not chunks(long)[1].compression:
+        assert "a checksum is wrong" in runtime.load(tmp_path / "a.mcap").trouble
     with pytest.raises(ValueError, match="crc validation failed"):
         indexed(found)
 
@@ -245,18 +299,19 @@ def test_active_recording_and_other_files_are_not_repaired(tmp_path, short):
     path.write_bytes(unfinished(short)[:-9])
     with open(path, "rb") as other:
         fcntl.flock(other, fcntl.LOCK_EX)
-        with pytest.raises(MendingFailed, match="a.mcap is still being recorded"):
-            Mending(str(path))
+        with pytest.raises(RepairFailed, match="a.mcap is still being recorded"):
+            Repair(str(path))
     for data in (b"", b"time,tick\n1,2\n", short[:12], short[: LEAST - 20].replace(b"tickwork", b"ros2bag2")):
         path.write_bytes(data)
-        with pytest.raises(MendingFailed, match="there is nothing to finish"):
-            Mending(str(path)).finish()
+        with pytest.raises(RepairFailed, match="it contains nothing to repair"):
+            Repair(str(path)).finish()
         assert path.read_bytes() == data
 
 
 def test_backlog_is_scanned_in_slices_and_unfinished_files_reported(tmp_path, long):
     paths = [str(tmp_path / f"{number}.mcap") for number in range(4)]
-    contents = unfinished(long)[:-9], b"", unfinished(long)[:500_000] + unfinished(long)[500_001:], long
+    middle = len(long) // 2
+    contents = unfinished(long)[:-9], b"", unfinished(long)[:middle] + unfinished(long)[middle + 1 :], long
     for path, content in zip(paths, contents):
         with open(path, "wb") as file:
             file.write(content)
@@ -265,12 +320,14 @@ def test_backlog_is_scanned_in_slices_and_unfinished_files_reported(tmp_path, lo
     while backlog.look():
         slices += 1
     # so far it has only looked
-    assert 10 < slices < 30 and [open(path, "rb").read() for path in paths] == list(contents)
+    assert (4 if chunks(long)[0].compression else 10) < slices < 30 and [
+        open(path, "rb").read() for path in paths
+    ] == list(contents)
     problems = backlog.finish()
     assert [open(path, "rb").read() for path in paths] == [long, b"", contents[2], long]
     assert (
         len(problems) == 2
-        and "gone.mcap was not finished: No such file" in problems[0]
+        and "gone.mcap was not completed: No such file" in problems[0]
         and "2.mcap is damaged from byte" in problems[1]
     )
 
@@ -280,4 +337,4 @@ def test_truncated_recording_stays_marked_after_repair(tmp_path, short):
     mended(path, unfinished(short)[: len(short) // 2])
     trial = runtime.load(path)
     assert not trial.complete and trial.trouble == f"{path} was cut off, and what there is of it was completed later"
-    assert 2 < len(trial) < 12 and np.array_equal(trial.tick, np.arange(len(trial)))
+    assert 2 < len(trial) < 30 and np.array_equal(trial.tick, np.arange(len(trial)))
