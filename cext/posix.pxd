@@ -92,11 +92,13 @@ cdef extern from "<pthread.h>" nogil:
     int pthread_attr_init(pthread_attr_t *attributes)
     int pthread_attr_setstacksize(pthread_attr_t *attributes, size_t size)
     int pthread_attr_destroy(pthread_attr_t *attributes)
-    int pthread_create(pthread_t *thread, const pthread_attr_t *attributes, void *(*start)(void *) noexcept nogil, void *argument)
+    int pthread_create(pthread_t *thread, const pthread_attr_t *attributes, void *(*start)(void *) noexcept nogil,
+        void *argument)
     int pthread_join(pthread_t thread, void **result)
     int pthread_kill(pthread_t thread, int signum)
     pthread_t pthread_self()
-    int pthread_atfork(void (*prepare)() noexcept nogil, void (*parent)() noexcept nogil, void (*child)() noexcept nogil)
+    int pthread_atfork(void (*prepare)() noexcept nogil, void (*parent)() noexcept nogil,
+        void (*child)() noexcept nogil)
 
 cdef extern from "<sched.h>" nogil:
     cdef struct sched_param:

@@ -3,7 +3,8 @@
 from libc.stdint cimport int32_t, int64_t
 
 from cext.posix cimport (
-    PR_SET_NAME, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_SETMASK, prctl, pthread_attr_destroy, pthread_attr_init, pthread_attr_setstacksize,
+    PR_SET_NAME, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_SETMASK, prctl, pthread_attr_destroy, pthread_attr_init,
+    pthread_attr_setstacksize,
     pthread_attr_t, pthread_create, pthread_sigmask, pthread_t, sched_param, sched_setscheduler, sigfillset, sigset_t,
 )
 
@@ -28,7 +29,8 @@ cdef extern from *:
     void wake "tw_wake"(int32_t *word) noexcept nogil
 
 
-cdef inline int start_thread(pthread_t *thread, void *(*enter)(void *) noexcept nogil, void *context, size_t stack) noexcept nogil:
+cdef inline int start_thread(
+        pthread_t *thread, void *(*enter)(void *) noexcept nogil, void *context, size_t stack) noexcept nogil:
     """Start a thread. Returns 0 or errno. stack : bytes, which count as locked memory if memory is locked"""
     cdef pthread_attr_t attributes
     cdef sigset_t everything, mine

@@ -270,7 +270,7 @@ class Assembly:
         watch = block.watched()
         if watch is None:
             return None
-        name, index = watch.felt or ("", 0)
+        name, index = watch.law_limit or ("", 0)
         remaining, full = (self.memory[block][name][0] + index, float(vars(block)[name][index])) if name else (-1, 0.0)
         return WatchSteps(
             watch,

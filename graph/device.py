@@ -54,7 +54,7 @@ class Watch:
     mode : reaction to an RMS torque above the rated torque: silent, warn, saturate, throttle or disable
     window : s, averaging time of the RMS torque
     warm, derate, hot : °C, temperatures that cause a warning, a reduced torque limit, and a fault
-    felt : (name of a memory, index) from which the kernel reads the remaining torque limit, or None
+    law_limit : (name of a memory, index) from which the kernel reads the remaining torque limit, or None
     motion : Motion; with None, only NaN and infinity in the feedback are faults
     """
 
@@ -65,7 +65,7 @@ class Watch:
     warm: float = 70.0
     derate: float = 80.0
     hot: float = 100.0
-    felt: tuple | None = None
+    law_limit: tuple | None = None
     motion: Motion | None = None
 
     def words(self) -> tuple[str, ...]:

@@ -31,7 +31,7 @@ class Step:
 class WatchSteps:
     """The Watch of an actuator and the slots that it uses, -1 for a quantity that the actuator does not have.
 
-    felt : slot of the remaining torque limit, read by the kernel; full : its initial value, N·m
+    law_limit : slot of the remaining torque limit, read by the kernel; full : its initial value, N·m
     law : first of five slots with the command of the last frame
     gains : slot of the allowed share of stiffness and damping, read by the kernel
     """
@@ -40,7 +40,7 @@ class WatchSteps:
     torque: int
     temperature: int
     rms: int
-    felt: int
+    law_limit: int
     full: float
     position: int = -1
     velocity: int = -1

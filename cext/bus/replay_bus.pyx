@@ -58,7 +58,8 @@ cdef class ReplayBus:
         block = np.ascontiguousarray(frames, dtype=np.uint8)
         numbers = np.ascontiguousarray(drains, dtype=np.int64)
         if block.ndim != 2 or block.shape[1] != sizeof(Frame) or len(block) != len(numbers):
-            raise ValueError("frames of a block have the shape %r, not (%d, %d)" % (block.shape, len(numbers), sizeof(Frame)))
+            raise ValueError("frames of a block have the shape %r, not (%d, %d)" % (block.shape, len(numbers),
+                sizeof(Frame)))
         all = <const Frame *><uintptr_t>block.ctypes.data
         for index in range(len(numbers)):
             if all[index].length > FRAME_BYTES:

@@ -55,7 +55,7 @@ cdef struct Socket:
     int64_t began                   # ns of CLOCK_MONOTONIC: zero of the frames' times
     int64_t drained                 # ns of CLOCK_MONOTONIC: the next frames arrived later
     int trouble                     # 0, an errno, or one of the errors above
-    bint told                       # reported to the executor
+    bint reported                   # reported to the executor
     bint refusing                   # in this tick
     int full                        # ticks in a row
     int state
@@ -65,8 +65,8 @@ cdef struct Socket:
     mmsghdr outgoing[FRAMES_PER_TICK]
     iovec came[FRAMES_PER_TICK]
     iovec goes[FRAMES_PER_TICK]
-    canfd_frame heard[FRAMES_PER_TICK]
-    canfd_frame said[FRAMES_PER_TICK]
+    canfd_frame received[FRAMES_PER_TICK]
+    canfd_frame sent[FRAMES_PER_TICK]
     int64_t control[FRAMES_PER_TICK][CONTROL_WORDS]
 
 cdef class SocketCan:

@@ -21,7 +21,8 @@ from libc.string cimport memcpy, memset
 from cext.abi cimport ERROR_FRAME, Frame
 from cext.clock.deadline_clock cimport clock, monotonic
 from cext.posix cimport (
-    CLOCK_REALTIME, CMSG_DATA, CMSG_FIRSTHDR, MSG_CONFIRM, MSG_DONTROUTE, MSG_DONTWAIT, MSG_NOSIGNAL, MSG_TRUNC, SCM_TIMESTAMPNS,
+    CLOCK_REALTIME, CMSG_DATA, CMSG_FIRSTHDR, MSG_CONFIRM, MSG_DONTROUTE, MSG_DONTWAIT, MSG_NOSIGNAL, MSG_TRUNC,
+    SCM_TIMESTAMPNS,
     SOL_SOCKET, cmsghdr, recvmmsg, sendmmsg, timespec,
 )
 
@@ -31,12 +32,12 @@ TROUBLES = {FULL: "full", BUS_OFF: "bus-off"}
 
 cdef int fail(Socket *socket, int trouble) noexcept nogil:
     socket.trouble = trouble
-    socket.told = True
+    socket.reported = True
     return -1
 
 
-cdef inline bint untold(Socket *socket) noexcept nogil:
-    return socket.trouble != 0 and not socket.told
+cdef inline bint unreported(Socket *socket) noexcept nogil:
+    return socket.trouble != 0 and not socket.reported
 
 
 cdef inline int64_t stamp_of(mmsghdr *message) noexcept nogil:
@@ -85,12 +86,12 @@ cdef int socket_receive(void *context, Frame *frames, int capacity) noexcept nog
     cdef int read, index, flags
     cdef int64_t before, now, wall, at
     cdef mmsghdr *message
-    cdef canfd_frame *heard
+    cdef canfd_frame *received
     socket.full = socket.full + 1 if socket.refusing else 0
     socket.refusing = False
     if socket.full >= socket.patience and socket.trouble == 0:
         socket.trouble = FULL
-    if untold(socket):
+    if unreported(socket):
         return fail(socket, socket.trouble)
     before = monotonic()
     read = recvmmsg(socket.fd, socket.incoming, wanted, MSG_DONTWAIT, NULL)
@@ -100,24 +101,24 @@ cdef int socket_receive(void *context, Frame *frames, int capacity) noexcept nog
         read = 0
     now, wall = monotonic(), clock(CLOCK_REALTIME)
     for index in range(read):
-        message, heard = &socket.incoming[index], &socket.heard[index]
+        message, received = &socket.incoming[index], &socket.received[index]
         flags = message.msg_hdr.msg_flags
         at = stamp_of(message)
         message.msg_hdr.msg_controllen = sizeof(socket.control[0])                  # for the next call
         if flags & MSG_CONFIRM or (flags & MSG_DONTROUTE and not socket.shared):
             socket.counts.echoes += 1
-        elif not is_whole(socket, message, heard):
+        elif not is_whole(socket, message, received):
             socket.counts.corrupt += 1
         else:
-            if heard.can_id & ERROR_FRAME:
-                note(socket, heard)
+            if received.can_id & ERROR_FRAME:
+                note(socket, received)
             at = now - (wall - at) if at else now
             memset(&frames[count], 0, sizeof(Frame))
             frames[count].time = min(max(at, socket.drained), now) - socket.began
-            frames[count].id = heard.can_id
-            frames[count].length = heard.len
-            frames[count].flags = heard.flags | CANFD_FDF if message.msg_len == <unsigned>CANFD_MTU else 0
-            memcpy(frames[count].data, heard.data, heard.len)
+            frames[count].id = received.can_id
+            frames[count].length = received.len
+            frames[count].flags = received.flags | CANFD_FDF if message.msg_len == <unsigned>CANFD_MTU else 0
+            memcpy(frames[count].data, received.data, received.len)
             count += 1
     if read < wanted:
         socket.drained = before
@@ -128,7 +129,7 @@ cdef int socket_send(void *context, const Frame *frames, int count) noexcept nog
     cdef Socket *socket = <Socket *>context
     cdef int sent = 0
     cdef int index, batch, taken
-    if untold(socket):
+    if unreported(socket):
         return fail(socket, socket.trouble)
     if socket.mute:
         return 0
@@ -148,12 +149,12 @@ cdef int socket_send(void *context, const Frame *frames, int count) noexcept nog
 
 
 cdef inline void put(Socket *socket, int index, const Frame *frame) noexcept nogil:
-    cdef canfd_frame *said = &socket.said[index]
+    cdef canfd_frame *sent = &socket.sent[index]
     cdef bint flexible = frame.flags & CANFD_FDF or frame.length > CAN_MAX_DLEN
-    said.can_id = frame.id
-    said.len = frame.length
-    said.flags = frame.flags if flexible else 0
-    memcpy(said.data, frame.data, min(frame.length, <uint8_t>sizeof(said.data)))
+    sent.can_id = frame.id
+    sent.len = frame.length
+    sent.flags = frame.flags if flexible else 0
+    memcpy(sent.data, frame.data, min(frame.length, <uint8_t>sizeof(sent.data)))
     socket.goes[index].iov_len = CANFD_MTU if flexible else CAN_MTU
 
 
@@ -168,13 +169,14 @@ cdef void socket_begin(void *context, int64_t began) noexcept nogil:
         read = recvmmsg(socket.fd, socket.incoming, FRAMES_PER_TICK, MSG_DONTWAIT, NULL)
         for index in range(read):
             socket.incoming[index].msg_hdr.msg_controllen = sizeof(socket.control[0])
-            if is_whole(socket, &socket.incoming[index], &socket.heard[index]) and socket.heard[index].can_id & ERROR_FRAME:
-                note(socket, &socket.heard[index])
+            if is_whole(socket, &socket.incoming[index],
+                    &socket.received[index]) and socket.received[index].can_id & ERROR_FRAME:
+                note(socket, &socket.received[index])
     socket.began = began
     socket.drained = max(monotonic(), began)            # no frame is older than the run, which may begin later
     socket.trouble = BUS_OFF if socket.state == OFF else 0
     socket.full = 0
-    socket.told = socket.refusing = False
+    socket.reported = socket.refusing = False
     socket.worst = socket.state
     memset(&socket.counts, 0, sizeof(Counts))
 
@@ -198,11 +200,12 @@ cdef class SocketCan:
             raise MemoryError
         self.file = file
         self.socket.mute = mute
-        self.socket.fd, self.socket.flexible, self.socket.shared, self.socket.patience = file.fileno(), fd, shared, patience
+        self.socket.fd, self.socket.flexible = file.fileno(), fd
+        self.socket.shared, self.socket.patience = shared, patience
         for index in range(FRAMES_PER_TICK):
-            self.socket.came[index].iov_base = &self.socket.heard[index]
+            self.socket.came[index].iov_base = &self.socket.received[index]
             self.socket.came[index].iov_len = CANFD_MTU if fd else CAN_MTU
-            self.socket.goes[index].iov_base = &self.socket.said[index]
+            self.socket.goes[index].iov_base = &self.socket.sent[index]
             self.socket.incoming[index].msg_hdr.msg_iov = &self.socket.came[index]
             self.socket.outgoing[index].msg_hdr.msg_iov = &self.socket.goes[index]
             self.socket.incoming[index].msg_hdr.msg_iovlen = self.socket.outgoing[index].msg_hdr.msg_iovlen = 1

@@ -58,7 +58,8 @@ cdef void advance(Wire *wire, int64_t now) noexcept nogil:
         if start >= wire.now:
             break
         mine, theirs = chosen(wire, HOST, start), chosen(wire, DEVICE, start)
-        side = HOST if theirs < 0 or (mine >= 0 and rank(&wire.waiting[HOST][mine]) <= rank(&wire.waiting[DEVICE][theirs])) else DEVICE
+        side = HOST if theirs < 0 or (mine >= 0
+            and rank(&wire.waiting[HOST][mine]) <= rank(&wire.waiting[DEVICE][theirs])) else DEVICE
         carry(wire, side, mine if side == HOST else theirs, start)
 
 
@@ -209,7 +210,8 @@ cdef class SlowBus:
     def __cinit__(self, BusEnd real, double bitrate):
         self.bus, self.real, self.end = TimedBus(bitrate), real, BusEnd()
         self.context.wire, self.context.real = self.bus.wire, real.bus
-        self.end.bus.receive, self.end.bus.send, self.end.bus.at, self.end.bus.begin = slow_receive, slow_send, slow_at, slow_begin
+        self.end.bus.receive, self.end.bus.send = slow_receive, slow_send
+        self.end.bus.at, self.end.bus.begin = slow_at, slow_begin
         self.end.bus.context = &self.context
         self.end.owner = self
 

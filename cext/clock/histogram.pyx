@@ -15,7 +15,8 @@ cdef dict summary(const Histogram *histogram):
     cdef uint64_t seen = 0
     cdef int bucket
     result = {
-        "count": histogram.count, "total": histogram.total * 1e-9, "max": histogram.largest * 1e-9, "max_at_tick": histogram.largest_at,
+        "count": histogram.count, "total": histogram.total * 1e-9, "max": histogram.largest * 1e-9,
+        "max_at_tick": histogram.largest_at,
     }
     wanted = [("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999)]
     for bucket in range(BUCKETS):

@@ -20,7 +20,8 @@ PHASES = {
 
 def names(schedule) -> list[str]:
     """Return the name of each item: text for a phase, the path of a step's block, the path of a device."""
-    return [*(PHASES[item] for item in range(FIRST_STEP)), *(step.name for step in (*schedule.output, *schedule.update, *schedule.devices))]
+    return [*(PHASES[item] for item in range(FIRST_STEP)),
+        *(step.name for step in (*schedule.output, *schedule.update, *schedule.devices))]
 
 
 def time_of_lap(int64_t laps=20000) -> float:
@@ -96,7 +97,8 @@ cdef class Stopwatch:
             return "phase"
         if step >= len(self.steps):
             return "device"
-        return ("native" if self.steps[step].kernel is not None else "Python") + (" update" if step >= len(self.schedule.output) else "")
+        return ("native" if self.steps[step].kernel is not None else "Python") + (" update"
+            if step >= len(self.schedule.output) else "")
 
     def overruns(self) -> list[dict[str, Any]]:
         """Return the items that caused missed grid points, most first: dicts of name, times, missed, longest (s),

@@ -1,10 +1,10 @@
-"""What happens now and then to an emulated device: the same in every run."""
+"""Random events of emulated devices, the same in every run."""
 
 from libc.stdint cimport uint64_t
 
 
 cdef inline bint lucky(double *luck, double share) noexcept nogil:
-    """True with that probability. luck : of the device's memory; a linear congruence goes on in it"""
+    """Return True with a probability. luck : state of the linear congruential generator, in the device's memory"""
     if not share > 0.0:
         return False
     luck[0] = <double>((<uint64_t>luck[0] * 1103515245u + 12345u) & 0x7FFFFFFFu)

@@ -1,8 +1,8 @@
 # cython: freethreading_compatible=True
-"""Charge pump: a level that changes with every call of `encode`, and a relay, emulated, that holds only while it changes.
+"""Charge pump: a level that changes with every call of `encode`, and an emulated relay that holds while it changes.
 
-On a GPIO line a frame is the level, one byte. To a microcontroller it is a message: a counter (one byte) and its CRC-16/CCITT-FALSE, least
-significant byte first, stuffed by COBS, so that zero ends it and is nowhere else: five bytes.
+On a GPIO line, a frame is the level, one byte. To a microcontroller, it is a message of five bytes: a counter (one
+byte) and its CRC-16/CCITT-FALSE, least significant byte first, COBS-encoded with a zero at the end.
 """
 
 from libc.stdint cimport int32_t, int64_t, uint8_t
@@ -22,13 +22,13 @@ cdef enum: # in `state` of a Relay
     FILLED
 
 cdef enum:
-    PLAIN = 3                   # bytes of a message before it is stuffed
-    STUFFED = PLAIN + 1         # and after, without the zero at the end
+    PLAIN = 3                   # bytes of a message before COBS encoding
+    STUFFED = PLAIN + 1         # bytes after COBS encoding, without the zero at the end
     ROOM = 16                   # bytes of `buffer`
 
 
 cdef struct Pump:
-    int32_t changes             # counts those of arming too: memory is reset at tick 0, outputs are not
+    int32_t changes             # includes those of arming: memory is reset at tick 0, outputs are not
     int32_t fault, messages
 
 PUMP = items((<Pump *>ITEMS)[0])
@@ -62,7 +62,7 @@ cdef int pump_encode(double *arena, const Pump *at, const Pump *sizes, Frame *fr
 cdef struct Relay:
     int32_t lost, holds, changes, hold, messages
     int32_t state               # the enum above
-    int32_t buffer              # bytes of a message that is not complete
+    int32_t buffer              # bytes of an incomplete message
 
 RELAY = items((<Relay *>ITEMS)[0], "state[4] buffer[2]")
 
@@ -70,7 +70,7 @@ RELAY = items((<Relay *>ITEMS)[0], "state[4] buffer[2]")
 cdef void take(double *arena, const Relay *at, double value) noexcept nogil:
     cdef double *state = arena + at.state
     if state[NEWEST] != value + 1.0:
-        if state[NEWEST] != 0.0:                                # the first level is none that has changed
+        if state[NEWEST] != 0.0:                                # the first level is not a change
             arena[at.changes] += 1.0
             state[CHANGED] = arena[TIME]
         state[NEWEST] = value + 1.0
@@ -95,7 +95,8 @@ cdef int relay_decode_kernel(double *arena, const Relay *at, const Relay *sizes,
             state[FILLED] = min(filled + 1, ROOM)
             continue
         state[FILLED] = 0.0
-        if filled == STUFFED and unstuff(buffer, filled) == PLAIN and checksum(buffer, 1) == (buffer[1] | buffer[2] << 8):
+        if filled == STUFFED and unstuff(buffer, filled) == PLAIN and checksum(buffer, 1) == (buffer[1]
+                | buffer[2] << 8):
             take(arena, at, buffer[0])
         else:
             answer = MALFORMED
@@ -108,7 +109,7 @@ cdef int relay_kernel(double *arena, const Relay *at, const Relay *sizes) noexce
 
 
 cdef int relay_encode_kernel(double *arena, const Relay *at, const Relay *sizes, Frame *frames) noexcept nogil:
-    """The loss of its line, and its return."""
+    """Handle the loss and the return of the line."""
     cdef double *state = arena + at.state
     cdef bint lost = not arena[at.lost] == 0.0
     if lost == (state[REPORTED] != 0.0):

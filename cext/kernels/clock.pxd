@@ -1,8 +1,8 @@
-"""The clock, for kernels that act at an instant."""
+"""Time comparisons for kernels that act at a given time."""
 
 from cext.abi cimport PERIOD, TIME
 
 
 cdef inline double just_after(const double *arena) noexcept nogil:
-    """The time and a thousandth of a period, in s: what is due at 0.3 s is not missed because 0.4 s - 0.1 s came out a little more."""
+    """Return the time plus a thousandth of a period, in s, so that rounding does not delay an event by a tick."""
     return arena[TIME] + 1e-3 * arena[PERIOD]

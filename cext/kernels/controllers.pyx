@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Laws of a joint."""
+"""Control laws of a joint."""
 
 from libc.math cimport sin
 from libc.stdint cimport int32_t
@@ -15,7 +15,8 @@ IMPEDANCE = items((<Impedance *>ITEMS)[0])
 
 
 cdef int impedance_kernel(double *arena, const Impedance *at, const Impedance *sizes) noexcept nogil:
-    arena[at.torque] = arena[at.stiffness] * (arena[at.equilibrium] - arena[at.position]) - arena[at.damping] * arena[at.velocity]
+    arena[at.torque] = arena[at.stiffness] * (arena[at.equilibrium]
+        - arena[at.position]) - arena[at.damping] * arena[at.velocity]
     return OK
 
 

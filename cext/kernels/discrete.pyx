@@ -46,7 +46,7 @@ cdef int hold_kernel(double *arena, const Hold *at, const Hold *sizes) noexcept 
 
 cdef struct Delay:
     int32_t u, y
-    int32_t held                # a ring of whole inputs
+    int32_t held                # ring of inputs with all their elements
     int32_t place
 
 DELAY = items((<Delay *>ITEMS)[0], "u[...] y[...] held[...]")
@@ -77,8 +77,9 @@ cdef struct Integrator:
 INTEGRATOR = items((<Integrator *>ITEMS)[0], "u[...] y[...] state[...] held[...]")
 
 
-cdef inline int integrate(double *arena, const Integrator *at, const Integrator *sizes, double old, double new) noexcept nogil:
-    """x += h (old u_before + new u), inside the limits; at a restart, the initial value."""
+cdef inline int integrate(double *arena, const Integrator *at, const Integrator *sizes, double old,
+        double new) noexcept nogil:
+    """Compute x += h (old u_before + new u) within the limits; at a restart, the initial value."""
     cdef double h = arena[DT]
     cdef double restart = arena[at.restart]
     cdef bint again = restart == restart and restart != 0.0
@@ -138,7 +139,7 @@ cdef int derivative_kernel(double *arena, const Derivative *at, const Derivative
             arena[at.y + i] = u
             continue
         if follower[i] != follower[i]:
-            follower[i] = u         # the first input: no slope is known yet
+            follower[i] = u         # first input: no slope yet
         slope = (u - follower[i]) / span
         follower[i] += h * slope
         arena[at.y + i] = slope

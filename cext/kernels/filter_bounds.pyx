@@ -1,5 +1,8 @@
 # cython: freethreading_compatible=True
-"""How far a linear system can go: sums over its impulse response, for the range proof. Runs when a diagram is compiled, not in the tick."""
+"""Output bounds of a linear system for the range proof: sums over its impulse response.
+
+Runs when a diagram is compiled, not in the tick.
+"""
 
 import numpy as np
 
@@ -7,25 +10,25 @@ from libc.math cimport fabs
 
 
 def impulse_sums(double[:, ::1] A, double[:, ::1] E, double[:, ::1] C, double share=1e-9, double work=5e8):
-    """Sums over k >= 0 of Y(k) = C A^k [I E], the responses of the outputs to a push at each state, and to each column of E.
+    """Return sums over k >= 0 of Y(k) = C A^k [I E], the impulse responses from each state and from each column of E.
 
-    Principle: 1. X = A^k [I E] is stepped, and the positive and negative parts of C X are summed; 2. with W the sums of |C A^j| so far,
-    the sums from step k on are at most (W + rest) |A^k|; once W |A^k| <= share W in every element, rest <= share W / (1 - share), and
-    the remainder of every column is known.
+    Principle: 1. X = A^k [I E] is stepped, and the positive and negative parts of C X are summed; 2. with W the sums
+    of |C A^j| so far, the sums from step k on are at most (W + rest) |A^k|; once W |A^k| <= share W in every element,
+    rest <= share W / (1 - share), which bounds the remainder of every column.
 
     Parameters
     ----------
     A, E, C : (n, n), (n, m), (p, n)
-    share : how small the remainder must be
-    work : most multiplications spent
+    share : upper bound of the remainder, as a fraction of the sum
+    work : upper limit of the number of multiplications
 
     Returns
     -------
     positive, negative : (p, n + m), sums of the parts above and below zero, remainder included in both
     highest, lowest : (p, n + m), largest and smallest element of Y(k), 0 included
     states : (n, n + m), sums of |X|
-    steps : how many were taken
-    None where the remainder has not become small: the system is not stable, or too slow for `work`.
+    steps : number of steps taken
+    None if the remainder did not become small: the system is unstable, or too slow for `work`.
     """
     cdef Py_ssize_t n = A.shape[0], m = E.shape[1], p = C.shape[0]
     cdef Py_ssize_t columns = n + m

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Filters that are not biquads."""
+"""Filters other than biquads."""
 
 from libc.math cimport NAN
 from libc.stdint cimport int32_t
@@ -25,11 +25,11 @@ cdef int exponential_kernel(double *arena, const Exponential *at, const Exponent
         if is_finite(u):
             y = state[i]
             if y != y:
-                y = u                           # the first input
+                y = u                           # first input
             elif u > y:
                 y += share * (u - y)
                 if y > u:
-                    y = u                       # rounding must not carry it past
+                    y = u                       # rounding must not cause an overshoot
             elif u < y:
                 y += share * (u - y)
                 if y < u:
@@ -57,7 +57,7 @@ cdef int complementary_kernel(double *arena, const Complementary *at, const Comp
         angle = arena[at.angle + i]
         y = state[i]
         if y != y:
-            y = angle + 0.0 * rate              # the first: the angle, or NaN if either is
+            y = angle + 0.0 * rate              # first sample: the angle, or NaN if either input is NaN
         else:
             y = (slow * (y + h * rate) + h * angle) / (slow + h)
         if is_finite(y):
@@ -68,10 +68,10 @@ cdef int complementary_kernel(double *arena, const Complementary *at, const Comp
 
 cdef struct Median:
     int32_t u, y
-    int32_t ring                # whole inputs
-    int32_t ordered             # of each element, the inputs in the ring in order, without NaN
+    int32_t ring                # inputs with all their elements
+    int32_t ordered             # for each element: the inputs in the ring in ascending order, without NaN
     int32_t place
-    int32_t counts              # for each element: numbers in `ordered`, NaN in the ring
+    int32_t counts              # for each element: count of numbers in `ordered`, and of NaN in the ring
 
 MEDIAN = items((<Median *>ITEMS)[0], "u[...] y[...] ring[...] ordered[...] counts[...]")
 
@@ -86,7 +86,7 @@ cdef int median_kernel(double *arena, const Median *at, const Median *sizes) noe
     cdef int i, k, n
     for i in range(sizes.y):
         n = <int>counts[0]
-        if counts[0] + counts[1] == length:     # 1. The oldest leaves.
+        if counts[0] + counts[1] == length:     # 1. Remove the oldest.
             u = ring[place]
             if u != u:
                 counts[1] -= 1.0
@@ -100,7 +100,7 @@ cdef int median_kernel(double *arena, const Median *at, const Median *sizes) noe
         ring[place] = u
         if u != u:
             counts[1] += 1.0
-        else:                                   # 2. The newest takes its place in order.
+        else:                                   # 2. Insert the newest in order.
             k = n
             while k > 0 and ordered[k - 1] > u:
                 ordered[k] = ordered[k - 1]

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Gait."""
+"""Gait phase and assistance profiles."""
 
 from libc.math cimport INFINITY, NAN, floor
 from libc.stdint cimport int32_t
@@ -28,12 +28,12 @@ cdef int gait_phase_kernel(double *arena, const GaitPhase *at, const GaitPhase *
     cdef bint missing = not (is_finite(angle) and is_finite(velocity))
     cdef double phase
     if missing:
-        angle = velocity = NAN          # which passes no threshold
+        angle = velocity = NAN          # crosses no threshold
     elapsed[0] += arena[DT]
     if angle < 0.5 * threshold:
         armed[0] = 1.0
     if armed[0] != 0.0 and angle > threshold and velocity > 0.0:
-        # 1. The swing knee passes the threshold: one stride since the last time, if it is as long as a stride can be.
+        # 1. The swinging knee crosses the threshold: one stride since the last crossing, if its duration is plausible.
         armed[0] = 0.0
         if elapsed[0] >= arena[at.shortest] and elapsed[0] <= longest:
             mean[0] = elapsed[0] if valid[0] == 0.0 else mean[0] + (elapsed[0] - mean[0]) / 3.0
@@ -43,7 +43,7 @@ cdef int gait_phase_kernel(double *arena, const GaitPhase *at, const GaitPhase *
         events[0] += 1.0
         elapsed[0] = 0.0
     if elapsed[0] > longest or (valid[0] > 0.0 and elapsed[0] > 1.5 * mean[0]):
-        # 2. The wearer has stopped: what lies between this event and the next is no stride.
+        # 2. The wearer has stopped: the interval from this event to the next is not a stride.
         valid[0] = 0.0
         elapsed[0] = INFINITY
     arena[at.phase] = NAN if missing else 0.0
@@ -51,7 +51,7 @@ cdef int gait_phase_kernel(double *arena, const GaitPhase *at, const GaitPhase *
     arena[at.stride_time] = 0.0
     arena[at.strides] = events[0]
     if valid[0] >= 2.0:
-        # 3. Two strides in a row make a rhythm.
+        # 3. Two strides in a row define a cadence.
         arena[at.stride_time] = mean[0]
         if not missing:
             phase = arena[at.event_phase] + elapsed[0] / mean[0]

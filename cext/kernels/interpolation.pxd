@@ -1,8 +1,11 @@
-"""Where a number lies among knots that rise, and what lies between two values."""
+"""Search in ascending knots, and linear interpolation."""
 
 
 cdef inline int segment(const double *knots, int count, double x) noexcept nogil:
-    """Index i of the piece knots[i] to knots[i + 1] that holds x; the first or the last piece beyond the ends. count >= 2."""
+    """Return index i of the piece knots[i] to knots[i + 1] that contains x, clamped to the first and last piece.
+
+    count : of knots, at least 2
+    """
     cdef int first = 0
     cdef int pieces = count - 1
     cdef int half
@@ -14,7 +17,7 @@ cdef inline int segment(const double *knots, int count, double x) noexcept nogil
 
 
 cdef inline double between(double a, double b, double share) noexcept nogil:
-    """On the line from a to b, and never past either: rounding would leave an interval that was proved."""
+    """Interpolate between a and b and clamp, since rounding could leave the interval that the proof assumes."""
     cdef double y
     if share <= 0.0:
         return a
@@ -27,7 +30,7 @@ cdef inline double between(double a, double b, double share) noexcept nogil:
 
 
 cdef inline double along(double a, double b, double share) noexcept nogil:
-    """On the line through a and b, beyond them too."""
+    """Interpolate or extrapolate on the line through a and b."""
     if share < 0.0:
         return a + share * (b - a)
     if share > 1.0:
@@ -36,5 +39,5 @@ cdef inline double along(double a, double b, double share) noexcept nogil:
 
 
 cdef inline double share_of(const double *knots, int i, double x) noexcept nogil:
-    """How far x is on the way from knots[i] to the next."""
+    """Return the position of x between knots[i] and the next knot, as a fraction."""
     return (x - knots[i]) / (knots[i + 1] - knots[i])

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Limiters. What is not finite comes out as NaN, so that the actuator sees it and faults: fmin and fmax would turn it into full torque."""
+"""Limiters. A non-finite input results in NaN, on which the actuator faults; fmin and fmax would give full torque."""
 
 from libc.math cimport NAN, fabs, sqrt
 from libc.stdint cimport int32_t
@@ -60,7 +60,7 @@ TORQUE_LIMITER = items((<TorqueLimiter *>ITEMS)[0])
 
 
 cdef int torque_limiter_kernel(double *arena, const TorqueLimiter *at, const TorqueLimiter *sizes) noexcept nogil:
-    # A slew of NaN, none given, is the whole range in 0.1 s.
+    # a slew of NaN, the default, is the whole range in 0.1 s
     cdef double limit = arena[at.limit]
     cdef double slew = arena[at.slew]
     cdef double y
@@ -175,8 +175,9 @@ cdef struct RMSTorqueLimiter:
 RMSTORQUE_LIMITER = items((<RMSTorqueLimiter *>ITEMS)[0], "squares[...] sums[2]")
 
 
-cdef inline void remember(double *arena, const RMSTorqueLimiter *at, const RMSTorqueLimiter *sizes, double square) noexcept nogil:
-    """The newest square takes the place of the oldest; before the window is full, that of a zero."""
+cdef inline void remember(double *arena, const RMSTorqueLimiter *at, const RMSTorqueLimiter *sizes,
+        double square) noexcept nogil:
+    """Replace the oldest square by the newest; before the window is full, replace a zero."""
     cdef int place = <int>arena[at.place]
     cdef double *sums = arena + at.sums
     add(sums + RUNNING, -arena[at.squares + place])
@@ -192,10 +193,10 @@ cdef int rms_torque_kernel(double *arena, const RMSTorqueLimiter *at, const RMST
     cdef double budget, most, y
     cdef int missed = <int>(min(arena[DT] / arena[PERIOD], <double>length) - 0.5)
     cdef int place
-    for _ in range(missed):             # 1. Through the ticks that were missed the motor held the last torque.
+    for _ in range(missed):             # 1. The motor held the last torque during missed ticks.
         place = <int>arena[at.place]
         remember(arena, at, sizes, arena[at.squares + (place if place > 0 else length) - 1])
-    place = <int>arena[at.place]    # 2. What the window still allows, of which this tick may take its share.
+    place = <int>arena[at.place]    # 2. The remaining budget of the window, of which this tick may use its share.
     budget = length * limit * limit * (1.0 - 1e-12) - (sums[RUNNING] + sums[RUNNING_REST] - arena[at.squares + place])
     most = sqrt(budget / arena[at.ticks]) if budget > 0.0 else 0.0
     y = clip(arena[at.torque], -most, most)

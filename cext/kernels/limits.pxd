@@ -1,22 +1,22 @@
-"""Limits that NaN passes and that turn an infinity into NaN: fmin and fmax would turn either into full torque."""
+"""Limits that pass NaN and turn an infinity into NaN; fmin and fmax would turn either into full torque."""
 
 cdef inline double finite(double x) noexcept nogil:
-    """x, or NaN where it is infinite; without a branch, and -0.0 stays -0.0."""
+    """Return x, or NaN if it is infinite, without a branch; -0.0 stays -0.0."""
     return x - (x - x)
 
 cdef inline bint is_finite(double x) noexcept nogil:
     return x - x == 0.0
 
 cdef inline double clip(double x, double low, double high) noexcept nogil:
-    """x inside [low, high]; NaN where x is not finite, also where an end is infinite."""
+    """Return x clamped to [low, high]; NaN if x is not finite, even if a bound is infinite."""
     x = finite(x)
     x = low if low > x else x   # NaN fails both comparisons; without branches, which mispredict with the data
     return high if high < x else x
 
 cdef inline double toward(double previous, double target, double most) noexcept nogil:
-    """From previous to target by at most `most`; never past the target, so never outside an interval that holds both.
+    """Move from previous to target by at most `most`, without overshoot.
 
-    NaN where the target is not finite.
+    Returns NaN if the target is not finite.
     """
     cdef double change
     target = finite(target)
@@ -25,4 +25,4 @@ cdef inline double toward(double previous, double target, double most) noexcept 
         return previous + most
     if change < -most:
         return previous - most
-    return target               # NaN too
+    return target               # also NaN

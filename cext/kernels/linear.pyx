@@ -1,5 +1,8 @@
 # cython: freethreading_compatible=True
-"""Linear systems: cascades of biquads, transfer functions, state space. To settle on what is not finite is to start at zero."""
+"""Linear systems: cascades of biquads, transfer functions, state space.
+
+Settling on a non-finite input starts from zero.
+"""
 
 from libc.math cimport isfinite
 from libc.stdint cimport int32_t
@@ -14,7 +17,11 @@ BIQUADS = items((<Biquads *>ITEMS)[0], "u[...] y[...] sections[...] delays[...] 
 
 
 cdef int biquads_kernel(double *arena, const Biquads *at, const Biquads *sizes) noexcept nogil:
-    """Direct form II transposed. sections : b0 b1 b2 a1 a2 of each; delays : two of each section, for each element"""
+    """Step a cascade in direct form II transposed.
+
+    sections : b0 b1 b2 a1 a2 of each
+    delays : two of each section, for each element
+    """
     cdef int sections = sizes.sections // 5
     cdef double *c
     cdef double *z = arena + at.delays
@@ -35,7 +42,10 @@ cdef int biquads_kernel(double *arena, const Biquads *at, const Biquads *sizes) 
 
 
 cdef int biquads_settle(double *arena, const Biquads *at, const Biquads *sizes) noexcept nogil:
-    """The delays of a filter that has seen the present input for ever. rest[3 s]: gain, first and second delay for an input of 1."""
+    """Set the delays to the steady state at the present input.
+
+    rest : of section s, from 3 s on: gain, first and second delay for an input of 1
+    """
     cdef double *rest
     cdef double *z = arena + at.delays
     cdef double x
@@ -59,7 +69,7 @@ TRANSFER = items((<Transfer *>ITEMS)[0], "u[...] y[...] b[...] a[...] delays[...
 
 
 cdef int transfer_kernel(double *arena, const Transfer *at, const Transfer *sizes) noexcept nogil:
-    """Direct form II transposed, in two steps."""
+    """Compute the output in direct form II transposed; transfer_update steps the delays."""
     cdef int order = sizes.b - 1
     cdef double b0 = arena[at.b]
     cdef double *z = arena + at.delays
@@ -68,7 +78,7 @@ cdef int transfer_kernel(double *arena, const Transfer *at, const Transfer *size
         if order == 0:
             arena[at.y + i] = b0 * arena[at.u + i]
         elif b0 == 0.0:
-            arena[at.y + i] = z[i * order]          # no feedthrough: u is not there yet
+            arena[at.y + i] = z[i * order]          # no feedthrough: u is not available yet
         else:
             arena[at.y + i] = b0 * arena[at.u + i] + z[i * order]
     return OK
@@ -91,7 +101,7 @@ cdef int transfer_update(double *arena, const Transfer *at, const Transfer *size
 
 
 cdef int transfer_settle(double *arena, const Transfer *at, const Transfer *sizes) noexcept nogil:
-    """The delays of a system that has seen the present input for ever."""
+    """Set the delays to the steady state at the present input."""
     cdef int order = sizes.b - 1
     cdef double u
     cdef int i, k
@@ -119,7 +129,7 @@ cdef inline double dot(const double *a, const double *x, int n) noexcept nogil:
 
 
 cdef int state_space_kernel(double *arena, const StateSpace *at, const StateSpace *sizes) noexcept nogil:
-    """y = C x + D u; where D is empty, u is not there yet."""
+    """Compute y = C x + D u. With an empty D, u is not available yet and not read."""
     cdef int n = sizes.state
     cdef int m = sizes.u
     cdef int i
@@ -131,7 +141,7 @@ cdef int state_space_kernel(double *arena, const StateSpace *at, const StateSpac
 
 
 cdef int state_space_update(double *arena, const StateSpace *at, const StateSpace *sizes) noexcept nogil:
-    """x = A x + B u."""
+    """Compute x = A x + B u."""
     cdef int n = sizes.state
     cdef int m = sizes.u
     cdef double *x = arena + at.state
@@ -145,7 +155,7 @@ cdef int state_space_update(double *arena, const StateSpace *at, const StateSpac
 
 
 cdef int state_space_settle(double *arena, const StateSpace *at, const StateSpace *sizes) noexcept nogil:
-    """x = (I - A)^-1 B u."""
+    """Set x = (I - A)^-1 B u, the steady state."""
     cdef int i
     for i in range(sizes.u):
         if not isfinite(arena[at.u + i]):

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Logic. A bool is 0 or 1, anything but 0 is true, and NaN is neither: it passes through every one of these."""
+"""Logic. A bool is 0 or 1, any number except 0 is true, and NaN is neither: it passes through every block."""
 
 from libc.math cimport NAN, floor
 from libc.stdint cimport int32_t
@@ -9,13 +9,13 @@ from cext.kernels.clock cimport just_after
 from cext.kernels.reduce cimport Fold, fold
 
 cdef extern from "<math.h>" nogil:
-    bint isunordered(double a, double b)                    # whether one of them is NaN
+    bint isunordered(double a, double b)                    # whether either is NaN
 
 ctypedef bint (*relation_t)(double a, double b) noexcept nogil
 
 
 cdef inline double truth(double x) noexcept nogil:
-    """0, 1 or NaN."""
+    """Return 0, 1 or NaN."""
     return x if x != x else <double>(x != 0.0)
 
 
@@ -42,12 +42,18 @@ cdef inline bint at_least(double a, double b) noexcept nogil: return a >= b
 cdef inline bint equal(double a, double b) noexcept nogil: return a == b
 cdef inline bint unlike(double a, double b) noexcept nogil: return a != b
 
-cdef int less_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, less)
-cdef int at_most_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, at_most)
-cdef int more_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, more)
-cdef int at_least_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, at_least)
-cdef int equal_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, equal)
-cdef int unlike_kernel(double *arena, const Comparison *at, const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, unlike)
+cdef int less_kernel(double *arena, const Comparison *at,
+    const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, less)
+cdef int at_most_kernel(double *arena, const Comparison *at,
+    const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, at_most)
+cdef int more_kernel(double *arena, const Comparison *at,
+    const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, more)
+cdef int at_least_kernel(double *arena, const Comparison *at,
+    const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, at_least)
+cdef int equal_kernel(double *arena, const Comparison *at,
+    const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, equal)
+cdef int unlike_kernel(double *arena, const Comparison *at,
+    const Comparison *sizes) noexcept nogil: return compare(arena, at, sizes, unlike)
 
 
 FOLD = items((<Fold *>ITEMS)[0], "y[...]")
@@ -91,7 +97,9 @@ cdef int not_kernel(double *arena, const Not *at, const Not *sizes) noexcept nog
 
 
 cdef inline double step_of(double *previous, double u) noexcept nogil:
-    """From the last sample that was not NaN to this one: 1 up, -1 down, 0 or NaN. The first is no step."""
+    """Return the change since the last sample other than NaN: 1 up, -1 down, 0 or NaN. The first sample is no
+    change.
+    """
     cdef double now = truth(u)
     cdef double step
     if now != now:
@@ -160,7 +168,7 @@ cdef int debounce_kernel(double *arena, const Debounce *at, const Debounce *size
         arena[at.y] = now
         return OK
     if held[0] != held[0]:
-        held[0] = now           # the first sample is believed
+        held[0] = now           # the first sample is accepted
     if now == held[0]:
         since[0] = NAN
     else:
@@ -239,7 +247,8 @@ cdef int select_kernel(double *arena, const Selector *at, const Selector *sizes)
 
 
 relations = {
-    "<": export(<kernel_t>less_kernel, COMPARISON), "<=": export(<kernel_t>at_most_kernel, COMPARISON), ">": export(<kernel_t>more_kernel, COMPARISON), ">=": export(<kernel_t>at_least_kernel, COMPARISON),
+    "<": export(<kernel_t>less_kernel, COMPARISON), "<=": export(<kernel_t>at_most_kernel, COMPARISON),
+    ">": export(<kernel_t>more_kernel, COMPARISON), ">=": export(<kernel_t>at_least_kernel, COMPARISON),
     "==": export(<kernel_t>equal_kernel, COMPARISON), "!=": export(<kernel_t>unlike_kernel, COMPARISON),
 }
 conjunction = export(<kernel_t>and_kernel, FOLD)

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Arithmetic on signals. NaN passes through every one of them, and an infinity never becomes a finite number."""
+"""Arithmetic on signals. NaN passes through every block, and an infinity never becomes a finite number."""
 
 from libc.math cimport NAN, ceil, fabs, floor, pow, rint, sqrt
 from libc.stdint cimport int32_t
@@ -68,7 +68,7 @@ PRODUCT = items((<Product *>ITEMS)[0], "a[...] b[...] y[...]")
 
 
 cdef int product_kernel(double *arena, const Product *at, const Product *sizes) noexcept nogil:
-    # A scalar goes with every element.
+    # A scalar is combined with every element.
     cdef int p = sizes.a > 1
     cdef int q = sizes.b > 1
     cdef int i
@@ -78,7 +78,7 @@ cdef int product_kernel(double *arena, const Product *at, const Product *sizes) 
 
 
 cdef int divide_kernel(double *arena, const Product *at, const Product *sizes) noexcept nogil:
-    # A scalar goes with every element.
+    # A scalar is combined with every element.
     cdef int p = sizes.a > 1
     cdef int q = sizes.b > 1
     cdef int i
@@ -105,7 +105,7 @@ cdef int sign_kernel(double *arena, const Function *at, const Function *sizes) n
     cdef int i
     for i in range(sizes.y):
         x = finite(arena[at.u + i])
-        arena[at.y + i] = 1.0 if x > 0.0 else -1.0 if x < 0.0 else x        # a zero, or NaN
+        arena[at.y + i] = 1.0 if x > 0.0 else -1.0 if x < 0.0 else x        # zero or NaN
     return OK
 
 
@@ -114,7 +114,7 @@ FOLD = items((<Fold *>ITEMS)[0], "y[...]")
 
 cdef inline double smaller(double a, double b) noexcept nogil:
     a, b = finite(a), finite(b)
-    return a if a < b or a != a else b                      # C's fmin would drop a NaN
+    return a if a < b or a != a else b                      # fmin would drop a NaN
 
 
 cdef inline double larger(double a, double b) noexcept nogil:
@@ -191,7 +191,7 @@ cdef int polynomial_kernel(double *arena, const Polynomial *at, const Polynomial
         y = c[0]
         for k in range(1, sizes.terms):
             y = y * x + c[k]
-        arena[at.y + i] = y - (x - x)                   # a constant does not depend on x, but NaN passes, and infinity as NaN
+        arena[at.y + i] = y - (x - x)                   # NaN in x results in NaN, as does infinity
     return OK
 
 

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""What a robot is attached to: limbs and the people who move them."""
+"""Models of limbs and of their motion by the wearer."""
 
 from libc.math cimport cos, floor, sin
 from libc.stdint cimport int32_t
@@ -26,7 +26,8 @@ cdef int limb_update(double *arena, const Limb *at, const Limb *sizes) noexcept 
     cdef double wearer = arena[at.stiffness] * (arena[at.angle] - q[0]) + arena[at.reflex] * (arena[at.rate] - q[1])
     if q[0] < arena[at.lower]:
         wearer += arena[at.ligament] * (arena[at.lower] - q[0])
-    q[1] += dt * ((arena[at.torque] + wearer - arena[at.damping] * (q[1] - arena[at.rate])) / arena[at.inertia] + arena[at.acceleration])
+    q[1] += dt * ((arena[at.torque] + wearer - arena[at.damping] * (q[1] - arena[at.rate])) / arena[at.inertia]
+        + arena[at.acceleration])
     q[0] += dt * q[1]           # semi-implicit Euler: the new velocity moves the joint
     return OK
 
@@ -67,7 +68,7 @@ PLAYBACK = items((<Playback *>ITEMS)[0], "angles[...] velocities[...] accelerati
 
 
 cdef int playback_kernel(double *arena, const Playback *at, const Playback *sizes) noexcept nogil:
-    """Repeats; linear between samples."""
+    """Repeat the samples, with linear interpolation."""
     cdef int n = sizes.angles - 1
     cdef double place = arena[TIME] * arena[at.rate]
     cdef double share

@@ -6,7 +6,8 @@ from libc.stdint cimport int32_t
 from cext.abi cimport FOREIGN, Frame, export_decode, export_encode
 
 
-cdef int ignore_all_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
+cdef int ignore_all_decode(double *arena, const int32_t *slots, const int32_t *sizes,
+        const Frame *frame) noexcept nogil:
     return FOREIGN
 
 

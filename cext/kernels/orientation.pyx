@@ -1,8 +1,9 @@
 # cython: freethreading_compatible=True
-"""Orientation of a body from what its IMU measures: quaternions w first, body to world; the world has z up and x to the magnetic north.
+"""Orientation of a body from its IMU: quaternions with w first, body to world; z is up and x is magnetic north.
 
-Without a magnetic field the heading begins at 0, where x of the body points, and drifts. A turn is integrated as one about a fixed axis
-during a tick; errors are looked for behind that, so that a fast turn is none. What is not finite shows as NaN and changes no state.
+Without a magnetic field, the heading starts at 0 in the direction of the body's x axis, and drifts. A rotation is
+integrated about a fixed axis during a tick, and the error is computed afterwards, so that a fast rotation is not an
+error. A non-finite input results in NaN and changes no state.
 """
 
 from libc.math cimport NAN, atan2, cos, isfinite, sin, sqrt
@@ -26,7 +27,7 @@ cdef inline double length(const double *v, int n) noexcept nogil:
 
 
 cdef inline bint unit(const double *v, double *u) noexcept nogil:
-    """v over its length into u; False where it has none."""
+    """Write the unit vector of v to u. Returns False if v has no length."""
     cdef double norm = length(v, 3)
     cdef int i
     if not norm > 0.0 or not isfinite(norm):
@@ -57,14 +58,14 @@ cdef inline void product(const double *p, const double *q, double *y) noexcept n
 
 
 cdef inline void turn_by(double x, double y, double z, double *q) noexcept nogil:
-    """The quaternion of a rotation vector, in rad."""
+    """Compute the quaternion of a rotation vector in rad."""
     cdef double angle = sqrt(x * x + y * y + z * z)
     cdef double share = 0.5 if angle < 1e-9 else sin(0.5 * angle) / angle
     q[0], q[1], q[2], q[3] = cos(0.5 * angle), share * x, share * y, share * z
 
 
 cdef inline void integrate(double *q, const double *rate, double h) noexcept nogil:
-    """A turn at that rate, in the body's axes."""
+    """Integrate an angular rate in the body's axes."""
     cdef double[4] step
     cdef double[4] before
     cdef int i
@@ -75,7 +76,7 @@ cdef inline void integrate(double *q, const double *rate, double h) noexcept nog
 
 
 cdef inline void turned(const double *q, const double *v, double *y) noexcept nogil:
-    """From the body's axes to the world's."""
+    """Rotate from the body's axes to the world's."""
     cdef double[3] t
     cdef double[3] s
     cdef int i
@@ -86,14 +87,14 @@ cdef inline void turned(const double *q, const double *v, double *y) noexcept no
 
 
 cdef inline void up_of(const double *q, double *v) noexcept nogil:
-    """The world's z in the body's axes."""
+    """Compute the world's z axis in the body's axes."""
     v[0] = 2.0 * (q[1] * q[3] - q[0] * q[2])
     v[1] = 2.0 * (q[0] * q[1] + q[2] * q[3])
     v[2] = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
 
 
 cdef void from_axes(const double *north, const double *west, const double *up, double *q) noexcept nogil:
-    """The quaternion whose matrix has the world's axes, as the body sees them, in its rows. (Shepperd 1978)"""
+    """Compute the quaternion of the matrix whose rows are the world's axes in body coordinates. (Shepperd 1978)"""
     cdef double trace = north[0] + west[1] + up[2]
     cdef double s
     if trace > 0.0:
@@ -112,7 +113,7 @@ cdef void from_axes(const double *north, const double *west, const double *up, d
 
 
 cdef inline bint level(const double *v, const double *up, double *u) noexcept nogil:
-    """The direction of v across `up`; False where it has none to speak of."""
+    """Compute the direction of the part of v perpendicular to `up`. Returns False if that part is too small."""
     cdef double along = v[0] * up[0] + v[1] * up[1] + v[2] * up[2]
     cdef int i
     for i in range(3):
@@ -121,20 +122,24 @@ cdef inline bint level(const double *v, const double *up, double *u) noexcept no
 
 
 cdef void start(double *q, const double *up, const double *field, bint has_field) noexcept nogil:
-    """The orientation in which a body at rest measures this."""
+    """Compute the orientation in which a body at rest has these measurements."""
     cdef double[3] north
     cdef double[3] west
     cdef double[3] ahead
     ahead[0], ahead[1], ahead[2] = 1.0, 0.0, 0.0
     if not (has_field and level(field, up, north)) and not level(ahead, up, north):
-        ahead[0], ahead[2] = 0.0, 1.0                       # x points up or down
+        ahead[0], ahead[2] = 0.0, 1.0                       # x axis vertical
         level(ahead, up, north)
     cross(up, north, west)
     from_axes(north, west, up, q)
 
 
-cdef bint begun(double *arena, const Orientation *at, double *state, double *up, double *field, bint *has_up, bint *has_field) noexcept nogil:
-    """What was measured, as unit vectors. True where there is something to go on from, which an orientation then is."""
+cdef bint begun(double *arena, const Orientation *at, double *state, double *up, double *field, bint *has_up,
+        bint *has_field) noexcept nogil:
+    """Compute the unit vectors of the measurements, and initialize on the first valid ones.
+
+    Returns whether the state contains an orientation.
+    """
     cdef const double *gyro = arena + at.gyro
     cdef const double *accel = arena + at.accel
     cdef const double *mag = arena + at.mag
@@ -152,12 +157,12 @@ cdef bint begun(double *arena, const Orientation *at, double *state, double *up,
     if has_up[0]:
         start(state + Q, up, field, has_field[0])
         state[STARTED] = 1.0
-    tell(arena, at, state)
+    publish(arena, at, state)
     return False
 
 
-cdef inline void tell(double *arena, const Orientation *at, const double *state) noexcept nogil:
-    """q, of which no element is beyond 1 by a rounding."""
+cdef inline void publish(double *arena, const Orientation *at, const double *state) noexcept nogil:
+    """Write q with its elements clamped to 1, against rounding."""
     cdef double *y = arena + at.quaternion
     cdef int i
     for i in range(4):
@@ -165,7 +170,7 @@ cdef inline void tell(double *arena, const Orientation *at, const double *state)
 
 
 cdef inline void field_of(const double *q, const double *field, double *b) noexcept nogil:
-    """The world's field as this one says: north and up."""
+    """Compute the field in world coordinates, north and up, from a measured one."""
     cdef double[3] h
     turned(q, field, h)
     b[0], b[1] = sqrt(h[0] * h[0] + h[1] * h[1]), h[2]
@@ -179,7 +184,7 @@ MADGWICK = items((<Madgwick *>ITEMS)[0], "gyro[3] accel[3] mag[3] quaternion[4] 
 
 
 cdef int madgwick_kernel(double *arena, const Madgwick *at, const Madgwick *sizes) noexcept nogil:
-    """q follows the rate, and goes down the gradient of f at `gain` rad/s."""
+    """Integrate the rate, and descend the gradient of f at `gain` rad/s."""
     cdef double *state = arena + at.state
     cdef double *q = state + Q
     cdef double[3] a
@@ -210,14 +215,15 @@ cdef int madgwick_kernel(double *arena, const Madgwick *at, const Madgwick *size
         f[2] = 2.0 * b[0] * (w * y + x * z) + 2.0 * b[1] * (0.5 - x * x - y * y) - m[2]
         s[0] += -2.0 * b[1] * y * f[0] + 2.0 * (b[1] * x - b[0] * z) * f[1] + 2.0 * b[0] * y * f[2]
         s[1] += 2.0 * b[1] * z * f[0] + 2.0 * (b[0] * y + b[1] * w) * f[1] + (2.0 * b[0] * z - 4.0 * b[1] * x) * f[2]
-        s[2] += -(4.0 * b[0] * y + 2.0 * b[1] * w) * f[0] + 2.0 * (b[0] * x + b[1] * z) * f[1] + (2.0 * b[0] * w - 4.0 * b[1] * y) * f[2]
+        s[2] += -(4.0 * b[0] * y + 2.0 * b[1] * w) * f[0] + 2.0 * (b[0] * x + b[1] * z) * f[1] + (2.0 * b[0] * w - 4.0
+            * b[1] * y) * f[2]
         s[3] += (2.0 * b[1] * x - 4.0 * b[0] * z) * f[0] + 2.0 * (b[1] * y - b[0] * w) * f[1] + 2.0 * b[0] * x * f[2]
     norm = length(s, 4)
     if norm > 1e-12:
         for i in range(4):
             q[i] -= arena[at.gain] * h * s[i] / norm
     normalise(q)
-    tell(arena, &at.orientation, state)
+    publish(arena, &at.orientation, state)
     return OK
 
 
@@ -265,12 +271,12 @@ cdef int mahony_kernel(double *arena, const Mahony *at, const Mahony *sizes) noe
         arena[at.bias + i] = bias[i]
     integrate(state + Q, rate, h)
     normalise(state + Q)
-    tell(arena, &at.orientation, state)
+    publish(arena, &at.orientation, state)
     return OK
 
 
 cdef inline void turned_back(const double *q, const double *b, double *y) noexcept nogil:
-    """The world's field, north and up, in the body's axes."""
+    """Compute the world's field, north and up, in the body's axes."""
     cdef double[4] back
     cdef double[3] v
     back[0], back[1], back[2], back[3] = q[0], -q[1], -q[2], -q[3]
@@ -286,7 +292,7 @@ COMPLEMENTARY = items((<Complementary *>ITEMS)[0], "gyro[3] accel[3] mag[3] quat
 
 
 cdef int complementary_kernel(double *arena, const Complementary *at, const Complementary *sizes) noexcept nogil:
-    """Each tick takes away a share of the remaining tilt, and of the heading."""
+    """Remove a fraction of the remaining tilt and heading errors per tick."""
     cdef double *state = arena + at.state
     cdef double *q = state + Q
     cdef double[3] a
@@ -318,7 +324,7 @@ cdef int complementary_kernel(double *arena, const Complementary *at, const Comp
         turn_by(0.0, 0.0, -share * atan2(v[1], v[0]), step)
         product(step, before, q)
     normalise(q)
-    tell(arena, &at.orientation, state)
+    publish(arena, &at.orientation, state)
     return OK
 
 

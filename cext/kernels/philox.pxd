@@ -1,6 +1,6 @@
-"""Philox 4x64-10, random numbers from a counter: what comes out depends on counter and key alone.
+"""Philox 4x64-10: random numbers that depend on a counter and a key only.
 
-(Salmon, Moraes, Dror and Shaw, Parallel random numbers: as easy as 1, 2, 3. SC'11.) The same numbers as numpy.random.Philox.
+Equal to numpy.random.Philox. (Salmon, Moraes, Dror and Shaw, Parallel random numbers: as easy as 1, 2, 3. SC'11.)
 """
 
 from libc.stdint cimport uint64_t
@@ -10,7 +10,7 @@ cdef extern from *:
 
 
 cdef inline void philox(uint64_t tick, uint64_t seed, uint64_t *out) noexcept nogil:
-    """Four numbers of 64 random bits from the counter (tick, 0, 0, 0) and the key (seed, 0)."""
+    """Compute four numbers of 64 random bits from the counter (tick, 0, 0, 0) and the key (seed, 0)."""
     cdef uint64_t c0 = tick
     cdef uint64_t c1 = 0
     cdef uint64_t c2 = 0
@@ -32,5 +32,5 @@ cdef inline void philox(uint64_t tick, uint64_t seed, uint64_t *out) noexcept no
 
 
 cdef inline double fraction(uint64_t bits) noexcept nogil:
-    """A number from 0 to below 1, a multiple of 2^-53."""
+    """Return a number in [0, 1), a multiple of 2^-53."""
     return <double>(bits >> 11) * 1.1102230246251565e-16

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""P, PI, PD and PID: one law, of which each takes its part.
+"""P, PI, PD and PID controllers: one law, of which each uses a part.
 
     u = kp (b r - y) + I + D        I += dt ki (r - y)        D = kd d(c r - y)/dt, filtered
 """
@@ -17,7 +17,7 @@ cdef struct Gains:
 
 
 cdef inline double derivative(const Gains *gains, double w, double h, double *follower) noexcept nogil:
-    """kd (w - v) / (τ + h), and v follows w; the first w is its own past."""
+    """Return kd (w - v) / (τ + h), with v following w. The first w initializes v."""
     cdef double slope
     if follower[0] != follower[0]:
         follower[0] = w
@@ -27,23 +27,26 @@ cdef inline double derivative(const Gains *gains, double w, double h, double *fo
 
 
 cdef inline double tracking_time(const Gains *gains) noexcept nogil:
-    """What is given; else √(Ti Td), or Ti without kd, of the gains as they are now; 1 s where these say nothing."""
-    cdef double found = gains.tracking_time
-    if found != found:
-        found = 0.0 if gains.ki == 0.0 else sqrt(fabs(gains.kd / gains.ki)) if gains.kd != 0.0 else fabs(gains.kp / gains.ki)
-    return found if found != 0.0 else 1.0
+    """Return the given value; by default √(Ti Td), or Ti without kd, of the present gains; 1 s if undefined."""
+    cdef double seconds = gains.tracking_time
+    if seconds != seconds:
+        seconds = (
+            0.0 if gains.ki == 0.0 else sqrt(fabs(gains.kd / gains.ki)) if gains.kd != 0.0
+            else fabs(gains.kp / gains.ki))
+    return seconds if seconds != 0.0 else 1.0
 
 
-cdef inline double control(const Gains *gains, double r, double y, double h, double manual, double by_hand, double *integral,
+cdef inline double control(const Gains *gains, double r, double y, double h, double manual, double by_hand,
+    double *integral,
                            double *follower) noexcept nogil:
-    """One step of PI, or of PID where there is a follower."""
+    """Compute one step of PI, or of PID with a follower."""
     cdef double others, before, raw, u, share
     if not (is_finite(r) and is_finite(y) and is_finite(manual)):
-        return NAN                      # and leaves no trace
+        return NAN                      # without a change of state
     others = gains.kp * (gains.b * r - y)
     if follower != NULL:
         others += derivative(gains, gains.c * r - y, h, follower)
-    if manual != 0.0:                   # 1. By hand: the integral stands ready, so that the way back has no bump.
+    if manual != 0.0:                   # 1. Manual: the integral tracks the command, for a bumpless return.
         u = clip(by_hand, gains.lower, gains.upper)
         if is_finite(u - others):
             integral[0] = u - others
@@ -53,12 +56,12 @@ cdef inline double control(const Gains *gains, double r, double y, double h, dou
     raw = others + integral[0]
     u = clip(raw, gains.lower, gains.upper)
     if not is_finite(raw):
-        integral[0] = before            # an overflow leaves no trace
-    elif u != raw and gains.clamping:   # 3. At a limit the integral waits, unless it leads away from there,
+        integral[0] = before            # an overflow changes no state
+    elif u != raw and gains.clamping:   # 3. At a limit: hold the integral, unless it leads away from the limit,
         if (raw > u) == (integral[0] > before):
             integral[0] = before
             u = clip(others + before, gains.lower, gains.upper)
-    elif u != raw:                      # or is led back.
+    elif u != raw:                      # or track back.
         share = h / tracking_time(gains)
         integral[0] += (share if share < 1.0 else 1.0) * (u - raw)
     return u
@@ -113,7 +116,8 @@ cdef int pi_kernel(double *arena, const PiLaw *at, const PiLaw *sizes) noexcept 
     gains.lower, gains.upper = arena[at.lower], arena[at.upper]
     gains.tracking_time, gains.clamping = arena[at.tracking_time], arena[at.clamps] != 0.0
     for i in range(sizes.command):
-        arena[at.command + i] = control(&gains, arena[at.reference + i], arena[at.measurement + i], arena[DT], arena[at.manual], arena[at.manual_command + i],
+        arena[at.command + i] = control(&gains, arena[at.reference + i], arena[at.measurement + i], arena[DT],
+            arena[at.manual], arena[at.manual_command + i],
                                       arena + at.integral + i, NULL)
     return OK
 
@@ -135,7 +139,8 @@ cdef int pid_kernel(double *arena, const PidLaw *at, const PidLaw *sizes) noexce
     gains.lower, gains.upper = arena[at.lower], arena[at.upper]
     gains.tracking_time, gains.clamping = arena[at.tracking_time], arena[at.clamps] != 0.0
     for i in range(sizes.command):
-        arena[at.command + i] = control(&gains, arena[at.reference + i], arena[at.measurement + i], arena[DT], arena[at.manual], arena[at.manual_command + i],
+        arena[at.command + i] = control(&gains, arena[at.reference + i], arena[at.measurement + i], arena[DT],
+            arena[at.manual], arena[at.manual_command + i],
                                       arena + at.integral + i, arena + at.follower + i)
     return OK
 

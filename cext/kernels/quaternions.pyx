@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Quaternions, w first, Hamilton's product. What turns something is normalised first. NaN passes."""
+"""Quaternions, w first, Hamilton's product. A quaternion that rotates is normalised first. NaN passes."""
 
 from libc.math cimport atan2, cos, fabs, sin, sqrt
 from libc.stdint cimport int32_t
@@ -41,7 +41,7 @@ cdef int conjugate_kernel(double *arena, const Conjugate *at, const Conjugate *s
 
 
 cdef inline double scaled(const double *q, double *s) noexcept nogil:
-    """q over its largest element, into s, so that nothing overflows; returns |s|², 1 to 4, or NaN for a q without direction."""
+    """Write q divided by its largest element to s, against overflow. Returns |s|², 1 to 4; NaN for a zero q."""
     cdef double largest = fabs(q[0])
     cdef int i
     for i in range(1, 4):
@@ -59,7 +59,7 @@ ROTATE = items((<Rotate *>ITEMS)[0], "q[4] v[3] y[3]")
 
 
 cdef int rotate_kernel(double *arena, const Rotate *at, const Rotate *sizes) noexcept nogil:
-    """v' = v + 2 (w (r × v) + r × (r × v)) / |q|², r the vector part of q"""
+    """Compute v' = v + 2 (w (r × v) + r × (r × v)) / |q|², r being the vector part of q."""
     cdef double[4] q
     cdef double twice = 2.0 / scaled(arena + at.q, q)
     cdef double *v = arena + at.v
@@ -112,7 +112,7 @@ cdef int to_euler_kernel(double *arena, const ToEuler *at, const ToEuler *sizes)
     cdef double down = q[0] * q[2] - q[1] * q[3]
     cdef double level = sqrt(forward * forward + left * left)
     arena[at.pitch] = atan2(down, level)
-    if level < 1e-7 * norm:     # nose up or down: yaw and roll turn about one axis, and roll is taken as 0
+    if level < 1e-7 * norm:     # x axis vertical: yaw and roll share an axis, roll is set to 0
         arena[at.yaw] = atan2(q[0] * q[3] - q[1] * q[2], 0.5 * norm - q[1] * q[1] - q[3] * q[3])
         arena[at.roll] = 0.0
     else:

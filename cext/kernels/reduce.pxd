@@ -1,4 +1,4 @@
-"""Blocks with any number of inputs: all of them reduced to one by a function of two numbers, element by element."""
+"""Blocks with any number of inputs: reduction by a function of two numbers, element by element."""
 
 from libc.stdint cimport int32_t
 

@@ -1,9 +1,9 @@
 # cython: freethreading_compatible=True
-"""Emergency stops: what ends a run before another command is sent, and the heartbeat of a button that is somewhere else.
+"""Emergency stops, which end a run before another command is sent, and the heartbeat of a remote button.
 
-    heartbeat   two bytes: a counter, one more (modulo 256) in each frame; 5A released, anything else pressed
+    heartbeat   two bytes: a counter, incremented (modulo 256) in each frame; 5A released, any other value pressed
 
-A heartbeat whose counter stands still is a sender that hangs, or an old frame again: it is not news of a button that is released.
+A heartbeat with an unchanged counter does not count: its sender hangs, or the frame is a repeated one.
 """
 
 from libc.stdint cimport int32_t, uint8_t, uint32_t
@@ -26,24 +26,25 @@ EMERGENCY_STOP = items((<EmergencyStop *>ITEMS)[0], "pressed[...]")
 cdef int stop_kernel(double *arena, const EmergencyStop *at, const EmergencyStop *sizes) noexcept nogil:
     cdef int i
     for i in range(sizes.pressed):
-        if not arena[at.pressed + i] == 0.0:                  # NaN is pressed
+        if not arena[at.pressed + i] == 0.0:                  # NaN counts as pressed
             return ESTOP
     return OK
 
 
 cdef int rearm_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # The executor reads `request` itself while it waits.
+    # the executor reads `request` itself while it waits
     return OK
 
 
 cdef struct Heartbeat:
     int32_t pressed, count, can_id
-    int32_t state               # the newest counter + 1, or 0; whether the button was pressed since arming
+    int32_t state               # newest counter + 1, or 0; whether the button was pressed since arming
 
 HEARTBEAT = items((<Heartbeat *>ITEMS)[0], "state[2]")
 
 
-cdef int heartbeat_decode(double *arena, const Heartbeat *at, const Heartbeat *sizes, const Frame *frame) noexcept nogil:
+cdef int heartbeat_decode(double *arena, const Heartbeat *at, const Heartbeat *sizes,
+        const Frame *frame) noexcept nogil:
     cdef double *state = arena + at.state
     cdef bint pressed
     if frame.id != <uint32_t>arena[at.can_id]:
@@ -62,7 +63,7 @@ cdef int heartbeat_decode(double *arena, const Heartbeat *at, const Heartbeat *s
 
 
 cdef int heartbeat_encode(double *arena, const Heartbeat *at, const Heartbeat *sizes, Frame *frames) noexcept nogil:
-    # Sends nothing. Devices encode before any frame of a tick goes out, and one that refuses keeps back all of them.
+    # Sends nothing. All devices encode before any frame of a tick is sent; if one rejects its command, none is sent.
     return -ESTOP if arena[at.state + 1] != 0.0 or not arena[at.pressed] == 0.0 else 0
 
 

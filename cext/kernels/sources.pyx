@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Signals out of nothing but the clock."""
+"""Sources: signals computed from the clock."""
 
 from libc.math cimport M_PI, cos, expm1, floor, log, sin, sqrt
 from libc.stdint cimport int32_t, uint64_t
@@ -44,7 +44,8 @@ SINE = items((<Sine *>ITEMS)[0])
 
 
 cdef int sine_kernel(double *arena, const Sine *at, const Sine *sizes) noexcept nogil:
-    arena[at.y] = arena[at.bias] + arena[at.amplitude] * sin(2.0 * M_PI * arena[at.frequency] * arena[TIME] + arena[at.phase])
+    arena[at.y] = arena[at.bias] + arena[at.amplitude] * sin(2.0 * M_PI * arena[at.frequency] * arena[TIME]
+        + arena[at.phase])
     return OK
 
 
@@ -143,10 +144,11 @@ GAUSSIAN = items((<Gaussian *>ITEMS)[0])
 
 
 cdef int gaussian_kernel(double *arena, const Gaussian *at, const Gaussian *sizes) noexcept nogil:
-    """Box and Muller 1958."""
+    """Compute normally distributed noise. (Box and Muller 1958)"""
     cdef uint64_t[4] bits
     philox(<uint64_t>arena[TICK], <uint64_t>arena[at.seed], bits)
-    arena[at.y] = arena[at.mean] + arena[at.deviation] * (sqrt(-2.0 * log(1.0 - fraction(bits[0]))) * cos(2.0 * M_PI * fraction(bits[1])))
+    arena[at.y] = arena[at.mean] + arena[at.deviation] * (sqrt(-2.0 * log(1.0 - fraction(bits[0])))
+        * cos(2.0 * M_PI * fraction(bits[1])))
     return OK
 
 

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""State machines: conditions compiled to a few operations on a small stack."""
+"""State machines: conditions compiled to operations on a small stack."""
 
 from libc.math cimport floor
 from libc.stdint cimport int32_t
@@ -7,14 +7,17 @@ from libc.stdint cimport int32_t
 from cext.abi cimport DT, ITEMS, OK, PERIOD, Rest, each, export, items, kernel_t
 
 cdef enum:
-    DEPTH = 32                  # of the stack; the block refuses a condition that needs more
+    DEPTH = 32                  # of the stack; the block rejects a condition that needs more
 
 cdef enum: # operations, each followed by one operand
-    CONSTANT, INPUT, ELAPSED, ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, ABS, LESS, LESS_EQUAL, GREATER, GREATER_EQUAL, EQUAL, NOT_EQUAL, AND, OR, NOT
+    CONSTANT, INPUT, ELAPSED, ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, ABS, LESS, LESS_EQUAL, GREATER, GREATER_EQUAL,
+    EQUAL, NOT_EQUAL, AND, OR, NOT
 
 OPERATIONS = {
-    "constant": CONSTANT, "input": INPUT, "elapsed": ELAPSED, "+": ADD, "-": SUBTRACT, "*": MULTIPLY, "/": DIVIDE, "negate": NEGATE,
-    "abs": ABS, "<": LESS, "<=": LESS_EQUAL, ">": GREATER, ">=": GREATER_EQUAL, "==": EQUAL, "!=": NOT_EQUAL, "and": AND, "or": OR, "not": NOT,
+    "constant": CONSTANT, "input": INPUT, "elapsed": ELAPSED, "+": ADD, "-": SUBTRACT, "*": MULTIPLY, "/": DIVIDE,
+    "negate": NEGATE,
+    "abs": ABS, "<": LESS, "<=": LESS_EQUAL, ">": GREATER, ">=": GREATER_EQUAL, "==": EQUAL, "!=": NOT_EQUAL,
+    "and": AND, "or": OR, "not": NOT,
 }
 STACK_DEPTH = DEPTH
 
@@ -24,14 +27,15 @@ cdef struct Machine:
     int32_t state, time_in_state
     Rest outputs
     int32_t table               # of each transition: from, to, first operation, number of operations
-    int32_t code                # operation and operand, of each
+    int32_t code                # operation and operand of each
     int32_t values              # number of outputs, then their values, state by state
-    int32_t current             # state, periods in it, whether it has begun
+    int32_t current             # state, periods in it, whether it was initialized
 
 MACHINE = items((<Machine *>ITEMS)[0], "table[...] code[...] values[...] current[3]")
 
 
-cdef double evaluate(const double *code, int count, const double *arena, const int32_t *inputs, double elapsed) noexcept nogil:
+cdef double evaluate(const double *code, int count, const double *arena, const int32_t *inputs,
+        double elapsed) noexcept nogil:
     cdef double[DEPTH] stack
     cdef double a, b
     cdef int top = 0
@@ -39,7 +43,9 @@ cdef double evaluate(const double *code, int count, const double *arena, const i
     for i in range(count):
         operation = <int>code[2 * i]
         if operation <= ELAPSED:
-            stack[top] = code[2 * i + 1] if operation == CONSTANT else elapsed if operation == ELAPSED else arena[inputs[<int>code[2 * i + 1]]]
+            stack[top] = (
+                code[2 * i + 1] if operation == CONSTANT else elapsed if operation == ELAPSED
+                else arena[inputs[<int>code[2 * i + 1]]])
             top += 1
             continue
         a = stack[top - 1]
@@ -101,7 +107,8 @@ cdef int machine_kernel(double *arena, const Machine *at, const Machine *sizes) 
     if poison == 0.0:
         for i in range(count):
             if transitions[4 * i] == current[0] and evaluate(
-                    code + 2 * <int>transitions[4 * i + 2], <int>transitions[4 * i + 3], arena, inputs, current[1] * arena[PERIOD]) != 0.0:
+                    code + 2 * <int>transitions[4 * i + 2], <int>transitions[4 * i
+                            + 3], arena, inputs, current[1] * arena[PERIOD]) != 0.0:
                 current[0] = transitions[4 * i + 1]
                 current[1] = 0.0
                 break

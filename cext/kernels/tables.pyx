@@ -73,7 +73,8 @@ cdef inline int surface(double *arena, const Surface *at, const Surface *sizes, 
         j = segment(columns, m, c)
         share = share_of(columns, j, c)
         corner = arena + at.heights + i * m + j
-        arena[at.y + k] = line(line(corner[0], corner[1], share), line(corner[m], corner[m + 1], share), share_of(rows, i, r))
+        arena[at.y + k] = line(line(corner[0], corner[1], share), line(corner[m], corner[m + 1], share),
+            share_of(rows, i, r))
     return OK
 
 
@@ -86,7 +87,8 @@ cdef int surface_extrapolate_kernel(double *arena, const Surface *at, const Surf
 
 
 cdef int surface_error_kernel(double *arena, const Surface *at, const Surface *sizes) noexcept nogil:
-    if outside(arena + at.row, sizes.row, arena + at.row_knots, sizes.row_knots) or outside(arena + at.column, sizes.column, arena + at.column_knots, sizes.column_knots):
+    if outside(arena + at.row, sizes.row, arena + at.row_knots, sizes.row_knots) or outside(arena + at.column,
+            sizes.column, arena + at.column_knots, sizes.column_knots):
         return BEYOND_THE_ENDS
     return surface(arena, at, sizes, between)
 

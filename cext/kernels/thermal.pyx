@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Heat in motors."""
+"""Thermal models of motors."""
 
 from libc.math cimport NAN
 from libc.stdint cimport int32_t
@@ -25,7 +25,7 @@ cdef int two_nodes_kernel(double *arena, const TwoNodes *at, const TwoNodes *siz
         if torque * ambient - torque * ambient != 0.0:
             arena[at.winding] = arena[at.case] = NAN
             return OK
-        # 1. What flows in a step, over what each node holds.
+        # 1. Heat flow per step, divided by the heat capacity of each node.
         a = h / (arena[at.winding_capacity] * arena[at.winding_resistance])
         b = h / (arena[at.case_capacity] * arena[at.winding_resistance])
         c = h / (arena[at.case_capacity] * arena[at.case_resistance])

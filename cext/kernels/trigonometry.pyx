@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Trigonometry, by libm. NaN passes; what has no real value, and what infinity gives, is NaN."""
+"""Trigonometry, by libm. NaN passes; arguments outside the domain and infinities result in NaN."""
 
 from libc.math cimport acos, asin, atan, atan2, cos, sin, tan
 from libc.stdint cimport int32_t

@@ -15,7 +15,7 @@ STACK = items((<Stack *>ITEMS)[0], "y[...]")
 
 
 cdef int stack_kernel(double *arena, const Stack *at, const Stack *sizes) noexcept nogil:
-    """All of the first input, then all of the second, and so on."""
+    """Concatenate the inputs in order."""
     cdef const int32_t *inputs = each(at, at.inputs)
     cdef const int32_t *lengths = each(sizes, sizes.inputs)
     cdef double *y = arena + at.y

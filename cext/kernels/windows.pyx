@@ -1,12 +1,12 @@
 # cython: freethreading_compatible=True
 """Statistics of the last N inputs, in fixed memory and without drift.
 
-Sums. Principle: 1. a ring holds the inputs; 2. the running sum takes each new one and gives back the one that leaves; 3. beside it
-grows a fresh sum, of the inputs since the ring last began anew; whenever the ring is full once more, the fresh sum is that of the whole
-window, and replaces the running one; 4. both keep what rounding has lost in a second double; 5. what is not finite is counted, not
-added, so that it leaves no trace.
+Sums. Principle: 1. a ring holds the inputs; 2. the running sum adds each new one and subtracts the oldest; 3. a fresh
+sum adds the inputs since the ring last wrapped; when the ring wraps, the fresh sum is that of the whole window and
+replaces the running one; 4. both keep their rounding error in a second double; 5. non-finite inputs are counted and not
+added, so that they leave no error behind.
 
-Extremes. A monotonic queue: an input that a later and larger one hides can never be the maximum again, and is dropped.
+Extremes. A monotonic queue: an input followed by a larger one can no longer be the maximum, and is dropped.
 """
 
 from libc.math cimport NAN, sqrt
@@ -16,8 +16,8 @@ from cext.abi cimport ITEMS, OK, export, items, kernel_t
 from cext.kernels.limits cimport finite, is_finite
 from cext.kernels.compensated_sum cimport FRESH, RUNNING, RUNNING_REST, add, begin_anew
 
-cdef enum: # in `sums`, for each element, behind the two sums
-    STRANGE = 4                 # how many inputs in the window are not finite
+cdef enum: # in `sums`, for each element, after the two sums
+    STRANGE = 4                 # number of non-finite inputs in the window
     SUMS_PER_ELEMENT
 
 
@@ -75,8 +75,8 @@ cdef int rms_kernel(double *arena, const Sums *at, const Sums *sizes) noexcept n
 
 cdef struct Extreme:
     int32_t u, y, values
-    int32_t steps               # when each value came
-    int32_t queue               # for each element: where the queue begins, its length, step of the last NaN
+    int32_t steps               # step in which each value arrived
+    int32_t queue               # for each element: start of the queue, its length, step of the last NaN
     int32_t now
 
 EXTREME = items((<Extreme *>ITEMS)[0], "u[...] y[...] values[...] steps[...] queue[...]")
@@ -94,13 +94,13 @@ cdef inline int window_extreme(double *arena, const Extreme *at, const Extreme *
     for i in range(width):
         u = finite(arena[at.u + i])
         first, count = <int>queue[0], <int>queue[1]
-        if count > 0 and steps[first] <= now - length:          # 1. The oldest leaves the window.
+        if count > 0 and steps[first] <= now - length:          # 1. Drop the oldest when it leaves the window.
             first = first + 1 if first + 1 < length else 0
             count -= 1
         if u != u:
             queue[2] = now
         else:
-            while count > 0:                                    # 2. What the new one hides is dropped.
+            while count > 0:                                    # 2. Drop those that can no longer be the extreme.
                 last = first + count - 1
                 if last >= length:
                     last -= length

@@ -15,7 +15,8 @@ cdef enum:
 
 # One exchange with one chip: `count` bytes are read or written from a register on, or without a register if it is below
 # 0. Returns 0 or an errno.
-ctypedef int (*exchange_t)(void *context, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil
+ctypedef int (*exchange_t)(void *context, uint8_t address, int register, bint reads, uint8_t *data,
+    int count) noexcept nogil
 
 cdef struct Adapter:
     exchange_t exchange
@@ -71,7 +72,7 @@ cdef struct Member:
     uint32_t trouble            # id of its failure frames
     int first_setup
     int setups
-    int said                    # of them
+    int setups_sent                    # of them
     int first_cycle
     int cycles
     int checked                 # bytes of its check, 0 for none
@@ -130,8 +131,9 @@ cdef class I2cBus:
     cdef bint is_the_one(self, Member *member, int64_t now) noexcept nogil
     cdef bint believed(self, Member *member, int64_t now) noexcept nogil
     cdef bint ask(self, Member *member, Cycle *cycle, int64_t now) noexcept nogil
-    cdef int exchange(self, Member *member, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil
+    cdef int exchange(self, Member *member, uint8_t address, int register, bint reads, uint8_t *data,
+        int count) noexcept nogil
     cdef int switch_to(self, int place) noexcept nogil
     cdef void fail(self, Member *member, int error, int64_t now) noexcept nogil
     cdef void set_up_again(self, Member *member, int64_t now) noexcept nogil
-    cdef void tell(self, const Member *member, int64_t now) noexcept nogil
+    cdef void log(self, const Member *member, int64_t now) noexcept nogil

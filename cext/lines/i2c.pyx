@@ -83,7 +83,8 @@ cdef class I2cAdapter:
         if data is not None:
             memcpy(buffer, <const char *>data, len(data))
         error = self.adapter.exchange(
-            self.adapter.context, <uint8_t>address, register, data is None, buffer, count if data is None else <int>len(data))
+            self.adapter.context, <uint8_t>address, register, data is None, buffer,
+            count if data is None else <int>len(data))
         if error:
             raise OSError(error, os.strerror(error))
         return bytes(buffer[:count])
@@ -139,7 +140,8 @@ cdef class I2cBus:
             for number, _, steps, appended in exchanges:
                 read = sum(what for _, what in steps if isinstance(what, int))
                 longest = max((what if isinstance(what, int) else 2 * len(what) for _, what in steps), default=0)
-                if not 0 <= number < TROUBLE or not 0 < len(steps) <= STEPS or longest > READ_LIMIT or len(appended) > BYTES:
+                if (not 0 <= number < TROUBLE or not 0 < len(steps) <= STEPS or longest > READ_LIMIT
+                        or len(appended) > BYTES):
                     raise ValueError("an exchange has a number below 15, and at most %d steps of %d bytes"
                                      % (STEPS, READ_LIMIT))
                 if read + len(appended) > 64:
@@ -172,9 +174,10 @@ cdef class I2cBus:
             member.trouble = answer_id(<uint32_t>(place << 8 | address), TROUBLE)
             if place:
                 self.present[mux_of(place)] = True
-            member.first_setup, member.setups, member.said = setup, len(set_up), len(set_up)
+            member.first_setup, member.setups, member.setups_sent = setup, len(set_up), len(set_up)
             for at, register, data, wait in set_up:
-                self.setups[setup].address, self.setups[setup].register, self.setups[setup].count = at, register, len(data)
+                self.setups[setup].address, self.setups[setup].register = at, register
+                self.setups[setup].count = len(data)
                 memcpy(self.setups[setup].data, <const char *>data, len(data))
                 self.setups[setup].wait = round(wait * 1e9)
                 setup += 1
@@ -184,10 +187,12 @@ cdef class I2cBus:
                 memcpy(member.wanted, <const char *>data, len(data))
             member.identities = len(identity)
             for at, (register, value, mask) in enumerate(identity):
-                member.identity[at].register, member.identity[at].value, member.identity[at].mask = register, value, mask
+                member.identity[at].register, member.identity[at].value = register, value
+                member.identity[at].mask = mask
             member.first_cycle, member.cycles = cycle, len(own)
             for period, settle, exchanges in own:
-                self.cycles[cycle].member, self.cycles[cycle].first, self.cycles[cycle].count = index, exchange, len(exchanges)
+                self.cycles[cycle].member, self.cycles[cycle].first = index, exchange
+                self.cycles[cycle].count = len(exchanges)
                 self.cycles[cycle].period, self.cycles[cycle].settle = round(period * 1e9), round(settle * 1e9)
                 cycle += 1
                 for number, at, steps, data in exchanges:
@@ -238,9 +243,8 @@ cdef class I2cBus:
     @property
     def counts(self) -> dict[str, Any]:
         """Counts of the thread: switches of multiplexers, rounds, overflows (frames overwritten unread), and for each
-        device, in the order
-        added: state, answers, rate (Hz of its first round), failures, losses, returns, and error, the errno of the last
-        failure (-1: it lost
+        device, in the order added: state, answers, rate (Hz of its first round), failures, losses, returns, and error,
+        the errno of the last failure (-1: it lost
         its settings; -2: another kind of chip replies instead; None)."""
         cdef int index
         cdef double seconds = max(1, (self.ended or monotonic()) - self.origin) * 1e-9
@@ -251,9 +255,11 @@ cdef class I2cBus:
             devices.append({
                 "state": STATES[load_i32(&member.state)], "answers": load_u64(&member.answers),
                 "rate": load_u64(&member.samples) / seconds, "failures": load_u64(&member.failures),
-                "losses": load_u64(&member.losses), "returns": load_u64(&member.returns), "error": load_i32(&member.error) or None})
+                "losses": load_u64(&member.losses), "returns": load_u64(&member.returns),
+                "error": load_i32(&member.error) or None})
         return {
-            "switches": load_u64(&self.switches), "rounds": load_u64(&self.rounds), "overflows": self.inbox.ring.skipped,
+            "switches": load_u64(&self.switches), "rounds": load_u64(&self.rounds),
+            "overflows": self.inbox.ring.skipped,
             "devices": devices}
 
     # The thread
@@ -328,7 +334,7 @@ cdef class I2cBus:
                 return
 
     cdef void set_up_again(self, Member *member, int64_t now) noexcept nogil:
-        member.said = 0
+        member.setups_sent = 0
         member.due = now
         store_i32(&member.state, SETTING_UP)
 
@@ -336,15 +342,15 @@ cdef class I2cBus:
         """Write the next step of its set-up; after the last one, resume."""
         cdef SetUp *setup
         cdef int index, error
-        if member.said < member.setups:
-            setup = &self.setups[member.first_setup + member.said]
+        if member.setups_sent < member.setups:
+            setup = &self.setups[member.first_setup + member.setups_sent]
             error = self.exchange(member, setup.address, setup.register, False, setup.data, setup.count)
             if error != 0:
                 self.fail(member, error, now)
                 return
-            member.said += 1
+            member.setups_sent += 1
             member.due = monotonic() + setup.wait
-            if member.said < member.setups or setup.wait > 0:
+            if member.setups_sent < member.setups or setup.wait > 0:
                 return
         if not self.is_the_one(member, now):
             return
@@ -357,16 +363,16 @@ cdef class I2cBus:
         store_i32(&member.state, FINE)
         if member.losses > member.returns:
             store_u64(&member.returns, member.returns + 1)
-        self.tell(member, now)
+        self.log(member, now)
 
     cdef bint is_the_one(self, Member *member, int64_t now) noexcept nogil:
         """Return whether a device that was set up again has the expected identity."""
-        cdef uint8_t[READ_LIMIT] said
+        cdef uint8_t[READ_LIMIT] reply
         cdef int index
         cdef int error = 0
         for index in range(member.identities):
-            error = self.exchange(member, member.address, member.identity[index].register, True, said, 1)
-            if error == 0 and (said[0] & member.identity[index].mask) != member.identity[index].value:
+            error = self.exchange(member, member.address, member.identity[index].register, True, reply, 1)
+            if error == 0 and (reply[0] & member.identity[index].mask) != member.identity[index].value:
                 error = STRANGER
             if error != 0:
                 self.fail(member, error, now)
@@ -375,13 +381,13 @@ cdef class I2cBus:
 
     cdef bint believed(self, Member *member, int64_t now) noexcept nogil:
         """Return whether a device still has its settings. If not, its set-up begins again."""
-        cdef uint8_t[READ_LIMIT] said
-        cdef int error = self.exchange(member, member.address, member.check_register, True, said, member.checked)
+        cdef uint8_t[READ_LIMIT] reply
+        cdef int error = self.exchange(member, member.address, member.check_register, True, reply, member.checked)
         if error != 0:
             self.fail(member, error, now)
             return False
         member.next_check = now + CHECK
-        if memcmp(said, member.wanted, member.checked) == 0:
+        if memcmp(reply, member.wanted, member.checked) == 0:
             member.doubted = False
             return True
         self.fail(member, FORGOTTEN, now)
@@ -408,11 +414,13 @@ cdef class I2cBus:
             if asked.step[index].reads:
                 if frame.time < 0:
                     frame.time = monotonic()
-                error = self.exchange(member, asked.address, asked.step[index].register, True, &frame.data[length], asked.step[index].count)
+                error = self.exchange(member, asked.address, asked.step[index].register, True, &frame.data[length],
+                    asked.step[index].count)
                 length += asked.step[index].count
             else:
                 memcpy(written, asked.step[index].data, asked.step[index].count)
-                error = self.exchange(member, asked.address, asked.step[index].register, False, written, asked.step[index].count)
+                error = self.exchange(member, asked.address, asked.step[index].register, False, written,
+                    asked.step[index].count)
             if error != 0:
                 self.fail(member, error, now)
                 return False
@@ -429,7 +437,8 @@ cdef class I2cBus:
             push(&self.inbox.ring, &frame)
         return True
 
-    cdef int exchange(self, Member *member, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil:
+    cdef int exchange(self, Member *member, uint8_t address, int register, bint reads, uint8_t *data,
+            int count) noexcept nogil:
         cdef int error = self.switch_to(member.place)
         if error == 0:
             error = self.adapter.adapter.exchange(self.adapter.adapter.context, address, register, reads, data, count)
@@ -445,13 +454,15 @@ cdef class I2cBus:
         for mux in range(MUXES):
             if self.present[mux] and mux != wanted and (self.open < 0 or (self.open > 0 and mux == mux_of(self.open))):
                 mask = 0
-                error = self.adapter.adapter.exchange(self.adapter.adapter.context, <uint8_t>(FIRST_MUX + mux), -1, False, &mask, 1)
+                error = self.adapter.adapter.exchange(self.adapter.adapter.context, <uint8_t>(FIRST_MUX + mux), -1,
+                    False, &mask, 1)
                 if error != 0:
                     self.open = -1
                     return error
                 store_u64(&self.switches, self.switches + 1)
         mask = <uint8_t>(1 << (place - 1) % 8)
-        error = self.adapter.adapter.exchange(self.adapter.adapter.context, <uint8_t>(FIRST_MUX + wanted), -1, False, &mask, 1)
+        error = self.adapter.adapter.exchange(self.adapter.adapter.context, <uint8_t>(FIRST_MUX + wanted), -1, False,
+            &mask, 1)
         self.open = place if error == 0 else -1
         if error == 0:
             store_u64(&self.switches, self.switches + 1)
@@ -471,9 +482,9 @@ cdef class I2cBus:
             store_i32(&member.state, LOST)
         elif member.next_check <= now:
             member.next_check = now + RETRY // 10
-        self.tell(member, now)
+        self.log(member, now)
 
-    cdef void tell(self, const Member *member, int64_t now) noexcept nogil:
+    cdef void log(self, const Member *member, int64_t now) noexcept nogil:
         cdef Frame frame
         cdef uint32_t count = <uint32_t>(member.failures - member.forgiven)
         memset(&frame, 0, sizeof(Frame))

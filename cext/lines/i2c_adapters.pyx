@@ -33,7 +33,8 @@ cdef extern from "<linux/i2c.h>" nogil:
         uint8_t block[34]
     const int I2C_M_RD, I2C_SMBUS_READ, I2C_SMBUS_WRITE
     const int I2C_SMBUS_BYTE, I2C_SMBUS_BYTE_DATA, I2C_SMBUS_WORD_DATA, I2C_SMBUS_I2C_BLOCK_DATA
-    const unsigned long I2C_FUNC_I2C, I2C_FUNC_SMBUS_BYTE_DATA, I2C_FUNC_SMBUS_READ_I2C_BLOCK, I2C_FUNC_SMBUS_WRITE_I2C_BLOCK
+    const unsigned long I2C_FUNC_I2C, I2C_FUNC_SMBUS_BYTE_DATA
+    const unsigned long I2C_FUNC_SMBUS_READ_I2C_BLOCK, I2C_FUNC_SMBUS_WRITE_I2C_BLOCK
 
 cdef extern from "<linux/i2c-dev.h>" nogil:
     cdef struct i2c_rdwr_ioctl_data:
@@ -69,7 +70,8 @@ cdef int combined(void *context, uint8_t address, int register, bint reads, uint
         memcpy(&written[length], data, count)
         length += count
     messages[0].addr, messages[0].flags, messages[0].len, messages[0].buf = address, 0, <uint16_t>length, written
-    messages[1].addr, messages[1].flags, messages[1].len, messages[1].buf = address, <uint16_t>I2C_M_RD, <uint16_t>count, data
+    messages[1].addr, messages[1].flags = address, <uint16_t>I2C_M_RD
+    messages[1].len, messages[1].buf = <uint16_t>count, data
     transfer.msgs, transfer.nmsgs = messages, 2 if reads else 1
     while ioctl(wire.fd, I2C_RDWR, &transfer) < 0:
         if failed_with != EINTR:
@@ -125,7 +127,8 @@ cdef class LinuxAdapter(I2cAdapter):
 
     def __cinit__(self, int fd):
         cdef unsigned long functions = 0
-        cdef unsigned long needed = I2C_FUNC_SMBUS_BYTE_DATA | I2C_FUNC_SMBUS_READ_I2C_BLOCK | I2C_FUNC_SMBUS_WRITE_I2C_BLOCK
+        cdef unsigned long needed = (
+            I2C_FUNC_SMBUS_BYTE_DATA | I2C_FUNC_SMBUS_READ_I2C_BLOCK | I2C_FUNC_SMBUS_WRITE_I2C_BLOCK)
         self.wire.fd, self.wire.slave = -1, -1
         if ioctl(fd, I2C_FUNCS, &functions) < 0:
             raise OSError(failed_with, os.strerror(failed_with))

@@ -31,7 +31,8 @@ cdef inline uint32_t answer_id(uint32_t identity, int transfer) noexcept nogil:
 cdef inline double failures(const Frame *frame) noexcept nogil:
     """Return the number of failed transfers in a TROUBLE frame of five bytes."""
     return <double>(
-        <uint32_t>frame.data[1] | <uint32_t>frame.data[2] << 8 | <uint32_t>frame.data[3] << 16 | <uint32_t>frame.data[4] << 24)
+        <uint32_t>frame.data[1] | <uint32_t>frame.data[2] << 8 | <uint32_t>frame.data[3] << 16
+        | <uint32_t>frame.data[4] << 24)
 
 
 cdef inline int16_t big(const uint8_t *data) noexcept nogil:

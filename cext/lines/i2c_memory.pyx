@@ -41,7 +41,8 @@ cdef struct Chips:
 
 cdef inline bint reached(const Chips *chips, const Chip *chip) noexcept nogil:
     cdef int place = chip.place - 1
-    return not chip.absent and (chip.place == 0 or (chips.muxes[place // 8] and chips.masks[place // 8] >> place % 8 & 1))
+    return not chip.absent and (chip.place == 0 or (chips.muxes[place // 8]
+        and chips.masks[place // 8] >> place % 8 & 1))
 
 
 cdef int carry(void *context, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil:

@@ -69,7 +69,8 @@ cdef extern from *:
         memset(&here, 0, sizeof here);
         memset(&there, 0, sizeof there);
         return getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &of_error) == 0 && error == 0
-            && getsockname(fd, (struct sockaddr *)&here, &size) == 0 && getpeername(fd, (struct sockaddr *)&there, &other) == 0
+            && getsockname(fd, (struct sockaddr *)&here, &size) == 0
+            && getpeername(fd, (struct sockaddr *)&there, &other) == 0
             && (size != other || memcmp(&here, &there, size) != 0);
     }
     static inline int tw_peer_of(int fd, void *peer) {                  /* into a sockaddr_storage */
@@ -78,7 +79,9 @@ cdef extern from *:
     }
     void *memmem(const void *, size_t, const void *, size_t);
     int dup3(int, int, int);
-    static inline int tw_holds(const void *data, size_t length, const void *part, size_t of_part) { return memmem(data, length, part, of_part) != NULL; }
+    static inline int tw_holds(const void *data, size_t length, const void *part, size_t of_part) {
+        return memmem(data, length, part, of_part) != NULL;
+    }
     static inline int tw_dup3(int from, int to) { return dup3(from, to, O_CLOEXEC); }
     """
     int gpio_level "tw_gpio_level"(int fd) noexcept nogil

@@ -29,4 +29,4 @@ cdef class Reopening:
     cdef void give_up(self, Source *source, int64_t now) noexcept nogil
     cdef bint resume(self, Source *source, int found, int index, int64_t now) noexcept nogil
 
-cdef void tell(Source *source) noexcept nogil
+cdef void send_setup(Source *source) noexcept nogil

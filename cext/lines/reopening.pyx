@@ -157,14 +157,14 @@ cdef class Reopening:
         memset(&frame, 0, sizeof(Frame))
         frame.time, frame.id = now, BACK
         push(&source.ring, &frame)
-        source.said, source.due = 0, now + source.pause
+        source.messages_sent, source.due = 0, now + source.pause
         store_u64(&source.returns, source.returns + 1)
         store_i32(&source.gone, 0)
         return True
 
 
-cdef void tell(Source *source) noexcept nogil:
+cdef void send_setup(Source *source) noexcept nogil:
     """Write the next message of its set-up."""
-    cdef int begin = source.ends[source.said - 1] if source.said > 0 else 0
-    write(source.fd, source.setup + begin, source.ends[source.said] - begin)
-    source.said += 1
+    cdef int begin = source.ends[source.messages_sent - 1] if source.messages_sent > 0 else 0
+    write(source.fd, source.setup + begin, source.ends[source.messages_sent] - begin)
+    source.messages_sent += 1

@@ -47,7 +47,7 @@ cdef struct Source:
     int ends[SETUP_MESSAGES]        # end of each message
     int messages
     int64_t pause                   # ns before each message
-    int said                        # number of messages sent
+    int messages_sent               # number of messages sent
     int64_t due                     # ns of CLOCK_MONOTONIC: when the next message, attempt or check is due
     int32_t gone
     uint64_t bytes                  # read

@@ -71,7 +71,8 @@ cdef int stream_send(void *context, const Frame *frames, int count) noexcept nog
         number = min(WRITE_FRAMES, count - first)
         size = 0
         for index in range(number):
-            parts[index].iov_base, parts[index].iov_len = <void *>frames[first + index].data, frames[first + index].length
+            parts[index].iov_base, parts[index].iov_len = <void *>frames[first + index].data, frames[first
+                + index].length
             size += frames[first + index].length
         if load_i32(&source.gone) or writev(source.fd, parts, number) != size:
             source.refused += 1
@@ -147,6 +148,7 @@ cdef class Stream:
         (failed
         identifications)."""
         return {
-            "bytes": load_u64(&self.source.bytes), "overflows": self.source.ring.skipped, "refused": self.source.refused,
+            "bytes": load_u64(&self.source.bytes), "overflows": self.source.ring.skipped,
+            "refused": self.source.refused,
             "losses": load_u64(&self.source.losses), "returns": load_u64(&self.source.returns),
             "strangers": load_u64(&self.source.strangers)}

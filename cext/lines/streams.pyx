@@ -29,7 +29,7 @@ from cext.lines.line_calls cimport hung_up, keep_alive, peer_of
 from cext.ring.newest_ring cimport START, push
 from cext.clock.deadline_clock cimport monotonic
 from cext.posix cimport pthread_join
-from cext.lines.reopening cimport EPOLLERR, EPOLLHUP, EPOLLIN, READ_SIZE, epoll_event, epoll_wait, tell
+from cext.lines.reopening cimport EPOLLERR, EPOLLHUP, EPOLLIN, READ_SIZE, epoll_event, epoll_wait, send_setup
 from cext.lines.stream cimport (
     PATH_LIMIT, PROOF_LIMIT, SETUP_BYTES, SETUP_MESSAGES, TCSANOW, VMIN, VTIME, Stream, gpio_send, tcgetattr, tcsetattr,
 )
@@ -62,7 +62,8 @@ cdef class Streams(Reopening):
             close(self.bell)
         free(self.sources)
 
-    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False, bint reconnects=False,
+    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False,
+        bint reconnects=False,
             proof=(b"", b"")) -> Stream:
         """Add a descriptor before `start`.
 
@@ -86,13 +87,14 @@ cdef class Streams(Reopening):
             raise ValueError("a record has 1 to %d bytes, not %d" % (FRAME_BYTES, record))
         encoded = os.fsencode(path)
         if len(encoded) >= PATH_LIMIT or len(setup) > SETUP_MESSAGES or sum(map(len, setup)) > SETUP_BYTES:
-            raise ValueError("at most %d bytes of path, %d messages and %d bytes of set-up" % (PATH_LIMIT - 1, SETUP_MESSAGES, SETUP_BYTES))
-        asks, tells = proof
-        if max(len(asks), len(tells)) > PROOF_LIMIT or bool(asks) != bool(tells):
+            raise ValueError("at most %d bytes of path, %d messages and %d bytes of set-up" % (PATH_LIMIT - 1,
+                SETUP_MESSAGES, SETUP_BYTES))
+        query, answer = proof
+        if max(len(query), len(answer)) > PROOF_LIMIT or bool(query) != bool(answer):
             raise ValueError("a proof is a query and an answer, each of at most %d bytes" % PROOF_LIMIT)
-        source.question_length, source.proof_length = len(asks), len(tells)
-        memcpy(source.question, <const char *>asks, len(asks))
-        memcpy(source.proof, <const char *>tells, len(tells))
+        source.question_length, source.proof_length = len(query), len(answer)
+        memcpy(source.question, <const char *>query, len(query))
+        memcpy(source.proof, <const char *>answer, len(answer))
         stream.name, stream.own = name, fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
         source.fd, source.record, source.pause, source.is_gpio = stream.own, record, round(pause * 1e9), is_gpio
         if is_gpio:
@@ -103,7 +105,7 @@ cdef class Streams(Reopening):
             at += len(message)
             source.ends[source.messages] = at
             source.messages += 1
-        source.said = source.messages                               # the caller has set it up
+        source.messages_sent = source.messages                               # the caller has set it up
         os.set_blocking(fd, False)
         source.is_tty = os.isatty(fd) and stat.S_ISCHR(os.fstat(fd).st_mode)
         source.datagrams = is_datagram_socket(fd)
@@ -214,9 +216,9 @@ cdef class Streams(Reopening):
                     continue
                 if now >= source.due:
                     self.try_again(source, index, now)
-            elif source.said < source.messages:
+            elif source.messages_sent < source.messages:
                 if now >= source.due:
-                    tell(source)
+                    send_setup(source)
                     source.due = now + source.pause
             elif source.is_gpio:
                 if now >= source.due:

@@ -83,13 +83,14 @@ cdef inline uint64_t writer_of(uint64_t state) noexcept nogil:
 cdef inline uint64_t in_step(uint64_t state, uint64_t step) noexcept nogil:
     return state >> 32 << 32 | step
 
-cdef inline Letter *oldest(Mailbox *mailbox, int32_t but) noexcept nogil:
-    """Return the waiting letter that was posted first, except those of the kind `but`; or NULL."""
+cdef inline Letter *oldest(Mailbox *mailbox, int32_t except_kind) noexcept nogil:
+    """Return the waiting letter that was posted first, except those of `except_kind`; or NULL."""
     cdef int index
     cdef Letter *letter
     cdef Letter *found = NULL
     for index in range(LETTERS):
         letter = &mailbox.letters[index]
-        if step_of(load_u64(&letter.state)) == POSTED and letter.kind != but and (found == NULL or letter.number < found.number):
+        if step_of(load_u64(&letter.state)) == POSTED and letter.kind != except_kind and (found == NULL
+                or letter.number < found.number):
             found = letter
     return found

@@ -43,7 +43,7 @@ cdef struct LineEnd:                # end of the loop
     int64_t refused                 # frames lost to a full ring
     int trouble
     int full                        # sends in a row to a full ring
-    bint told
+    bint reported
 
 cdef class Lines:
     cdef LineLayout *lines

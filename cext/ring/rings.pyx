@@ -69,9 +69,9 @@ cdef bint failed(LineEnd *end) noexcept nogil:
     cdef int why = load_i32(&end.line.failed)
     if why != 0:
         end.trouble = why
-    if end.trouble == 0 or end.told:
+    if end.trouble == 0 or end.reported:
         return False
-    end.told = True
+    end.reported = True
     return True
 
 
@@ -81,7 +81,7 @@ cdef void line_begin(void *context, int64_t began) noexcept nogil:
     cdef Frame frame
     while get(&end.line.inward, &frame):
         pass
-    end.began, end.trouble, end.full, end.told = began, 0, 0, False
+    end.began, end.trouble, end.full, end.reported = began, 0, 0, False
 
 
 cdef class Lines:

@@ -19,7 +19,8 @@ from libc.math cimport fabs, fmax, fmin
 from libc.stdint cimport int64_t
 
 from cext.safety.thresholds cimport (
-    ACCELERATION_FAULT, ACCELERATION_FAULT_PERIODS, ACCELERATION_GAINS_RETURN, ACCELERATION_NOISE_LIMIT, ACCELERATION_WINDOW,
+    ACCELERATION_FAULT, ACCELERATION_FAULT_PERIODS, ACCELERATION_GAINS_RETURN, ACCELERATION_NOISE_LIMIT,
+    ACCELERATION_WINDOW,
     ACCELERATION_WINDOW_REPLIES,
 )
 
@@ -66,7 +67,8 @@ cdef inline bint is_beyond(Acceleration *a, int64_t time, double velocity, doubl
         if back >= ACCELERATION_WINDOW_REPLIES and elapsed >= 1e-9 * ACCELERATION_WINDOW - 1e-7:
             break
     if most >= 2 and not found:
-        second = velocity - 2.0 * a.velocities[(a.count - 1) & (REPLIES - 1)] + a.velocities[(a.count - 2) & (REPLIES - 1)]
+        second = velocity - 2.0 * a.velocities[(a.count - 1) & (REPLIES - 1)] + a.velocities[(a.count - 2) & (REPLIES
+            - 1)]
         a.noise += (fabs(second) - a.noise) / <double>min(a.count + NOISE_PRIOR, NOISE_REPLIES)
     place = a.count & (REPLIES - 1)
     a.times[place], a.velocities[place] = time, velocity
@@ -74,7 +76,8 @@ cdef inline bint is_beyond(Acceleration *a, int64_t time, double velocity, doubl
     return found
 
 
-cdef inline bint allow_gains(Acceleration *a, bint beyond, bint commanded, double elapsed, double period) noexcept nogil:
+cdef inline bint allow_gains(Acceleration *a, bint beyond, bint commanded, double elapsed,
+        double period) noexcept nogil:
     """Set the share of stiffness and damping. Returns whether the excess has lasted long enough for a fault.
 
     commanded : whether stiffness or damping is commanded, since nothing else depends on the bound

@@ -8,7 +8,7 @@ cdef enum:
 cdef class DriveWarnings:
     cdef int count
     cdef int *slots                  # of each drive's output `warning`
-    cdef uint32_t *told              # bits of each that have been reported in this run
+    cdef uint32_t *reported              # bits of each that have been reported in this run
     cdef void **texts                # EventTemplate, borrowed: WARNING_BITS of each drive
     cdef list news
     cdef uint64_t most

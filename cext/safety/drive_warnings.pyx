@@ -14,13 +14,14 @@ cdef class DriveWarnings:
         reporting = [device for device in schedule.devices if device.warning >= 0]
         self.count, self.news, self.most = len(reporting), [], 0
         self.slots = <int *>calloc(max(1, self.count), sizeof(int))
-        self.told = <uint32_t *>calloc(max(1, self.count), sizeof(uint32_t))
+        self.reported = <uint32_t *>calloc(max(1, self.count), sizeof(uint32_t))
         self.texts = <void **>calloc(max(1, self.count) * WARNING_BITS, sizeof(void *))
-        if self.slots == NULL or self.told == NULL or self.texts == NULL:
+        if self.slots == NULL or self.reported == NULL or self.texts == NULL:
             raise MemoryError
         for place, device in enumerate(reporting):
             self.slots[place] = device.warning
-            mine = [EventTemplate({"event": "warning", "device": device.name, "what": words}) for words in device.warnings]
+            mine = [EventTemplate({"event": "warning", "device": device.name,
+                "what": words}) for words in device.warnings]
             if len(mine) != WARNING_BITS:
                 raise ValueError(f"{device.name} has {len(mine)} texts for {WARNING_BITS} bits of warnings")
             for bit, each in enumerate(mine):
@@ -29,10 +30,10 @@ cdef class DriveWarnings:
             self.news += mine
 
     def __dealloc__(self):
-        free(self.slots); free(self.told); free(self.texts)
+        free(self.slots); free(self.reported); free(self.texts)
 
     cdef void reset(self) noexcept nogil:
-        memset(self.told, 0, self.count * sizeof(uint32_t))
+        memset(self.reported, 0, self.count * sizeof(uint32_t))
 
     cdef uint64_t share(self, SharedLayout *page):
         """Set the shared state for events, or NULL. Returns the ring bytes that one tick may need."""
@@ -47,11 +48,11 @@ cdef class DriveWarnings:
             warning = arena[self.slots[place]]
             if not 0.0 < warning < 4294967296.0:
                 continue
-            fresh = <uint32_t>warning & ~self.told[place]
+            fresh = <uint32_t>warning & ~self.reported[place]
             if fresh == 0:
                 continue
             for bit in range(WARNING_BITS):
                 if fresh >> bit & 1:
-                    (<EventTemplate>self.texts[place * WARNING_BITS + bit]).tell(self.page, tick)
-                    self.told[place] |= <uint32_t>1 << bit
+                    (<EventTemplate>self.texts[place * WARNING_BITS + bit]).publish(self.page, tick)
+                    self.reported[place] |= <uint32_t>1 << bit
                     break

@@ -25,10 +25,10 @@ cdef struct Watched:
     int torque                       # slots
     int temperature                  # -1: not reported
     int rms
-    int felt                         # slot of the kernel's torque limit; -1: none
+    int law_limit                         # slot of the kernel's torque limit; -1: none
     double full                      # full limit
     double left                      # fraction of it in the last tick
-    int64_t heard                    # ns, of the newest reply
+    int64_t reply_time               # ns, of the newest reply
     Motion motion
     int mode
     double rated, limit              # N·m
@@ -46,7 +46,7 @@ cdef class DriveWatch:
     cdef Watched *drives
     cdef int count
     cdef list names, news
-    cdef void **told                 # EventTemplate, borrowed: EVENT_KINDS of each
+    cdef void **templates                 # EventTemplate, borrowed: EVENT_KINDS of each
     cdef SharedLayout *page
     cdef int failed                  # index of the device, -1
 
@@ -55,5 +55,6 @@ cdef class DriveWatch:
     cdef int look(self, double *arena, int64_t tick, double dt) noexcept nogil
     cdef void place_motion(self, Watched *drive, steps)
     cdef int look_at(self, Watched *drive, double *arena, int64_t tick, double dt) noexcept nogil
-    cdef int look_at_heat(self, Watched *drive, double *arena, double temperature, int64_t tick, double dt) noexcept nogil
+    cdef int look_at_heat(self, Watched *drive, double *arena, double temperature, int64_t tick,
+        double dt) noexcept nogil
     cdef void note(self, Watched *drive, int kind, int64_t tick) noexcept nogil

@@ -20,7 +20,9 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
 from cext.abi cimport OK, PERIOD, RMS_TORQUE, TOO_HOT
-from cext.safety.motion_watch cimport NOTHING, POSITION, TEMPERATURE, TORQUE, VELOCITY, forget_motion, judge_motion, judge_values
+from cext.safety.motion_watch cimport (
+    NOTHING, POSITION, TEMPERATURE, TORQUE, VELOCITY, forget_motion, judge_motion, judge_values,
+)
 from cext.safety.event_template cimport EventTemplate
 
 MODES = {"silent": SILENT_MODE, "warn": WARN, "saturate": SATURATE, "throttle": THROTTLE, "disable": DISABLE}
@@ -35,19 +37,20 @@ cdef class DriveWatch:
         watched = [(index, device) for index, device in enumerate(schedule.devices) if device.watch is not None]
         self.count, self.failed = len(watched), -1
         self.drives = <Watched *>calloc(max(1, self.count), sizeof(Watched))
-        self.told = <void **>calloc(max(1, self.count) * EVENT_KINDS, sizeof(void *))
+        self.templates = <void **>calloc(max(1, self.count) * EVENT_KINDS, sizeof(void *))
         self.names, self.news = [], []
         for place, (index, device) in enumerate(watched):
             drive, steps, watch = &self.drives[place], device.watch, device.watch.watch
-            drive.device, drive.torque, drive.temperature, drive.rms, drive.felt, drive.full = (
-                index, steps.torque, steps.temperature, steps.rms, steps.felt, steps.full)
-            drive.mode, drive.rated, drive.limit, drive.window = MODES[watch.mode], watch.rated, watch.limit, watch.window
+            drive.device, drive.torque, drive.temperature, drive.rms, drive.law_limit, drive.full = (
+                index, steps.torque, steps.temperature, steps.rms, steps.law_limit, steps.full)
+            drive.mode, drive.rated = MODES[watch.mode], watch.rated
+            drive.limit, drive.window = watch.limit, watch.window
             drive.warm, drive.derate, drive.hot = watch.warm, watch.derate, watch.hot
             self.place_motion(drive, steps)
             self.names.append(device.name)
             for words in watch.words():
                 self.news.append(EventTemplate({"event": "warning", "device": device.name, "what": words}))
-                self.told[len(self.news) - 1] = <void *>self.news[len(self.news) - 1]
+                self.templates[len(self.news) - 1] = <void *>self.news[len(self.news) - 1]
 
     cdef void place_motion(self, Watched *drive, steps):
         """Set the slots and bounds of a drive's motion."""
@@ -64,23 +67,26 @@ cdef class DriveWatch:
         m.fastest, m.limit, m.accuracy, m.rated = motion.fastest, motion.limit, motion.accuracy, steps.watch.rated
         m.offset, m.position_end, m.velocity_end = motion.offset, motion.position_end, motion.velocity_end
         m.acceleration.bound, m.acceleration.codes = motion.acceleration, 2.0 * motion.velocity_code
-        m.velocity_scale.tolerance, m.torque_scale.tolerance = log(1.0 + motion.velocity_tolerance), log(1.0 + motion.torque_tolerance)
+        m.velocity_scale.tolerance = log(1.0 + motion.velocity_tolerance)
+        m.torque_scale.tolerance = log(1.0 + motion.torque_tolerance)
 
     def __dealloc__(self):
         free(self.drives)
-        free(self.told)
+        free(self.templates)
 
     @property
     def found(self) -> list[dict[str, Any]]:
         """Return a dict for each drive.
 
-        Keys: device (path), rms (N·m) and temperature (°C) maxima, number of ticks of each warning, and about, value and bound
-        of the newest motion fault.
+        Keys: device (path), rms (N·m) and temperature (°C) maxima, number of ticks of each warning, and about, value
+        and bound of the newest motion fault.
         """
         return [
-            {"device": self.names[i], "rms": self.drives[i].largest, "temperature": self.drives[i].hottest, "rms_ticks": self.drives[i].ticks[RMS_EVENT],
+            {"device": self.names[i], "rms": self.drives[i].largest, "temperature": self.drives[i].hottest,
+                "rms_ticks": self.drives[i].ticks[RMS_EVENT],
              "warm_ticks": self.drives[i].ticks[WARM_EVENT], "derated_ticks": self.drives[i].ticks[DERATED_EVENT],
-             "acceleration_ticks": self.drives[i].ticks[ACCELERATION_EVENT], "about": ABOUT[self.drives[i].motion.about],
+             "acceleration_ticks": self.drives[i].ticks[ACCELERATION_EVENT],
+             "about": ABOUT[self.drives[i].motion.about],
              "value": self.drives[i].motion.value, "bound": self.drives[i].motion.bound}
             for i in range(self.count)
         ]
@@ -124,12 +130,13 @@ cdef class DriveWatch:
         cdef double temperature = arena[drive.temperature] if drive.temperature >= 0 else NAN
         cdef int status = judge_values(&drive.motion, arena, temperature)
         if status == OK and arena[PERIOD] > 0.0:
-            status = judge_motion(&drive.motion, arena, drive.heard, arena[PERIOD], drive.left)
+            status = judge_motion(&drive.motion, arena, drive.reply_time, arena[PERIOD], drive.left)
             if drive.motion.beyond:
                 self.note(drive, ACCELERATION_EVENT, tick)
         return status if status != OK else self.look_at_heat(drive, arena, temperature, tick, dt)
 
-    cdef int look_at_heat(self, Watched *drive, double *arena, double temperature, int64_t tick, double dt) noexcept nogil:
+    cdef int look_at_heat(self, Watched *drive, double *arena, double temperature, int64_t tick,
+            double dt) noexcept nogil:
         cdef double torque = arena[drive.torque]
         cdef double bucket = drive.window / (BUCKETS - 1)
         cdef double left = 1.0
@@ -171,12 +178,12 @@ cdef class DriveWatch:
                 return TOO_HOT
             cool = (drive.hot - temperature) / (drive.hot - drive.derate)
             left = cool if cool < left else left
-        if drive.felt >= 0:
-            arena[drive.felt] = left * drive.full
+        if drive.law_limit >= 0:
+            arena[drive.law_limit] = left * drive.full
             drive.left = left
         return OK
 
     cdef void note(self, Watched *drive, int kind, int64_t tick) noexcept nogil:
         if drive.ticks[kind] == 0:
-            (<EventTemplate>self.told[(drive - self.drives) * EVENT_KINDS + kind]).tell(self.page, tick)
+            (<EventTemplate>self.templates[(drive - self.drives) * EVENT_KINDS + kind]).publish(self.page, tick)
         drive.ticks[kind] += 1

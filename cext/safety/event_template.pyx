@@ -27,7 +27,7 @@ cdef class EventTemplate:
         """Return the bytes of the record in the ring, a multiple of 8."""
         return (self.length + TICK_DIGITS + 1 + 7) // 8 * 8
 
-    cdef void tell(self, SharedLayout *page, int64_t tick) noexcept nogil:
+    cdef void publish(self, SharedLayout *page, int64_t tick) noexcept nogil:
         """Write the event to the ring, padded with spaces. `page` may be NULL."""
         cdef char[TICK_DIGITS + 1] digits
         cdef char *room

@@ -12,7 +12,8 @@ from libc.string cimport memset
 from cext.safety.forks cimport is_child
 from cext.safety.shared_state cimport SharedLayout, store_i32
 from cext.posix cimport (
-    SA_ONSTACK, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, action, pthread_self, pthread_t, raise_signal, sigaction, sigaltstack, stack_t,
+    SA_ONSTACK, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, action, pthread_self, pthread_t, raise_signal, sigaction,
+    sigaltstack, stack_t,
 )
 
 cdef enum:

@@ -2,8 +2,8 @@
 """Detection of forked children.
 
 If a block forks and returns in the child, too, the child must not run the loop with its buses and recording. The C
-library marks the child of a fork, which covers C code as well as os.fork. A child that executes another program, or ends
-without returning, as those of multiprocessing do, is not affected.
+library marks the child of a fork, which covers C code as well as os.fork. A child that executes another program, or
+ends without returning, as those of multiprocessing do, is not affected.
 """
 
 from libc.string cimport strlen
@@ -12,7 +12,9 @@ from posix.unistd cimport _exit, write
 from cext.posix cimport pthread_atfork
 
 cdef int32_t child = 0
-cdef const char *MESSAGE = b"tickwork: a block has forked and its child process returned into the loop: the child ends here, the run continues\n"
+cdef const char *MESSAGE = (
+    b"tickwork: a block has forked and its child process returned into the loop: the child ends here, the run "
+    b"continues\n")
 
 
 cdef void mark() noexcept nogil:

@@ -21,12 +21,14 @@ from libc.math cimport NAN, fabs, isfinite, isinf
 from libc.stdint cimport int64_t
 
 from cext.abi cimport (
-    AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, IMPLAUSIBLE, NOT_FOLLOWING, OK, OVERSPEED, OVER_TRAVEL, SCALE_MISMATCH,
+    AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, IMPLAUSIBLE, NOT_FOLLOWING, OK, OVERSPEED, OVER_TRAVEL,
+    SCALE_MISMATCH,
 )
 from cext.safety.acceleration_watch cimport Acceleration, allow_gains, forget_acceleration, is_beyond
 from cext.safety.scale_watch cimport ENDS, Scale, Way, compare, follow, forget_scale
 from cext.safety.thresholds cimport (
-    EXCESS_TORQUE, EXCESS_TORQUE_REPLIES, FOLLOWING_COMMANDED, FOLLOWING_FAULT, FOLLOWING_FAULT_REPLIES, FOLLOWING_MEAN, FOLLOWING_MEASURED,
+    EXCESS_TORQUE, EXCESS_TORQUE_REPLIES, FOLLOWING_COMMANDED, FOLLOWING_FAULT, FOLLOWING_FAULT_REPLIES,
+    FOLLOWING_MEAN, FOLLOWING_MEASURED,
     OVERSPEED_REPLIES, TEMPERATURE_MINIMUM, TRAVEL_MARGIN,
 )
 
@@ -48,7 +50,7 @@ cdef struct Motion:
     double limit, accuracy, rated       # N·m
     double offset                       # rad
     double position_end, velocity_end   # rad, rad/s, ends of the encoded range, infinite for none
-    int64_t heard                       # ns, of the newest checked reply; -1: none
+    int64_t reply_time                       # ns, of the newest checked reply; -1: none
     Acceleration acceleration
     Scale velocity_scale, torque_scale
     Way way
@@ -66,7 +68,7 @@ cdef inline void forget_motion(Motion *m) noexcept nogil:
     forget_scale(&m.velocity_scale)
     forget_scale(&m.torque_scale)
     m.way.runs = m.beyond = False
-    m.heard = -1
+    m.reply_time = -1
     m.fast = m.excessive = m.idle = 0
     m.excess_time = m.idle_time = m.asked = m.given = m.given_before = m.wanted = 0.0
 
@@ -89,23 +91,23 @@ cdef inline int judge_values(Motion *m, const double *arena, double temperature)
     return OK
 
 
-cdef inline int judge_motion(Motion *m, double *arena, int64_t heard, double period, double left) noexcept nogil:
+cdef inline int judge_motion(Motion *m, double *arena, int64_t reply_time, double period, double left) noexcept nogil:
     """Check the motion. Returns OK or the fault.
 
-    heard : ns, of the newest reply
+    reply_time : ns, of the newest reply
     left : fraction of the limit when the last command was encoded
     """
     cdef double position, velocity, elapsed, wanted, limit
-    cdef int64_t step = heard - m.heard
+    cdef int64_t step = reply_time - m.reply_time
     cdef int status
     if m.position < 0 or m.velocity < 0 or step <= 0:
         return OK
-    if m.heard < 0 or step > REPLY_STEP_LIMIT:
-        step = REPLY_STEP_LIMIT if m.heard >= 0 else 0
-    m.heard = heard
+    if m.reply_time < 0 or step > REPLY_STEP_LIMIT:
+        step = REPLY_STEP_LIMIT if m.reply_time >= 0 else 0
+    m.reply_time = reply_time
     elapsed = 1e-9 * step
     position, velocity = arena[m.position], arena[m.velocity]
-    status = judge_acceleration(m, arena, heard, velocity, elapsed, period)
+    status = judge_acceleration(m, arena, reply_time, velocity, elapsed, period)
     if status != OK:
         return status
     if not m.low - 1e-3 * TRAVEL_MARGIN <= position <= m.high + 1e-3 * TRAVEL_MARGIN:
@@ -116,31 +118,33 @@ cdef inline int judge_motion(Motion *m, double *arena, int64_t heard, double per
     status = judge_torque(m, arena[m.torque], left * m.limit, elapsed)
     if status != OK:
         return status
-    status = judge_velocity_scale(m, heard, position, velocity)
+    status = judge_velocity_scale(m, reply_time, position, velocity)
     if status != OK or (m.law < 0 and m.current < 0):
         return status
     if arena[AUTHORITY] == 0.0:                                 # no command is sent
         m.asked = m.given = m.given_before = m.wanted = 0.0
         return OK
     if m.law >= 0:
-        wanted = arena[m.law + 2] * (arena[m.law] - position) + arena[m.law + 3] * (arena[m.law + 1] - velocity) + arena[m.law + 4]
+        wanted = arena[m.law + 2] * (arena[m.law] - position) + arena[m.law + 3] * (arena[m.law + 1]
+            - velocity) + arena[m.law + 4]
     else:
         wanted = m.current_scale * arena[m.current]
     return judge_following(m, wanted, arena[m.torque], elapsed)
 
 
 cdef inline int judge_acceleration(
-        Motion *m, double *arena, int64_t heard, double velocity, double elapsed, double period) noexcept nogil:
+        Motion *m, double *arena, int64_t reply_time, double velocity, double elapsed, double period) noexcept nogil:
     cdef bint commanded, persists
     m.beyond = False
     if m.gains < 0:
         return OK
     commanded = arena[m.stiffness] > 0.0 or arena[m.damping] > 0.0
-    m.beyond = is_beyond(&m.acceleration, heard, velocity, period)
+    m.beyond = is_beyond(&m.acceleration, reply_time, velocity, period)
     persists = allow_gains(&m.acceleration, m.beyond, commanded, elapsed, period)
     m.beyond &= commanded
     arena[m.gains] = m.acceleration.share
-    return blame(m, BEYOND_ACCELERATION, VELOCITY, m.acceleration.worst, m.acceleration.bound) if persists and commanded else OK
+    return blame(m, BEYOND_ACCELERATION, VELOCITY, m.acceleration.worst,
+        m.acceleration.bound) if persists and commanded else OK
 
 
 cdef inline int judge_torque(Motion *m, double torque, double limit, double elapsed) noexcept nogil:
@@ -155,10 +159,10 @@ cdef inline int judge_torque(Motion *m, double torque, double limit, double elap
     return OK
 
 
-cdef inline int judge_velocity_scale(Motion *m, int64_t heard, double position, double velocity) noexcept nogil:
+cdef inline int judge_velocity_scale(Motion *m, int64_t reply_time, double position, double velocity) noexcept nogil:
     cdef bint counts = (fabs(position + m.offset) < 1e-3 * ENDS * m.position_end
                         and fabs(velocity) < 1e-3 * ENDS * m.velocity_end)
-    cdef double scale = follow(&m.way, &m.velocity_scale, heard, position, velocity, m.position_end, counts)
+    cdef double scale = follow(&m.way, &m.velocity_scale, reply_time, position, velocity, m.position_end, counts)
     return OK if scale == 0.0 else blame(m, SCALE_MISMATCH, VELOCITY, scale, 1.0)
 
 

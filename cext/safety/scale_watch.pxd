@@ -65,7 +65,8 @@ cdef inline double compare(Scale *scale, double x, double y, double time) noexce
 
 
 cdef inline double follow(
-        Way *way, Scale *scale, int64_t time, double position, double velocity, double longest, bint counts) noexcept nogil:
+        Way *way, Scale *scale, int64_t time, double position, double velocity, double longest,
+        bint counts) noexcept nogil:
     """Add a reply.
 
     longest : rad, of a chunk; a larger change of position is a wrap-around

@@ -23,7 +23,8 @@ cdef class SpeedBands:
 
     Parameters
     ----------
-    bands : (highest speed in rad/s, frames as (arbitration id, is extended, data)) in ascending order; the last speed is infinite
+    bands : (highest speed in rad/s, frames as (arbitration id, is extended, data)) in ascending order; the last speed
+        is infinite
     round : ns between frames
     acceleration : rad/s², upper bound of the joint's acceleration
     velocity : graph.ReplyField or an object with its attributes, or None
@@ -32,9 +33,10 @@ cdef class SpeedBands:
     def __init__(self, bands, int64_t round, double acceleration, velocity=None):
         speeds = [speed for speed, _ in bands]
         if sorted(set(speeds)) != speeds or speeds[len(speeds) - 1 :] != [INFINITY]:
-            raise ValueError("bands are in ascending order of speed, and the last has no highest speed, got %r" % (speeds,))
+            raise ValueError("bands must be in ascending order of speed and end with infinity, got %r" % (speeds,))
         if round <= 0 or not acceleration >= 0.0:
-            raise ValueError("round must be above 0 ns and acceleration at least 0 rad/s², got %r and %r" % (round, acceleration))
+            raise ValueError("round must be above 0 ns and acceleration at least 0 rad/s², got %r and %r" % (round,
+                acceleration))
         self.count = len(bands)
         self.batches = <Batch *>calloc(self.count, sizeof(Batch))
         self.speeds = <double *>calloc(self.count, sizeof(double))
@@ -113,7 +115,7 @@ cdef class SpeedBands:
                 return &self.batches[index]
         return &self.batches[self.count - 1]
 
-    def hear(self, uint32_t identifier, bytes data, int64_t now) -> bool:
+    def note_frame(self, uint32_t identifier, bytes data, int64_t now) -> bool:
         """Call `note` from Python.
 
         identifier : with the flag bits of struct can_frame
@@ -131,4 +133,5 @@ cdef class SpeedBands:
         """Call `choose` from Python. Returns a list of (identifier with the flag bits of struct can_frame, data)."""
         cdef const Batch *batch = self.choose(now)
         return [
-            (batch.frames[index].id, bytes(batch.frames[index].data[: batch.frames[index].length])) for index in range(batch.count)]
+            (batch.frames[index].id,
+                bytes(batch.frames[index].data[: batch.frames[index].length])) for index in range(batch.count)]

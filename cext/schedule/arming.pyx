@@ -19,7 +19,7 @@ from cext.clock.deadline_clock cimport clock, monotonic
 from cext.safety.shared_state cimport ARMING, READY, STOPPING, SharedLayout, store_i64
 from cext.posix cimport CLOCK_REALTIME
 from cext.safety.thresholds cimport STOP_ROUND, STOP_ROUND_MINIMUM
-from cext.schedule.watchdog cimport let_go, take_back
+from cext.schedule.watchdog cimport release, acquire
 
 
 cdef class Arming:
@@ -90,10 +90,10 @@ cdef class Arming:
     cdef int start_from_here(self) noexcept nogil:
         """Start the blocks; this may hang, as a tick may, and take longer."""
         cdef int status
-        self.watchdog.begin_work(monotonic() + self.watchdog.patience)
-        let_go(self.watchdog.handover)
+        self.watchdog.begin_work(monotonic() + self.watchdog.start_allowance)
+        release(self.watchdog.handover)
         status = self.control.start_from_here()
-        if not take_back(self.watchdog.handover):
+        if not acquire(self.watchdog.handover):
             status = HUNG
         self.watchdog.end_work()
         return status
@@ -106,7 +106,7 @@ cdef class Arming:
         Every device must keep replying without a fault. Returns OK also after a signal.
         """
         cdef int64_t point = self.pace.newest(self.now)
-        cdef int64_t patience = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
+        cdef int64_t remaining = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
         cdef int status = self.call_answered()
         cdef bint confirmed = not self.confirm
         if status == OK and confirmed:
@@ -129,8 +129,8 @@ cdef class Arming:
             if status == OK and confirmed:
                 if self.control.devices.all_answered():
                     return OK
-                patience -= 1
-                if patience <= 0:
+                remaining -= 1
+                if remaining <= 0:
                     return NO_ANSWER
             if status == OK and not confirmed and self.control.live.waits(self.layout, CONFIRM):
                 status = self.permission()
@@ -263,7 +263,8 @@ cdef class Arming:
         add(&page.lateness, behind, tick)
         if not self.virtual and self.previous >= 0:
             add(&page.period, behind - self.late if behind > self.late else self.late - behind, tick)
-        page.gil_taken = self.control.gil_taken + self.control.live.gil_taken + (self.plant.gil_taken if self.plant is not None else 0)
+        page.gil_taken = self.control.gil_taken + self.control.live.gil_taken + (self.plant.gil_taken
+            if self.plant is not None else 0)
         page.sleeps, page.spins = self.pace.sleeps, self.pace.spins
         store_i64(&page.tick, tick)
         store_i64(&page.ticks, page.ticks + 1)

@@ -41,33 +41,33 @@ def time_of_ticks(BusEnd end, int own, int other, int frames, int rounds) -> tup
     own, other : file descriptors of two datagram sockets that are connected to each other
     frames : received and sent in every round
     """
-    cdef Calls said, heard
+    cdef Calls to_send, received
     cdef Frame[FRAMES_PER_TICK] taken
     cdef int64_t began, bus, bare
     cdef int round, index, came
     if not 0 < frames <= FRAMES_PER_TICK:
         raise ValueError("1 to %d frames, not %d" % (FRAMES_PER_TICK, frames))
     through, alone = [], []
-    prepare(&said, False)
+    prepare(&to_send, False)
     for round in range(rounds):
-        if sendmmsg(other, said.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL) != frames:
+        if sendmmsg(other, to_send.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL) != frames:
             raise OSError("the other end cannot send")
         began = monotonic()
         came = end.bus.receive(end.bus.context, taken, FRAMES_PER_TICK)
         end.bus.send(end.bus.context, taken, frames)
         bus = monotonic() - began
-        prepare(&heard, True)
-        if came != frames or recvmmsg(other, heard.messages, FRAMES_PER_TICK, MSG_DONTWAIT, NULL) != frames:
+        prepare(&received, True)
+        if came != frames or recvmmsg(other, received.messages, FRAMES_PER_TICK, MSG_DONTWAIT, NULL) != frames:
             raise OSError("%d of %d frames arrived" % (came, frames))
-        if sendmmsg(other, said.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL) != frames:
+        if sendmmsg(other, to_send.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL) != frames:
             raise OSError("the other end cannot send")
-        prepare(&heard, True)
+        prepare(&received, True)
         began = monotonic()
-        came = recvmmsg(own, heard.messages, FRAMES_PER_TICK, MSG_DONTWAIT, NULL)
-        sendmmsg(own, said.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL)
+        came = recvmmsg(own, received.messages, FRAMES_PER_TICK, MSG_DONTWAIT, NULL)
+        sendmmsg(own, to_send.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL)
         bare = monotonic() - began
-        prepare(&heard, True)
-        if came != frames or recvmmsg(other, heard.messages, FRAMES_PER_TICK, MSG_DONTWAIT, NULL) != frames:
+        prepare(&received, True)
+        if came != frames or recvmmsg(other, received.messages, FRAMES_PER_TICK, MSG_DONTWAIT, NULL) != frames:
             raise OSError("%d of %d frames arrived" % (came, frames))
         through.append(bus)
         alone.append(bare)
@@ -80,16 +80,16 @@ def time_of_control(Program control, BusEnd other, answers, int rounds, double r
     other : the far end of its bus
     answers : (id, data) of the frames present before every tick
     """
-    cdef Frame[FRAMES_PER_TICK] said, heard
+    cdef Frame[FRAMES_PER_TICK] to_send, received
     cdef int64_t zero, began, now
     cdef int count = len(answers)
     cdef int round, came, more, status
     if not 0 < count <= FRAMES_PER_TICK:
         raise ValueError("1 to %d frames, not %d" % (FRAMES_PER_TICK, count))
-    memset(said, 0, sizeof(said))
+    memset(to_send, 0, sizeof(to_send))
     for index, (identifier, data) in enumerate(answers):
-        said[index].id, said[index].length = identifier, len(data)
-        memcpy(said[index].data, <const char *>data, len(data))
+        to_send[index].id, to_send[index].length = identifier, len(data)
+        memcpy(to_send[index].data, <const char *>data, len(data))
     control.reset()
     zero = monotonic()
     control.devices.begin(zero)
@@ -97,8 +97,8 @@ def time_of_control(Program control, BusEnd other, answers, int rounds, double r
     took = []
     for round in range(rounds):
         for index in range(count):
-            said[index].time = monotonic() - zero
-        if other.bus.send(other.bus.context, said, count) != count:
+            to_send[index].time = monotonic() - zero
+        if other.bus.send(other.bus.context, to_send, count) != count:
             raise OSError("the other end cannot send")
         control.arena[TICK], control.arena[TIME] = round, round / rate
         began = monotonic()
@@ -115,7 +115,7 @@ def time_of_control(Program control, BusEnd other, answers, int rounds, double r
         if status == OK:
             status = control.run(&control.update, round, round - 1)
         now = monotonic()
-        came = other.bus.receive(other.bus.context, heard, FRAMES_PER_TICK)
+        came = other.bus.receive(other.bus.context, received, FRAMES_PER_TICK)
         if status != OK:
             raise OSError("the measurement ended in tick %d: %s at %s" % (round, name_of(status), control.culprit))
         if came < count:

@@ -37,7 +37,7 @@ cdef struct Device:
     int unanswered               # of the frames of disable
     int64_t relay                # ns without a frame after which its relay drops; 0: it holds none
     int64_t pumped               # ns of the last frame to it
-    int64_t heard                # ns of the newest sample's arrival
+    int64_t reply_time           # ns, arrival of the newest reply or sample
     int64_t asked                # ns of the newest command without a reply; -1: none
     Histogram *latency           # from a command to its reply; NULL in virtual time
     bint only_reads[FRAMES_PER_BATCH]       # of the frames of enable: not a command if sent by another controller
@@ -89,7 +89,7 @@ cdef class Devices:
     cdef void reset(self)
     cdef void begin(self, int64_t began) noexcept nogil
     cdef int receive(self, int64_t now, SharedLayout *page) noexcept nogil
-    cdef int hear(self, int bus, int count, SharedLayout *page) noexcept nogil
+    cdef int offer(self, int bus, int count, SharedLayout *page) noexcept nogil
     cdef int commanded(self, const Frame *frame) noexcept nogil
     cdef bint may_be_reply(self, Device *device, const Frame *frame) noexcept nogil
     cdef int watch(self, int64_t now) noexcept nogil

@@ -14,7 +14,8 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcmp, memcpy, memset
 
 from cext.abi cimport (
-    ANSWERED, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES, MALFORMED, MOVING, OK, PRESSED,
+    ANSWERED, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES,
+    MALFORMED, MOVING, OK, PRESSED,
     SILENT, TAKEN, TICK,
 )
 from cext.bus.batch cimport load_batch
@@ -65,7 +66,7 @@ cdef class Devices:
             self.discard()
         self.ran = True
         for index in range(self.count):
-            self.devices[index].heard = self.devices[index].replies = self.devices[index].replies_wanted = 0
+            self.devices[index].reply_time = self.devices[index].replies = self.devices[index].replies_wanted = 0
             self.devices[index].asked = -1
             self.devices[index].owed, self.devices[index].missed = False, 0
             self.devices[index].answered = self.devices[index].doubtful = False
@@ -87,14 +88,16 @@ cdef class Devices:
 
     def silent(self) -> list[str]:
         """Return the paths of the devices with too few replies, or not ready."""
-        return [self.schedule.devices[index].name for index in range(self.count) if not self.has_answered(&self.devices[index])]
+        return [self.schedule.devices[index].name for index in range(self.count)
+            if not self.has_answered(&self.devices[index])]
 
     @property
     def unready(self) -> list[str]:
         """Return the paths of the devices that reply but have not returned what arming wrote."""
         return [
             self.schedule.devices[index].name for index in range(self.count)
-            if self.devices[index].ready >= 0 and self.devices[index].answered and self.arena[self.devices[index].ready] == 0.0]
+            if self.devices[index].ready >= 0 and self.devices[index].answered
+            and self.arena[self.devices[index].ready] == 0.0]
 
     @property
     def latencies(self) -> dict[str, dict[str, float]]:
@@ -110,7 +113,8 @@ cdef class Devices:
         devices.
         """
         return {
-            self.schedule.devices[index].name: self.devices[index].missed for index in range(self.count) if self.devices[index].zero.count}
+            self.schedule.devices[index].name: self.devices[index].missed for index in range(self.count)
+            if self.devices[index].zero.count}
 
     @property
     def malformed(self) -> dict[str, tuple[dict[int, int], int]]:
@@ -119,7 +123,8 @@ cdef class Devices:
         """
         found = {}
         for index in range(self.count):
-            lengths = {length: self.devices[index].malformed[length] for length in range(FRAME_BYTES + 1) if self.devices[index].malformed[length]}
+            lengths = {length: self.devices[index].malformed[length] for length in range(FRAME_BYTES + 1)
+                if self.devices[index].malformed[length]}
             if lengths:
                 found[self.schedule.devices[index].name] = lengths, self.devices[index].rejected_id
         return found
@@ -146,7 +151,8 @@ cdef class Devices:
             device.decode = <decode_t><uintptr_t>address(entry.decode, "decode")
             device.encode = <encode_t><uintptr_t>address(entry.encode, "encode")
             self.keep += [entry.decode, entry.encode]
-            tables = [words(table) for pair in (entry.decode_table, entry.encode_table) for table in (pair.slots, pair.sizes)]
+            tables = [words(table) for pair in (entry.decode_table, entry.encode_table) for table in (pair.slots,
+                pair.sizes)]
             self.keep += tables
             device.decode_slots = <int32_t *><uintptr_t>tables[0].ctypes.data
             device.decode_sizes = <int32_t *><uintptr_t>tables[1].ctypes.data
@@ -164,7 +170,8 @@ cdef class Devices:
             load_batch(&device.disable, entry.disable)
             device.bands = NULL
             if entry.damp is not None:
-                bands = SpeedBands(entry.damp.bands, round(entry.damp.round * 1e9), entry.damp.acceleration, entry.damp.velocity)
+                bands = SpeedBands(entry.damp.bands, round(entry.damp.round * 1e9), entry.damp.acceleration,
+                    entry.damp.velocity)
                 self.keep.append(bands)
                 device.bands = <void *>bands
                 device.damping = round(entry.damp.duration * 1e9)
@@ -189,7 +196,7 @@ cdef class Devices:
         """
         cdef int bus, count, number, rounds
         cdef int status = OK
-        cdef int heard
+        cdef int offered
         cdef Device *device
         if page != NULL and self.bus_count > 0:
             log_received(page, now)
@@ -202,18 +209,19 @@ cdef class Devices:
                 if count < 0:
                     self.failed.bus = bus
                     status = BUS_ERROR
-                heard = self.hear(bus, count, page)
-                if heard != OK:
-                    status = heard
+                offered = self.offer(bus, count, page)
+                if offered != OK:
+                    status = offered
                 if count < FRAMES_PER_TICK:
                     break
         for number in range(self.count):
             device = &self.devices[number]
             if device.age >= 0:
-                self.arena[device.age] = max(now - device.heard, 0) * 1e-9      # the sample may be newer than the tick
+                # the sample may be newer than the tick
+                self.arena[device.age] = max(now - device.reply_time, 0) * 1e-9
         return status
 
-    cdef int hear(self, int bus, int count, SharedLayout *page) noexcept nogil:
+    cdef int offer(self, int bus, int count, SharedLayout *page) noexcept nogil:
         """Offer received frames of a bus to its devices. Returns OK, or the status with which a frame ends the run."""
         cdef int index, number
         cdef int status = OK
@@ -243,7 +251,7 @@ cdef class Devices:
                         status = FOREIGN_COMMAND
                     device.owed = device.doubtful = False
                     device.answered = True
-                    device.heard = frame.time
+                    device.reply_time = frame.time
                     device.replies += answer == TAKEN or not self.stopping
                     if device.asked >= 0:
                         add(device.latency, frame.time - device.asked, <int64_t>self.arena[TICK])
@@ -278,7 +286,8 @@ cdef class Devices:
         cdef int number
         for number in range(self.count):
             if self.devices[number].bus == frame.bus and (
-                    is_like(&self.devices[number].zero, frame, NULL) or is_like(&self.devices[number].disable, frame, NULL)
+                    is_like(&self.devices[number].zero, frame, NULL) or is_like(&self.devices[number].disable, frame,
+                        NULL)
                     or is_like(&self.devices[number].enable, frame, self.devices[number].only_reads)):
                 return number
         return -1
@@ -301,7 +310,7 @@ cdef class Devices:
         cdef Device *device
         for number in range(self.count):
             device = &self.devices[number]
-            if device.timeout > 0.0 and (now - device.heard) * 1e-9 > device.timeout:
+            if device.timeout > 0.0 and (now - device.reply_time) * 1e-9 > device.timeout:
                 self.failed.device = number
                 return SILENT
             if device.fault >= 0 and self.arena[device.fault] != 0.0:
@@ -309,7 +318,8 @@ cdef class Devices:
                 return DEVICE_FAULT
         self.warnings.look(self.arena, <int64_t>self.arena[TICK])
         for number in range(self.drives.count):
-            self.drives.drives[number].heard = self.devices[self.drives.drives[number].device].heard
+            device = &self.devices[self.drives.drives[number].device]
+            self.drives.drives[number].reply_time = device.reply_time
         status = self.drives.look(self.arena, <int64_t>self.arena[TICK], self.arena[DT])
         if status != OK:
             self.failed.device = self.drives.failed
@@ -437,8 +447,7 @@ cdef class Devices:
 
     cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, SharedLayout *page) noexcept nogil:
         """Send the due frames of the safe stop `since` ns after its begin: damping by the newest speeds, zero torque
-        and disable every
-        `round` ns.
+        and disable every `round` ns.
 
         A device is damped until the first round after its time. Returns when the next frames are due, in ns since the
         begin of the stop.
@@ -480,7 +489,8 @@ cdef class Devices:
                     break
             else:
                 continue
-            count = (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
+            count = (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received,
+                FRAMES_PER_TICK)
             for index in range(count):
                 self.received[index].bus = <uint8_t>bus
                 self.received[index].sent = 0
@@ -492,7 +502,8 @@ cdef class Devices:
                     log_frame(page, &self.received[index])
 
     cdef bint has_answered(self, const Device *device) noexcept nogil:
-        return device.replies >= device.replies_wanted and (self.stopping or device.ready < 0 or self.arena[device.ready] != 0.0)
+        return device.replies >= device.replies_wanted and (self.stopping or device.ready < 0
+            or self.arena[device.ready] != 0.0)
 
     cdef bint all_answered(self) noexcept nogil:
         cdef int number
@@ -516,13 +527,15 @@ cdef class Devices:
         cdef int number
         for number in range(self.count):
             if self.devices[number].ready >= 0:
-                memcpy(self.devices[number].ready_kept, self.arena + self.devices[number].ready, self.devices[number].ready_size * sizeof(double))
+                memcpy(self.devices[number].ready_kept, self.arena + self.devices[number].ready,
+                    self.devices[number].ready_size * sizeof(double))
 
     cdef void restore_ready(self) noexcept nogil:
         cdef int number
         for number in range(self.count):
             if self.devices[number].ready >= 0:
-                memcpy(self.arena + self.devices[number].ready, self.devices[number].ready_kept, self.devices[number].ready_size * sizeof(double))
+                memcpy(self.arena + self.devices[number].ready, self.devices[number].ready_kept,
+                    self.devices[number].ready_size * sizeof(double))
 
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil:
         cdef int number
@@ -544,7 +557,8 @@ cdef class Devices:
         cdef int bus, rounds
         for bus in range(self.bus_count):
             for rounds in range(64):
-                if (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK) <= 0:
+                if (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received,
+                        FRAMES_PER_TICK) <= 0:
                     break
 
 

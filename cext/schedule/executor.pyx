@@ -60,7 +60,8 @@ cdef class Executor(Waiting):
         records
     reader : file descriptor that hangs up when the reader of the shared state has ended, or -1; it ends a wait for
         space
-    drain : callable that empties the ring in this process instead, in virtual time. Its exception ends the run safely and
+    drain : callable that empties the ring in this process instead, in virtual time. Its exception ends the run safely
+        and
         is raised then
     overrun : policy for late ticks, in the syntax of cext.clock.overrun.Overrun
     spin : s before a deadline in which it spins instead of sleeping
@@ -78,7 +79,8 @@ cdef class Executor(Waiting):
 
     cdef bint hosted
 
-    def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, SharedState page=None, bint virtual=False,
+    def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, SharedState page=None,
+        bint virtual=False,
                  int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, ReplayClock tape=None,
                  double guard=0.0, bint carried=False, others=(), rows=None, bint hosted=False, drain=None):
         self.hosted = hosted
@@ -87,7 +89,8 @@ cdef class Executor(Waiting):
         self.overrun = Overrun(overrun)
         self.journal = Publisher(page, control, virtual, reader, self.signals, round(guard * 1e9), rows, drain)
         self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
-        self.watchdog = Watchdog(control, self.journal, self.signals, self.pace.period, guard > 0.0 and not virtual, others)
+        self.watchdog = Watchdog(control, self.journal, self.signals, self.pace.period, guard > 0.0 and not virtual,
+            others)
         self.body.handover = self.watchdog.handover
         self.control, self.plant, self.layout, self.virtual = control, plant, self.journal.layout, virtual
         self.simulated = plant is not None or control.devices.count == 0 if tape is None else tape.simulated
@@ -101,7 +104,7 @@ cdef class Executor(Waiting):
 
     def run(self, int64_t ticks=-1, *, double fade=FADE_IN / 1e9, double arming_timeout=ARMING_LIMIT / 1e9,
             double stopping_timeout=STOP_LIMIT / 1e9, answered=None,
-            bint confirm=False, permitted=None, rearm=None, told=None) -> Outcome:
+            bint confirm=False, permitted=None, rearm=None, notify=None) -> Outcome:
         """Arm, run `ticks` grid points (-1: until a signal), and stop safely. Returns an Outcome.
 
         fade : s, over which commands increase to full size after arming
@@ -115,7 +118,7 @@ cdef class Executor(Waiting):
         rearm : slots of the arena that are true while their inputs request arming again; with None a fault ends the
             run. After a fault that can be survived, the run waits in its safe stop for one of them to rise or for a
             letter, and for all conditions of arming
-        told : called with "fault", "refused" or "rearm", and the Outcome of the fault or of the unmet condition
+        notify : called with "fault", "refused" or "rearm", and the Outcome of the fault or of the unmet condition
         """
         cdef int status
         cdef int waited = OK
@@ -123,7 +126,7 @@ cdef class Executor(Waiting):
         cdef bint stopped = False
         faults = []
         self.hung = 0
-        self.answered, self.confirm, self.permitted, self.told = answered, confirm, permitted, told
+        self.answered, self.confirm, self.permitted, self.notify = answered, confirm, permitted, notify
         self.request(rearm or ())
         if not (fade >= 0.0 and arming_timeout >= 0.0 and stopping_timeout >= 0.0):
             raise ValueError("times of a run must be 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (
@@ -172,7 +175,7 @@ cdef class Executor(Waiting):
                     self.journal.set_state(WAITING)
                 fault = self.outcome(status)
                 faults.append(fault)
-                self.tell("fault", fault)
+                self.call_notify("fault", fault)
                 with nogil:
                     waited = status = self.cause(self.wait(ticks, arming_timeout))
                     if status == OK:

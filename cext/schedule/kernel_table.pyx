@@ -24,7 +24,8 @@ def address(kernel, kind="kernel") -> int:
         try:
             return <uintptr_t>PyCapsule_GetPointer(kernel, name)
         except ValueError:
-            raise TypeError("the capsule of a native %s must be named %r: %r is not" % (kind, name.decode(), kernel)) from None
+            raise TypeError("the capsule of a native %s must be named %r: %r is not" % (kind, name.decode(),
+                kernel)) from None
     if isinstance(getattr(kernel, "address", None), int):
         return int(kernel.address)
     import ctypes
@@ -57,7 +58,8 @@ def words(values) -> np.ndarray:
     return np.array(list(values) or [0], dtype=np.int32)
 
 
-def feed(decode, double[::1] arena, table, const unsigned char[::1] data, int chunk=64, int64_t time=0, uint32_t identifier=0, int flags=0) -> dict[int, int]:
+def feed(decode, double[::1] arena, table, const unsigned char[::1] data, int chunk=64, int64_t time=0,
+        uint32_t identifier=0, int flags=0) -> dict[int, int]:
     """Offer a stream of bytes to a device's decode, in frames of `chunk` bytes.
 
     Returns {return value of decode: count}.

@@ -8,7 +8,7 @@ cdef enum:
 
 cdef class Waiting(Arming):
     cdef int64_t hung            # ns that a hung tick ran, 0 for none
-    cdef object told             # callback for faults that are survived, or None
+    cdef object notify             # callback for faults that are survived, or None
     cdef int[REQUESTS] request_slots         # of the arena, each true while its input requests arming again
     cdef int request_count
     cdef int to_blame            # stopwatch item of the last overrun
@@ -17,8 +17,8 @@ cdef class Waiting(Arming):
     cdef int cause(self, int status) noexcept nogil
     cdef bint is_survived(self, int status)
     cdef object outcome(self, int status, tuple unanswered=*)
-    cdef void tell(self, str what, outcome)
-    cdef void tell_standing(self, str what, int standing) noexcept nogil
+    cdef void call_notify(self, str what, outcome)
+    cdef void notify_standing(self, str what, int standing) noexcept nogil
     cdef int wait(self, int64_t ticks, double arming_timeout) noexcept nogil
     cdef bint asked(self, bint before) noexcept nogil
     cdef int look_around(self, int64_t tick, int before, int *status) noexcept nogil

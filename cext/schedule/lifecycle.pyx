@@ -9,8 +9,10 @@ import sys
 from libc.stdint cimport int64_t
 
 from cext.abi cimport (
-    AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, IMPLAUSIBLE, NO_ANSWER, NOT_FINITE,
-    NOT_FOLLOWING, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PYTHON_ERROR, RMS_TORQUE, SILENT, TOO_HOT, UNGUARDED,
+    AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, IMPLAUSIBLE,
+    NO_ANSWER, NOT_FINITE,
+    NOT_FOLLOWING, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PYTHON_ERROR, RMS_TORQUE, SILENT, TOO_HOT,
+    UNGUARDED,
 )
 from cext.schedule.live cimport STOP_WANTED, apply_changes
 from cext.ring.mailbox cimport NOT_NOW, REARM, TAKEN
@@ -39,7 +41,7 @@ cdef class Waiting(Arming):
         A hung tick may return any status, and drives seem silent if the guardian that carries their frames is late.
         """
         if self.watchdog.has_bitten():
-            self.hung = monotonic() - self.watchdog.began + (self.watchdog.patience if self.tick < 0 else 0)
+            self.hung = monotonic() - self.watchdog.began + (self.watchdog.start_allowance if self.tick < 0 else 0)
             self.watchdog.dismiss()
             return HUNG
         if status == SILENT and self.carried and self.journal.guardian_is_late():
@@ -55,7 +57,8 @@ cdef class Waiting(Arming):
         if self.plant is not None and self.plant.culprit is not None:
             return False
         return self.tick >= 0 and not self.signals.caught[0] and (
-            status in (NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN, ESTOP, RMS_TORQUE, TOO_HOT,
+            status in (NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN, ESTOP,
+                RMS_TORQUE, TOO_HOT,
                        BEYOND_ACCELERATION, BEYOND_TORQUE, OVER_TRAVEL, OVERSPEED, NOT_FOLLOWING, IMPLAUSIBLE)
             or status >= FIRST_OWN_STATUS)
 
@@ -74,21 +77,22 @@ cdef class Waiting(Arming):
         if status == NO_ANSWER and self.tick >= 0:
             unanswered = silent
         return Outcome(
-            name_of(status), culprit, self.tick, self.signals.caught[0], error, silent, unanswered, hung=self.hung * 1e-9)
+            name_of(status), culprit, self.tick, self.signals.caught[0], error, silent, unanswered,
+            hung=self.hung * 1e-9)
 
-    cdef void tell(self, str what, outcome):
-        """Call `told`. Its exceptions do not affect the run."""
+    cdef void call_notify(self, str what, outcome):
+        """Call `notify`. Its exceptions do not affect the run."""
         self.journal.attend_fenced(monotonic())
-        if self.told is not None:
+        if self.notify is not None:
             try:
-                self.told(what, outcome)
+                self.notify(what, outcome)
             except Exception:
                 sys.excepthook(*sys.exc_info())
         self.journal.attend_fenced(monotonic())
 
-    cdef void tell_standing(self, str what, int standing) noexcept nogil:
+    cdef void notify_standing(self, str what, int standing) noexcept nogil:
         with gil:
-            self.tell(what, self.outcome(standing))
+            self.call_notify(what, self.outcome(standing))
 
     cdef int wait(self, int64_t ticks, double arming_timeout) noexcept nogil:
         """Wait behind the fence for a request to arm again, after a whole tick in which all conditions of arming were
@@ -126,7 +130,7 @@ cdef class Waiting(Arming):
                 self.control.live.asked(self.layout, REARM, tick, TAKEN if standing == OK else NOT_NOW)
                 if standing == OK:
                     return self.arm_again(tick, arming_timeout)
-                self.tell_standing("refused", standing)
+                self.notify_standing("refused", standing)
             self.late = 0 if self.virtual else began - epoch - self.pace.grid(tick)
             standing = self.look_around(tick, standing, &status)
             if status != OK or (self.journal.records and not self.journal.push_row(tick)):
@@ -138,7 +142,7 @@ cdef class Waiting(Arming):
                 standing = self.permission() if standing == OK else standing
                 if standing == OK:
                     return self.arm_again(self.next_point(tick, self.first_tick), arming_timeout)
-                self.tell_standing("refused", standing)
+                self.notify_standing("refused", standing)
             self.previous = tick
             tick = self.next_point(tick, self.first_tick)
         return ENDED
@@ -207,7 +211,7 @@ cdef class Waiting(Arming):
         cdef int64_t rounds = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
         cdef int64_t round
         cdef int status
-        self.tell_standing("rearm", OK)
+        self.notify_standing("rearm", OK)
         self.forgive(PYTHON_ERROR)
         if not self.journal.lower_fence():
             return FENCED

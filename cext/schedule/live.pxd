@@ -57,7 +57,7 @@ cdef class LiveTable:
     cdef int check(self, const Letter *letter) noexcept nogil
     cdef bint carry_out(self, SharedLayout *page, const Letter *letter, int64_t tick) noexcept nogil
     cdef int advance(self, double dt) noexcept nogil
-    cdef int tell_python(self, Laps *laps) noexcept nogil
+    cdef int update_python(self, Laps *laps) noexcept nogil
 
 cdef inline int apply_changes(LiveTable live, SharedLayout *page, int64_t tick, double dt) noexcept nogil:
     """Apply requests of the mailbox and ramps, at the start of a tick that follows the previous one after dt s.

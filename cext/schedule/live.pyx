@@ -13,7 +13,8 @@ from libc.stdlib cimport calloc, free
 from cext.abi cimport OK, PYTHON_ERROR
 from cext.atomics cimport store_u64, swap
 from cext.ring.mailbox cimport (
-    ANSWERED, BY_REPLAY, CHANGES, CONFIRM, LETTERS, MARK, NOT_NOW, OUT_OF_BOUNDS, OVER, POSTED, READING, REARM, SET, STOP, TAKEN, UNKNOWN,
+    ANSWERED, BY_REPLAY, CHANGES, CONFIRM, LETTERS, MARK, NOT_NOW, OUT_OF_BOUNDS, OVER, POSTED, READING, REARM, SET,
+    STOP, TAKEN, UNKNOWN,
     Change, in_step, oldest, step_of, writer_of,
 )
 from cext.clock.histogram cimport add
@@ -21,7 +22,7 @@ from cext.safety.shared_state cimport CHANGE, commit, reserve, shown
 from cext.clock.stopwatch cimport GIL_WAIT, lap
 
 cdef int64_t NEVER = 0x7FFFFFFFFFFFFFFF
-cdef int32_t NOBODY = -1
+cdef int32_t NO_KIND = -1                # of letters
 
 TYPES = {"float": float, "int": int, "bool": bool}
 
@@ -63,7 +64,8 @@ cdef class LiveTable:
         self.scripted = len(changes)
         self.script = <Scripted *>calloc(max(1, self.scripted), sizeof(Scripted))
         for position, (tick, index, value, slew) in enumerate(changes):
-            self.script[position].tick, self.script[position].parameter, self.script[position].value = tick, index, value
+            self.script[position].tick, self.script[position].parameter = tick, index
+            self.script[position].value = value
             self.script[position].slew = slew
             letter.kind, letter.count, letter.parameters[0], letter.values[0] = SET, 1, index, value
             if self.check(&letter) != TAKEN:
@@ -74,7 +76,7 @@ cdef class LiveTable:
         cdef int index
         cdef LiveParameter *parameter
         self.moving = 0
-        self.awaited = NOBODY
+        self.awaited = NO_KIND
         self.marks = 0
         self.gil_taken = 0
         self.played = 0
@@ -86,7 +88,7 @@ cdef class LiveTable:
             parameter.value = parameter.target = parameter.built
             parameter.slew = parameter.built_slew
             parameter.changed = parameter.block != NULL
-        if self.tell_python(NULL) != OK:
+        if self.update_python(NULL) != OK:
             raise self.error
 
     def leave(self) -> None:
@@ -105,7 +107,8 @@ cdef class LiveTable:
         if page == NULL or page.live_count != self.count:
             return
         for index in range(self.count):
-            shown(page)[index].value, shown(page)[index].target = self.parameters[index].value, self.parameters[index].target
+            shown(page)[index].value = self.parameters[index].value
+            shown(page)[index].target = self.parameters[index].target
 
     cdef void dismiss(self, SharedLayout *page) noexcept nogil:
         """Answer the waiting letters: the run has ended."""
@@ -115,7 +118,7 @@ cdef class LiveTable:
         if page == NULL:
             return
         for rounds in range(LETTERS):
-            letter = oldest(&page.mailbox, NOBODY)
+            letter = oldest(&page.mailbox, NO_KIND)
             if letter == NULL:
                 return
             state = load_u64(&letter.state)
@@ -143,7 +146,8 @@ cdef class LiveTable:
         if page == NULL:
             return False
         for index in range(LETTERS):
-            if step_of(load_u64(&page.mailbox.letters[index].state)) == POSTED and page.mailbox.letters[index].kind == kind:
+            if (page.mailbox.letters[index].kind == kind
+                    and step_of(load_u64(&page.mailbox.letters[index].state)) == POSTED):
                 return True
         return False
 
@@ -227,7 +231,8 @@ cdef class LiveTable:
             if not 0 <= which < self.count:
                 return UNKNOWN
             parameter = &self.parameters[which]
-            if not parameter.low <= value <= parameter.high or parameter.whole and floor(value) != value:     # NaN fails
+            # NaN fails
+            if not parameter.low <= value <= parameter.high or parameter.whole and floor(value) != value:
                 return OUT_OF_BOUNDS
         return TAKEN
 
@@ -240,7 +245,8 @@ cdef class LiveTable:
         if change == NULL:
             return False
         for index in range(count):
-            change.tick, change.kind, change.origin, change.writer = tick, letter.kind, letter.origin, <int32_t>writer_of(letter.state)
+            change.tick, change.kind = tick, letter.kind
+            change.origin, change.writer = letter.origin, <int32_t>writer_of(letter.state)
             change.parameter, change.value, change.before, change.slew = -1, 0.0, 0.0, 0.0
             if letter.kind == MARK:
                 self.marks += 1
@@ -280,9 +286,9 @@ cdef class LiveTable:
         if not python:
             return OK
         self.gil_taken += 1
-        return self.tell_python(self.laps)
+        return self.update_python(self.laps)
 
-    cdef int tell_python(self, Laps *laps) noexcept nogil:
+    cdef int update_python(self, Laps *laps) noexcept nogil:
         """Set the attributes of Python blocks that have changed. laps : for the wait for the GIL, or NULL"""
         cdef int index
         cdef int64_t waited

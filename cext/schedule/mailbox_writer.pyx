@@ -7,7 +7,8 @@ from libc.stdint cimport uint64_t
 
 from cext.atomics cimport count_up, load_u64, store_u64, swap
 from cext.ring.mailbox cimport (
-    ANSWERED, BY_KEYS, BY_SET, CHANGES, CONFIRM, FREE, LETTERS, MARK, NOT_NOW, OUT_OF_BOUNDS, OVER, POSTED, REARM, SET, STOP, TAKEN, UNKNOWN,
+    ANSWERED, BY_KEYS, BY_SET, CHANGES, CONFIRM, FREE, LETTERS, MARK, NOT_NOW, OUT_OF_BOUNDS, OVER, POSTED, REARM, SET,
+    STOP, TAKEN, UNKNOWN,
     WRITING, Letter, Mailbox, step_of, writer_of,
 )
 from cext.safety.shared_state cimport SharedState

@@ -95,7 +95,8 @@ cdef class Program:
                 step.sizes = step.slots + len(entry.table.slots)
                 table = step.sizes + len(entry.table.sizes)
             else:
-                call = PythonStep(entry.function, entry.name, entry.inputs, entry.outputs, self.memory, entry.hold if holds else 0)
+                call = PythonStep(entry.function, entry.name, entry.inputs, entry.outputs, self.memory, entry.hold
+                    if holds else 0)
                 self.keep.append(call)
                 if call.hold > 0:
                     self.holding.append(call)
@@ -145,7 +146,8 @@ cdef class Program:
         for call in self.holding:
             if call.held:
                 path, count, first, last = found.get(call.name, (call.name, 0, call.first_held, None))
-                found[path] = path, count + call.held, min(first, call.first_held), call.last_held if last is None else last
+                found[path] = path, count + call.held, min(first,
+                    call.first_held), call.last_held if last is None else last
         return list(found.values())
 
     @property
@@ -276,7 +278,8 @@ cdef class Program:
 
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil:
         self.failed.step = step
-        self.failed.phase = 0 if phase == &self.look else 1 if phase == &self.settle else 2 if phase == &self.output else 3
+        self.failed.phase = (
+            0 if phase == &self.look else 1 if phase == &self.settle else 2 if phase == &self.output else 3)
 
     cdef int run_python(self, Phase *phase, int *index, int64_t tick, int64_t previous) noexcept nogil:
         """Run the segment at `index` and all consecutive Python segments under one acquisition of the GIL.
@@ -308,7 +311,7 @@ cdef class Program:
                             if (<PythonStep>phase.steps[step].python).hold == 0:
                                 (<PythonStep>phase.steps[step].python).call(self.arena)
                             elif (<PythonStep>phase.steps[step].python).attempt(self.arena, tick):
-                                (<PythonStep>phase.steps[step].python).news.tell(self.page, tick)
+                                (<PythonStep>phase.steps[step].python).news.publish(self.page, tick)
                             if laps != NULL:
                                 lap(laps, phase.item + step)
                     if index[0] + 1 == phase.segment_count or not phase.segments[index[0] + 1].python:
@@ -331,7 +334,8 @@ cdef class Program:
         """
         self.page = page
         self.at = &self.own_at if page == NULL else &page.at
-        return self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
+        return self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(8
+            + (<PythonStep>call).news.size() for call in self.holding)
 
     cdef int start_from_here(self) noexcept nogil:
         """Restart blocks from the present measurement: run `look`, reset all state, then run `settle`."""
@@ -346,7 +350,8 @@ cdef class Program:
         return status
 
     cdef int reset_blocks(self) noexcept nogil:
-        memcpy(self.arena + self.memory_start, self.initial + self.memory_start, (self.size - self.memory_start) * sizeof(double))
+        memcpy(self.arena + self.memory_start, self.initial + self.memory_start, (self.size - self.memory_start)
+            * sizeof(double))
         with gil:
             try:
                 for block in self.blocks:

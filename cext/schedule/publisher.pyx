@@ -38,20 +38,21 @@ cdef class Publisher:
         no room, and every 50 ms. An exception ends the run. None: another process empties the ring
     guard : ns of the guardian's silence that end the run, 0 without a guardian
     rows : C-contiguous float64 array (ticks, 2 + columns) for the row of every tick: tick, lateness in s, recorded
-        signals; or None.
-        A run with more ticks overwrites the first rows
+        signals; or None. A run with more ticks overwrites the first rows
     """
 
     def __init__(self, SharedState page, Program program, bint virtual, int reader, Signals signals,
                  int64_t guard=0, rows=None, drain=None):
         if page is not None and 16 * (3 + program.column_count) > <int64_t>page.layout.capacity:
-            raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2 + program.column_count))
+            raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2
+                + program.column_count))
         self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
         self.layout = NULL if page is None else page.layout
         self.guard = guard
         program.live.show(self.layout)
         self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
-        self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_BATCH * program.devices.count)
+        self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_BATCH
+            * program.devices.count)
         self.most += LETTERS * (8 + CHANGES * sizeof(Change))
         self.most += program.share(self.layout)
         if page is not None:
@@ -59,9 +60,11 @@ cdef class Publisher:
         self.records = page is not None or rows is not None
         self.drain, self.drains = drain, drain is not None and page is not None and virtual
         self.table = np.zeros((RECENT, 2 + program.column_count)) if rows is None else rows
-        if (self.table.ndim != 2 or len(self.table) == 0 or self.table.shape[1] != 2 + program.column_count or self.table.dtype != np.float64
+        if (self.table.ndim != 2 or len(self.table) == 0 or self.table.shape[1] != 2 + program.column_count
+            or self.table.dtype != np.float64
                 or not self.table.flags.carray):
-            raise ValueError("rows must be a writable C-contiguous float64 array of shape (ticks, %d)" % (2 + program.column_count))
+            raise ValueError("rows must be a writable C-contiguous float64 array of shape (ticks, %d)" % (2
+                + program.column_count))
         self.recent = <double *><uintptr_t>self.table.ctypes.data
         self.recent_size = len(self.table)
 
@@ -82,7 +85,8 @@ cdef class Publisher:
         if page == NULL:
             return
         page.tick = -1
-        page.ticks = page.missed = page.dropped = page.waited = page.caught_up = page.gil_taken = page.sleeps = page.spins = 0
+        page.ticks = page.missed = page.dropped = page.waited = page.caught_up = 0
+        page.gil_taken = page.sleeps = page.spins = 0
         page.frames_received = page.frames_sent = page.frames_foreign = page.frames_malformed = 0
         page.status = page.closed = page.hung = page.crashed = 0
         if page.began != 0:
@@ -117,11 +121,13 @@ cdef class Publisher:
         """Return whether the guardian is silent for too long, or its thread has died, which the kernel marks in its
         mutex.
         """
-        return now - load_i64(&self.layout.guard) > self.guard or find_dead(&self.layout.guard_hold, &self.layout.guard_dead)
+        return now - load_i64(&self.layout.guard) > self.guard or find_dead(&self.layout.guard_hold,
+            &self.layout.guard_dead)
 
     cdef bint guardian_is_late(self) noexcept nogil:
         """Return whether drives may seem silent because the guardian, which carries their frames, is late."""
-        return self.guard > 0 and (find_dead(&self.layout.guard_hold, &self.layout.guard_dead) or monotonic() - load_i64(&self.layout.guard) > self.guard // 2)
+        return self.guard > 0 and (find_dead(&self.layout.guard_hold, &self.layout.guard_dead) or monotonic()
+            - load_i64(&self.layout.guard) > self.guard // 2)
 
     cdef void raise_fence(self) noexcept nogil:
         if self.layout != NULL:
@@ -189,7 +195,7 @@ cdef class Publisher:
         """
         cdef SharedLayout *page = self.layout
         cdef int64_t since
-        cdef int patience = 1000
+        cdef int attempts = 1000
         if self.drains and monotonic() - self.drained > DRAIN_PERIOD and not self.drain_here():
             return stopping
         if page == NULL or not self.virtual or page.capacity - (page.head - load_u64(&page.tail)) >= self.most:
@@ -198,8 +204,8 @@ cdef class Publisher:
             return self.drain_here() or stopping
         since = monotonic()
         while page.capacity - (page.head - load_u64(&page.tail)) < self.most and self.wait_for_reader():
-            patience -= 1
-            if (stopping and patience == 0) or (not stopping and self.caught[0] != 0):
+            attempts -= 1
+            if (stopping and attempts == 0) or (not stopping and self.caught[0] != 0):
                 break
         page.waited += monotonic() - since
         return stopping or not self.caught[0]

@@ -71,7 +71,8 @@ cdef class PythonStep:
     ----------
     callable : called with one positional argument per input
     name : path of the block, for errors
-    inputs : list of (name, slot, dtype, shape); dtype is "float", "int" or "bool"; a shape other than () is passed as a view
+    inputs : list of (name, slot, dtype, shape); dtype is "float", "int" or "bool"; a shape other than () is passed as a
+        view
     outputs : list of (name, slot, dtype, shape, low, high); a result outside its range is an error, NaN passes
     arena : the float64 array that the slots point into
     hold : limit of exceptions in a row that are held: the outputs keep their last values, once there are any

@@ -9,7 +9,7 @@ from cext.schedule.live cimport apply_changes
 from cext.clock.deadline_clock cimport clock, monotonic
 from cext.posix cimport CLOCK_THREAD_CPUTIME_ID
 from cext.clock.stopwatch cimport COMMAND, PLANT, RECEIVE, RECORD, TRANSMIT, Laps, lap
-from cext.schedule.watchdog cimport let_go, take_back
+from cext.schedule.watchdog cimport release, acquire
 
 
 cdef class Tick:
@@ -20,7 +20,8 @@ cdef class Tick:
     profile : whether every step is timed
     """
 
-    def __init__(self, Program control, Program plant, int substeps, DeadlineClock pace, Publisher journal, bint stamped, bint profile):
+    def __init__(self, Program control, Program plant, int substeps, DeadlineClock pace, Publisher journal,
+            bint stamped, bint profile):
         if substeps < 1:
             raise ValueError("the plant's rate must be an integer multiple of the diagram's")
         self.control, self.plant, self.substeps, self.pace, self.journal = control, plant, substeps, pace, journal
@@ -61,13 +62,13 @@ cdef class Tick:
             on_wires = lap(laps, RECEIVE)
         if status == OK:
             status = self.control.devices.watch(now)
-        let_go(self.handover)
+        release(self.handover)
         if status == OK:
             status = self.control.run(&self.control.output, tick, previous)
         self.control.at[0] = COMMAND
         if status == OK:
             status = self.control.devices.command()
-        if not take_back(self.handover):
+        if not acquire(self.handover):
             return HUNG
         self.control.at[0] = TRANSMIT
         if status == OK:
@@ -76,10 +77,10 @@ cdef class Tick:
             on_wires += lap(laps, TRANSMIT)
             if self.journal.layout != NULL:
                 add(&self.journal.layout.bus, on_wires, tick)
-        let_go(self.handover)
+        release(self.handover)
         if status == OK:
             status = self.control.run(&self.control.update, tick, previous)
-        if not take_back(self.handover):
+        if not acquire(self.handover):
             return HUNG
         self.control.at[0] = RECORD if self.plant is None else PLANT
         if status == OK and self.plant is not None:

@@ -7,21 +7,21 @@ from cext.schedule.program cimport Program
 
 cdef enum: # owner of the buses, the devices and the ring of the shared state
     LOOP = 0                     # the thread of the ticks
-    NOBODY = 1                   # none: the loop runs a step that needs none of them
+    UNOWNED = 1                   # no owner: the loop runs a step that uses none of them
     WATCHDOG = 2                 # the watchdog: the step did not return
 
 cdef struct Handover:
     uint64_t user
     int64_t since                # ns of CLOCK_MONOTONIC, begin of the tick's work; 0 between ticks
 
-cdef inline void let_go(Handover *handover) noexcept nogil:
+cdef inline void release(Handover *handover) noexcept nogil:
     """Release the buses before a step. `handover` may be NULL, without a watchdog."""
     if handover != NULL:
-        store_u64(&handover.user, NOBODY)
+        store_u64(&handover.user, UNOWNED)
 
-cdef inline bint take_back(Handover *handover) noexcept nogil:
+cdef inline bint acquire(Handover *handover) noexcept nogil:
     """Acquire the buses after a step. Returns False if the step took too long: the loop then sends nothing more."""
-    return handover == NULL or swap(&handover.user, NOBODY, LOOP)
+    return handover == NULL or swap(&handover.user, UNOWNED, LOOP)
 
 cdef class Watchdog:
     cdef Handover *handover      # NULL without a watchdog
@@ -37,7 +37,7 @@ cdef class Watchdog:
     cdef int32_t leave
     cdef int32_t hung
     cdef int64_t limit           # ns of work of a tick
-    cdef int64_t patience        # ns in addition for the start of blocks
+    cdef int64_t start_allowance # ns in addition for the start of blocks
     cdef int64_t zero            # ns of CLOCK_MONOTONIC, begin of the run
     cdef int64_t began           # ns of CLOCK_MONOTONIC, begin of the hung tick's work
     cdef int at                  # stopwatch item in which it hung

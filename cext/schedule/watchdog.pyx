@@ -28,14 +28,17 @@ from cext.atomics cimport load_i64, store_i32
 from cext.clock.deadline_clock cimport monotonic
 from cext.safety.shared_state cimport RUNNING
 from cext.posix cimport (
-    CPU_COUNT, CPU_SET, CPU_ZERO, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGURG, SIGUSR1, cpu_set_t, pthread_join,
-    pthread_kill, pthread_self, pthread_sigmask, sched_getparam, sched_getscheduler, sched_param, sched_setaffinity, sigaddset, sigemptyset,
+    CPU_COUNT, CPU_SET, CPU_ZERO, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGQUIT, SIGTERM,
+    SIGURG, SIGUSR1, cpu_set_t, pthread_join,
+    pthread_kill, pthread_self, pthread_sigmask, sched_getparam, sched_getscheduler, sched_param, sched_setaffinity,
+    sigaddset, sigemptyset,
     sigset_t,
 )
 from cext.clock.signals cimport Signals
 from cext.threads cimport be_called, doze, start_thread, wake
 from cext.safety.thresholds cimport (
-    BUS_TAKEOVER_PERIOD, HANG_MINIMUM, HANG_PERIODS, HANG_SIGNAL_PERIOD, HANG_SIGNAL_PERIOD_STOPPED, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS,
+    BUS_TAKEOVER_PERIOD, HANG_MINIMUM, HANG_PERIODS, HANG_SIGNAL_PERIOD, HANG_SIGNAL_PERIOD_STOPPED,
+    LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS,
     STOP_LIMIT, STOP_ROUND,
 )
 
@@ -63,7 +66,7 @@ cdef class Watchdog:
             CPU_SET(number, &self.processors)
         self.program, self.journal, self.caught = program, journal, signals.caught
         self.limit = max(HANG_PERIODS * period, HANG_MINIMUM)
-        self.patience = max(LOOP_STALL_PERIODS * period, LOOP_STALL_MINIMUM) - self.limit
+        self.start_allowance = max(LOOP_STALL_PERIODS * period, LOOP_STALL_MINIMUM) - self.limit
         self.handover = &self.shared if wanted else NULL
 
     cdef int start(self) except -1:
@@ -156,7 +159,7 @@ cdef class Watchdog:
         while not load_i32(&self.leave):
             now = monotonic()
             over = now - began >= STOP_LIMIT + damping - damped
-            mine = mine or swap(&self.shared.user, NOBODY, WATCHDOG)
+            mine = mine or swap(&self.shared.user, UNOWNED, WATCHDOG)
             if mine and not over and now >= due:
                 self.program.devices.note_speeds(self.journal.layout)
                 due = began - damped + self.program.devices.send_stop(
@@ -165,7 +168,7 @@ cdef class Watchdog:
                 pthread_kill(self.loop, SIGURG)
                 nudge = now + (HANG_SIGNAL_PERIOD_STOPPED if over else HANG_SIGNAL_PERIOD)
             if over:
-                hear_signals()
+                unblock_signals()
                 if self.caught[0]:
                     _exit(EXIT_CODE)
             self.sleep(nudge if over else due if mine else now + BUS_TAKEOVER_PERIOD)
@@ -183,7 +186,7 @@ cdef void name_and_priority(int priority) noexcept nogil:
         be_called("tickwork-watch", priority - 1)
 
 
-cdef void hear_signals() noexcept nogil:
+cdef void unblock_signals() noexcept nogil:
     """Unblock the signals that end a run, which the loop's thread may have blocked."""
     cdef sigset_t ours
     sigemptyset(&ours)

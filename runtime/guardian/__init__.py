@@ -172,7 +172,7 @@ class GuardianProcess(ChildProcess):
             before = time.monotonic_ns()
             for index, wire in wires.items():
                 for identifier, data, _ in wire.receive():
-                    stop.hear(index, identifier, data, time.monotonic_ns(), drained)
+                    stop.receive(index, identifier, data, time.monotonic_ns(), drained)
             drained = before
         for wire in wires.values():
             wire.close()

@@ -235,7 +235,7 @@ class Guardian:
         for identifier, data, arrival in frames:
             self.lines.give(self.buses[index]["line"], identifier, data, arrival)
             if self.stop is not None:
-                self.stop.hear(index, identifier, data, now, self.drained[index])
+                self.stop.receive(index, identifier, data, now, self.drained[index])
         if len(frames) < FRAMES_AT_ONCE:
             self.drained[index] = before
 
@@ -246,7 +246,7 @@ class Guardian:
                 before = time.monotonic_ns()
                 frames = wire.receive()
                 for identifier, data, _ in frames:
-                    stop.hear(index, identifier, data, time.monotonic_ns(), self.drained[index])
+                    stop.receive(index, identifier, data, time.monotonic_ns(), self.drained[index])
                 if len(frames) < FRAMES_AT_ONCE:
                     self.drained[index] = before
 

@@ -81,11 +81,11 @@ class SafeStop:
             if wire is not None and wire.send(identifier, data):
                 self.sent += 1
 
-    def hear(self, bus, identifier, data, now, since=None):
+    def receive(self, bus, identifier, data, now, since=None):
         """Handle a received frame other than an echo. since : ns of its earliest arrival; `now` by default"""
         for name, damped in self.damped.items():
             if self.waiting[name]["bus"] == bus:
-                damped.bands.hear(identifier, data, now if since is None else since)
+                damped.bands.note_frame(identifier, data, now if since is None else since)
         for name, device in list(self.waiting.items()):
             if device["bus"] != bus or name not in self.heard or not is_reply(device, identifier, data):
                 continue

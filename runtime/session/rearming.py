@@ -45,7 +45,7 @@ class Rearming:
 
     def options(self):
         """Return the options of Executor.run."""
-        return {"rearm": list(self.slots.values()), "told": self.publish} if self.enabled else {}
+        return {"rearm": list(self.slots.values()), "notify": self.publish} if self.enabled else {}
 
     def publish(self, kind, outcome):
         """Publish an event. Called by the executor.

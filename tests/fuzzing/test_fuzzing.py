@@ -51,8 +51,8 @@ def test_what_a_parser_is_offered_does_no_harm(name, laboratory, capsys):
         (
             "lines",
             "cext/kernels/devices/microcontroller.pyx",
-            "(LINE if lines else MOST) - 1",
-            "(LINE if lines else MOST) + 8",
+            "(LINE if lines else PACKET_LIMIT) - 1",
+            "(LINE if lines else PACKET_LIMIT) + 8",
             "AddressSanitizer",
         ),
         (

@@ -5,7 +5,7 @@ from blocks.imus.microstrain.descriptors import BY_NAME, FILTER, SENSOR, STANDAR
 from cext.kernels.devices.microstrain import emulator as kernels
 from graph import Device, Input, Interval, Memory, Output, Param
 
-MOST = 16  # fields of a format, of cext/kernels/devices/microstrain/emulator.pyx
+FIELD_LIMIT = 16  # fields of a format, of cext/kernels/devices/microstrain/emulator.pyx
 INFO = 16  # characters of each text in the device information
 
 
@@ -70,32 +70,32 @@ class EmulatedMicroStrain(Device):
         return cls(**same | parameters)
 
     def configure(self):
-        found = self.found = models.find(self.model)
-        divided = found.base_rate / self.rate
+        spec = self.spec = models.find(self.model)
+        divided = spec.base_rate / self.rate
         if abs(divided - round(divided)) > 1e-6:
-            raise ValueError(f"rate must be {found.base_rate:g} Hz divided by a whole number, got {self.rate:g} Hz")
-        texts = (found.name, found.number, f"{found.number[:4]}.{self.serial}", "", "5g, 300dps")
+            raise ValueError(f"rate must be {spec.base_rate:g} Hz divided by a whole number, got {self.rate:g} Hz")
+        texts = (spec.name, spec.number, f"{spec.number[:4]}.{self.serial}", "", "5g, 300dps")
         data = (1106).to_bytes(2, "big") + b"".join(text[:INFO].rjust(INFO).encode("ascii") for text in texts)
-        self.about, self.known = tuple(map(float, data)), tuple(map(float, found.known))
-        self.settings = (found.base_rate, float(found.newer), self.clock_error, self.clock_start, float(self.seed))
+        self.about, self.known = tuple(map(float, data)), tuple(map(float, spec.known))
+        self.settings = (spec.base_rate, float(spec.newer), self.clock_error, self.clock_start, float(self.seed))
         self.power_on = (*self.saved(SENSOR, round(divided)), *self.saved(FILTER, round(divided)))
 
     def saved(self, descriptor_set, decimation):
         """The format of one set as it is at power on, and whether it streams."""
         time = (
             0xD5
-            if self.found.newer
+            if self.spec.newer
             else BY_NAME["sensor_time" if descriptor_set == SENSOR else "filter_time"].descriptor
         )
         fields = [field.descriptor for field in wanted(self.channels, self.attitude) if field.set == descriptor_set]
-        fields = [descriptor for descriptor in fields if descriptor_set << 8 | descriptor in self.found.known]
+        fields = [descriptor for descriptor in fields if descriptor_set << 8 | descriptor in self.spec.known]
         numbers = [
             float(number) for descriptor in ([time, *fields] if fields else []) for number in (descriptor, decimation)
         ]
         return (
             len(numbers) / 2,
             *numbers,
-            *[0.0] * (2 * MOST - len(numbers)),
+            *[0.0] * (2 * FIELD_LIMIT - len(numbers)),
             float(bool(fields) and self.streaming_at_start),
         )
 

@@ -7,7 +7,7 @@ from graph.block import BlockOptions
 from graph.signal import Operand, Signal
 from graph import Device, Input, Memory, Output, Param
 
-MOST: int
+FIELD_LIMIT: int
 INFO: int
 class EmulatedMicroStrain(Device):
     bus: Param[str]
@@ -42,7 +42,7 @@ class EmulatedMicroStrain(Device):
     settings: Memory
     power_on: Memory
     state: Memory
-    found: Any
+    spec: Any
     def __init__(
         self,
         bus: str = 'imu',

@@ -1,7 +1,8 @@
-"""Packets without a zero byte, ended by one: consistent overhead byte stuffing, and the checksum that is stuffed with them.
+"""Consistent overhead byte stuffing (COBS), and the checksum of the packets.
 
-Each zero is replaced by the distance to the next, and a first byte has the distance to the first (Cheshire, Baker 1999). The checksum is
-CRC-16/CCITT-FALSE, polynomial 0x1021, beginning with 0xFFFF.
+A packet contains no zero byte and ends with one. Each zero is replaced by the distance to the next one, and the first
+byte is the distance to the first zero (Cheshire, Baker 1999). The checksum is CRC-16/CCITT-FALSE, polynomial 0x1021,
+initial value 0xFFFF.
 """
 
 from libc.stdint cimport uint8_t, uint16_t
@@ -19,8 +20,8 @@ cdef inline uint16_t checksum(const uint8_t *data, int count) noexcept nogil:
 
 
 cdef inline int stuff(const uint8_t *data, int count, uint8_t *out) noexcept nogil:
-    """Into `out`, which has room for count + count // 254 + 2 bytes, the zero at the end among them. Returns how many."""
-    cdef int code = 0                       # where the distance goes
+    """Encode into `out`, of count + count // 254 + 2 bytes including the final zero. Returns the number of bytes."""
+    cdef int code = 0                       # index of the distance byte
     cdef int at = 1
     cdef int i
     for i in range(count):
@@ -37,7 +38,7 @@ cdef inline int stuff(const uint8_t *data, int count, uint8_t *out) noexcept nog
 
 
 cdef inline int unstuff(uint8_t *data, int count) noexcept nogil:
-    """In place, of what stands in front of the zero. Returns how many bytes it was, -1 where it cannot be."""
+    """Decode in place the bytes before the zero. Returns the number of decoded bytes, -1 for an invalid packet."""
     cdef int taken = 0
     cdef int at = 0
     cdef int code, i

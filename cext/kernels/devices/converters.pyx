@@ -1,9 +1,10 @@
 # cython: freethreading_compatible=True
-"""Analogue to digital converters on I2C: what their registers say.
+"""Analogue-to-digital converters on I2C: decoding of their registers.
 
-    ADS1115    transfer n, four bytes: conversion, then the configuration that it was made with. Its bits 14 to 12 say which input, 11 to 9
-               the range; bit 15: it is done. (ADS111x, SBAS444E)
-    NAU7802    transfer 0, four bytes: PU_CTRL, then 24 bits. Bit 5: this is a new one. (NAU7802 1.7)
+    ADS1115    transfer n, four bytes: conversion, then its configuration. Bits 14 to 12 of it are the input, 11 to 9
+    the
+               range, bit 15 is set when the conversion is done. (ADS111x, SBAS444E)
+    NAU7802    transfer 0, four bytes: PU_CTRL, then 24 bits. Bit 5 is set for a new conversion. (NAU7802 1.7)
 """
 
 from libc.math cimport floor, isfinite
@@ -24,7 +25,7 @@ cdef enum:
 
 cdef struct Ads:
     int32_t age, errors, identity
-    int32_t layout              # V of a code, code of the range, output of each of the eight inputs or -1
+    int32_t layout              # V per code, code of the range, output of each of the eight inputs or -1
     Rest outputs                # channels
 
 ADS = items((<Ads *>ITEMS)[0], "layout[10]")
@@ -45,7 +46,8 @@ cdef int ads_decode_(double *arena, const Ads *at, const Ads *sizes, const Frame
         return FOREIGN
     place = <int>layout[2 + (frame.data[2] >> 4 & 7)]
     if frame.length != 4 or (frame.data[2] >> 1 & 7) != <int>layout[1] or place < 0:
-        return MALFORMED        # it was made with another configuration: the chip has lost its own, or somebody else asks it
+        # another configuration: the chip has lost its own, or another program uses it
+        return MALFORMED
     if not frame.data[2] & DONE:
         return NOTED
     arena[each(at, at.outputs)[place]] = layout[0] * big(frame.data)
@@ -53,14 +55,14 @@ cdef int ads_decode_(double *arena, const Ads *at, const Ads *sizes, const Frame
 
 
 cdef inline int32_t three(const uint8_t *data) noexcept nogil:
-    """24 bits, two's complement, most significant first."""
+    """Return 24 bits, two's complement, most significant byte first."""
     cdef int32_t code = <int32_t>(<uint32_t>data[0] << 16 | <uint32_t>data[1] << 8 | data[2])
     return code - 0x1000000 if code & 0x800000 else code
 
 
 cdef struct Nau:
     int32_t tare, counts, ratio, force, errors, identity
-    int32_t scales              # V/V and N of a count
+    int32_t scales              # V/V and N per count
     int32_t taring
 
 NAU = items((<Nau *>ITEMS)[0], "scales[2] taring[6]")
@@ -88,13 +90,14 @@ cdef int nau_decode_(double *arena, const Nau *at, const Nau *sizes, const Frame
     return TAKEN
 
 
-# The converters that are not there
+# Emulated converters
 
 
 cdef struct Emulated:
     int32_t silent, stuck, wrong_address, not_ready, identity
-    int32_t layout              # V of a code and s of a conversion, then the configuration of each channel; or V/V of a count and s
-    int32_t state               # time of the next answer, s; channel; whether it is stuck, with which code
+    # V per code and s per conversion, then the configuration of each channel; or V/V per count and s
+    int32_t layout
+    int32_t state               # time of the next answer, s; channel; whether it is stuck; the stuck code
 
 cdef struct EmulatedAds:
     Emulated emulated
@@ -118,7 +121,7 @@ cdef inline bint due(double *arena, const Emulated *at, double period) noexcept 
 
 
 cdef inline double stuck(double *arena, const Emulated *at, double code) noexcept nogil:
-    """A converter that is stuck goes on with the code that it had."""
+    """Return the code of a channel; a stuck converter repeats its last code."""
     cdef double *state = arena + at.state
     if arena[at.stuck] == 0.0:
         state[2] = 0.0

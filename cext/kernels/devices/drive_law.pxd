@@ -1,36 +1,36 @@
-"""The law that a drive closes between two frames, τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, kept inside a torque limit.
+"""Torque limit of the law that a drive closes between two frames, τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff.
 
-The controller sees position and velocity with an age, and a frame stays in force until the next one arrives. The limit holds for every
-motion with |α| <= max_acceleration over Δ = age + one period + one period by which the next frame is late. Beyond that the bound is gone.
+The feedback has an age, and a frame stays in force until the next one arrives. The limit holds for every motion with
+|α| <= max_acceleration over Δ = age + one period + one period by which the next frame is late; not beyond.
 
     share(x, r)   the largest s <= 1 with |τ_ff + s x| + s r <= limit
 
-Principle: 1. Where share(K (θ₀ − θ) + B (ω₀ − ω), K (|ω| Δ + ½ a Δ²) + B a Δ) = 1, the whole law fits and is sent as it is. 2. Otherwise the
-wanted torque is sent as feed-forward, with as much of the gains, about the state half way through the frame, as the rest of the limit can
-hold. Scaling the gains to the limit would be equally safe, but would remove most of the impedance. 3. Damping is at most 2 limit / (a Δ):
-more would drive a light joint back and forth. 4. Feed-forward lags by the age and half a period, so a spring that is sent as feed-forward gains
-energy. Beyond its share it is limited to what half the damping dissipates; without damping this is plain scaling. 5. The cases join
-without a jump.
+Principle: 1. If share(K (θ₀ − θ) + B (ω₀ − ω), K (|ω| Δ + ½ a Δ²) + B a Δ) = 1, the whole law fits and is sent
+unchanged. 2. Otherwise the commanded torque is sent as feed-forward, with gains about the state half-way through the
+frame that use the rest of the limit. Scaling the gains to the limit would be equally safe, but would remove most of
+the impedance. 3. Damping is at most 2 limit / (a Δ): more would make a light joint oscillate. 4. Feed-forward lags by
+the age and half a period, so a spring sent as feed-forward adds energy. Beyond its share it is limited to the power
+that half the damping dissipates; without damping this is plain scaling. 5. The transitions are continuous.
 
-Two codes of position and velocity, of the feedback and the command, are part of each spread.
+Each spread includes two codes of position and velocity, of the feedback and of the command.
 """
 
 from libc.math cimport copysign, fabs, fmax, fmin, isfinite
 
-cdef struct Law:                # wanted, then what is sent instead
+cdef struct Law:                # as commanded, then as sent
     double position             # θ₀, rad
     double velocity             # ω₀, rad/s
     double stiffness            # K
     double damping              # B
     double torque               # τ_ff, N·m
 
-cdef struct Known:              # what a frame is computed from
+cdef struct Known:              # data from which a frame is computed
     double position             # of the newest feedback, rad
     double velocity             # rad/s
     double age                  # s
     double period               # s, until the next frame
     double acceleration         # a, rad/s²
-    double gains                # share of stiffness and damping allowed
+    double gains                # permitted fraction of stiffness and damping
     double offset               # of the codes of position, rad
     double position_end         # largest values that a frame can carry
     double velocity_end
@@ -41,12 +41,15 @@ cdef struct Known:              # what a frame is computed from
 
 
 cdef inline double quotient(double room, double need) noexcept nogil:
-    """The share of `need` for which there is room, 0 to 1."""
+    """Return the fraction of `need` that fits, 0 to 1."""
     return 1.0 if need <= room else room / need if room > 0.0 else 0.0
 
 
 cdef inline bint keep_inside(Law *law, const Known *known, double limit) noexcept nogil:
-    """Change a law so that |τ| <= limit wherever the joint may be until a late next frame. Returns whether it had to. |τ_ff| <= limit is given."""
+    """Limit a law so that |τ| <= limit wherever the joint may be until a late next frame. Returns whether it changed.
+
+    Requires |τ_ff| <= limit.
+    """
     cdef double a = known.acceleration
     cdef double K = law.stiffness
     cdef double B = law.damping
@@ -65,10 +68,11 @@ cdef inline bint keep_inside(Law *law, const Known *known, double limit) noexcep
     if not (known.age <= 2.0 * known.period + 1e-9 and isfinite(ahead)):
         law.stiffness = law.damping = 0.0
         return True
-    if not (fmax(fabs(ahead + known.offset), fabs(known.position + known.offset)) < known.position_end - 2.0 * known.position_step
+    if not (fmax(fabs(ahead + known.offset), fabs(known.position + known.offset)) < known.position_end - 2.0
+        * known.position_step
             and speed < known.velocity_end):
-        gains = 0.0             # at its end a code may stand for anything beyond
-    # Truncated gains pull less: by so much the law may lie below or above what was wanted.
+        gains = 0.0             # the last code may represent any value beyond the range
+    # error of the law due to the truncation of the gains
     lost = known.stiffness_step * fmax(position_error, 0.0) + known.damping_step * fmax(velocity_error, 0.0)
     gained = known.stiffness_step * fmax(-position_error, 0.0) + known.damping_step * fmax(-velocity_error, 0.0)
     if gains >= 1.0 and error + spread + gained <= limit - law.torque and spread - error + lost <= limit + law.torque:
@@ -83,5 +87,6 @@ cdef inline bint keep_inside(Law *law, const Known *known, double limit) noexcep
         torque = copysign(limit, torque)
     spread -= K * speed * half_way
     share = fmin(fmin(most, gains), quotient(limit - fabs(torque), spread))
-    law.position, law.velocity, law.stiffness, law.damping, law.torque = ahead, known.velocity, share * K, share * B, torque
+    law.position, law.velocity, law.stiffness = ahead, known.velocity, share * K
+    law.damping, law.torque = share * B, torque
     return True

@@ -1,6 +1,6 @@
-"""What all emulated drives share: their items, what can be wrong with them, and the answers that they owe.
+"""Common parts of emulated drives: items, injected faults and pending replies.
 
-All is at the joint: ranges, positions, torques. With every fault input at zero the drive is healthy.
+All ranges, positions and torques refer to the joint. With every fault input at zero, the drive is healthy.
 """
 
 from libc.math cimport floor, isfinite
@@ -9,35 +9,36 @@ from libc.string cimport memcpy, memset
 
 from cext.abi cimport FRAMES_PER_DEVICE, TIME, Frame
 
-cdef struct Drive:              # of blocks.actuators.emulated.EmulatedDrive; a family has these in a struct of its own
+cdef struct Drive:              # of blocks.actuators.emulated.EmulatedDrive; each family's struct contains it
     int32_t position, velocity, temperature, fault
-    int32_t silent, dropped, wrong_id, stuck_encoder, delay, power_lost     # what can be wrong
+    int32_t silent, dropped, wrong_id, stuck_encoder, delay, power_lost     # injected faults
     int32_t torque, enabled
     int32_t can_id, invert, offset, gear_ratio, peak, trip_temperature
     int32_t wire                # position, velocity, stiffness, damping, torque: half ranges at the joint
-    int32_t command             # position, velocity, stiffness, damping, torque last received, at the joint, in the motor's direction
+    # position, velocity, stiffness, damping, torque last received, at the joint, in the motor's direction
+    int32_t command
     int32_t state               # the enum below
-    int32_t outbox              # first, count, then ANSWERS times: time due, identifier, length, eight bytes as they are
+    int32_t outbox              # first, count, then ANSWERS times: time due, identifier, length, eight raw bytes
 
 cdef inline str drive_sizes(): return "wire[5] command[5] state[7] outbox[...]"
 
 cdef enum: # in `state`
     RUNNING                     # whether it is enabled
     ZERO                        # of the encoder
-    LUCK                        # of frames that may be dropped
-    HELD                        # position at which its encoder is stuck, the way the motor turns
-    HOLDS                       # whether it is
-    HEARD                       # s, when it was last commanded
-    SHIFT                       # rad at the joint, a turn of the motor: its encoder counts no more without power
+    LUCK                        # random state for dropped frames
+    HELD                        # position at which the encoder is stuck, in the motor's direction
+    HOLDS                       # whether the encoder is stuck
+    LAST_COMMAND                # s, time of the last command
+    SHIFT                       # rad at the joint, one motor turn: without power the encoder does not count turns
 
 cdef enum:
     ANSWERS = 24
     WORDS = 4
-    UNWRITTEN = 255             # length of an answer that is written when it is owed: with the state at the end of the step
+    UNWRITTEN = 255             # length of a reply that is filled in at the end of the step, with the state then
 
 
 cdef inline bint drops(double *arena, const Drive *at) noexcept nogil:
-    """Whether the next frame is lost on its way. A linear congruence: the same in every run."""
+    """Return whether the next frame is lost. A linear congruential generator: the same in every run."""
     cdef double *luck = arena + at.state + LUCK
     if not arena[at.dropped] > 0.0:
         return False
@@ -46,12 +47,12 @@ cdef inline bint drops(double *arena, const Drive *at) noexcept nogil:
 
 
 cdef inline bint unreachable(double *arena, const Drive *at) noexcept nogil:
-    """Whether a frame that is for it does not reach it."""
+    """Return whether a frame to this drive is lost."""
     return arena[at.power_lost] != 0.0 or drops(arena, at)
 
 
 cdef inline void owe(double *arena, const Drive *at, uint32_t id, int length, const uint8_t *data) noexcept nogil:
-    """Promise an answer; without data it is written at the end of the step. One too many is forgotten."""
+    """Queue a reply; without data it is filled in at the end of the step. A full queue drops it."""
     cdef double *outbox = arena + at.outbox
     cdef double *answer
     if outbox[1] >= ANSWERS:
@@ -66,14 +67,14 @@ cdef inline void owe(double *arena, const Drive *at, uint32_t id, int length, co
 
 
 cdef inline double *unwritten(double *arena, const Drive *at, int index) noexcept nogil:
-    """The answer at that place of the queue if it waits to be written; NULL if there is none or it is."""
+    """Return the reply at an index of the queue if it is not filled in yet, else NULL."""
     cdef double *outbox = arena + at.outbox
     cdef double *answer = outbox + 2 + WORDS * (<int>(outbox[0] + index) % ANSWERS)
     return answer if index < outbox[1] and answer[2] == UNWRITTEN else NULL
 
 
 cdef inline int deliver(double *arena, const Drive *at, Frame *frames) noexcept nogil:
-    """The answers that are due, oldest first: as many as fit; those that get lost do not count."""
+    """Write the replies that are due, oldest first, as many as fit; lost ones are not counted."""
     cdef double *outbox = arena + at.outbox
     cdef double *answer
     cdef int count = 0
@@ -94,12 +95,12 @@ cdef inline int deliver(double *arena, const Drive *at, Frame *frames) noexcept 
 
 
 cdef inline uint32_t own_id(double *arena, const Drive *at) noexcept nogil:
-    """The id that it says it has."""
+    """Return the id that the drive reports."""
     return <uint32_t>arena[at.wrong_id if arena[at.wrong_id] > 0.0 else at.can_id]
 
 
 cdef inline double turned(double *arena, const Drive *at, double x) noexcept nogil:
-    """Between the joint and the motor's way of turning."""
+    """Convert between the directions of the joint and of the motor."""
     return -x if arena[at.invert] != 0.0 else x
 
 
@@ -108,7 +109,7 @@ cdef inline double true_position(double *arena, const Drive *at) noexcept nogil:
 
 
 cdef inline double seen_position(double *arena, const Drive *at) noexcept nogil:
-    """What its encoder says, its zero taken away."""
+    """Return the reading of the encoder relative to its zero."""
     cdef double *state = arena + at.state
     return (state[HELD] if state[HOLDS] != 0.0 else true_position(arena, at)) - state[ZERO]
 
@@ -120,7 +121,7 @@ cdef inline double seen_velocity(double *arena, const Drive *at) noexcept nogil:
 
 
 cdef inline void look(double *arena, const Drive *at) noexcept nogil:
-    """Begin of a step: the encoder sticks where it is, or lets go."""
+    """Begin a step: let the encoder stick at its position, or release it."""
     cdef double *state = arena + at.state
     if arena[at.stuck_encoder] == 0.0:
         state[HOLDS] = 0.0
@@ -130,7 +131,7 @@ cdef inline void look(double *arena, const Drive *at) noexcept nogil:
 
 
 cdef inline void forget(double *arena, const Drive *at) noexcept nogil:
-    """Power is gone: what it was told, what it would have said, and how many turns the motor has made."""
+    """Reset after a loss of power: the command, the pending replies and the count of motor turns are lost."""
     cdef double *state = arena + at.state
     cdef double seen = seen_position(arena, at)
     state[RUNNING] = 0.0
@@ -141,7 +142,7 @@ cdef inline void forget(double *arena, const Drive *at) noexcept nogil:
 
 
 cdef inline double law(double *arena, const Drive *at) noexcept nogil:
-    """kp (p_des - p) + kd (v_des - v) + t of what it was told."""
+    """Return kp (p_des - p) + kd (v_des - v) + t of the last command."""
     cdef double *command = arena + at.command
     return (command[2] * (command[0] - seen_position(arena, at)) + command[3] * (command[1] - seen_velocity(arena, at))
             + command[4])
@@ -152,5 +153,5 @@ cdef inline double within(double x, double most) noexcept nogil:
 
 
 cdef inline bint answerable(double *arena, const Drive *at) noexcept nogil:
-    """Whether its state can be said in codes: that of a plant that has blown up cannot."""
+    """Return whether the state can be encoded; that of a diverged plant cannot."""
     return isfinite(arena[at.position]) and isfinite(arena[at.velocity])

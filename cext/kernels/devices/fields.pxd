@@ -1,6 +1,6 @@
-"""Numbers in fields of bits, as MIT's firmware has them and every drive after it.
+"""Numbers in bit fields, as in the firmware of MIT's drives and those derived from it.
 
-A code is (x - low) (2^n - 1) / (high - low), truncated and clamped: it never wraps, and what is not a number is the lowest code.
+A code is (x - low) (2^n - 1) / (high - low), truncated and clamped: it never wraps, and NaN is the lowest code.
 """
 
 from libc.stdint cimport uint32_t
@@ -16,7 +16,7 @@ cdef inline uint32_t to_code(double x, double low, double high, int bits) noexce
 
 
 cdef inline uint32_t to_code_inward(double x, double half, int bits) noexcept nogil:
-    """The code of a range -half to half whose value is next to x, and nearer to zero."""
+    """Return the code in a range of -half to half whose value is next to x, towards zero."""
     return (1 << bits) - 1 - to_code(-x, -half, half, bits) if x < 0.0 else to_code(x, -half, half, bits)
 
 

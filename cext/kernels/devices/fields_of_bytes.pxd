@@ -1,4 +1,4 @@
-"""Numbers in bytes, the least significant first, by the code of their type. (blocks/sensors/fields.py)"""
+"""Numbers in bytes, least significant first, by the code of their type. (blocks/sensors/fields.py)"""
 
 from libc.math cimport rint
 from libc.stdint cimport int8_t, int16_t, int32_t, int64_t, uint8_t, uint16_t, uint32_t
@@ -37,11 +37,11 @@ cdef inline double number(const uint8_t *data, int kind) noexcept nogil:
 
 
 cdef inline double inside(double x, double low, double high) noexcept nogil:
-    return high if x > high else low if not x > low else x          # what is not a number is the lowest
+    return high if x > high else low if not x > low else x          # NaN becomes the lowest
 
 
 cdef inline void put_number(uint8_t *data, int kind, double x) noexcept nogil:
-    """Rounded and kept inside of what the type can say."""
+    """Write x, rounded and clamped to the range of the type."""
     cdef int64_t whole
     cdef float single = <float>x
     cdef int bits = 8 * size_of(kind)
@@ -57,4 +57,4 @@ cdef inline void put_number(uint8_t *data, int kind, double x) noexcept nogil:
         whole = <int64_t>inside(rint(x), 0.0, span - 1.0)
     else:
         whole = <int64_t>inside(rint(x), -0.5 * span, 0.5 * span - 1.0)
-    memcpy(data, &whole, size_of(kind))                               # of the processors that this runs on, all begin with the least
+    memcpy(data, &whole, size_of(kind))                               # supported processors are little-endian

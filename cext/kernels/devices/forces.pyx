@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""Forces out of what a sensor's amplifier or divider says."""
+"""Forces from the signal of a sensor's amplifier or voltage divider."""
 
 from libc.math cimport NAN
 from libc.stdint cimport int32_t
@@ -16,7 +16,8 @@ LOAD_CELL = items((<LoadCell *>ITEMS)[0], "taring[6]")
 
 
 cdef int load_cell_kernel(double *arena, const LoadCell *at, const LoadCell *sizes) noexcept nogil:
-    arena[at.force] = tared(arena + at.taring, arena[at.signal], arena[at.tare] != 0.0) * arena[at.capacity] / arena[at.at_capacity]
+    arena[at.force] = tared(arena + at.taring, arena[at.signal],
+        arena[at.tare] != 0.0) * arena[at.capacity] / arena[at.at_capacity]
     return OK
 
 

@@ -1,7 +1,11 @@
 # cython: freethreading_compatible=True
-"""Inputs and outputs of the computer itself: edges as Linux tells them, struct gpio_v2_line_event of <linux/gpio.h>, 48 bytes each.
+"""GPIO lines of the computer: edges as Linux's struct gpio_v2_line_event of <linux/gpio.h>, 48 bytes each.
 
-    0   ns, on the clock of the run    8   kind, 1 rising, 2 falling   12   line   16   number of the event, of all lines   20   of this line
+    0   ns, on the clock of the run
+    8   kind, 1 rising, 2 falling
+    12  line
+    16  number of the event, counted over all lines
+    20  number of the event, counted over this line
 """
 
 from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t
@@ -25,23 +29,23 @@ cdef inline uint32_t u32(const uint8_t *data) noexcept nogil:
 
 cdef struct Line:
     int32_t on, known, rises, falls, rise_time, fall_time, missed
-    int32_t state               # number of the newest event of this line + 1, or 0
+    int32_t state               # number of this line's newest event + 1, or 0
 
 LINE = items((<Line *>ITEMS)[0])
 
 
 cdef int edge(double *arena, const Line *at, const uint8_t *data) noexcept nogil:
-    """TAKEN, or MALFORMED for an event of no kind that there is."""
+    """Return TAKEN, or MALFORMED for an event of an unknown kind."""
     cdef double *state = arena + at.state
     cdef uint32_t kind = u32(data + 8)
     cdef uint32_t number = u32(data + 20)
-    cdef uint32_t wanted = <uint32_t><int64_t>state[0]              # the numbers begin anew behind the largest
+    cdef uint32_t expected = <uint32_t><int64_t>state[0]            # wraps after the largest number
     cdef int64_t when
     if kind != RISING and kind != FALLING:
         return MALFORMED
     memcpy(&when, data, sizeof(int64_t))
-    if state[0] > 0.0 and number != wanted:                    # the kernel's own queue was full
-        arena[at.missed] += <double>(<uint32_t>(number - wanted))
+    if state[0] > 0.0 and number != expected:                  # the kernel's own queue was full
+        arena[at.missed] += <double>(<uint32_t>(number - expected))
     state[0] = number + 1.0
     arena[at.on] = kind == RISING
     arena[at.known] = 1.0
@@ -83,13 +87,13 @@ SWITCH = items((<Switch *>ITEMS)[0])
 
 
 cdef int estop_decode_kernel(double *arena, const Switch *at, const Switch *sizes, const Frame *frame) noexcept nogil:
-    """Active is released: a contact that opens, a broken wire and a line that is gone all press it."""
+    """Decode an emergency stop. Active is released: an open contact, a broken wire and a lost line count as pressed."""
     cdef bint pressed = False
     cdef int offset = 0
     if frame.id == LEVEL and frame.length == 1:
         pressed = frame.data[0] == 0
     elif frame.id == BYTES and frame.length % EVENT == 0 and frame.length > 0:
-        while offset < frame.length:                                # a press that has been let go within one read is one
+        while offset < frame.length:                                # a press released within one read counts
             pressed = pressed or u32(&frame.data[offset + 8]) != RISING
             offset += EVENT
     else:
@@ -103,13 +107,13 @@ cdef int estop_decode_kernel(double *arena, const Switch *at, const Switch *size
 
 
 cdef int estop_encode_kernel(double *arena, const Switch *at, const Switch *sizes, Frame *frames) noexcept nogil:
-    # Sends nothing. Devices encode before any frame of a tick goes out, and one that refuses keeps back all of them.
+    # Sends nothing. All devices encode before any frame of a tick is sent; if one rejects its command, none is sent.
     return -ESTOP if arena[at.state] != 0.0 or arena[at.pressed] != 0.0 or arena[at.known] == 0.0 else 0
 
 
 cdef struct Pulse:
     int32_t pulse, high, duration
-    int32_t state               # time at which the pulse ends, s; whether there was one at the start; level that was sent
+    int32_t state               # end of the pulse, s; whether there was one at the start; level sent
 
 PULSE = items((<Pulse *>ITEMS)[0], "state[3]")
 
@@ -117,7 +121,7 @@ PULSE = items((<Pulse *>ITEMS)[0], "state[3]")
 cdef int sync_encode(double *arena, const Pulse *at, const Pulse *sizes, Frame *frames) noexcept nogil:
     cdef double *state = arena + at.state
     cdef bint high
-    if state[1] == 0.0 or arena[at.pulse] != 0.0:         # NaN is a pulse
+    if state[1] == 0.0 or arena[at.pulse] != 0.0:         # NaN counts as a pulse
         state[0] = arena[TIME] + arena[at.duration] - 1e-9
         state[1] = 1.0
     high = arena[TIME] < state[0]
@@ -137,13 +141,13 @@ cdef int gpio_decode(double *arena, const int32_t *slots, const int32_t *sizes, 
 
 cdef struct Emulated:
     int32_t level, lost
-    int32_t state               # level that was sent + 1, or 0; events so far; whether the line is lost
+    int32_t state               # level sent + 1, or 0; events so far; whether the line is lost
 
 EMULATED = items((<Emulated *>ITEMS)[0], "state[3]")
 
 
 cdef int gpio_encode(double *arena, const Emulated *at, const Emulated *sizes, Frame *frames) noexcept nogil:
-    """Its level at first, then an event an edge."""
+    """Send the level first, then one event per edge."""
     cdef double *state = arena + at.state
     cdef bint level = not arena[at.level] == 0.0
     cdef bint lost = not arena[at.lost] == 0.0

@@ -1,7 +1,11 @@
 # cython: freethreading_compatible=True
 """Game controllers and keyboards: Linux's struct input_event of <linux/input.h>, 24 bytes each.
 
-    0   s      8   µs     16   kind, 0 of the stream itself, 1 a key or button, 3 an axis    18   code    20   value, of a key 1 down, 0 up, 2 held
+    0   s
+    8   µs
+    16  kind: 0 the stream itself, 1 a key or button, 3 an axis
+    18  code
+    20  value; of a key 1 down, 0 up, 2 held
 """
 
 from libc.math cimport fabs, isfinite, rint
@@ -22,7 +26,7 @@ cdef enum:
     STREAM = 0
     KEY = 1
     AXIS = 3
-    DROPPED = 3                 # code of a STREAM event: some were lost
+    DROPPED = 3                 # code of a STREAM event: events were lost
 
 
 cdef inline uint32_t u16(const uint8_t *data) noexcept nogil:
@@ -30,7 +34,7 @@ cdef inline uint32_t u16(const uint8_t *data) noexcept nogil:
 
 
 cdef inline double share(double value, double low, double high, double dead) noexcept nogil:
-    """Of an axis, -1 to 1 and 0 about its middle."""
+    """Return the position of an axis, -1 to 1, 0 around its centre."""
     cdef double x = 2.0 * (value - low) / (high - low) - 1.0
     x = 1.0 if x > 1.0 else -1.0 if x < -1.0 else x
     return 0.0 if fabs(x) <= dead else (x - dead if x > 0.0 else x + dead) / (1.0 - dead)
@@ -44,7 +48,7 @@ CONTROLS = items((<Controls *>ITEMS)[0], "plan[...]")
 
 
 cdef void release_all(double *arena, const Controls *at, const Controls *sizes) noexcept nogil:
-    """The state of the device is unknown: nothing is held down."""
+    """Release all keys and buttons, since the state of the device is unknown."""
     cdef int index
     for index in range(sizes.plan // WORDS):
         arena[each(at, at.outputs)[index]] = 0.0
@@ -77,12 +81,14 @@ cdef int decode_kernel(double *arena, const Controls *at, const Controls *sizes,
         for index in range(count):
             if kind == <uint32_t>plan[WORDS * index + KIND] and code == <uint32_t>plan[WORDS * index + CODE]:
                 arena[outputs[index]] = (
-                    share(value, plan[WORDS * index + LOW], plan[WORDS * index + HIGH], dead) if kind == AXIS else value != 0)
+                    share(value, plan[WORDS * index + LOW], plan[WORDS * index + HIGH],
+                        dead) if kind == AXIS else value != 0)
     arena[at.connected] = 1.0
     return TAKEN
 
 
-cdef int emulated_decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
+cdef int emulated_decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes,
+        const Frame *frame) noexcept nogil:
     return FOREIGN
 
 
@@ -94,7 +100,7 @@ EMULATED = items((<Emulated *>ITEMS)[0], "plan[...] last[...]")
 
 
 cdef int emulated_encode_kernel(double *arena, const Emulated *at, const Emulated *sizes, Frame *frames) noexcept nogil:
-    """An event for what has changed, at most four a tick."""
+    """Send an event for each change, at most four per tick."""
     cdef const int32_t *inputs = each(at, at.inputs)
     cdef const double *plan = arena + at.plan
     cdef double *last = arena + at.last
@@ -109,7 +115,8 @@ cdef int emulated_encode_kernel(double *arena, const Emulated *at, const Emulate
         value = <int32_t>(arena[inputs[index]] != 0.0)
         if kind == AXIS:
             value = <int32_t>rint(plan[WORDS * index + LOW]
-                                  + 0.5 * (1.0 + arena[inputs[index]]) * (plan[WORDS * index + HIGH] - plan[WORDS * index + LOW]))
+                                  + 0.5 * (1.0 + arena[inputs[index]]) * (plan[WORDS * index + HIGH]
+                                      - plan[WORDS * index + LOW]))
         if value == <int32_t>last[index] or count == 4:
             continue
         last[index] = value

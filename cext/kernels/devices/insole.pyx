@@ -1,12 +1,13 @@
 # cython: freethreading_compatible=True
-"""Pressure insoles: frames of pressures out of bytes as they come, what they sum to, and the steps that show in it.
+"""Pressure insoles: frames of pressures in a byte stream, their sums, and the detection of steps.
 
     0   "SOLE"          4   version, 1          5   side, 0 left, 1 right       6   number of the frame, two bytes
     8   rows            9   columns            10   reserved, two bytes        12   µs of the sender's clock, four bytes
-   16   pressures of the cells, row by row from the heel, in each from the wearer's left, two bytes each, in 10 Pa; 65535 is no cell
+   16   pressures of the cells, row by row from the heel, in each row from the wearer's left, two bytes each, in 10 Pa;
+        65535: no cell
         CRC-16/CCITT-FALSE of all before it, two bytes
 
-Least significant bytes first. A frame whose checksum is wrong is given up, and the next one is looked for behind its first byte.
+Least significant bytes first. A frame with a wrong checksum is dropped, and the search resumes after its first byte.
 """
 
 from libc.math cimport NAN, fabs, isfinite, rint
@@ -24,18 +25,18 @@ from cext.ring.newest_ring cimport GAP, START
 from cext.lines.stream_frames cimport BYTES
 
 cdef enum: # in `plan`
-    ROWS, COLUMNS, SIDE, LENGTH, WIDTH, LEAST, DATAGRAMS, CLOCKED
+    ROWS, COLUMNS, SIDE, LENGTH, WIDTH, FORCE_MINIMUM, DATAGRAMS, CLOCKED
 
 cdef enum: # in `parsed`
     FILLED
     NEXT                        # number of the next frame, -1: any
-    WHOLE                       # whether a frame has ended where this one begins
+    WHOLE                       # whether a frame ended directly before this one
 
 cdef enum:
     HEADER = 16
     NO_CELL = 65535
     UNIT = 10                   # Pa
-    MOST = 65536                # bytes of a frame that is emulated
+    FRAME_LIMIT = 65536         # bytes of an emulated frame
 
 cdef enum: # in `state` of an emulated insole
     NUMBER, DUE, LUCK, FROM, UNTIL
@@ -56,13 +57,14 @@ cdef inline int bytes_of(const double *plan) noexcept nogil:
 
 
 cdef inline bint begins(const uint8_t *data, int count) noexcept nogil:
-    """Whether these may be the first bytes of a frame."""
-    return ((count < 1 or data[0] == 83) and (count < 2 or data[1] == 79) and (count < 3 or data[2] == 76) and (count < 4 or data[3] == 69)
+    """Return whether these bytes may be the start of a frame."""
+    return ((count < 1 or data[0] == 83) and (count < 2 or data[1] == 79) and (count < 3 or data[2] == 76)
+        and (count < 4 or data[3] == 69)
             and (count < 5 or data[4] == 1))
 
 
 cdef void look_on(double *state, uint8_t *data) noexcept nogil:
-    """Give up what begins here: the next frame may begin behind its first byte."""
+    """Drop the first byte: the next frame may begin after it."""
     cdef int filled = <int>state[FILLED]
     cdef int at = 1
     while at < filled and not begins(data + at, filled - at):
@@ -82,8 +84,9 @@ cdef struct Insole:
 INSOLE = items((<Insole *>ITEMS)[0], "centre[2] regions[...] plan[8] bounds[...] parsed[3] buffer[...] mapped[46]")
 
 
-cdef void sum_up(double *arena, const Insole *at, const Insole *sizes, const double *plan, const uint8_t *cells) noexcept nogil:
-    """Force, centre of pressure and sums of regions. x is forward from the heel's end, y to the left from the middle."""
+cdef void sum_up(double *arena, const Insole *at, const Insole *sizes, const double *plan,
+        const uint8_t *cells) noexcept nogil:
+    """Compute force, centre of pressure and sums of regions. x is forward from the heel, y left from the middle."""
     cdef const double *bounds = arena + at.bounds
     cdef double *regions = arena + at.regions
     cdef int rows = <int>plan[ROWS]
@@ -113,14 +116,14 @@ cdef void sum_up(double *arena, const Insole *at, const Insole *sizes, const dou
             across += pressed * (0.5 * columns - column - 0.5)
             regions[region] += pressed
     arena[at.force] = total
-    arena[at.centre] = along / total * plan[LENGTH] / rows if total >= plan[LEAST] else NAN
-    arena[at.centre + 1] = across / total * plan[WIDTH] / columns if total >= plan[LEAST] else NAN
+    arena[at.centre] = along / total * plan[LENGTH] / rows if total >= plan[FORCE_MINIMUM] else NAN
+    arena[at.centre + 1] = across / total * plan[WIDTH] / columns if total >= plan[FORCE_MINIMUM] else NAN
     arena[at.dead] = dead
 
 
 cdef int whole_frame(double *arena, const Insole *at, const Insole *sizes, const double *plan, double *state,
                      const uint8_t *data, double came) noexcept nogil:
-    """TAKEN, NOTED for one of the other foot, MALFORMED"""
+    """Return TAKEN, NOTED for a frame of the other foot, or MALFORMED."""
     cdef int size = bytes_of(plan)
     cdef uint32_t number = u16(data + 6)
     cdef DeviceClock *clock = <DeviceClock *>(arena + at.mapped)
@@ -151,7 +154,7 @@ cdef int decode_kernel(double *arena, const Insole *at, const Insole *sizes, con
     cdef bint corrupt = False
     cdef int i, answer
     if frame.id != BYTES or frame.flags & GAP or (frame.flags & START and plan[DATAGRAMS] != 0.0):
-        if frame.id == BYTES and not frame.flags & GAP and state[FILLED] > 0.0:     # a datagram that was cut short
+        if frame.id == BYTES and not frame.flags & GAP and state[FILLED] > 0.0:     # a truncated datagram
             arena[at.corrupt] += 1.0
             corrupt = True
         state[FILLED] = 0.0
@@ -162,7 +165,7 @@ cdef int decode_kernel(double *arena, const Insole *at, const Insole *sizes, con
         data[<int>state[FILLED]] = frame.data[i]
         state[FILLED] += 1.0
         if state[FILLED] <= 5.0 and not begins(data, <int>state[FILLED]):
-            if state[WHOLE] != 0.0:                                                 # something else than a frame, once
+            if state[WHOLE] != 0.0:                                                 # not a frame; counted once
                 arena[at.corrupt] += 1.0
                 corrupt = True
                 state[WHOLE] = 0.0
@@ -184,14 +187,14 @@ cdef int decode_kernel(double *arena, const Insole *at, const Insole *sizes, con
 
 
 cdef inline double hat(double distance, double reach) noexcept nogil:
-    """1 at its top and 0 at its reach: with whole reaches its samples keep sum and mean."""
+    """Return a weight, 1 at the centre and 0 at `reach`; for an integer reach, its samples preserve sum and mean."""
     distance = fabs(distance) / reach
     return (1.0 - distance) / reach if distance < 1.0 else 0.0
 
 
 cdef struct Emulated:
     int32_t force, centre, silent, dropped, broken, period, plan, state
-    int32_t waiting             # bytes that wait to be sent
+    int32_t waiting             # bytes to be sent
 
 EMULATED = items((<Emulated *>ITEMS)[0], "centre[2] plan[8] state[5] waiting[...]")
 
@@ -218,7 +221,8 @@ cdef int make_frame(double *arena, const Emulated *at, const double *plan, doubl
     for row in range(rows):
         for column in range(columns):
             raw = rint(arena[at.force] * hat(row - at_row, high) * hat(column - at_column, wide) / (area * UNIT))
-            put16(out + HEADER + 2 * (row * columns + column), 0 if not raw > 0.0 else NO_CELL - 1 if raw >= NO_CELL else <uint32_t>raw)
+            put16(out + HEADER + 2 * (row * columns + column), 0 if not raw > 0.0 else NO_CELL - 1 if raw >= NO_CELL
+                else <uint32_t>raw)
     put16(out + size - 2, checksum(out, size - 2))
     return size
 
@@ -255,7 +259,7 @@ cdef int send_encode(double *arena, const Emulated *at, const Emulated *sizes, F
 
 cdef struct Contact:
     int32_t force, heel, contact, heel_strike, toe_off, press, release, heel_share, shortest
-    int32_t state               # whether the foot is on the ground; time since that changed, s
+    int32_t state               # whether the foot is on the ground; time since that change, s
 
 CONTACT = items((<Contact *>ITEMS)[0], "state[2]")
 

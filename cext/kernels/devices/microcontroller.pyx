@@ -1,11 +1,11 @@
 # cython: freethreading_compatible=True
-"""Packets of a microcontroller, out of bytes as they come: typed fields in COBS with a checksum, or lines of numbers.
+"""Packets of a microcontroller in a byte stream: typed fields in COBS with a checksum, or lines of numbers.
 
-    packet    counter (one byte), fields, checksum, least significant byte first; stuffed, so that zero ends it and is nowhere else
-    line      counter, numbers, with commas between, a line feed at the end; what begins with # is a remark
+    packet    counter (one byte), fields, checksum, least significant byte first; COBS-encoded, with a zero at the end
+    line      counter and numbers, separated by commas, a line feed at the end; a line that begins with # is a comment
 
-The rest of a packet whose beginning was not heard, at the start or behind a gap, is no corrupt one. That of a line is not even read:
-without its first digits a number is another, and no checksum tells.
+The rest of a packet without its beginning, at the start or after a gap, does not count as corrupt. The rest of a line
+is skipped: without its first digits a number is wrong, and no checksum reveals it.
 """
 
 from libc.math cimport isfinite
@@ -38,7 +38,7 @@ cdef extern from *:
     void prepare "tw_prepare"() noexcept nogil
     double number_of "tw_number"(const char *text, char **end) noexcept nogil
 
-cdef enum: # in `plan`; behind them the type and the scale of each field
+cdef enum: # in `plan`, followed by the type and scale of each field
     LINES                       # whether packets come as lines
     COUNTED                     # whether there is a counter
     SIZE                        # bytes of a packet's fields
@@ -46,20 +46,20 @@ cdef enum: # in `plan`; behind them the type and the scale of each field
 
 cdef enum: # in `parsed`
     FILLED                      # bytes in `buffer`
-    WHOLE                       # whether it was heard from its beginning
+    WHOLE                       # whether it was received from its beginning
     TOO_LONG
-    NEXT                        # counter that is expected, -1: any
+    NEXT                        # expected counter, -1: any
 
 cdef enum: # in `state`
     NUMBER                      # counter of the next packet
     DUE                         # s
     LUCK
-    FROM                        # bytes that wait,
+    FROM                        # range of the bytes to be sent
     UNTIL
 
 cdef enum:
-    MOST = 256                  # bytes of a packet as it goes over the line
-    LINE = 1024                 # of a line
+    PACKET_LIMIT = 256          # bytes of an encoded packet
+    LINE = 1024                 # bytes of a line
 
 
 cdef struct Driver:
@@ -67,7 +67,8 @@ cdef struct Driver:
     int32_t plan                # the enum above
     int32_t parsed              # the enum above
     int32_t buffer              # bytes of the packet that is being received
-    int32_t clock_plan          # which of the numbers is the device's clock, -1: none; s of a count; s after which it wraps, 0: never
+    # index of the device's clock among the numbers, -1: none; s per count; s until it wraps, 0: never
+    int32_t clock_plan
     int32_t mapped              # a DeviceClock
     Rest outputs                # fields, in the order of `plan`
 
@@ -78,8 +79,9 @@ cdef inline int fields(int plan_size) noexcept nogil:
     return (plan_size - FIRST_FIELD) // 2
 
 
-cdef void put(double *arena, const Driver *at, const Driver *sizes, const double *plan, const double *values) noexcept nogil:
-    """The values of a packet, scaled, to the outputs."""
+cdef void put(double *arena, const Driver *at, const Driver *sizes, const double *plan,
+        const double *values) noexcept nogil:
+    """Write the scaled values of a packet to the outputs."""
     cdef int field, i
     cdef int offset = 0
     cdef double *y
@@ -91,7 +93,7 @@ cdef void put(double *arena, const Driver *at, const Driver *sizes, const double
 
 
 cdef void count(double *arena, const Driver *at, double *state, double counter) noexcept nogil:
-    """A packet, and those that the counter says are missing in front of it."""
+    """Count a packet, and those missing before it by the counter."""
     arena[at.received] += 1.0
     if counter < 0.0:
         return
@@ -101,7 +103,7 @@ cdef void count(double *arena, const Driver *at, double *state, double counter) 
 
 
 cdef void note_time(double *arena, const Driver *at, const double *values, double came) noexcept nogil:
-    """When the packet was taken: by its own clock, or else when it came. came : s"""
+    """Return the sampling time of a packet by its own clock, else its arrival. came : s, arrival"""
     cdef const double *plan = arena + at.clock_plan
     cdef DeviceClock *clock = <DeviceClock *>(arena + at.mapped)
     if plan[0] >= 0.0:
@@ -112,8 +114,8 @@ cdef void note_time(double *arena, const Driver *at, const double *values, doubl
 
 cdef int packet(double *arena, const Driver *at, const Driver *sizes, double *state, const double *plan, uint8_t *data,
                 double came) noexcept nogil:
-    """What stood in front of a zero. TAKEN, or MALFORMED"""
-    cdef double[MOST] values
+    """Decode the bytes before a zero. Returns TAKEN or MALFORMED."""
+    cdef double[PACKET_LIMIT] values
     cdef int size = <int>plan[SIZE]
     cdef int counted = <int>plan[COUNTED]
     cdef int length = unstuff(data, <int>state[FILLED])
@@ -136,8 +138,8 @@ cdef int packet(double *arena, const Driver *at, const Driver *sizes, double *st
 
 cdef int line(double *arena, const Driver *at, const Driver *sizes, double *state, const double *plan, uint8_t *data,
               double came) noexcept nogil:
-    """What stood in front of a line feed. TAKEN, NOTED for a remark, or MALFORMED"""
-    cdef double[MOST] values
+    """Decode the text before a line feed. Returns TAKEN, NOTED for a comment, or MALFORMED."""
+    cdef double[PACKET_LIMIT] values
     cdef int length = <int>state[FILLED]
     cdef int wanted = <int>plan[COUNTED]
     cdef int counted = wanted
@@ -161,7 +163,7 @@ cdef int line(double *arena, const Driver *at, const Driver *sizes, double *stat
         if offset[0] != (44 if i < wanted - 1 else 0):
             return MALFORMED
         offset += 1
-    if offset - 1 != <char *>data + length:             # a zero within
+    if offset - 1 != <char *>data + length:             # contains a zero
         return MALFORMED
     if counted and not 0.0 <= values[0] < 4294967296.0:
         return MALFORMED
@@ -177,11 +179,12 @@ cdef int decode_kernel(double *arena, const Driver *at, const Driver *sizes, con
     cdef uint8_t *data = <uint8_t *>(arena + at.buffer)
     cdef bint lines = plan[LINES] != 0.0
     cdef uint8_t end = 10 if lines else 0
-    cdef int room = (LINE if lines else MOST) - 1
+    cdef int room = (LINE if lines else PACKET_LIMIT) - 1
     cdef bint taken = False
     cdef bint corrupt = False
     cdef int i, answer
-    if frame.id != BYTES or frame.flags & GAP:      # gone, back, or something was missed: what there is of a packet stays a part
+    # the line was lost or restored, or bytes were lost: the packet so far remains incomplete
+    if frame.id != BYTES or frame.flags & GAP:
         state[FILLED] = state[WHOLE] = state[TOO_LONG] = 0.0
     if frame.id != BYTES:
         return NOTED
@@ -211,14 +214,15 @@ cdef int decode_kernel(double *arena, const Driver *at, const Driver *sizes, con
 cdef struct Emulated:
     int32_t silent, dropped, broken, period
     int32_t plan, state         # the enums above
-    int32_t waiting             # bytes that wait to be sent
+    int32_t waiting             # bytes to be sent
     Rest inputs                 # fields, in the order of `plan`
 
 EMULATED = items((<Emulated *>ITEMS)[0], "plan[...] state[5] waiting[...]")
 
 
-cdef int make_packet(double *arena, const Emulated *at, const Emulated *sizes, const double *plan, double counter, uint8_t *out) noexcept nogil:
-    cdef uint8_t[MOST] plain
+cdef int make_packet(double *arena, const Emulated *at, const Emulated *sizes, const double *plan, double counter,
+        uint8_t *out) noexcept nogil:
+    cdef uint8_t[PACKET_LIMIT] plain
     cdef int offset = 0
     cdef int field, i, kind
     cdef int crc
@@ -235,7 +239,8 @@ cdef int make_packet(double *arena, const Emulated *at, const Emulated *sizes, c
     return stuff(plain, offset + 2, out)
 
 
-cdef int make_line(double *arena, const Emulated *at, const Emulated *sizes, const double *plan, double counter, uint8_t *out) noexcept nogil:
+cdef int make_line(double *arena, const Emulated *at, const Emulated *sizes, const double *plan, double counter,
+        uint8_t *out) noexcept nogil:
     cdef char *text = <char *>out
     cdef int offset = 0
     cdef int field, i
@@ -243,7 +248,8 @@ cdef int make_line(double *arena, const Emulated *at, const Emulated *sizes, con
         offset = snprintf(text, LINE, "%d,", <int>counter)
     for field in range(fields(sizes.plan)):
         for i in range(each(sizes, sizes.inputs)[field]):
-            offset += snprintf(text + offset, LINE - offset, "%.9g,", arena[each(at, at.inputs)[field] + i] / plan[FIRST_FIELD + 2 * field + 1])
+            offset += snprintf(text + offset, LINE - offset, "%.9g,",
+                arena[each(at, at.inputs)[field] + i] / plan[FIRST_FIELD + 2 * field + 1])
     text[offset - 1] = 10
     return offset
 

@@ -1,6 +1,7 @@
-"""MIT mode, which the boards of several vendors speak: 64 bits of a command, p16 v12 kp12 kd12 t12, most significant bit first.
+"""MIT mode, which boards of several vendors support.
 
-`wire` has half the range of each, in this order.
+A command has 64 bits: p16 v12 kp12 kd12 t12, most significant bit first. `wire` contains half the range of each, in
+this order.
 """
 
 from libc.math cimport copysign, fabs, isfinite
@@ -11,12 +12,13 @@ from cext.abi cimport AUTHORITY, NOT_FINITE, OK, OUT_OF_LIMITS, PERIOD, Frame
 from cext.kernels.devices.drive_law cimport Known, Law, keep_inside
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
 
-cdef struct Mit:                # of blocks.actuators.joint.Joint; a family has these in a struct of its own
+cdef struct Mit:                # of blocks.actuators.joint.Joint; each family's struct contains it
     int32_t position_command, velocity_command, torque_command, stiffness_command, damping_command
     int32_t position, velocity, torque, temperature, fault, age, torque_sent, limited
     int32_t can_id, invert, offset, max_acceleration
     int32_t wire                # position, velocity, stiffness, damping, torque: half ranges at the joint
-    int32_t limits              # of the five commands, of the drive's whole law, and the share of stiffness and damping allowed
+    # of the five commands and the drive's whole law; permitted fraction of stiffness and damping
+    int32_t limits
     int32_t sent                # position, velocity, stiffness, damping and torque of the last frame
 
 cdef inline str mit_sizes(): return "wire[5] limits[7] sent[5]"
@@ -58,7 +60,7 @@ cdef inline bint all_ones(const uint8_t *data, int count) noexcept nogil:
 
 cdef inline bint limit_law(
         double *arena, const Mit *at, double position_step, double velocity_step, Law *law) noexcept nogil:
-    """Keep a law that has stiffness or damping inside its limit. Returns whether it was changed."""
+    """Limit a law with stiffness or damping. Returns whether it was changed."""
     cdef double *wire = arena + at.wire
     cdef double *limits = arena + at.limits
     cdef Known known
@@ -72,9 +74,9 @@ cdef inline bint limit_law(
 
 cdef inline int quantise(
         double *arena, const Mit *at, double position_step, double velocity_step, Codes *codes) noexcept nogil:
-    """The codes of a tick's command, and what of it is sent. OK, or why there are none.
+    """Compute the codes of a tick's command, and the values they represent. Returns OK or the reason for rejection.
 
-    position_step, velocity_step : what one code means, of the command or of the feedback, whichever is coarser
+    position_step, velocity_step : size of one code, of the command or of the feedback, whichever is coarser
     """
     cdef double *wire = arena + at.wire
     cdef double *limits = arena + at.limits
@@ -90,7 +92,8 @@ cdef inline int quantise(
             and isfinite(law.torque)):
         return NOT_FINITE
     if (not -limits[0] <= law.position <= limits[0] or not -limits[1] <= law.velocity <= limits[1]
-            or not 0.0 <= law.stiffness <= limits[2] or not 0.0 <= law.damping <= limits[3] or not -limits[4] <= law.torque <= limits[4]):
+            or not 0.0 <= law.stiffness <= limits[2] or not 0.0 <= law.damping <= limits[3]
+            or not -limits[4] <= law.torque <= limits[4]):
         return OUT_OF_LIMITS
     if not (0.0 <= share <= 1.0 and limits[5] >= 0.0):
         return OUT_OF_LIMITS    # with NaN it would be full torque
@@ -115,7 +118,7 @@ cdef inline int quantise(
 
 
 cdef inline int encode_command(double *arena, const Mit *at, Frame *frame) noexcept nogil:
-    """The one frame of a tick, to the drive's id; or below zero, why there is none."""
+    """Encode the frame of a tick to the drive's id. Returns 1, or the negated reason for rejection."""
     cdef double *wire = arena + at.wire
     cdef Codes codes
     cdef int status = quantise(arena, at, 2.0 * wire[0] / 0xFFFF, 2.0 * wire[1] / 0xFFF, &codes)
@@ -129,7 +132,7 @@ cdef inline int encode_command(double *arena, const Mit *at, Frame *frame) noexc
 
 
 cdef inline void decode_motion(double *arena, const Mit *at, const uint8_t *data) noexcept nogil:
-    """p16 v12 t12 of a reply, behind the id of the drive."""
+    """Decode p16 v12 t12 of a reply, after the id of the drive."""
     cdef double *wire = arena + at.wire
     cdef double sign = -1.0 if arena[at.invert] != 0.0 else 1.0
     arena[at.position] = sign * from_code(<uint32_t>data[1] << 8 | data[2], -wire[0], wire[0], 16) - arena[at.offset]
@@ -139,7 +142,7 @@ cdef inline void decode_motion(double *arena, const Mit *at, const uint8_t *data
 
 cdef inline void pack_motion(
         uint8_t *data, uint32_t id, const double *wire, double position, double velocity, double torque) noexcept nogil:
-    """The first six bytes of a reply."""
+    """Encode the first six bytes of a reply."""
     cdef uint32_t p = to_code(position, -wire[0], wire[0], 16)
     cdef uint32_t v = to_code(velocity, -wire[1], wire[1], 12)
     cdef uint32_t t = to_code(torque, -wire[4], wire[4], 12)

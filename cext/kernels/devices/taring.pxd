@@ -1,17 +1,17 @@
-"""Taring: what a sensor says without a load is measured as a mean and taken away from then on."""
+"""Taring: the mean of a sensor's reading without load, subtracted from then on."""
 
 cdef enum: # of the memory of a tare
-    ZERO                        # that is taken away
-    SUM                         # of what was measured in this tare,
-    COUNTED                     # in so many samples,
-    WANTED                      # of so many
-    RUNNING                     # whether it goes on
-    ASKED                       # whether it was asked for a sample ago
+    ZERO                        # value to subtract
+    SUM                         # of the samples of this tare
+    COUNTED                     # number of samples in the sum
+    WANTED                      # number of samples of a tare
+    RUNNING                     # whether a tare is in progress
+    ASKED                       # whether it was requested one sample ago
     TARE_WORDS
 
 
 cdef inline double tared(double *tare, double x, bint asked) noexcept nogil:
-    """x without its zero. A tare begins where it is asked for anew; while it goes on the mean of what has come so far is the zero."""
+    """Return x minus the zero. A rising request starts a tare; until it ends, the zero is the mean so far."""
     if asked and tare[ASKED] == 0.0:
         tare[SUM], tare[COUNTED], tare[RUNNING] = 0.0, 0.0, 1.0
     tare[ASKED] = asked

@@ -310,7 +310,7 @@ def test_arming_again_reads_the_time_out_back_again():
     with Diagram("plant", rate=1000) as plant:
         knee.emulator(name="drive")(position=0.0, velocity=0.0)
     rig = Rig(robot, plant)
-    outcome = rig.run(600, fade=0.0, rearm=[rig.schedule.inputs["again"]["request"]], told=lambda what, outcome: None)
+    outcome = rig.run(600, fade=0.0, rearm=[rig.schedule.inputs["again"]["request"]], notify=lambda what, outcome: None)
     reads = [frame.time for frame in rig.frames if frame.sent and frame.id == 0x305]
     questions = [frame.time for frame in rig.frames if frame.sent and frame.data == QUESTION]
     assert outcome.status == "ok" and len(outcome.faults) == 1 and len(reads) == 2

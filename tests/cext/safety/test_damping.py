@@ -117,7 +117,7 @@ def test_drive_waiting_to_rearm_is_not_damped_again_at_run_end():
         damp(robot, stop_time=0.1)(torque_command=TorqueLimiter(limit=10.0, slew=math.inf)(Trip(name="trip")(5.0)))
         Rearm(name="again")(Never(name="never")())
     rig = Rig(robot, plant_of(robot))
-    outcome = rig.run(100, fade=0.0, rearm=[rig.schedule.inputs["again"]["request"]], told=lambda *told: None)
+    outcome = rig.run(100, fade=0.0, rearm=[rig.schedule.inputs["again"]["request"]], notify=lambda *arguments: None)
     assert outcome.status == "exception" and rig.tick[-1] == 99
     last = max(frame.time for frame in rig.frames if frame.sent and frame.data == rig.commands()[0])
     assert rig.page.first_tick + 39 * 5_000_000 == last

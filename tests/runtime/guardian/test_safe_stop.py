@@ -68,11 +68,11 @@ def test_stop_is_sent_to_all_drives_at_once_and_every_round(legs):
 def test_drive_that_acknowledges_both_frames_is_confirmed(legs):
     stop, wires = legs
     stop.step(0)
-    stop.hear(0, 0x101, b"", 1)
+    stop.receive(0, 0x101, b"", 1)
     stop.step(STOP_ROUND)  # one answer is not enough, and counts no more
-    stop.hear(0, 0x101, b"", STOP_ROUND + 1)
+    stop.receive(0, 0x101, b"", STOP_ROUND + 1)
     assert stop.report()["confirmed"] == []
-    stop.hear(0, 0x101, b"", STOP_ROUND + 2)
+    stop.receive(0, 0x101, b"", STOP_ROUND + 2)
     assert stop.report()["confirmed"] == ["left"]
     stop.step(2 * STOP_ROUND)
     assert wires[0].sent[8:] == [(2, b"zero"), (2, b"disable")]
@@ -103,7 +103,7 @@ def test_answers_in_the_first_round_may_be_to_the_last_torques_and_confirm_nothi
     stop, wires = legs
     stop.step(0)
     for _ in range(4):
-        stop.hear(0, 0x101, b"", 1)
+        stop.receive(0, 0x101, b"", 1)
     assert stop.report()["confirmed"] == []
     stop.step(STOP_ROUND)
     assert wires[0].sent[4:6] == [(1, b"zero"), (1, b"disable")]
@@ -115,7 +115,7 @@ def test_one_answer_confirms_one_device_though_two_might_have_sent_it():
     stop.step(0)
     stop.step(STOP_ROUND)
     for _ in range(2):
-        stop.hear(0, 0x101, b"", STOP_ROUND + 1)
+        stop.receive(0, 0x101, b"", STOP_ROUND + 1)
     assert stop.report()["confirmed"] == ["left"] and not stop.over
 
 
@@ -124,9 +124,9 @@ def test_stop_ends_when_all_drives_confirm(legs):
     stop.step(0)
     stop.step(STOP_ROUND)
     for bus, identifier, data in ((0, 0x102, b""), (0, 0x101, b""), (1, 0x101, b"\1!")):
-        stop.hear(bus, identifier, data, STOP_ROUND + 1_000_000)
+        stop.receive(bus, identifier, data, STOP_ROUND + 1_000_000)
         assert not stop.over
-        stop.hear(bus, identifier, data, STOP_ROUND + 2_000_000)
+        stop.receive(bus, identifier, data, STOP_ROUND + 2_000_000)
     assert stop.over and stop.report() == {
         "confirmed": ["left", "right", "hip"],
         "unconfirmed": [],
@@ -159,7 +159,7 @@ def test_frame_that_is_not_a_reply_confirms_nothing(legs, bus, identifier, data)
     stop, _ = legs
     stop.step(0)
     for _ in range(4):
-        stop.hear(bus, identifier, data, 1)
+        stop.receive(bus, identifier, data, 1)
     assert "hip" not in stop.report()["confirmed"]
 
 
@@ -168,18 +168,18 @@ def test_drive_is_damped_for_its_time_then_disabled():
     stop = SafeStop([device("knee", 0, 1, damp_time=0.3), device("hip", 0, 2)], {0: wire}, 0)
     for now in range(0, 300_000_000, 1_000_000):
         stop.step(now)
-        stop.hear(0, 0x101, b"", now + 1)  # it answers, which confirms nothing while it is damped
-        stop.hear(0, 0x101, b"", now + 2)
+        stop.receive(0, 0x101, b"", now + 1)  # it answers, which confirms nothing while it is damped
+        stop.receive(0, 0x101, b"", now + 2)
     assert {frame for frame in wire.sent if frame[0] == 1} == {(1, b"damp")} and wire.sent.count((1, b"damp")) == 150
     assert wire.sent.count((2, b"disable")) == 60 and stop.report()["unconfirmed"] == ["knee", "hip"]
     stop.step(300_000_000)
     assert wire.sent[-4:-2] == [(1, b"zero"), (1, b"disable")]
     for now in (300_000_001, 300_000_002):  # to its damping, perhaps
-        stop.hear(0, 0x101, b"", now)
+        stop.receive(0, 0x101, b"", now)
     assert stop.report()["confirmed"] == []
     stop.step(300_000_000 + STOP_ROUND)
     for now in (300_000_001 + STOP_ROUND, 300_000_002 + STOP_ROUND):
-        stop.hear(0, 0x101, b"", now)
+        stop.receive(0, 0x101, b"", now)
     assert stop.report()["confirmed"] == ["knee"] and stop.report()["unconfirmed"] == ["hip"]
     stop.step(500_000_000)
     assert stop.over
@@ -222,12 +222,12 @@ def test_a_drive_that_reports_by_itself_has_confirmed_when_it_draws_no_current(k
     stop.step(0)
     assert wire.sent[-1] == disable
     for data in ("0123456703e81e00", "0123456700201e00", "01234567ffdf1e00"):  # 10, 0.32 and -0.33 A
-        stop.hear(0, 0x80002905, bytes.fromhex(data), 1000)
-        stop.hear(0, 0x80002906, bytes(8), 1000)
+        stop.receive(0, 0x80002905, bytes.fromhex(data), 1000)
+        stop.receive(0, 0x80002906, bytes(8), 1000)
         assert not stop.over
     stop.step(STOP_ROUND)
     assert len(wire.sent) == 4
-    stop.hear(0, 0x80002905, bytes.fromhex("01234567001f1e00"), STOP_ROUND + 1000)
+    stop.receive(0, 0x80002905, bytes.fromhex("01234567001f1e00"), STOP_ROUND + 1000)
     assert stop.over and stop.report()["confirmed"] == ["knee"]
 
 
@@ -258,13 +258,13 @@ def test_the_damping_is_that_of_the_newest_speed_and_of_what_it_can_have_become(
     stop = SafeStop([device("knee", 0, 1, damp_time=1.0, bands=bands, velocity=SPEED)], {0: wire}, 0)
     stop.step(0)
     assert wire.sent == [(1, b"slow")]  # there is no velocity yet
-    stop.hear(1, 0x101, speed_of(0.0), 2_000_000)  # of another bus, of another drive, too short: none of these
-    stop.hear(0, 0x102, speed_of(0.0), 2_000_000)
-    stop.hear(0, 0x101, b"\1\0", 2_000_000)
-    stop.hear(0, 0x101, b"\2\0\0", 2_000_000)
+    stop.receive(1, 0x101, speed_of(0.0), 2_000_000)  # of another bus, of another drive, too short: none of these
+    stop.receive(0, 0x102, speed_of(0.0), 2_000_000)
+    stop.receive(0, 0x101, b"\1\0", 2_000_000)
+    stop.receive(0, 0x101, b"\2\0\0", 2_000_000)
     stop.step(2_000_000)
     assert wire.sent == [(1, b"slow")] * 2
-    stop.hear(0, 0x101, speed_of(velocity), 4_000_000 - 1)
+    stop.receive(0, 0x101, speed_of(velocity), 4_000_000 - 1)
     stop.step(4_000_000 - 1 + age)
     assert wire.sent[2:] == [(1, expected)] if age else wire.sent[2:] == []
     stop.step(4_000_000 + age)
@@ -275,9 +275,9 @@ def test_a_reply_that_is_read_late_counts_as_old_as_it_can_be():
     """After the guardian was away for 20 ms: the reply it finds may be of any moment since its last look."""
     wire, bands = Log(), [(10.0, b"strong"), (math.inf, b"slow")]
     stop = SafeStop([device("knee", 0, 1, damp_time=1.0, bands=bands, velocity=SPEED)], {0: wire}, 0)
-    stop.hear(0, 0x101, speed_of(0.0), 20_000_000, since=20_000_000 - 1_000_000)
+    stop.receive(0, 0x101, speed_of(0.0), 20_000_000, since=20_000_000 - 1_000_000)
     stop.step(20_000_000)
-    stop.hear(0, 0x101, speed_of(0.0), 40_000_000, since=20_000_000)
+    stop.receive(0, 0x101, speed_of(0.0), 40_000_000, since=20_000_000)
     stop.step(40_000_000)
     assert wire.sent == [(1, b"strong"), (1, b"slow")]
 
@@ -298,7 +298,7 @@ def test_a_limb_at_8_rad_per_s_is_damped_inside_the_limit_by_the_guardian():
             stop.step(wire.now)
             drive.advance(wire.now + 300_000)
             for identifier, data in wire.replies:
-                stop.hear(0, identifier, data, wire.now + 300_000)
+                stop.receive(0, identifier, data, wire.now + 300_000)
             wire.replies.clear()
         assert stop.over and stop.report()["unconfirmed"] == []
         assert drive.worst() <= 5.0 + 36.0 / 4095 and never_gains(drive.log)

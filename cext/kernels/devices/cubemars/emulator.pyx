@@ -1,11 +1,17 @@
 # cython: freethreading_compatible=True
-"""CubeMars boards that are not there, as far as they speak in extended frames: force control of V3.0, and the servo mode of all of them.
+"""Emulated CubeMars boards with extended frames: force control of V3.0, and the servo mode of all boards.
 
-    0 duty int32 x 1e-5 · 1 current int32 mA · 2 braking current int32 mA · 3 speed int32, electrical revolutions a minute
-    4 position int32 x 1e-4° · 5 origin, one byte · 6 position as 4, speed int16 x 10, acceleration int16 x 10 a second
-    8 force control, V3.0 alone, cext/kernels/devices/cubemars/v3.pyx · 15 disable, V3.0 alone
+    0 duty int32 x 1e-5
+    1 current int32 mA
+    2 braking current int32 mA
+    3 speed int32, electrical revolutions per minute
+    4 position int32 x 1e-4°
+    5 origin, one byte
+    6 position as 4, speed int16 x 10, acceleration int16 x 10 per second
+    8 force control, V3.0 only, cext/kernels/devices/cubemars/v3.pyx
+    15 disable, V3.0 only
 
-They report by themselves at a rate, or once to each command where that is 0. The gains of the loops of speed and position are ours.
+They report periodically, or once per command if the rate is 0. The gains of the speed and position loops are assumed.
 """
 
 from libc.math cimport isfinite
@@ -27,24 +33,24 @@ from cext.kernels.devices.mit cimport all_ones
 cdef enum:
     TOO_HOT = 1                 # error code
 
-cdef enum: # in `motion`, the way the motor turns
-    KIND                        # of the command it obeys, below 0 for none
-    TARGET                      # of that, in SI units at the joint
-    FASTEST                     # rad/s, on the way to a position; 0 for no limit
-    HARDEST                     # rad/s², likewise
-    REFERENCE                   # rad/s, where the loop of speed is
-    PUSHES                      # N·m, its torque of now
+cdef enum: # in `motion`, in the motor's direction
+    KIND                        # of the active command, below 0 for none
+    TARGET                      # of that command, in SI units at the joint
+    FASTEST                     # rad/s, speed limit of a position command; 0 for none
+    HARDEST                     # rad/s², acceleration limit of a position command; 0 for none
+    REFERENCE                   # rad/s, reference of the speed loop
+    PUSHES                      # N·m, present torque
     NEXT_REPORT                 # s
-    ECHOES                      # whether its next status answers a disable
-    WAS_DEAD                    # without power, in the step before
+    ECHOES                      # whether the next status answers a disable
+    WAS_DEAD                    # without power in the previous step
 
 cdef double POSITION_GAIN = 20.0                # 1/s
 cdef double VELOCITY_GAIN = 5.0                 # N·m·s/rad
-cdef double RADIAN = 0.017453292519943295       # of a degree
+cdef double RADIAN = 0.017453292519943295       # rad per degree
 
 
 cdef inline int length_of(uint32_t kind, bint knows_force) noexcept nogil:
-    """Data bytes of a command; -1 where there is no such command."""
+    """Return the number of data bytes of a command, -1 for an unknown one."""
     if kind <= wire.POSITION:
         return 4
     if kind == wire.ORIGIN:
@@ -59,8 +65,8 @@ cdef inline int length_of(uint32_t kind, bint knows_force) noexcept nogil:
 cdef struct Board:
     Drive drive
     int32_t report_rate
-    int32_t scales              # rad and rad/s of a code of the status, N·m of an ampere, at the joint
-    int32_t board               # whether it has force control, whether that needs to be entered
+    int32_t scales              # rad and rad/s per code of the status, N·m per ampere, at the joint
+    int32_t board               # whether it has force control, whether that mode must be entered
     int32_t motion              # the enum above
 
 BOARD = items((<Board *>ITEMS)[0], drive_sizes() + " scales[3] board[2] motion[9]")
@@ -92,7 +98,7 @@ cdef void take_force(double *arena, const Board *at, const uint8_t *data) noexce
 
 
 cdef void take(double *arena, const Board *at, uint32_t kind, const uint8_t *data) noexcept nogil:
-    """A command of servo mode."""
+    """Accept a command of servo mode."""
     cdef double *motion = arena + at.motion
     cdef double *scales = arena + at.scales
     cdef double value = wire.get_long(data)
@@ -146,7 +152,7 @@ cdef inline uint8_t error_code(double *arena, const Board *at) noexcept nogil:
 
 
 cdef double servo_torque(double *arena, const Board *at, double *motion) noexcept nogil:
-    """N·m at the joint, of what it was last told; moves the reference of its loop of speed on."""
+    """Return the torque of the last command, N·m at the joint, and advance the reference of the speed loop."""
     cdef double velocity = seen_velocity(arena, &at.drive)
     cdef double peak = arena[at.drive.peak]
     cdef double wanted = motion[TARGET]
@@ -155,7 +161,8 @@ cdef double servo_torque(double *arena, const Board *at, double *motion) noexcep
         return wanted
     if motion[KIND] == wire.BRAKE:
         return within(-VELOCITY_GAIN * velocity, wanted if wanted > 0.0 else 0.0)
-    if motion[KIND] == wire.DUTY:               # a voltage: the torque goes down as the speed goes up to its share of that without a load
+    # a voltage: the torque decreases with speed, to zero at that fraction of the no-load speed
+    if motion[KIND] == wire.DUTY:
         return peak * (wanted - velocity / (arena + at.drive.wire)[1])
     if motion[KIND] != wire.SPEED:
         wanted = POSITION_GAIN * (wanted - seen_position(arena, &at.drive))
@@ -183,7 +190,8 @@ cdef int drive_kernel(double *arena, const Board *at, const Board *sizes) noexce
         owe(arena, &at.drive, <uint32_t>EXTENDED | wire.POWER_UP << 8 | own_id(arena, &at.drive), 4, powered)
     motion[PUSHES] = 0.0
     if motion[KIND] >= 0.0 and error_code(arena, at) == 0:
-        motion[PUSHES] = within(law(arena, &at.drive) if motion[KIND] == wire.FORCE else servo_torque(arena, at, motion), arena[at.drive.peak])
+        motion[PUSHES] = within(law(arena, &at.drive) if motion[KIND] == wire.FORCE
+            else servo_torque(arena, at, motion), arena[at.drive.peak])
     if rate > 0.0 and arena[TIME] + 1e-9 >= motion[NEXT_REPORT]:
         motion[NEXT_REPORT] += 1.0 / rate
         if motion[NEXT_REPORT] <= arena[TIME] + 1e-9:
@@ -195,7 +203,7 @@ cdef int drive_kernel(double *arena, const Board *at, const Board *sizes) noexce
 
 
 cdef int drive_encode_(double *arena, const Board *at, const Board *sizes, Frame *frames) noexcept nogil:
-    """The reports that are due, with the state of now."""
+    """Send the reports that are due, with the present state."""
     cdef double *motion = arena + at.motion
     cdef double *scales = arena + at.scales
     cdef double temperature = arena[at.drive.temperature]
@@ -203,7 +211,7 @@ cdef int drive_encode_(double *arena, const Board *at, const Board *sizes, Frame
     cdef double *answer
     cdef int index
     if not answerable(arena, &at.drive) or not isfinite(temperature):
-        return -NOT_FINITE      # a plant that has blown up has no answer
+        return -NOT_FINITE      # no reply with the state of a diverged plant
     wire.put_word(&data[0], seen_position(arena, &at.drive) / scales[0])
     wire.put_word(&data[2], seen_velocity(arena, &at.drive) / scales[1])
     wire.put_word(&data[4], 100.0 * motion[PUSHES] / scales[2])

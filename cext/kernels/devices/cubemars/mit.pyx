@@ -1,10 +1,11 @@
 # cython: freethreading_compatible=True
-"""CubeMars AK in MIT mode: the bytes on the wire, for the driver and for the emulated drive.
+"""CubeMars AK in MIT mode: encoding of frames, for the driver and the emulated drive.
 
     command    p16 v12 kp12 kd12 t12, most significant bit first, to the drive's id
     special    FF FF FF FF FF FF FF FC enable, FD disable, FE this position is zero
     reply      id p16 v12 t12 temperature error, from the drive's id or from 0; temperature in °C + 40
-               of other firmware 6 bytes, id p16 v12 t12; or 7, of which the last is a voltage: then neither temperature nor error is known
+               other firmware sends 6 bytes, id p16 v12 t12; or 7, the last of which is a voltage: then temperature and
+               error are unknown
 
 AK Series Module Driver Manual V1.0.18, pages 64 to 68. A code is (x - low) (2^n - 1) / (high - low), truncated and
 clamped: the manual's 2^n wraps at the top, where +12.5 rad would become -12.5 rad.
@@ -56,7 +57,8 @@ cdef int cubemars_decode(double *arena, const CubeMars *at, const CubeMars *size
 cdef int cubemars_encode(double *arena, const CubeMars *at, const CubeMars *sizes, Frame *frames) noexcept nogil:
     cdef int count = encode_command(arena, &at.mit, &frames[0])
     if count == 1 and is_special(frames[0].data):
-        frames[0].data[1] -= 1  # every range at its top reads as enable, disable or zero: one code less of position does not
+        # all ranges at their top would encode enable, disable or zero: reduce the position by one code
+        frames[0].data[1] -= 1
     return count
 
 
@@ -98,7 +100,7 @@ cdef inline uint8_t error_code(double *arena, const drives.Drive *at) noexcept n
 
 
 cdef inline double motor_torque(double *arena, const drives.Drive *at) noexcept nogil:
-    """The drive's law, as far as its current goes."""
+    """Return the torque of the drive's law, limited by its current."""
     if (arena + at.state)[drives.RUNNING] == 0.0 or error_code(arena, at) != 0:
         return 0.0
     return drives.within(drives.law(arena, at), arena[at.peak])
@@ -114,15 +116,16 @@ cdef int emulated_kernel(double *arena, const Emulated *at, const Emulated *size
 
 
 cdef int emulated_encode(double *arena, const Emulated *at, const Emulated *sizes, Frame *frames) noexcept nogil:
-    """One reply for each frame that was heard, with the state of now."""
+    """Send one reply per received frame, with the present state."""
     cdef double raw = arena[at.drive.temperature] + 40.0
     cdef uint32_t id = drives.own_id(arena, &at.drive)
     cdef uint8_t data[8]
     cdef double *answer
     cdef int index
     if not drives.answerable(arena, &at.drive):
-        return -NOT_FINITE      # a plant that has blown up has no answer
-    pack_motion(data, id, arena + at.drive.wire, drives.seen_position(arena, &at.drive), drives.seen_velocity(arena, &at.drive),
+        return -NOT_FINITE      # no reply with the state of a diverged plant
+    pack_motion(data, id, arena + at.drive.wire, drives.seen_position(arena, &at.drive),
+        drives.seen_velocity(arena, &at.drive),
                 motor_torque(arena, &at.drive))
     data[6] = 0 if not raw > 0.0 else 255 if raw > 255.0 else <uint8_t>raw
     data[7] = error_code(arena, &at.drive)

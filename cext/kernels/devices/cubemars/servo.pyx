@@ -1,13 +1,19 @@
 # cython: freethreading_compatible=True
-"""CubeMars boards of all generations in servo mode: the bytes on the wire, for the driver. One command a mode, in extended frames.
+"""CubeMars boards of all generations in servo mode: encoding of frames, for the driver.
+
+One command per mode, in extended frames.
 
     identifier   (kind << 8) | id
 
-    0 duty int32 x 1e-5 · 1 current int32 mA · 2 braking current int32 mA · 3 speed int32, electrical revolutions a minute
-    4 position int32 x 1e-4° · 6 position as 4, speed int16 x 10, acceleration int16 x 10 a second
+    0 duty int32 x 1e-5
+    1 current int32 mA
+    2 braking current int32 mA
+    3 speed int32, electrical revolutions per minute
+    4 position int32 x 1e-4°
+    6 position as 4, speed int16 x 10, acceleration int16 x 10 per second
 
-Big-endian. A command has no reply: cext/kernels/devices/cubemars/status.pxd has what the drive reports by itself. (AK Series Module Driver Manual
-V1.0.18.) A code is truncated towards zero, so that nothing is sent beyond what was commanded.
+Big-endian. A command has no reply; cext/kernels/devices/cubemars/status.pxd describes the drive's own reports. Codes
+are truncated towards zero, so that no sent value exceeds its command. (AK Series Module Driver Manual V1.0.18.)
 """
 
 from libc.math cimport isfinite
@@ -24,16 +30,17 @@ from cext.kernels.devices.cubemars.status cimport POSITION as GO_TO, POSITION_SP
 
 cdef struct Drive:
     int32_t position, velocity, torque, current, temperature, fault, can_id, invert, offset
-    int32_t scales, notice      # cext/kernels/devices/cubemars/status.pxd
+    int32_t scales, notice      # see cext/kernels/devices/cubemars/status.pxd
 
 DRIVE = items((<Drive *>ITEMS)[0], "scales[3]")
 
 cdef struct Command:
-    int32_t command             # the input of the mode,
-    int32_t sent                # the output of what was sent of it
+    int32_t command             # input of the mode
+    int32_t sent                # output with the value sent
     int32_t position, can_id, invert, offset
-    int32_t limits              # lowest and highest command, and the share of it that the watch leaves
-    int32_t written             # kind of the command, codes of its unit at the joint, largest code, speed and acceleration as they are sent
+    int32_t limits              # lowest and highest command; fraction of it that the drive monitor permits
+    # kind of the command, codes per unit at the joint, largest code, speed and acceleration as sent
+    int32_t written
 
 COMMAND = items((<Command *>ITEMS)[0], "limits[3] written[5]")
 
@@ -57,7 +64,7 @@ cdef int servo_decode(double *arena, const Drive *at, const Drive *sizes, const 
 
 
 cdef int servo_encode(double *arena, const Command *at, const Command *sizes, Frame *frames) noexcept nogil:
-    """While commands fade in, a position is that share of the way from where the joint is; of all others that share is sent."""
+    """Encode the command. During fade-in, a position is interpolated from the present one; others are scaled."""
     cdef double *limits = arena + at.limits
     cdef double *written = arena + at.written
     cdef uint32_t kind = <uint32_t>written[0]
@@ -70,7 +77,7 @@ cdef int servo_encode(double *arena, const Command *at, const Command *sizes, Fr
     if not isfinite(command):
         return -NOT_FINITE
     if not limits[0] <= command <= limits[1] or not 0.0 <= share <= 1.0 or not 0.0 <= limits[2] <= 1.0:
-        return -OUT_OF_LIMITS   # a share of NaN would be anything
+        return -OUT_OF_LIMITS   # also NaN
     if goes:
         command = arena[at.position] + share * (command - arena[at.position]) if share < 1.0 else command
     else:

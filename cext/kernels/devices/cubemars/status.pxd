@@ -1,14 +1,15 @@
-"""What CubeMars boards report in extended frames: V3.0 boards always, V1 and V2 in servo mode. Big-endian, as all of that family.
+"""Reports of CubeMars boards in extended frames: V3.0 boards in all modes, V1 and V2 in servo mode. Big-endian.
 
-    0x29   status: position int16 x 0.1°, speed int16 x 10 electrical revolutions a minute, current int16 x 0.01 A, temperature int8 °C,
-           error
-    0x2A   position once more, where the board has been set to send it
-    0x2C   FA FB FC FD: its power has just come
+    0x29   status: position int16 x 0.1°, speed int16 x 10 electrical revolutions per minute, current int16 x 0.01 A,
+           temperature int8 °C, error
+    0x2A   position again, if the board is configured to send it
+    0x2C   FA FB FC FD: the board has just been powered on
 
-An identifier is (kind << 8) | id. The error of a status may be 0x77, DISABLED: the answer to a disable. (AKA Series Product Manual V3.0.0.)
+An identifier is (kind << 8) | id. Error 0x77, DISABLED, in a status answers a disable. (AKA Series Product Manual
+V3.0.0)
 
-`scales` has, at the joint: rad and rad/s of a code, N·m of an ampere. `notice` is one number: what has happened to a drive that was
-commanded.
+`scales` contains, at the joint: rad and rad/s per code, N·m per ampere. `notice` is one number: the event reported by a
+commanded drive.
 """
 
 from libc.math cimport floor
@@ -22,12 +23,12 @@ cdef enum: # kinds of frames
 
 cdef enum:
     DISABLED = 0x77
-    QUIET = 32                  # codes of current, 0.32 A: a drive with less than this is at rest
+    QUIET = 32                  # codes of current, 0.32 A: below it, a drive is at rest
 
 cdef struct Status:             # of the joint
     double position             # rad, without the offset
     double velocity             # rad/s
-    double current              # A, the way the joint turns
+    double current              # A, in the joint's direction
     double torque               # N·m
     double temperature          # °C
     double fault
@@ -38,17 +39,18 @@ cdef inline int16_t word(const uint8_t *data) noexcept nogil:
 
 
 cdef inline int read_frame(
-        double *arena, const Frame *frame, uint32_t id, double sign, const double *scales, double *notice, Status *status) noexcept nogil:
-    """What decode says of a frame; a status is read into `status` where it is TAKEN or MOVING.
+        double *arena, const Frame *frame, uint32_t id, double sign, const double *scales, double *notice,
+        Status *status) noexcept nogil:
+    """Return the result of decoding a frame. For TAKEN and MOVING, `status` receives the status.
 
-    A drive that is commanded must not say that it was disabled, or that its power has just come: it would go on with the next command.
+    A commanded drive that reports a disable or a power-on sets `notice`: it would not obey the next command safely.
     """
     cdef uint32_t kind = (frame.id & <uint32_t>ID_MASK) >> 8
     cdef int16_t current
     if (frame.id & ~<uint32_t>ID_MASK) != EXTENDED or (frame.id & 0xFF) != id:
         return FOREIGN
     if kind <= CONFIGURE:
-        return COMMANDED        # by somebody else: we do not hear ourselves
+        return COMMANDED        # by another controller: frames of this run are not received
     if arena[AUTHORITY] == 0.0:
         notice[0] = 0.0
     if kind == POWER_UP:
@@ -58,7 +60,7 @@ cdef inline int read_frame(
             notice[0] = POWER_UP
         return NOTED
     if kind == EXTENDED_POSITION:
-        return NOTED            # its unit is 0.0001° or 0.01°, as sources disagree; the status has it too
+        return NOTED            # sources disagree on its unit, 0.0001° or 0.01°; the status contains the position, too
     if kind != STATUS:
         return FOREIGN
     if frame.length != 8:
@@ -76,9 +78,10 @@ cdef inline int read_frame(
 
 
 cdef inline void put_word(uint8_t *data, double x) noexcept nogil:
-    """The nearest code; what is beyond is the last."""
+    """Write the nearest code, clamped to 16 bits."""
     cdef double nearest = floor(x + 0.5)
-    cdef uint16_t code = <uint16_t><int16_t>(32767.0 if nearest > 32767.0 else nearest if nearest > -32768.0 else -32768.0)
+    cdef uint16_t code = <uint16_t><int16_t>(32767.0 if nearest > 32767.0 else nearest if nearest > -32768.0
+        else -32768.0)
     data[0] = <uint8_t>(code >> 8)
     data[1] = <uint8_t>code
 

@@ -1,9 +1,10 @@
 # cython: freethreading_compatible=True
-"""CubeMars V3.0 boards in force control: the bytes on the wire, for the driver.
+"""CubeMars V3.0 boards in force control: encoding of frames, for the driver.
 
     command    kp12 kd12 p16 v12 t12, most significant bit first, in the extended frame (8 << 8) | id
     disable    an empty frame, (15 << 8) | id
-    reply      the status of cext/kernels/devices/cubemars/status.pxd, by itself or to each command, as the board has been set
+    reply      the status of cext/kernels/devices/cubemars/status.pxd, periodic or per command, as configured on the
+    board
 
 AKA Series Product Manual V3.0.0, AK Series Product Manual V3.2.0. Codes are truncated and clamped, as in MIT mode.
 """
@@ -19,7 +20,7 @@ from cext.kernels.devices.mit cimport Codes, Mit, all_ones, mit_sizes, quantise
 
 cdef struct ForceControl:
     Mit mit
-    int32_t current, scales, notice     # cext/kernels/devices/cubemars/status.pxd has the last two
+    int32_t current, scales, notice     # last two: see cext/kernels/devices/cubemars/status.pxd
 
 FORCE_CONTROL = items((<ForceControl *>ITEMS)[0], mit_sizes() + " scales[3]")
 
@@ -63,7 +64,8 @@ cdef int v3_encode(double *arena, const ForceControl *at, const ForceControl *si
     data[6] = <uint8_t>((codes.velocity & 15) << 4 | codes.torque >> 8)
     data[7] = <uint8_t>codes.torque
     if all_ones(data, 7) and data[7] >= 0xFC:
-        data[4] -= 1            # every range at its top may read as enable: one code less of position does not
+        # all ranges at their top may encode enable: reduce the position by one code
+        data[4] -= 1
     return 1
 
 

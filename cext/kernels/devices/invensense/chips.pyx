@@ -1,14 +1,17 @@
 # cython: freethreading_compatible=True
-"""IMUs of InvenSense with a magnetometer of AKM behind their bypass: what their registers say.
+"""InvenSense IMUs with an AKM magnetometer on their auxiliary bus: decoding of their registers.
 
     MPU-9250, 9255   transfer 0, 14 bytes from 0x3B: accel, temperature, gyro, int16 each, most significant byte first
-                     transfer 1, 8 bytes from 0x02 of the AK8963 and its adjustment: ST1, x, y, z least significant byte first, ST2, ASA
-                     transfer 2, where it reads its magnetometer itself: 22 bytes from 0x3B, the same two one after the other
+                     transfer 1, 8 bytes from 0x02 of the AK8963 and its adjustment: ST1, x, y, z least significant byte
+                     first, ST2, ASA
+                     transfer 2, if the IMU reads its magnetometer itself: 22 bytes from 0x3B, both in sequence
     ICM-20948        transfer 0, 14 bytes from 0x2D: accel, gyro, temperature, as above
-                     transfer 1, 9 bytes from 0x10 of the AK09916: ST1, x, y, z least significant byte first, one byte, ST2
+                     transfer 1, 9 bytes from 0x10 of the AK09916: ST1, x, y, z least significant byte first, one byte,
+                     ST2
 
-ST1 bit 0: this is a new measurement. ST2 bit 3: it is none, as the field was too strong. AK8963 ST2 bit 4: codes of 16 bits, as it was
-set up; without it the chip has lost its settings. (PS-MPU-9250A-01 1.1, RM-MPU-9250A-00 1.6, AK8963 MS1356-E-02, DS-000189 1.5.)
+ST1 bit 0: new measurement. ST2 bit 3: overflow, the field was too strong. AK8963 ST2 bit 4: codes of 16 bits, as
+configured; without it the chip has lost its settings.
+(PS-MPU-9250A-01 1.1, RM-MPU-9250A-00 1.6, AK8963 MS1356-E-02, DS-000189 1.5)
 """
 
 from libc.math cimport fabs, isfinite
@@ -23,43 +26,44 @@ from cext.lines.i2c_answers cimport TROUBLE, answer_id, big, code_of, failures, 
 
 cdef enum: # in `state` of an emulated chip
     NEXT                        # s, of both transfers
-    HELD = 2                    # whether it is stuck,
-    HELD_BURST = 3              # with these 14
-    HELD_FIELD = 5              # and 8 bytes
+    HELD = 2                    # whether it is stuck
+    HELD_BURST = 3              # 14 bytes repeated while stuck
+    HELD_FIELD = 5              # 8 bytes repeated while stuck
 
 cdef enum:
     READY = 0x01                # ST1
     OVERFLOW = 0x08             # ST2
     WIDE = 0x10                 # ST2 of the AK8963
     BURST = 14                  # bytes
-    FIELD = 11                  # of an AK8963, with its adjustment
+    FIELD = 11                  # bytes of an AK8963, with its adjustment
 
 cdef double DEGREES_PER_CODE = 1.0 / 333.87
 cdef double ROOM_TEMPERATURE = 21.0
-cdef double STRONGEST = 4912.0  # µT that the magnetometers measure, as a sum of the three axes without sign
+cdef double STRONGEST = 4912.0  # µT, range of the magnetometers as the sum of the absolute values of the three axes
 
 
 cdef inline void mapped(const double *map, const double *x, double *y) noexcept nogil:
-    """y = M (x - b)"""
+    """Compute y = M (x - b)."""
     cdef int row
     for row in range(3):
-        y[row] = map[3 * row] * (x[0] - map[9]) + map[3 * row + 1] * (x[1] - map[10]) + map[3 * row + 2] * (x[2] - map[11])
+        y[row] = map[3 * row] * (x[0] - map[9]) + map[3 * row + 1] * (x[1] - map[10]) + map[3 * row + 2] * (x[2]
+            - map[11])
 
 
 cdef struct Chip:
     int32_t accel, gyro, mag, temperature, mag_age, mag_overflow, repeated, errors
     int32_t identity            # place << 8 | address
-    int32_t scales              # m/s², rad/s, µT of a code
+    int32_t scales              # m/s², rad/s, µT per code
     int32_t accel_map           # matrix of three rows, and the offset
     int32_t gyro_bias           # rad/s
-    int32_t mag_map             # likewise
-    int32_t seen                # the newest 14 bytes; whether there were any; time of the newest measurement of the magnetometer, s
+    int32_t mag_map             # matrix of three rows, and the offset
+    int32_t seen                # newest 14 bytes; whether there were any; time of the newest magnetometer sample, s
 
 CHIP = items((<Chip *>ITEMS)[0], "accel[3] gyro[3] mag[3] scales[3] accel_map[12] gyro_bias[3] mag_map[12] seen[4]")
 
 
 cdef void take_burst(double *arena, const Chip *at, const Frame *frame, int gyro, int temperature) noexcept nogil:
-    """A burst whose acceleration comes first; the others from these bytes on."""
+    """Decode a burst that begins with the acceleration. The other values start at the given bytes."""
     cdef double *scales = arena + at.scales
     cdef double *seen = arena + at.seen
     cdef double *bias = arena + at.gyro_bias
@@ -77,8 +81,9 @@ cdef void take_burst(double *arena, const Chip *at, const Frame *frame, int gyro
     arena[at.mag_age] = max(1e-9 * frame.time - seen[3], 0.0)
 
 
-cdef int take_field(double *arena, const Chip *at, const Frame *frame, const double *field, bint overflow) noexcept nogil:
-    """A new measurement of the magnetometer, µT along the axes of the accelerometer. One that overflowed keeps what was there."""
+cdef int take_field(double *arena, const Chip *at, const Frame *frame, const double *field,
+        bint overflow) noexcept nogil:
+    """Write a new measurement of the magnetometer, µT along the accelerometer's axes; an overflow keeps the old one."""
     arena[at.mag_overflow] = overflow
     if not overflow:
         mapped(arena + at.mag_map, field, arena + at.mag)
@@ -94,7 +99,7 @@ cdef int take_trouble(double *arena, const Chip *at, const Frame *frame) noexcep
 
 
 cdef int take_ak8963(double *arena, const Chip *at, const Frame *frame, const uint8_t *data) noexcept nogil:
-    """Its eight bytes and its adjustment."""
+    """Decode the eight bytes of the AK8963 and its adjustment."""
     cdef double field[3]
     cdef double own[3]
     cdef int axis
@@ -151,7 +156,7 @@ cdef int icm_decode_(double *arena, const Chip *at, const Chip *sizes, const Fra
     return take_field(arena, at, frame, field, frame.data[8] & OVERFLOW != 0)
 
 
-# The sensors that are not there
+# Emulated sensors
 
 cdef inline bint is_finite(const double *x) noexcept nogil:
     return isfinite(x[0]) and isfinite(x[1]) and isfinite(x[2])
@@ -160,7 +165,7 @@ cdef inline bint is_finite(const double *x) noexcept nogil:
 cdef struct Emulated:
     int32_t accel, gyro, mag, temperature, silent, stuck, wrong_address, mag_overflow, mag_not_ready, identity
     int32_t scales
-    int32_t periods             # s between transfers of each kind, 0 for never; whether they are one
+    int32_t periods             # s between transfers of each kind, 0 for never; whether they are combined
     int32_t fuses               # the three bytes of ASA
     int32_t state               # the enum above
 
@@ -168,7 +173,7 @@ EMULATED = items((<Emulated *>ITEMS)[0], "accel[3] gyro[3] mag[3] scales[3] peri
 
 
 cdef inline bint due(double *arena, const Emulated *at, int transfer) noexcept nogil:
-    """Whether a transfer is due; then the next one is due a period later."""
+    """Return whether a transfer is due; the next one is then due a period later."""
     cdef double period = (arena + at.periods)[transfer]
     cdef double *next = arena + at.state + NEXT + transfer
     if period <= 0.0 or arena[TIME] + 1e-9 < next[0]:
@@ -197,7 +202,7 @@ cdef void write_burst(double *arena, const Emulated *at, uint8_t *data, int gyro
 
 
 cdef void write_field(double *arena, const Emulated *at, const double *field, uint8_t *data, int second) noexcept nogil:
-    """ST1, the three axes of the magnetometer, as it has them, and ST2 at that byte. field : µT"""
+    """Write ST1, the magnetometer's axes in its own order, and ST2 at an index. field : µT"""
     cdef double sum = fabs((arena + at.mag)[0]) + fabs((arena + at.mag)[1]) + fabs((arena + at.mag)[2])
     cdef int axis
     data[0] = 0 if arena[at.mag_not_ready] != 0.0 else READY
@@ -208,7 +213,7 @@ cdef void write_field(double *arena, const Emulated *at, const double *field, ui
 
 
 cdef void hold(double *arena, const Emulated *at, uint8_t *data, int length, int place) noexcept nogil:
-    """A sensor that is stuck goes on with what it said first."""
+    """Keep or repeat the bytes of a transfer; a stuck sensor repeats its first ones."""
     cdef double *state = arena + at.state
     cdef int known = 1 if place == HELD_BURST else 2
     if arena[at.stuck] == 0.0:
@@ -221,7 +226,7 @@ cdef void hold(double *arena, const Emulated *at, uint8_t *data, int length, int
 
 
 cdef inline bint sayable(double *arena, const Emulated *at) noexcept nogil:
-    """A plant that has blown up has no answer."""
+    """Return whether all inputs are finite; a diverged plant gets no reply."""
     return (is_finite(arena + at.accel) and is_finite(arena + at.gyro) and is_finite(arena + at.mag)
             and isfinite(arena[at.temperature]))
 
@@ -253,7 +258,7 @@ cdef int mpu_answers_(double *arena, const Emulated *at, const Emulated *sizes, 
         if together:
             write_ak8963(arena, at, &data[BURST])
             if not due(arena, at, 1):
-                data[BURST] = 0                 # it has read the same measurement before
+                data[BURST] = 0                 # measurement already read
         count += 1
     if not together and due(arena, at, 1):
         write_ak8963(arena, at, fresh(arena, at, &frames[count], 1, FIELD).data)

@@ -1,9 +1,9 @@
 # cython: freethreading_compatible=True
-"""A MicroStrain sensor that is not there: it hears MIP's commands, answers them, and sends its data, byte for byte, with everything that can be
-wrong with a sensor and its line.
+"""Emulated MicroStrain sensor: replies to MIP commands and sends data, with injected faults of sensor and line.
 
-Two generations differ in their commands. The older has a format for each set (0C 08, 0C 0A), streams 1 and 3, and times since power-on in the
-fields 80 12 and 82 11; the newer one format command (0C 0F), streams by their set, and the shared field D5.
+Two generations differ in their commands. The older has a format for each set (0C 08, 0C 0A), streams 1 and 3, and
+times since power-on in the fields 80 12 and 82 11; the newer has one format command (0C 0F), streams by their set, and
+the shared field D5.
 """
 
 from libc.math cimport NAN, asin, atan2
@@ -21,7 +21,7 @@ from cext.ring.newest_ring cimport START
 from cext.lines.stream_frames cimport BACK, BYTES, LOST
 
 cdef enum:
-    MOST = 16                   # fields of a format
+    FIELD_LIMIT = 16            # fields of a format
     OUTBOX = 4096               # bytes
     INFO = 82                   # bytes of the reply to device info
     FILTERED = 4                # fields of set 80 with a low-pass: 04, 05, 06, 17
@@ -35,15 +35,15 @@ cdef struct Settings:
 
 cdef struct Format:
     int32_t count
-    uint8_t descriptor[MOST]
-    uint16_t decimation[MOST]
+    uint8_t descriptor[FIELD_LIMIT]
+    uint16_t decimation[FIELD_LIMIT]
 
 cdef struct LowPass:
     int32_t enabled
-    int32_t manual              # 0: its cutoff is half the rate of its field
-    float cutoff                # Hz, where it is manual
+    int32_t manual              # 0: the cutoff is half the rate of the field
+    float cutoff                # Hz, if manual
 
-cdef struct Setup:              # what can be saved
+cdef struct Setup:              # settings that can be saved
     Format format[2]            # of the sets 80 and 82
     int32_t streams[2]
     LowPass low_pass[FILTERED]
@@ -54,7 +54,7 @@ cdef struct State:
     Setup saved
     int64_t idle
     int64_t begun
-    int64_t sample              # of the base rate
+    int64_t sample              # number of the sample at the base rate
     int64_t gone
     uint64_t luck
     int64_t waiting             # bytes in the outbox
@@ -63,7 +63,7 @@ cdef struct State:
 
 
 cdef inline double chance(State *state) noexcept nogil:
-    """Evenly from 0 to 1: xorshift64*. (Vigna 2016)"""
+    """Return a uniformly distributed number from 0 to 1: xorshift64*. (Vigna 2016)"""
     state.luck ^= state.luck >> 12
     state.luck ^= state.luck << 25
     state.luck ^= state.luck >> 27
@@ -84,7 +84,8 @@ SENSOR = items(
     "accel[3] gyro[3] mag[3] quaternion[4] about[82] known[...] settings[5] power_on[68] state[...]")
 
 
-cdef bint knows(double *arena, const Sensor *at, const Sensor *sizes, int descriptor_set, int descriptor) noexcept nogil:
+cdef bint supports(double *arena, const Sensor *at, const Sensor *sizes, int descriptor_set,
+        int descriptor) noexcept nogil:
     cdef double *known = arena + at.known
     cdef int count = sizes.known
     cdef int index
@@ -95,7 +96,7 @@ cdef bint knows(double *arena, const Sensor *at, const Sensor *sizes, int descri
 
 
 cdef void post(double *arena, const Sensor *at, State *state, const uint8_t *data, int count) noexcept nogil:
-    """Onto the line, with what gets lost on it."""
+    """Send bytes on the line, some of which are lost."""
     cdef int index
     cdef double dropped = arena[at.dropped]
     for index in range(count):
@@ -108,7 +109,9 @@ cdef void post(double *arena, const Sensor *at, State *state, const uint8_t *dat
 
 cdef int reply(double *arena, const Sensor *at, const Sensor *sizes, State *state, uint8_t *out, int descriptor_set,
                const uint8_t *field) noexcept nogil:
-    """What answers one command: fields behind the acknowledgement. Returns their bytes, or below zero the error code."""
+    """Write the reply fields of a command, after the acknowledgement. Returns their length or the negated error
+    code.
+    """
     cdef const Settings *settings = <const Settings *>(arena + at.settings)
     cdef double *about = arena + at.about
     cdef double *known = arena + at.known
@@ -116,7 +119,7 @@ cdef int reply(double *arena, const Sensor *at, const Sensor *sizes, State *stat
     cdef int length = field[0] - 2
     cdef int command = descriptor_set << 8 | field[1]
     cdef int index, stream, count
-    if not knows(arena, at, sizes, descriptor_set, field[1]):
+    if not supports(arena, at, sizes, descriptor_set, field[1]):
         return -1
     if command == 0x0102:
         state.idle = 1
@@ -197,21 +200,26 @@ cdef int reply(double *arena, const Sensor *at, const Sensor *sizes, State *stat
             out[0], out[1], out[2], out[3], out[4] = 5, 0xD0, data[1], data[2], <uint8_t>arena[at.heading]
             return 5
         if data[0] == WRITE:
-            if length < 4 or data[1] != 0 or data[2] != 4 or not knows(arena, at, sizes, 0x80, 0x06):
-                return -3                           # of what it may be aided by, there is its own magnetometer
+            if length < 4 or data[1] != 0 or data[2] != 4 or not supports(arena, at, sizes, 0x80, 0x06):
+                return -3                           # the only aiding source is its own magnetometer
             arena[at.heading] = data[3]
     return 0
 
 
 cdef inline int low_pass_of(int descriptor) noexcept nogil:
-    """Place of a field's low-pass; FILTERED for every one of them, below zero where it has none."""
-    return 0 if descriptor == 0x04 else 1 if descriptor == 0x05 else 2 if descriptor == 0x06 else 3 if descriptor == 0x17 else (
+    """Return the index of a field's low-pass; FILTERED for all fields, below zero for a field without."""
+    if 0x04 <= descriptor <= 0x06:
+        return descriptor - 0x04
+    return 3 if descriptor == 0x17 else (
         FILTERED if descriptor == 0 else -1)
 
 
-cdef int low_pass(double *arena, const Sensor *at, const Sensor *sizes, State *state, uint8_t *out, bint newer, const uint8_t *data,
+cdef int low_pass(double *arena, const Sensor *at, const Sensor *sizes, State *state, uint8_t *out, bint newer,
+    const uint8_t *data,
                   int length) noexcept nogil:
-    """0C 50: field, enabled, manual, cutoff u16, reserved; reply 8B. 0C 54: set, field, enabled, manual, cutoff f32; reply D4."""
+    """0C 50: field, enabled, manual, cutoff u16, reserved; reply 8B. 0C 54: set, field, enabled, manual, cutoff f32;
+    reply D4.
+    """
     cdef const Settings *settings = <const Settings *>(arena + at.settings)
     cdef int more = 1 if newer else 0
     cdef const uint8_t *values = data + 2 + more
@@ -220,11 +228,11 @@ cdef int low_pass(double *arena, const Sensor *at, const Sensor *sizes, State *s
     if length < 2 + more or (newer and data[1] != 0x80 and (data[1] != 0 or data[2] != 0)):
         return -3
     place = low_pass_of(data[1 + more])
-    if place < 0 or (place < FILTERED and not knows(arena, at, sizes, 0x80, data[1 + more])):
+    if place < 0 or (place < FILTERED and not supports(arena, at, sizes, 0x80, data[1 + more])):
         return -3
     if data[0] == READ:
         if place == FILTERED:
-            return -3                               # what holds for all of them cannot be read
+            return -3                               # the setting of all fields cannot be read
         wanted = state.now.low_pass[place]
         if wanted.manual == 0:
             wanted.cutoff = <float>(0.5 * settings.base_rate)
@@ -251,9 +259,10 @@ cdef int low_pass(double *arena, const Sensor *at, const Sensor *sizes, State *s
     return 0
 
 
-cdef int set_format(double *arena, const Sensor *at, const Sensor *sizes, State *state, uint8_t *out, int which, int answer,
+cdef int set_format(double *arena, const Sensor *at, const Sensor *sizes, State *state, uint8_t *out, int which,
+    int answer,
                     const uint8_t *data, int length, int more) noexcept nogil:
-    """more : bytes of the set that stand before the number of fields"""
+    """Apply a message format. more : bytes of the set before the number of fields"""
     cdef Format *format = &state.now.format[which]
     cdef Format wanted
     cdef int index, count
@@ -272,20 +281,22 @@ cdef int set_format(double *arena, const Sensor *at, const Sensor *sizes, State 
     if length < 2 + more:
         return -3
     count = data[1 + more]
-    if count > MOST or length < 2 + more + 3 * count:
+    if count > FIELD_LIMIT or length < 2 + more + 3 * count:
         return -3
     memset(&wanted, 0, sizeof(Format))
     wanted.count = count
     for index in range(count):
         wanted.descriptor[index] = data[2 + more + 3 * index]
         wanted.decimation[index] = <uint16_t>data[3 + more + 3 * index] << 8 | data[4 + more + 3 * index]
-        if not knows(arena, at, sizes, 0x82 if which else 0x80, wanted.descriptor[index]) or wanted.decimation[index] == 0:
+        if not supports(arena, at, sizes, 0x82 if which else 0x80,
+                wanted.descriptor[index]) or wanted.decimation[index] == 0:
             return -3
     format[0] = wanted
     return 0
 
 
-cdef void answer(double *arena, const Sensor *at, const Sensor *sizes, State *state, const uint8_t *packet) noexcept nogil:
+cdef void answer(double *arena, const Sensor *at, const Sensor *sizes, State *state,
+        const uint8_t *packet) noexcept nogil:
     cdef uint8_t out[400]
     cdef int offset = HEAD
     cdef int end = HEAD + packet[3]
@@ -294,7 +305,8 @@ cdef void answer(double *arena, const Sensor *at, const Sensor *sizes, State *st
         memset(out, 0, sizeof(out))
         out[2] = packet[2]
         count = reply(arena, at, sizes, state, out + HEAD + 4, packet[2], packet + offset)
-        out[HEAD], out[HEAD + 1], out[HEAD + 2], out[HEAD + 3] = 4, 0xF1, packet[offset + 1], <uint8_t>(-count if count < 0 else 0)
+        out[HEAD], out[HEAD + 1], out[HEAD + 2], out[HEAD + 3] = 4, 0xF1, packet[offset + 1], <uint8_t>(-count
+            if count < 0 else 0)
         post(arena, at, state, out, finish(out, 4 + max(count, 0)))
         offset += packet[offset]
 
@@ -322,7 +334,8 @@ cdef int sensor_decode(double *arena, const Sensor *at, const Sensor *sizes, con
 
 # Data
 
-cdef inline int floats(uint8_t *out, const double *values, int count, double scale, bint flagged, bint valid, bint spoilt) noexcept nogil:
+cdef inline int floats(uint8_t *out, const double *values, int count, double scale, bint flagged, bint valid,
+        bint spoilt) noexcept nogil:
     cdef int index
     for index in range(count):
         put_float(out + 4 * index, NAN if spoilt else values[index] * scale)
@@ -331,8 +344,9 @@ cdef inline int floats(uint8_t *out, const double *values, int count, double sca
     return 4 * count + (2 if flagged else 0)
 
 
-cdef int fill(double *arena, const Sensor *at, int descriptor_set, int descriptor, double clock, double period, uint8_t *out) noexcept nogil:
-    """Data of a field; 0 if it has none."""
+cdef int fill(double *arena, const Sensor *at, int descriptor_set, int descriptor, double clock, double period,
+        uint8_t *out) noexcept nogil:
+    """Write the data of a field. Returns their length, 0 for an unknown field."""
     cdef double *q = arena + at.quaternion
     cdef double values[9]
     cdef bint filtered = descriptor_set == 0x82
@@ -379,7 +393,8 @@ cdef int fill(double *arena, const Sensor *at, int descriptor_set, int descripto
         return floats(out, values, 1, 1.0, False, valid, spoilt)
     if key == 0x8007 or key == 0x8008:
         for index in range(3):
-            values[index] = (arena + (at.gyro if descriptor == 7 else at.accel))[index] * period * (1.0 if descriptor == 7 else 1.0 / 9.80665)
+            values[index] = (arena + (at.gyro if descriptor == 7 else at.accel))[index] * period * (1.0
+                if descriptor == 7 else 1.0 / 9.80665)
         return floats(out, values, 3, 1.0, False, valid, spoilt)
     if key == 0x8206 or key == 0x8213:
         values[2] = 9.80665 if descriptor == 0x13 else 0.0
@@ -388,7 +403,7 @@ cdef int fill(double *arena, const Sensor *at, int descriptor_set, int descripto
 
 
 cdef void sample(double *arena, const Sensor *at, State *state, int which, double clock, double period) noexcept nogil:
-    """One packet of one set, if one is due."""
+    """Send one packet of one set, if due."""
     cdef uint8_t packet[400]
     cdef const Format *format = &state.now.format[which]
     cdef int offset = HEAD
@@ -396,7 +411,8 @@ cdef void sample(double *arena, const Sensor *at, State *state, int which, doubl
     packet[2] = 0x82 if which else 0x80
     for index in range(format.count):
         if state.sample % format.decimation[index] == 0:
-            count = fill(arena, at, packet[2], format.descriptor[index], clock, period * format.decimation[index], packet + offset + 2)
+            count = fill(arena, at, packet[2], format.descriptor[index], clock, period * format.decimation[index],
+                packet + offset + 2)
             if count > 0 and offset + 2 + count <= HEAD + 255:
                 packet[offset], packet[offset + 1] = <uint8_t>(2 + count), format.descriptor[index]
                 offset += 2 + count
@@ -414,7 +430,7 @@ cdef void sample(double *arena, const Sensor *at, State *state, int which, doubl
 
 
 cdef void litter(double *arena, const Sensor *at, State *state) noexcept nogil:
-    """Garbage between packets, so many bytes on the mean."""
+    """Send random bytes between packets, with a given mean number."""
     cdef uint8_t byte
     cdef double garbage = arena[at.garbage]
     while garbage > 0.0 and chance(state) < garbage / (1.0 + garbage):
@@ -423,18 +439,18 @@ cdef void litter(double *arena, const Sensor *at, State *state) noexcept nogil:
 
 
 cdef void start_up(double *arena, const Sensor *at, State *state) noexcept nogil:
-    """What the block has prepared is how it was saved: of each set how many fields, descriptor and decimation of each; whether it streams."""
+    """Load the saved settings from the block: per set, fields with descriptor and decimation; whether it streams."""
     cdef const double *saved = arena + at.power_on
     cdef int which, index
     if state.begun == 0:
         state.begun = 1
         for which in range(2):
             state.now.format[which].count = <int>saved[0]
-            for index in range(MOST):
+            for index in range(FIELD_LIMIT):
                 state.now.format[which].descriptor[index] = <uint8_t>saved[1 + 2 * index]
                 state.now.format[which].decimation[index] = <uint16_t>saved[2 + 2 * index]
-            state.now.streams[which] = <int>saved[1 + 2 * MOST]
-            saved += 2 + 2 * MOST
+            state.now.streams[which] = <int>saved[1 + 2 * FIELD_LIMIT]
+            saved += 2 + 2 * FIELD_LIMIT
         for index in range(FILTERED):
             state.now.low_pass[index].enabled = 1
         state.saved = state.now
@@ -460,12 +476,13 @@ cdef int sensor_encode(double *arena, const Sensor *at, const Sensor *sizes, Fra
         frames[0].id = LOST if gone else BACK
         count = 1
     if due - state.sample > 100:
-        state.sample = due - 100                # it was not looked at for long
+        state.sample = due - 100                # not stepped for a long time
     while state.sample <= due:
         if not gone and state.idle == 0 and arena[at.silent] == 0.0:
             for which in range(2):
                 if state.now.streams[which]:
-                    sample(arena, at, state, which, settings.clock_start + state.sample * period / (1.0 + settings.clock_drift), period)
+                    sample(arena, at, state, which, settings.clock_start + state.sample
+                        * period / (1.0 + settings.clock_drift), period)
         state.sample += 1
     arena[at.streaming] = state.idle == 0 and not gone and (state.now.streams[0] != 0 or state.now.streams[1] != 0)
     while state.waiting > 0 and count < FRAMES_PER_DEVICE:

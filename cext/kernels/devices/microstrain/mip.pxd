@@ -1,9 +1,9 @@
-"""MIP, the packets of MicroStrain's sensors: how they are framed, for the driver and for the emulated sensor.
+"""MIP, the packet protocol of MicroStrain sensors: framing, for the driver and the emulated sensor.
 
     75 65 | descriptor set | payload length | fields: length, descriptor, data | Fletcher's checksum
 
-A field's length counts itself and its descriptor. The checksum is two running sums modulo 256 over everything before it. All values are
-big-endian. (MIP SDK; Data Communications Protocol of the 3DM-GX5)
+A field's length counts itself and its descriptor. The checksum is two running sums modulo 256 over everything before
+it. All values are big-endian. (MIP SDK; Data Communications Protocol of the 3DM-GX5)
 """
 
 from libc.stdint cimport int64_t, uint8_t, uint16_t, uint32_t, uint64_t
@@ -16,23 +16,26 @@ from cext.lines.stream_frames cimport BYTES
 cdef enum:
     SYNC_1 = 0x75
     SYNC_2 = 0x65
-    HEAD = 4                    # bytes in front of the payload
-    OVERHEAD = 6                # and with those behind it
-    LONGEST = 261               # bytes of a packet
-    ROOM = 512                  # bytes of what is not yet a packet: the longest but one byte, and a frame
+    HEAD = 4                    # bytes before the payload
+    OVERHEAD = 6                # bytes before and after the payload
+    PACKET_LIMIT = 261          # bytes of a packet
+    ROOM = 512                  # bytes of an incomplete packet and one frame
     PENDING_DOUBLES = 65
 
 cdef enum: # functions of a setting's command
     WRITE = 1
     READ = 2
 
-cdef struct Pending:            # lies in the memory of a block
+cdef struct Pending:            # in the memory of a block
     int64_t length
     uint8_t bytes[ROOM]
 
 
 cdef inline uint16_t fletcher(const uint8_t *data, int count) noexcept nogil:
-    """Both sums, the first in the high byte. Four bytes a step: a packet's sums stay far inside 32 bits, and are reduced once."""
+    """Return both sums, the first in the high byte.
+
+    Four bytes per step; the sums of a packet fit into 32 bits and are reduced once.
+    """
     cdef uint32_t one = 0
     cdef uint32_t two = 0
     cdef int i = 0
@@ -48,10 +51,11 @@ cdef inline uint16_t fletcher(const uint8_t *data, int count) noexcept nogil:
 
 
 cdef inline int next_packet(const uint8_t *data, int length, int *at, bint last, int64_t *corrupt) noexcept nogil:
-    """Length of the next packet whose checksum is right, and where it is; 0 where there is none yet, and where one may have begun.
+    """Find the next packet with a correct checksum. Returns its length, 0 for none; sets its (possible) start.
 
-    A header whose packet turns out wrong was none: the search goes on at the byte behind it, so that nothing good is lost to garbage.
-    last : nothing follows, so that what is incomplete is none either
+    If a packet is invalid, the search resumes at the byte after its header, so that no valid packet is lost.
+
+    last : no bytes follow, so that an incomplete packet is invalid
     """
     cdef const uint8_t *found
     cdef int need
@@ -127,7 +131,7 @@ cdef inline void put_double(uint8_t *data, double value) noexcept nogil:
 
 
 cdef inline int finish(uint8_t *packet, int fields) noexcept nogil:
-    """Head and checksum around so many bytes of fields, which are there with the set. Returns the length."""
+    """Add header and checksum to a packet whose set and fields are present. Returns the length."""
     cdef uint16_t sums
     packet[0], packet[1], packet[3] = SYNC_1, SYNC_2, <uint8_t>fields
     sums = fletcher(packet, HEAD + fields)

@@ -1,8 +1,8 @@
 # cython: freethreading_compatible=True
-"""MicroStrain's sensors: what they say, read from a stream of bytes that may be cut anywhere and hold anything.
+"""MicroStrain sensors: decoding of a byte stream that may be split anywhere and contain anything.
 
-What each field means stands in a table that the block makes (blocks.imus.microstrain.descriptors): a row for each descriptor, found through
-an index of three parts, for the sets 80 (sensor), 82 (filter), and any other, of which the shared fields alone are known.
+A table made by the block (blocks.imus.microstrain.descriptors) defines the fields, one row per descriptor. Its index
+has three parts: for the sets 80 (sensor), 82 (filter), and any other, of which only the shared fields are known.
 """
 
 from libc.math cimport NAN, asin, atan2, cos, isfinite, sin, sqrt
@@ -16,13 +16,13 @@ from cext.abi cimport (
 from cext.kernels.devices.clock_map cimport ClockMap, mapped
 from cext.lines.stream_frames cimport BACK, LOST
 
-cdef enum: # of a field's values
+cdef enum: # types of a field's values
     FLOAT, DOUBLE, UNSIGNED_8, UNSIGNED_16, UNSIGNED_32, UNSIGNED_64
 
-cdef enum: # what they are beside numbers
+cdef enum: # special meanings of a field
     PLAIN, ATTITUDE, ANGLES, CLOCK
 
-cdef enum: # of a tare
+cdef enum: # states of a tare
     IDLE = -1
     WANTED = -2
 
@@ -31,28 +31,28 @@ cdef struct Row:                # of the table
     double kind
     double count                # values
     double scale                # to SI
-    double item                 # where they go, -1: nowhere
-    double flagged              # whether a word behind them says that they are valid
-    double first                # bytes in front of them
+    double item                 # destination item, -1: none
+    double flagged              # whether a validity word follows
+    double first                # bytes before the values
 
 cdef struct Settings:
     double rate                 # Hz
     double tare_time            # s
     double tare_at_start
-    double primary              # index of the set whose rate is told
+    double primary              # index of the set whose rate is reported
 
 cdef struct State:
     ClockMap clock
     double begun
-    double last[2]              # newest time that each set has told, s; 0: none
-    double counted              # packets of the present second,
-    double since                # which began then
-    double asked                # input `tare` of the tick before
-    double taring               # s, when it began; WANTED: with the next sample; IDLE
+    double last[2]              # newest time stamp of each set, s; 0: none
+    double counted              # packets in the present second
+    double since                # start of the present second
+    double asked                # input `tare` of the previous tick
+    double taring               # start of the tare, s; WANTED: with the next sample; IDLE
     double sum[4]
-    double attitude             # of the packet: 0 none, 1 as angles, 2 as a quaternion
-    double valid                # whether the filter says so of all that is in the packet; below 0: it says nothing
-    double time                 # s that the packet tells, NaN: none
+    double attitude             # in the packet: 0 none, 1 as angles, 2 as a quaternion
+    double valid                # validity flag of the filter for the packet; below 0: none
+    double time                 # time stamp of the packet, s, NaN: none
 
 
 cdef struct Measured:
@@ -66,7 +66,7 @@ cdef struct MicroStrain:
     int32_t index, rows         # the table
     int32_t settings            # Settings
     int32_t state               # State
-    Rest outputs                # of channels that have an output of their own
+    Rest outputs                # of channels with an output of their own
 
 MICRO_STRAIN = items(
     (<MicroStrain *>ITEMS)[0],
@@ -75,7 +75,7 @@ MICRO_STRAIN = items(
 
 
 cdef inline int32_t place_of(const MicroStrain *at, int item) noexcept nogil:
-    """Position of an item of the table: its place in the struct, or behind those, in `outputs`."""
+    """Return the position of an item of the table: in the struct, or after its items, in `outputs`."""
     cdef int named = (sizeof(MicroStrain) - sizeof(Rest)) // sizeof(int32_t)
     return (<const int32_t *>at)[item] if item < named else each(at, at.outputs)[item - named]
 
@@ -124,7 +124,7 @@ cdef void take_field(double *arena, const MicroStrain *at, int set_index, const 
         state.valid = 0.0 if not valid or state.valid == 0.0 else 1.0
     if row.role == CLOCK:
         value = value_at(data, kind, 0) * row.scale
-        if isfinite(value) and not state.time == state.time:       # the first of several
+        if isfinite(value) and not state.time == state.time:       # first of several
             state.time = value
     if row.item < 0.0:
         return
@@ -142,7 +142,7 @@ cdef void take_field(double *arena, const MicroStrain *at, int set_index, const 
 
 
 cdef bint is_whole(const uint8_t *packet) noexcept nogil:
-    """Whether the fields fill the payload."""
+    """Return whether the fields fill the payload."""
     cdef int at = HEAD
     cdef int end = HEAD + packet[3]
     while at < end:
@@ -152,8 +152,9 @@ cdef bint is_whole(const uint8_t *packet) noexcept nogil:
     return True
 
 
-cdef bint take_packet(double *arena, const MicroStrain *at, const MicroStrain *sizes, const uint8_t *packet, double came) noexcept nogil:
-    """One whose checksum is right. True where it is one of data. came : s"""
+cdef bint take_packet(double *arena, const MicroStrain *at, const MicroStrain *sizes, const uint8_t *packet,
+        double came) noexcept nogil:
+    """Decode a packet with a correct checksum. Returns whether it contains data. came : s, arrival"""
     cdef State *state = state_of(arena, at)
     cdef int offset = HEAD
     cdef int end = HEAD + packet[3]
@@ -187,7 +188,8 @@ cdef void begin(double *arena, const MicroStrain *at, const MicroStrain *sizes, 
     cdef const Settings *settings = <const Settings *>(arena + at.settings)
     state.begun = 1.0
     state.since, state.taring = came, IDLE
-    if arena[at.packets] == 0.0:                # a start and a second arming make its state anew, and leave what it tells
+    # a start and each further arming reset the state and keep the outputs
+    if arena[at.packets] == 0.0:
         blank(arena, at, sizes)
         arena[at.valid] = (arena + at.tare_attitude)[0] = 1.0
     if settings.tare_at_start != 0.0 and arena[at.tared] == 0.0:
@@ -195,7 +197,7 @@ cdef void begin(double *arena, const MicroStrain *at, const MicroStrain *sizes, 
 
 
 cdef void blank(double *arena, const MicroStrain *at, const MicroStrain *sizes) noexcept nogil:
-    """NaN for what the sensor has not sent yet."""
+    """Set the outputs of values that have not been received to NaN."""
     cdef int item, index
     for item in range(sizeof(Measured) // sizeof(int32_t)):
         for index in range((<const int32_t *>&sizes.measured)[item]):
@@ -206,7 +208,7 @@ cdef void blank(double *arena, const MicroStrain *at, const MicroStrain *sizes) 
 
 
 cdef void count_losses(double *arena, const MicroStrain *at, State *state, int set_index) noexcept nogil:
-    """Samples of which the times tell that they were taken and never came."""
+    """Count the samples that are missing by the time stamps."""
     cdef const Settings *settings = <const Settings *>(arena + at.settings)
     cdef double gap
     if not state.time == state.time:
@@ -229,7 +231,7 @@ cdef void measure_rate(double *arena, const MicroStrain *at, State *state, int s
 # Attitude
 
 cdef void product(const double *a, const double *b, double *c) noexcept nogil:
-    """c = a* b: what turns the one attitude into the other."""
+    """Compute c = a* b, the rotation from one attitude to the other."""
     c[0] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     c[1] = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
     c[2] = a[0] * b[2] + a[1] * b[3] - a[2] * b[0] - a[3] * b[1]
@@ -262,18 +264,18 @@ cdef void to_matrix(const double *q, double *r) noexcept nogil:
 
 
 cdef void to_angles(const double *r, double *euler) noexcept nogil:
-    """roll, pitch, yaw of a rotation matrix"""
+    """Compute roll, pitch and yaw of a rotation matrix."""
     euler[0] = atan2(r[7], r[8])
     euler[1] = -asin(max(-1.0, min(1.0, r[6]))) if r[6] == r[6] else NAN
     euler[2] = atan2(r[3], r[0])
 
 
 cdef void turn(double *arena, const MicroStrain *at, State *state, double came) noexcept nogil:
-    """From the attitude that the sensor has told to the one that is asked for: relative to where it was tared."""
+    """Convert the sensor's attitude to the output: relative to the tared one."""
     cdef const Settings *settings = <const Settings *>(arena + at.settings)
     cdef double q[4]
     cdef double *raw = arena + at.measured.raw_quaternion
-    cdef double *told = arena + at.measured.quaternion
+    cdef double *output = arena + at.measured.quaternion
     cdef double norm, sign
     cdef int index
     if state.attitude == 1.0:
@@ -285,16 +287,18 @@ cdef void turn(double *arena, const MicroStrain *at, State *state, double came) 
         if state.taring == WANTED:
             state.taring = came
             memset(state.sum, 0, sizeof(state.sum))
-        sign = -1.0 if q[0] * state.sum[0] + q[1] * state.sum[1] + q[2] * state.sum[2] + q[3] * state.sum[3] < 0.0 else 1.0
+        sign = -1.0 if (
+            q[0] * state.sum[0] + q[1] * state.sum[1] + q[2] * state.sum[2] + q[3] * state.sum[3] < 0.0) else 1.0
         for index in range(4):
             state.sum[index] += sign * q[index]
         if came - state.taring >= settings.tare_time:
-            norm = sqrt(state.sum[0] * state.sum[0] + state.sum[1] * state.sum[1] + state.sum[2] * state.sum[2] + state.sum[3] * state.sum[3])
+            norm = sqrt(state.sum[0] * state.sum[0] + state.sum[1] * state.sum[1] + state.sum[2] * state.sum[2]
+                + state.sum[3] * state.sum[3])
             for index in range(4):
                 (arena + at.tare_attitude)[index] = state.sum[index] / norm
             state.taring, arena[at.tared] = IDLE, 1.0
-    product(arena + at.tare_attitude, q, told)
-    to_matrix(told, arena + at.measured.rotation)
+    product(arena + at.tare_attitude, q, output)
+    to_matrix(output, arena + at.measured.rotation)
     to_angles(arena + at.measured.rotation, arena + at.measured.euler)
 
 
@@ -331,12 +335,12 @@ cdef int mip_decode(double *arena, const MicroStrain *at, const MicroStrain *siz
         memmove(pending.bytes, pending.bytes + offset, pending.length)
     arena[at.corrupt] += corrupt
     if taken and (<const Settings *>(arena + at.settings)).tare_at_start != 0.0 and arena[at.tared] == 0.0:
-        return NOTED                                # nothing is armed before it is tared
+        return NOTED                                # arming waits for the tare
     return TAKEN if taken else MALFORMED if corrupt > 0 else NOTED
 
 
 cdef int mip_encode(double *arena, const MicroStrain *at, const MicroStrain *sizes, Frame *frames) noexcept nogil:
-    """Nothing to send; at the end of the tick it is seen whether a tare is asked for."""
+    """Send nothing; check at the end of the tick whether a tare is requested."""
     cdef State *state = state_of(arena, at)
     cdef double asked = 1.0 if arena[at.tare] != 0.0 else 0.0
     if asked != 0.0 and state.asked == 0.0 and state.begun != 0.0:

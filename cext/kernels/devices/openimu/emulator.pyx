@@ -1,8 +1,8 @@
 # cython: freethreading_compatible=True
-"""An OpenIMU that is not there: it takes settings, answers what it is asked, and sends what its firmware would, truncated as there.
+"""Emulated OpenIMU: accepts settings, replies to requests, and sends data with the rounding of the firmware.
 
-    300RI   (raw + offset) x scale, truncated. As it is sold, y and z of the acceleration are negated, then x and y of acceleration and
-            angular rate change places; the magnetic field is left alone
+    300RI   (raw + offset) x scale, truncated. By default, y and z of the acceleration are negated, then x and y of
+            acceleration and angular rate are swapped; the magnetic field is unchanged
     335RI   the same, rounded in single precision: half a code is added first. It has no magnetometer
 """
 
@@ -23,12 +23,12 @@ from cext.kernels.devices.openimu.frames cimport (
 
 cdef enum: # in `stored` and `state`
     DIVIDER, TYPES, BITS, ORIENTED, RATE_FILTER, ACCEL_FILTER
-    SETTINGS                    # how many
-    OWED = SETTINGS             # answers, a bit each, as the enum below
-    DUE                         # s, of the next packets
-    LUCK                        # of frames that may be dropped
+    SETTINGS                    # number of settings
+    OWED = SETTINGS             # pending replies, one bit each, as in the enum below
+    DUE                         # time of the next packets, s
+    LUCK                        # random state for dropped frames
     DEAD                        # whether it has no power
-    NAME                        # its serial number, in the NAME that it claims its address with
+    NAME                        # serial number in the NAME of the address claim
 
 cdef enum: # bits of OWED
     OWES_CLAIM = 1
@@ -51,14 +51,14 @@ cdef enum:
 
 cdef struct Unit:
     int32_t accel, gyro, mag, roll, pitch, silent, dropped, power_lost, address, rounds
-    int32_t stored              # the enum above: settings at power on
+    int32_t stored              # the enum above: settings at power-on
     int32_t state               # the enum above
 
 UNIT = items((<Unit *>ITEMS)[0], "accel[3] gyro[3] mag[3] stored[6] state[11]")
 
 
 cdef bint drops(double *arena, const Unit *at) noexcept nogil:
-    """Whether the next frame is lost on its way. A linear congruence: the same in every run."""
+    """Return whether the next frame is lost. A linear congruential generator: the same in every run."""
     cdef double *luck = arena + at.state + LUCK
     if not arena[at.dropped] > 0.0:
         return False
@@ -67,13 +67,15 @@ cdef bint drops(double *arena, const Unit *at) noexcept nogil:
 
 
 cdef void asked(double *arena, const Unit *at, const uint8_t *data) noexcept nogil:
-    """A request of a parameter group: its bytes in the order that the firmware has been told, of the 335RI as its stock firmware."""
+    """Handle a request of a parameter group, in the byte order that is set; the 335RI as its stock firmware."""
     cdef double *state = arena + at.state
     cdef bint modern = arena[at.rounds] != 0.0 or <uint32_t>state[BITS] & NEW_REQUEST
     cdef uint32_t group = (u16(data) if modern else <uint32_t>data[1] << 8 | data[2])
     cdef uint32_t owed = (
-        OWES_CLAIM if group == ADDRESS_CLAIM else OWES_RATE if group == PACKET_RATE else OWES_TYPE if group == PACKET_TYPE
-        else OWES_FILTERS if group == FILTERS else OWES_ORIENTATION if group == ORIENTATION else OWES_BEHAVIOUR if group == BEHAVIOUR
+        OWES_CLAIM if group == ADDRESS_CLAIM else OWES_RATE if group == PACKET_RATE else OWES_TYPE
+        if group == PACKET_TYPE
+        else OWES_FILTERS if group == FILTERS else OWES_ORIENTATION if group == ORIENTATION else OWES_BEHAVIOUR
+        if group == BEHAVIOUR
         else OWES_VERSION if group == VERSION else 0)
     state[OWED] = <double>(<uint32_t>state[OWED] | owed)
 
@@ -89,7 +91,7 @@ cdef int heard_decode(double *arena, const Unit *at, const Unit *sizes, const Fr
             return MALFORMED
         if state[DEAD] == 0.0 and not drops(arena, at):
             asked(arena, at, data)
-        return TAKEN if destination == own else FOREIGN         # who asks everybody asks others too
+        return TAKEN if destination == own else FOREIGN         # a global request is addressed to others, too
     if not PACKET_RATE <= group <= BEHAVIOUR or frame.length < 2 or data[0] != own or (frame.id & 0xFF) == own:
         return FOREIGN
     if frame.length < (2 if group == PACKET_RATE or group == PACKET_TYPE else 3):
@@ -106,13 +108,13 @@ cdef int heard_decode(double *arena, const Unit *at, const Unit *sizes, const Fr
         state[ORIENTED] = <uint32_t>data[1] << 8 | data[2]
     elif arena[at.rounds] == 0.0:
         state[BITS] = u16(&data[1])
-    elif frame.length >= 5:                                     # bits to set, bits to take away
+    elif frame.length >= 5:                                     # bits to set, bits to clear
         state[BITS] = (<uint32_t>state[BITS] | u16(&data[1])) & ~u16(&data[3])
     return TAKEN
 
 
 cdef inline void put16(uint8_t *data, double x, bint rounds) noexcept nogil:
-    """A code in two bytes. Beyond the field it stays at its end."""
+    """Write a code in two bytes, clamped to the range of the field."""
     cdef uint32_t code
     if rounds:
         x = <float>(x + 0.5)
@@ -129,7 +131,7 @@ cdef inline void put24(uint8_t *data, double x, bint rounds) noexcept nogil:
 
 
 cdef inline void exchange(uint8_t *data) noexcept nogil:
-    """x and y change places."""
+    """Swap x and y."""
     cdef uint8_t[2] kept
     memcpy(kept, data, 2)
     memcpy(data, data + 2, 2)
@@ -141,7 +143,7 @@ cdef inline double clamped(double x, double most) noexcept nogil:
 
 
 cdef void put_fine(double *arena, const Unit *at, uint32_t packet, uint32_t bits, uint8_t *data) noexcept nogil:
-    """Three codes of 19 bits, rounded, in the axes that it has been set to."""
+    """Write three codes of 19 bits, rounded, in the configured axes."""
     cdef bint turns = packet == SENDS_FINE_RATE
     cdef const double *u = arena + (at.gyro if turns else at.accel)
     cdef uint64_t word = 0
@@ -161,7 +163,7 @@ cdef void put_fine(double *arena, const Unit *at, uint32_t packet, uint32_t bits
 
 
 cdef void measure(double *arena, const Unit *at, uint32_t packet, Frame *frame) noexcept nogil:
-    """The data of one packet. 57.296 is the degrees of a radian as the firmware has them."""
+    """Write the data of one packet. 57.296 degrees per radian are the firmware's."""
     cdef uint32_t bits = <uint32_t>arena[at.state + BITS]
     cdef bint rounds = arena[at.rounds] != 0.0
     cdef uint8_t *data = &frame.data[0]
@@ -174,7 +176,8 @@ cdef void measure(double *arena, const Unit *at, uint32_t packet, Frame *frame) 
     elif packet == SENDS_RATE:
         u = arena + at.gyro
         for i in range(3):
-            put16(&data[2 * i], (clamped(<float>(u[i] * (180.0 / 3.14159265358979323846)), 250.0) + 250.0) * 128.0, rounds)
+            put16(&data[2 * i], (clamped(<float>(u[i] * (180.0 / 3.14159265358979323846)), 250.0) + 250.0) * 128.0,
+                rounds)
         data[6] = 0x00 if rounds else 0x3F
     elif packet == SENDS_ACCELERATION:
         u = arena + at.accel
@@ -196,7 +199,7 @@ cdef void measure(double *arena, const Unit *at, uint32_t packet, Frame *frame) 
 
 
 cdef void answer(double *arena, const Unit *at, uint32_t owed, Frame *frame) noexcept nogil:
-    """A setting as it is. The 335RI begins with the address of who asked, and has the filters in another order."""
+    """Write the reply with a setting. The 335RI's begins with the requester's address; its filters are swapped."""
     cdef const double *state = arena + at.state
     cdef bint rounds = arena[at.rounds] != 0.0
     cdef uint8_t *data = &frame.data[0]
@@ -204,7 +207,8 @@ cdef void answer(double *arena, const Unit *at, uint32_t owed, Frame *frame) noe
     cdef uint64_t name
     cdef uint32_t group = (
         PACKET_RATE if owed == OWES_RATE else PACKET_TYPE if owed == OWES_TYPE else FILTERS if owed == OWES_FILTERS
-        else ORIENTATION if owed == OWES_ORIENTATION else BEHAVIOUR if owed == OWES_BEHAVIOUR else VERSION if owed == OWES_VERSION
+        else ORIENTATION if owed == OWES_ORIENTATION else BEHAVIOUR if owed == OWES_BEHAVIOUR else VERSION
+        if owed == OWES_VERSION
         else ADDRESS_CLAIM | EVERYBODY)
     frame.id = <uint32_t>EXTENDED | 6 << 26 | group << 8 | <uint32_t>arena[at.address]
     frame.length = 3
@@ -232,7 +236,7 @@ cdef void answer(double *arena, const Unit *at, uint32_t owed, Frame *frame) noe
 
 
 cdef int unit_kernel(double *arena, const Unit *at, const Unit *sizes) noexcept nogil:
-    """Without power it is dead; when power is back it is as it is stored, and claims its address."""
+    """Handle power: none without it; when restored, load the stored settings and claim the address."""
     cdef double *state = arena + at.state
     if arena[at.power_lost] != 0.0:
         state[DEAD] = 1.0
@@ -246,13 +250,15 @@ cdef int unit_kernel(double *arena, const Unit *at, const Unit *sizes) noexcept 
 
 
 cdef uint32_t identifier(uint32_t packet, uint32_t address, bint newer) noexcept nogil:
-    """Priority 2 for acceleration, 3 for angular rate and slope, 6 for the field."""
+    """Return the identifier of a packet: priority 2 for acceleration, 3 for rate and slope, 6 for the field."""
     if newer and packet & (SENDS_FINE_RATE | SENDS_FINE_ACCELERATION | SENDS_SLOPE_1):
         return <uint32_t>EXTENDED | address | (
-            2 << 26 | FINE_ACCELERATION << 8 if packet == SENDS_FINE_ACCELERATION else 3 << 26 | FINE_RATE << 8 if packet == SENDS_FINE_RATE
+            2 << 26 | FINE_ACCELERATION << 8 if packet == SENDS_FINE_ACCELERATION else 3 << 26 | FINE_RATE << 8
+            if packet == SENDS_FINE_RATE
             else 3 << 26 | SLOPE_1 << 8)
     return <uint32_t>EXTENDED | address | (
-        2 << 26 | ACCELERATION << 8 if packet == SENDS_ACCELERATION else 3 << 26 | ANGULAR_RATE << 8 if packet == SENDS_RATE
+        2 << 26 | ACCELERATION << 8 if packet == SENDS_ACCELERATION else 3 << 26 | ANGULAR_RATE << 8
+        if packet == SENDS_RATE
         else 3 << 26 | SLOPE << 8 if packet == SENDS_SLOPE else 6 << 26 | MAGNETIC_FIELD << 8)
 
 
@@ -265,7 +271,7 @@ cdef inline bint finite(const double *x, int count) noexcept nogil:
 
 
 cdef int send(double *arena, const Unit *at, uint32_t packet, Frame *frames, int count) noexcept nogil:
-    """One packet behind `count` others, if it is sent at all. Returns how many there are then."""
+    """Append a packet to `count` frames if enabled. Returns the new count."""
     if count == FRAMES_PER_DEVICE or not <uint32_t>arena[at.state + TYPES] & packet:
         return count
     if arena[at.silent] != 0.0 or drops(arena, at):
@@ -278,7 +284,7 @@ cdef int send(double *arena, const Unit *at, uint32_t packet, Frame *frames, int
 
 
 cdef int say(double *arena, const Unit *at, uint32_t owed, Frame *frames, int count) noexcept nogil:
-    """An answer behind `count` other frames, if it is owed. Returns how many there are then."""
+    """Append a reply to `count` frames if pending. Returns the new count."""
     cdef double *state = arena + at.state
     if not <uint32_t>state[OWED] & owed:
         return count
@@ -299,7 +305,7 @@ cdef int send_encode(double *arena, const Unit *at, const Unit *sizes, Frame *fr
         return -NOT_FINITE
     if state[DEAD] != 0.0:
         return 0
-    if <uint32_t>state[OWED] & OWES_CLAIM:                      # before it says anything else
+    if <uint32_t>state[OWED] & OWES_CLAIM:                      # before any other frame
         count = say(arena, at, OWES_CLAIM, frames, count)
     elif state[DIVIDER] > 0.0 and arena[TIME] >= state[DUE] - 1e-9:
         state[DUE] += 0.01 * state[DIVIDER]

@@ -1,4 +1,7 @@
-"""What an OpenIMU and whoever listens to it have in common: SAE J1939 identifiers, packets and settings. (blocks/imus/openimu/frames.py)"""
+"""SAE J1939 identifiers, packets and settings of OpenIMUs, for the driver and the emulated sensor.
+
+See blocks/imus/openimu/frames.py.
+"""
 
 from libc.stdint cimport uint8_t, uint32_t, uint64_t
 from libc.string cimport memcpy
@@ -25,12 +28,12 @@ cdef enum: # bits of the packet type
     SENDS_SLOPE = 1
     SENDS_RATE = 2
     SENDS_ACCELERATION = 4
-    SENDS_FIELD = 8             # of the 300RI; the 335RI has three others
+    SENDS_FIELD = 8             # of the 300RI; the 335RI has the next three instead
     SENDS_FINE_RATE = 8
     SENDS_FINE_ACCELERATION = 16
     SENDS_SLOPE_1 = 32
 
-cdef enum: # bits of the settings that have been told
+cdef enum: # bits of the settings that have been confirmed
     TOLD_BEHAVIOUR = 1
     TOLD_TYPE = 2
     TOLD_RATE = 4
@@ -39,7 +42,7 @@ cdef enum: # bits of the settings that have been told
 
 
 cdef inline uint32_t group_of(uint32_t id) noexcept nogil:
-    """The parameter group of an identifier, 0 for a frame that is none of J1939. Groups with a destination come without it."""
+    """Return the parameter group of an identifier, without the destination; 0 for a frame that is not J1939."""
     cdef uint32_t group = id >> 8 & 0x3FFFF
     if not id & EXTENDED or id & (REMOTE | ERROR_FRAME):
         return 0
@@ -55,14 +58,14 @@ cdef inline uint32_t u24(const uint8_t *data) noexcept nogil:
 
 
 cdef inline uint32_t fine(const uint8_t *data, int axis) noexcept nogil:
-    """One of the three codes of 19 bits, the least significant first, of a packet of high resolution."""
+    """Return one of the three codes of 19 bits, least significant first, of a high-resolution packet."""
     cdef uint64_t word
-    memcpy(&word, data, 8)                      # of the processors that this runs on, all begin with the least
+    memcpy(&word, data, 8)                      # supported processors are little-endian
     return <uint32_t>(word >> 19 * axis) & 0x7FFFFu
 
 
 cdef inline uint32_t merit(const uint8_t *data, int first, int axis) noexcept nogil:
-    """Two bits behind them, from bit `first` on: 0 as it should be, 1 degraded, 2 an error, 3 not available."""
+    """Return the two bits of merit at bit `first`: 0 good, 1 degraded, 2 an error, 3 not available."""
     cdef uint64_t word
     memcpy(&word, data, 8)
     return <uint32_t>(word >> first + 2 * axis) & 3u

@@ -1,18 +1,19 @@
 # cython: freethreading_compatible=True
-"""OpenIMU 300RI and 335RI over SAE J1939: what they send, read as the vendor documents it.
+"""OpenIMU 300RI and 335RI over SAE J1939: decoding as documented by the vendor.
 
     acceleration      raw x 0.01 - 320 m/s²
     angular rate      raw / 128 - 250 °/s
     slope             pitch, roll: raw / 32768 - 250 °, three bytes each
     magnetic field    raw / 4000 - 8 G
 
-and of the 335RI, of which any may take the place of the one above:
+The 335RI can send these in place of the packets above:
 
     acceleration      raw / 800 - 320 m/s², 19 bits each, then two bits of merit each
     angular rate      raw / 1024 - 250 °/s, the same
     slope sensor 1    pitch, roll: raw / 500 - 64 °, two bytes each; pitch rate; merit
 
-Nothing is measured until the unit has told that its settings are ours: as it is sold, acceleration and angular rate are not in one frame.
+Outputs stay NaN until the unit has confirmed its settings: by default, acceleration and angular rate have different
+axes.
 """
 
 from libc.math cimport NAN, M_PI
@@ -24,8 +25,10 @@ from cext.abi cimport (
     items,
 )
 from cext.kernels.devices.openimu.frames cimport (
-    ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, MAGNETIC_FIELD, ORIENTATION, PACKET_RATE, PACKET_TYPE,
-    FINE_ACCELERATION, FINE_RATE, SENDS_ACCELERATION, SENDS_FIELD, SENDS_FINE_ACCELERATION, SENDS_FINE_RATE, SENDS_RATE, SENDS_SLOPE,
+    ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, MAGNETIC_FIELD, ORIENTATION, PACKET_RATE,
+    PACKET_TYPE,
+    FINE_ACCELERATION, FINE_RATE, SENDS_ACCELERATION, SENDS_FIELD, SENDS_FINE_ACCELERATION, SENDS_FINE_RATE,
+    SENDS_RATE, SENDS_SLOPE,
     SENDS_SLOPE_1, SLOPE, SLOPE_1, TOLD_BEHAVIOUR, TOLD_FILTERS, TOLD_ORIENTATION, TOLD_RATE, TOLD_TYPE,
     fine, group_of, merit, u16, u24,
 )
@@ -34,15 +37,15 @@ cdef enum: # in `wanted`
     DIVIDER, TYPES, BITS, MASK, ORIENTED, RATE_FILTER, ACCEL_FILTER, SIGN, NEEDED, GAP, NEWER
 
 cdef enum: # in `state`
-    ARRIVED                     # packets since the last whole sample
-    STARTED                     # whether anything was heard
-    NEXT                        # frame of `set_up` that is sent next; -1: none
-    LAST                        # s, when the newest packet came
+    ARRIVED                     # packets since the last complete sample
+    STARTED                     # whether any frame was received
+    NEXT                        # index of the next frame of `set_up` to send; -1: none
+    LAST                        # arrival of the newest packet, s
 
 cdef enum:
-    WORDS = 10                  # of a frame in `set_up`
+    WORDS = 10                  # numbers per frame in `set_up`
     SENT_PER_TICK = 2
-    NO_VALUE = 0xFE00           # from here on J1939 has "error" and "not available"
+    NO_VALUE = 0xFE00           # from here on: "error" and "not available" of J1939
 
 cdef double DEGREE = M_PI / 180.0
 
@@ -50,7 +53,7 @@ cdef double DEGREE = M_PI / 180.0
 cdef struct OpenImu:
     int32_t accel, gyro, mag, roll, pitch, settings, invalid, address
     int32_t wanted              # the enum above
-    int32_t set_up              # identifier, length, eight bytes of each frame that sets the unit up or reads its settings
+    int32_t set_up              # identifier, length and eight bytes of each frame that writes or reads settings
     int32_t state               # the enum above
 
 OPEN_IMU = items((<OpenImu *>ITEMS)[0], "accel[3] gyro[3] mag[3] wanted[11] set_up[...] state[4]")
@@ -61,8 +64,8 @@ cdef inline void invalid(double *arena, const OpenImu *at, bint is_so) noexcept 
         arena[at.invalid] += 1.0
 
 
-cdef int told(double *arena, const OpenImu *at, uint32_t group, const Frame *frame) noexcept nogil:
-    """An answer about a setting: noted whether it is as wanted."""
+cdef int confirm(double *arena, const OpenImu *at, uint32_t group, const Frame *frame) noexcept nogil:
+    """Compare a reported setting with the configured one."""
     cdef const double *wanted = arena + at.wanted
     cdef const uint8_t *data = &frame.data[0]
     cdef int bit = 0
@@ -77,7 +80,7 @@ cdef int told(double *arena, const OpenImu *at, uint32_t group, const Frame *fra
         bit, agrees = TOLD_BEHAVIOUR, (u16(&data[1]) & <uint32_t>wanted[MASK]) == <uint32_t>wanted[BITS]
     elif group == ORIENTATION:
         bit, agrees = TOLD_ORIENTATION, (<uint32_t>data[1] << 8 | data[2]) == <uint32_t>wanted[ORIENTED]
-    else:                       # acceleration first or last, as the model has it
+    else:                       # acceleration first or last, depending on the model
         bit = TOLD_FILTERS
         agrees = ((data[1] == <uint32_t>wanted[ACCEL_FILTER] and data[2] == <uint32_t>wanted[RATE_FILTER])
                   or (data[2] == <uint32_t>wanted[ACCEL_FILTER] and data[1] == <uint32_t>wanted[RATE_FILTER]))
@@ -87,7 +90,7 @@ cdef int told(double *arena, const OpenImu *at, uint32_t group, const Frame *fra
 
 
 cdef void never(double *arena, const OpenImu *at, bint nothing_yet) noexcept nogil:
-    """What it does not send is NaN, and so is all of it before it has told its settings."""
+    """Set outputs without a value to NaN; all outputs until the settings are confirmed."""
     cdef uint32_t types = <uint32_t>arena[at.wanted + TYPES]
     cdef int i
     cdef bint newer = (arena + at.wanted)[NEWER] != 0.0
@@ -101,7 +104,7 @@ cdef void never(double *arena, const OpenImu *at, bint nothing_yet) noexcept nog
 
 
 cdef inline uint32_t packet_of(uint32_t group, bint newer) noexcept nogil:
-    """Its bit in the packet type; 0 for what is no measurement of this model."""
+    """Return the bit in the packet type; 0 for a group that is not a measurement of this model."""
     if group == ACCELERATION:
         return SENDS_ACCELERATION
     if group == ANGULAR_RATE:
@@ -116,7 +119,7 @@ cdef inline uint32_t packet_of(uint32_t group, bint newer) noexcept nogil:
 
 
 cdef void take_fine(double *arena, const OpenImu *at, uint32_t packet, const uint8_t *data, double sign) noexcept nogil:
-    """One of the packets that a 335RI alone has."""
+    """Decode a packet of the 335RI only."""
     cdef double *y
     cdef int i
     if packet == SENDS_SLOPE_1:
@@ -144,20 +147,21 @@ cdef int decode_kernel(double *arena, const OpenImu *at, const OpenImu *sizes, c
     cdef int i
     if group == 0 or (frame.id & 0xFF) != <uint32_t>arena[at.address]:
         return FOREIGN
-    if group == ADDRESS_CLAIM:                                  # power is back, and it is again as it is stored
+    if group == ADDRESS_CLAIM:                                  # after power-on the unit has its stored settings
         arena[at.settings] = state[ARRIVED] = state[NEXT] = 0.0
         return NOTED
     if PACKET_RATE <= group <= BEHAVIOUR:
-        return told(arena, at, group, frame)
+        return confirm(arena, at, group, frame)
     packet = packet_of(group, wanted[NEWER] != 0.0)
     if packet == 0:
         return NOTED
     if frame.length != 8:
         return MALFORMED
-    if state[LAST] > 0.0 and frame.time * 1e-9 - state[LAST] > wanted[GAP]:     # it may have lost its power, and its claim been lost
+    # after a gap: power may have been lost, and the address claim missed
+    if state[LAST] > 0.0 and frame.time * 1e-9 - state[LAST] > wanted[GAP]:
         arena[at.settings] = state[ARRIVED] = state[NEXT] = 0.0
     state[LAST] = frame.time * 1e-9
-    if state[STARTED] == 0.0:                                   # at the start, and once more when it has been armed
+    if state[STARTED] == 0.0:                                   # at the start, and again after arming
         state[STARTED] = 1.0
         never(arena, at, (<uint32_t>arena[at.settings] & needed) != needed)
     if (<uint32_t>arena[at.settings] & needed) != needed or not packet & <uint32_t>wanted[TYPES]:
@@ -188,11 +192,11 @@ cdef int decode_kernel(double *arena, const OpenImu *at, const OpenImu *sizes, c
         state[ARRIVED] = packet
         return NOTED
     state[ARRIVED] = 0.0
-    return TAKEN                                                # a whole sample
+    return TAKEN                                                # a complete sample
 
 
 cdef int encode_kernel(double *arena, const OpenImu *at, const OpenImu *sizes, Frame *frames) noexcept nogil:
-    """Its settings, to a unit that arming did not wait for, and to one that has lost its power since."""
+    """Send the settings to a unit that arming did not wait for, or that has since lost power."""
     cdef double *state = arena + at.state
     cdef const double *kept
     cdef int stored = sizes.set_up // WORDS

@@ -1,9 +1,9 @@
 # cython: freethreading_compatible=True
-"""A RobStride drive that is not there: it hears the private protocol, closes its loops, and answers.
+"""Emulated RobStride drive: receives the private protocol, closes the control loops, and replies.
 
-Its laws, at the motor: operation control  kp (p_des - p) + kd (v_des - v) + t, no further than limit_torque;
-position, CSP  spd_kp (loc_kp (loc_ref - p), no faster than limit_spd or vel_max - v) A;  velocity  spd_kp (spd_ref - v) A;
-current  iq_ref A; the first three no further than limit_cur. Accelerations are kept and have no effect.
+Laws at the motor: operation control  kp (p_des - p) + kd (v_des - v) + t, limited by limit_torque;
+position, CSP  spd_kp (loc_kp (loc_ref - p), limited by limit_spd or vel_max - v) A;  velocity  spd_kp (spd_ref - v) A;
+current  iq_ref A; the first three limited by limit_cur. Accelerations are stored and have no effect.
 """
 
 from libc.math cimport isfinite
@@ -15,21 +15,22 @@ from cext.abi cimport (
     export_decode, export_encode, items, kernel_t,
 )
 from cext.kernels.devices.drives cimport (
-    HEARD, RUNNING, ZERO, Drive, answerable, deliver, drive_sizes, forget, law, look, owe, own_id, seen_position,
+    LAST_COMMAND, RUNNING, ZERO, Drive, answerable, deliver, drive_sizes, forget, law, look, owe, own_id, seen_position,
     seen_velocity, turned, unreachable, unwritten, within,
 )
 from cext.kernels.devices.fields cimport from_code, to_code
 
 cdef enum: # in `memory_of_drive`
-    HOST                        # who spoke last
+    HOST                        # id of the host that sent last
     LATCHED                     # faults of type 2 until they are cleared
     REPORTED                    # faults of type 21 that have been reported
-    REPORTING                   # whether it answers without being asked
+    REPORTING                   # whether it reports periodically
     NEXT_REPORT                 # s
     TORQUE_CONSTANT             # N·m/A at the motor
 
 cdef enum: # parameters
-    RUN_MODE = 0x05, IQ_REF, SPD_REF = 0x0A, LIMIT_TORQUE, LOC_REF = 0x16, LIMIT_SPD, LIMIT_CUR, MECH_POS, IQF, MECH_VEL, VBUS, ROTATION
+    RUN_MODE = 0x05, IQ_REF, SPD_REF = 0x0A, LIMIT_TORQUE, LOC_REF = 0x16, LIMIT_SPD, LIMIT_CUR, MECH_POS, IQF,
+    MECH_VEL, VBUS, ROTATION
     LOC_KP, SPD_KP, VEL_MAX = 0x24, EPSCAN_TIME = 0x26, CAN_TIMEOUT = 0x28, ZERO_STA
 
 cdef enum: # values of RUN_MODE
@@ -39,12 +40,12 @@ cdef enum:
     FIRMWARE = 8                # in `identity`
     CYBERGEAR = 13
     HIGHEST_ID = 127
-    NEWCOMER = 0xFE             # target of the answer that has its unique number
+    NEWCOMER = 0xFE             # target of the reply with its unique number
 
 cdef enum:
     FAULTS = 63
-    WORD = 256                  # where the 32 bits of type 21 begin in the input
-    HOT = 4                     # of FAULTS
+    WORD = 256                  # start of the 32 bits of type 21 in the input
+    HOT = 4                     # bit of FAULTS
 
 
 cdef inline uint32_t u16(const uint8_t *data) noexcept nogil:
@@ -68,7 +69,7 @@ cdef inline bint whole(uint32_t index) noexcept nogil:
 cdef struct RobStride:
     Drive drive
     int32_t registers           # values of the parameters 0x7000 to 0x703F
-    int32_t defaults            # the same after power on
+    int32_t defaults            # the same after power-on
     int32_t memory_of_drive     # the enum above
     int32_t identity            # eight bytes of its unique number, five of its firmware, whether it is a CyberGear
 
@@ -78,7 +79,7 @@ ROB_STRIDE = items(
 
 
 cdef double motor_torque(double *arena, const RobStride *at) noexcept nogil:
-    """N·m at the joint, the way the motor turns."""
+    """Return the torque, N·m at the joint, in the motor's direction."""
     cdef double *registers = arena + at.registers
     cdef double *memory = arena + at.memory_of_drive
     cdef double gear = arena[at.drive.gear_ratio]
@@ -109,7 +110,7 @@ cdef void stop(double *arena, const RobStride *at) noexcept nogil:
 
 
 cdef void start(double *arena, const RobStride *at) noexcept nogil:
-    """Where it is, and still."""
+    """Command the present position at standstill."""
     cdef double *registers = arena + at.registers
     if (arena + at.drive.state)[RUNNING] != 0.0 or (arena + at.memory_of_drive)[LATCHED] != 0.0:
         return
@@ -119,7 +120,7 @@ cdef void start(double *arena, const RobStride *at) noexcept nogil:
 
 
 cdef void read(double *arena, const RobStride *at, uint32_t host, uint32_t index) noexcept nogil:
-    """The answer of type 17, at once."""
+    """Queue the reply of type 17, without delay."""
     cdef double *registers = arena + at.registers
     cdef double gear = arena[at.drive.gear_ratio]
     cdef uint32_t place = index & 63
@@ -143,11 +144,12 @@ cdef void read(double *arena, const RobStride *at, uint32_t host, uint32_t index
     data[1] = <uint8_t>(index >> 8)
     data[2] = data[3] = 0
     put_little(&data[4], bits if known else 0)
-    owe(arena, &at.drive, <uint32_t>EXTENDED | 17 << 24 | (0 if known else 1) << 16 | own_id(arena, &at.drive) << 8 | host, 8, data)
+    owe(arena, &at.drive, <uint32_t>EXTENDED | 17 << 24 | (0 if known else 1) << 16 | own_id(arena, &at.drive) << 8
+        | host, 8, data)
 
 
 cdef void write(double *arena, const RobStride *at, const uint8_t *data) noexcept nogil:
-    """RAM alone. What is measured cannot be written, the mode not while it runs; what is not a number is not taken."""
+    """Write a parameter to RAM. Measured values, the mode while running, and NaN are rejected."""
     cdef uint32_t index = <uint32_t>data[1] << 8 | data[0]
     cdef uint32_t place = index & 63
     cdef uint32_t bits = little(&data[4])
@@ -167,7 +169,7 @@ cdef void write(double *arena, const RobStride *at, const uint8_t *data) noexcep
 
 
 cdef void tell_identity(double *arena, const RobStride *at) noexcept nogil:
-    """The answer to get id and set id, at once."""
+    """Queue the reply to get id and set id, without delay."""
     cdef double *identity = arena + at.identity
     cdef uint8_t data[8]
     cdef int i
@@ -177,7 +179,7 @@ cdef void tell_identity(double *arena, const RobStride *at) noexcept nogil:
 
 
 cdef void tell_firmware(double *arena, const RobStride *at) noexcept nogil:
-    """The answer to a stop that asks for it: feedback whose data are no state."""
+    """Queue the reply to a stop that requests it: feedback whose data are not a state."""
     cdef double *identity = arena + at.identity
     cdef double *memory = arena + at.memory_of_drive
     cdef uint8_t data[8]
@@ -185,11 +187,12 @@ cdef void tell_firmware(double *arena, const RobStride *at) noexcept nogil:
     data[0], data[1], data[2] = 0x00, 0xC4, 0x56
     for i in range(5):
         data[3 + i] = <uint8_t>identity[FIRMWARE + i]
-    owe(arena, &at.drive, <uint32_t>EXTENDED | 2 << 24 | <uint32_t>memory[LATCHED] << 16 | own_id(arena, &at.drive) << 8 | <uint32_t>memory[HOST], 8, data)
+    owe(arena, &at.drive, <uint32_t>EXTENDED | 2 << 24 | <uint32_t>memory[LATCHED] << 16
+        | own_id(arena, &at.drive) << 8 | <uint32_t>memory[HOST], 8, data)
 
 
 cdef void save(double *arena, const RobStride *at) noexcept nogil:
-    """Parameters as they are come back with the power, all but the mode and what is commanded."""
+    """Keep the parameters over a power cycle, except the mode and the commands."""
     cdef double *registers = arena + at.registers
     cdef double *defaults = arena + at.defaults
     cdef int place
@@ -199,7 +202,7 @@ cdef void save(double *arena, const RobStride *at) noexcept nogil:
 
 
 cdef inline bint counts_up(const uint8_t *data) noexcept nogil:
-    """01 02 .. 08."""
+    """Return whether the data are 01 02 .. 08."""
     cdef int i
     for i in range(8):
         if data[i] != i + 1:
@@ -217,18 +220,19 @@ cdef int heard_decode(double *arena, const RobStride *at, const RobStride *sizes
     cdef bint cybergear = (arena + at.identity)[CYBERGEAR] != 0.0
     if (frame.id & ~<uint32_t>ID_MASK) != EXTENDED or (frame.id & 255) != <uint32_t>arena[at.drive.can_id]:
         return FOREIGN
-    if type not in (0, 1, 3, 4, 6, 7, 17, 18, 24) and not (type == 22 and not cybergear and frame.length == 8 and counts_up(data)):
+    if type not in (0, 1, 3, 4, 6, 7, 17, 18, 24) and not (type == 22 and not cybergear and frame.length == 8
+            and counts_up(data)):
         return FOREIGN          # type 22 changes the baud rate of a CyberGear, which is not emulated
     if frame.length != 8:
         return MALFORMED
     if unreachable(arena, &at.drive):
         return TAKEN
-    (arena + at.drive.state)[HEARD] = arena[TIME]
+    (arena + at.drive.state)[LAST_COMMAND] = arena[TIME]
     if type != 1:
         memory[HOST] = field & 255
     if type == 0 or type == 7:
         if type == 7 and 0 < field >> 8 <= HIGHEST_ID:
-            arena[at.drive.can_id] = field >> 8                   # at once, and for good
+            arena[at.drive.can_id] = field >> 8                   # at once, and permanent
         tell_identity(arena, at)
         return TAKEN
     if type == 17:
@@ -237,7 +241,7 @@ cdef int heard_decode(double *arena, const RobStride *at, const RobStride *sizes
     if type == 24:
         memory[REPORTING] = data[6] == 1
         memory[NEXT_REPORT] = arena[TIME]
-        return TAKEN            # its answer is the first report
+        return TAKEN            # the reply is the first report
     if type == 1 and (arena + at.drive.state)[RUNNING] != 0.0:
         command[0] = from_code(u16(&data[0]), -wire[0], wire[0], 16)
         command[1] = from_code(u16(&data[2]), -wire[1], wire[1], 16)
@@ -268,7 +272,7 @@ cdef int drive_kernel(double *arena, const RobStride *at, const RobStride *sizes
     cdef double *registers = arena + at.registers
     cdef double *memory = arena + at.memory_of_drive
     cdef double fault = arena[at.drive.fault]
-    cdef double patience = registers[CAN_TIMEOUT] / 20000.0
+    cdef double timeout = registers[CAN_TIMEOUT] / 20000.0
     look(arena, &at.drive)
     if arena[at.drive.power_lost] != 0.0:
         forget(arena, &at.drive)
@@ -278,7 +282,7 @@ cdef int drive_kernel(double *arena, const RobStride *at, const RobStride *sizes
         HOT if arena[at.drive.temperature] >= arena[at.drive.trip_temperature] else 0)
     if memory[LATCHED] != 0.0 or fault >= WORD:
         stop(arena, at)
-    if patience > 0.0 and state[RUNNING] != 0.0 and arena[TIME] - state[HEARD] > patience:
+    if timeout > 0.0 and state[RUNNING] != 0.0 and arena[TIME] - state[LAST_COMMAND] > timeout:
         stop(arena, at)
     arena[at.drive.torque] = turned(arena, &at.drive, motor_torque(arena, at))
     arena[at.drive.enabled] = state[RUNNING]
@@ -286,7 +290,7 @@ cdef int drive_kernel(double *arena, const RobStride *at, const RobStride *sizes
 
 
 cdef void unasked(double *arena, const RobStride *at) noexcept nogil:
-    """Faults of type 21 that are new, and reports of type 24 that are due."""
+    """Queue new faults of type 21, and reports of type 24 that are due."""
     cdef double *memory = arena + at.memory_of_drive
     cdef double word = <double><uint32_t>(arena[at.drive.fault] / WORD) if arena[at.drive.fault] >= WORD else 0.0
     cdef double scan = (arena + at.registers)[EPSCAN_TIME]
@@ -297,7 +301,8 @@ cdef void unasked(double *arena, const RobStride *at) noexcept nogil:
         memory[REPORTED] = word
         memset(data, 0, 8)
         put_little(data, <uint32_t>word)
-        owe(arena, &at.drive, <uint32_t>EXTENDED | 21 << 24 | own_id(arena, &at.drive) << 8 | <uint32_t>memory[HOST], 8, data)
+        owe(arena, &at.drive, <uint32_t>EXTENDED | 21 << 24 | own_id(arena, &at.drive) << 8 | <uint32_t>memory[HOST],
+            8, data)
     if memory[REPORTING] != 0.0 and arena[TIME] + 1e-9 >= memory[NEXT_REPORT]:
         memory[NEXT_REPORT] += 0.01 + 0.005 * (scan - 1.0 if scan > 1.0 else 0.0)
         owe(arena, &at.drive, 24, 0, NULL)
@@ -325,7 +330,8 @@ cdef int answer_encode(double *arena, const RobStride *at, const RobStride *size
     for index in range(<int>(arena + at.drive.outbox)[1]):
         answer = unwritten(arena, &at.drive, index)
         if answer != NULL:
-            answer[1] = (<uint32_t>EXTENDED | (24 if answer[1] == 24.0 else 2) << 24 | mode << 22 | <uint32_t>memory[LATCHED] << 16
+            answer[1] = (<uint32_t>EXTENDED | (24 if answer[1] == 24.0 else 2) << 24 | mode << 22
+                | <uint32_t>memory[LATCHED] << 16
                          | own_id(arena, &at.drive) << 8 | <uint32_t>memory[HOST])
             answer[2] = 8
             memcpy(&answer[3], data, 8)

@@ -1,19 +1,20 @@
 # cython: freethreading_compatible=True
-"""RobStride actuators that have been set to MIT mode: standard frames, for the driver and for the emulated drive.
+"""RobStride actuators in MIT mode: standard frames, for the driver and the emulated drive.
 
     command    p16 v12 kp12 kd12 t12, to the drive's id
-    special    FF FF FF FF FF FF m x: FC enable, or with m = 0 choose operation control; FD disable; FE this position is zero;
-               FB with m = FF clear faults, else read them; others set the drive up
+    special    FF FF FF FF FF FF m x: FC enable, or with m = 0 select operation control; FD disable; FE set the zero
+    here;
+               FB with m = FF clear faults, else read them; others configure the drive
     reply      id p16 v12 t12, temperature x 10 in 16 bits, from the host's id
-    faults     id, word of 32 bits, from the host's id: the answer to FB, which nothing tells from a reply
+    faults     id, word of 32 bits, from the host's id: the answer to FB, not distinguishable from a reply
     parameter  0x300 | id read, 0x400 | id write: index u16, 0, four bytes, little-endian; answered from the same id
 
 RobStride user manuals of 2026-04-28, section 6.
 
-Faults are read in the batch of arming, behind the read of a parameter, whose answer has an id of its own; and once a second in a tick in which no
-reply is owed and no command goes out. The drive holds its last command for that period; the law of that command is bounded over one period
-more. While an answer may be outstanding, a frame with the lowest code of position or of velocity is the word of faults: no reply of a joint
-inside its range has either.
+Faults are read in the batch of arming, after a parameter whose answer has its own id; and once per second in a tick in
+which no reply is pending and no command is sent. The drive holds its last command for that period; the law of that
+command is therefore bounded over one more period. While an answer may be outstanding, a frame with the lowest code of
+position or of velocity is the word of faults: no reply of a joint within its range has either.
 """
 
 from libc.stdint cimport int16_t, int32_t, uint8_t, uint16_t, uint32_t
@@ -27,15 +28,15 @@ cimport cext.kernels.devices.drives as drives
 from cext.kernels.devices.mit cimport Mit, all_ones, decode_motion, encode_command, mit_sizes, pack_motion, unpack
 
 cdef enum: # in `talk`
-    READY                       # the drive has returned the time-out that was written, or another one too often
-    DIFFERENT                   # how often another one
-    COUNTS                      # of the time-out that was written
-    TORQUE_BITS                 # of the torque limit that was written, a float
-    OUTSTANDING                 # replies that may still come before the word of faults is given up; 0: none is awaited
+    READY                       # the drive has returned the written time-out, or another one too often
+    DIFFERENT                   # number of different time-outs returned
+    COUNTS                      # of the written time-out
+    TORQUE_BITS                 # of the written torque limit, a float
+    OUTSTANDING                 # replies accepted while waiting for the word of faults; 0: not waiting
     OWED                        # commands without a reply
-    NEXT                        # s, when faults are read again
-    PREPARED                    # the command in force allows for a tick without another
-    WAITED                      # ticks for which a reply was missing when faults were to be read
+    NEXT                        # time of the next read of faults, s
+    PREPARED                    # the command in force allows a tick without a command
+    WAITED                      # ticks without a reply while a read of faults was due
     WORD                        # of faults
 
 cdef enum:
@@ -43,16 +44,16 @@ cdef enum:
     WRITE = 0x400
     TIMEOUT_INDEX = 0x7028
     TORQUE_INDEX = 0x700B
-    WRONG_READS = 3             # a write may get lost, and is repeated
-    LATE_REPLIES = 3            # that may come before the word of faults
-    LOST_AFTER = 50             # ticks after which a reply that is missing was lost
+    WRONG_READS = 3             # a lost write is repeated
+    LATE_REPLIES = 3            # accepted before the word of faults
+    LOST_AFTER = 50             # ticks until a missing reply counts as lost
     KNOWN_FAULTS = 0x408F       # bits 0, 1, 2, 3, 7, 14
 
-cdef double NO_TIMEOUT = 4294967296.0           # in `fault`: the time-out that was read is not the one that was written
+cdef double NO_TIMEOUT = 4294967296.0           # in `fault`: the time-out read differs from the one written
 cdef double READ_PERIOD = 1.0                   # s, between two reads of the faults
 
 cdef enum:
-    FAULTS_ASKED = 1            # in place of the id of an answer that is not yet written
+    FAULTS_ASKED = 1            # in place of the id of a reply that is not filled in yet
 
 
 cdef inline uint32_t little_endian(const uint8_t *data) noexcept nogil:
@@ -70,12 +71,15 @@ cdef inline uint32_t index_of(const uint8_t *data) noexcept nogil:
 
 
 cdef inline bint may_be_faults(const uint8_t *data) noexcept nogil:
-    """The lowest code of position or of velocity."""
+    """Return whether the position or the velocity is at its lowest code."""
     return (data[1] == 0 and data[2] == 0) or (data[3] == 0 and data[4] >> 4 == 0)
 
 
 cdef inline uint32_t fault_word(const uint8_t *data) noexcept nogil:
-    """Little-endian as parameters are; the manual does not say so, and where only the other order gives bits that exist, it is that."""
+    """Return the word of faults.
+
+    Little-endian as parameters, which the manual does not state; big-endian if only that gives bits that exist.
+    """
     cdef uint32_t word = little_endian(data + 1)
     cdef uint32_t other = <uint32_t>data[1] << 24 | <uint32_t>data[2] << 16 | <uint32_t>data[3] << 8 | data[4]
     return other if word & ~<uint32_t>KNOWN_FAULTS and not other & ~<uint32_t>KNOWN_FAULTS else word
@@ -94,7 +98,7 @@ cdef inline void tell_fault(double *arena, const Driver *at, const double *talk)
 
 
 cdef int parameter_read(double *arena, const Driver *at, double *talk, const uint8_t *data) noexcept nogil:
-    """The time-out, which arming reads back; the question about faults follows it."""
+    """Encode the read-back of the time-out during arming; the request of faults follows it."""
     if index_of(data) != TIMEOUT_INDEX:
         return NOTED
     talk[OUTSTANDING] = LATE_REPLIES
@@ -111,10 +115,11 @@ cdef int parameter_read(double *arena, const Driver *at, double *talk, const uin
 
 
 cdef int parameter_written(const double *talk, const uint8_t *data) noexcept nogil:
-    """The drive repeats what was written; anything else, once it is armed, another controller writes."""
+    """Decode a parameter. After arming, a value other than the written ones is from another controller."""
     cdef uint32_t index = index_of(data)
     cdef uint32_t value = little_endian(data + 4)
-    if talk[READY] == 0.0 or (index == TIMEOUT_INDEX and value == talk[COUNTS]) or (index == TORQUE_INDEX and value == talk[TORQUE_BITS]):
+    if talk[READY] == 0.0 or (index == TIMEOUT_INDEX and value == talk[COUNTS]) or (index == TORQUE_INDEX
+            and value == talk[TORQUE_BITS]):
         return NOTED
     return COMMANDED
 
@@ -147,11 +152,11 @@ cdef int mit_decode(double *arena, const Driver *at, const Driver *sizes, const 
 
 
 cdef inline bint reads_faults_now(double *arena, const Driver *at, double *talk) noexcept nogil:
-    """Whether this tick carries the question instead of a command."""
+    """Return whether this tick requests the faults instead of sending a command."""
     if not arena[AUTHORITY] > 0.0 or arena[TIME] + 1e-9 < talk[NEXT]:
-        return False            # of a run that waits to be armed again nothing is sent
+        return False            # a run that waits to be rearmed sends nothing
     if talk[READY] == 0.0 and talk[COUNTS] != 0.0:
-        return False            # a drive that was never armed has nothing to answer
+        return False            # a drive that was never armed does not answer
     if talk[OWED] > 0.0:
         talk[WAITED] += 1.0
         if talk[WAITED] < LOST_AFTER:
@@ -169,15 +174,17 @@ cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame 
     cdef bint asks = reads_faults_now(arena, at, talk)
     cdef int count
     memcpy(held, sent, sizeof(held))
-    # The command before a question is in force for one period more: its law is bounded over that, too.
-    talk[PREPARED] = not asks and (talk[READY] != 0.0 or talk[COUNTS] == 0.0) and arena[TIME] + period + 1e-9 >= talk[NEXT] and arena[at.mit.age] <= 2.0 * period + 1e-9
+    # the command before a request stays in force for one more period: its law is bounded over that, too
+    talk[PREPARED] = (
+        not asks and (talk[READY] != 0.0 or talk[COUNTS] == 0.0)
+        and arena[TIME] + period + 1e-9 >= talk[NEXT] and arena[at.mit.age] <= 2.0 * period + 1e-9)
     if talk[PREPARED] != 0.0:
         arena[PERIOD] = 1.5 * period
     count = encode_command(arena, &at.mit, &frames[0])
     arena[PERIOD] = period
     if count != 1:
         return count
-    if asks:                    # what was commanded is checked, and the last command stays in force
+    if asks:                    # the command is checked but not sent; the last one stays in force
         memcpy(sent, held, sizeof(held))
         arena[at.mit.torque_sent] = torque
         memset(frames[0].data, 0xFF, 6)
@@ -187,7 +194,8 @@ cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame 
         return 1
     talk[OWED] += 1.0
     if all_ones(frames[0].data, 6):
-        frames[0].data[1] -= 1  # what begins with six bytes of ones sets the drive up: one code less of position does not
+        # six bytes FF would configure the drive: reduce the position by one code
+        frames[0].data[1] -= 1
     return 1
 
 
@@ -196,15 +204,15 @@ cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame 
 cdef struct Emulated:
     drives.Drive drive
     int32_t host_id
-    int32_t registers           # values of the parameters 0x7000 to 0x703F as they are on the wire
+    int32_t registers           # encoded values of the parameters 0x7000 to 0x703F
     int32_t latched             # faults until they are cleared
-    int32_t too_old             # whether its firmware has no parameters
+    int32_t too_old             # whether the firmware has no parameters
 
 EMULATED = items((<Emulated *>ITEMS)[0], drives.drive_sizes() + " registers[64]")
 
 
 cdef inline double motor_torque(double *arena, const Emulated *at) noexcept nogil:
-    """The drive's law. A torque limit that was written has no effect, as users report of some firmware."""
+    """Return the torque of the drive's law. A written torque limit has no effect, as users report of some firmware."""
     if (arena + at.drive.state)[drives.RUNNING] == 0.0:
         return 0.0
     return drives.within(drives.law(arena, &at.drive), arena[at.drive.peak])
@@ -216,7 +224,7 @@ cdef inline void reset(double *arena, const Emulated *at) noexcept nogil:
 
 
 cdef bint obey(double *arena, const Emulated *at, const uint8_t *data) noexcept nogil:
-    """A frame of six bytes of ones: those that are known. Whether its answer is the drive's state."""
+    """Handle a known special frame (six bytes FF). Returns whether its answer is the drive's state."""
     cdef double *state = arena + at.drive.state
     if data[7] == 0xFC:
         if data[6] == 0xFF and (arena + at.latched)[0] == 0.0:
@@ -234,7 +242,7 @@ cdef bint obey(double *arena, const Emulated *at, const uint8_t *data) noexcept 
 
 
 cdef void parameter(double *arena, const Emulated *at, uint32_t kind, const uint8_t *data) noexcept nogil:
-    """A read or a write of what is known, and its answer from the same id."""
+    """Read or write a known parameter, and queue the answer from the same id."""
     cdef double *registers = arena + at.registers
     cdef uint32_t index = index_of(data)
     cdef uint8_t out[8]
@@ -256,7 +264,7 @@ cdef int heard_decode(double *arena, const Emulated *at, const Emulated *sizes, 
         return MALFORMED
     if drives.unreachable(arena, &at.drive):
         return TAKEN
-    (arena + at.drive.state)[drives.HEARD] = arena[TIME]
+    (arena + at.drive.state)[drives.LAST_COMMAND] = arena[TIME]
     if kind != 0:
         parameter(arena, at, kind, frame.data)
         return TAKEN
@@ -273,7 +281,7 @@ cdef int drive_kernel(double *arena, const Emulated *at, const Emulated *sizes) 
     cdef double *state = arena + at.drive.state
     cdef double *registers = arena + at.registers
     cdef double *latched = arena + at.latched
-    cdef double patience = registers[TIMEOUT_INDEX & 63] / 20000.0
+    cdef double timeout = registers[TIMEOUT_INDEX & 63] / 20000.0
     cdef double fault = arena[at.drive.fault]
     drives.look(arena, &at.drive)
     if arena[at.drive.power_lost] != 0.0:
@@ -282,7 +290,8 @@ cdef int drive_kernel(double *arena, const Emulated *at, const Emulated *sizes) 
         latched[0] = 0.0
     latched[0] = <double>(<uint32_t>latched[0] | (<uint32_t>fault if fault > 0.0 else 0) | (
         1 if arena[at.drive.temperature] >= arena[at.drive.trip_temperature] else 0))
-    if latched[0] != 0.0 or (patience > 0.0 and state[drives.RUNNING] != 0.0 and arena[TIME] - state[drives.HEARD] > patience):
+    if latched[0] != 0.0 or (timeout > 0.0 and state[drives.RUNNING] != 0.0 and arena[TIME]
+            - state[drives.LAST_COMMAND] > timeout):
         reset(arena, at)
     arena[at.drive.torque] = drives.turned(arena, &at.drive, motor_torque(arena, at))
     arena[at.drive.enabled] = state[drives.RUNNING]

@@ -1,13 +1,15 @@
 # cython: freethreading_compatible=True
-"""RobStride and CyberGear: the bytes of the private protocol, as a controller sends and reads them.
+"""RobStride and CyberGear: the private protocol, as sent and received by a controller.
 
     identifier   29 bits: type 5, data 16, target 8
-    type 1       operation control: torque is the data of the identifier; position, velocity, stiffness, damping, u16 each, big-endian
+    type 1       operation control: torque is the data of the identifier; position, velocity, stiffness, damping, u16
+    each, big-endian
     type 2       feedback: mode 2 bits, faults 6 bits, motor 8 bits; position, velocity, torque, temperature x 10
-    type 17      read a parameter: index u16, 0; answered by type 17, with the value, and 0 in bits 16 to 23 of the identifier if it is known
+    type 17      read a parameter: index u16, 0; answered by type 17 with the value, and 0 in bits 16 to 23 of the
+                 identifier if the parameter exists
     type 18      write a parameter: index u16, 0, four bytes, little-endian; answered by type 2
     type 21      faults and warnings, u32 each, little-endian
-    type 24      as type 2, without being asked
+    type 24      as type 2, periodic
 
 RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1.
 """
@@ -24,21 +26,21 @@ from cext.kernels.devices.drive_law cimport Known, Law, keep_inside
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
 
 cdef enum:
-    RUN = 2                     # mode of a drive that obeys
-    PATIENCE = 12               # replies of a drive that has stopped by itself; those to the frames of arming are fewer
-    STOPPED = 64                # in `fault`, beside the six bits of type 2
-    NO_TIMEOUT = 128            # the same: the time-out that was read is not the one that was written
-    WORD = 256                  # and where the 32 of type 21 begin
+    RUN = 2                     # mode of an enabled drive
+    STOPPED_REPLY_LIMIT = 12    # replies of a drive that has stopped by itself; more than arming has frames
+    STOPPED = 64                # in `fault`, next to the six bits of type 2
+    NO_TIMEOUT = 128            # in `fault`: the time-out read differs from the one written
+    WORD = 256                  # in `fault`: start of the 32 bits of type 21
 
 
 cdef enum: # in `timeout_read`
-    READY                       # the drive has returned the time-out that was written, or another one too often
-    DIFFERENT                   # how often
-    COUNTS                      # that were written
+    READY                       # the drive has returned the written time-out, or another one too often
+    DIFFERENT                   # number of different time-outs returned
+    COUNTS                      # of the written time-out
 
 cdef enum:
     TIMEOUT_INDEX = 0x7028
-    WRONG_READS = 3             # a write may get lost, and is repeated
+    WRONG_READS = 3             # a lost write is repeated
 
 
 cdef inline uint32_t little_endian(const uint8_t *data) noexcept nogil:
@@ -55,15 +57,15 @@ cdef struct Address:
 cdef struct Feedback:
     Address address
     int32_t position, velocity, torque, temperature, fault, warning, invert, offset
-    int32_t wire                # position, velocity, stiffness, damping, torque: half the range of each, at the joint
-    int32_t state               # has been seen running, replies in a row that it is not, faults of type 21
+    int32_t wire                # position, velocity, stiffness, damping, torque: half ranges at the joint
+    int32_t state               # whether it has run, consecutive replies in which it did not, faults of type 21
     int32_t timeout_read        # the enum above
 
 FEEDBACK = items((<Feedback *>ITEMS)[0], "wire[5] state[3] timeout_read[3]")
 
 
 cdef int feedback(double *arena, const Feedback *at, const Frame *frame, bint asked) noexcept nogil:
-    """The content of types 2 and 24."""
+    """Decode types 2 and 24."""
     cdef double *wire = arena + at.wire
     cdef double *state = arena + at.state
     cdef double sign = -1.0 if arena[at.invert] != 0.0 else 1.0
@@ -75,13 +77,14 @@ cdef int feedback(double *arena, const Feedback *at, const Frame *frame, bint as
     arena[at.temperature] = 0.1 * <int16_t>(<uint16_t>(frame.data[6] << 8 | frame.data[7]))
     if runs:
         state[0], state[1] = 1.0, 0.0
-    elif state[0] != 0.0 and state[1] <= PATIENCE:
+    elif state[0] != 0.0 and state[1] <= STOPPED_REPLY_LIMIT:
         state[1] += 1.0
-    arena[at.fault] = faults + (STOPPED if state[1] > PATIENCE else 0) + WORD * state[2] + (
+    arena[at.fault] = faults + (STOPPED if state[1] > STOPPED_REPLY_LIMIT else 0) + WORD * state[2] + (
         NO_TIMEOUT if arena[at.timeout_read + DIFFERENT] >= WRONG_READS else 0)
     if not asked:
-        return NOTED            # a drive that only reports has not heard us
-    return TAKEN if state[0] != 0.0 or faults != 0 else NOTED       # one that does not run yet has not answered to arming
+        return NOTED            # a periodic report does not confirm a command
+    # a drive that has not run yet has not answered to arming
+    return TAKEN if state[0] != 0.0 or faults != 0 else NOTED
 
 
 cdef int report(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
@@ -95,7 +98,7 @@ cdef int report(double *arena, const Feedback *at, const Frame *frame) noexcept 
 
 
 cdef int parameter(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
-    """The content of type 17: the time-out, which arming reads back."""
+    """Decode type 17: the time-out read back during arming."""
     cdef double *read = arena + at.timeout_read
     if (<uint32_t>frame.data[1] << 8 | frame.data[0]) != TIMEOUT_INDEX or read[READY] != 0.0:
         return NOTED
@@ -118,8 +121,9 @@ cdef int robstride_decode(double *arena, const Feedback *at, const Feedback *siz
     if (frame.id & ~<uint32_t>ID_MASK) != EXTENDED:
         return FOREIGN
     if target == motor and type in (1, 3, 4, 6, 7, 18):
-        return COMMANDED        # by another controller: frames of this run do not come back; reading harms nobody
-    if type == 21:              # the manual has motor and host both ways round
+        # by another controller, except reads: frames of this run are not received
+        return COMMANDED
+    if type == 21:              # the manual is inconsistent in the order of motor and host
         if not (target == host and source == motor or target == motor and source == host):
             return FOREIGN
         return report(arena, at, frame) if frame.length == 8 else MALFORMED
@@ -145,14 +149,15 @@ cdef struct Operation:
     Address address
     int32_t position_command, velocity_command, torque_command, stiffness_command, damping_command, position
     int32_t velocity, age, torque_sent, limited, invert, offset, max_acceleration, wire
-    int32_t limits              # of the five commands, of the drive's whole law, and the share of stiffness and damping allowed
+    # of the five commands and the drive's whole law; permitted fraction of stiffness and damping
+    int32_t limits
     int32_t sent                # position, velocity, stiffness, damping, torque of the last frame
 
 OPERATION = items((<Operation *>ITEMS)[0], "wire[5] limits[7] sent[5]")
 
 
 cdef bint limit_law(double *arena, const Operation *at, Law *law) noexcept nogil:
-    """Keep a law that has stiffness or damping inside its limit. Returns whether it was changed."""
+    """Limit a law with stiffness or damping. Returns whether it was changed."""
     cdef double *wire = arena + at.wire
     cdef double *limits = arena + at.limits
     cdef Known known
@@ -180,7 +185,8 @@ cdef int operation_encode(double *arena, const Operation *at, const Operation *s
             and isfinite(law.torque)):
         return -NOT_FINITE
     if (not -limits[0] <= law.position <= limits[0] or not -limits[1] <= law.velocity <= limits[1]
-            or not 0.0 <= law.stiffness <= limits[2] or not 0.0 <= law.damping <= limits[3] or not -limits[4] <= law.torque <= limits[4]
+            or not 0.0 <= law.stiffness <= limits[2] or not 0.0 <= law.damping <= limits[3]
+            or not -limits[4] <= law.torque <= limits[4]
             or not (0.0 <= share <= 1.0 and limits[5] >= 0.0)):
         return -OUT_OF_LIMITS   # with NaN it would be full torque
     limited = fabs(law.torque) > limits[5]
@@ -209,7 +215,7 @@ cdef int operation_encode(double *arena, const Operation *at, const Operation *s
 
 
 cdef inline float write(double *arena, const Address *at, Frame *frame, double index, double value) noexcept nogil:
-    """A frame of type 18; returns the value as it is sent, little-endian as the machines are that this runs on."""
+    """Write a frame of type 18. Returns the value as sent, little-endian as the supported processors."""
     cdef float single = <float>value
     cdef uint32_t where = <uint32_t>index
     address(arena, at, frame, 18, <uint32_t>arena[at.host_id])
@@ -221,17 +227,18 @@ cdef inline float write(double *arena, const Address *at, Frame *frame, double i
 
 cdef struct Written:
     Address address
-    int32_t command             # the input of the mode,
-    int32_t command_sent        # the output of what was sent of it
+    int32_t command             # input of the mode
+    int32_t command_sent        # output with the value sent
     int32_t invert, offset
-    int32_t limits              # of the command, and the share of it that the watch leaves
-    int32_t written             # index of the command, its scale to the motor, whether the offset moves it, index of the current limit, A
+    int32_t limits              # of the command; fraction of it that the drive monitor permits
+    # index of the command, its scale to the motor, whether the offset applies, index of the current limit, A
+    int32_t written
 
 WRITTEN = items((<Written *>ITEMS)[0], "limits[2] written[5]")
 
 
 cdef int written_encode(double *arena, const Written *at, const Written *sizes, Frame *frames) noexcept nogil:
-    """The one command of a mode in which parameters are written, and behind it the current limit, where the mode has one."""
+    """Encode the command of a parameter mode, followed by the current limit if the mode has one."""
     cdef double *written = arena + at.written
     cdef double limit = arena[at.limits]
     cdef double sign = -1.0 if arena[at.invert] != 0.0 else 1.0
@@ -244,7 +251,7 @@ cdef int written_encode(double *arena, const Written *at, const Written *sizes, 
     if not -limit <= command <= limit or not 0.0 <= share <= 1.0:
         return -OUT_OF_LIMITS
     share *= arena[at.limits + 1]
-    if written[3] == 0.0:       # the command itself makes the torque
+    if written[3] == 0.0:       # the command itself sets the torque
         command *= share
     sent = write(arena, &at.address, &frames[0], written[0], sign * (command + shift) * written[1])
     arena[at.command_sent] = sign * sent / written[1] - shift
