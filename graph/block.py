@@ -16,7 +16,7 @@ from graph.names import snake_case, suggestion
 from graph.scratch import Scratch
 from graph.signal import Outputs, Signal
 
-CLOCK = {"t": 0, "tick": 1, "dt": 2}  # arguments that every step may ask for, and their slots in the arena
+CLOCK = {"t": 0, "tick": 1, "dt": 2}  # arguments that every step may take, and their slots in the arena
 
 
 class BlockOptions(TypedDict, total=False):
@@ -78,7 +78,7 @@ class Block:
         super().__init_subclass__(**options)
         cls._own = {n: d for n, d in vars(cls).items() if isinstance(d, Param)}
         for name in cls._own:
-            # an attribute that the class has too is found slowly by CPython 3.11: a step would take a quarter longer
+            # CPython 3.11 finds an attribute that the class has, too, slowly: a step would take a quarter longer
             delattr(cls, name)
         declared = {}
         for base in reversed(cls.__mro__):
@@ -88,7 +88,7 @@ class Block:
             setattr(cls, field, {n: d for n, d in declared.items() if isinstance(d, kind)})
         taken = next((name for name in declared if name in _WORDS), None)
         if taken is not None:
-            raise TypeError(f"{cls.__name__}: {taken!r} is a word of the language and cannot name a port or parameter")
+            raise TypeError(f"{cls.__name__}: {taken!r} is reserved and cannot name a port or parameter")
         for method in ("step", "update", "settle"):
             function = vars(cls).get(method)
             if function is None or cls.variadic:
@@ -132,7 +132,7 @@ class Block:
 
         names = list(self.parameters)
         if len(values) > len(names):
-            wrong(f"takes {len(names)} parameters ({', '.join(names) or 'none'}), and {len(values)} were given")
+            wrong(f"takes {len(names)} parameters ({', '.join(names) or 'none'}), got {len(values)}")
         given = dict(zip(names, values))
         for key, value in named.items():
             if key not in self.parameters:
@@ -169,7 +169,7 @@ class Block:
                 "0: the first exception is a fault",
             )
         elif self.hold_exceptions and not (self.is_python or self.has_python_update):
-            wrong("takes no hold_exceptions: it does not run in Python and raises none", "leave it out")
+            wrong("does not accept hold_exceptions, since it does not run in Python", "omit hold_exceptions")
         if problems:
             raise DiagramError(problems)
 
@@ -177,9 +177,8 @@ class Block:
         self._attempt(self.configure)
         if self.kernel is not None and type(self).kernel is None and not self.compiled:
             raise TypeError(
-                f"{type(self).__name__} chooses its kernel in configure: name one of them on the class "
-                "too, so that its subclasses "
-                "are checked against it"
+                f"{type(self).__name__} chooses its kernel in configure: name one of them on the class, too, so that "
+                "its subclasses are checked against it"
             )
         for name in self.outputs:
             if not hasattr(type(self), name):
@@ -233,10 +232,10 @@ class Block:
             raise DiagramError(
                 Diagnostic(
                     "TW011",
-                    "is wired, but was made outside a diagram",
+                    "was created outside a diagram and cannot be connected",
                     path=self.path,
                     where=where,
-                    hint="make and wire it inside `with Diagram(...)`; to compute one step by hand, call .step(...)",
+                    hint="create and connect it inside `with Diagram(...)`; to compute a single step, call .step(...)",
                 )
             )
         names = list(self.inputs)
@@ -244,7 +243,7 @@ class Block:
             raise DiagramError(
                 Diagnostic(
                     "TW012",
-                    f"has {len(names)} inputs ({', '.join(names) or 'none'}), and {len(signals)} were wired",
+                    f"has {len(names)} inputs ({', '.join(names) or 'none'}), got {len(signals)} signals",
                     path=self.path,
                     where=where,
                 )
@@ -374,7 +373,7 @@ class Block:
         return f"<{type(self).__name__} {self.path}>"
 
 
-# Names that a declaration would take from every block.
+# names that a declaration must not override
 _WORDS = {word for word in vars(Block) if not word.startswith("_")} | {"name", "dt", "every", "location", "settle"}
 
 
@@ -402,7 +401,7 @@ def _arguments(function: Callable[..., Any]) -> tuple[list[str], bool]:
     parameters = list(inspect.signature(function).parameters.values())
     named = next((p.name for p in parameters if p.kind is kinds.KEYWORD_ONLY and p.default is kinds.empty), None)
     if named is not None:
-        raise TypeError(f"{function.__qualname__} takes {named!r} by name only, and inputs are given by position")
+        raise TypeError(f"{function.__qualname__} takes {named!r} by name only, but inputs are passed by position")
     names = [p.name for p in parameters if p.kind in (kinds.POSITIONAL_ONLY, kinds.POSITIONAL_OR_KEYWORD)]
     return names[1:], any(p.kind is kinds.VAR_POSITIONAL for p in parameters)
 

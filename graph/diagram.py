@@ -80,7 +80,7 @@ class Diagram:
         self.blocks: dict[str, Any] = {}  # by path
         self.wires: list[Wire] = []
         self.duplicates: list[tuple[str, Any]] = []  # (path, block) where the name was taken; the compiler reports them
-        self._numbers: dict[str, int] = {}  # path: number appended to the last block of that name
+        self._numbers: dict[str, int] = {}  # {path: number appended to the newest block of that name}
         self._tokens: list[Any] = []
 
     def __enter__(self) -> Diagram:
@@ -131,14 +131,14 @@ class Diagram:
                         path=block.path,
                         port=port or "",
                         where=where,
-                        hint="make both blocks inside the same `with Diagram(...)`",
+                        hint="create both blocks inside the same `with Diagram(...)`",
                     )
                 )
         elif isinstance(source, tuple) and source and all(isinstance(item, Signal) for item in source):
             raise DiagramError(
                 Diagnostic(
                     "TW012",
-                    f"got {len(source)} signals ({', '.join(item.port for item in source)}) where one is wanted",
+                    f"expected one signal, got {len(source)} ({', '.join(item.port for item in source)})",
                     path=block.path,
                     port=port or "",
                     where=where,
@@ -154,7 +154,7 @@ class Diagram:
                         path=block.path,
                         port=port or "",
                         where=where,
-                        hint="wire a block's output, as in knee.position, or what a call returned",
+                        hint="connect an output of a block, as in knee.position, or the result of a call",
                     )
                 )
         self.wires.append(Wire(source, block, port, where))
@@ -180,7 +180,7 @@ class subsystem:
             raise DiagramError(
                 Diagnostic(
                     "TW011",
-                    f"subsystem({name!r}) stands outside a diagram",
+                    f"subsystem({name!r}) is outside a diagram",
                     where=where,
                     hint="open it inside `with Diagram(...)`",
                 )

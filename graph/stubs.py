@@ -54,7 +54,7 @@ def stub(module: Any) -> str:
 
 
 def only_used(line: str, used: set[str], own: set[str]) -> Iterator[str]:
-    """An import, without the names that a stub does not use or the module defines or imports itself."""
+    """Yield an import without names that the stub does not use, or that the module defines or imports itself."""
     node = ast.parse(line).body[0]
     assert isinstance(node, (ast.Import, ast.ImportFrom))
     node.names = [alias for alias in node.names if (name := alias.asname or alias.name) in used and name not in own]
@@ -63,13 +63,13 @@ def only_used(line: str, used: set[str], own: set[str]) -> Iterator[str]:
 
 
 def names_of(node: ast.stmt) -> Iterator[str]:
-    """Names that an import binds."""
+    """Return the names that an import binds."""
     if isinstance(node, (ast.Import, ast.ImportFrom)):
         yield from (alias.asname or alias.name.partition(".")[0] for alias in node.names)
 
 
 def words(source: str) -> set[str]:
-    """All names in a source."""
+    """Return all names in a source."""
     tree = ast.parse(source)
     texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
     found = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
@@ -77,12 +77,12 @@ def words(source: str) -> set[str]:
 
 
 def words_outside_imports(tree: ast.Module) -> set[str]:
-    """All names that a module uses."""
+    """Return all names that a module uses outside imports."""
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
 
 
 def imports(node: ast.stmt, used: set[str], inside: set[str]) -> Iterator[str]:
-    """The imports that a stub needs: those it uses, and those that the module makes only for others."""
+    """Yield the imports of a stub: those that it uses, and those that the module only re-exports."""
     if isinstance(node, ast.Import):
         for alias in node.names:
             if (alias.asname or alias.name.partition(".")[0]) in used:
@@ -96,7 +96,7 @@ def imports(node: ast.stmt, used: set[str], inside: set[str]) -> Iterator[str]:
 
 
 def statement(module: Any, node: ast.stmt) -> Iterator[str]:
-    """The text that stands in the stub for a statement of a module."""
+    """Yield the lines of a stub for a statement of a module."""
     if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
         yield signature(node)
     elif isinstance(node, ast.ClassDef):
@@ -112,20 +112,20 @@ def statement(module: Any, node: ast.stmt) -> Iterator[str]:
 
 
 def assigned(node: ast.stmt) -> list[str]:
-    """Names that a statement assigns, in order."""
+    """Return the names that a statement assigns, in order."""
     targets = [each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)]
     return list(dict.fromkeys(targets))
 
 
 def type_of(value: object) -> str:
-    """The annotation of a constant."""
+    """Return the annotation of a constant."""
     if isinstance(value, tuple):
         return "tuple[Any, ...]"
     return PLAIN.get(type(value), "dict[Any, Any]" if type(value) is dict else "Any")
 
 
 def signature(node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
-    """A function without its body."""
+    """Return the source of a function without its body."""
     arguments = node.args
     arguments.defaults = [short(each) for each in arguments.defaults]
     arguments.kw_defaults = [each and short(each) for each in arguments.kw_defaults]
@@ -134,18 +134,18 @@ def signature(node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
 
 
 def short(default: ast.expr) -> ast.expr:
-    """A default as a stub writes it: a literal, or `...`."""
+    """Return a default as in a stub: a literal, or `...`."""
     return default if isinstance(default, ast.Constant) else ast.Constant(...)
 
 
 def methods(node: ast.ClassDef, without: Iterable[str] = ()) -> list[str]:
-    """Signatures of the methods of a class, indented."""
+    """Return the signatures of the methods of a class, indented."""
     functions = [each for each in node.body if isinstance(each, ast.FunctionDef) and each.name not in without]
     return [textwrap.indent(signature(function), "    ") for function in functions]
 
 
 def attributes(node: ast.ClassDef) -> list[str]:
-    """Names that a class or its methods assign to the class or to self, in order."""
+    """Return the names that a class or its methods assign to the class or to self, in order."""
     found = [name for each in node.body if isinstance(each, (ast.Assign, ast.AnnAssign)) for name in assigned(each)]
     for each in ast.walk(node):
         if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store) and isinstance(each.value, ast.Name):
@@ -155,7 +155,7 @@ def attributes(node: ast.ClassDef) -> list[str]:
 
 
 def plain_class(kind: Any, node: ast.ClassDef) -> list[str]:
-    """The lines of a class that is no block."""
+    """Return the lines of a class other than a block."""
     annotated = {
         each.target.id: each
         for each in node.body
@@ -173,20 +173,20 @@ def plain_class(kind: Any, node: ast.ClassDef) -> list[str]:
 
 
 def heading(node: ast.ClassDef) -> str:
-    """The first line of a class."""
+    """Return the first line of a class."""
     bases = ", ".join(map(ast.unparse, [*node.bases, *node.keywords]))
     return f"class {node.name}({bases}):" if bases else f"class {node.name}:"
 
 
 def closed(lines: list[str]) -> list[str]:
-    """A class, with `...` for an empty body."""
+    """Return the lines of a class, with `...` for an empty body."""
     if lines[-1].endswith(":") and not lines[-1].startswith(" "):
         lines[-1] += " ..."
     return lines
 
 
 def block_class(kind: type[Block], node: ast.ClassDef) -> list[str]:
-    """The lines of a block class."""
+    """Return the lines of a block class."""
     lines = [heading(node)]
     names = {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
     for name, declaration in declarations(kind):
@@ -209,21 +209,21 @@ def block_class(kind: type[Block], node: ast.ClassDef) -> list[str]:
 
 
 def declarations(kind: type[Block]) -> list[tuple[str, Declaration]]:
-    """Ports, parameters and memory that a class itself declares."""
+    """Return the ports, parameters and memory that a class itself declares."""
     own = {name: each for name, each in vars(kind).items() if isinstance(each, Declaration)} | vars(kind)["_own"]
     everything = {**kind.parameters, **kind.inputs, **kind.outputs, **kind.memory}
     return [(name, each) for name, each in everything.items() if name in own]
 
 
 def declared(declaration: Declaration) -> str:
-    """The annotation of a declaration."""
+    """Return the annotation of a declaration."""
     if isinstance(declaration, Param):
         return f"Param[{value_type(declaration)}]"
     return next(kind.__name__ for kind in (Input, Output, Memory) if isinstance(declaration, kind))
 
 
 def value_type(param: Param[Any]) -> str:
-    """The type of a parameter's value, as blocks see it."""
+    """Return the type of a parameter's value in a block."""
     if param.choices is not None and all(isinstance(choice, str) for choice in param.choices):
         name = f"Literal[{', '.join(map(repr, param.choices))}]"
     else:
@@ -232,7 +232,7 @@ def value_type(param: Param[Any]) -> str:
 
 
 def constructor(kind: type[Block]) -> list[str]:
-    """The arguments of a block's constructor, after self."""
+    """Return the arguments of a block's constructor, after self."""
     before, after, optional = [], [], False
     for name, param in kind.parameters.items():
         annotation = value_type(param)
@@ -247,13 +247,13 @@ def constructor(kind: type[Block]) -> list[str]:
 
 
 def default(value: object) -> str:
-    """A default as a stub writes it: a short literal, or `...`."""
+    """Return a default as in a stub: a short literal, or `...`."""
     finite = isinstance(value, (int, str)) or isinstance(value, float) and math.isfinite(value)
     return repr(value) if finite or value is None else "..."
 
 
 def call(kind: type[Block]) -> list[str]:
-    """The call that wires a block, with the type of its result."""
+    """Return the lines of the call that connects a block, with the type of its result."""
     lines = []
     inputs, outputs = makes_ports(kind, "inputs"), makes_ports(kind, "outputs")
     named = {name for name in kind.outputs if name.isidentifier() and not keyword.iskeyword(name)}
@@ -303,7 +303,7 @@ def is_field(node: ast.AST | None, field: str) -> bool:
 
 
 def names_only(value: ast.AST | None, target: ast.AST | None, kind: type[Block], field: str) -> bool:
-    """Return whether an assigned dict has no names but those that the class declares."""
+    """Return whether an assigned dict only has names that the class declares."""
     known = getattr(kind, field)
     if isinstance(target, ast.Subscript):
         return isinstance(target.slice, ast.Constant) and target.slice.value in known
@@ -313,7 +313,7 @@ def names_only(value: ast.AST | None, target: ast.AST | None, kind: type[Block],
 
 
 def function(name: str, arguments: list[str], result: str) -> str:
-    """A method of a stub, in one line if it fits."""
+    """Return the lines of a method of a stub, one if it fits."""
     line = f"    def {name}({', '.join(['self', *arguments])}) -> {result}: ..."
     if len(line) <= WIDTH:
         return line
@@ -323,7 +323,7 @@ def function(name: str, arguments: list[str], result: str) -> str:
 
 
 def modules(paths: Iterable[str]) -> Iterator[tuple[str, Path]]:
-    """(dotted name, path) of Python files, and of all of them in folders, below the current folder."""
+    """Yield (dotted name, path) of Python files and of those in folders, below the current folder."""
     for path in map(Path, paths):
         for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
             if file.name != "__init__.py":

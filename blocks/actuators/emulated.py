@@ -106,11 +106,11 @@ class Emulated:
     find: Any  # model of a name
 
     def configure(self):
-        self.found = self.find(self.model)
-        self.wire = self.at_joint(self.found)
+        self.spec = self.find(self.model)
+        self.wire = self.at_joint(self.spec)
         if self.peak is None:
-            self.peak = self.found.peak * self.gear_ratio
-        shift = self.found.wake_shift / self.gear_ratio if self.wake_shift is None else self.wake_shift
+            self.peak = self.spec.peak * self.gear_ratio
+        shift = self.spec.wake_shift / self.gear_ratio if self.wake_shift is None else self.wake_shift
         self.state = (0.0, -self.turns * shift, 0.0, 0.0, 0.0, 0.0, shift)
 
     def output_range(self, **inputs):

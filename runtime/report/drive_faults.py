@@ -71,7 +71,7 @@ def scale_mismatch(block, about, value, bound):
     constant = " or the torque constant" if "current" in block.outputs else ""
     return (
         f"the measured torque is {value:.3g} of what was sent: wire_torque, wire_stiffness, wire_damping{constant} "
-        f"of {block.found.name} "
+        f"of {block.spec.name} "
         f"are not those of the drive's firmware. Compare them with its manual"
     )
 
@@ -79,7 +79,7 @@ def scale_mismatch(block, about, value, bound):
 def wire_cure(block, value):
     """What to set where a velocity is `value` times the position's rate."""
     if "wire_velocity" not in block.parameters or "current" in block.outputs:
-        return f"the pole pairs or the gear of {block.found.name} are not the drive's. Check the model's name"
+        return f"the pole pairs or the gear of {block.spec.name} are not the drive's. Check the model's name"
     ratio = block.gear_ratio
     return (
         f"set wire_velocity={block.wire[1] * ratio / value:.4g}, or "
@@ -92,7 +92,7 @@ def implausible(block, about, value, bound):
     if about == "temperature":
         return (
             f"implausible temperature {value:g} °C: the drive's sensor is broken, or it is not the model "
-            f"{block.found.name}"
+            f"{block.spec.name}"
         )
     return f"it reports a {about} of {value if math.isfinite(value) else str(float(value))}, which is no measurement"
 

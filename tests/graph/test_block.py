@@ -100,7 +100,7 @@ def test_all_wrong_parameters_are_told_at_once_where_the_block_was_made():
 
 
 def test_parameters_by_position_are_counted_and_not_given_twice():
-    assert refusal(Gain, 1.0, "1", 3.0).message == "takes 2 parameters (gain, unit), and 3 were given"
+    assert refusal(Gain, 1.0, "1", 3.0).message == "takes 2 parameters (gain, unit), got 3"
     assert refusal(Gain, 1.0, gain=2.0).message == "gain was given twice"
 
 
@@ -176,7 +176,7 @@ def test_a_misspelt_port_is_missed_as_python_misses_it_and_no_attribute_of_a_blo
 @pytest.mark.parametrize("word", ["path", "width", "dt", "kernel", "inputs", "name", "every", "reset", "diagram"])
 def test_a_word_of_the_language_cannot_name_a_port_or_parameter(word):
     for declaration in (Param(1.0), Input("1"), Output("1"), Memory(0.0)):
-        with pytest.raises(TypeError, match=f"Taken: '{word}' is a word of the language"):
+        with pytest.raises(TypeError, match=f"Taken: '{word}' is reserved"):
             type("Taken", (Block,), {word: declaration})
 
 
@@ -256,7 +256,7 @@ def test_wiring_what_there_is_not_is_told_with_a_suggestion():
             "did you mean 'position'?",
         )
         assert refusal(impedance, 1, 2, 3, 4).message == (
-            "has 3 inputs (position, velocity, equilibrium), and 4 were wired"
+            "has 3 inputs (position, velocity, equilibrium), got 4 signals"
         )
 
 

@@ -62,7 +62,7 @@ def test_a_subsystem_outside_a_diagram_is_told_at_its_own_line():
         at = here(1)
         subsystem("left")
     (found,) = caught.value.diagnostics
-    assert (found.code, found.where) == ("TW011", at) and found.message == "subsystem('left') stands outside a diagram"
+    assert (found.code, found.where) == ("TW011", at) and found.message == "subsystem('left') is outside a diagram"
 
 
 @pytest.mark.parametrize("name", ["", " ", "a/b", "a.b", "a=b", "a\nb", 3, b"a"])
@@ -176,14 +176,17 @@ def test_what_is_neither_signal_nor_number_is_not_wired(source):
 def test_a_block_in_place_of_its_output_is_not_wired():
     with Diagram("d", rate=100):
         found = refusal(Gain(), CubeMars("AK80-9"))
-    assert found.code == "TW012" and found.hint == "wire a block's output, as in knee.position, or what a call returned"
+    assert (
+        found.code == "TW012"
+        and found.hint == "connect an output of a block, as in knee.position, or the result of a call"
+    )
 
 
 def test_several_outputs_where_one_is_wanted_are_told_by_name():
     with Diagram("d", rate=100):
         phase = GaitPhase()(0.0, 0.0)
         found = refusal(Gain(), phase)
-    assert found.message == "got 4 signals (phase, walking, stride_time, strides) where one is wanted"
+    assert found.message == "expected one signal, got 4 (phase, walking, stride_time, strides)"
 
 
 def test_outputs_come_back_by_place_and_by_name():

@@ -269,7 +269,7 @@ def test_a_class_without_a_kernel_may_not_choose_one_for_its_instances_alone():
         def configure(self):
             self.kernel = kernels.saturation
 
-    assert "Secret chooses its kernel in configure: name one of them on the class too" in refusal(Secret)
+    assert "Secret chooses its kernel in configure: name one of them on the class, too" in refusal(Secret)
 
 
 def test_check_block_refuses_a_class_whose_items_were_changed_afterwards():

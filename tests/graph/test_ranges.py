@@ -55,7 +55,8 @@ def test_a_gain_behind_the_limiter_fails():
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW007", "knee", "torque_command", at)
     assert found.message == (
-        "gain.y can reach [-24, 24] N·m, and the limit is [-18, 18] N·m (rated torque and wire ranges of AK10-9-V2.0)"
+        "gain.y can reach [-24, 24] N·m, and the limit is [-18, 18] N·m "
+        "(rated torque and encoded ranges of AK10-9-V2.0)"
     )
     assert found.hint == "put a limiter last, as in knee(torque_command=TorqueLimiter(limit=18)(...))"
 

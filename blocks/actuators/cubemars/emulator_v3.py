@@ -28,9 +28,9 @@ class Boards:
     )
 
 
-def with_pole_pairs(found, pole_pairs):
+def with_pole_pairs(spec, pole_pairs):
     """A model with another motor than the table's, where `pole_pairs` is not 0."""
-    return replace(found, pole_pairs=pole_pairs) if pole_pairs else found
+    return replace(spec, pole_pairs=pole_pairs) if pole_pairs else spec
 
 
 class EmulatedCubeMarsV3(Emulated, Device):
@@ -52,14 +52,14 @@ class EmulatedCubeMarsV3(Emulated, Device):
     encode = kernels.drive_encode
 
     def configure(self):
-        self.found = self.find(self.model)
-        if self.peak is None and self.found.peak is None:
-            self.peak = self.found.wire_torque * self.gear_ratio
+        self.spec = self.find(self.model)
+        if self.peak is None and self.spec.peak is None:
+            self.peak = self.spec.wire_torque * self.gear_ratio
         super().configure()
         self.scales = frames.scales(
-            with_pole_pairs(self.found, self.pole_pairs),
+            with_pole_pairs(self.spec, self.pole_pairs),
             self.gear_ratio,
-            self.torque_constant or self.found.torque_constant,
+            self.torque_constant or self.spec.torque_constant,
         )
         self.board = (1.0, float(self.enter))
 
@@ -92,18 +92,18 @@ class EmulatedCubeMarsServo(Emulated, Device):
         return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)
 
     def configure(self):
-        self.found = self.find(self.model)
-        if self.peak is None and self.found.peak is None:
-            self.peak = self.found.wire_torque * self.gear_ratio
+        self.spec = self.find(self.model)
+        if self.peak is None and self.spec.peak is None:
+            self.peak = self.spec.wire_torque * self.gear_ratio
         super().configure()
-        constant = self.torque_constant or self.found.torque_constant
+        constant = self.torque_constant or self.spec.torque_constant
         if constant is None:
             raise ValueError(
-                f"the torque constant of {self.found.name} is not published: give torque_constant= in "
+                f"the torque constant of {self.spec.name} is not published: pass torque_constant= in "
                 "N·m/A, at its output"
             )
-        self.scales = frames.scales(with_pole_pairs(self.found, self.pole_pairs), self.gear_ratio, constant)
-        self.board = (float(self.found.generation >= 3), 0.0)
+        self.scales = frames.scales(with_pole_pairs(self.spec, self.pole_pairs), self.gear_ratio, constant)
+        self.board = (float(self.spec.generation >= 3), 0.0)
 
     def addresses(self):
         return [(self.can_id, True)]

@@ -13,7 +13,7 @@ class Boards:
     scales: Any
     board: Any
     motion: Any
-def with_pole_pairs(found, pole_pairs): ...
+def with_pole_pairs(spec, pole_pairs): ...
 class EmulatedCubeMarsV3(Emulated, Device):
     report_rate: Param[float]
     enter: Param[bool]
@@ -22,7 +22,7 @@ class EmulatedCubeMarsV3(Emulated, Device):
     scales: Memory
     board: Memory
     motion: Memory
-    found: Any
+    spec: Any
     def __init__(
         self,
         model: str,
@@ -70,7 +70,7 @@ class EmulatedCubeMarsServo(Emulated, Device):
     scales: Memory
     board: Memory
     motion: Memory
-    found: Any
+    spec: Any
     def __init__(
         self,
         model: str,

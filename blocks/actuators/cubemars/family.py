@@ -77,12 +77,12 @@ class CubeMarsFamily(Family):
         )
 
     def stop_query(self, block):
-        read = queries.status_of(block.can_id, block.found)
+        read = queries.status_of(block.can_id, block.spec)
         if isinstance(block, CubeMarsV3):
             return StopQuery(queries.disable_v3(block.can_id), read)
         if isinstance(block, CubeMarsServo):  # it has no other way to be off, and reports without being asked
             return StopQuery(frames.amperes(frames.CURRENT, 0.0, block.can_id), read)
-        return self.stop_queries(block.can_id, block.found)[1]
+        return self.stop_queries(block.can_id, block.spec)[1]
 
     def check(self, request):
         refused = request.other_than("--zero", "--save")

@@ -143,23 +143,23 @@ class CubeMarsServo(ExtendedFrames, Actuator):
 
     def configure(self):
         self.inputs, self.outputs = type(self).inputs, type(self).outputs
-        found = self.found = self.find(self.model)
-        self.model = found.name
-        constant = self.torque_constant or found.torque_constant
+        spec = self.spec = self.find(self.model)
+        self.model = spec.name
+        constant = self.torque_constant or spec.torque_constant
         if constant is None:
             raise ValueError(
-                f"the torque constant of {found.name} is not published: give torque_constant= in N·m/A, at its output"
+                f"the torque constant of {spec.name} is not published: pass torque_constant= in N·m/A, at its output"
             )
-        if found.generation < 3 and self.report_rate == 0.0:
+        if spec.generation < 3 and self.report_rate == 0.0:
             raise ValueError(
-                f"the board of {found.name} does not answer commands in servo mode: give the "
+                f"the board of {spec.name} does not answer commands in servo mode: give the "
                 "report_rate that it is set to"
             )
         self.range = motion_of(self.range)
         self.check_pose()
         self.check_reports()
         self.check_temperatures()
-        self.scales = frames.scales(found, self.gear_ratio, constant)
+        self.scales = frames.scales(spec, self.gear_ratio, constant)
         self.wire = (
             POSITION / self.gear_ratio,
             self.scales[1] * SPEED / frames.SPEED_CODE,
@@ -168,15 +168,15 @@ class CubeMarsServo(ExtendedFrames, Actuator):
             CURRENT * self.scales[2],
         )
         self.torque_limit = self.find_limit()
-        rated = found.rated is None or self.torque_limit <= found.rated * self.gear_ratio
-        motor = found.rated_current if rated else found.peak_current
+        rated = spec.rated is None or self.torque_limit <= spec.rated * self.gear_ratio
+        motor = spec.rated_current if rated else spec.peak_current
         self.current_limit = min(self.torque_limit / self.scales[2], CURRENT, math.inf if motor is None else motor)
         if self.mode not in CURRENTS and self.rms_mode in ("saturate", "throttle"):
             raise ValueError(
                 f"rms_mode {self.rms_mode!r} takes from a commanded current, and mode {self.mode} commands none: "
                 "warn or disable"
             )
-        self.felt = ("limits", 2) if self.mode in CURRENTS else None
+        self.law_limit = ("limits", 2) if self.mode in CURRENTS else None
         self.damp_time = self.stop_time if self.safe_stop == "brake" else 0.0
         if self.damp_time and self.stop_current > self.current_limit:
             raise ValueError(
@@ -225,7 +225,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
             if not 0 < code <= WORD:
                 raise ValueError(
                     f"{name} must be between {self.scales[1]:.3g} and {WORD * self.scales[1]:.3g}, the range "
-                    f"of {self.found.name} at the joint, got {getattr(self, name):g}"
+                    f"of {self.spec.name} at the joint, got {getattr(self, name):g}"
                 )
         return float(speed), float(acceleration)
 
@@ -233,20 +233,20 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         """What the run watches of its motion. A mode without a commanded current may take more than its limit, up to
         the peak torque.
         """
-        found = self.motion_of_any_mode()
-        if self.mode not in CURRENTS and self.found.peak is not None:
-            found["limit"] = self.found.peak * self.gear_ratio
+        motion = self.motion_of_any_mode()
+        if self.mode not in CURRENTS and self.spec.peak is not None:
+            motion["limit"] = self.spec.peak * self.gear_ratio
         current = "current_sent" if self.mode == "current" else None
-        return Motion(**found, current=current, current_scale=self.scales[2], torque_tolerance=1e-2 * SCALE_TOLERANCE)
+        return Motion(**motion, current=current, current_scale=self.scales[2], torque_tolerance=1e-2 * SCALE_TOLERANCE)
 
     def command_limits(self):
         return {self.command_name: Interval(self.limits[0], self.limits[1])}
 
     def rating(self):
         if self.mode in CURRENTS:
-            return f"current of the torque limit of {self.found.name}, and of its motor"
+            return f"current of the torque limit of {self.spec.name}, and of its motor"
         return {"duty": "its duty_limit", "velocity": "its velocity_limit"}.get(
-            self.mode, f"range of what {self.found.name} reports"
+            self.mode, f"range of what {self.spec.name} reports"
         )
 
     def torque_bound(self, commands, period):
@@ -272,7 +272,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         return [frames.amperes(frames.CURRENT, 0.0, self.can_id)]
 
     def disable_frames(self):
-        return [frames.frame(frames.DISABLE, self.can_id)] if self.found.generation >= 3 else self.zero_frames()
+        return [frames.frame(frames.DISABLE, self.can_id)] if self.spec.generation >= 3 else self.zero_frames()
 
     def damped_stop(self):
         """A braking current: it bounds the torque at every speed."""

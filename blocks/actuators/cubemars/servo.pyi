@@ -72,11 +72,11 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     torque_accuracy: Any
     motion_of_any_mode: Any
     feedback_ends: Any
-    found: Any
+    spec: Any
     wire: Any
     torque_limit: Any
     current_limit: Any
-    felt: Any
+    law_limit: Any
     damp_time: Any
     command_name: Any
     sent_name: Any

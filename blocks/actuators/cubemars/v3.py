@@ -116,7 +116,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     def configure(self):
         super().configure()
         self.check_reports()
-        self.scales = frames.scales(self.found, self.gear_ratio, self.found.torque_constant)
+        self.scales = frames.scales(self.spec, self.gear_ratio, self.spec.torque_constant)
 
     def motion(self):
         """Also compare the torque, computed from the current, with the law that was sent: that checks the torque

@@ -53,24 +53,24 @@ class EmulatedRobStride(Emulated, Device):
 
     def configure(self):
         super().configure()
-        found = self.found
+        spec = self.spec
         if self.trip_temperature is None:
-            self.trip_temperature = found.too_hot
+            self.trip_temperature = spec.too_hot
         values = {
-            frames.LIMIT_TORQUE: found.peak,
+            frames.LIMIT_TORQUE: spec.peak,
             frames.LIMIT_SPD: 2.0,
-            frames.LIMIT_CUR: found.peak_current,
+            frames.LIMIT_CUR: spec.peak_current,
             VBUS: 48.0,
             LOC_KP: POSITION_GAIN,
-            SPD_KP: VELOCITY_GAIN / found.torque_constant / self.gear_ratio**2,
+            SPD_KP: VELOCITY_GAIN / spec.torque_constant / self.gear_ratio**2,
         }
-        if not found.is_cybergear:  # which knows one limit of speed, LIMIT_SPD
+        if not spec.is_cybergear:  # which knows one limit of speed, LIMIT_SPD
             values |= {frames.VEL_MAX: 10.0, frames.ACC_SET: 10.0, frames.ACC_RAD: 20.0}
-        values |= self.own_gains(found.is_cybergear)
+        values |= self.own_gains(spec.is_cybergear)
         self.registers = self.defaults = tuple(values.get(0x7000 + place, 0.0) for place in range(64))
-        self.memory_of_drive = (0xFD, 0.0, 0.0, 0.0, 0.0, found.torque_constant)
+        self.memory_of_drive = (0xFD, 0.0, 0.0, 0.0, 0.0, spec.torque_constant)
 
-        self.identity = (*self.unique_bytes(), *self.firmware_bytes(), float(found.is_cybergear))
+        self.identity = (*self.unique_bytes(), *self.firmware_bytes(), float(spec.is_cybergear))
 
     def own_gains(self, is_cybergear):
         """Return {index: value} of `gains`. ValueError for a parameter that the drive does not have or that is
@@ -80,20 +80,20 @@ class EmulatedRobStride(Emulated, Device):
         for name, value in self.gains:
             parameter = parameters.find(name)
             if not parameter.writable or (is_cybergear and not parameter.cybergear):
-                raise ValueError(f"gains: {parameter.name} is not a parameter of {self.found.name} that can be set")
+                raise ValueError(f"gains: {parameter.name} is not a parameter of {self.spec.name} that can be set")
             values[parameter.index] = float(value)
         return values
 
     def unique_bytes(self):
         import hashlib  # 4 MB
 
-        text = self.unique or hashlib.blake2b(f"{self.found.name} {self.can_id}".encode(), digest_size=8).hexdigest()
+        text = self.unique or hashlib.blake2b(f"{self.spec.name} {self.can_id}".encode(), digest_size=8).hexdigest()
         if not re.fullmatch("[0-9A-Fa-f]{16}", text):
             raise ValueError(f"unique is 16 hex digits, got {text!r}")
         return tuple(map(float, bytes.fromhex(text)))
 
     def firmware_bytes(self):
-        text = self.firmware or models.MIT_FIRMWARE.get(self.found.name, "0")
+        text = self.firmware or models.MIT_FIRMWARE.get(self.spec.name, "0")
         parts = [int(part) if part.isdigit() else -1 for part in text.split(".")]
         if len(parts) > 5 or not all(0 <= part <= 255 for part in parts):
             raise ValueError(f"firmware is at most five numbers up to 255, as in 0.3.1.41, got {text!r}")

@@ -41,7 +41,7 @@ class RobStrideFamily(Family):
         )
 
     def stop_query(self, block):
-        can_id, model = block.can_id, block.found
+        can_id, model = block.can_id, block.spec
         if isinstance(block, RobStride):
             host = block.host_id
             return StopQuery(queries.stop(can_id, host), queries.feedback_of(can_id, model, host))

@@ -141,8 +141,8 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
 
     def remedy(self):
         return (
-            f"can_timeout is {self.can_timeout:g} s: {self.found.name} has it in MIT mode from firmware "
-            f"{models.MIT_FIRMWARE[self.found.name]} "
+            f"can_timeout is {self.can_timeout:g} s: {self.spec.name} has it in MIT mode from firmware "
+            f"{models.MIT_FIRMWARE[self.spec.name]} "
             f"on. Update the firmware, or set can_timeout=0 and rely on the guardian alone"
         )
 

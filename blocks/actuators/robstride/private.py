@@ -73,21 +73,21 @@ class RobStride(Joint, Actuator):
         super().configure()
         if self.can_id == self.host_id:
             raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need ids of their own")
-        if self.found.is_cybergear:
+        if self.spec.is_cybergear:
             if self.mode == "csp":
                 raise ValueError("the CyberGear has no mode csp; its mode position is commanded in the same way")
             if self.active_reporting:
                 raise ValueError("the CyberGear does not report without being asked: leave active_reporting out")
-        self.own_timeout = self.can_timeout if self.found.own_timeout and self.can_timeout > 0.0 else None
+        self.own_timeout = self.can_timeout if self.spec.own_timeout and self.can_timeout > 0.0 else None
         self.timeout_read = (0.0, 0.0, float(frames.timeout_counts(self.can_timeout)))
         self.ready = "timeout_read" if self.own_timeout is not None else None
         self.motor_torque = self.torque_limit / self.gear_ratio
         most = (
-            self.found.rated_current
-            if self.torque_limit <= self.found.rated * self.gear_ratio
-            else self.found.peak_current
+            self.spec.rated_current
+            if self.torque_limit <= self.spec.rated * self.gear_ratio
+            else self.spec.peak_current
         )
-        self.current_limit = min(self.motor_torque / self.found.torque_constant, most)
+        self.current_limit = min(self.motor_torque / self.spec.torque_constant, most)
         if self.mode != "operation":
             if self.damp_time:
                 raise ValueError(
@@ -114,7 +114,7 @@ class RobStride(Joint, Actuator):
         self.sent_outputs = (self.sent_name,)
         self.encode = kernels.encode_written.renamed(command=self.command_name, command_sent=self.sent_name)
         limit = {"position": self.limits[0], "velocity": self.velocity_limit, "current": self.current_limit}[quantity]
-        self.limits, self.felt = (limit, 1.0), ("limits", 1)
+        self.limits, self.law_limit = (limit, 1.0), ("limits", 1)
         limited = (0.0, 0.0) if quantity == "current" else (frames.LIMIT_CUR, self.current_limit)
         index = {"position": frames.LOC_REF, "velocity": frames.SPD_REF, "current": frames.IQ_REF}[quantity]
         self.written = (
@@ -134,12 +134,12 @@ class RobStride(Joint, Actuator):
         return Motion(
             **self.motion_of_any_mode(),
             current=current,
-            current_scale=self.found.torque_constant * self.gear_ratio,
+            current_scale=self.spec.torque_constant * self.gear_ratio,
             torque_tolerance=1e-2 * SCALE_TOLERANCE_WIRE_TORQUE,
         )
 
     def prepare(self, dt):
-        if dt is not None and 0.0 < self.can_timeout < 2.0 * dt and self.found.own_timeout:
+        if dt is not None and 0.0 < self.can_timeout < 2.0 * dt and self.spec.own_timeout:
             raise ValueError(
                 f"can_timeout {self.can_timeout:g} s is shorter than two ticks of {dt:g} s: the drive would stop by "
                 "itself between two "
@@ -153,10 +153,10 @@ class RobStride(Joint, Actuator):
 
     def rating(self):
         if self.mode in ("position", "csp"):
-            return f"wire range of {self.found.name}"
+            return f"wire range of {self.spec.name}"
         if self.mode == "velocity":
             return "its velocity_limit"
-        return super().rating() if self.mode == "operation" else f"current of the torque limit of {self.found.name}"
+        return super().rating() if self.mode == "operation" else f"current of the torque limit of {self.spec.name}"
 
     def torque_bound(self, commands, period):
         if self.mode == "operation":
@@ -203,18 +203,18 @@ class RobStride(Joint, Actuator):
 
     def enable_frames(self):
         """Return frames that stop the drive, write its settings, and enable it in a mode without a command."""
-        found, ratio = self.found, self.gear_ratio
+        spec, ratio = self.spec, self.gear_ratio
         sequence = [self.command(frames.STOP)]
-        if found.own_timeout:
+        if spec.own_timeout:
             sequence.append(self.write(frames.CAN_TIMEOUT, frames.timeout_counts(self.can_timeout)))
         sequence += [
             self.write(frames.RUN_MODE, RUN_MODES[self.mode]),
             self.write(frames.LIMIT_TORQUE, self.motor_torque),
         ]
         if self.mode in POSITION_MODES:
-            faster = frames.VEL_MAX if self.mode == "position" and not found.is_cybergear else frames.LIMIT_SPD
+            faster = frames.VEL_MAX if self.mode == "position" and not spec.is_cybergear else frames.LIMIT_SPD
             sequence.append(self.write(faster, self.velocity_limit * ratio))
-        if self.mode in ("position", "velocity") and not found.is_cybergear:
+        if self.mode in ("position", "velocity") and not spec.is_cybergear:
             sequence.append(
                 self.write(frames.ACC_SET if self.mode == "position" else frames.ACC_RAD, self.acceleration * ratio)
             )
@@ -255,12 +255,12 @@ class RobStride(Joint, Actuator):
         ]
 
     def fault_in_words(self, code):
-        words = frames.in_words(code, frames.meanings(self.found.is_cybergear))
+        words = frames.in_words(code, frames.meanings(self.spec.is_cybergear))
         return f"{words}; {self.remedy()}" if int(code) & frames.NO_TIMEOUT else words
 
     def warnings_in_words(self):
-        family = "CyberGear" if self.found.is_cybergear else "RobStride"
-        meanings = frames.meanings(self.found.is_cybergear)
+        family = "CyberGear" if self.spec.is_cybergear else "RobStride"
+        meanings = frames.meanings(self.spec.is_cybergear)
         return tuple(f"{family} warning: {frames.warning_in_words(bit, meanings)}" for bit in range(32))
 
     def remedy(self):

@@ -122,7 +122,7 @@ def test_every_servo_mode_follows_its_command(mode, model, mounting):
     elif mode == "velocity":
         assert velocity[-1] == pytest.approx(1.5, abs=0.01)
     elif mode == "duty":
-        assert 0.0 < velocity[-1] <= 1.05 * 0.05 * drive.found.wire_velocity
+        assert 0.0 < velocity[-1] <= 1.05 * 0.05 * drive.spec.wire_velocity
     else:
         assert position[-1] == pytest.approx(0.5, abs=2 * drive.scales[0] + 1e-3)
         if mode == "position_velocity":
@@ -187,7 +187,7 @@ def test_arming_and_the_safe_stop_are_the_frames_of_the_manual_and_are_confirmed
     assert sent[: len(first)] == first and bool(drive.enable_frames()) == parameters.get("enter", False)
     stop = flagged(drive.zero_frames()) + flagged(drive.disable_frames())
     assert sent[-len(stop) :] == stop
-    if drive.found.generation == 3:
+    if drive.spec.generation == 3:
         assert stop[-1] == (EXTENDED | 15 << 8 | 9, b"") and not witness.seen[-1][1]
     else:
         assert stop == [(EXTENDED | 1 << 8 | 9, bytes(4))] * 2
@@ -205,7 +205,7 @@ def test_damping_is_that_of_the_joint_and_nothing_else():
     for ratio in (1.0, 2.0):
         drive = CubeMarsV3("AK60-6-V3.0", safe_stop="damp", stop_damping=2.0, gear_ratio=ratio)
         [(_, _, data)] = drive.damped_stop().bands[0][1]
-        understood = reference.read_force(reference.ranges(drive.found), data)
+        understood = reference.read_force(reference.ranges(drive.spec), data)
         assert (
             understood["damping"] * ratio**2 == pytest.approx(2.0, abs=5.0 / 4095 * ratio**2)
             and understood["stiffness"] == 0.0

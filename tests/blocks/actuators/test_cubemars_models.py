@@ -213,4 +213,4 @@ def test_the_emulator_is_made_from_the_drive_it_plays():
     assert isinstance(played, EmulatedCubeMars) and played.peak == MODELS["AK10-9-V2.0"].peak
     for name in ("bus", "can_id", "invert", "offset"):
         assert getattr(played, name) == getattr(drive, name)
-    assert find(played.model) is drive.found and tuple(played.wire) == tuple(drive.wire)
+    assert find(played.model) is drive.spec and tuple(played.wire) == tuple(drive.wire)

@@ -154,7 +154,7 @@ def test_derating_by_watch_reduces_current(mode):
     one = drive("AK80-9", mode)
     one["limits"] = [*one["limits"][:2], 0.5]
     [(_, said)] = one.say(**{f"{mode}_command": 4.0})
-    assert value_of(said) == 2000 and one.block.watched().felt == ("limits", 2)
+    assert value_of(said) == 2000 and one.block.watched().law_limit == ("limits", 2)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -230,8 +230,8 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
 @pytest.mark.parametrize(
     "model, parameters, said",
     [
-        ("AK80-6", {}, "torque constant of AK80-6 is not published: give torque_constant="),
-        ("AK80-8 V3.0", {}, r"rated and peak torque of AK80-8-V3\.0 are not published: give limit= in N·m"),
+        ("AK80-6", {}, "torque constant of AK80-6 is not published: pass torque_constant="),
+        ("AK80-8 V3.0", {}, r"rated and peak torque of AK80-8-V3\.0 are not published: pass limit= in N·m"),
         ("AK80-8 V3.0", {"limit": 64.0}, "within the range of AK80-8-V3.0, 63.414 N·m, got 64"),
         ("AK80-9", {"report_rate": 0.0}, "does not answer commands in servo mode: give the report_rate"),
         ("AK80-9", {"report_rate": 15.0}, "timeout 0.1 s is shorter than two reports at report_rate 15 Hz"),
@@ -246,7 +246,7 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
             "acceleration must be between .* 25.5, .*AK80-64 .* got 30",
         ),
         ("AK80-9", {"mode": "torque"}, "mode: "),
-        ("AK80-9", {"range": (2.0, 1.0)}, "range is the lowest and the highest angle"),
+        ("AK80-9", {"range": (2.0, 1.0)}, "range must be the lowest and the highest angle"),
         (
             "AK80-9",
             {"mode": "velocity", "rms_mode": "saturate"},

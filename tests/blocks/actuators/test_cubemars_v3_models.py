@@ -58,7 +58,7 @@ def test_blocks_of_servo_mode_take_the_names_of_both_tables():
         wanted = (models.MODELS | MODELS)[name]
         assert models_v3.find_in_servo_mode(name) is wanted
     for name, constant in (("AK80-9", 0.945), ("AK80-9 V3", 0.5701)):
-        assert CubeMarsServo(name).found.torque_constant == pytest.approx(constant)
+        assert CubeMarsServo(name).spec.torque_constant == pytest.approx(constant)
     assert EmulatedCubeMarsServo("AK80-9").board == (0.0, 0.0) and EmulatedCubeMarsServo("AK80-9 V3").board == (
         1.0,
         0.0,
@@ -128,7 +128,7 @@ def test_the_limit_is_rated_peak_or_a_torque_and_never_beyond_the_wire(name):
     model = MODELS[name]
     if model.rated is None:
         for limit in ("rated", "peak", True, None):
-            with pytest.raises(DiagramError, match="not published: give limit= in N·m"):
+            with pytest.raises(DiagramError, match="not published: pass limit= in N·m"):
                 CubeMarsV3(name, limit=limit)
         for limit in (0.0, -1.0, model.wire_torque * 1.001, float("nan"), float("inf")):
             with pytest.raises(DiagramError, match="limit must be above 0 and within the range"):

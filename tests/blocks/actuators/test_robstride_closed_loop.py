@@ -139,7 +139,7 @@ def test_velocity_and_current_modes_follow_setpoint(model, mounting):
     assert abs(recording["drive.velocity"][-1] + 1.5) < 0.01
     recording, drive = played(RobStride, model, 100, {"current_command": 0.4}, mode="current", **mounting)
     in_order(recording)
-    wanted = 0.4 * drive.found.torque_constant * drive.gear_ratio
+    wanted = 0.4 * drive.spec.torque_constant * drive.gear_ratio
     assert abs(recording["drive.torque"][-1] - wanted) < 3 * drive.wire[4] / 65535
     assert recording["drive.current_sent"][-1] == pytest.approx(0.4)
 

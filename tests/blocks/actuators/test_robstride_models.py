@@ -92,11 +92,11 @@ def test_behind_a_gear_all_limits_and_ranges_are_those_of_the_joint(kind, model,
     assert kind(model, gear_ratio=4.0, limit=t * 4.0).torque_limit == 4.0 * t
     assert geared.output_range()["velocity"] == Interval(-velocity / 4.0, velocity / 4.0)
     with pytest.raises(DiagramError, match=f"at most the peak torque of {model} behind a gear of 0.5, "):
-        kind(model, gear_ratio=0.5, limit=plain.found.peak)
+        kind(model, gear_ratio=0.5, limit=plain.spec.peak)
     with pytest.raises(DiagramError, match=r"offset 4 rad is outside the drive's position range of ±3\.1"):
         kind(model, gear_ratio=4.0, offset=4.0)
     with Diagram("plant", rate=1000):
-        assert geared.emulator().peak == 4.0 * geared.found.peak and geared.emulator().wire == geared.wire
+        assert geared.emulator().peak == 4.0 * geared.spec.peak and geared.emulator().wire == geared.wire
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_arming_stops_drive_sets_mode_limits_and_timeout_and_enables_last(model,
     assert listed[0] == 4 and drive.enable_frames()[0][2] == bytes(8), "stopped, and no fault cleared"
     assert listed[-1] == 3 and 4 not in listed[1:] and len(listed) <= 12 and frames.REPORT not in listed
     assert values.pop(0x7028) == 2000 and values.pop(0x7005) == number
-    assert values.pop(0x700B) == pytest.approx(drive.found.rated), "N·m at the motor"
+    assert values.pop(0x700B) == pytest.approx(drive.spec.rated), "N·m at the motor"
     expected = {
         "operation": {},
         "position": {0x7024: 3.0, 0x7025: 8.0, 0x7018: 0.0},

@@ -41,7 +41,7 @@ def test_every_model_states_a_turn_of_its_motor(table):
 @pytest.mark.parametrize("kind, emulated, model", DRIVES)
 def test_behind_a_gear_it_is_that_share_and_a_unit_may_have_another(kind, emulated, model):
     for parameters, shift in (
-        ({"gear_ratio": 2.0}, kind(model).found.wake_shift / 2.0),
+        ({"gear_ratio": 2.0}, kind(model).spec.wake_shift / 2.0),
         ({"wake_shift": 0.0}, 0.0),
         ({"wake_shift": 1.5}, 1.5),
     ):
@@ -64,7 +64,7 @@ def test_an_emulated_drive_wakes_within_one_turn_of_its_motor_and_congruent(kind
         wired.step(power_lost=False)
         zero, shift = wired["state"][1], wired["state"][6]
         reading = (-moved if invert else moved) - zero
-        assert shift == pytest.approx(2.0 * math.pi / kind(model).found.gear) and abs(reading) <= shift / 2.0 + 1e-12
+        assert shift == pytest.approx(2.0 * math.pi / kind(model).spec.gear) and abs(reading) <= shift / 2.0 + 1e-12
         assert zero / shift == pytest.approx(round(zero / shift), abs=1e-9)
 
 
@@ -98,7 +98,7 @@ def test_a_drive_may_be_off_from_the_start_and_one_with_a_second_encoder_never_i
     "pose, said",
     [
         ((0.0,), "an angle and a tolerance"),
-        ((0.0, 0.4), "below 0.3491 rad, half of what a power cycle can shift, got 0.4"),
+        ((0.0, 0.4), "below 0.3491 rad, half the shift of a power cycle, got 0.4"),
         ((0.0, 0.0), "above 0"),
         ((0.0, math.nan), "an angle and a tolerance"),
         (("straight", 0.1), "an angle and a tolerance"),

@@ -162,7 +162,7 @@ def test_a_range_that_is_none_is_refused(command_line, value):
     rig = write(command_line.folder, RIG.format(channel="239.1.1.1"), "lab.toml")
     rig.write_text(rig.read_text().replace("can_id = 1", f"range = {value}\ncan_id = 1"))
     code, out, err = command_line("check", knee(command_line.folder), "--rig", rig)
-    assert code and "range is the lowest and the highest angle in rad" in out + err
+    assert code and "range must be the lowest and the highest angle in rad" in out + err
 
 
 @pytest.mark.parametrize(

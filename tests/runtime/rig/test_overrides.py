@@ -141,18 +141,18 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
         (LEGS + '[device."left/knee"]\nzzz = 3', ("TW103", '[device."left/knee"] zzz: no such parameter', HARDWARE)),
         (
             LEGS + '[device."left/knee"]\ncan_id = 300',
-            ("TW103", '[device."left/knee"] can_id = 300: must be at most 255, got 300', "id set in the drive"),
+            ("TW103", '[device."left/knee"] can_id = 300: must be at most 255, got 300', "CAN id set in the drive"),
         ),
         (
             LEGS + '[device."left/knee"]\ncan_id = 3.5',
-            ("TW103", '[device."left/knee"] can_id = 3.5: expected a whole number, got 3.5', "id set in the drive"),
+            ("TW103", '[device."left/knee"] can_id = 3.5: expected a whole number, got 3.5', "CAN id set in the drive"),
         ),
         (
             LEGS + '[device."left/knee"]\ninvert = 1',
             (
                 "TW103",
                 '[device."left/knee"] invert = 1: expected True or False, got 1',
-                "whether the joint turns against the motor",
+                "whether the joint turns opposite to the motor",
             ),
         ),
         (
@@ -160,7 +160,7 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
             (
                 "TW103",
                 '[device."left/knee"] offset = nan: NaN is not allowed',
-                "motor position where the joint is at zero, at the joint and the way the joint turns",
+                "motor position at the zero of the joint, in the units and direction of the joint",
             ),
         ),
         (
@@ -168,7 +168,7 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
             (
                 "TW103",
                 '[device."left/knee"] offset = [0.1]: expected one number, got [0.1]',
-                "motor position where the joint is at zero, at the joint and the way the joint turns",
+                "motor position at the zero of the joint, in the units and direction of the joint",
             ),
         ),
     ],

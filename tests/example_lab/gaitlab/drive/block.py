@@ -34,11 +34,11 @@ class GaitDrive(Actuator):
     encode = kernels.encode
 
     def configure(self):
-        self.found = models.find(self.model)
-        self.model = self.found.name
-        rated = self.found.rated * self.gear_ratio
+        self.spec = models.find(self.model)
+        self.model = self.spec.name
+        rated = self.spec.rated * self.gear_ratio
         self.limit = rated if self.limit is None else self.limit
-        if not 0.0 < self.limit <= self.found.peak * self.gear_ratio:
+        if not 0.0 < self.limit <= self.spec.peak * self.gear_ratio:
             raise ValueError(f"limit must be above 0 and at most the peak torque of {self.model}, got {self.limit:g}")
 
     def command_limits(self):
@@ -51,8 +51,8 @@ class GaitDrive(Actuator):
         return TorqueBound("proved", self.limit)
 
     def output_range(self, **commands):
-        found, ratio = self.found, self.gear_ratio
-        position, velocity, torque = 32.768 / ratio, 327.68 / ratio, found.wire_torque * ratio * 1.01
+        spec, ratio = self.spec, self.gear_ratio
+        position, velocity, torque = 32.768 / ratio, 327.68 / ratio, spec.wire_torque * ratio * 1.01
         return {
             "position": Interval(-position, position),
             "velocity": Interval(-velocity, velocity),
