@@ -43,9 +43,7 @@ def start(folder):
 
 
 def occupy_standard_streams():
-    """Where a standard stream is closed, a file of ours would take its number, and be written to by whoever means the
-    stream.
-    """
+    """Open /dev/null for each closed standard stream, so that no file opened later gets its descriptor."""
     spare = os.open(os.devnull, os.O_RDWR)
     while spare <= 2:
         spare = os.open(os.devnull, os.O_RDWR)

@@ -1,1 +1,1 @@
-"""Foundations of all rooms: errors, exception text, the system, child processes, optional dependencies."""
+"""Foundations of all folders of runtime: errors, exception text, the system, child processes, optional dependencies."""

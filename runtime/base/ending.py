@@ -130,8 +130,8 @@ def uninterrupted(outcome):
 def leave(code):
     """End the process with an exit code, without the interpreter's own ending.
 
-    That one takes 50 ms to take every object apart, and waits for the threads of user code for ever. Exit handlers are
-    called, and the files that user code has left open are written. A signal meanwhile ends the process at once.
+    The interpreter's ending takes 50 ms to free all objects, and waits indefinitely for threads of user code. Exit
+    handlers are called, and files that user code has left open are flushed. A signal meanwhile ends the process.
     """
 
     def leave_now(number=0, frame=None):

@@ -70,7 +70,7 @@ def folder(text):
 
 
 def trial_fields(texts):
-    """Fields of a trial, as a dict of texts."""
+    """Return the fields of a trial as a dict of texts."""
     fields = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -83,8 +83,8 @@ def trial_fields(texts):
 
 
 def settings(words, option="--set "):
-    """Pairs (name, text) of NAME=VALUE words. @FILE stands for the lines of a file; a line that starts with `#` and a
-    space is a comment.
+    """Return pairs (name, text) of NAME=VALUE words. @FILE reads the lines of a file; a line that starts with `#` and
+    a space is a comment.
     """
     pairs = []
     for word in words:

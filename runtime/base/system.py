@@ -23,8 +23,9 @@ def processor_wait():
 
 
 def maps(pid, descriptor):
-    """Whether a process has the file behind a descriptor of this process in its memory. It has not any more once it
-    runs another program, although it goes on under its number.
+    """Return whether a process has mapped the file of a descriptor of this process.
+
+    After an exec, the process keeps its number, but not the mapping.
     """
     inode = str(os.fstat(descriptor).st_ino)
     with suppress(OSError):  # it has ended, or runs as another user

@@ -1,1 +1,1 @@
-"""Diagram files: loading, overrides, plants, the catalogue of blocks, drawings."""
+"""Diagram files: loading, overrides, plants, catalogue of blocks, drawings."""

@@ -1,4 +1,4 @@
-"""`python -m runtime blocks`: every block that is installed, from every library, as its declarations describe it."""
+"""Catalogue of the installed blocks of all libraries, for `python -m runtime blocks`."""
 
 import importlib
 import importlib.metadata
@@ -20,25 +20,26 @@ from runtime.base.errors import BadInput
 from runtime.console.styles import console_for, count
 from runtime.console.terminal import program
 
-OWN = "blocks"  # our library's package
+OWN = "blocks"  # package of Tickwork's library
 BASES = (Block.__module__, Device.__module__)
 
 
 @dataclass(frozen=True)
 class Library:
-    """A library of blocks: the distribution that brings it, the modules to look in, what was found, and what could not
-    be imported.
-    """
+    """Library of blocks in one distribution."""
 
-    name: str
+    name: str  # of the distribution
     modules: tuple
-    homes: dict  # a block's class: the module that offers it
-    broken: tuple  # (module, why)
+    homes: dict  # {class of a block: module that exports it}
+    broken: tuple  # (module that cannot be imported, reason)
 
 
 def catalog(name=None, library=None, models=False):
-    """Lines: every block, or those of `library`; one block or family, with `name`; the models of actuators. Raises
-    BadInput.
+    """Return the lines of the catalogue. Raises BadInput.
+
+    name : of a block or family to describe; None lists all blocks
+    library : list only the blocks of this distribution
+    models : list the models of actuators instead
     """
     console = console_for()
     if models:
@@ -63,7 +64,7 @@ def catalog(name=None, library=None, models=False):
 
 
 def libraries():
-    """Every Library, ours first."""
+    """Return every Library, Tickwork's first."""
     modules = {"tickwork": [OWN]}
     for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
         modules.setdefault(point.dist.name if point.dist else point.name, []).append(point.module)
@@ -71,7 +72,7 @@ def libraries():
 
 
 def read(name, places):
-    """A Library, its modules imported."""
+    """Import the modules of a library. Returns a Library."""
     modules, broken = [], []
     for place in places:
         for module in walk(place, broken):
@@ -83,8 +84,8 @@ def read(name, places):
 
 
 def offers(module, kind):
-    """Whether a module is where a block is to be had: it defines it, or is ours and offers what the language defines,
-    such as sums.
+    """Return whether a module exports a block: it defines the block, or belongs to Tickwork's library and imports it
+    from graph.
     """
     if (
         not (isinstance(kind, type) and issubclass(kind, Block))
@@ -99,10 +100,10 @@ def offers(module, kind):
 
 
 def walk(name, broken):
-    """A module and all below it. What cannot be imported is added to `broken`."""
+    """Yield a module and all below it. Modules that cannot be imported are added to `broken`."""
     try:
         module = importlib.import_module(name)
-    except Exception as error:  # whatever a stranger's module does as it is imported, the others are listed
+    except Exception as error:  # a module of another library must not hide the rest
         broken.append((name, name_and_text(error)))
         return
     yield module
@@ -120,18 +121,17 @@ def find_library(name, found):
             return library
     known = [library.name for library in found]
     raise BadInput(
-        f"no library {name!r} is installed that brings blocks; "
-        f"{suggestion(name, known) or 'there is ' + ', '.join(known)}"
+        f"no installed library {name!r} contains blocks; {suggestion(name, known) or 'expected ' + ', '.join(known)}"
     )
 
 
 def family_of(home):
-    """The module of a block within its library: 'limiters', 'actuators'."""
+    """Return the module of a block within its library, such as 'limiters' or 'actuators'."""
     return home.split(".")[:2][-1]
 
 
 def import_line(kind, home):
-    """How a diagram imports it: from the outermost package that offers it."""
+    """Return the import statement of a block, from the outermost package that exports it."""
     parts = home.split(".")
     packages = [".".join(parts[:depth]) for depth in range(1, len(parts) + 1)]
     module = next(package for package in packages if getattr(sys.modules[package], kind.__name__, None) is kind)
@@ -142,7 +142,7 @@ def import_line(kind, home):
 
 
 def listing(found, console, described):
-    """Every block in one line, by library and family."""
+    """Return one line per block, by library and family."""
     lines = []
     for library in found:
         lines += about(library, console) if described else [title(library, console)]
@@ -159,8 +159,7 @@ def listing(found, console, described):
         lines.append("")
     return [
         *lines,
-        f"{program()} blocks NAME tells all about one, --from LIBRARY about a library, --actuators the "
-        "models of actuators",
+        f"describe a block: {program()} blocks NAME; a library: --from LIBRARY; the models of actuators: --actuators",
     ]
 
 
@@ -170,7 +169,7 @@ def rows(kinds, console, indent=""):
 
 
 def metadata(library) -> Any:
-    """What the distribution says of itself; None for a checkout that was not installed."""
+    """Return the metadata of the distribution; None for a checkout that is not installed."""
     try:
         return importlib.metadata.metadata(library.name)
     except importlib.metadata.PackageNotFoundError:
@@ -185,7 +184,7 @@ def title(library, console):
 
 
 def about(library, console):
-    """A library's version, author, and what it was tested with: Pythons that it names, and the Tickwork it needs."""
+    """Return the lines on a library: version, author, required and tested versions."""
     data = metadata(library)
     lines = [title(library, console)]
     if data is None:
@@ -217,19 +216,19 @@ def about(library, console):
 
 
 def find(name, kinds):
-    """The blocks of that name, in whatever way it is written. BadInput with a suggestion if there is none."""
+    """Return the blocks of a name, regardless of case and underscores. Raises BadInput with a suggestion."""
     plain = name.rpartition(".")[2].rpartition(":")[2].replace("_", "").replace("-", "").lower()
     found = [kind for kind in kinds if kind.__name__.lower() == plain]
     if not found:
         known = {kind.__name__.lower(): kind.__name__ for kind in kinds}
         close = suggestion(plain, known)
-        hint = f"did you mean {known[close.split(chr(39))[1]]}?" if close else f"{program()} blocks lists them all"
-        raise BadInput(f"no block is called {name!r}: {hint}")
+        hint = f"did you mean {known[close.split(chr(39))[1]]}?" if close else f"list all blocks: {program()} blocks"
+        raise BadInput(f"no installed block has the name {name!r}; {hint}")
     return found
 
 
 def describe(kind, home, console):
-    """All that one block declares."""
+    """Return the lines that describe one block by its declarations."""
     card = class_card(kind)
     lines = [
         console.bold(card["type"]) + f"  {import_line(kind, home)}",
@@ -245,7 +244,7 @@ def describe(kind, home, console):
             lines += [
                 "",
                 console.bold(title)
-                + (console.faint("  of an example: its parameters make them") if card["made"] else ""),
+                + (console.faint("  of an example: they depend on the parameters") if card["made"] else ""),
             ]
         for port in card[title]:
             words = [
@@ -257,7 +256,7 @@ def describe(kind, home, console):
                 f"  {port['name']:<{width}}  {unit_text(port):<{units}}  ", "; ".join(word for word in words if word)
             )
     if card["variadic"]:
-        lines += ["", console.bold("inputs") + "  any number of signals; unwired, every port"]
+        lines += ["", console.bold("inputs") + "  any number of signals; without connections, all ports"]
     if card["parameters"]:
         lines += ["", console.bold("parameters")]
     for item in card["parameters"]:
@@ -271,12 +270,12 @@ def describe(kind, home, console):
 
 
 def exceptions(card):
-    """What an exception in a Python block can be made to mean."""
-    return "; may be given hold_exceptions" if "Python" in card["runs"] else ""
+    """Return a remark on the handling of exceptions, for a Python block."""
+    return "; accepts hold_exceptions" if "Python" in card["runs"] else ""
 
 
 def source_line(kind):
-    """Where its source stands."""
+    """Return the module and line of a block's source."""
     try:
         return f"{kind.__module__}, line {inspect.getsourcelines(getattr(kind, 'function', kind))[1]}"
     except (OSError, TypeError):
@@ -287,7 +286,7 @@ def source_line(kind):
 
 
 def actuators(console):
-    """Return the models of actuators by family: what each holds, what it gives for seconds, its ranges on the wire."""
+    """Return the lines on the models of actuators by family: rated and peak torque, encoded ranges."""
     lines, notes = [], []
     for plugin in families():
         for table in plugin.tables:
@@ -295,16 +294,16 @@ def actuators(console):
             lines += [*family(console, table.title, f"from {module} import {table.usage}", table.models), ""]
         notes += [plugin.table_note] if plugin.table_note else []
     words = (
-        "Rated: held for ever, and the limit of a command by default. Peak: given for seconds, with limit='peak'. "
-        "Wire: a scale, not a rating, and of one firmware; wire_torque=... and the like set those of a unit "
-        "that differs. Kt: at the output. A - is not published: where it is the rated torque, limit= is needed; where "
-        "it is Kt, torque_constant= in servo mode."
+        "Rated: continuous torque, and the default limit of a command. Peak: for seconds, with limit='peak'. Encoded "
+        "ranges are scales of one firmware, not ratings; wire_torque=... and similar parameters override them for a "
+        "unit that differs. Kt: at the output. A dash is a value that is not published: without a rated torque, pass "
+        "limit=; without Kt, pass torque_constant= in servo mode."
     )
     return [*lines, *console.hang("  ", " ".join([words, *notes]))]
 
 
 def family(console, name, usage, models):
-    """The table of one family."""
+    """Return the table of one family."""
     columns = "".join(
         f"{text:>10}" for text in ("rated", "peak", "torque", "velocity", "position", "stiffness", "damping", "Kt")
     )
@@ -314,7 +313,7 @@ def family(console, name, usage, models):
     lines = [
         console.bold(name) + f"  {usage}",
         "",
-        console.faint(f"  {'':<12}{'':>8}{'':>20}{'on the wire':>50}"),
+        console.faint(f"  {'':<12}{'':>8}{'':>20}{'encoded range':>50}"),
         f"  {'model':<12}{'gear':>8}{columns}",
         console.faint(f"  {'':<12}{'':>8}{units}"),
     ]

@@ -1,4 +1,4 @@
-"""`python -m runtime draw FILE`: a diagram as SVG, PNG, Mermaid text, or a page to explore."""
+"""Drawings of diagram files as SVG, PNG, Mermaid text or an interactive HTML page."""
 
 import os
 import shutil
@@ -15,7 +15,7 @@ from runtime.diagrams.file import blamed, load
 
 FORMATS = {"svg": ".svg", "png": ".png", "mermaid": ".mmd", "html": ".html"}
 BY_SUFFIX = {suffix: name for name, suffix in FORMATS.items()} | {".htm": "html", ".mermaid": "mermaid"}
-ENOUGH = 12_000  # px, the longer side of a PNG at most
+PNG_SIZE_LIMIT = 12_000  # px, of the longer side
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
@@ -24,7 +24,7 @@ def draw_file(path, settings=(), rate=None, output=None, form=None, all_ports=Fa
 
     settings, rate : as in a run
     output : file to write, "-" for standard output, None for the diagram's name
-    form : a key of FORMATS, None for what the file's name says
+    form : a key of FORMATS; None for the format of the output's suffix, or svg
     """
     _, diagram = load(path, settings)
     if rate is not None:
@@ -32,7 +32,7 @@ def draw_file(path, settings=(), rate=None, output=None, form=None, all_ports=Fa
     form, target = choose(form, output, diagram.name)
     drawing = blamed(path, lambda: draw(diagram, all_ports=all_ports, place=place))
     wrong = sum(len(box.wrong) for box in drawing.boxes)
-    remarks = [f"{count(wrong, 'error')} drawn in red: {program()} check {path} tells more"] if wrong else []
+    remarks = [f"{count(wrong, 'error')} drawn in red: {program()} check {path} lists them"] if wrong else []
     text = {"svg": svg, "png": svg, "mermaid": mermaid, "html": page}[form](drawing)
     if target is None:
         return [text.rstrip("\n")], remarks
@@ -45,9 +45,9 @@ def draw_file(path, settings=(), rate=None, output=None, form=None, all_ports=Fa
 
 
 def choose(form, output, name):
-    """(format, Path or None for standard output) from what was asked for."""
+    """Return (format, Path or None for standard output)."""
     if output == "-" and form == "png":
-        raise BadInput("a PNG cannot go to standard output: name a file with -o")
+        raise BadInput("a PNG cannot be written to standard output: name a file with -o")
     if output == "-":
         return form or "svg", None
     if output is None:
@@ -57,8 +57,7 @@ def choose(form, output, name):
     suffix = Path(output).suffix.lower()
     if form is None and suffix and suffix not in BY_SUFFIX:
         raise BadInput(
-            f"-o {output}: a drawing cannot be written as {suffix}: choose from "
-            f"{', '.join(FORMATS.values())}, or say --format"
+            f"-o {output}: unknown format {suffix}: use one of {', '.join(FORMATS.values())}, or pass --format"
         )
     form = form or BY_SUFFIX.get(suffix, "svg")
     return form, Path(output) if suffix else Path(output + FORMATS[form])
@@ -72,10 +71,10 @@ def save(target, text):
 
 
 def rasterise(text, target, scale=2.0):
-    """Write an SVG as PNG with the first tool there is. BadInput if there is none, or it fails."""
+    """Write an SVG as PNG with the first installed tool. Raises BadInput if none is installed or it fails."""
     tools = (with_cairosvg, with_rsvg, with_inkscape, with_browser)
     size = [float(text.split(f'{side}="', 1)[1].split('"', 1)[0]) for side in ("width", "height")]
-    scale = min(scale, ENOUGH / max(size))
+    scale = min(scale, PNG_SIZE_LIMIT / max(size))
     with tempfile.TemporaryDirectory(prefix="tickwork-draw-") as folder:
         source, picture = Path(folder) / "drawing.svg", Path(folder) / "drawing.png"
         source.write_text(text, encoding="utf-8")
@@ -84,13 +83,12 @@ def rasterise(text, target, scale=2.0):
                 break
         else:
             raise BadInput(
-                "no tool here turns SVG into PNG: `pip install cairosvg`, or `sudo apt install "
-                "librsvg2-bin`, "
-                "or write an SVG and open it in a browser"
+                "no converter from SVG to PNG is installed: pip install cairosvg, or sudo apt install librsvg2-bin, or "
+                "write an SVG and open it in a browser"
             )
         if not picture.exists():
             raise BadInput(
-                f"{tool.__name__.removeprefix('with_')} wrote no PNG: write an SVG instead, with --format svg"
+                f"{tool.__name__.removeprefix('with_')} failed to write a PNG: write an SVG instead, with --format svg"
             )
         try:
             shutil.copyfile(picture, target)

@@ -1,4 +1,4 @@
-"""Diagram files: Python that offers `diagram` or `build(**parameters)`, and may offer `plant(robot, **parameters)`."""
+"""Diagram files: Python with `diagram` or `build(**parameters)`, and optionally `plant(robot, **parameters)`."""
 
 import importlib.util
 import inspect
@@ -27,8 +27,9 @@ ROOMS = tuple(str(Path(__file__).parents[2] / room) + os.sep for room in ("block
 
 @dataclass
 class DiagramFile:
-    """A loaded file: the module, and what was set for its `build` and its `plant`. sha256 : hex digest of the source
-    that was run
+    """Loaded diagram file: its module, and the parameters of its `build` and `plant`.
+
+    sha256 : hex digest of the source that was run
     """
 
     path: Path
@@ -36,14 +37,14 @@ class DiagramFile:
     build_parameters: dict
     plant_parameters: dict
     sha256: str | None = None
-    given: Diagram | None = None  # of the caller, instead of a file
+    given: Diagram | None = None  # passed by the caller instead of a file
 
     @property
     def has_plant(self):
         return self.function("plant") is not None
 
     def function(self, name):
-        """A function of the file, or None."""
+        """Return a function of the file, or None."""
         found = getattr(self.module, name, None)
         return found if callable(found) else None
 
@@ -115,7 +116,7 @@ def build(file: DiagramFile, settings: Any = (), rig: Any = None, before: list |
 
 
 def build_plant(file, robot):
-    """The plant of a diagram file: a Diagram. Raises BadInput."""
+    """Build the plant of a diagram file. Returns a Diagram. Raises BadInput."""
     plant = call(file, file.function("plant"), robot, **file.plant_parameters)
     if not isinstance(plant, Diagram):
         raise BadInput(f"{file.path}: plant() returned {repr_of(plant)}, and must return a Diagram")
@@ -123,8 +124,9 @@ def build_plant(file, robot):
 
 
 def compiled(path, diagram):
-    """The Schedule of a diagram, whose Python blocks have been reset once. DiagramError; BadInput for what their
-    authors' hooks raise.
+    """Compile a diagram and reset its Python blocks once. Returns its Schedule.
+
+    Raises DiagramError, and BadInput for an exception in user code.
     """
     schedule = blamed(path, compile, diagram)
     for block in schedule.python_blocks:
@@ -133,21 +135,21 @@ def compiled(path, diagram):
 
 
 def blamed(path, function, *arguments):
-    """Call what calls the hooks of blocks; what their authors' code raises becomes BadInput with its own line."""
+    """Call a function that calls user code of blocks; an exception there becomes BadInput with its line."""
     try:
         return function(*arguments)
     except DiagramError:
         raise
     except Exception as error:
         if not own_frames(path, error):
-            raise  # ours, and not the user's to mend
+            raise  # a defect of Tickwork, not of user code
         raise BadInput(exception(path, error)) from error
 
 
 class Source(SourceFileLoader):
-    """Reads the file itself, every time. Bytecode of an edit in the same second would be taken for this one's.
+    """Loader that always reads the source: bytecode could be that of an edit within the same second.
 
-    sha256 : hex digest of the only source that may be run, None for any; then of the one that was read
+    sha256 : hex digest of the only source that may be run, None for any; after loading, of the source read
     """
 
     def __init__(self, name, path, sha256=None):
@@ -166,20 +168,19 @@ class Source(SourceFileLoader):
 
 
 def execute(path, sha256=None):
-    """Run the file as a module. BadInput, with the line, for everything that can be wrong with it.
+    """Run the file as a module. Raises BadInput with the line of an error.
+
+    The file can import modules in its folder, which is last on the path, so that they do not shadow libraries.
 
     sha256 : hex digest of the only source that may be run, None for any
 
     Returns (module, hex digest of the source that was run).
-
-    It can import what lies beside it. Its folder comes last on the path, so that nothing in it takes the place of a
-    library.
     """
     if path.is_dir():
         example = min(path.glob("*.py"), default=path / "knee_exo.py")
         raise BadInput(f"{path} is a folder: name a diagram file in it, such as {example}")
     if not path.exists():
-        raise BadInput(f"there is no file {path}" + near_miss(path))
+        raise BadInput(f"file {path} does not exist" + near_miss(path))
     if path.suffix != ".py":
         raise BadInput(f"{path} is not a Python file: its name must end in .py")
     folder = os.path.dirname(os.path.realpath(path))
@@ -196,29 +197,29 @@ def execute(path, sha256=None):
 
 
 def near_miss(path):
-    """A file of nearly that name."""
+    """Return a suggestion of a file with a similar name."""
     hint = suggestion(path.name, [file.name for file in path.parent.glob("*.py")]) if path.parent.is_dir() else ""
     return f": {hint}" if hint else ""
 
 
 def call(file, function, /, *arguments, **named):
-    """Call `build` or `plant`; what goes wrong becomes BadInput."""
+    """Call `build` or `plant`; an exception becomes BadInput."""
     try:
         inspect.signature(function).bind(*arguments, **named)
     except TypeError as error:
         code = getattr(function, "__code__", None)
         place = f"{code.co_filename}:{code.co_firstlineno}" if code else file.path
         hint = (
-            "give it a default, or a value with --set NAME=VALUE"
+            "give the parameter a default, or set its value"
             if "missing" in str(error)
-            else "a plant is made as plant(robot)"
+            else "declare it as plant(robot)"
         )
         raise BadInput(f"{place}: {function.__name__}() cannot be called: {error}; {hint}") from None
     return guarded(file.path, function, *arguments, **named)
 
 
 def guarded(path, function, /, *arguments, **named):
-    """Call the user's code; whatever it raises becomes BadInput with the user's own line."""
+    """Call user code; any exception becomes BadInput with the line in user code."""
     try:
         return function(*arguments, **named)
     except BadInput:
@@ -242,18 +243,18 @@ def guarded(path, function, /, *arguments, **named):
 
 
 def syntax_error(error):
-    """Python's own words with the line and the place in it."""
-    said = f"{error.filename}:{error.lineno}: syntax error: {error.msg}"
+    """Return Python's message with the line and a caret at its position."""
+    message = f"{error.filename}:{error.lineno}: syntax error: {error.msg}"
     if not error.text or not error.text.strip():
-        return said
+        return message
     line = error.text.rstrip()
     text = line.lstrip()
     caret = (error.offset or 0) - 1 - (len(line) - len(text))
-    return f"{said}\n    {text}" + (f"\n    {' ' * caret}^" if 0 <= caret <= len(text) else "")
+    return f"{message}\n    {text}" + (f"\n    {' ' * caret}^" if 0 <= caret <= len(text) else "")
 
 
 def exception(path, error):
-    """Where in the user's own code an exception came from, and what it says."""
+    """Return the line in user code that raised an exception, and its text."""
     frames = own_frames(path, error) or traceback.extract_tb(error.__traceback__)
     hint = (
         import_hint(path, error)
@@ -267,8 +268,8 @@ def exception(path, error):
 
 
 def own_frames(path, error):
-    """The part of a traceback that lies in the user's code, not in Tickwork or a library: in the diagram file's folder,
-    if any does.
+    """Return the frames of a traceback in user code, not in Tickwork or libraries; those in the diagram file's folder
+    if any.
     """
     folder = os.path.dirname(os.path.abspath(path)) + os.sep
     own = [
@@ -280,8 +281,9 @@ def own_frames(path, error):
 
 
 def words(error, limit=TEXT_LIMIT):
-    """An exception's name, and what it says; the text of a KeyError without quotation marks around it. limit : s for
-    its text
+    """Return the name and text of an exception; the text of a KeyError without its quotation marks.
+
+    limit : s for forming the text
     """
 
     def text():
@@ -291,30 +293,30 @@ def words(error, limit=TEXT_LIMIT):
             else str(error)
         )
 
-    said = bounded(text, limit)
-    return type(error).__name__ + (f": {said}" if said else "")
+    message = bounded(text, limit)
+    return type(error).__name__ + (f": {message}" if message else "")
 
 
 def import_hint(path, error):
-    """The cure for an import that failed: the name meant, or the neighbour that a library hides."""
+    """Return the remedy for a failed import: a similar name, or a file that a library shadows."""
     module = sys.modules.get(error.name or "")
     neighbour = path.parent / f"{(error.name or '').partition('.')[0]}.py"
     file = getattr(module, "__file__", None) or ""
     if module is not None and neighbour.exists() and os.path.realpath(file) != os.path.realpath(neighbour):
-        return f"{neighbour.name} beside {path.name} bears the name of a library: call it something else"
+        return f"{neighbour.name} beside {path.name} has the name of a library: rename it"
     top = (error.name or "").partition(".")[0]
     if isinstance(error, ModuleNotFoundError) and top and find_spec(top) is None:
         return f"if it is a library of blocks: pip install {top.replace('_', '-')}"
-    wanted = re.match(r"cannot import name '(\w+)'", text_of(error))
+    missing = re.match(r"cannot import name '(\w+)'", text_of(error))
     return (
-        suggestion(wanted[1], [name for name in vars(module) if not name.startswith("_")])
-        if wanted and module is not None
+        suggestion(missing[1], [name for name in vars(module) if not name.startswith("_")])
+        if missing and module is not None
         else ""
     )
 
 
 def port_hint(error):
-    """The port or parameter meant, where a block has none of that name."""
+    """Return a suggestion of a port or parameter with a similar name."""
     block = error.obj
     return (
         suggestion(error.name, [*block.outputs, *block.inputs, *block.parameters]) if isinstance(block, Block) else ""

@@ -1,4 +1,7 @@
-"""--set NAME=VALUE: parameters of `build` and `plant`, and of any block by its path."""
+"""Settings NAME=VALUE: parameters of `build` and `plant`, and of any block by its path.
+
+The messages are valid for callers in Python and for `--set`.
+"""
 
 import ast
 import inspect
@@ -13,13 +16,14 @@ TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0"
 
 
 def share_out(file, settings):
-    """Give each setting without a dot to `build`, to `plant`, or to both: to whichever has a parameter of that name.
-    BadInput.
+    """Assign each setting without a dot to `build`, `plant` or both: those with a parameter of that name.
+
+    Raises BadInput.
 
     file : DiagramFile
     settings : pairs (name, text)
     """
-    offered, open_ended = {}, []  # name: [(parameter, where its value goes)]; functions that take any name
+    offered, open_ended = {}, []  # {name: [(parameter, dict for its value)]}; functions that accept any name
     for function, target, skip in (
         (file.function("build"), file.build_parameters, 0),
         (file.function("plant"), file.plant_parameters, 1),
@@ -38,8 +42,8 @@ def share_out(file, settings):
         if not places:
             hint = suggestion(name, offered) or (f"it has {', '.join(offered)}" if offered else "it has none")
             raise BadInput(
-                f"--set {name}={text}: {file.path} has no parameter {name!r}; {hint} "
-                f"(parameters of build() and plant(); a block's own is set as BLOCK.PARAMETER=VALUE)"
+                f"setting {name}={text}: {file.path} has no parameter {name!r}; {hint} "
+                f"(parameters of build() and plant(); name a block's parameter as BLOCK.PARAMETER)"
             )
         for parameter, target in places:
             target[name] = parse_like(parameter.default, name, text)
@@ -55,7 +59,7 @@ def parse_like(default, name, text):
     if isinstance(default, bool):
         if text.lower() in TRUTHS:
             return TRUTHS[text.lower()]
-        raise BadInput(f"--set {name}={text}: expected true or false")
+        raise BadInput(f"setting {name}={text}: expected true or false")
     if isinstance(default, (int, float)):
         try:
             return (
@@ -65,7 +69,7 @@ def parse_like(default, name, text):
             )
         except ValueError:
             raise BadInput(
-                f"--set {name}={text}: expected a number, such as {default}; with a unit it is converted "
+                f"setting {name}={text}: expected a number, such as {default}; with a unit it is converted "
                 "to SI, deg to rad"
             ) from None
     try:
@@ -75,7 +79,7 @@ def parse_like(default, name, text):
 
 
 def set_block_parameters(diagram, name, value):
-    """Set "left/impedance.stiffness", or all that "*/impedance.stiffness" matches, to a value or its text.
+    """Set "left/impedance.stiffness", or all matches of "*/impedance.stiffness", to a value or its text.
 
     Returns [(block, parameter, value before)]. Raises BadInput.
     """
@@ -85,7 +89,7 @@ def set_block_parameters(diagram, name, value):
     matching = patterns.matching(name, known)
     if not matching:
         hint = patterns.hint(name, known) or f"its blocks are {', '.join(sorted(diagram.blocks))}"
-        raise BadInput(f"--set {name}={value}: {diagram.name} has no parameter that matches; {hint}")
+        raise BadInput(f"setting {name}={value}: {diagram.name} has no parameter that matches; {hint}")
     return [set_block_parameter(diagram, each, value) for each in matching]
 
 
@@ -99,7 +103,7 @@ def set_block_parameter(diagram, name, value):
         known = [f"{block.path}.{p}" for block in diagram for p in block.parameters]
         near = suggestion(path, diagram.blocks)
         hint = suggestion(name, known) or near or f"its blocks are {', '.join(sorted(diagram.blocks))}"
-        raise BadInput(f"--set {name}={value}: {diagram.name} has no block {path!r}; {hint}")
+        raise BadInput(f"setting {name}={value}: {diagram.name} has no block {path!r}; {hint}")
     block = diagram[path]
     before = getattr(block, parameter, None)
     try:
@@ -108,15 +112,15 @@ def set_block_parameter(diagram, name, value):
         problem = error.diagnostics[0]
         hint = f"; {problem.hint}" if problem.hint else ""
         raise BadInput(
-            f"--set {name}={value}: {path} {problem.message}{hint}"
+            f"setting {name}={value}: {path} {problem.message}{hint}"
             if problem.message.startswith("has no")
-            else f"--set {name}={value}: {problem.message}{hint}"
+            else f"setting {name}={value}: {problem.message}{hint}"
         ) from None
     return block, parameter, before
 
 
 def set_seeds(diagram, seed):
-    """Give every noise source of a diagram a seed of its own, computed from one number and the path of its block.
+    """Derive the seed of every noise source of a diagram from one number and the path of its block.
 
     Returns [(block, "seed", value before)].
     """
@@ -128,11 +132,11 @@ def noise(diagram):
 
 
 def derived(seed, path):
-    """The first 53 bits of the SHA-256 of "SEED:PATH", as a whole number."""
+    """Return the first 53 bits of the SHA-256 of "SEED:PATH" as an integer."""
     return int.from_bytes(sha256(f"{seed}:{path}".encode()).digest()[:7], "big") >> 3
 
 
 def restore(replaced):
-    """Set parameters back to their values before. replaced : as the functions above return it"""
+    """Restore parameters to their previous values. replaced : as returned by the functions above"""
     for block, parameter, before in reversed(replaced):
         block.set(parameter, before)

@@ -1,4 +1,4 @@
-"""What stands behind a robot when there is no rig: a plant on in-memory buses."""
+"""Simulation of a robot without a rig: a plant on in-memory buses."""
 
 from contextlib import ExitStack
 
@@ -12,17 +12,17 @@ from runtime.diagrams.overrides import set_seeds
 
 
 class Simulation:
-    """The plant of a robot, compiled, and the buses between the two.
+    """Compiled plant of a robot, and the buses between them.
 
     file : DiagramFile or None; without a `plant` in it, every device is emulated, each actuator on a free inertia
     robot : Diagram
     schedule : the robot's Schedule
-    bitrate : bit/s that the buses have, each; None, and frames take no time
-    seed : whole number from which every noise source of the plant gets its seed, or None to keep their own
+    bitrate : bit/s of each bus; None: frames take no time
+    seed : integer from which the seeds of the plant's noise sources are derived, or None to keep theirs
 
     replaced : [(block, "seed", value before)] of those noise sources
     plant : the plant's Schedule, None for a robot without devices
-    program : the plant's Program, likewise
+    program : the plant's Program, None for a robot without devices
     """
 
     def __init__(self, file, robot, schedule, bitrate=None, seed=None):
@@ -36,16 +36,14 @@ class Simulation:
         self.program = None
         if self.plant is not None:
             plant = self.plant
-            strangers = [name for name in plant.buses if name not in self.buses]
-            if strangers:
+            unknown = [name for name in plant.buses if name not in self.buses]
+            if unknown:
                 known = ", ".join(self.buses) or "none"
-                raise BadInput(
-                    f"the plant emulates a device on bus {strangers[0]!r}, and the robot's buses are {known}"
-                )
+                raise BadInput(f"the plant emulates a device on bus {unknown[0]!r}, but the robot's buses are {known}")
             self.program = Program(plant, [self.buses[name].device for name in plant.buses])
 
     def ends(self):
-        """The robot's end of each bus, in the schedule's order."""
+        """Return the robot's end of each bus, in the schedule's order."""
         return [bus.host for bus in self.buses.values()]
 
 
@@ -67,13 +65,13 @@ def substeps(robot, plant):
     if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
         raise BadInput(
             f"the plant runs at {plant.rate:g} Hz, which is not a whole multiple of the robot's {robot.rate:g} Hz: "
-            f"make it `rate=5 * robot.rate`"
+            f"set a multiple, such as rate=5 * robot.rate"
         )
     return round(ratio)
 
 
 def default_plant(robot):
-    """Every device emulated, each actuator on a free inertia; None for a robot without devices."""
+    """Return a plant that emulates every device, each actuator on a free inertia; None for a robot without devices."""
     devices = [block for block in robot if isinstance(block, Device)]
     if not devices:
         return None

@@ -13,7 +13,7 @@ SHARE_MINIMUM = 0.9  # fraction of a period for real-time threads
 def preemption(machine, wants):
     version = machine.read("/proc/version")
     name = "preemption"
-    why = "the loop waits until the kernel has finished work for another program"
+    why = "the loop waits while the kernel works for another program"
     if machine.read("/sys/kernel/realtime") == "1" or re.search("PREEMPT[_ ]RT", version):
         return Finding(name, OK, "PREEMPT_RT")
     if "PREEMPT_DYNAMIC" in version:
@@ -24,7 +24,7 @@ def preemption(machine, wants):
             cure = "add preempt=full to the kernel's command line, or better: " + patient(machine)
             return Finding(name, WORSE, f"{model} (PREEMPT_DYNAMIC)", why, cure)
         return Finding(
-            name, UNKNOWN, "PREEMPT_DYNAMIC, of which only root can tell the model", why, "run the doctor with sudo"
+            name, UNKNOWN, "PREEMPT_DYNAMIC, whose model only root can read", why, "run the doctor with sudo"
         )
     if "PREEMPT" in version:
         return Finding(name, OK, "preemptible (PREEMPT), not PREEMPT_RT")
@@ -91,7 +91,7 @@ def clock_source(machine, wants):
     cure = (
         f"add clocksource={better} to the kernel's command line"
         if better
-        else ("`dmesg | grep -i clocksource` says why it is this one")
+        else ("see the reason: dmesg | grep -i clocksource")
     )
     return Finding("clock source", WORSE, now, "every clock reading is a system call of a microsecond or more", cure)
 
@@ -105,7 +105,11 @@ def word_size(machine, wants):
     under = " on a 64-bit kernel" if kernel in ("aarch64", "x86_64") else ""
     cure = "install the 64-bit Raspberry Pi OS" if machine.kind == PI else "install a 64-bit system"
     return Finding(
-        "word size", BAD, f"{bits}-bit programs{under} ({kernel})", "what Tickwork needs is not built for 32 bits", cure
+        "word size",
+        BAD,
+        f"{bits}-bit programs{under} ({kernel})",
+        "the dependencies of Tickwork are not built for 32 bits",
+        cure,
     )
 
 
@@ -119,7 +123,7 @@ def processors_there(machine, wants):
             "processors",
             WORSE,
             "1",
-            "the loop shares it with the recorder and everything else",
+            "the loop shares it with the recorder and all other processes",
             "use a machine with two or more",
         )
     which = ", ".join(map(str, isolated))
@@ -136,7 +140,7 @@ def hardware(machine, wants):
             "hardware",
             WORSE,
             virtual,
-            "its host takes processors away for milliseconds, whatever the priority",
+            "its host suspends processors for milliseconds, regardless of priority",
             "fine for simulation; use a physical machine for a robot",
         )
     return Finding("hardware", OK, machine.model or "not a virtual machine")

@@ -11,7 +11,7 @@ WAKE_LATENCY_LIMIT = 20  # µs
 CPU = "/sys/devices/system/cpu"
 GET_THROTTLED = "/sys/devices/platform/soc/soc:firmware/get_throttled"
 THROTTLED = {  # bit of get_throttled, set at present; 16 bits higher: set since the start
-    0: "too little voltage",
+    0: "under-voltage",
     1: "frequency capped",
     2: "throttled",
     3: "too hot",
@@ -21,7 +21,7 @@ THROTTLED = {  # bit of get_throttled, set at present; 16 bits higher: set since
 def governor(machine, wants):
     governors = [machine.read(name) for name in machine.glob(f"{CPU}/cpu[0-9]*/cpufreq/scaling_governor")]
     if not governors:
-        return Finding("governor", OK, "the frequency is not the system's to choose")
+        return Finding("governor", OK, "the system does not control the frequency")
     others = sorted(set(governors) - {"performance"})
     if not others:
         return Finding("governor", OK, f"performance on {len(governors)} processors")
@@ -29,7 +29,7 @@ def governor(machine, wants):
         "governor",
         WORSE,
         f"{', '.join(others)} on {len([name for name in governors if name in others])} of {len(governors)} processors",
-        "a processor that has slowed down while the loop slept takes longer over the next tick",
+        "a processor that slowed down while the loop slept takes longer for the next tick",
         f"echo performance | sudo tee {CPU}/cpu*/cpufreq/scaling_governor",
         "governor",
     )
@@ -45,26 +45,26 @@ def idle_states(machine, wants):
     if not states:
         return Finding("idle states", OK, "none")
     deepest = max(states, key=states.__getitem__)
-    found = f"{deepest} takes {states[deepest]} µs to wake from"
+    found = f"{deepest} takes {states[deepest]} µs to wake up"
     if states[deepest] <= WAKE_LATENCY_LIMIT:
         return Finding("idle states", OK, found)
     device = machine.devices("cpu_dma_latency")
     if device and device[0].usable:
-        return Finding("idle states", OK, f"{found}; --realtime keeps processors out of it")
+        return Finding("idle states", OK, f"{found}; --realtime prevents it")
     if not device:
         return Finding(
             "idle states",
             WORSE,
             f"{found}, and there is no {IDLE_DEVICE}",
-            "the loop wakes late by so much",
+            "the loop wakes late by this time",
             "boot with cpuidle.off=1",
         )
     return Finding(
         "idle states",
         WORSE,
         f"{found}, and {machine.user} may not open {IDLE_DEVICE}",
-        "the loop wakes late by so much",
-        'a group that may: udev rule KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"',
+        "the loop wakes late by this time",
+        'add the group realtime and a udev rule: KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"',
         "limits",
     )
 
@@ -79,8 +79,10 @@ def throttling(machine, wants):
     bits = int(text, 16)
     now = [meaning for bit, meaning in THROTTLED.items() if bits >> bit & 1]
     earlier = [meaning for bit, meaning in THROTTLED.items() if bits >> bit + 16 & 1]
-    cure = "a supply of 5.1 V and 3 A (Pi 5: 5 A) with a short, thick cable; motors on a supply of their own; a fan"
-    why = "the firmware slows the processors down, in the middle of a step if need be"
+    cure = (
+        "use a supply of 5.1 V and 3 A (Pi 5: 5 A) with a short, thick cable, a separate supply for motors, and a fan"
+    )
+    why = "the firmware slows the processors down, even within a step"
     if now:
         return Finding("throttling", BAD, f"now: {', '.join(now)} (0x{bits:x})", why, cure)
     if earlier:
@@ -97,7 +99,7 @@ def power_mode(machine, wants):
     stored = re.search(r"pmode:(\d+)", machine.read("/var/lib/nvpmodel/status"))
     now = asked[2] if asked else stored[1] if stored else None
     if not modes or now is None:
-        return Finding("power mode", UNKNOWN, "nvpmodel does not tell", cure="sudo nvpmodel -q")
+        return Finding("power mode", UNKNOWN, "not reported by nvpmodel", cure="sudo nvpmodel -q")
     now = int(now)
     best = max(modes, key=lambda number: strength(modes[number]))
     if now == best:
@@ -105,7 +107,7 @@ def power_mode(machine, wants):
     return Finding(
         "power mode",
         WORSE,
-        f"{modes.get(now, now)}, and {modes[best]} is there",
+        f"{modes.get(now, now)}; {modes[best]} is available",
         "processors are switched off or held below their frequency",
         f"sudo nvpmodel -m {best}",
         "power mode",
@@ -148,7 +150,7 @@ def swap(machine, wants):
         "swap",
         WORSE,
         names,
-        "memory that was paged out has to be fetched in the middle of a tick",
+        "memory that was paged out must be read back within a tick",
         "let this user lock memory (see memlock), or sudo swapoff -a",
         "limits",
     )
@@ -161,10 +163,10 @@ def interrupts(machine, wants):
             "interrupts",
             WORSE,
             "irqbalance runs, with processors isolated",
-            "it may move interrupts to the processor that the loop was given",
+            "it may move interrupts to the processor of the loop",
             "sudo systemctl disable --now irqbalance",
         )
-    return Finding("interrupts", OK, "balanced by irqbalance" if balanced else "not moved about")
+    return Finding("interrupts", OK, "balanced by irqbalance" if balanced else "not balanced")
 
 
 CHECKS = (governor, idle_states, throttling, power_mode, clocks, swap, interrupts)

@@ -33,9 +33,9 @@ def recordings(machine, wants):
         return Finding(
             "recordings",
             BAD,
-            f"{there} cannot be written to",
+            f"cannot write to {there}",
             "a run that records does not start",
-            "another folder, with --record",
+            "use another folder: --record DIR",
         )
     space = os.statvfs(there)
     free = space.f_bavail * space.f_frsize
@@ -44,8 +44,8 @@ def recordings(machine, wants):
         "recordings",
         verdict,
         f"{free / 2**30:.1f} GiB free in {there}",
-        "a recording ends where the disk is full",
-        "" if verdict == OK else "make room, or another folder with --record",
+        "a recording ends when the disk is full",
+        "" if verdict == OK else "free some space, or use another folder: --record DIR",
     )
 
 

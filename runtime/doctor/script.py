@@ -15,7 +15,7 @@ HEAD = """\
 #!/bin/sh
 # {about}
 # Written by `{program} doctor --script`. Read it, then run it as root: sudo sh FILE
-# Doing so again changes nothing. `DESTDIR=/tmp/look sh FILE` writes its files below that folder, and runs no command.
+# Running it again changes nothing. `DESTDIR=/tmp/look sh FILE` writes its files below that folder and runs no command.
 set -eu
 
 {user}into=${{DESTDIR:-}}
@@ -24,7 +24,7 @@ if [ -z "$into" ] && [ "$(id -u)" != 0 ]; then
     exit 1
 fi
 
-# put FILE: what comes on standard input becomes the file, unless it is that already.
+# put FILE: write standard input to the file if it differs.
 put() {{
     mkdir -p "$into$(dirname "$1")"
     cat >"$into$1.new"
@@ -36,14 +36,14 @@ put() {{
     fi
 }}
 
-# run COMMAND: only where files go to their places.
+# run COMMAND: run it unless DESTDIR is set.
 run() {{
     if [ -z "$into" ]; then "$@"; else echo "not run: $*"; fi
 }}
 """
 
 CONFIG_LINE = """
-# config_line LINE: into the Raspberry Pi's config.txt, where it holds for every model.
+# config_line LINE: add a line for all models to the Raspberry Pi's config.txt.
 config={config}
 config_line() {{
     mkdir -p "$into$(dirname "$config")"
@@ -118,7 +118,7 @@ run sysctl -q -p /etc/sysctl.d/90-tickwork.conf
 
 def governor(wants, findings):
     return """
-# A desktop's power-profiles-daemon chooses again when it starts: powerprofilesctl set performance
+# On a desktop, power-profiles-daemon overrides this when it starts: powerprofilesctl set performance
 put /etc/tmpfiles.d/90-tickwork-governor.conf <<'END'
 w /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor - - - - performance
 END
@@ -129,7 +129,7 @@ run systemd-tmpfiles --create /etc/tmpfiles.d/90-tickwork-governor.conf
 def power_mode(wants, findings):
     mode = findings[0].subject
     return f"""
-# It may say that this needs a restart, and ask; `no` leaves the time of it to you.
+# If it asks for a restart, the answer is no: restart later.
 if ! nvpmodel -q 2>/dev/null | grep -qx {mode}; then echo no | run nvpmodel -m {mode}; fi
 """
 
@@ -224,7 +224,7 @@ run udevadm trigger --subsystem-match=net --sysname-match='can*'
 {downs}
 if ! systemctl -q is-enabled systemd-networkd 2>/dev/null; then
     run systemctl enable systemd-networkd
-    # Another program manages the network; the start of the machine shall not wait for this one.
+    # Another program manages the network: booting must not wait for this one.
     run systemctl disable systemd-networkd-wait-online || true
 fi
 run systemctl restart systemd-networkd

@@ -10,15 +10,15 @@ AGAIN = "then log in again"
 
 def rtprio(machine, wants):
     if machine.capable(CAP_SYS_NICE):
-        return Finding("rtprio", OK, f"{machine.user} may have any priority")
+        return Finding("rtprio", OK, f"{machine.user} may use any priority")
     limit = machine.limit("Max realtime priority")
     if limit is None or limit >= PRIORITY:
-        return Finding("rtprio", OK, f"{machine.user} may have priorities up to {99 if limit is None else limit}")
+        return Finding("rtprio", OK, f"{machine.user} may use priorities up to {99 if limit is None else limit}")
     return Finding(
         "rtprio",
         WORSE,
         f"the limit of {machine.user} is {limit}",
-        "without real-time priority any busy program delays the loop by milliseconds",
+        "without real-time priority, any busy program delays the loop by milliseconds",
         f"put `{machine.user} - rtprio 90` into {LIMITS_FILE}, {AGAIN}",
         "limits",
     )
@@ -38,7 +38,7 @@ def memlock(machine, wants):
         "memlock",
         WORSE,
         f"the limit of {machine.user} is {limit >> 10} KiB",
-        "memory that is not locked can be missing in the middle of a tick",
+        "memory that is not locked can be paged out within a tick",
         f"put `{machine.user} - memlock unlimited` into {LIMITS_FILE}, {AGAIN}",
         "limits",
     )
@@ -52,7 +52,7 @@ def control_group(machine, wants):
         "control group",
         WORSE,
         f"{file} is 0",
-        "the kernel divides real-time among groups, and this one got none: real-time priority is refused",
+        "the control group has no real-time budget, so the kernel denies real-time priority",
         "sudo sysctl -w kernel.sched_rt_runtime_us=-1",
         "share",
         "-1",
@@ -62,15 +62,15 @@ def control_group(machine, wants):
 def groups(machine, wants):
     """Check the groups in effect, and those that only the next login adds."""
     if machine.user == "?":
-        return Finding("groups", UNKNOWN, "`id` does not tell who this is")
+        return Finding("groups", UNKNOWN, "`id` reports no user")
     names = [line.split(":")[0] for line in machine.read("/etc/group").splitlines()]
     coming = [name for name in names if machine.user in (machine.members(name) or []) and name not in machine.groups]
     if coming:
         return Finding(
             "groups",
             WORSE,
-            f"{machine.user} is in {', '.join(coming)} from the next login on",
-            "this session does not have what these groups may use",
+            f"{machine.user} will be in {', '.join(coming)} from the next login on",
+            "this session lacks the permissions of these groups",
             "log in again (a desktop session: restart)",
         )
     return Finding("groups", OK, f"{machine.user} is in {', '.join(machine.groups)}")

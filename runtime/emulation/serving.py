@@ -27,7 +27,7 @@ class Service:
 
     def run(self, duration=None):
         """Run until a signal, or for `duration` s. Returns the Outcome."""
-        with self.told():
+        with self.status_line():
             return self.executor.run(-1 if duration is None else max(1, round(duration * self.rate)))
 
     @property
@@ -35,7 +35,7 @@ class Service:
         return self.page.statistics()
 
     @contextmanager
-    def told(self):
+    def status_line(self):
         """Show a status line on a terminal, from another thread, since the loop does not hold the GIL."""
         terminal, over = Terminal(), threading.Event()
 

@@ -26,7 +26,7 @@ def can_interfaces(machine, wants):
 
 
 def none(machine):
-    why = "a robot is moved over CAN"
+    why = "actuators are controlled over CAN"
     if machine.kind == PI:
         return Finding(
             "CAN",
@@ -45,7 +45,7 @@ def none(machine):
             "sudo modprobe mttcan, and a transceiver at the CAN pins; or a USB adapter",
             "modules",
         )
-    return Finding("CAN", OK, "no interface, and a simulation needs none")
+    return Finding("CAN", OK, "no interface; a simulation needs none")
 
 
 def interface(machine, wants, name, link):
@@ -72,16 +72,16 @@ def interface(machine, wants, name, link):
         trouble(
             UNKNOWN,
             "its bitrate is unknown",
-            "at another bitrate than the drives' no frame gets through",
-            f"look at: ip -details link show {name}" if link else "sudo apt install iproute2",
+            "no frame is received at a bitrate other than the drives'",
+            f"see: ip -details link show {name}" if link else "sudo apt install iproute2",
             "",
         )
     elif bitrate != wants.bitrate:
         trouble(
             BAD,
             f"{speed(bitrate)}, not {speed(wants.bitrate)}",
-            "at another bitrate than the drives' no frame gets through",
-            f"{down_first} (wanted so? --bitrate {bitrate})",
+            "no frame is received at a bitrate other than the drives'",
+            f"{down_first} (if intended: --bitrate {bitrate})",
         )
     if state in STATES:
         verdict, why = STATES[state]
@@ -91,26 +91,26 @@ def interface(machine, wants, name, link):
     if restart == 0:
         trouble(
             WORSE,
-            "does not restart by itself",
+            "does not restart automatically",
             "after bus-off it stays off the bus until it is taken down and up again",
             down_first,
         )
     if queue < QUEUE_MINIMUM:
         trouble(
             WORSE,
-            f"room for {queue} frames",
-            "the commands of many drives in one tick do not fit, and the last are refused",
+            f"transmit queue of {queue} frames",
+            "the commands of many drives in one tick do not fit; the last are dropped",
             f"sudo ip link set {name} txqueuelen {wants.queue}",
         )
     if driver == "mcp251x":
         trouble(
             WORSE,
             "an MCP2515, which holds two frames",
-            "answers of several drives at 1 Mbit/s overrun it, and are lost",
-            "an adapter with an MCP2518FD, or over USB (candleLight)",
+            "replies of several drives at 1 Mbit/s overrun its buffer and are lost",
+            "use an adapter with an MCP2518FD, or a USB adapter (candleLight)",
             "",
         )
-    words = [speed(bitrate) if bitrate else "", state, f"room for {queue} frames", driver]
+    words = [speed(bitrate) if bitrate else "", state, f"transmit queue of {queue} frames", driver]
     return troubles or [Finding(name, OK, ", ".join(word for word in words if word))]
 
 

@@ -51,7 +51,7 @@ def modem_manager(machine, wants):
 def i2c_buses(machine, wants):
     buses = machine.devices("i2c-*")
     if not buses:
-        return Finding("I2C", OK, "none" + ("; `sudo raspi-config` turns it on" if machine.kind == PI else ""))
+        return Finding("I2C", OK, "none" + ("; enable it with sudo raspi-config" if machine.kind == PI else ""))
     return permission(machine, "I2C", buses, "i2c")
 
 
@@ -70,7 +70,7 @@ def i2c_speed(machine, wants):
         "I2C speed",
         WORSE,
         f"{rate / 1e3:g} kHz",
-        "a sample of an IMU takes four times as long as it could",
+        "reading a sample of an IMU takes four times as long",
         "dtparam=i2c_arm_baudrate=400000 in config.txt",
         "i2c speed",
     )
@@ -87,11 +87,11 @@ def permission(machine, name, devices, part):
         cure = "log in again: the groups of this session are older than the membership"
         part = ""
     elif group == "root":
-        cure = f"a udev rule that gives it to a group, and {machine.user} in that group"
+        cure = f"add a udev rule that assigns it to a group, and add {machine.user} to that group"
     else:
         cure = f"sudo usermod -aG {group} {machine.user}, then log in again"
     found = f"{machine.user} may not use {names} of group {group}"
-    return Finding(name, BAD, found, "what is connected there cannot be opened", cure, part, group)
+    return Finding(name, BAD, found, "the connected devices cannot be opened", cure, part, group)
 
 
 CHECKS = (serial_ports, serial_latency, modem_manager, i2c_buses, i2c_speed)

@@ -78,7 +78,8 @@ class Realtime:
     def __init__(self, mode="off", priority=PRIORITY, cpu=None):
         if mode not in MODES or not 1 <= priority <= PRIORITY_LIMIT:
             raise ValueError(
-                f"a mode of {', '.join(MODES)} and a priority of 1 to {PRIORITY_LIMIT}, not {mode!r} and {priority!r}"
+                f"expected a mode of {', '.join(MODES)} and a priority of 1 to {PRIORITY_LIMIT}, got {mode!r} and "
+                f"{priority!r}"
             )
         self.mode, self.priority, self.cpu = mode, priority, cpu
         self.granted, self.refused = [], []
@@ -160,7 +161,7 @@ class Realtime:
         for refusal in self.refused:
             yield f"  {refusal.name}: {refusal.why}"
             yield f"      {refusal.cure}"
-        yield f"  all of it as a script, to be read and run: {program()} doctor --script"
+        yield f"  print a script with these remedies: {program()} doctor --script"
 
     def _wake_soon(self):
         """Shorten the timer slack and slice, so that an ordinary thread runs as soon as its tick is due."""
@@ -224,7 +225,7 @@ class Realtime:
             except OSError:
                 raise Refusal(
                     f"processor {cpu}",
-                    f"this process may not run there: it may run on {numbers(before)}",
+                    f"this process may only run on {numbers(before)}",
                     "start it without `taskset`, or put the processor into the cpuset of its control group",
                 ) from None
             guard.callback(os.sched_setaffinity, 0, before)
@@ -271,11 +272,11 @@ class Realtime:
             return Refusal(
                 name,
                 f"its control group has no real-time budget: {file} is 0",
-                f"echo 800000 | sudo tee {file}, or let groups alone: sudo sysctl -w kernel.sched_rt_runtime_us=-1",
+                f"echo 800000 | sudo tee {file}, or without budgets: sudo sysctl -w kernel.sched_rt_runtime_us=-1",
             )
         return Refusal(
             name,
-            f"{error.strerror}, though its limits permit it: a container, or a control group with no real-time budget",
+            f"{error.strerror}, although its limits permit it: a container, or a control group without budget",
             "docker run --cap-add sys_nice --ulimit rtprio=90; without a container: sudo sysctl -w "
             "kernel.sched_rt_runtime_us=-1",
         )

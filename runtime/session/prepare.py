@@ -1,4 +1,4 @@
-"""The first stage of a run: everything that can be wrong before it."""
+"""First stage of a run: loading, compiling and checking."""
 
 from dataclasses import dataclass, field
 
@@ -16,8 +16,8 @@ from runtime.session import rearming
 from runtime.session.request import Request
 
 NO_CONFIRMATION = (
-    "on a rig the operator reads the pre-flight table and presses Enter, and standard input, output and error are not "
-    "a terminal: pass --yes to arm without confirmation"
+    "on a rig the operator confirms the pre-flight table with Enter, but standard input, output and error are not a "
+    "terminal: pass --yes to arm without confirmation"
 )
 RATE_LIMIT = 100_000.0  # Hz; a shorter period is too short to sleep in
 
@@ -27,8 +27,8 @@ class Prepared:
     """A run that is ready to be armed, in simulation or on a rig.
 
     ticks : grid points, -1 until stopped
-    poses : of the joints of a rig; they prevent arming where a joint may stand elsewhere than its drive reads
-    source_sha256 : hex digest of the source of the diagram file; None where there is no file
+    poses : of the joints of a rig; they prevent arming if a joint may differ from its drive's reading
+    source_sha256 : hex digest of the source of the diagram file; None without a file
     """
 
     request: Request
@@ -42,7 +42,7 @@ class Prepared:
 
     @property
     def plant(self):
-        """Program of the plant, None on a rig."""
+        """The program of the plant, None on a rig."""
         return self.simulation.program if self.simulation is not None else None
 
     @property
@@ -58,7 +58,7 @@ class Prepared:
 
 
 def prepare(request):
-    """Load and compile what a Request names. Returns a Prepared; raises BadInput or DiagramError."""
+    """Load and compile the diagram of a Request. Returns a Prepared. Raises BadInput or DiagramError."""
     rig = read(request.rig) if request.rig is not None else None
     file, diagram = load(request.file, request.settings, rig)
     if rig is not None and not request.bench:
@@ -93,9 +93,9 @@ def prepare(request):
 
 
 def ticks_of(request, diagram):
-    """Return the number of grid points that a run has, -1 until stopped. Raises BadInput."""
+    """Return the number of grid points of a run, -1 until stopped. Raises BadInput."""
     if diagram.rate > RATE_LIMIT:
-        raise BadInput(f"{diagram.rate:g} Hz is too fast: {RATE_LIMIT:g} Hz at most")
+        raise BadInput(f"rate {diagram.rate:g} Hz is above the limit of {RATE_LIMIT:g} Hz")
     ticks = -1 if request.duration is None else round(request.duration * diagram.rate)
     if ticks == 0:
         raise BadInput(f"--duration {request.duration:g}: shorter than one tick, which takes {1.0 / diagram.rate:g} s")

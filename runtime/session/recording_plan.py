@@ -1,6 +1,4 @@
-"""What of a run is recorded, and where: the orders of the recorder process, and the size of the ring between the
-two.
-"""
+"""Plan of a recording: the configuration of the recorder process, and the size of the ring to it."""
 
 import math
 import os
@@ -13,17 +11,17 @@ from cext.clock.stopwatch import names
 from graph import Actuator
 from graph.store import to_json
 
-ROW_SECONDS = 2.5  # how much of a run the ring holds at least
+ROW_SECONDS = 2.5  # s of a run that the ring holds at least
 FRAME_BYTES = 88  # of a frame in the ring
-FRAMES = {"can": 4}  # that a device has in a tick; of another medium OTHERS
-OTHERS = 16
+FRAMES = {"can": 4}  # per device and tick; OTHER_FRAMES for any other medium
+OTHER_FRAMES = 16
 LOCAL_SERVICES = ("strides",)  # of runtime.recorder.local, without a process
-LONGEST_WORD = 40  # characters of a trial's field in the names of files
+FIELD_LENGTH = 40  # characters of a trial's field in the names of files
 
 
 def ring_bytes(schedule):
-    """Room for ROW_SECONDS of rows and frames, and 1 MiB at least."""
-    frames = sum(FRAMES.get(schedule.media[device.bus], OTHERS) for device in schedule.devices)
+    """Return the size of a ring for ROW_SECONDS of rows and frames, at least 1 MiB."""
+    frames = sum(FRAMES.get(schedule.media[device.bus], OTHER_FRAMES) for device in schedule.devices)
     a_tick = 8 * (3 + len(schedule.columns)) + FRAME_BYTES * frames
     return max(1 << 20, int(ROW_SECONDS * schedule.rate * a_tick))
 
@@ -103,9 +101,7 @@ def plan(prepared, realtime):
 
 
 def limits(diagram, schedule):
-    """{path: (lowest, highest)} of what an actuator measures and is told, where its limit or its joint's range says
-    so.
-    """
+    """Return {path: (lowest, highest)} of the signals of actuators that a limit or a joint's range bounds."""
     found = {}
     for actuator in (block for block in diagram if isinstance(block, Actuator)):
         torque = actuator.command_limits().get("torque_command")
@@ -118,9 +114,9 @@ def limits(diagram, schedule):
 
 
 def stem(request):
-    """What the files of a recording are called: the diagram, the trial without its notes, the time."""
+    """Return the stem of a recording's file names: the diagram, the trial without its notes, the time."""
     words = [
-        re.sub(r"[^\w.-]+", "-", value).strip("-")[:LONGEST_WORD]
+        re.sub(r"[^\w.-]+", "-", value).strip("-")[:FIELD_LENGTH]
         for name, value in request.trial.items()
         if name != "notes"
     ]

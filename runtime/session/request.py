@@ -1,4 +1,4 @@
-"""What a run is asked to do: each field is an option of the command line, declared here and nowhere else."""
+"""Options of a run: each field declares one option of the command line."""
 
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -32,7 +32,7 @@ def rerun_target(text):
 
 
 def poses(texts):
-    """{path: rad} of PATH=ANGLE texts. Raises BadInput."""
+    """Return {path: rad} of PATH=ANGLE texts. Raises BadInput."""
     found = {}
     for text in texts:
         path, _, angle = text.partition("=")
@@ -57,8 +57,8 @@ class Request:
         default=None,
         type=Path,
         metavar="FILE",
-        help="run on hardware: a rig file, such as lab.toml, with the interface of each bus and how this robot's "
-        "devices are mounted",
+        help="run on hardware: a rig file, such as lab.toml, with the interface of each bus and the mounting of each "
+        "device",
     )
     rate: float | None = option(
         "--rate",
@@ -84,14 +84,14 @@ class Request:
         help="stop after S seconds (default: Ctrl-C)",
     )
     fast: bool = option(
-        "--fast", default=False, action="store_true", help="virtual time: as fast as the machine can (needs --duration)"
+        "--fast", default=False, action="store_true", help="virtual time: as fast as possible (needs --duration)"
     )
     seed: int | None = option(
         "--seed",
         default=None,
         type=count("--seed", 2**53, 0),
         metavar="N",
-        help="give each noise source of robot and plant a seed of its own, computed from N (default: keep theirs)",
+        help="derive the seed of each noise source of robot and plant from N (default: their own seeds)",
     )
     record: Path | None = option(
         "--record",
@@ -155,8 +155,8 @@ class Request:
         collect=poses,
         action="append",
         metavar="PATH=ANGLE",
-        help="on a rig: the angle at which a joint is seen to stand, whatever its drive reads: left/knee=0 or "
-        "'left/knee=30 deg'. May be repeated",
+        help="on a rig: observed angle of a joint, to check its drive's reading: left/knee=0 or 'left/knee=30 deg'. "
+        "May be repeated",
     )
     rearm: bool = option(
         "--rearm",
@@ -169,8 +169,8 @@ class Request:
         default="skip",
         type=overrun_policy,
         metavar="POLICY",
-        help="what a late tick does: skip (default), catch-up:N ticks run late at most, fault:N missed in a row, "
-        "fault:N/WINDOW; or several, with commas",
+        help="handling of late ticks: skip (default); catch-up:N runs up to N late ticks; fault:N ends the run after N "
+        "missed ticks in a row, fault:N/WINDOW within a window. Separate several by commas",
     )
     spin: float = option(
         "--spin",
@@ -184,13 +184,10 @@ class Request:
         default=None,
         type=number("--bitrate", "bit/s", 1e9),
         metavar="N",
-        help="of the simulated buses: frames take the time of their bits (default: no time)",
+        help="bitrate of the simulated buses in bit/s; delays frames by the time of their bits (default: no delay)",
     )
     profile: bool = option(
-        "--profile",
-        default=False,
-        action="store_true",
-        help="time every block, and print where the time of a tick goes",
+        "--profile", default=False, action="store_true", help="measure the time of every block and print it at the end"
     )
     bench: bool = False  # on a rig: an actuator that moves no joint, so that its range is not required
 
@@ -200,19 +197,19 @@ class Request:
     def check(self):
         """Raise BadInput for options that exclude or need each other."""
         if self.poses and self.rig is None:
-            raise BadInput("--pose needs --rig: in simulation every drive reads where its joint stands")
+            raise BadInput("--pose needs --rig: in simulation every drive reads the true angle of its joint")
         if self.bitrate is not None and self.rig is not None:
             raise BadInput("--bitrate and --rig exclude each other: the rig file has the bitrate of a real bus")
         if self.fast and self.rig is not None:
-            raise BadInput("--fast and --rig exclude each other: on a rig time is real")
+            raise BadInput("--fast and --rig exclude each other: a rig runs in real time")
         if self.seed is not None and self.rig is not None:
             raise BadInput("--seed and --rig exclude each other: a robot has no simulated noise")
         if self.fast and self.rearm:
-            raise BadInput("--fast and --rearm exclude each other: in virtual time no key can be pressed in time")
+            raise BadInput("--fast and --rearm exclude each other: virtual time does not wait for a key")
         if self.fast and self.duration is None:
-            raise BadInput("--fast needs --duration S: virtual time ends when that has passed")
+            raise BadInput("--fast needs --duration S")
         if self.fast and self.realtime != "off":
-            raise BadInput(f"--realtime {self.realtime} and --fast exclude each other: virtual time waits for nothing")
+            raise BadInput(f"--realtime {self.realtime} and --fast exclude each other: virtual time has no deadlines")
         for name in ("priority", "cpu"):
             if self.realtime == "off" and getattr(self, name) is not None:
                 raise BadInput(f"--{name} needs --realtime try or --realtime require")

@@ -16,14 +16,14 @@ class Result(Prepared):
     """A run that has ended.
 
     outcome : cext.schedule.executor.Outcome
-    statistics : of the page
+    statistics : of the shared state
     recording : the recorder's report
     seconds : of the wall clock, from arming to the end of the safe stop; None in virtual time
-    control : the robot's Program, as the run has left it
-    realtime : what the system has granted; None in virtual time without processes
+    control : the robot's Program at the end of the run
+    realtime : privileges that the system has granted; None in virtual time without processes
     overruns, profile, newest : of cext.schedule.executor.Executor
-    page : the shared state, with everything that was counted
-    report : lines about the fault that ended it
+    page : the shared state with the final counts
+    report : lines on the fault that ended the run
     waited : s for which the loop's thread was ready to run and had no processor
     """
 
@@ -42,7 +42,7 @@ class Result(Prepared):
 
     @cached_property
     def held(self):
-        """The exceptions that blocks have held, as runtime.report.held_exceptions.held returns them."""
+        """The exceptions that blocks have held, as returned by runtime.report.held_exceptions.held."""
         return held(self.request.file, self.control, self.plant)
 
     @property

@@ -100,11 +100,14 @@ def test_what_the_language_defines_is_listed_where_it_is_to_be_had(command_line)
 
 def test_a_misspelt_name_gets_a_suggestion(command_line):
     assert command_line.refused("blocks", "TorqueLimter") == (
-        "no block is called 'TorqueLimter': did you mean TorqueLimiter?"
+        "no installed block has the name 'TorqueLimter'; did you mean TorqueLimiter?"
     )
-    assert command_line.refused("blocks", "buterworth") == "no block is called 'buterworth': did you mean Butterworth?"
+    assert (
+        command_line.refused("blocks", "buterworth")
+        == "no installed block has the name 'buterworth'; did you mean Butterworth?"
+    )
     assert command_line.refused("blocks", "xyzzy") == (
-        "no block is called 'xyzzy': python -m runtime blocks lists them all"
+        "no installed block has the name 'xyzzy'; list all blocks: python -m runtime blocks"
     )
 
 
@@ -116,11 +119,11 @@ def test_every_block_can_be_described_within_a_terminal(homes):
 
 def test_ports_that_parameters_make_are_shown_by_an_example(command_line):
     out = command_line("blocks", "Sum")[1]
-    assert "inputs  of an example: its parameters make them" in out and "  u1" in out and "any, any shape" in out
+    assert "inputs  of an example: they depend on the parameters" in out and "  u1" in out and "any, any shape" in out
 
 
 def test_a_recorder_takes_any_number_of_signals(command_line):
-    assert "inputs  any number of signals; unwired, every port" in command_line("blocks", "CsvRecorder")[1]
+    assert "inputs  any number of signals; without connections, all ports" in command_line("blocks", "CsvRecorder")[1]
 
 
 def told(value, spec="g"):
@@ -148,8 +151,8 @@ def test_the_models_of_actuators_are_those_of_the_table(command_line):
 
 
 def test_an_unknown_library_is_told(command_line):
-    said = command_line.refused("blocks", "--from", "tikwork")
-    assert said == "no library 'tikwork' is installed that brings blocks; did you mean 'tickwork'?"
+    error = command_line.refused("blocks", "--from", "tikwork")
+    assert error == "no installed library 'tikwork' contains blocks; did you mean 'tickwork'?"
 
 
 def run(folder, *arguments, site):

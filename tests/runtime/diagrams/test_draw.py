@@ -42,13 +42,13 @@ def test_to_standard_output(command_line):
     code, out, err = command_line("draw", KNEE_EXO, "-o", "-", "--format", "mermaid")
     assert (code, err) == (OK, "") and out.startswith("flowchart LR\n") and list(command_line.folder.iterdir()) == []
     assert command_line.refused("draw", KNEE_EXO, "-o", "-", "--format", "png") == (
-        "a PNG cannot go to standard output: name a file with -o"
+        "a PNG cannot be written to standard output: name a file with -o"
     )
 
 
 def test_a_name_that_is_no_file_name_becomes_one():
     assert choose(None, None, "left/leg & co")[1].name == "left_leg___co.svg"
-    with pytest.raises(BadInput, match="cannot be written as .pdf"):
+    with pytest.raises(BadInput, match="unknown format .pdf"):
         choose(None, "a.pdf", "d")
 
 
@@ -63,7 +63,7 @@ def test_a_diagram_with_mistakes_is_drawn_with_a_remark(command_line):
     assert (
         code == OK
         and out.startswith("a.svg")
-        and err == (f"1 error drawn in red: python -m runtime check {KNEE_EXO} tells more\n")
+        and err == (f"1 error drawn in red: python -m runtime check {KNEE_EXO} lists them\n")
     )
     assert 'class="box actuator wrong" data-path="left/knee"' in (command_line.folder / "a.svg").read_text()
 
@@ -81,7 +81,7 @@ def test_no_picture_names_a_place_of_this_machine(command_line):
     assert '"made": "robot.py:' in command_line("draw", "robot.py", "-o", "-", "--format", "html")[1]
 
 
-@pytest.mark.skipif(not TOOLS, reason="nothing here turns SVG into PNG")
+@pytest.mark.skipif(not TOOLS, reason="no converter from SVG to PNG is installed")
 def test_a_png_has_twice_the_pixels_of_the_drawing(command_line):
     code, out, err = command_line("draw", KNEE_EXO, "-o", "a.png")
     assert (code, err) == (OK, "")

@@ -110,17 +110,17 @@ def test_a_neighbour_with_a_librarys_name_is_told(tmp_path, refused):
     path = write(tmp_path, WAVE.format(before="from json import GAINS", amplitude=1.0))
     complaint = refused(path)
     assert "ImportError: cannot import name 'GAINS' from 'json'" in complaint
-    assert "json.py beside robot.py bears the name of a library: call it something else" in complaint
+    assert "json.py beside robot.py has the name of a library: rename it" in complaint
 
 
 @pytest.mark.parametrize("name", ["nothing.py", "folder/nothing.py", "nothing"])
 def test_no_such_file(tmp_path, refused, name):
-    assert refused(name) == f"there is no file {name}"
+    assert refused(name) == f"file {name} does not exist"
 
 
 def test_a_mistyped_file_is_suggested(tmp_path, refused):
     knee(tmp_path)
-    assert refused("robto.py") == "there is no file robto.py: did you mean 'robot.py'?"
+    assert refused("robto.py") == "file robto.py does not exist: did you mean 'robot.py'?"
 
 
 def test_a_folder(tmp_path, refused):
@@ -248,7 +248,7 @@ def test_build_with_a_parameter_that_has_no_value(tmp_path, refused):
     line = line_of(path, "def build")
     assert refused("robot.py") == (
         f"robot.py:{line}: build() cannot be called: missing a required argument: 'amplitude'; "
-        "give it a default, or a value with --set NAME=VALUE"
+        "give the parameter a default, or set its value"
     )
     assert load(path, [("amplitude", "3")])[1]["sine"].amplitude == 3.0
 
@@ -257,7 +257,7 @@ def test_plant_that_does_not_take_the_robot(tmp_path, refused):
     path = write(tmp_path, KNEE.format(law="return 0.0") + "\n\ndef plant():\n    pass\n")
     line = line_of(path, "def plant")
     assert refused("robot.py") == (
-        f"robot.py:{line}: plant() cannot be called: too many positional arguments; a plant is made as plant(robot)"
+        f"robot.py:{line}: plant() cannot be called: too many positional arguments; declare it as plant(robot)"
     )
 
 

@@ -1,11 +1,13 @@
-"""--set NAME=VALUE: which text becomes which value, and who gets it."""
+"""Settings NAME=VALUE: conversion of texts, and the parameters that they set."""
 
 import math
 from types import SimpleNamespace
 
 import pytest
 
+import runtime
 from runtime.base.errors import BadInput
+from runtime.base.options import settings
 from runtime.diagrams.file import DiagramFile, load
 from runtime.diagrams.overrides import parse_like, share_out
 from tests.runtime.runs import KNEE_EXO
@@ -44,8 +46,36 @@ def test_a_text_becomes_what_the_default_is(default, text, value):
     "default, text", [(1.0, "much"), (1.0, ""), (1.0, "7 apples"), (1, "one"), (True, "maybe"), (False, "2")]
 )
 def test_a_text_that_is_no_such_value_is_refused(default, text):
-    with pytest.raises(BadInput, match=f"--set name={text}: expected "):
+    with pytest.raises(BadInput, match=f"setting name={text}: expected "):
         parse_like(default, "name", text)
+
+
+@pytest.mark.parametrize(
+    "name, value",
+    [
+        ("left/profil.scale", 1),
+        ("left/profile.scal", 1),
+        ("left/profile.scale", 99),
+        ("left/profile.scale", "much"),
+        ("*/profile.scales", 1),
+        ("assistence", 1),
+    ],
+)
+def test_a_rejected_setting_is_reported_alike_in_python_and_on_the_command_line(name, value):
+    with pytest.raises(BadInput) as python:
+        runtime.run(KNEE_EXO, 0.1, settings={name: value})
+    with pytest.raises(BadInput) as command_line:
+        load(KNEE_EXO, settings=settings([f"{name}={value}"]))
+    assert str(python.value) == str(command_line.value)
+    assert str(python.value).startswith(f"setting {name}={value}: ") and "--" not in str(python.value)
+
+
+def test_a_parameter_without_a_value_is_reported_without_a_command_line_option():
+    def build(mass):
+        raise AssertionError
+
+    with pytest.raises(BadInput, match="missing .*: 'mass'; give the parameter a default, or set its value$"):
+        runtime.run(build, 0.1)
 
 
 def shared_out(settings, **functions):

@@ -1,4 +1,4 @@
-"""What stands behind a robot without a rig: the file's plant, or every device emulated on a free inertia."""
+"""Simulation of a robot without a rig: the file's plant, or every device emulated on a free inertia."""
 
 import numpy as np
 import pytest
@@ -70,13 +70,15 @@ def test_the_plants_rate_is_a_multiple(plant_of, rate, substeps):
 @pytest.mark.parametrize("rate", [100, 199, 300, 200.01])
 def test_any_other_rate_of_the_plant_is_refused(plant_of, rate):
     diagram = robot_of_one()
-    with pytest.raises(BadInput, match="not a whole multiple of the robot's 200 Hz: make it `rate=5 [*] robot.rate`"):
+    with pytest.raises(
+        BadInput, match="not a whole multiple of the robot's 200 Hz: set a multiple, such as rate=5 [*] robot.rate"
+    ):
         Simulation(plant_of(rate), diagram, compile(diagram))
 
 
 def test_a_plant_on_a_bus_that_the_robot_has_not_is_refused(plant_of):
     diagram = robot_of_one()
-    with pytest.raises(BadInput, match="a device on bus 'arms', and the robot's buses are legs"):
+    with pytest.raises(BadInput, match="a device on bus 'arms', but the robot's buses are legs"):
         Simulation(plant_of(1000, bus="arms"), diagram, compile(diagram))
 
 

@@ -61,31 +61,31 @@ def test_a_pi_4_with_a_hat_as_it_is_after_a_day_of_work(look):
     assert one(findings, "hardware")[1] == "Raspberry Pi 4 Model B Rev 1.5"
     assert one(findings, "preemption")[1] == "preemptible (PREEMPT), not PREEMPT_RT"
     assert one(findings, "governor")[1] == "ondemand on 4 of 4 processors"
-    assert one(findings, "throttling")[1] == "since the start: too little voltage, throttled (0x50000)"
+    assert one(findings, "throttling")[1] == "since the start: under-voltage, throttled (0x50000)"
     assert one(findings, "swap")[1] == "/var/swap"
     assert one(findings, "memlock")[1] == "the limit of pi is 8192 KiB"
     assert one(findings, "serial ports")[1] == "ttyAMA0"  # the console has ttyS0
     assert one(findings, "I2C speed")[1] == "100 kHz"
     assert [finding.found for finding in findings if finding.name == "can0"] == [
-        "does not restart by itself",
-        "room for 10 frames",
+        "does not restart automatically",
+        "transmit queue of 10 frames",
         "an MCP2515, which holds two frames",
     ]
 
 
 def test_a_jetson_in_its_box_with_a_sensor_on_the_bus_at_another_bitrate(look):
     findings = look(ORIN_NANO)
-    assert one(findings, "power mode") == (WORSE, "15W, and MAXN_SUPER is there")
+    assert one(findings, "power mode") == (WORSE, "15W; MAXN_SUPER is available")
     assert cure(findings, "power mode") == "sudo nvpmodel -m 2"
     assert one(findings, "clocks") == (WORSE, "from 0.73 to 1.51 GHz")
     assert one(findings, "idle states") == (
         WORSE,
-        "c7 takes 5000 µs to wake from, and jetson may not open /dev/cpu_dma_latency",
+        "c7 takes 5000 µs to wake up, and jetson may not open /dev/cpu_dma_latency",
     )
     assert one(findings, "processors") == (OK, "6, isolated: 5")
     assert one(findings, "control group") == (WORSE, "/sys/fs/cgroup/cpu,cpuacct/user.slice/cpu.rt_runtime_us is 0")
     assert one(findings, "memlock") == (OK, "jetson may lock 954 MiB of memory")
-    assert one(findings, "groups") == (WORSE, "jetson is in i2c from the next login on")
+    assert one(findings, "groups") == (WORSE, "jetson will be in i2c from the next login on")
     assert one(findings, "serial ports") == (BAD, "jetson may not use ttyTHS1 of group dialout")
     assert cure(findings, "serial ports") == "sudo usermod -aG dialout jetson, then log in again"
     assert one(findings, "I2C") == (BAD, "jetson may not use i2c-1, i2c-7 of group i2c")
@@ -107,9 +107,9 @@ def test_a_laptop_with_a_usb_adapter(look):
     assert one(findings, "clock source") == (WORSE, "hpet") and "clocksource=tsc" in cure(findings, "clock source")
     assert one(findings, "governor") == (WORSE, "powersave on 8 of 8 processors")
     assert one(findings, "idle states")[1].startswith("C3_ACPI takes 1048 µs")
-    assert one(findings, "rtprio") == (OK, "ada may have priorities up to 95")
+    assert one(findings, "rtprio") == (OK, "ada may use priorities up to 95")
     assert one(findings, "swap") == (OK, "/swap.img; --realtime locks what a run needs")
-    assert one(findings, "can0") == (OK, "1 Mbit/s, ERROR-ACTIVE, room for 128 frames, gs_usb")
+    assert one(findings, "can0") == (OK, "1 Mbit/s, ERROR-ACTIVE, transmit queue of 128 frames, gs_usb")
     assert one(findings, "vcan0") == (OK, "virtual")
     assert one(findings, "serial latency") == (WORSE, "16 ms on ttyUSB0")
     assert one(findings, "modem manager")[0] == WORSE
@@ -128,7 +128,7 @@ def test_a_laptop_with_a_usb_adapter(look):
             (OK, "preemptible (PREEMPT_DYNAMIC, full), not PREEMPT_RT"),
         ),
         ({"/proc/cmdline": "quiet preempt=full\n"}, (OK, "preemptible (PREEMPT_DYNAMIC, full), not PREEMPT_RT")),
-        ({"/boot/config-6.8.0-45-generic": None}, (UNKNOWN, "PREEMPT_DYNAMIC, of which only root can tell the model")),
+        ({"/boot/config-6.8.0-45-generic": None}, (UNKNOWN, "PREEMPT_DYNAMIC, whose model only root can read")),
         (
             {"/boot/config-6.8.0-45-generic": None, "/proc/config.gz": gzip.compress(b"CONFIG_PREEMPT=y\n")},
             (OK, "preemptible (PREEMPT_DYNAMIC, full), not PREEMPT_RT"),
@@ -170,7 +170,7 @@ def test_systems_of_32_bits(look, machine, bits, found):
         ({"/sys/devices/platform/soc/soc:firmware/get_throttled": "0\n"}, (OK, "never since the start")),
         (
             {"/sys/devices/platform/soc/soc:firmware/get_throttled": "50005\n"},
-            (BAD, "now: too little voltage, throttled (0x50005)"),
+            (BAD, "now: under-voltage, throttled (0x50005)"),
         ),
         (
             {
@@ -199,10 +199,10 @@ def test_voltage_and_heat_of_a_pi(look, changes, found):
         ({"/commands/nvpmodel -q": "NV Power Mode: MAXN_SUPER\n2\n"}, (OK, "MAXN_SUPER")),
         (
             {"/commands/nvpmodel -q": None, "/var/lib/nvpmodel/status": "pmode:0003 fmode:quiet\n"},
-            (WORSE, "7W, and MAXN_SUPER is there"),
+            (WORSE, "7W; MAXN_SUPER is available"),
         ),
         ({"/etc/nvpmodel.conf": "< POWER_MODEL ID=0 NAME=15W >\n< POWER_MODEL ID=1 NAME=7W >\n"}, (OK, "15W")),
-        ({"/etc/nvpmodel.conf": None}, (UNKNOWN, "nvpmodel does not tell")),
+        ({"/etc/nvpmodel.conf": None}, (UNKNOWN, "not reported by nvpmodel")),
     ],
 )
 def test_power_modes_are_shown_by_name(look, changes, mode):
@@ -272,7 +272,7 @@ def test_robot_computer_without_can_is_reported_with_remedy(look):
     assert "dtoverlay=" in cure(look(PI_4, gone), "CAN")
     assert "modprobe mttcan" in cure(look(ORIN_NANO, gone), "CAN")
     gone = {name: None for name in LAPTOP if "can0" in name}
-    assert one(look(LAPTOP, gone), "CAN") == (OK, "no interface, and a simulation needs none")
+    assert one(look(LAPTOP, gone), "CAN") == (OK, "no interface; a simulation needs none")
 
 
 def test_permissions_are_those_of_owner_group_and_others(tmp_path):
@@ -319,7 +319,7 @@ def test_a_file_that_takes_its_place_as_a_folder_raises_nothing(look):
 def test_recordings_need_a_folder_that_can_be_written_and_room(look, tmp_path):
     assert one(look(PI_4, folder=str(tmp_path / "new" / "runs")), "recordings")[1].endswith(f" GiB free in {tmp_path}")
     assert one(look(PI_4, folder="/proc/runs"), "recordings")[0] == BAD
-    assert one(look(PI_4, folder="/dev/null/runs"), "recordings") == (BAD, "/dev/null cannot be written to")
+    assert one(look(PI_4, folder="/dev/null/runs"), "recordings") == (BAD, "cannot write to /dev/null")
 
 
 def test_every_problem_has_reason_and_remedy(look):

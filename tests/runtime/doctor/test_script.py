@@ -111,10 +111,10 @@ def test_where_nothing_is_wanting_it_does_nothing(written, tmp_path):
 def test_every_part_states_its_reason(written):
     path, text = written(ORIN_NANO)
     assert (
-        "# rtprio: the limit of jetson is 0; without real-time priority any busy program delays the loop by "
+        "# rtprio: the limit of jetson is 0; without real-time priority, any busy program delays the loop by "
         "milliseconds.\n"
     ) in text
-    assert "# power mode: 15W, and MAXN_SUPER is there; " in text
+    assert "# power mode: 15W; MAXN_SUPER is available; " in text
 
 
 def test_limits_are_for_a_group_that_the_user_joins(written, tmp_path):

@@ -105,14 +105,14 @@ def test_a_setting_at_the_start_takes_a_pattern_too(legs):
     assert diagram["left/profile"].scale == diagram["right/profile"].scale == 0.7
     with pytest.raises(
         BadInput,
-        match=r"--set right/profile.scale=0.9: scale: must be between its live bounds 0 and "
+        match=r"setting right/profile.scale=0.9: scale: must be between its live bounds 0 and "
         r"0.8, got 0.9",
     ):
         set_block_parameters(diagram, "*/profile.scale", "0.9")
     with pytest.raises(BadInput) as refused:
         set_block_parameters(diagram, "*/profile.scales", "0.5")
     assert str(refused.value) == (
-        "--set */profile.scales=0.5: legs has no parameter that matches; did you mean '*/profile.scale'?"
+        "setting */profile.scales=0.5: legs has no parameter that matches; did you mean '*/profile.scale'?"
     )
 
 

@@ -266,7 +266,7 @@ def test_a_processor_that_is_not_there_is_refused_by_number():
     before = os.sched_getaffinity(0)
     with realtime:
         assert os.sched_getaffinity(0) == before
-    assert f"  processor 4000: this process may not run there: it may run on {numbers(before)}" in realtime.lines()
+    assert f"  processor 4000: this process may only run on {numbers(before)}" in realtime.lines()
 
 
 def test_realtime_off_sets_and_restores_only_timer_slack_and_slice():

@@ -311,7 +311,7 @@ def test_a_plant_that_does_not_compile_fails_the_check(command_line):
 def test_a_file_that_cannot_be_read_is_bad_input(command_line):
     write(command_line.folder, "1 +", "broken.py")
     assert "syntax error" in command_line.refused("check", "broken.py", code=BAD_INPUT)
-    with pytest.raises(BadInput, match="there is no file"):
+    with pytest.raises(BadInput, match="does not exist"):
         check(command_line.folder / "nothing.py")
 
 

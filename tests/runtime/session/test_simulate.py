@@ -232,7 +232,7 @@ def test_devices_that_no_plant_answers_for_are_a_fault(tmp_path):
     "arguments, message",
     [
         ((42, 1), "expected a Diagram, the path of a diagram file or a function"),
-        (("nowhere.py", 1), "there is no file nowhere.py"),
+        (("nowhere.py", 1), "file nowhere.py does not exist"),
         ((sine, 0.001), "shorter than one tick"),
         ((sine, -1), "duration=-1: expected a finite number above 0"),
         ((sine, float("nan")), "duration=nan"),
