@@ -36,7 +36,6 @@ ALLOWED = {  # (file, text of the line): reason
     ("docs/rigs.md", "Its `hears()` lists the frames"): "a method's name",
 }
 OLD_VOICE = (  # folders and files that are not rewritten yet: remove them as soon as they pass
-    "runtime/recorder/service.py",
     "runtime/recording/",
 )
 

@@ -334,8 +334,8 @@ cdef class Program:
         """
         self.page = page
         self.at = &self.own_at if page == NULL else &page.at
-        return self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(8
-            + (<PythonStep>call).news.size() for call in self.holding)
+        return self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(
+            8 + (<PythonStep>call).news.size() for call in self.holding)
 
     cdef int start_from_here(self) noexcept nogil:
         """Restart blocks from the present measurement: run `look`, reset all state, then run `settle`."""

@@ -44,8 +44,8 @@ cdef class Publisher:
     def __init__(self, SharedState page, Program program, bint virtual, int reader, Signals signals,
                  int64_t guard=0, rows=None, drain=None):
         if page is not None and 16 * (3 + program.column_count) > <int64_t>page.layout.capacity:
-            raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2
-                + program.column_count))
+            raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (
+                page.layout.capacity, 2 + program.column_count))
         self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
         self.layout = NULL if page is None else page.layout
         self.guard = guard
@@ -63,8 +63,8 @@ cdef class Publisher:
         if (self.table.ndim != 2 or len(self.table) == 0 or self.table.shape[1] != 2 + program.column_count
             or self.table.dtype != np.float64
                 or not self.table.flags.carray):
-            raise ValueError("rows must be a writable C-contiguous float64 array of shape (ticks, %d)" % (2
-                + program.column_count))
+            raise ValueError("rows must be a writable C-contiguous float64 array of shape (ticks, %d)" % (
+                2 + program.column_count))
         self.recent = <double *><uintptr_t>self.table.ctypes.data
         self.recent_size = len(self.table)
 
