@@ -26,7 +26,7 @@ class Service:
 
     plan : dict of the run, as runtime.recorder describes it; plan["stem"] is a file name that is free in
         plan["folder"], which is None where no files are written
-    sink : dict of the sink, likewise: path, parameters, columns
+    sink : dict of the sink: path, parameters, columns
     page : cext.safety.shared_state.SharedState of the run, set before `open`
     say : function that prints a line on the terminal, set before `open`
     files : {path: remark} of each file that the service has made
