@@ -28,6 +28,7 @@ def resampled(trial, rate):
             "into this machine's memory"
         )
     made = copy.copy(trial)
+    made._recording, values = None, trial.rows
     made.tick = np.arange(int(first), int(last) + 1)
     made.time = made.tick / rate
     made.about = {**trial.about, "rate": float(rate)}
@@ -36,7 +37,7 @@ def resampled(trial, rate):
     at = np.clip(made.time, trial.time[0], trial.time[-1])
     for path in trial.names:
         places, shape = trial.find(path)
-        made.rows[:, places] = interpolate(kind_of(trial, path), trial.time, trial.rows[:, places], at)
+        made.rows[:, places] = interpolate(kind_of(trial, path), trial.time, values[:, places], at)
     made.frames = []
     made.events = [at_rate(event, trial.about["rate"], rate) for event in trial.events]
     return made
@@ -62,7 +63,7 @@ def kind_of(trial, path):
         return tuple(circle)
     places, shape = trial.find(path)
     if shape == (4,) and (
-        path.rpartition(".")[2] == QUATERNION or trial.unit(path) == "1" and turns(trial.rows[:, places])
+        path.rpartition(".")[2] == QUATERNION or trial.unit(path) == "1" and turns(trial.values(places))
     ):
         return "turning"
     return "straight"

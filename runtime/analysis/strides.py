@@ -21,7 +21,7 @@ def over(trial, path, spans, points=101):
     if not len(spans):
         return np.empty((0, points, len(places)))
     at = spans[:, :1] + np.linspace(0.0, 1.0, points) * (spans[:, 1:] - spans[:, :1])
-    return interpolate(kind_of(trial, path), trial.time, trial.rows[:, places], at.ravel()).reshape(
+    return interpolate(kind_of(trial, path), trial.time, trial.values(places), at.ravel()).reshape(
         len(spans), points, len(places)
     )
 

@@ -9,21 +9,21 @@ A truncated or damaged file is read up to the last complete row; `complete` is t
 standby recorders continued.
 """
 
+import copy
 import re
-import struct
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
-from runtime.recording import messages
-from runtime.recording.batches import FRAME, Batch
-from runtime.recording.parts import whole
-from runtime.recording.reader import Reader
+from runtime.recording.batches import NO_FRAMES, Batch, payloads
+from runtime.recording.parts import Recording
+from runtime.recording.reader import Reader, Recorded
 
-BATCH_ROWS = 10_000
 DTYPES = {"int": np.int64, "bool": np.bool_}
+BATCH_ROWS = 2000  # of a Trial without a file
 ELEMENT = re.compile(r"(.*?)((?:\[[\d, ]+\])*)")
 
 
@@ -34,7 +34,7 @@ def split(path: str) -> tuple[str, str]:
 
 
 class Trial:
-    """Recording that has been read.
+    """Recording. What is asked for is read from its file then, and kept.
 
     signals : {path: {"index", "path", "dtype", "unit", "circle"}}, in the order of the row
     rows : (ticks, signals) array of doubles
@@ -42,7 +42,8 @@ class Trial:
     frames : [Recorded], in order
     events : [dict]
     about, end, diagram : metadata of the recording; `end` and `diagram` may be None
-    complete, trouble : whether the recording was finished; if not, the problem with the file, in one line
+    complete, trouble : whether the recording was finished and is undamaged; if not, the problem with the file, in one
+        line. They check the whole file when they are first used
     parts : [Path] of its files: several if another recorder continued it
     seams : of each part but the first, how it continues (runtime.recording.parts.Seam)
 
@@ -50,25 +51,15 @@ class Trial:
     """
 
     def __init__(self, path, progress=lambda share: None):
-        """Read a recording. progress : called with the fraction of the file that has been read"""
+        """Open a recording. progress : called with the fraction of an incomplete file that has been scanned"""
         self.path = Path(path)
-        reader, self.parts = whole(self.path, Reader, progress)
-        self.end, self._diagram = reader.end, reader.diagram
-        self.events, self.complete, self.trouble = reader.events, reader.finished, reader.trouble
-        self._describe(reader.about)
-        ticks = np.frombuffer(b"".join(reader.messages[messages.ROW_END]), dtype=messages.TICK_ROW)
-        self.tick, self.time, self.lateness = (
-            ticks["tick"].astype(np.int64),
-            ticks["time"].astype(float),
-            ticks["lateness"].astype(float),
-        )
-        self.rows = np.full((len(ticks), len(self.signals)), np.nan)
-        for subsystem in messages.subsystems(self.about["name"], [(i, path) for i, path in enumerate(self.signals)]):
-            try:
-                subsystem.fill(self.rows, reader.messages.get(subsystem.topic, [])[: len(ticks)])
-            except ValueError:
-                raise BadInput(f"{path} is damaged: its rows do not match the signals in its about.json") from None
-        self.frames, self.seams = reader.frames, reader.seams
+        self._file: Any = Recording(self.path, lambda part: Reader(part, progress))
+        self._recording: Any = self._file  # None if the values are not those of the file
+        self._first, self._last = 0, None  # rows of the recording
+        self._columns = {}  # {place: values} of signals that were read
+        self._diagram = self._recording.diagram
+        self.parts, self.seams = self._recording.paths, self._recording.seams
+        self._describe(self._recording.about)
 
     @classmethod
     def in_memory(cls, about, end, diagram, rows):
@@ -81,7 +72,8 @@ class Trial:
         """
         made = cls.__new__(cls)
         made.path, made.parts, made.seams, made.frames = Path(about["name"]), [], [], []
-        made.end, made._diagram, made.complete, made.trouble = end, diagram, True, None
+        made._file, made._recording, made._columns = None, None, {}
+        made.end, made._diagram = end, diagram
         made.events = [*end["events"], end["end"]]
         made._describe(about)
         made.tick = rows[:, 0].astype(np.int64)
@@ -92,6 +84,148 @@ class Trial:
         self.about = about
         self.signals = {signal["path"]: signal for signal in about["signals"]}
         self.places = {path: place for place, path in enumerate(self.signals)}
+
+    def check(self, progress=lambda share: None):
+        """Check every message of the recording. A damaged one then ends before the damage; see `trouble`.
+
+        progress : called with the fraction that has been checked
+
+        Raises BadInput if nothing of it can be read.
+        """
+        if self._file is not None and self._file.check(progress) and self._recording is not None:
+            self._forget()
+
+    def _forget(self):
+        for name in ("tick", "time", "lateness", "rows", "frames", "events", "end"):
+            self.__dict__.pop(name, None)
+        self._columns = {}
+        self.seams = self._recording.seams
+
+    @property
+    def complete(self) -> bool:
+        self.check()
+        return self._file is None or self._file.finished
+
+    @property
+    def trouble(self) -> str:
+        self.check()
+        return "" if self._file is None else self._file.trouble
+
+    @cached_property
+    def end(self) -> Any:
+        return self._file.end
+
+    @cached_property
+    def events(self) -> list:
+        return within(self._recording.events, self.tick) if self._is_part else self._recording.events
+
+    @property
+    def _is_part(self):
+        return self._first > 0 or self._last is not None
+
+    @cached_property
+    def frames(self) -> list:
+        buses = self.about["buses"]
+        return [
+            Recorded(time, buses[bus], bool(sent), drain, drained, row, payload)
+            for batch in self.batches()
+            for (drain, drained, row, time, bus, sent), payload in zip(
+                batch.frames[["drain", "drained", "row", "time", "bus", "sent"]].tolist(), payloads(batch.frames)
+            )
+        ]
+
+    @property
+    def began(self) -> int:
+        """Time of the start of the run, in ns of the wall clock; 0 in virtual time."""
+        return next((event["wall"] for event in self.events if event["event"] == "begin"), 0)
+
+    @cached_property
+    def tick(self) -> np.ndarray:
+        return self._read([])["tick"]
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        return self._read([])["time"]
+
+    @cached_property
+    def lateness(self) -> np.ndarray:
+        return self._read([])["lateness"]
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        return self._read(range(len(self.signals)))["rows"]
+
+    def _read(self, places):
+        """Read and keep the ticks and the values of signals; all of them as the rows. Returns the cached attributes."""
+        ticks, values = self._recording.rows(places, self._first, self._last)
+        if len(ticks) != len(self.__dict__.get("tick", ticks)):  # damage was found
+            self._forget()
+        for name in ("tick", "time", "lateness"):
+            self.__dict__.setdefault(name, np.ascontiguousarray(ticks[name]))
+        if len(places) == len(self.signals):
+            self.__dict__["rows"] = values
+        self._columns.update((place, values[:, column]) for column, place in enumerate(places))
+        return self.__dict__
+
+    def values(self, places) -> np.ndarray:
+        """Return the values of signals as a float64 array (ticks, places). places : in the row"""
+        if "rows" in self.__dict__:
+            return self.rows[:, places]
+        missing = [place for place in places if place not in self._columns]
+        if missing:
+            self._read(missing)
+        if "rows" in self.__dict__:
+            return self.rows[:, places]
+        return np.column_stack([self._columns[place] for place in places])
+
+    def read(self, paths) -> dict[str, np.ndarray]:
+        """Return {path: array} of several signals, read in one pass. Raises KeyError."""
+        paths = list(paths)
+        self.values([place for path in paths for place in self.find(path)[0]])
+        return {path: self[path] for path in paths}
+
+    def between(self, start: float, stop: float) -> "Trial":
+        """Return the part of this Trial from one time up to another, without reading the rest.
+
+        start, stop : in s; a tick at `stop` is not included
+        """
+        made = copy.copy(self)
+        if self._recording is None:
+            first, last = np.searchsorted(self.time, (start, stop))
+            made.tick, made.time, made.lateness = (
+                self.tick[first:last],
+                self.time[first:last],
+                self.lateness[first:last],
+            )
+            made.rows = self.rows[first:last]
+            made.events = within(self.events, made.tick)
+            return made
+        rows = [self._recording.row_from("time", time) for time in (start, stop)]
+        low, high = self._first, len(self._recording) if self._last is None else self._last
+        made._first, made._last = (min(max(row, low), high) for row in rows)
+        made._forget()
+        return made
+
+    def batches(self, frames=True):
+        """Yield the recording as runtime.recording.batches.Batch, in order, in constant memory.
+
+        The last one has no rows: its frames are those after the last row.
+
+        frames : whether the frames are read; else no batch has any
+        """
+        if self._recording is None:
+            for first in range(0, len(self), BATCH_ROWS):
+                part = slice(first, first + BATCH_ROWS)
+                yield Batch(np.column_stack((self.tick[part], self.lateness[part], self.rows[part])), NO_FRAMES)
+            yield Batch(np.empty((0, 2 + len(self.signals))), NO_FRAMES)
+            return
+        done, last = 0, len(self._recording) if self._last is None else self._last
+        for rows, found in self._recording.batches(frames):
+            if self._is_part:
+                found = found[(found["row"] >= self._first) & (found["row"] < last)].copy()
+                found["row"] -= self._first
+                done, rows = done + len(rows), rows[max(0, self._first - done) : max(0, last - done)]
+            yield Batch(rows, found)
 
     @property
     def diagram(self):
@@ -124,12 +258,15 @@ class Trial:
         KeyError with a suggestion for an unknown name.
         """
         places, shape = self.find(path)
-        values = self.rows[:, places[0]] if shape == () else self.rows[:, places].reshape(len(self), *shape)
+        values = self.values(places)
+        values = values[:, 0] if shape == () else values.reshape(-1, *shape)
         kind = DTYPES.get(self.dtype(path), np.float64)
         return values if kind is np.float64 or not holds(kind, values) else values.astype(kind)
 
     def __len__(self) -> int:
-        return len(self.tick)
+        if self._recording is None or "tick" in self.__dict__:
+            return len(self.tick)
+        return max(0, (len(self._recording) if self._last is None else self._last) - self._first)
 
     def find(self, path):
         """Return (indices in the row, shape of a sample) of a signal, or of an element of it. Raises KeyError."""
@@ -167,19 +304,6 @@ class Trial:
     def marks(self) -> np.ndarray:
         """Times in s of the marks that the key m has set."""
         return np.array([event["tick"] / self.about["rate"] for event in self.events if event["event"] == "mark"])
-
-    def batches(self, size=BATCH_ROWS):
-        """Yield the recording as Batches, in order, in constant memory. size : rows of a batch at most"""
-        known = np.zeros(len(self.frames), dtype=FRAME)
-        for place, frame in enumerate(self.frames):
-            known[place : place + 1] = np.frombuffer(
-                struct.pack("=3q", frame.drain, frame.drained, frame.row) + frame.payload, dtype=FRAME
-            )
-        for first in range(0, max(len(self), 1), size):
-            last = min(first + size, len(self))
-            rows = np.column_stack((self.tick[first:last], self.lateness[first:last], self.rows[first:last]))
-            begin, end = np.searchsorted(known["row"], (first, last))
-            yield Batch(rows, known[begin : end if last < len(self) else len(known)])
 
     def resample(self, rate):
         """Return this Trial at a fixed rate in Hz, from its first tick to its last, with missed ticks filled in.
@@ -229,3 +353,8 @@ def holds(kind, values):
     """Return whether a type can represent every one of these doubles."""
     low, high = (0.0, 1.0) if kind is np.bool_ else (-(2.0**63), np.nextafter(2.0**63, 0.0))
     return bool(np.all((values >= low) & (values <= high)))  # NaN fails every comparison
+
+
+def within(events, ticks):
+    """Return the events from the first tick to the last. ticks : array"""
+    return [event for event in events if len(ticks) and ticks[0] <= event.get("tick", -1) <= ticks[-1]]

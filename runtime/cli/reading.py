@@ -5,14 +5,15 @@ from runtime.console.terminal import complain
 
 
 def read(path, progress, first, last):
-    """Read a recording. Returns a Trial.
+    """Open a recording, check it and report any damage. Returns a Trial.
 
     progress : runtime.console.progress.Progress
-    first, last : share of the progress before and after reading
+    first, last : share of the progress before and after the check
 
     Raises BadInput if the file is not a recording.
     """
-    trial = Trial(path, progress.part(first, last))
+    trial = Trial(path)
+    trial.check(progress.part(first, last))
     if trial.trouble:
         progress.terminal.erase()
         until = f", {len(trial)} ticks until {trial.time[-1]:g} s" if len(trial) else ", no ticks"

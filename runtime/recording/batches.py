@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from runtime.recording.format import FRAME as FRAME_STRUCT
+
 # A frame as it was recorded; its last 80 bytes are a struct Frame of cext/abi.pxd.
 #   drain: number of the bus drain that returned or preceded it, from 1; 0 before the first
 #   drained: time of that drain in ns since the start of the run
@@ -23,14 +25,22 @@ FRAME = np.dtype(
         ("data", "V64"),
     ]
 )
+NO_FRAMES = np.zeros(0, dtype=FRAME)
 
 
 class Batch(NamedTuple):
     """Stretch of a recording.
 
     rows : (ticks, 2 + signals) float64: the tick, its lateness in s, every signal
-    frames : array of FRAME that were recorded between these rows, in order; the last batch has those after the last row
+    frames : array of FRAME that were recorded between these rows, in order; the last batch has no rows, and those after
+        the last row
     """
 
     rows: np.ndarray
     frames: np.ndarray
+
+
+def payloads(frames):
+    """Return the struct Frame of each frame, as [bytes]."""
+    data = np.ascontiguousarray(frames).view("u1").reshape(-1, FRAME.itemsize)[:, -FRAME_STRUCT.size :]
+    return [row.tobytes() for row in data]

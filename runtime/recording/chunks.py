@@ -1,52 +1,164 @@
-"""Compressed chunks of an MCAP file. The recorder writes none; `mcap compress` and other tools make them of its files.
+"""Chunks of an MCAP file, and where their messages are.
 
-A few kilobytes can declare, and expand to, gigabytes: what a chunk and a file expand to has a bound, whatever they
-declare.
+A recording is untrusted: a few kilobytes can declare, and expand to, gigabytes. What a chunk and a file expand to has a
+limit, whatever they declare, and an index is used only if it describes the records of its chunk.
 """
 
+import os
 import zlib
+from dataclasses import dataclass, field
 from io import BytesIO
+from typing import Any, NamedTuple
 
-from runtime.recording.mcap_file import CHUNK_HEADS, HEAD, STREAM, ZSTD
-from runtime.recording.records import A_CHUNK, A_MESSAGE, CHANNEL, compressed, read, walk
+import numpy as np
+
+from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, INDEX, MESSAGE, MESSAGE_REST, ZSTD
+from runtime.recording.mcap_file import STREAM as STREAM_KIND
+from runtime.recording.records import A_CHUNK, A_MESSAGE, AN_INDEX, CHANNEL, SCHEMA, compressed, walk
 from runtime.recording.zstd_stream import decode
 
-LARGEST = 64 << 20  # bytes that a chunk may expand to
-RATIO, LEAST = 100, 16 << 20  # all chunks of a file together: so many times its size, and at least so many bytes
+CHUNK_LIMIT = 64 << 20  # bytes that a chunk may expand to
+FILE_RATIO_LIMIT, FILE_LIMIT_MINIMUM = 100, 16 << 20  # all chunks of a file: times its size, and at least these bytes
+STREAM = "zstd stream"  # compression of a chunk that was not completed, and may end anywhere
+# bytes of a message record, as a NumPy dtype
+MESSAGE_HEAD = [
+    ("kind", "u1"),
+    ("length", "<u8"),
+    ("channel", "<u2"),
+    ("sequence", "<u4"),
+    ("log_time", "<i8"),
+    ("publish_time", "<i8"),
+]
+PLACE = np.dtype([("log_time", "<u8"), ("offset", "<u8")])  # of a message, in an index
 
 
 class TooLarge(ValueError):
-    """A chunk expands to more than is read. Its text goes on after the name of the file."""
+    """A chunk expands to more than is read. The text continues after the name of the file."""
 
 
-class Expander:
-    """size : bytes of the file"""
+class Stored(NamedTuple):
+    """The stored bytes of a chunk, with the field names of mcap.records.Chunk."""
 
-    def __init__(self, size):
-        self.left = self.limit = max(LEAST, RATIO * size)
+    compression: str
+    data: Any
+    uncompressed_size: int
+    uncompressed_crc: int
 
-    def expand(self, chunk):
-        """The records of an mcap.records.Chunk, as bytes that can be parsed. ValueError, LookupError or McapError where
-        it is damaged; TooLarge
+
+@dataclass
+class Chunk:
+    """Place of a chunk in a file, or of messages that were not completed to one.
+
+    at : position of its record
+    begin, length : position and size of its messages as they are stored
+    compression : "", "zstd", "lz4", or STREAM
+    end : position at which its message indices end
+    counts : {channel: number of messages}
+    headless : whether it has no head of a chunk
+    limit : bytes of its messages that are undamaged; None for all
+    """
+
+    at: int
+    begin: int
+    length: int
+    compression: str
+    end: int
+    counts: dict[int, int] = field(default_factory=dict)
+    headless: bool = False
+    limit: int | None = None
+
+
+class Messages(NamedTuple):
+    """Messages of a chunk.
+
+    data : its records, as an array of bytes
+    offsets : {channel: positions of its message records in `data`}
+    end : bytes that could be read
+    others : [(kind, bytes)] of its schemas and channels
+    """
+
+    data: Any
+    offsets: dict[int, Any]
+    end: int
+    others: list[tuple[int, bytes]]
+
+    def records(self, channel, body) -> Any:
+        """Return the message records of a channel as a structured array. body : NumPy dtype of their content
+
+        Raises ValueError if one has another size.
         """
-        size = chunk.uncompressed_size
-        if size > min(LARGEST, self.left):
-            limit = (
-                f"{LARGEST >> 20} MiB" if size > LARGEST else (f"{self.limit >> 20} MiB for all of a file of this size")
-            )
-            raise TooLarge(
-                f"has a compressed chunk that declares {size} bytes, and {limit} is the limit: what "
-                "stands before is read"
-            )
-        data = {"zstd": zstd, "lz4": lz4}[chunk.compression](chunk.data, size + 1)
-        if len(data) != size:
-            raise ValueError(f"{len(data)} bytes instead of {size}")
-        if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        return records(self.data, self.offsets.get(channel, NONE), [*MESSAGE_HEAD, ("body", body)])
+
+    def until(self, limit):
+        """Return the messages that begin before a position."""
+        kept = {channel: offsets[offsets < limit] for channel, offsets in self.offsets.items()}
+        return self._replace(offsets=kept)
+
+
+NONE = np.zeros(0, dtype=np.int64)
+
+
+def windows(data, offsets, size) -> Any:
+    """Return `size` bytes from each offset, as an array (offsets, size). Raises ValueError outside the data."""
+    if not len(offsets):
+        return np.empty((0, size), dtype=np.uint8)
+    if int(offsets[0]) < 0 or int(offsets.max()) + size > len(data):
+        raise ValueError("a record longer than its chunk")
+    return np.lib.stride_tricks.as_strided(data, (len(data) - size + 1, size), (1, 1))[offsets]
+
+
+def records(data, offsets, fields) -> Any:
+    """Return records of a fixed size as a structured array. Raises ValueError if one is shorter or longer."""
+    kind = np.dtype(fields)
+    found = windows(data, offsets, kind.itemsize).view(kind)[:, 0]
+    if np.any(found["length"] != kind.itemsize - HEAD.size):
+        raise ValueError("a row of another size")
+    return found
+
+
+def head_of(data):
+    """Return (bytes of the head, compression, size and checksum of the messages, stored bytes) of a chunk's record.
+
+    Raises ValueError.
+    """
+    if len(data) < CHUNK_HEAD.size:
+        raise ValueError("an incomplete head")
+    kind, length, _, _, size, checksum, name, *_ = CHUNK_HEAD.unpack_from(data)
+    head = CHUNK_HEAD.size + name
+    compression = bytes(data[CHUNK_HEAD.size - 8 : head - 8]).decode("ascii")
+    stored = int.from_bytes(data[head - 8 : head], "little")
+    if kind != A_CHUNK or length != head - HEAD.size + stored:
+        raise ValueError("a damaged head")
+    return head, compression, size, checksum, stored
+
+
+def load(descriptor, chunk, expander):
+    """Read the messages of a chunk.
+
+    descriptor : of the file
+    expander : Expander
+
+    Raises ValueError, LookupError or TooLarge if it is damaged.
+    """
+    raw = memoryview(os.pread(descriptor, chunk.end - chunk.at, chunk.at))
+    stored, indices = raw[chunk.begin - chunk.at :][: chunk.length], raw[chunk.begin - chunk.at + chunk.length :]
+    if chunk.compression == STREAM:
+        plain = decode(bytes(stored), min(CHUNK_LIMIT, expander.left)).data
+    elif chunk.headless:
+        plain = stored
+    else:
+        head, compression, size, checksum, length = head_of(raw)
+        if (chunk.at + head, length, compression) != (chunk.begin, chunk.length, chunk.compression):
+            raise ValueError("a head that differs from the index")
+        plain = expander.expand(Stored(compression, stored, size, checksum)) if compression else stored
+        if not compression and (size != length or checksum not in (0, zlib.crc32(plain))):
             raise ValueError("a wrong checksum")
-        for _ in parsed(data):
-            pass
-        self.left -= size
-        return data
+    data = np.frombuffer(plain, dtype=np.uint8)
+    offsets = indexed(data, indices) if len(indices) else None
+    messages = Messages(data, offsets, len(data), []) if offsets is not None else walked(plain)
+    if not (chunk.headless or messages.end == len(data)):
+        raise ValueError("a record longer than its chunk")
+    return messages if chunk.limit is None else messages.until(chunk.limit)
 
 
 def unfinished(stream, at):
@@ -60,12 +172,12 @@ def unfinished(stream, at):
     stream.seek(at)
     form = CHUNK_HEADS[ZSTD]
     head = stream.read(form.size)
-    if len(head) < form.size or (head[0] != STREAM and not (head[0] == A_CHUNK and compressed(head))):
+    if len(head) < form.size or (head[0] != STREAM_KIND and not (head[0] == A_CHUNK and compressed(head))):
         return None
-    frame = stream.read(LARGEST)
+    frame = stream.read(CHUNK_LIMIT)
     if head[0] == A_CHUNK and HEAD.size + HEAD.unpack_from(head)[1] <= form.size + len(frame):
         return None
-    data, ends, ended = decode(frame, LARGEST)
+    data, ends, ended = decode(frame, CHUNK_LIMIT)
     end = 0
     for place, _, record in walk(BytesIO(data), 0):
         end = place + len(record)
@@ -78,7 +190,7 @@ def walk_all(stream, at):
     while end is not None:
         stream.seek(end)
         for place, kind, data in walk(stream, end):
-            if kind == STREAM:
+            if kind == STREAM_KIND:
                 break
             yield place, kind, data
             end = place + len(data)
@@ -90,36 +202,100 @@ def walk_all(stream, at):
             yield place, kind, data
 
 
-def parsed(data):
-    """Yield the mcap.records.Channel and Message of the bytes of a chunk. Raises ValueError or McapError."""
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Message
+def indexed(data, indices):
+    """Return {channel: offsets} of message indices, or None if they do not describe exactly these messages.
 
-    end = 0
-    for at, kind, record in walk(BytesIO(data), 0):
-        end, body = at + len(record), record[HEAD.size :]
-        if kind == A_CHUNK:
-            raise ValueError("a chunk inside a chunk")
-        if kind == CHANNEL:
-            yield read("Channel", body)
-        elif kind == A_MESSAGE:
-            yield Message.read(ReadDataStream(BytesIO(body)), len(body))
-    if end != len(data):
-        raise ValueError("a record longer than its chunk")
+    data : array of bytes
+    indices : bytes of the MessageIndex records
+    """
+    at, total, found = 0, 0, {}
+    while at + INDEX.size <= len(indices):
+        kind, length, channel, size = INDEX.unpack_from(indices, at)
+        at += INDEX.size
+        if kind != AN_INDEX or length != INDEX.size - HEAD.size + size or size % PLACE.itemsize or channel in found:
+            return None
+        if at + size > len(indices):
+            return None
+        offsets = np.frombuffer(indices, PLACE, size // PLACE.itemsize, at)["offset"].astype(np.int64)
+        at += size
+        found[channel] = offsets
+        try:
+            heads = windows(data, offsets, MESSAGE.size).view(np.dtype(MESSAGE_HEAD))[:, 0]
+        except ValueError:
+            return None
+        if np.any((heads["kind"] != A_MESSAGE) | (heads["channel"] != channel)) or np.any(np.diff(offsets) <= 0):
+            return None
+        total += int(heads["length"].astype(np.int64).sum()) + HEAD.size * len(offsets)
+    return found if total == len(data) else None
+
+
+def walked(plain, only_messages=False):
+    """Return the Messages of bytes without an index, up to an incomplete record or one that cannot stand here.
+
+    only_messages : whether any other record ends them
+    """
+    offsets, others, at, size = {}, [], 0, len(plain)
+    head, message = HEAD.unpack_from, MESSAGE.unpack_from
+    while at + HEAD.size <= size:
+        kind, length = head(plain, at)
+        end = at + HEAD.size + length
+        if end > size or kind == A_CHUNK or (only_messages and kind != A_MESSAGE):
+            break
+        if kind == A_MESSAGE:
+            if length < MESSAGE_REST:
+                break
+            channel = message(plain, at)[2]
+            known = offsets.get(channel)
+            if known is None:
+                known = offsets[channel] = []
+            known.append(at)
+        elif kind in (SCHEMA, CHANNEL):
+            others.append((kind, bytes(plain[at + HEAD.size : end])))
+        at = end
+    data = np.frombuffer(plain, dtype=np.uint8)
+    return Messages(data, {key: np.array(places, dtype=np.int64) for key, places in offsets.items()}, at, others)
+
+
+class Expander:
+    """Expansion of chunks with a limit for all of a file. size : bytes of the file"""
+
+    def __init__(self, size):
+        self.left = self.limit = max(FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT * size)
+
+    def expand(self, chunk):
+        """Return the records of a Stored chunk. Raises ValueError or LookupError for a damaged one; TooLarge"""
+        size = chunk.uncompressed_size
+        if size > min(CHUNK_LIMIT, self.left):
+            limit = (
+                f"{CHUNK_LIMIT >> 20} MiB"
+                if size > CHUNK_LIMIT
+                else f"{self.limit >> 20} MiB for all of a file of this size"
+            )
+            raise TooLarge(
+                f"has a compressed chunk that declares {size} bytes, and {limit} is the limit: what "
+                "stands before is read"
+            )
+        data = {"zstd": zstd, "lz4": lz4}[chunk.compression](chunk.data, size + 1)
+        if len(data) != size:
+            raise ValueError(f"{len(data)} bytes instead of {size}")
+        if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+            raise ValueError("a wrong checksum")
+        self.left -= size
+        return data
 
 
 def zstd(data, most):
-    """At most so many bytes of what a zstd frame expands to. ValueError"""
+    """Return at most so many bytes of what a zstd frame expands to. Raises ValueError."""
     import zstandard
 
     try:
-        return zstandard.ZstdDecompressor(max_window_size=LARGEST).stream_reader(data).read(most)
+        return zstandard.ZstdDecompressor(max_window_size=CHUNK_LIMIT).stream_reader(data).read(most)
     except zstandard.ZstdError as error:
         raise ValueError(str(error)) from None
 
 
 def lz4(data, most):
-    """At most so many bytes of what an LZ4 frame expands to. ValueError"""
+    """Return at most so many bytes of what an LZ4 frame expands to. Raises ValueError."""
     import lz4.frame
 
     try:

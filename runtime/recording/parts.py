@@ -1,25 +1,29 @@
-"""A recording whose recorder was killed: the parts in which others went on, as one.
+"""Recording: the parts of a run whose recorder was killed and continued by another one, as one.
 
-Part 2 of `trial.mcap` is `trial_part2.mcap` beside it, and so on: together they hold every tick, none twice.
+Part 2 of `trial.mcap` is `trial_part2.mcap` beside it, and so on. Together they hold every tick once.
 """
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from runtime.base.errors import BadInput
-from runtime.recording import messages
+from runtime.recording.batches import NO_FRAMES, Batch
+from runtime.recording.columns import TICK
 
 PART = re.compile(r"(.+)_part(\d+)")
 
 
 @dataclass(frozen=True)
 class Seam:
-    """Where the next part goes on.
+    """Begin of a further part.
 
-    rows : how many are complete before it; what there is more in the parts before does not count
-    since : ns of the files, frames of the parts before do not count from then on; None where all do
-    drains, drained : of the buses before it, and ns of the files when the last was
+    rows : complete rows before it; further rows in the parts before do not count
+    since : ns of the files from which frames of the parts before do not count; None if all do
+    drains, drained : number of bus drains before it, and time of the last one in ns of the files
     """
 
     rows: int
@@ -29,45 +33,41 @@ class Seam:
 
 
 def heads(paths):
-    """[Path]: those that do not go on with another one among them."""
+    """Return those paths that do not continue another one of them, as [Path]."""
     paths = [Path(path) for path in paths]
     names = {(path.parent, path.stem) for path in paths}
     return [
-        path for path in paths if (found := PART.fullmatch(path.stem)) is None or (path.parent, found[1]) not in names
+        path for path in paths if (match := PART.fullmatch(path.stem)) is None or (path.parent, match[1]) not in names
     ]
 
 
-def whole(path, read, progress):
-    """(what was read of the file and of the parts that go on with it, [Path] of all of them).
+def readers_of(path, read):
+    """Return the readers of a file and of the parts that continue it, and the metadata of the first one.
 
-    read : called with a path and a progress; returns a runtime.recording.reader.Reader. BadInput
+    path : Path of the file
+    read : function of a path that returns a runtime.recording.reader.Reader
+
+    Raises BadInput.
     """
-    first, number, paths = read_first(path, read, progress)
+    following = path.parent / f"{path.stem}_part2{path.suffix}"
+    if following.exists() and path.exists() and path.stat().st_size == 0:  # its recorder was killed at once
+        readers, number = [read(following)], 2
+        about = {**readers[0].about, "part": 1}
+    else:
+        readers = [read(path)]
+        about = readers[0].about
+        number = about.get("part", 1)
     stem = path.stem.removesuffix(f"_part{number}") if number > 1 else path.stem
     while (following := path.with_name(f"{stem}_part{number + 1}{path.suffix}")).exists():
         number += 1
         try:
-            second = read(following, progress)
-        except BadInput:  # its recorder was killed, too, before its first tick
+            reader = read(following)
+        except BadInput:  # its recorder, too, was killed before its first tick
             continue
-        if second.about.get("part") != number or not are_of_one_run(first, second):
-            break  # of another run that had the same name
-        join(first, second)
-        paths.append(following)
-    return first, paths
-
-
-def read_first(path, read, progress):
-    """(what was read, the number of the part, [its Path]). An empty file's recorder died at once: the next part begins
-    where it should have.
-    """
-    following = path.parent / f"{path.stem}_part2{path.suffix}"
-    if following.exists() and path.exists() and path.stat().st_size == 0:
-        first = read(following, progress)
-        first.about = {**first.about, "part": 1}
-        return first, 2, [following]
-    first = read(path, progress)
-    return first, first.about.get("part", 1), [path]
+        if reader.about.get("part") != number or not are_of_one_run(readers, reader):
+            break  # of another run of the same name
+        readers.append(reader)
+    return readers, about
 
 
 def is_unbegun(reader):
@@ -75,67 +75,207 @@ def is_unbegun(reader):
     return not any(event["event"] == "begin" for event in reader.events)
 
 
-def are_of_one_run(first, second):
-    """Return whether two parts agree in diagram, signals and, where the first one has it, the start of the run."""
+def are_of_one_run(readers, second):
+    """Return whether a part has the diagram, the signals and, if known, the start of the parts before it."""
     here, there = (
-        (part.about.get("hash"), [signal["path"] for signal in part.about["signals"]]) for part in (first, second)
+        (part.about.get("hash"), [signal["path"] for signal in part.about["signals"]]) for part in (readers[0], second)
     )
-    return here == there and (is_unbegun(first) or first.began == second.began)
+    return here == there and (all(map(is_unbegun, readers)) or readers[0].began == second.began)
 
 
-def join(first, second):
-    """Lengthen what was read of a part by the next one."""
-    unbegun = is_unbegun(first)
-    if unbegun:
-        first.began = second.began
-    rows, since = keep(first, second)
-    offset = drains_before(first.frames, second.frames, rows)
-    drained = first.frames[-1].drained if first.frames else 0
-    first.seams.append(Seam(rows, since, offset, first.began + drained))
-    for frame in second.frames:
-        first.frames.append(
-            replace(
-                frame,
-                drain=frame.drain + offset,
-                row=frame.row + rows,
-                drained=frame.drained if frame.drain else drained,
-            )
-        )
-    for topic in {**first.messages, **second.messages}:
-        first.messages[topic] = first.messages.get(topic, [])[:rows] + second.messages.get(topic, [])
-    first.events += [event for event in second.events if unbegun or event["event"] != "begin"]
-    first.end, first.finished, first.trouble = second.end, second.finished, second.trouble
+class Recording:
+    """Parts of one run as one recording.
 
+    path : Path of the first part
+    read : function of a path that returns a runtime.recording.reader.Reader
 
-def keep(first, second):
-    """How many rows of a part to keep: those before the next one begins. A recorder that was stopped before it was
-    killed leaves more.
+    readers : of the parts
+    about, end, diagram, finished, trouble : as in Contents, of the first or the last part
+    seams : [Seam] of each part but the first
 
-    Returns (rows, as Seam has `since`).
+    Raises BadInput.
     """
-    kept = first.messages[messages.ROW_END]
-    if second.messages[messages.ROW_END]:
-        begins = number_of(second.messages[messages.ROW_END][0])
-        beyond = next((row for row, data in enumerate(kept) if number_of(data) >= begins), len(kept))
-        if beyond < len(kept):
-            since = second.frames[0].time if second.frames else None
-            first.frames = [
-                frame for frame in first.frames if frame.row <= beyond and (since is None or frame.time < since)
-            ]
-            return beyond, None if since is None else second.began + since
-    return len(kept), None
+
+    def __init__(self, path, read):
+        self.readers, self.about = readers_of(path, read)
+        self.diagram = self.readers[0].diagram
+        self.arrange()
+
+    def arrange(self):
+        """Place the rows and frames of every part."""
+        self.seams: list[Seam] = []
+        self.began = self.readers[0].began if len(self.readers) > 1 else 0
+        for number in range(1, len(self.readers)):
+            second = self.readers[number]
+            if all(map(is_unbegun, self.readers[:number])):
+                self.began = second.began
+                for reader in self.readers[:number]:
+                    reader.began = self.began
+            self.seams.append(self.seam(number, second))
+
+    @property
+    def end(self):
+        return self.readers[-1].end
+
+    @property
+    def finished(self):
+        return self.readers[-1].finished
+
+    @property
+    def trouble(self):
+        return self.readers[-1].trouble
+
+    @property
+    def paths(self):
+        return [reader.path for reader in self.readers]
+
+    def check(self, progress=lambda share: None):
+        """Check every message. Returns whether the number of rows has changed. Raises BadInput."""
+        count, changed = len(self.readers), False
+        for number, reader in enumerate(self.readers):
+            changed |= reader.check(lambda share, number=number: progress((number + share) / count))
+        if changed and count > 1:
+            self.arrange()
+        return changed
+
+    def starts(self, count=None):
+        """Return the number of rows before each part, and of all. count : of parts"""
+        starts = [0]
+        for number, reader in enumerate(self.readers[:count]):
+            starts.append(min([starts[-1] + len(reader), *(seam.rows for seam in self.seams[number:])]))
+        return starts
+
+    def __len__(self):
+        """Return the number of complete rows."""
+        return self.starts()[-1]
+
+    @property
+    def events(self):
+        """Events of all parts: [dict]."""
+        return [
+            event
+            for number, reader in enumerate(self.readers)
+            for event in reader.events
+            if number == 0 or event["event"] != "begin" or all(map(is_unbegun, self.readers[:number]))
+        ]
+
+    def rows(self, places, first=0, last=None) -> tuple[Any, np.ndarray]:
+        """Read rows. Arguments and result as those of Reader.rows."""
+        length = len(self)
+        last = length if last is None else min(last, length)
+        if len(self.readers) == 1:
+            return self.readers[0].rows(places, first, last)
+        starts, ticks, values = self.starts(), [np.zeros(0, dtype=TICK)], [np.empty((0, len(places)))]
+        for reader, begin, end in zip(self.readers, starts, starts[1:]):
+            low, high = max(first, begin), min(last, end)
+            if low < high:
+                part = reader.rows(places, low - begin, high - begin)
+                ticks.append(part[0])
+                values.append(part[1])
+        return np.concatenate(ticks), np.concatenate(values)
+
+    def row_from(self, name, value):
+        """Return the number of the first row whose tick or time is `value` or more. name : "tick" or "time" """
+        starts = self.starts()
+        for reader, begin, end in zip(self.readers, starts, starts[1:]):
+            row = reader.row_from(name, value)
+            if row < end - begin:
+                return begin + row
+        return starts[-1]
+
+    def adjusted(self, number, frames):
+        """Return frames of a part with the numbers of all parts, without those that do not count."""
+        starts = self.starts(number)
+        frames = frames.copy()
+        frames["row"] += starts[-1]
+        if number:
+            seam = self.seams[number - 1]
+            first = frames["drain"] == 0
+            frames["drained"][first] = seam.drained - self.began
+            frames["drain"] += seam.drains
+        for seam in self.seams[number:]:
+            if self.is_cut(seam, number):
+                kept = frames["row"] <= seam.rows
+                if seam.since is not None:
+                    kept &= frames["time"] < seam.since - self.began
+                frames = frames[kept]
+        return frames
+
+    def is_cut(self, seam, number):
+        """Return whether a seam removes rows of the parts before it."""
+        return seam.since is not None or self.starts(number)[-1] + len(self.readers[number]) > seam.rows
+
+    def frames_of(self, number):
+        """Yield the frames of the chunks of a part."""
+        for _, frames in self.readers[number].frames():
+            yield self.adjusted(number, frames)
+
+    def last_frames(self, count):
+        """Yield the frames of the first `count` parts by chunks, from the last to the first."""
+        for number in reversed(range(count)):
+            reader = self.readers[number]
+            for chunk in reversed(reader.with_messages(reader.layout.buses)):
+                for _, frames in reader.frames([chunk]):
+                    yield self.adjusted(number, frames)
+
+    def seam(self, number, second):
+        """Return the Seam of a part. A recorder that was stopped before it was killed leaves rows that it has, too."""
+        rows = beyond = self.starts(number)[-1]
+        if len(second):
+            beyond = self.row_before(number, int(second.rows([], 0, 1)[0]["tick"][0]), rows)
+        since = None
+        if beyond < rows:
+            first = next((frames for _, frames in second.frames() if len(frames)), None)
+            since = None if first is None else second.began + int(first["time"][0])
+        self.seams.append(Seam(beyond, since, 0, 0))  # while the frames before it are read
+        drained = next((int(frames["drained"][-1]) for frames in self.last_frames(number) if len(frames)), 0)
+        offset = self.drains_before(number, second, beyond)
+        self.seams.pop()
+        return Seam(beyond, since, offset, self.began + drained)
+
+    def row_before(self, number, tick, rows):
+        """Return how many rows of the first `number` parts precede a tick."""
+        starts = self.starts(number)
+        for reader, begin, end in zip(self.readers[:number], starts, starts[1:]):
+            row = reader.row_from("tick", tick)
+            if row < end - begin:
+                return begin + row
+        return rows
+
+    def drains_before(self, number, second, rows):
+        """Return how many bus drains precede a part whose count begins anew. There is one drain a row.
+
+        rows : before the part
+        """
+        here = difference(self.last_frames(number), last=True)
+        there = difference((frames for _, frames in second.frames()), last=False)
+        if here is None or there is None:
+            return max((int(frames["drain"].max()) for frames in self.last_frames(number) if len(frames)), default=0)
+        return here + rows - there
+
+    def batches(self, frames=True):
+        """Yield Batches, in order: one a chunk, and a last one without rows for the frames after the last row.
+
+        frames : whether they are read
+        """
+        starts, pending, done = self.starts(), NO_FRAMES, 0
+        for number, reader in enumerate(self.readers):
+            for rows, found in reader.stream(frames):
+                pending = np.concatenate((pending, self.adjusted(number, found))) if frames else found
+                rows = rows[: max(0, starts[number + 1] - done)]
+                if len(rows):
+                    done += len(rows)
+                    ready = pending["row"] < done
+                    yield Batch(rows, pending[ready])
+                    pending = pending[~ready]
+        yield Batch(np.empty((0, 2 + len(self.about["signals"]))), pending)
 
 
-def number_of(row):
-    return messages.read(messages.TICK, row)["tick"]
-
-
-def drains_before(frames, following, rows):
-    """How many drains of the buses there were before a part whose count begins anew: there is one a row. rows : of what
-    stands before it
-    """
-    here = next((frame.drain - frame.row for frame in reversed(frames) if frame.row > 0), None)
-    there = next((frame.drain - frame.row for frame in following if frame.row > 0), None)
-    if here is None or there is None:
-        return max((frame.drain for frame in frames), default=0)
-    return here + rows - there
+def difference(parts, last):
+    """Return drain less row of the first or last frame after the first row; None without one."""
+    for frames in parts:
+        after = frames[frames["row"] > 0]
+        if len(after):
+            frame = after[-1 if last else 0]
+            return int(frame["drain"]) - int(frame["row"])
+    return None

@@ -1,45 +1,39 @@
-"""The records of a recording's file, as far as they are good.
+"""Reader: one file of a recording, of which only the chunks that are asked for are read.
 
-A file that was cut off, or damaged, is read up to there. What is no recording is refused with a line that says what it
-is instead.
+Opening reads the summary of a complete file, or scans any other one for its chunks. Checksums and messages are checked
+when a chunk is read. A file that was cut off, or is damaged, is read up to there. Anything else is refused with one
+line that says what it is.
 """
 
 import difflib
-import json
 import os
-import re
-import struct
 from dataclasses import dataclass
-from operator import itemgetter
+from functools import cached_property
+from itertools import accumulate
 from typing import Any
+
+import numpy as np
 
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
-from runtime.recording import messages
-from runtime.recording.chunks import Expander, TooLarge, parsed, unfinished
-from runtime.recording.format import Frame
-from runtime.recording.mcap_file import CHUNK_HEAD, HEAD
-from runtime.recording.records import A_CHUNK, DATA_END, HEADER, RECORD_LIMIT, compressed
+from runtime.recording.batches import NO_FRAMES
+from runtime.recording.chunks import FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT, Expander, load
+from runtime.recording.columns import TICK, Layout
+from runtime.recording.contents import DAMAGE, MAGIC, summarised
+from runtime.recording.metadata import validate
+from runtime.recording.scan import Scan
 
-FORMATS = ("1", "2")
-SPLITTING = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # in a name: what would begin another line on a terminal
-DEEPEST = 64  # levels of lists and objects in JSON
-ATTACHMENTS, LIBRARY = ("about.json", "diagram.json", "end.json"), "tickwork"
-MAGIC = b"\x89MCAP0\r\n"
-LOOK = 4096  # records between two looks at how far the reading is
-MENDED = "was cut off, and what there is of it was completed later"
-# what garbage makes of a reader
-DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError, MemoryError)
+LIBRARY = "tickwork"
 
 
 @dataclass(frozen=True)
 class Recorded:
     """A CAN frame.
 
-    time : ns since the run's begin
-    drain : which drain of the buses, counted from 1, found it there, or came before it was sent; 0 before the first
-    drained : ns since the run's begin, when that was
-    row : how many rows were complete before it
+    time : ns since the start of the run
+    drain : number of the bus drain that returned or preceded it, from 1; 0 before the first
+    drained : time of that drain, in ns since the start of the run
+    row : rows that were complete before it
     payload : bytes of a struct Frame
     """
 
@@ -53,286 +47,249 @@ class Recorded:
 
 
 class Reader:
-    """The records of a file, sorted by what they are.
+    """One file of a recording.
 
-    about, end, diagram : the attachments of these names; None where the file has not got one
-    messages : {topic: [bytes]}
-    seams : where other parts go on, as runtime.recording.parts has joined them
-    began : ns of the wall clock; in virtual time the file's times begin at 0
-    finished, trouble : whether its recorder has written its end; if not, what is the matter, in a line
+    path : of the file
+    progress : called with the fraction of the file that has been scanned
+
+    about, end, diagram : its attachments; `end` and `diagram` may be None
+    began : time of its start, in ns of the file: the wall clock, or 0 in virtual time
+
+    Raises BadInput if the file is not a recording, or one of a newer Tickwork.
     """
 
     def __init__(self, path, progress):
-        self.about: Any = None
-        self.end: Any = None
-        self.diagram: Any = None
-        self.events, self.frames, self.seams = [], [], []
-        self.group = []  # frames since the last row: [(order, Recorded)]
-        self.began = 0
-        self.messages, self.topics, self.sizes = {messages.ROW_END: []}, {}, {}
-        self.finished, self.trouble, self.library = False, "", ""
         need("mcap.stream_reader", "reading a recording")
-        self.spoilt = None  # where a chunk begins whose checksum is wrong
-        self.count, self.written = 0, None  # messages: those that were read, those that the recorder has counted
-        self.refused = ""  # why the file is not read any further, in words
+        self.path, self.checked = path, False
         try:
-            with open(path, "rb") as stream:
-                size = os.fstat(stream.fileno()).st_size
-                self.expander = Expander(size)
-                good = self.read(stream, lambda: progress(stream.tell() / max(1, size)))
-                self.end_group()
-                if not self.finished:
-                    self.trouble = f"{path} {self.refused or matter(stream, good, size)}"
-                elif self.spoilt is not None:
-                    self.finished, self.trouble = (
-                        False,
-                        (f"{path} is damaged somewhere behind byte {self.spoilt}: a checksum is wrong"),
-                    )
-                elif self.written not in (None, self.count):
-                    self.finished, self.trouble = (
-                        False,
-                        (f"{path} is damaged: {self.count} of its {self.written} messages can be read"),
-                    )
-                elif self.end is None:
-                    self.finished, self.trouble = False, f"{path} {MENDED}"
+            with open(path, "rb", buffering=0) as stream:
+                self.size = os.fstat(stream.fileno()).st_size
+                contents = summarised(stream, self.size) or Scan(stream, self.size, False, progress).contents
         except FileNotFoundError:
             raise BadInput(f"{path}: No such file or directory{nearby(path)}") from None
         except IsADirectoryError:
             raise BadInput(f"{path} is a folder: name the recordings in it, as in {path / '*.mcap'}") from None
         except OSError as error:
             raise BadInput(f"{path}: {error.strerror}") from None
-        if self.about is None:
-            raise BadInput(f"{path} {self.refused or self.what_else(path, size)}")
-        if isinstance(self.about, dict) and self.about.get("format") not in FORMATS:
-            raise BadInput(
-                f"{path} has format {self.about.get('format')!r}, and this Tickwork reads "
-                f"{', '.join(FORMATS)}: "
-                "pip install --upgrade tickwork"
-            )
-        if not sound(self.about):
-            raise BadInput(f"{path} is damaged: its about.json does not say which signals it has")
+        if contents.about is None:
+            raise BadInput(f"{path} {self.what_else(contents)}")
+        validate(path, contents.about)
+        self.about = contents.about
+        self.take(contents)
+        if len(self) * self.row_size > max(FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT * self.size):
+            self.check(progress)
 
-    def read(self, stream, look):
-        """Returns how many bytes are good.
+    def take(self, contents):
+        """Use the contents of the file."""
+        self.contents = contents
+        self.layout = Layout(self.path, contents.about, contents.topics)
+        self.about, self.end, self.diagram = contents.about, contents.end, contents.diagram
+        self.row_size = sum(kind.itemsize for kind in self.layout.rows.values())
+        # {channel: number of messages before each chunk, and in all}
+        self.before = {
+            channel: list(accumulate((chunk.counts.get(channel, 0) for chunk in contents.chunks), initial=0))
+            for channel in (*self.layout.rows, self.layout.events, *self.layout.buses)
+        }
+        self.__dict__.pop("events", None)
+        self.__dict__.pop("began", None)
 
-        Messages stand one behind the other in a chunk, and are read so where it is torn or its checksum is wrong. A
-        compressed one is read whole.
-        """
-        from mcap.exceptions import McapError
+    def __len__(self):
+        """Return the number of complete rows."""
+        return min((self.before[channel][-1] for channel in self.layout.rows), default=0)
 
-        start = 0
-        while True:
-            self.at = self.before = start
-            self.taking = False
-            stream.seek(start)
-            try:
-                self.read_from(stream, look)
-                return self.at
-            except (McapError, *DAMAGE) as error:
-                bad = self.before if self.taking else self.at
-                self.refused = str(error) if isinstance(error, TooLarge) else ""
-            if not self.taking and (rest := unfinished(stream, bad)) is not None:
-                data, end = rest
-                if not self.take_unfinished(data) or end is None:
-                    return bad
-                start = end
-                continue
-            stream.seek(bad)
-            head = stream.read(CHUNK_HEAD.size)
-            if self.taking or head[:1] != bytes([A_CHUNK]) or compressed(head):
-                return bad
-            self.spoilt = bad if self.spoilt is None else self.spoilt
-            start = bad + CHUNK_HEAD.size
+    def check(self, progress=lambda share: None):
+        """Check every message of the file, once. Raises BadInput if it is no recording."""
+        if not self.checked:
+            self.checked = True
+            with open(self.path, "rb", buffering=0) as stream:
+                contents = Scan(stream, os.fstat(stream.fileno()).st_size, True, progress).contents
+            if contents.about is None:
+                raise BadInput(f"{self.path} {self.what_else(contents)}")
+            began, known = self.__dict__.get("began"), len(self)
+            self.take(contents)
+            if began is not None:
+                self.began = began
+            return len(self) != known
+        return False
 
-    def read_from(self, stream, look):
-        """Records up to the end. `before`, `at`: where the newest begins and ends; `taking`: it could be read, and is
-        being understood
-        """
-        from mcap.records import Attachment, Channel, Footer, Header, Message, Statistics
+    @property
+    def trouble(self):
+        return self.contents.trouble
 
-        for number, record in enumerate(self.records(stream)):
-            if stream.tell() != self.at:
-                self.before, self.at = self.at, stream.tell()
-            if number % LOOK == 0:
-                look()
-            self.taking = True
-            if isinstance(record, Message):
-                self.take(record)
-                self.count += 1
-            elif isinstance(record, Attachment) and record.name in ATTACHMENTS:
-                try:
-                    setattr(self, record.name.removesuffix(".json"), parsed_json(record.data))
-                except TooDeep:
-                    raise BadInput(
-                        f"{stream.name} is damaged: its {record.name} is nested more than {DEEPEST} levels deep"
-                    ) from None
-            elif isinstance(record, Channel):
-                self.topics[record.id] = record.topic
-                self.messages.setdefault(record.topic, [])
-            elif isinstance(record, Header):
-                self.library = record.library
-            elif isinstance(record, Statistics):
-                self.written = record.message_count
-            elif isinstance(record, Footer):
-                self.finished = True
-            self.taking = False
+    @property
+    def finished(self):
+        return self.contents.finished
 
-    def take_unfinished(self, data):
-        """Take the messages of a chunk without a head. Returns whether all are valid."""
-        from mcap.exceptions import McapError
-
-        try:
-            for record in parsed(data):
-                self.take(record)
-                self.count += 1
-        except (McapError, *DAMAGE):
-            return False
-        return True
-
-    def records(self, stream):
-        """Records of the file from `at` on, those of a chunk in its place."""
-        from mcap.records import Chunk
-        from mcap.stream_reader import StreamReader, breakup_chunk
-
-        size = os.fstat(stream.fileno()).st_size
-        for record in StreamReader(
-            stream, self.at > 0, emit_chunks=True, validate_crcs=True, record_size_limit=size
-        ).records:
-            if not isinstance(record, Chunk):
-                yield record
-            elif record.compression:
-                yield from parsed(self.expander.expand(record))
-            else:
-                yield from breakup_chunk(record, validate_crc=True)
-
-    def what_else(self, path, size):
-        """What a file is that is no recording."""
-        with open(path, "rb") as stream:
+    def what_else(self, contents):
+        """Return what a file is that is not a recording."""
+        with open(self.path, "rb") as stream:
             mcap = stream.read(len(MAGIC)) == MAGIC
-        if size == 0 or mcap and self.library == LIBRARY:
+        if self.size == 0 or mcap and contents.library == LIBRARY:
             return "was cut off before its first tick: there is nothing in it"
         if mcap:
             return (
-                f"is an MCAP file of something else ({self.library or 'it does not say what'}): only recordings "
+                f"is an MCAP file of something else ({contents.library or 'it does not say what'}): only recordings "
                 "of Tickwork are read"
             )
-        beside = path.parent / f"{path.stem}.mcap"
-        cure = f"{beside} is" if beside != path and beside.exists() else "name the .mcap file of the run"
+        beside = self.path.parent / f"{self.path.stem}.mcap"
+        cure = f"{beside} is" if beside != self.path and beside.exists() else "name the .mcap file of the run"
         return f"is no recording of Tickwork: {cure}"
 
-    def take(self, record):
-        topic = self.topics[record.channel_id]
-        if topic.startswith(messages.BUS):
-            bus = topic.removeprefix(messages.BUS)
-            if self.about["format"] == "1":
-                self.frames.append(self.frame(bus, record))
-            else:
-                self.group.extend(self.frames_of(bus, record))
-            return
-        self.end_group()
-        if topic == messages.EVENTS:
-            self.take_event(record)
-        else:
-            if len(record.data) != self.sizes.setdefault(topic, len(record.data)):
-                raise ValueError("a row of another size")
-            self.messages[topic].append(record.data)
-            if topic == messages.ROW_END:
-                rows = len(self.messages[topic])
-                for part in self.sizes:
-                    if len(self.messages[part]) != rows:
-                        self.messages[topic].pop()
-                        raise ValueError("a row that lacks something, or has too much")
+    def chunks(self, numbers):
+        """Yield (number, Messages) of chunks. Raises ValueError or LookupError at a damaged one."""
+        with open(self.path, "rb", buffering=0) as stream:
+            expander = Expander(self.size)
+            for number in numbers:
+                yield number, load(stream.fileno(), self.contents.chunks[number], expander)
 
-    def end_group(self):
-        """Sort the frames of all buses since the last row."""
-        self.frames += [frame for _, frame in sorted(self.group, key=itemgetter(0))]
-        self.group = []
-
-    def take_event(self, record):
-        event = parsed_json(messages.read(messages.EVENT, record.data)["json"])
-        self.events.append(event)
-        if event["event"] == "begin":
-            self.began = event["wall"]
-
-    def frame(self, bus, record):
-        """Return the Recorded of a message of format 1."""
-        fields = messages.read(messages.FRAME_V1, record.data)
-        return self.recorded(
-            bus, record.log_time - self.began, record.sequence, record.publish_time - self.began, fields
-        )
-
-    def frames_of(self, bus, record):
-        """Return [(order among the frames of all buses, Recorded)] of a message CanFrames."""
-        drained, group = messages.split_frames(record.data)
-        frames = [messages.read(messages.FRAME, data) for data in group]
+    def with_messages(self, channels, first=0, last=None):
+        """Return the numbers of the chunks with messages of channels, of the rows from `first` to `last`."""
         return [
-            (
-                (record.sequence, fields.get("order", place)),
-                self.recorded(bus, fields["time"], record.sequence, drained, fields),
+            number
+            for number in range(len(self.contents.chunks))
+            if any(
+                self.before[channel][number] < min(last, self.before[channel][number + 1])
+                and self.before[channel][number + 1] > first
+                if last is not None
+                else self.before[channel][number] < self.before[channel][number + 1]
+                for channel in channels
             )
-            for place, fields in enumerate(frames)
         ]
 
-    def recorded(self, bus, time, drain, drained, fields):
-        truths = (bool(fields.get(name)) for name in messages.FLAGS)
-        values: list[Any] = [time, fields["id"], *truths, self.about["buses"].index(bus), fields.get("data", b"")]
-        frame = Frame(*values)
-        rows = len(self.messages[messages.ROW_END])
-        return Recorded(time, bus, frame.sent, drain, drained, rows, frame.pack())
+    def retried(self, read):
+        """Return the result of a function that reads chunks; if one is damaged, check the file and read up to there."""
+        try:
+            return read()
+        except (OSError, BadInput):
+            raise
+        except DAMAGE:
+            if self.checked:
+                raise BadInput(f"{self.path} has changed while it was read") from None
+            self.check()
+            return read()
 
+    def rows(self, places, first=0, last=None) -> tuple[Any, np.ndarray]:
+        """Read rows.
 
-class TooDeep(ValueError):
-    """JSON is nested deeper than any that a recorder writes."""
+        places : of the signals
+        first, last : rows; by default all
 
+        Returns (ticks as an array with the fields "tick", "time" and "lateness" in s, float64 array (rows, places)).
+        """
+        return self.retried(lambda: self._rows(list(places), first, last))
 
-def parsed_json(text):
-    """What a JSON text holds. ValueError; TooDeep, so that whoever goes through it later can do so to the bottom"""
-    try:
-        found = json.loads(text)
-    except RecursionError:
-        raise TooDeep from None
-    layer = [found]
-    for _ in range(DEEPEST + 1):
-        layer = [
-            item
-            for held in layer
-            if isinstance(held, (dict, list))
-            for item in (held.values() if isinstance(held, dict) else held)
-        ]
-        if not layer:
-            return found
-    raise TooDeep
+    def _rows(self, places, first, last) -> tuple[Any, np.ndarray]:
+        last = len(self) if last is None else min(last, len(self))
+        count = max(0, last - first)
+        ticks, values = np.zeros(count, dtype=TICK), np.empty((count, len(places)))
+        columns = {place: column for column, place in enumerate(places)}
+        layout = self.layout
+        wanted = {
+            channel: [(columns[place], str(place)) for place in subsystem.columns if place in columns]
+            for channel, subsystem in layout.subsystems.items()
+        }
+        wanted = {channel: fields for channel, fields in wanted.items() if fields}
+        channels = [] if layout.tick is None else [layout.tick, *wanted]
+        for number, chunk in self.chunks(self.with_messages(channels, first, last)):
+            for channel in channels:
+                begin, end = self.before[channel][number : number + 2]
+                low, high = max(begin, first), min(end, last)
+                if low >= high:
+                    continue
+                found = chunk.records(channel, layout.rows[channel])["body"]
+                if len(found) != end - begin:
+                    raise ValueError("an index with another number of messages")
+                found = found[low - begin : high - begin]
+                if channel == layout.tick:
+                    ticks[low - first : high - first] = found
+                else:
+                    for column, name in wanted[channel]:
+                        values[low - first : high - first, column] = found[name]
+        return ticks, values
 
+    def frames(self, numbers=None):
+        """Yield (number of the chunk, frames of the chunk as an array of FRAME)."""
+        layout = self.layout
+        numbers = self.with_messages(layout.buses) if numbers is None else numbers
+        for number, chunk in self.chunks(numbers):
+            yield number, layout.frames(chunk, self.began, self.before[layout.tick][number])
 
-def sound(about):
-    """Whether all is there that tells what the messages mean."""
-    try:
-        said = [
-            about["name"],
-            *about["buses"],
-            *(signal[word] for signal in about["signals"] for word in ("path", "unit", "dtype")),
-        ]
-        return (
-            all(isinstance(word, str) and not SPLITTING.search(word) for word in said)
-            and about["rate"] > 0
-            and isinstance(about["metadata"], dict)
-        )
-    except (LookupError, TypeError):
-        return False
+    def all_frames(self):
+        """Return every frame, as an array of FRAME."""
+        return self.retried(lambda: np.concatenate([NO_FRAMES, *(part for _, part in self.frames())]))
 
+    def stream(self, with_frames=True):
+        """Yield (rows as in a Batch, frames as an array of FRAME) of every chunk, in order.
 
-def matter(stream, good, size):
-    """What is the matter with a file that is good up to a byte, in words."""
-    stream.seek(good)
-    head = stream.read(HEAD.size)
-    kind, length = HEAD.unpack(head) if len(head) == HEAD.size else (HEADER, 0)
-    if HEADER <= kind <= DATA_END and length < RECORD_LIMIT and good + HEAD.size + length >= size:
-        return "is not complete: it was cut off, or is still being recorded"
-    return f"is damaged from byte {good} of {size} on: what stands before is read"
+        A row whose messages are in several chunks comes with the last of them.
+
+        with_frames : whether the frames are read; else there are none
+        """
+        number, layout = 0, self.layout
+        open_rows: dict[int, Any] = {channel: np.zeros(0, dtype=kind) for channel, kind in layout.rows.items()}
+        width = 2 + len(self.about["signals"])
+        while number < len(self.contents.chunks):
+            try:
+                [(_, chunk)] = self.chunks([number])
+                found = {channel: chunk.records(channel, kind)["body"] for channel, kind in layout.rows.items()}
+                frames = NO_FRAMES
+                if layout.buses and with_frames:
+                    frames = layout.frames(chunk, self.began, self.before[layout.tick][number])
+            except OSError:
+                raise
+            except DAMAGE:
+                if self.checked:
+                    raise BadInput(f"{self.path} has changed while it was read") from None
+                self.check()
+                layout = self.layout
+                continue
+            number += 1
+            open_rows = {channel: np.concatenate((open_rows[channel], part)) for channel, part in found.items()}
+            count = min(map(len, open_rows.values()), default=0)
+            rows = np.empty((count, width))
+            for channel, part in open_rows.items():
+                if channel == layout.tick:
+                    rows[:, 0], rows[:, 1] = part["tick"][:count], part["lateness"][:count]
+                else:
+                    for place in layout.subsystems[channel].columns:
+                        rows[:, 2 + place] = part[str(place)][:count]
+            open_rows = {channel: part[count:] for channel, part in open_rows.items()}
+            yield rows, frames
+
+    @cached_property
+    def events(self):
+        """Events: [dict]."""
+
+        def read():
+            numbers = [] if self.layout.events is None else self.with_messages([self.layout.events])
+            return [event for _, chunk in self.chunks(numbers) for event in self.layout.events_of(chunk)]
+
+        return self.retried(read)
+
+    @cached_property
+    def began(self):
+        return next((event["wall"] for event in self.events if event["event"] == "begin"), 0)
+
+    def row_from(self, name, value):
+        """Return the number of the first row whose tick or time is `value` or more. name : "tick" or "time" """
+        low, high = 0, len(self)
+        while low < high:
+            middle = (low + high) // 2
+            number = np.searchsorted(self.before[self.layout.tick], middle, side="right") - 1
+            begin, end = self.before[self.layout.tick][number : number + 2]
+            ticks = self.rows([], begin, min(end, len(self)))[0][name]
+            place = int(np.searchsorted(ticks, value))
+            if place == 0:
+                high = begin
+            elif place == len(ticks):
+                low = begin + place
+            else:
+                return begin + place
+        return low
 
 
 def nearby(path):
-    """What the person may have meant, in words."""
+    """Return a suggestion for the name of a file that does not exist."""
     try:
         names = sorted(name for name in os.listdir(path.parent) if name.endswith(".mcap"))
     except OSError:

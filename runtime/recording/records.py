@@ -7,6 +7,7 @@ from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, ROOM, STR
 
 # kinds of records
 HEADER, FOOTER, SCHEMA, CHANNEL, A_MESSAGE, A_CHUNK, AN_INDEX, CHUNK_INDEX, ATTACHMENT = range(1, 10)
+ATTACHMENT_INDEX, STATISTICS = 10, 11
 DATA_END = 15
 KINDS = {*range(HEADER, DATA_END + 1), ROOM, STREAM}
 RECORD_LIMIT = 64 << 20  # bytes: an attachment

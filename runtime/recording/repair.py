@@ -15,7 +15,7 @@ from array import array
 from contextlib import contextmanager
 from struct import Struct
 
-from runtime.recording.chunks import LARGEST
+from runtime.recording.chunks import CHUNK_LIMIT
 from runtime.recording.files import AT_ONCE, WholeFile, claim
 from runtime.recording.mcap_file import CHUNK, CHUNK_HEAD, CHUNK_HEADS, HEAD, MESSAGE, ROOM, STREAM, ZSTD, McapFile
 from runtime.recording.reader import DAMAGE, LIBRARY, MAGIC
@@ -150,9 +150,9 @@ class Repair:
         kind, length, _, _, size, checksum, _, name, compressed_size = form.unpack(head)
         if kind not in (STREAM, A_CHUNK) or name != ZSTD.encode():
             return None
-        known = kind == A_CHUNK and form.size - HEAD.size < length < LARGEST
-        frame = self.stream.read(length - form.size + HEAD.size if known else LARGEST)
-        content, ends, ended = decode(frame, LARGEST)
+        known = kind == A_CHUNK and form.size - HEAD.size < length < CHUNK_LIMIT
+        frame = self.stream.read(length - form.size + HEAD.size if known else CHUNK_LIMIT)
+        content, ends, ended = decode(frame, CHUNK_LIMIT)
         complete = {0}
         self.begin_chunk(at, ZSTD, (size, checksum) if kind == A_CHUNK and compressed_size == len(frame) else None)
         for place, message, record in walk(io.BytesIO(content), 0):

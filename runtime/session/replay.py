@@ -109,7 +109,8 @@ class Replayed:
 def opened(path):
     """Return the Trial of a recording. path : of the .mcap file. Raises BadInput if it cannot be replayed."""
     with Progress(f"reading {Path(path).name}") as progress:
-        trial = Trial(path, progress)
+        trial = Trial(path)
+        trial.check(progress)
     check(trial)
     return trial
 
@@ -169,25 +170,26 @@ def replay(trial, source, folder=None):
             raise BadInput(report["problems"][0])
         files = [entry["path"] for entry in report["files"]]
         with Progress("comparing") as progress:
-            here = Trial(next(name for name in files if name.endswith(".mcap")), progress.part(0.0, 0.9))
-    mine, theirs = sent_frames(trial), sent_frames(here)
-    frame = next(
-        (index for index, (a, b) in enumerate(zip(mine, theirs)) if a != b),
-        None if len(mine) == len(theirs) else min(len(mine), len(theirs)),
-    )
-    unchanged = computation(trial.diagram or {}) == computation(json.loads(to_json(diagram)))
-    return Replayed(
-        trial,
-        here,
-        source,
-        unchanged,
-        outcome,
-        compare(trial, here, order(schedule)),
-        frame,
-        len(mine),
-        files if folder else [],
-        fault,
-    )
+            here = Trial(next(name for name in files if name.endswith(".mcap")))
+            here.check(progress.part(0.0, 0.9))
+        mine, theirs = sent_frames(trial), sent_frames(here)
+        frame = next(
+            (index for index, (a, b) in enumerate(zip(mine, theirs)) if a != b),
+            None if len(mine) == len(theirs) else min(len(mine), len(theirs)),
+        )
+        unchanged = computation(trial.diagram or {}) == computation(json.loads(to_json(diagram)))
+        return Replayed(
+            trial,
+            here,
+            source,
+            unchanged,
+            outcome,
+            compare(trial, here, order(schedule)),
+            frame,
+            len(mine),
+            files if folder else [],
+            fault,
+        )
 
 
 def check(trial):

@@ -90,13 +90,13 @@ def test_a_compressed_recording_reads_and_converts_as_the_plain_one_does(command
 
 def test_any_damage_in_a_compressed_chunk_ends_the_reading_before_it(recording, command_line):
     whole, data, dice = runtime.load(recording), recording.read_bytes(), random.Random(7)
-    ticks = whole.tick.tolist()
+    ticks, rows = whole.tick.tolist(), whole.rows
     begin, end = compressed_chunks(recording)[2]
     reported = 0
     for at in [*range(begin + 1, begin + 60), *(dice.randrange(begin + 60, end) for _ in range(60))]:
         recording.write_bytes(data[:at] + bytes([data[at] ^ 1 << dice.randrange(8)]) + data[at + 1 :])
         trial = runtime.load(recording)
-        assert trial.tick.tolist() == ticks[: len(trial)] and trial.rows.tobytes() == whole.rows[: len(trial)].tobytes()
+        assert trial.tick.tolist() == ticks[: len(trial)] and trial.rows.tobytes() == rows[: len(trial)].tobytes()
         assert trial.complete == (len(trial) == len(whole))
         if at >= begin + 60 and not trial.complete:  # some bits may differ, and the same comes out of it
             assert trial.trouble == (

@@ -1,0 +1,60 @@
+"""Check of the messages of a recording, chunk by chunk: sizes, times, frames and events."""
+
+import numpy as np
+
+from runtime.recording.chunks import NONE, windows
+from runtime.recording.columns import HEADS, Damaged
+from runtime.recording.mcap_file import MESSAGE_REST
+
+NO_TIMES = np.zeros(0, dtype=np.int64)
+
+
+class Check:
+    """Check of chunks in order. layout : Layout"""
+
+    def __init__(self, layout):
+        self.layout = layout
+        self.begun = set()  # channels with a message
+        self.open = {channel: (NO_TIMES, NO_TIMES) for channel in layout.subsystems}  # log times without counterpart
+
+    def first_damaged(self, chunk):
+        """Return the position of the first message that cannot be understood or that lacks its row; None without one.
+
+        chunk : Messages
+
+        Raises BadInput if the rows are not of the recorded signals.
+        """
+        layout, bad = self.layout, []
+        bad += [offsets[0] for channel, offsets in chunk.offsets.items() if channel not in layout.topics]
+        times = {}
+        for channel, kind in layout.rows.items():
+            offsets = chunk.offsets.get(channel, NONE)
+            heads = windows(chunk.data, offsets, HEADS.itemsize).view(HEADS)[:, 0]
+            wrong = heads["length"] != MESSAGE_REST + kind.itemsize
+            if wrong.any():
+                if wrong[0] and channel not in self.begun:
+                    raise layout.mismatch()
+                bad.append(offsets[int(np.argmax(wrong))])
+            if len(offsets):
+                self.begun.add(channel)
+            times[channel] = heads["log_time"]
+        for channel in layout.subsystems:
+            bad += self.lonely(chunk, channel, times)
+        for content in (lambda: layout.frames(chunk, 0, 0), lambda: layout.events_of(chunk)):
+            try:
+                content()
+            except Damaged as damage:
+                bad.append(damage.offset)
+        return int(min(bad)) if bad else None
+
+    def lonely(self, chunk, channel, times):
+        """Return [offset of the first tick whose time is not that of its row in a subsystem]."""
+        rows, ticks = self.open[channel]
+        before = len(ticks)
+        rows, ticks = np.concatenate((rows, times[channel])), np.concatenate((ticks, times[self.layout.tick]))
+        both = min(len(rows), len(ticks))
+        differ = rows[:both] != ticks[:both]
+        self.open[channel] = rows[both:], ticks[both:]
+        if not differ.any():
+            return []
+        return [chunk.offsets[self.layout.tick][max(0, int(np.argmax(differ)) - before)]]

@@ -1,0 +1,209 @@
+"""Rows, frames and events of the messages of a chunk, as NumPy arrays."""
+
+from typing import Any
+
+import numpy as np
+
+from runtime.base.errors import BadInput
+from runtime.recording import messages
+from runtime.recording.batches import FRAME
+from runtime.recording.chunks import MESSAGE_HEAD, NONE, windows
+from runtime.recording.format import FD_FLAGS, ID_FLAGS
+from runtime.recording.json_text import parsed_json
+from runtime.recording.mcap_file import HEAD, MESSAGE
+
+HEADS = np.dtype(MESSAGE_HEAD)
+TICK = np.dtype(messages.TICK_ROW)
+DATA_LIMIT = 64  # bytes of a frame
+DRAINED_TAG = messages.DRAINED << 3 | messages.WIRE_FIXED64  # in front of the time of a drain, in a message CanFrames
+FRAME_TAG = messages.FRAMES << 3 | messages.WIRE_LENGTH  # in front of a frame
+
+
+class Damaged(ValueError):
+    """A message that cannot be understood. offset : its position in the chunk"""
+
+    def __init__(self, offset):
+        super().__init__(f"a damaged message at byte {offset} of its chunk")
+        self.offset = int(offset)
+
+
+class Layout:
+    """Channels of a recording, by what their messages contain.
+
+    path : of the file, for errors
+    about : metadata of the recording
+    topics : {channel: topic}
+
+    rows : {channel: dtype of a message}, of the subsystems and of the tick
+    subsystems : {channel: Subsystem}
+    tick, events : channels; None if the file has none
+    buses : {channel: index of the bus}
+
+    Raises BadInput if the channels are not those of the signals.
+    """
+
+    def __init__(self, path, about, topics):
+        channels = {topic: channel for channel, topic in topics.items()}
+        self.path, self.topics = path, topics
+        self.tick, self.events = channels.get(messages.ROW_END), channels.get(messages.EVENTS)
+        self.decode = frames_of_format_1 if about["format"] == "1" else frames_of_format_2
+        self.buses = {
+            channels[messages.BUS + bus]: index
+            for index, bus in enumerate(about["buses"])
+            if messages.BUS + bus in channels
+        }
+        self.subsystems, self.rows = {}, {}
+        if self.tick is None:
+            return
+        self.rows[self.tick] = TICK
+        paths = [(index, signal["path"]) for index, signal in enumerate(about["signals"])]
+        for subsystem in messages.subsystems(about["name"], paths):
+            if subsystem.topic not in channels:
+                raise self.mismatch()
+            channel = channels[subsystem.topic]
+            self.subsystems[channel], self.rows[channel] = subsystem, subsystem.dtype()
+
+    def mismatch(self):
+        return BadInput(f"{self.path} is damaged: its rows do not match the signals in its about.json")
+
+    def frames(self, chunk, began, rows):
+        """Return the frames of a chunk as an array of FRAME, in order. Raises Damaged.
+
+        chunk : Messages
+        began : time at which the run started, in ns of the file
+        rows : rows that were complete before the chunk
+        """
+        parts, order = [], []
+        ticks = chunk.offsets.get(self.tick, NONE)
+        for channel, bus in self.buses.items():
+            offsets = chunk.offsets.get(channel, NONE)
+            if len(offsets):
+                part, places, order_here = self.decode(chunk.data, offsets, began)
+                part["bus"] = bus
+                part["row"] = rows + np.searchsorted(ticks, places)
+                parts.append(part)
+                order.append(order_here)
+        if len(parts) < 2:
+            return parts[0] if parts else np.zeros(0, dtype=FRAME)
+        found = np.concatenate(parts)
+        return found[np.lexsort((np.concatenate(order), found["drain"], found["row"]))]
+
+    def events_of(self, chunk):
+        """Return [event] of a chunk. Raises Damaged."""
+        found = []
+        for offset in chunk.offsets.get(self.events, NONE).tolist():
+            length = HEAD.unpack_from(chunk.data, offset)[1]
+            body = chunk.data[offset + MESSAGE.size : offset + HEAD.size + length].tobytes()
+            try:
+                event = parsed_json(messages.read(messages.EVENT, body)["json"])
+                found.append(event if isinstance(event["event"], str) else None)
+            except (ValueError, LookupError, TypeError):
+                raise Damaged(offset) from None
+        return found
+
+
+def frames_of_format_1(data, offsets, began):
+    """Decode messages with one frame each.
+
+    Returns (array of FRAME, offset of the message of each, number that orders those of all buses). Raises Damaged.
+    """
+    heads = windows(data, offsets, MESSAGE.size).view(HEADS)[:, 0]
+    ends = offsets + HEAD.size + heads["length"].astype(np.int64)
+    made, fields = decoded(data, offsets, offsets + MESSAGE.size, ends, messages.FRAME_V1)
+    made["time"], made["drain"] = heads["log_time"] - began, heads["sequence"]
+    made["drained"] = heads["publish_time"] - began
+    return made, offsets, offsets
+
+
+def frames_of_format_2(data, offsets, began):
+    """Decode messages with the frames of one bus drain each. Result as that of frames_of_format_1."""
+    heads = windows(data, offsets, MESSAGE.size).view(HEADS)[:, 0]
+    ends = offsets + HEAD.size + heads["length"].astype(np.int64)
+    at = offsets + MESSAGE.size
+    wrong = data.take(at, mode="clip") != DRAINED_TAG
+    drained = data.take(at[:, None] + np.arange(1, 9), mode="clip").view("<i8")[:, 0]
+    at = at + 9
+    begins, items, numbers = [], [], []  # of the frames that have the same place in their messages
+    message, open_messages = np.arange(len(offsets)), at < ends
+    while open_messages.any():
+        message, at, ends = message[open_messages], at[open_messages], ends[open_messages]
+        tags, lengths = data.take(at, mode="clip"), data.take(at + 1, mode="clip").astype(np.int64)
+        wrong[message[(tags != FRAME_TAG) | (lengths > 127)]] = True
+        begins.append(at + 2)
+        items.append(message)
+        numbers.append(np.full(len(message), len(numbers)))
+        at = at + 2 + lengths
+        wrong[message[at > ends]] = True
+        open_messages = (at < ends) & ~wrong[message]
+    if wrong.any():
+        raise Damaged(offsets[int(np.argmax(wrong))])
+    item = np.concatenate([NONE, *items])
+    begin, number = np.concatenate([NONE, *begins]), np.concatenate([NONE, *numbers])
+    sorting = np.lexsort((number, item))
+    item, begin, number = item[sorting], begin[sorting], number[sorting]
+    end = begin + data.take(begin - 1, mode="clip")
+    made, others = decoded(data, offsets[item], begin, end, messages.FRAME)
+    made["drained"], made["drain"] = drained[item], heads["sequence"][item]
+    order = others["order"]
+    return made, offsets[item], np.where(order < 0, number, order)
+
+
+def decoded(data, offsets, at, ends, fields):
+    """Decode messages CanFrame.
+
+    data : array of bytes
+    offsets : of the message record of each, for errors
+    at, ends : where each begins and ends
+    fields : as in runtime.recording.messages
+
+    Returns (array of FRAME, {name: values} of the other numbers, -1 where there is none). Raises Damaged.
+    """
+    made, others = np.zeros(len(at), dtype=FRAME), {}
+    start, length = at, np.zeros(len(at), dtype=np.int64)
+    for number, (name, kind) in enumerate(fields, 1):
+        if kind == messages.BYTES:
+            present = data.take(at, mode="clip") == (number << 3 | messages.WIRE_LENGTH)
+            start, length = at + 2, np.where(present, data.take(at + 1, mode="clip"), 0).astype(np.int64)
+            at = at + np.where(present, 2 + length, 0)
+        elif kind == messages.BOOL:
+            present = (data.take(at, mode="clip") == (number << 3 | messages.WIRE_VARINT)) & (at < ends)
+            flag(made, name, present & (data.take(at + 1, mode="clip") != 0))
+            at = at + 2 * present
+        else:
+            size, wire = (4, messages.WIRE_FIXED32) if kind == messages.FIXED32 else (8, messages.WIRE_FIXED64)
+            present = (data.take(at, mode="clip") == (number << 3 | wire)) & (at < ends)
+            field = data.take(at[:, None] + np.arange(1, 1 + size), mode="clip")
+            values = field.view(f"<{'u' if size == 4 else 'i'}{size}")[:, 0].astype(np.int64)
+            if name == "id":
+                made["id"] |= np.where(present, values, 0).astype(np.uint32)
+            elif name == "time":
+                made["time"] = np.where(present, values, 0)
+            else:
+                others[name] = np.where(present, values, -1)
+            at = at + np.where(present, 1 + size, 0)
+    wrong = (at != ends) | (length > DATA_LIMIT)
+    if wrong.any():
+        raise Damaged(offsets[int(np.argmax(wrong))])
+    width = int(length.max(initial=0))
+    content = np.zeros((len(made), DATA_LIMIT), dtype=np.uint8)
+    places = np.arange(width)
+    content[:, :width] = np.where(
+        places < length[:, None], data.take(start[:, None] + places, mode="clip"), np.uint8(0)
+    )
+    made["length"], made["data"] = length, content.view("V64")[:, 0]
+    return made, others
+
+
+def flag(made, name, values):
+    """Set a flag of frames."""
+    if name in ID_FLAGS:
+        made["id"] |= np.where(values, np.uint32(ID_FLAGS[name]), np.uint32(0))
+    elif name in FD_FLAGS:
+        made["flags"] |= np.where(values, np.uint8(FD_FLAGS[name]), np.uint8(0))
+    else:
+        made[name] = values
+
+
+def tick_values(chunk, layout) -> Any:
+    """Return the ticks of a chunk as a structured array. Raises ValueError for messages of another size."""
+    return chunk.records(layout.tick, TICK)["body"]

@@ -1,0 +1,131 @@
+"""Contents of a recording's file, and how a complete file lists them in its summary."""
+
+import io
+import os
+import struct
+import zlib
+from dataclasses import dataclass, field
+from typing import Any
+
+from runtime.recording.chunks import PLACE, Chunk
+from runtime.recording.json_text import parsed_json
+from runtime.recording.mcap_file import CHUNK_HEAD, HEAD, INDEX
+from runtime.recording.records import (
+    ATTACHMENT_INDEX,
+    CHANNEL,
+    CHUNK_INDEX,
+    FOOTER,
+    HEADER,
+    RECORD_LIMIT,
+    STATISTICS,
+    read,
+    walk,
+)
+
+ATTACHMENTS = ("about.json", "diagram.json", "end.json")
+MAGIC = b"\x89MCAP0\r\n"
+FOOTER_FIELDS = struct.Struct("<QQI")
+# what a reader of garbage raises
+DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError, MemoryError)
+
+
+@dataclass
+class Contents:
+    """Contents of one file.
+
+    about, end, diagram : attachments of these names; None if the file has none
+    library : program that wrote the file
+    topics : {channel: topic}
+    chunks : [Chunk], in order
+    finished, trouble : whether its recorder has written its end; if not, the problem with the file, in one line
+    """
+
+    about: Any = None
+    end: Any = None
+    diagram: Any = None
+    library: str = ""
+    topics: dict[int, str] = field(default_factory=dict)
+    chunks: list[Chunk] = field(default_factory=list)
+    finished: bool = False
+    trouble: str = ""
+
+    def attach(self, name, data):
+        """Take an attachment. Raises ValueError if it is not JSON, and BadInput if it is nested too deep."""
+        if name in ATTACHMENTS:
+            setattr(self, name.removesuffix(".json"), parsed_json(data))
+
+
+def summarised(stream, size):
+    """Return the Contents of a complete file from its summary; None if the file has no valid one.
+
+    stream : file, unbuffered
+    size : of the file, in bytes
+    """
+    from mcap.exceptions import McapError
+
+    tail = HEAD.size + FOOTER_FIELDS.size + len(MAGIC)
+    if size < len(MAGIC) + tail:
+        return None
+    footer = os.pread(stream.fileno(), tail, size - tail)
+    start, _, checksum = FOOTER_FIELDS.unpack_from(footer, HEAD.size)
+    if footer[0] != FOOTER or not footer.endswith(MAGIC) or not 0 < start <= size - tail:
+        return None
+    summary = os.pread(stream.fileno(), size - tail - start, start)
+    if checksum == 0 or zlib.crc32(footer[: HEAD.size + 16], zlib.crc32(summary)) != checksum:
+        return None
+    contents, attachments, indices, written = Contents(finished=True), [], [], None
+    try:
+        head = HEAD.unpack(os.pread(stream.fileno(), HEAD.size, len(MAGIC)))
+        if head[0] != HEADER or head[1] > RECORD_LIMIT:
+            return None
+        contents.library = read("Header", os.pread(stream.fileno(), head[1], len(MAGIC) + HEAD.size)).library
+        for _, kind, data in walk(io.BytesIO(summary), start):
+            body = data[HEAD.size :]
+            if kind == CHANNEL:
+                channel = read("Channel", body)
+                contents.topics[channel.id] = channel.topic
+            elif kind == CHUNK_INDEX:
+                indices.append(read("ChunkIndex", body))
+            elif kind == ATTACHMENT_INDEX:
+                attachments.append(read("AttachmentIndex", body))
+            elif kind == STATISTICS:
+                written = read("Statistics", body).message_count
+        for entry in attachments:
+            if entry.name in ATTACHMENTS and entry.offset + entry.length <= size:
+                data = os.pread(stream.fileno(), entry.length, entry.offset)
+                attachment = read("Attachment", data[HEAD.size :])
+                contents.attach(attachment.name, attachment.data)
+        at = len(MAGIC)
+        for index in indices:
+            chunk = chunk_of(index)
+            if chunk is None or index.chunk_start_offset < at or chunk.end > start:
+                return None
+            contents.chunks.append(chunk)
+            at = chunk.end
+    except (McapError, *DAMAGE):
+        return None
+    counted = sum(sum(chunk.counts.values()) for chunk in contents.chunks)
+    return contents if contents.about is not None and contents.end is not None and written == counted else None
+
+
+def chunk_of(index):
+    """Return the Chunk of a ChunkIndex; None if its fields contradict each other."""
+    head = CHUNK_HEAD.size + len(index.compression)
+    end = index.chunk_start_offset + index.chunk_length
+    places = sorted((offset, channel) for channel, offset in index.message_index_offsets.items())
+    if index.chunk_length != head + index.compressed_size or not places or places[0][0] != end:
+        return None
+    ends = [offset for offset, _ in places[1:]] + [end + index.message_index_length]
+    counts = {}
+    for (offset, channel), until in zip(places, ends):
+        counts[channel], rest = divmod(until - offset - INDEX.size, PLACE.itemsize)
+        if rest or counts[channel] < 1:
+            return None
+    return Chunk(
+        index.chunk_start_offset,
+        index.chunk_start_offset + head,
+        index.compressed_size,
+        index.compression,
+        end + index.message_index_length,
+        counts,
+    )

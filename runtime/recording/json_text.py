@@ -1,0 +1,28 @@
+"""JSON of an untrusted recording, with a limit on its depth."""
+
+import json
+
+DEPTH_LIMIT = 64  # levels of lists and objects
+
+
+class TooDeep(ValueError):
+    """JSON that is nested deeper than any that a recorder writes."""
+
+
+def parsed_json(text):
+    """Return the content of a JSON text. Raises ValueError; TooDeep if it could not be processed recursively."""
+    try:
+        content = json.loads(text)
+    except RecursionError:
+        raise TooDeep from None
+    layer = [content]
+    for _ in range(DEPTH_LIMIT + 1):
+        layer = [
+            item
+            for held in layer
+            if isinstance(held, (dict, list))
+            for item in (held.values() if isinstance(held, dict) else held)
+        ]
+        if not layer:
+            return content
+    raise TooDeep

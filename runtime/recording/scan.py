@@ -1,0 +1,238 @@
+"""Scan of a recording's file, record by record, up to where it was cut off or is damaged.
+
+Chunks are skipped, unless they are to be checked.
+"""
+
+import os
+
+from runtime.base.errors import BadInput
+from runtime.recording.check import Check
+from runtime.recording.chunks import CHUNK_LIMIT, Chunk, Expander, Messages, TooLarge, head_of, load, walked
+from runtime.recording.chunks import STREAM as STREAM_OF_ZSTD
+from runtime.recording.columns import Layout
+from runtime.recording.contents import DAMAGE, MAGIC, Contents
+from runtime.recording.json_text import DEPTH_LIMIT, TooDeep
+from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, INDEX, MESSAGE, ROOM, STREAM, ZSTD
+from runtime.recording.metadata import validate
+from runtime.recording.records import (
+    A_CHUNK,
+    A_MESSAGE,
+    AN_INDEX,
+    ATTACHMENT,
+    CHANNEL,
+    DATA_END,
+    FOOTER,
+    HEADER,
+    RECORD_LIMIT,
+    STATISTICS,
+    read,
+)
+from runtime.recording.zstd_stream import decode, is_torn
+
+CUT = "is not complete: it was cut off, or is still being recorded"
+COMPLETED = "was cut off, and what there is of it was completed later"
+WINDOW = 2 << 20  # bytes in which the end of messages without a chunk is searched
+HEAD_LIMIT = 128  # bytes of the head of a chunk
+
+
+class Scan:
+    """Scan of one file.
+
+    stream : file, unbuffered
+    size : of the file, in bytes
+    deep : whether every message is checked
+    progress : called with the fraction that has been scanned
+
+    contents : Contents, up to the first damage
+
+    Raises BadInput if the file is not a recording that can be read.
+    """
+
+    def __init__(self, stream, size, deep, progress):
+        from mcap.exceptions import McapError
+
+        self.path, self.descriptor, self.size, self.deep = stream.name, stream.fileno(), size, deep
+        self.contents = Contents()
+        self.expander, self.checker = Expander(size), None
+        self.written = None  # messages that the recorder has counted
+        self.unchecked = None  # position of a chunk with a wrong checksum
+        self.is_cut = False  # in a zstd frame
+        self.refused = ""  # why the rest of the file is not read
+        at = len(MAGIC) if self.bytes_at(0, len(MAGIC)) == MAGIC else 0
+        try:
+            while at and not self.contents.finished:
+                progress(at / size)
+                self.good = at
+                following = self.record(at)
+                if following is None:
+                    break
+                at = following
+        except (McapError, *DAMAGE) as error:
+            self.refused = str(error) if isinstance(error, TooLarge) else ""
+        self.good = at if at == 0 else self.good
+        self.contents.trouble = self.trouble()
+        self.contents.finished = not self.contents.trouble
+
+    def bytes_at(self, at, length):
+        return os.pread(self.descriptor, length, at)
+
+    def record(self, at):
+        """Take the record at a position. Returns the position of the next one, or None at the end."""
+        head = self.bytes_at(at, HEAD.size)
+        if len(head) < HEAD.size:
+            return None
+        kind, length = HEAD.unpack(head)
+        end = at + HEAD.size + length
+        if kind == ROOM and length == CHUNK_HEAD.size - HEAD.size:
+            return self.loose(at, at + CHUNK_HEAD.size)
+        if kind == STREAM:
+            return self.stream(at)
+        if kind == A_CHUNK:
+            return self.chunk(at, end)
+        if kind == A_MESSAGE and end <= self.size:
+            return self.loose(at, at)
+        if end > self.size or kind == 0:
+            return None
+        if kind in (HEADER, ATTACHMENT, CHANNEL, STATISTICS, FOOTER):
+            self.take(kind, self.bytes_at(at + HEAD.size, length))
+        return end
+
+    def take(self, kind, body):
+        """Take a record that is not part of a chunk."""
+        contents = self.contents
+        if kind == HEADER:
+            contents.library = read("Header", body).library
+        elif kind == ATTACHMENT:
+            attachment = read("Attachment", body)
+            try:
+                contents.attach(attachment.name, attachment.data)
+            except TooDeep:
+                raise BadInput(
+                    f"{self.path} is damaged: its {attachment.name} is nested more than {DEPTH_LIMIT} levels deep"
+                ) from None
+            if attachment.name == "about.json":
+                validate(self.path, contents.about)
+        elif kind == CHANNEL:
+            channel = read("Channel", body)
+            contents.topics.setdefault(channel.id, channel.topic)
+        elif kind == STATISTICS:
+            self.written = read("Statistics", body).message_count
+        else:
+            contents.finished = True
+
+    def chunk(self, at, end):
+        """Take a chunk."""
+        raw = self.bytes_at(at, HEAD_LIMIT)
+        compressed = raw[CHUNK_HEAD.size - 12 : CHUNK_HEAD.size - 8] != bytes(4)
+        if not compressed and end > self.size:
+            return self.loose(at, at + CHUNK_HEAD.size)
+        head, compression, _, _, stored = head_of(raw)
+        if end > self.size:
+            return self.stream(at) if compression == ZSTD else None
+        counts, after = self.indices(end)
+        following = self.bytes_at(after, HEAD.size)
+        if len(following) < HEAD.size or after + HEAD.size + HEAD.unpack(following)[1] > self.size:
+            counts = {}  # an index may be missing
+        chunk = Chunk(at, at + head, stored, compression, after, counts)
+        try:
+            self.add(chunk)
+        except ValueError:
+            if compressed:
+                raise
+            self.unchecked = at if self.unchecked is None else self.unchecked
+            return self.loose(at, at + CHUNK_HEAD.size)
+        return None if chunk.limit is not None else after
+
+    def stream(self, at):
+        """Take the messages of a zstd chunk without a head or without its end, up to its last complete block."""
+        begin = at + CHUNK_HEADS[ZSTD].size
+        frame = self.bytes_at(begin, CHUNK_LIMIT)
+        content, ends, ended = decode(frame, min(CHUNK_LIMIT, self.expander.left))
+        self.expander.left -= len(content)
+        end = begin + ends[-1][0]
+        counts, after = self.indices(end) if ended else ({}, end)
+        self.is_cut = not ended and is_torn(frame[ends[-1][0] :])
+        if content:
+            self.add(Chunk(at, begin, end - begin, STREAM_OF_ZSTD, after, counts, headless=True), walked(content))
+        if not ended:
+            self.good = end
+        return after if ended else None
+
+    def loose(self, at, begin):
+        """Take messages that are not in a chunk, or in one with a wrong checksum."""
+        window, limit = WINDOW, RECORD_LIMIT
+        while True:
+            raw = self.bytes_at(begin, window)
+            found = walked(raw, only_messages=True)
+            torn = len(raw) - found.end < MESSAGE.size or raw[found.end] == A_MESSAGE
+            if not torn or len(raw) < window or window > limit:
+                break
+            window *= 4
+        end = begin + found.end
+        if not found.end:
+            return begin if begin > at else None
+        counts, after = self.indices(end)
+        chunk = Chunk(at, begin, found.end, "", after, counts, headless=True)
+        self.add(chunk, found)
+        return None if chunk.limit is not None else after
+
+    def indices(self, at):
+        """Return ({channel: number of messages}, position of their end) of the message indices at a position."""
+        counts = {}
+        while len(head := self.bytes_at(at, INDEX.size)) == INDEX.size:
+            kind, length, channel, size = INDEX.unpack(head)
+            if kind != AN_INDEX or at + HEAD.size + length > self.size:
+                break
+            counts[channel] = size // 16
+            at += HEAD.size + length
+        return counts, at
+
+    def add(self, chunk, found: Messages | None = None):
+        """Add a chunk, read if necessary. found : its messages, if they have been read"""
+        contents = self.contents
+        if self.deep or found is not None or not chunk.counts or not chunk.counts.keys() <= contents.topics.keys():
+            found = load(self.descriptor, chunk, self.expander) if found is None else found
+            for kind, body in found.others:
+                if kind == CHANNEL:
+                    self.take(kind, body)
+            if self.deep:
+                chunk.limit = self.check(found)
+                found = found if chunk.limit is None else found.until(chunk.limit)
+            chunk.counts = {channel: len(offsets) for channel, offsets in found.offsets.items()}
+        if chunk.limit is not None and chunk.compression not in ("", STREAM_OF_ZSTD):
+            raise ValueError("a damaged message")
+        if chunk.limit is not None:
+            self.good = chunk.begin + (0 if chunk.compression else chunk.limit)
+        contents.chunks.append(chunk)
+
+    def check(self, found):
+        """Return the position of the first damaged message of a chunk; None without one."""
+        contents = self.contents
+        if contents.about is None:
+            raise ValueError("messages before the metadata")
+        if self.checker is None or self.checker.layout.topics != contents.topics:
+            layout = Layout(self.path, contents.about, dict(contents.topics))
+            self.checker = Check(layout)
+        return self.checker.first_damaged(found)
+
+    def trouble(self):
+        """Return the problem with the file, in one line; "" without one."""
+        contents, path = self.contents, self.path
+        if not contents.finished:
+            return f"{path} {self.refused or self.matter()}"
+        if self.unchecked is not None:
+            return f"{path} is damaged somewhere behind byte {self.unchecked}: a checksum is wrong"
+        count = sum(sum(chunk.counts.values()) for chunk in contents.chunks)
+        if self.written not in (None, count):
+            return f"{path} is damaged: {count} of its {self.written} messages can be read"
+        return "" if contents.end is not None else f"{path} {COMPLETED}"
+
+    def matter(self):
+        """Return the problem with a file that is good up to a byte."""
+        if self.is_cut:
+            return CUT
+        head = self.bytes_at(self.good, HEAD.size)
+        kind, length = HEAD.unpack(head) if len(head) == HEAD.size else (HEADER, 0)
+        if HEADER <= kind <= DATA_END and length < RECORD_LIMIT and self.good + HEAD.size + length >= self.size:
+            return CUT
+        return f"is damaged from byte {self.good} of {self.size} on: what stands before is read"

@@ -1,0 +1,131 @@
+"""A recording is opened without being read: chunks are read when their signals are asked for, and once."""
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+import runtime
+from cext.safety.shared_state import SharedState
+from runtime.recording import reader
+from tests.runtime.recorder.running import CSV, columns, frame, plan, record, row, sink
+
+TICKS, SIGNALS = 8000, 60
+BUSES = ["legs", "arms"]
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    """Recording of several chunks. Signal k of tick n is n + k / 100; a frame a tick and bus."""
+    folder, records = tmp_path_factory.mktemp("long"), []
+    for tick in range(TICKS):
+        time = 5_000_000 * tick
+        records += [
+            (4, time.to_bytes(8, "little", signed=True)),
+            frame(time, 1, tick.to_bytes(4, "little"), bus=1),
+            frame(time + 1, 2, bytes([tick % 256]), sent=1),
+            row(tick, *(tick + place / 100 for place in range(SIGNALS))),
+        ]
+    paths = [f"leg{place // 30}/block.x{place} rad" for place in range(SIGNALS)]
+    order = plan(folder, sink(CSV, "csv", columns(*paths)), stem="long", buses=BUSES)
+    record(order, records, page=SharedState(1 << 23))
+    return folder / "long.mcap"
+
+
+@pytest.fixture
+def loads(monkeypatch):
+    """Positions of the chunks that are read."""
+    positions, load = [], reader.load
+
+    def counted(descriptor, chunk, expander):
+        positions.append(chunk.at)
+        return load(descriptor, chunk, expander)
+
+    monkeypatch.setattr(reader, "load", counted)
+    return positions
+
+
+def chunk_indexes(path):
+    with open(path, "rb") as file:
+        return make_reader(file).get_summary().chunk_indexes
+
+
+def changed(path, folder, at, data):
+    """Copy a recording with other bytes at a position."""
+    whole = bytearray(path.read_bytes())
+    whole[at : at + len(data)] = data
+    copy = folder / "changed.mcap"
+    copy.write_bytes(whole)
+    return copy
+
+
+def test_opening_reads_no_chunk_and_a_signal_reads_each_chunk_once(path, loads):
+    trial = runtime.load(path)
+    assert len(trial) == TICKS and len(trial.signals) == SIGNALS and loads == []
+    assert trial["leg1/block.x40"].tolist() == [tick + 0.4 for tick in range(TICKS)]
+    assert loads == [index.chunk_start_offset for index in chunk_indexes(path)] and len(loads) > 3
+    assert trial.time[-1] == (TICKS - 1) / 200 and trial["leg1/block.x40"][7] == 7.4
+    assert len(loads) == len(set(loads)), "what was read is kept"
+
+
+def test_several_signals_are_read_in_one_pass(path, loads):
+    trial = runtime.load(path)
+    values = trial.read(["leg0/block.x3", "leg1/block.x59"])
+    assert values["leg1/block.x59"][100] == 100.59 and values["leg0/block.x3"][100] == 100.03
+    assert trial["leg0/block.x3"][-1] == TICKS - 1 + 0.03 and len(loads) == len(chunk_indexes(path))
+
+
+def test_interval_is_read_without_the_rest(path, loads):
+    part = runtime.load(path).between(10.0, 11.0)
+    assert len(part) == 200 and part.tick[0] == 2000 and part.time[-1] == 10.995
+    assert part["leg0/block.x1"].tolist() == [tick + 0.01 for tick in range(2000, 2200)]
+    assert part.rows.shape == (200, SIGNALS) and set(loads) < {
+        index.chunk_start_offset for index in chunk_indexes(path)
+    }
+    assert [frame.row for frame in part.frames] == [tick for tick in range(200) for _ in BUSES]
+    assert len(part.between(10.5, 20.0)) == 100 and len(part.between(50.0, 60.0)) == 0
+
+
+def test_batches_are_the_recording_in_order(path):
+    trial = runtime.load(path)
+    rows, frames = (np.concatenate(arrays) for arrays in zip(*trial.batches()))
+    assert np.array_equal(rows[:, 0], trial.tick) and np.array_equal(rows[:, 2:], trial.rows)
+    assert frames["row"].tolist() == [tick for tick in range(TICKS) for _ in BUSES]
+    assert frames["drain"].tolist() == [1 + tick for tick in range(TICKS) for _ in BUSES]
+    assert frames["bus"].tolist() == [1, 0] * TICKS and frames["sent"].tolist() == [0, 1] * TICKS
+    assert frames["id"].tolist() == [1, 2] * TICKS and frames["length"].tolist() == [4, 1] * TICKS
+    assert [bytes(data)[:4] for data in frames["data"][::2]] == [tick.to_bytes(4, "little") for tick in range(TICKS)]
+    assert sum(len(batch.frames) for batch in trial.batches(frames=False)) == 0
+
+
+def test_damaged_index_does_not_change_what_is_read(path, tmp_path):
+    index = chunk_indexes(path)[1]
+    whole = runtime.load(path)
+    for offset in index.message_index_offsets.values():
+        for damage in (bytes(1), bytes(8), b"\xff" * 40):
+            trial = runtime.load(changed(path, tmp_path, offset + 15 + 8, damage))
+            assert np.array_equal(trial["leg0/block.x1"], whole["leg0/block.x1"]) and trial.complete
+
+
+def test_damaged_chunk_ends_the_recording_before_it_and_is_reported(path, tmp_path):
+    index, whole = chunk_indexes(path)[2], runtime.load(path)
+    copy = changed(path, tmp_path, index.chunk_start_offset + 5000, b"damage")
+    trial = runtime.load(copy)
+    assert len(trial) == TICKS, "not read yet"
+    values = trial["leg0/block.x1"]
+    assert 0 < len(values) == len(trial) == len(trial.tick) < TICKS and not trial.complete
+    assert np.array_equal(values, whole["leg0/block.x1"][: len(values)])
+    place = f"byte {index.chunk_start_offset} of {copy.stat().st_size}"
+    assert trial.trouble == f"{copy} is damaged from {place} on: what stands before is read"
+    checked = runtime.load(copy)
+    assert not checked.complete and len(checked) == len(trial), "asking is enough"
+    assert sum(len(rows) for rows, _ in runtime.load(copy).batches()) == len(trial)
+
+
+def test_unfinished_file_opens_up_to_its_last_flush(path, tmp_path, loads):
+    data, last = path.read_bytes(), chunk_indexes(path)[-1]
+    copy = tmp_path / "cut.mcap"
+    copy.write_bytes(data[: last.chunk_start_offset + last.chunk_length // 2])
+    trial, whole = runtime.load(copy), runtime.load(path)
+    assert loads == [], "the chunks before the last one are not read"
+    assert 0 < len(trial) < TICKS and "is not complete: it was cut off" in trial.trouble
+    assert np.array_equal(trial.rows, whole.rows[: len(trial)])
