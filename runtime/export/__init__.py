@@ -6,6 +6,7 @@ parquet     one column a number, in its type, with units as metadata
 mat         MATLAB: a nested struct with units and time
 rrd         Rerun, with a blueprint from the recording
 sto, mot    OpenSim: all signals; joint angles
+candump     the frames of the CAN buses, as the recorder's CAN log has them, in a .can.log file
 
 An installed package adds a format in the entry-point group "tickwork.formats", under its file name extension:
 
@@ -34,9 +35,11 @@ FORMATS = Plugins(
         "rrd": "runtime.export.rerun",
         "sto": "runtime.export.opensim",
         "mot": "runtime.export.opensim",
+        "candump": "runtime.export.candump",
     },
 )
 OPENSIM = ("sto", "mot")
+EXTENSIONS = {"candump": "can.log"}  # of formats that are not their own
 
 
 def convert(trial, kind, stem, progress=lambda share: None):
@@ -49,10 +52,12 @@ def convert(trial, kind, stem, progress=lambda share: None):
     Raises BadInput, MissingExtra or OSError, with nothing left behind.
     """
     module = FORMATS.load(kind)
+    trial.check()
     module.check(trial, kind)
-    path = part = reserved(stem, kind)
+    extension = EXTENSIONS.get(kind, kind)
+    path = part = reserved(stem, extension)
     try:
-        part = reserved(f"{path.removesuffix(f'.{kind}')}.part", kind)
+        part = reserved(f"{path.removesuffix(f'.{extension}')}.part", extension)
         module.write(trial, part, progress)
         os.replace(part, path)
     except BaseException:
@@ -63,8 +68,8 @@ def convert(trial, kind, stem, progress=lambda share: None):
     return path
 
 
-def reserved(stem, kind):
+def reserved(stem, extension):
     """Create an empty file under an unused path, and return the path."""
-    path, descriptor = create(stem, f".{kind}")
+    path, descriptor = create(stem, f".{extension}")
     os.close(descriptor)
     return path

@@ -23,9 +23,10 @@ VARIABLE_SIZE_LIMIT = 2**31 - 1  # bytes
 
 def check(trial, kind):
     need("scipy.io", "a MATLAB file")
-    if trial.rows.nbytes > VARIABLE_SIZE_LIMIT:
+    size = 8 * len(trial) * len(trial.signals)
+    if size > VARIABLE_SIZE_LIMIT:
         raise BadInput(
-            f"{trial.path} has {trial.rows.nbytes} bytes of samples, more than the 2 GiB of a .mat file: "
+            f"{trial.path} has {size} bytes of samples, more than the 2 GiB of a .mat file: "
             "convert it to Parquet, which MATLAB reads"
         )
 
@@ -34,6 +35,7 @@ def write(trial, path, progress):
     values, units, paths, fields = Struct(OWN), Struct(OWN), Struct(OWN), Struct()
     for name, value in trial.fields.items():
         fields.put([name], value)
+    trial.read(trial.names)  # in one pass
     for name in trial.names:
         for tree, leaf in ((values, trial[name]), (units, ascii_name(trial.unit(name))), (paths, name)):
             tree.put(re.split(r"[/.]", name), leaf)

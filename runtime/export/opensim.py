@@ -21,7 +21,6 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-CHUNK = 1000  # rows
 EXAMPLE = '"left/knee.position" = "knee_angle_l"'
 
 
@@ -104,7 +103,7 @@ def write(trial, path, progress):
     if missed(trial):
         trial = trial.resample(trial.about["rate"])
     paths = coordinates(trial) if path.endswith(".mot") else list(trial.signals)
-    places = [trial.places[name] for name in paths]
+    places, rate, done = [2 + trial.places[name] for name in paths], trial.about["rate"], 0
     whole = np.array([trial.signals[name]["dtype"] != "float" for name in paths])
     units = "\t".join(trial.signals[name]["unit"] for name in paths)
     with open(path, "w", encoding="utf-8", newline="\n") as file:
@@ -113,13 +112,13 @@ def write(trial, path, progress):
             f"inDegrees=no\nDataType=double\nunits=s\t{units}\nendheader\n"
         )
         file.write("\t".join(["time", *labels(trial.signals[path].get("coordinate", path) for path in paths)]) + "\n")
-        for first in range(0, len(trial), CHUNK):
-            rows = slice(first, first + CHUNK)
-            for time, values in zip(trial.time[rows].tolist(), trial.rows[rows, places].tolist()):
+        for rows, _ in trial.batches(frames=False):
+            for time, values in zip((rows[:, 0] / rate).tolist(), rows[:, places].tolist()):
                 file.write(
                     "\t".join([repr(time), *(text(value, is_whole) for value, is_whole in zip(values, whole))]) + "\n"
                 )
-            progress(first / len(trial))
+            done += len(rows)
+            progress(done / max(1, len(trial)))
 
 
 def labels(names):

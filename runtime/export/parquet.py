@@ -5,10 +5,15 @@ The metadata of columns have the units, that of the file the recording's metadat
 
 import json
 
+import numpy as np
+
+from runtime.analysis.trial import DTYPES, holds
 from runtime.base.optional_dependencies import need
 
 ROW_GROUP = 100_000  # rows
 ABOUT = "tickwork"  # key of the file's metadata
+DICTIONARY_LIMIT = 1 << 14  # different values of a signal in a row group
+ENCODINGS = {"float64": "BYTE_STREAM_SPLIT", "int64": "DELTA_BINARY_PACKED", "bool": "RLE"}
 
 
 def check(trial, kind):
@@ -17,12 +22,12 @@ def check(trial, kind):
 
 def write(trial, path, progress):
     arrow, parquet = need("pyarrow", "a Parquet file"), need("pyarrow.parquet", "a Parquet file")
-    columns = {"time": (trial.time, "s"), "tick": (trial.tick, "1")}
-    columns |= {name: (trial[name], signal["unit"]) for name, signal in trial.signals.items()}
+    kinds = {"time": np.dtype(float), "tick": np.dtype(np.int64), **types(trial)}
+    units = {"time": "s", "tick": "1", **{name: signal["unit"] for name, signal in trial.signals.items()}}
     schema = arrow.schema(
         [
-            arrow.field(name, arrow.from_numpy_dtype(values.dtype), metadata={"unit": unit})
-            for name, (values, unit) in columns.items()
+            arrow.field(name, arrow.from_numpy_dtype(kind), metadata={"unit": units[name]})
+            for name, kind in kinds.items()
         ],
         metadata={
             ABOUT: json.dumps(
@@ -31,10 +36,53 @@ def write(trial, path, progress):
             )
         },
     )
-    with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
-        for first in range(0, max(1, len(trial)), ROW_GROUP):
-            rows = slice(first, first + ROW_GROUP)
-            writer.write_table(
-                arrow.Table.from_arrays([arrow.array(values[rows]) for values, _ in columns.values()], schema=schema)
-            )
-            progress(first / max(1, len(trial)))
+    writer, done = None, 0
+    try:
+        for rows in groups(trial):
+            columns = [rows[:, 0] / trial.about["rate"], rows[:, 0], *rows[:, 2:].T]
+            arrays = [np.ascontiguousarray(values, dtype=kind) for values, kind in zip(columns, kinds.values())]
+            if writer is None:
+                few = {name for name, values in zip(kinds, arrays) if name in trial.signals and has_few(values)}
+                writer = parquet.ParquetWriter(
+                    path,
+                    schema,
+                    compression="zstd",
+                    use_dictionary=sorted(few),
+                    column_encoding={name: ENCODINGS[kind.name] for name, kind in kinds.items() if name not in few},
+                )
+            writer.write_table(arrow.Table.from_arrays([arrow.array(values) for values in arrays], schema=schema))
+            done += len(rows)
+            progress(done / max(1, len(trial)))
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def types(trial):
+    """Return {path: dtype} of the signals. An int or bool with values that its type lacks is a double."""
+    kinds = {name: np.dtype(DTYPES.get(signal["dtype"], float)) for name, signal in trial.signals.items()}
+    whole = [(2 + place, name) for place, (name, kind) in enumerate(kinds.items()) if kind.kind != "f"]
+    if whole:
+        for rows, _ in trial.batches(frames=False):
+            for column, name in whole:
+                if kinds[name].kind != "f" and not holds(kinds[name].type, rows[:, column]):
+                    kinds[name] = np.dtype(float)
+    return kinds
+
+
+def has_few(values):
+    """Return whether a dictionary of the values is small."""
+    return len(np.unique(values)) <= DICTIONARY_LIMIT
+
+
+def groups(trial):
+    """Yield the rows of a Trial, as in a Batch, ROW_GROUP or a few more at once; at least one array."""
+    waiting, count, yielded = [], 0, False
+    for rows, _ in trial.batches(frames=False):
+        waiting.append(rows)
+        count += len(rows)
+        if count >= ROW_GROUP:
+            yield np.concatenate(waiting)
+            waiting, count, yielded = [], 0, True
+    if count or not yielded:
+        yield np.concatenate(waiting)

@@ -2,11 +2,12 @@
 
 import os
 
+import numpy as np
+
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.recorder.rerun.scene import Scene
 
-CHUNK = 5000  # rows
 FLUSH_TIMEOUT = 60.0  # s, for a slow disk
 
 
@@ -27,10 +28,12 @@ def write(trial, path, progress):
     recording.save(path, default_blueprint=blueprint(scene))
     recording.send_recording_name(trial.path.stem)
     stream = Stream(recording, scene, about["rate"])
-    for first in range(0, len(trial), CHUNK):
-        rows = slice(first, first + CHUNK)
-        stream.rows(trial.tick[rows], trial.time[rows], trial.rows[rows])
-        progress(first / len(trial))
+    done = 0
+    for rows, _ in trial.batches(frames=False):
+        if len(rows):
+            stream.rows(rows[:, 0].astype(np.int64), rows[:, 0] / about["rate"], np.ascontiguousarray(rows[:, 2:]))
+        done += len(rows)
+        progress(done / max(1, len(trial)))
     for event in trial.events:
         stream.event(event)
     try:

@@ -22,6 +22,7 @@ def gather(plan):
         "virtual": plan["virtual"],
         "simulated": plan["simulated"],
         "buses": plan["buses"],
+        "media": plan.get("media", ["can"] * len(plan["buses"])),
         "part": plan.get("part", 1),
         "limits": plan.get("limits", {}),
         "metadata": metadata,
