@@ -140,7 +140,7 @@ class I2cDevice(Device):
         places = [self.place] if self.mux else range(1 + CHANNELS * 8)
         return [(place << 8 | address, EXTENDED_ID) for address in self.chips() for place in places]
 
-    def told_addresses(self):
+    def displayed_addresses(self):
         return [f"{self.mux:#04x}.{self.channel} {self.address:#04x}" if self.mux else f"{self.address:#04x}"]
 
     def address_in_words(self, address):

@@ -64,7 +64,7 @@ class EStopHeartbeat(Device):
     def addresses(self):
         return [(self.can_id, False)]
 
-    def hears(self):
+    def acceptance_filters(self):
         return [(self.can_id, 0x7FF, False)]
 
     def traffic(self):

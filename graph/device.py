@@ -194,7 +194,7 @@ class Device(Block):
         """Return the addresses of this device, as (arbitration id, is extended) pairs, unique on its bus."""
         return []
 
-    def told_addresses(self) -> Sequence[Any]:
+    def displayed_addresses(self) -> Sequence[Any]:
         """Return its addresses for display: numbers or text."""
         return [identifier for identifier, _ in self.addresses()]
 
@@ -202,7 +202,7 @@ class Device(Block):
         """Return the text of one of its `addresses`."""
         return f"CAN id {address[0]}"
 
-    def hears(self) -> Sequence[tuple[int, int, bool]] | None:
+    def acceptance_filters(self) -> Sequence[tuple[int, int, bool]] | None:
         """Return the acceptance filters of `decode`, as (arbitration id, mask, is extended); None for all frames.
 
         A frame passes a filter if its id equals the arbitration id in the bits where the mask is 1.
@@ -228,7 +228,7 @@ class Device(Block):
         The first bytes distinguish replies from commands with the same id. A string in their place is a regular
         expression that the hex digits of the data match from the start.
         """
-        filters = self.hears()
+        filters = self.acceptance_filters()
         return [(*pattern, b"") for pattern in ([(0, 0, False), (0, 0, True)] if filters is None else filters)]
 
     def traffic(self) -> Sequence[tuple[int, bool]]:

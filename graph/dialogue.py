@@ -48,12 +48,12 @@ class Listen:
 
 @dataclass(frozen=True)
 class Exchange:
-    """Write `data` to a serial line; yields the next bytes, or b"" when none arrived within `patience` s of the last
+    """Write `data` to a serial line; yields the next bytes, or b"" when none arrived within `timeout` s of the last
     write. Without data: wait for more bytes of the same answer.
     """
 
     data: bytes = b""
-    patience: float = 0.0
+    timeout: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -70,14 +70,14 @@ class Confirm:
     what: str
 
 
-def ask(frame: Frame, why: str, read: Reader, patience: float = 0.1, attempts: int = 2) -> Dialogue:
+def ask(frame: Frame, why: str, read: Reader, timeout: float = 0.1, attempts: int = 2) -> Dialogue:
     """Send a frame until it is answered; return read(identifier, is extended, data) of the first answer, or None.
 
-    read : returns None for a frame that is no answer; patience : s to wait after each attempt
+    read : returns None for a frame that is no answer; timeout : s to wait after each attempt
     """
     for _ in range(attempts):
         yield Send(frame, why)
-        frames = yield Listen(patience, lambda frames: any(read(*frame) is not None for frame in frames))
+        frames = yield Listen(timeout, lambda frames: any(read(*frame) is not None for frame in frames))
         for received in frames:
             if (answer := read(*received)) is not None:
                 return answer

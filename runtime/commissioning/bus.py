@@ -120,9 +120,9 @@ class ToolBus:
                 frames.append((identifier & 0x1FFFFFFF, bool(identifier & EXTENDED), bytes(data)))
         return frames
 
-    def ask(self, frame, why, read, patience=0.1, attempts=2):
+    def ask(self, frame, why, read, timeout=0.1, attempts=2):
         """Carry out graph.dialogue.ask."""
-        return self.converse(dialogue.ask(frame, why, read, patience, attempts))
+        return self.converse(dialogue.ask(frame, why, read, timeout, attempts))
 
     def converse(self, talk, yes=False):
         """Carry out a dialogue of a device family (graph.dialogue). Returns its result.

@@ -93,9 +93,9 @@ class WatchedImus(WatchedBlocks):
         for block in blocks:
             self.lines.lines[block.bus][1].begin(time.monotonic_ns())
 
-    def ask(self, patience):
-        """Return {path of a port: its values} after a new sample, or None after `patience` s without one."""
-        deadline = time.monotonic() + patience
+    def ask(self, timeout):
+        """Return {path of a port: its values} after a new sample, or None after `timeout` s without one."""
+        deadline = time.monotonic() + timeout
         while time.monotonic() < deadline:
             if any([self.drain(fed) for fed in self.fed]) and all(
                 self.values_of(fed, "packets")[0] for fed in self.fed

@@ -62,13 +62,13 @@ class Watched:
                 return
         raise BadInput(f"no drive responds as id {can_id} on {bus.bus.channel}; `scan` lists the drives on the bus")
 
-    def ask(self, patience):
-        """Return the Answer, or None if none arrives within `patience` s."""
+    def ask(self, timeout):
+        """Return the Answer, or None if none arrives within `timeout` s."""
         if self.question is None:
-            frames = self.bus.listen(patience, lambda frames: any(self.read(*frame) is not None for frame in frames))
+            frames = self.bus.listen(timeout, lambda frames: any(self.read(*frame) is not None for frame in frames))
             answers = (self.read(*frame) for frame in reversed(frames))
             return next((answer for answer in answers if answer is not None), None)
-        return self.bus.ask(self.question, "disable", self.read, patience=patience, attempts=1)
+        return self.bus.ask(self.question, "disable", self.read, timeout=timeout, attempts=1)
 
     def columns(self, name):
         return [column(f"{name}.{signal}", unit) for signal, unit in SIGNALS.items()]

@@ -66,12 +66,12 @@ class WatchedChips(WatchedBlocks):
             self.interface.wires.begin(time.monotonic_ns())
             self.undo = undo.pop_all()
 
-    def ask(self, patience):
+    def ask(self, timeout):
         """Return {path of a port: its values} after a new sample, once every sensor has responded.
 
-        Returns None after `patience` s without one.
+        Returns None after `timeout` s without one.
         """
-        deadline = time.monotonic() + patience
+        deadline = time.monotonic() + timeout
         while True:
             new = False
             for identifier, _, data, when in self.interface.end.receive():

@@ -45,11 +45,9 @@ class WatchedNode(WatchedBlocks):
                 bus.send(frame, f"settings of an {kind.name}")
             responded = bool(self.drain(SET_UP_INTERVAL)) or responded
 
-    def drain(self, patience):
-        """Return {value returned by the decoder: count} for the sensor's frames received within `patience` s."""
-        frames = self.bus.listen(
-            patience, lambda frames: any(frame[0] & 0xFF == self.block.address for frame in frames)
-        )
+    def drain(self, timeout):
+        """Return {value returned by the decoder: count} for the sensor's frames received within `timeout` s."""
+        frames = self.bus.listen(timeout, lambda frames: any(frame[0] & 0xFF == self.block.address for frame in frames))
         answers = {}
         for identifier, extended, data in frames:
             if extended and identifier & 0xFF == self.block.address:
@@ -57,9 +55,9 @@ class WatchedNode(WatchedBlocks):
                     answers[answer] = answers.get(answer, 0) + count
         return answers
 
-    def ask(self, patience):
-        """Return {path of a port: its values} after a complete sample, or None after `patience` s without one."""
-        deadline = time.monotonic() + patience
+    def ask(self, timeout):
+        """Return {path of a port: its values} after a complete sample, or None after `timeout` s without one."""
+        deadline = time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0.0:
             if self.drain(left).get(TAKEN):
                 return self.answer()

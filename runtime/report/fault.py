@@ -135,7 +135,9 @@ def where_it_is(block, rig):
     if block.medium == "stream":
         return f"on {block.bus}" + (f", {rig.line(block.bus)}" if rig is not None else "")
     what = "id" if block.medium == "can" else "address"
-    return ", ".join(f"{what} {each} on bus {block.bus}" for each in block.told_addresses()) or f"on bus {block.bus}"
+    return (
+        ", ".join(f"{what} {each} on bus {block.bus}" for each in block.displayed_addresses()) or f"on bus {block.bus}"
+    )
 
 
 def on_the_rig(rig):

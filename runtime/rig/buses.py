@@ -131,8 +131,8 @@ class RigBuses:
             look_at_port(bus)
             assert self.lines is not None
             return OpenBus(Carried(bus), Line(self.lines, index, self.bell))
-        heard = [device.hears() for device in devices]
-        listens = None if None in heard else sorted({pattern for patterns in heard for pattern in patterns})
+        filters = [device.acceptance_filters() for device in devices]
+        listens = None if None in filters else sorted({each for several in filters for each in several})
         interface = Interface(
             bus, listens, sorted({address for device in devices for address in device.addresses()}), machine
         )

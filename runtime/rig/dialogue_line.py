@@ -33,7 +33,7 @@ def converse(port, dialogue):
             return end.value
         if exchange.data:
             port.write(exchange.data)
-            deadline = time.monotonic() + exchange.patience
+            deadline = time.monotonic() + exchange.timeout
         reply = b""
         while not reply and time.monotonic() < deadline:
             reply = port.read(4096)

@@ -67,7 +67,7 @@ class Preflight:
         row = {
             "device": block.path,
             "bus": block.bus,
-            "ids": block.told_addresses(),
+            "ids": block.displayed_addresses(),
             "answered": True,
             **sample,
             "low": span[0],

@@ -47,7 +47,7 @@ def origin(can_id, permanent=False):
     return frame(ORIGIN, can_id, bytes([int(permanent)]))
 
 
-def hears(can_id):
+def acceptance_filters(can_id):
     """Return patterns of the frames of a drive, and of commands to it."""
     return [(STATUS << 8 | can_id, 0x1FFFF8FF, True), (can_id, 0x1FFFE0FF, True)]
 

@@ -60,11 +60,11 @@ class CubeMars(StopInMitMode, Joint, Actuator):
     def addresses(self):
         return [(self.can_id, False)]
 
-    def hears(self):
+    def acceptance_filters(self):
         return [(self.can_id, 0x7FF, False), (0, 0x7FF, False)]  # replies come from the drive's id, or from 0
 
     def replies(self):
-        return [(*pattern, bytes([self.can_id])) for pattern in self.hears()]
+        return [(*pattern, bytes([self.can_id])) for pattern in self.acceptance_filters()]
 
     def enable_frames(self):
         return [(self.can_id, False, ENABLE)]

@@ -84,7 +84,7 @@ def find(can_id, permanent):
 
     def state():
         frame = disable_in_mit_mode(can_id)
-        return (yield from ask(frame, "disable", reader(can_id), patience=QUERY_TIME, attempts=1))
+        return (yield from ask(frame, "disable", reader(can_id), timeout=QUERY_TIME, attempts=1))
 
     def echo():
         yield Send(queries.disable_v3(can_id), queries.V3_PURPOSE)

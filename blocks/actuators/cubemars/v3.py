@@ -73,8 +73,8 @@ class ExtendedFrames:
     def addresses(self):
         return [(self.can_id, True)]
 
-    def hears(self):
-        return frames.hears(self.can_id)
+    def acceptance_filters(self):
+        return frames.acceptance_filters(self.can_id)
 
     def replies(self):
         return frames.replies(self.can_id)

@@ -94,7 +94,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     def addresses(self):
         return [(self.can_id, False)]
 
-    def hears(self):
+    def acceptance_filters(self):
         """What the drive sends, and what any controller sends to it."""
         return [(self.host_id, 0x7FF, False), (self.can_id, 0x7FF, False)] + [
             (kind | self.can_id, 0x7FF, False) for kind in (READ, WRITE)

@@ -184,7 +184,7 @@ class RobStride(Joint, Actuator):
     def addresses(self):
         return [(self.can_id, True)]
 
-    def hears(self):
+    def acceptance_filters(self):
         """Return patterns of the frames of this drive to its host, and of frames to it."""
         return [(self.can_id << 8 | self.host_id, 0xFFFF, True), (self.can_id, 0xFF, True)]
 

@@ -251,7 +251,7 @@ class Drive:
 
     def save(self):
         read = queries.feedback_of(self.can_id)
-        answer = yield from ask(queries.save(self.can_id), "save", read, patience=0.5, attempts=1)
+        answer = yield from ask(queries.save(self.can_id), "save", read, timeout=0.5, attempts=1)
         silent = "saved, but the drive did not answer: turn its power off and on, and read again"
         yield Show(("done: saved" if answer else silent,))
         return answer is not None

@@ -59,14 +59,14 @@ class Information:
         return QUESTION, bytes((2 + len(self.raw), ANSWER)) + self.raw
 
 
-def ask(packet, attempts=ATTEMPTS, patience=REPLY_TIMEOUT):
+def ask(packet, attempts=ATTEMPTS, timeout=REPLY_TIMEOUT):
     """Send a packet of one command; return {descriptor: data} of the fields beside its acknowledgement.
 
     Raises NoReply, Refusal.
     """
     descriptor_set, [(command, _)] = packet[2], mip.fields(packet)
     for _ in range(attempts):
-        rest, data = b"", (yield Exchange(packet, patience))
+        rest, data = b"", (yield Exchange(packet, timeout))
         while data:
             packets, rest, _ = mip.split(rest + data)
             for reply in packets:

@@ -21,13 +21,13 @@ def channels(imu):
 
 
 def set_up(imu):
-    """Return the frames that set a unit up and ask for its settings; none where it is read as it is."""
+    """Return the frames that write and read the settings; none if the settings are kept."""
     return imu.enable_frames() if imu.told else []
 
 
 class OpenImuFamily(Family):
     name = "OpenIMU"
-    bus_hint = "an OpenIMU as it is sold has 250 kbit/s"
+    bus_hint = "an OpenIMU has 250 kbit/s as delivered"
     nodes = (
         Node(
             OpenImu,
@@ -35,13 +35,13 @@ class OpenImuFamily(Family):
             ACEINNA,
             GROUPS,
             {
-                "model": ("model", "which unit it is"),
-                "axes": ("axes", "frame of what is shown"),
-                "untold": ("told", "set nothing, and read it in the axes in which it sends"),
+                "model": ("model", "model of the unit"),
+                "axes": ("axes", "frame of the outputs"),
+                "keep-settings": ("told", "write no settings, and use the unit's present axes"),
             },
             channels,
             set_up,
-            silent="--untold reads it as it is",
+            silent="Pass --keep-settings to read it with its present settings",
         ),
     )
 

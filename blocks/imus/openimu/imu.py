@@ -10,41 +10,44 @@ from graph import Device, Interval, Memory, Output, Param
 NEEDED = {
     "300RI": 0b1111,
     "335RI": 0b0111,
-}  # of the settings that must have been returned: cext/kernels/devices/openimu/frames.pxd
+}  # bits of the settings that the unit must return: cext/kernels/devices/openimu/frames.pxd
 SIGNS = {"printed": 1.0, "z up": -1.0}
 
 
 class OpenImu(Device):
-    """An OpenIMU 300RI or 335RI over CAN (SAE J1939): specific force, angular rate, magnetic field, pitch and roll in
-    one right-handed frame.
+    """OpenIMU 300RI or 335RI over CAN (SAE J1939): specific force, angular rate, magnetic field, pitch and roll.
 
-    (Aceinna, OpenIMU300RI and OpenIMU335RI, CAN messages.) As it is sold, x and y have changed places in acceleration
-    and angular rate, and y and z of the acceleration alone are negated: no rotation brings the two together. So arming
-    sets its axes, its packets, their rate and its filters, which lasts until its power is gone, and it has not answered
-    before it has returned them; after a loss of power a unit gives nothing until it has been set up again.
-    `axes="printed"` is the frame on its case, x forward, y right, z down, in which a unit at rest shows −9.8 m/s² on z;
-    "z up" is that, turned about x by half a turn: x forward, y left, z up. What was not measured is NaN. A bus has one
-    bitrate, and a unit as it is sold 250 kbit/s, which its own settings alone change.
+    All outputs are in one right-handed frame. `axes="printed"` is the frame on the case, x forward, y right, z down, in
+    which a unit at rest measures −9.8 m/s² on z; "z up" is rotated about x by half a turn: x forward, y left, z up.
+    Quantities that are not measured are NaN.
+
+    By default, x and y of acceleration and angular rate are swapped, and y and z of the acceleration only are negated,
+    so that no rotation relates the two. Arming therefore writes axes, packets, rate and filters, which the unit keeps
+    until it loses power, and waits until the unit has returned them. After a loss of power, the outputs are NaN until
+    the settings are written again.
+
+    A bus has one bitrate; a unit has 250 kbit/s as delivered, which only its settings change.
+    (Aceinna, OpenIMU300RI and OpenIMU335RI, CAN messages.)
     """
 
     bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
     address = Param(128, "1", "source address set in the unit", min=128, max=247, fixed=True)
-    model = Param("300RI", "1", "which one it is; the 335RI has no magnetometer", choices=("300RI", "335RI"))
-    rate = Param(100.0, "Hz", "of its samples", choices=tuple(frames.RATES), fixed=True, kernel=False)
+    model = Param("300RI", "1", "model of the unit; the 335RI has no magnetometer", choices=("300RI", "335RI"))
+    rate = Param(100.0, "Hz", "rate of the samples", choices=tuple(frames.RATES), fixed=True, kernel=False)
     field = Param(
-        True, "1", "whether it sends the magnetic field, where it has a magnetometer", fixed=True, kernel=False
+        True, "1", "whether the unit sends the magnetic field, if it has a magnetometer", fixed=True, kernel=False
     )
     slope = Param(
         False,
         "1",
-        "whether it sends pitch and roll: of its firmware for VG or AHRS, not of that for an IMU",
+        "whether the unit sends pitch and roll, which requires its VG or AHRS firmware",
         fixed=True,
         kernel=False,
     )
     slope_sensor = Param(
         2,
         "1",
-        "which of its slopes that is: 1 reaches 64°, in steps of 0.002°, and a 335RI alone has it",
+        "slope sensor of pitch and roll: 1, on a 335RI only, has a range of ±64° and steps of 0.002°",
         choices=(1, 2),
         fixed=True,
         kernel=False,
@@ -52,9 +55,8 @@ class OpenImu(Device):
     high_resolution = Param(
         False,
         "1",
-        "whether a 335RI sends acceleration and angular rate with eight times the "
-        "resolution, in steps of "
-        "1/800 m/s² and 1/1024 °/s",
+        "whether a 335RI sends acceleration and angular rate with eight times the resolution, in steps of 1/800 m/s² "
+        "and 1/1024 °/s",
         fixed=True,
         kernel=False,
     )
@@ -77,26 +79,23 @@ class OpenImu(Device):
     orientation = Param(
         0,
         "1",
-        "its setting of how it is mounted, as Aceinna codes it; 0 for as printed",
+        "orientation setting in Aceinna's code; 0: as printed on the case",
         min=0,
         max=0xFFFF,
         fixed=True,
         kernel=False,
     )
     axes = Param(
-        "printed",
-        "1",
-        "frame of the outputs: as printed on its case, or with y and z the other way round",
-        choices=tuple(SIGNS),
+        "printed", "1", "frame of the outputs: as printed on its case, or with y and z reversed", choices=tuple(SIGNS)
     )
     told = Param(
         True,
         "1",
-        "whether the unit must have returned its settings before it counts as answered",
+        "whether arming writes the settings and waits until the unit has returned them",
         fixed=True,
         kernel=False,
     )
-    bitrate = Param(250_000.0, "1/s", "bits a second that the unit is set to", above=0.0, fixed=True, kernel=False)
+    bitrate = Param(250_000.0, "1/s", "bitrate set in the unit, bit/s", above=0.0, fixed=True, kernel=False)
     timeout = Param(
         0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False
     )
@@ -106,23 +105,23 @@ class OpenImu(Device):
     mag = Output("µT", "magnetic field", shape=(3,))
     roll = Output("rad", "about x", circle=(-math.pi, math.pi))
     pitch = Output("rad", "about y")
-    age = Output("s", "time since the newest whole sample")
+    age = Output("s", "time since the newest complete sample")
     settings = Output(
         "1",
-        "which settings it has returned as requested: 1 axes, 2 packets, 4 rate, 8 orientation, 16 filters",
+        "settings that the unit has confirmed, as bits: 1 axes, 2 packets, 4 rate, 8 orientation, 16 filters",
         dtype=int,
     )
-    invalid = Output("1", "values so far that it marked as errors or not available", dtype=int)
+    invalid = Output("1", "number of values that the unit marked as errors or not available", dtype=int)
     wanted = Memory(
         (0.0,) * 11,
         "divider, packets, behaviour, its mask, orientation, filters, sign of y and z, "
         "settings that must be returned, "
         "s of silence after which it must return them again, whether it is a 335RI",
     )
-    set_up = Memory((), "what sets it up and asks what is set: identifier, length, eight bytes of each")
+    set_up = Memory((), "frames that write and read the settings: identifier, length and eight bytes of each")
     state = Memory(
         (0.0,) * 4,
-        "packets since the last whole sample, whether a frame was received, frame to send next, time of the last frame",
+        "packets since the last complete sample, whether a frame was received, next frame to send, time of the last one",
     )
 
     decode = kernels.decode
@@ -166,8 +165,8 @@ class OpenImu(Device):
         )
 
     def enable_frames(self):
-        """Its settings, and the questions what they are: to a 335RI in either order of bytes, since its firmware does
-        not say which.
+        """Return the frames that write and read the settings, for a 335RI in both byte orders, as its firmware does not
+        report its own.
         """
         address = self.address
         asked = (frames.BEHAVIOUR, frames.PACKET_TYPE, frames.PACKET_RATE)
@@ -188,7 +187,7 @@ class OpenImu(Device):
     def addresses(self):
         return [(self.address, True)]
 
-    def hears(self):
+    def acceptance_filters(self):
         return [(self.address, 0xFF, True)]
 
     def reports(self):

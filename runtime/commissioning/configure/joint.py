@@ -40,7 +40,7 @@ class Motor:
 
     def answer(self):
         """Return the newest Answer. Raises BadInput if the drive does not respond."""
-        answer = self.bus.ask(self.query.frame, "disable", self.query.read, patience=SILENCE_TIMEOUT / 2)
+        answer = self.bus.ask(self.query.frame, "disable", self.query.read, timeout=SILENCE_TIMEOUT / 2)
         if answer is None:
             raise BadInput(
                 f"{self.block.path}: id {self.block.can_id} does not respond on {self.bus.bus.channel}; "

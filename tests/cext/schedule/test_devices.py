@@ -502,7 +502,7 @@ def test_drive_accepts_only_its_declared_identifiers(can_id):
         for frame in offered
         if any(
             frame[0] & mask == number & mask and frame[1] == extended
-            for number, mask, extended in robot["knee"].hears()
+            for number, mask, extended in robot["knee"].acceptance_filters()
         )
     ]
     frames = rig.statistics()["frames"]

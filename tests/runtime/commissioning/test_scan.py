@@ -168,7 +168,7 @@ def test_silence_is_told_with_the_likely_cure(command_line):
     assert (
         code == CHECK_FAILED
         and "! no device responds: check its supply" in out
-        and ("OpenIMU as it is sold has 250 kbit/s") in out
+        and ("an OpenIMU has 250 kbit/s as delivered") in out
     )
     assert "try --bitrate 250000" in out
 

@@ -56,7 +56,10 @@ def test_one_that_tells_no_settings_and_one_that_is_not_there_are_told_apart(com
         code, _, err = command_line("stream", "openimu", "130", *nodes.words)
         assert (
             code == BAD_INPUT
-            and ("sends frames but does not return its settings: check that it is a 300RI. --untold reads it as it is")
+            and (
+                "sends frames but does not return its settings: check that it is a 300RI. "
+                "Pass --keep-settings to read it with its present settings"
+            )
             in err
         )
         code, _, err = command_line("stream", "openimu", "131", *nodes.words)

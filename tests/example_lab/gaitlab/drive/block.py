@@ -66,7 +66,7 @@ class GaitDrive(Actuator):
     def addresses(self):
         return [(protocol.COMMAND + self.can_id, False)]
 
-    def hears(self):
+    def acceptance_filters(self):
         return [(protocol.REPLY + self.can_id, 0x7FF, False)]
 
     def replies(self):
