@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 import runtime
+from cext.safety.shared_state import SharedState
 from runtime.base.errors import BAD_INPUT, OK
 from runtime.export import FORMATS, convert
 from tests.house import assert_one_line, copy_rooms, python
-from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
+from tests.runtime.recorder.running import CSV, columns, frame, plan, record, row, sink
 from tests.runtime.runs import KNEE_EXO, environment
 
 ODD = [0.1, -0.0, 5e-324, 1.7976931348623157e308, math.inf, -math.inf, math.nan, 1 / 3, -2.2250738585072014e-308]
@@ -409,3 +410,56 @@ def test_truncated_file_is_converted_up_to_the_cut_and_reported(command_line, re
         open(out.strip(), "rb").readlines()
         == recording.with_suffix(".csv").read_bytes().splitlines(keepends=True)[: 1 + len(trial)]
     )
+
+
+def test_candump_is_the_can_log_of_the_recorder(command_line):
+    """Standard, extended, remote, error and CAN FD frames of two CAN buses; a serial stream is left out."""
+    extended, remote, error, rate_switch, error_state, fd = 0x80000000, 0x40000000, 0x20000000, 1, 2, 4
+    records = []
+    for tick in range(300):
+        time = 5_000_000 * tick
+        records += [
+            (4, time.to_bytes(8, "little", signed=True)),
+            frame(time, tick, bytes(range(tick % 9)), bus=tick % 2),
+            frame(time + 1499, extended | tick << 18, b"ab", bus=1, sent=1),
+            frame(time + 2, remote | 5, b"", bus=0),
+            frame(time + 3, error | 0x40, bytes(8), bus=1),
+            frame(time + 4, 6, bytes(8), bus=1, flags=fd | rate_switch * (tick % 2) | error_state * (tick % 3 == 0)),
+            frame(time + 5, extended | 7, bytes(range(8 + tick % 57)), bus=0, flags=fd),
+            frame(time + 6, 8, b"text", bus=2),
+            row(tick, 1.0),
+        ]
+    order = plan(
+        command_line.folder,
+        sink(CSV, "csv", columns("a.x m")),
+        stem="all",
+        buses=["0", "legs", "serial"],
+        media=["can", "can", "stream"],
+    )
+    record(order, records)
+    code, out, err = command_line("convert", "all.mcap", "--to", "candump")
+    assert (code, err, out) == (OK, "", "all-2.can.log\n")
+    text = (command_line.folder / "all-2.can.log").read_text()
+    assert text == (command_line.folder / "all.can.log").read_text() and text.count("\n") == 300 * 6
+    assert not list(command_line.folder.glob("*.part*"))
+
+
+def test_candump_needs_a_can_bus(command_line, recording):
+    message = command_line.refused("convert", recording, "--to", "candump", "-o", ".")
+    assert message == f"{recording} has no CAN bus"
+
+
+def test_parquet_keeps_every_bit_of_signals_with_few_and_with_many_values(command_line, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    noise = np.random.default_rng(1).standard_normal(40_000)
+    rows = [row(tick, noise[tick], round(noise[tick] * 50) / 50, tick % 3, math.nan) for tick in range(len(noise))]
+    signals = columns("a.noise 1", "a.wire 1", "a.state 1 int", "a.lost 1 int")
+    record(plan(tmp_path, sink(CSV, "csv", signals), stem="noise"), rows, page=SharedState(1 << 23))
+    path = converted(command_line, tmp_path / "noise.mcap", "parquet")
+    table, trial = parquet.read_table(path), runtime.load(tmp_path / "noise.mcap")
+    for name in trial.signals:
+        assert bits(table[name].to_numpy()) == bits(trial[name]) and table[name].to_numpy().dtype == trial[name].dtype
+    metadata = parquet.ParquetFile(path).metadata.row_group(0)
+    encodings = {metadata.column(index).path_in_schema: metadata.column(index).encodings for index in range(6)}
+    assert "BYTE_STREAM_SPLIT" in encodings["a.noise"] and "RLE_DICTIONARY" in encodings["a.wire"]
+    assert os.path.getsize(path) < 8 * len(noise) * 1.3
