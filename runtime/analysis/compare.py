@@ -47,6 +47,70 @@ class Comparison:
         return not (self.differences or self.only_here or any(self.missing))
 
 
+class Comparer:
+    """Comparison of two recordings of the same ticks, block by block.
+
+    here, there : {path: signal} of the recordings, in the order of their rows
+    """
+
+    def __init__(self, here, there):
+        self.signals = {path: signal for path, signal in here.items() if path in there}
+        places = {path: index for index, path in enumerate(there)}
+        self.here = [index for index, path in enumerate(here) if path in places]
+        self.there = [places[path] for path in self.signals]
+        self.only_here = [path for path in here if path not in places]
+        self.only_there = [path for path in there if path not in here]
+        self.paths, self.ticks = list(self.signals), 0
+        self.found = {}  # {path: [ticks, first, here, there, largest, sum of squares]} of the signals that differ
+
+    def add(self, ticks, here, there):
+        """Add a block of ticks that both have.
+
+        ticks : int64 array (n,)
+        here, there : float64 arrays (n, signals)
+        """
+        a, b = np.ascontiguousarray(here[:, self.here]), np.ascontiguousarray(there[:, self.there])
+        differs = (a.view(np.int64) != b.view(np.int64)) & ~(np.isnan(a) & np.isnan(b))
+        self.ticks += len(ticks)
+        for column in np.flatnonzero(differs.any(axis=0)):
+            where = differs[:, column]
+            first = int(np.argmax(where))
+            with np.errstate(invalid="ignore"):
+                off = np.where(where, np.abs(a[:, column] - b[:, column]), 0.0)
+            off[np.isnan(off)] = np.inf
+            entry = self.found.setdefault(
+                self.paths[column], [0, int(ticks[first]), float(a[first, column]), float(b[first, column]), 0.0, 0.0]
+            )
+            entry[0] += int(where.sum())
+            entry[4] = max(entry[4], float(off.max()))
+            entry[5] += float(np.sum(off * off))
+
+    def result(self, order, here, there):
+        """Return the Comparison.
+
+        order : paths in the order of the tick, if known, so that causes precede effects
+        here, there : number of ticks of either recording
+        """
+        rank = {path: number for number, path in enumerate(order)}
+        differences = [
+            Difference(
+                path, self.signals[path]["unit"], count, first, a, b, largest, float(np.sqrt(squares / self.ticks))
+            )
+            for path, (count, first, a, b, largest, squares) in self.found.items()
+        ]
+        differences.sort(
+            key=lambda difference: (difference.first, rank.get(difference.path, len(rank)), difference.path)
+        )
+        return Comparison(
+            self.ticks,
+            (here - self.ticks, there - self.ticks),
+            self.only_here,
+            self.only_there,
+            [path for path in self.paths if path not in self.found],
+            differences,
+        )
+
+
 def compare(here, there, order=()):
     """Compare two recordings.
 
@@ -54,44 +118,6 @@ def compare(here, there, order=()):
     order : paths in the order of the tick, if known, so that causes precede effects
     """
     shared, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
-    same, differences = [], []
-    places = {path: index for index, path in enumerate(there.signals)}
-    for index, (path, signal) in enumerate(here.signals.items()):
-        if path not in places:
-            continue
-        a, b = here.rows[mine, index], there.rows[others, places[path]]
-        differs = (a.view(np.int64) != b.view(np.int64)) & ~(np.isnan(a) & np.isnan(b))
-        if not differs.any():
-            same.append(path)
-            continue
-        first = int(np.argmax(differs))
-        with np.errstate(invalid="ignore"):
-            off = np.where(differs, np.abs(a - b), 0.0)
-        off[np.isnan(off)] = np.inf
-        differences.append(
-            Difference(
-                path,
-                signal["unit"],
-                int(differs.sum()),
-                int(shared[first]),
-                float(a[first]),
-                float(b[first]),
-                float(off.max()),
-                float(np.sqrt(np.mean(off * off))),
-            )
-        )
-    rank = {path: number for number, path in enumerate(order)}
-    differences.sort(key=lambda difference: (difference.first, rank.get(difference.path, len(rank)), difference.path))
-    return Comparison(
-        len(shared),
-        (len(here.tick) - len(shared), len(there.tick) - len(shared)),
-        [path for path in here.signals if path not in places],
-        [path for path in there.signals if path not in here.signals],
-        same,
-        differences,
-    )
-
-
-def sent_frames(trial):
-    """Return the sent bytes up to the last complete row, since the safe stop after it follows the clock."""
-    return [frame.payload for frame in trial.frames if frame.sent and frame.row < len(trial)]
+    comparer = Comparer(here.signals, there.signals)
+    comparer.add(shared, here.rows[mine], there.rows[others])
+    return comparer.result(order, len(here.tick), len(there.tick))

@@ -6,7 +6,9 @@ from runtime.base.errors import CHECK_FAILED, OK
 from runtime.base.options import folder
 from runtime.cli.parsing import Parser
 from runtime.console.terminal import one_line, tell
-from runtime.session.replay import opened, replay, report_lines, source_of
+from runtime.report.replay import text
+from runtime.session.replay import opened, replay
+from runtime.session.replay_source import source_of
 
 
 def main(arguments):
@@ -28,5 +30,5 @@ def main(arguments):
     if source.sha256 is not None:  # named by the recording, not by the operator
         tell([one_line(f"running {source.file}: its content is the recorded one")])
     result = replay(trial, source, options.record)
-    tell(map(one_line, report_lines(result)))
+    tell(map(one_line, text(result)))
     return OK if result.same else CHECK_FAILED

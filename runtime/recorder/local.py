@@ -20,13 +20,17 @@ from runtime.recording.changes import Changes
 
 
 class LocalRecorder:
-    """Status line, events and average strides of a run in this process. page : cext.safety.shared_state.SharedState"""
+    """Status line, events and average strides of a run in this process.
+
+    page : cext.safety.shared_state.SharedState
+    receive : called with each block: rows, sent frames, rows before each frame, as of cext.safety.ring_reader.take
+    """
 
     lifeline = -1  # no other process reads the ring
     pid = None
 
-    def __init__(self, page):
-        self.page = page
+    def __init__(self, page, receive=lambda rows, sent, before: None):
+        self.page, self.receive = page, receive
         self.changes = Changes(table.read(page).parameters)
         self.events, self.end = [], None
 
@@ -43,7 +47,8 @@ class LocalRecorder:
 
     def drain(self):
         """Take what is in the ring."""
-        rows, _, _, others = take(self.page, self.columns)
+        rows, sent, before, others = take(self.page, self.columns)
+        self.receive(rows, sent, before)
         ticks = rows[:, 0].astype(np.int64)
         for service, places in self.strides:
             service.average.add(ticks, rows[:, places])

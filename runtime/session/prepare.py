@@ -13,6 +13,7 @@ from runtime.recorder import can_ask
 from runtime.rig import RigBuses, read, require_ranges
 from runtime.rig.poses import Poses
 from runtime.session import rearming
+from runtime.session.replay_feed import Feed
 from runtime.session.request import Request
 
 NO_CONFIRMATION = (
@@ -29,6 +30,7 @@ class Prepared:
     ticks : grid points, -1 until stopped
     poses : of the joints of a rig; they prevent arming if a joint may differ from its drive's reading
     source_sha256 : hex digest of the source of the diagram file; None without a file
+    feed : clock and buses of a recorded run that is repeated; None for a new run
     """
 
     request: Request
@@ -39,6 +41,7 @@ class Prepared:
     ticks: int
     poses: Poses | None = field(default=None, kw_only=True)
     source_sha256: str | None = field(default=None, kw_only=True)
+    feed: Feed | None = field(default=None, kw_only=True)
 
     @property
     def plant(self):
@@ -51,8 +54,8 @@ class Prepared:
         return self.simulation.substeps if self.simulation is not None else 1
 
     def ends(self):
-        """The robot's end of each bus, in the order of the schedule."""
-        buses = self.simulation if self.rig is None else self.rig
+        """Return the robot's end of each bus, in the order of the schedule."""
+        buses = self.feed or self.simulation or self.rig
         assert buses is not None
         return buses.ends()
 

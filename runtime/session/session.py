@@ -61,20 +61,32 @@ class Session:
                 priority = None if request.realtime == "off" else request.priority or PRIORITY
                 rig.watch(self.page, self.prepared.schedule, self.prepared.diagram, priority)
             # before the priority, memory lock and processor of the loop
-            self.recorder = recorder_of(self.prepared, self.page)
+            self.recorder = self.recorder_of()
             undo.callback(self.recorder.abandon)
             self.realtime = Realtime(request.realtime, request.priority or PRIORITY, request.cpu)
             undo.callback(self.realtime.release)
             self.realtime.obtain()
             aside = self.keep_others_aside()
             self.say(self.remarks())
-            self.recorder.configure(plan(self.prepared, self.realtime))
+            self.recorder.configure(self.plan())
             self.control = Program(self.prepared.schedule, self.prepared.ends())
             self.control.count_from(self.count_from)
             self.executor = self.loop(aside)
             self.rearming = Rearming(self.prepared, self.page, self.control, self.executor, can_ask())
             self.realtime.prefault()
             undo.pop_all()
+
+    def recorder_of(self):
+        """Return the recorder of the run: a process, or a LocalRecorder where nothing is recorded."""
+        if needs_process(self.prepared):
+            return RecorderProcess(self.page)
+        from runtime.recorder.local import LocalRecorder
+
+        return LocalRecorder(self.page)
+
+    def plan(self):
+        """Return the plan of the recorder."""
+        return plan(self.prepared, self.realtime)
 
     def keep_others_aside(self):
         """Move the other processes of the run off the loop's processor. Returns the processors left to them."""
@@ -92,7 +104,7 @@ class Session:
         return [*self.rig.remarks(), *self.realtime.lines(), *self.realtime.risk()]
 
     def loop(self, aside):
-        """The Executor."""
+        """Return the Executor."""
         request, rig = self.request, self.rig
         return Executor(
             self.control,
@@ -103,6 +115,7 @@ class Session:
             virtual=request.fast,
             reader=self.recorder.lifeline,
             drain=getattr(self.recorder, "drain", None),
+            tape=None if self.prepared.feed is None else self.prepared.feed.clock,
             overrun=request.overrun,
             spin=request.spin,
             profile=request.profile,
@@ -196,7 +209,7 @@ class Session:
             newest=self.executor.newest,
             waited=processor_wait() - self.waited,
         )
-        if outcome.faulted:
+        if outcome.faulted and self.prepared.feed is None:
             result.report += self.rearming.report_of(outcome) or explain(result)
         return result
 
@@ -206,15 +219,6 @@ class Session:
         while not self.page.push(RECORD_EVENT, event) and time.monotonic() < deadline:
             if not self.recorder.make_room(POLL_PERIOD):
                 break
-
-
-def recorder_of(prepared, page):
-    """Return the recorder of a run: a process, or a LocalRecorder where nothing is recorded."""
-    if needs_process(prepared):
-        return RecorderProcess(page)
-    from runtime.recorder.local import LocalRecorder
-
-    return LocalRecorder(page)
 
 
 def stopped_from_here(outcome, rig, page):

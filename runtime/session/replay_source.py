@@ -1,0 +1,109 @@
+"""The diagram that a replay runs: a file, the recorded file if it is unchanged, or the diagram in the recording."""
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from blocks.recorders import CsvRecorder
+from graph import DiagramError, Sink
+from graph.store import from_json
+from runtime.base.errors import BadInput
+from runtime.diagrams.file import load
+from runtime.rig.file import parse
+
+READ_SIZE = 1 << 20  # bytes
+SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Source of the diagram to run.
+
+    file : Path of a Python file; None for the diagram in the recording, which runs code of installed libraries only
+    sha256 : hex digest that the content of `file` must have; None for any content, if the operator has named the file
+    instead : reason why the diagram in the recording is used instead of the recorded file
+    """
+
+    file: Path | None
+    sha256: str | None = None
+    instead: str = ""
+
+
+def source_of(trial, file=None):
+    """Return the Source of the diagram to run.
+
+    Loading a diagram file runs its code, and a recording can come from an untrusted source. A file named by the
+    recording alone is therefore loaded only if its content has the recorded hash.
+
+    file : a diagram file that the operator has named
+    """
+    if file is not None:
+        return Source(Path(file))
+    metadata = trial.about["metadata"]
+    recorded, sha256 = str(metadata.get("diagram_file") or ""), metadata.get("source_sha256")
+    if not os.path.isfile(recorded):
+        return Source(None, instead=f"{recorded or 'its diagram file'} does not exist")
+    if not sha256:
+        return Source(None, instead=f"the recording has no hash of {recorded}")
+    if sha256_of(recorded) != sha256:
+        return Source(None, instead=f"{recorded} has changed since the recording")
+    return Source(Path(recorded), sha256)
+
+
+def sha256_of(path):
+    """Return the hex digest of a file's content; "" if it cannot be read."""
+    try:
+        with open(path, "rb") as stream:
+            digest = hashlib.sha256()
+            while data := stream.read(READ_SIZE):
+                digest.update(data)
+    except OSError:
+        return ""
+    return digest.hexdigest()
+
+
+def diagram_of(trial, source):
+    """Return (Diagram, path of its source, metadata of the source for the new recording). Raises BadInput."""
+    metadata = trial.about["metadata"]
+    if source.file is None:
+        diagram, where, origin = stored(trial, source), trial.path, {}
+    else:
+        rig, settings = metadata.get("rig"), list(metadata.get("settings", {}).items())
+        file, diagram = load(source.file, settings, rig and parse(Path(rig["file"]), rig["text"]), source.sha256)
+        where, origin = source.file, {"diagram_file": str(source.file), "source_sha256": file.sha256}
+    diagram.rate = trial.about["rate"]
+    return diagram, where, origin
+
+
+def stored(trial, source):
+    """Return the diagram that is stored in a recording. Raises BadInput."""
+    remedy = "run a diagram file with --diagram FILE"
+    if trial.diagram is None:
+        raise BadInput(f"{trial.path}: {source.instead}, and the recording contains no diagram: {remedy}")
+    try:
+        return from_json(json.dumps(trial.diagram))
+    except DiagramError as error:
+        raise BadInput(
+            f"{trial.path}: {source.instead}, and the diagram in the recording cannot be used: {error}\n{remedy}"
+        ) from None
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise BadInput(f"{trial.path} is damaged: its diagram.json is not a diagram ({error!r}); {remedy}") from None
+
+
+def add_recorder(trial, diagram):
+    """Add a recorder if `--record` had added one, or if the diagram has no sink."""
+    recorded = any(block["type"].endswith(":CsvRecorder") for block in (trial.diagram or {}).get("blocks", []))
+    if not any(isinstance(block, CsvRecorder) if recorded else isinstance(block, Sink) for block in diagram):
+        with diagram:
+            CsvRecorder()
+
+
+def computation(description):
+    """Return the description of a diagram without its sinks, which options of a run can add."""
+    sinks = {block["path"] for block in description.get("blocks", []) if block["type"] in SINKS}
+    return {key: value for key, value in description.items() if key not in ("hash", "blocks", "wires", "libraries")} | {
+        "blocks": [block for block in description.get("blocks", []) if block["path"] not in sinks],
+        "wires": [wire for wire in description.get("wires", []) if wire["to"] not in sinks],
+    }
