@@ -12,10 +12,10 @@ BAND_LIMIT = 64  # bands
 
 
 def damped_stop(joint, frames_of, velocity):
-    """The DampedStop of a Joint, or None where it is disabled at once.
+    """Return the DampedStop of a Joint, or None if it is disabled at once.
 
-    frames_of : called with a damping in N·m·s/rad at the joint, gives frames of no more than that
-    velocity : graph.ReplyField, or None where no reply carries the velocity
+    frames_of : function of a damping in N·m·s/rad at the joint that returns frames of at most that damping
+    velocity : graph.ReplyField, or None if no reply contains the velocity
     """
     if not joint.damp_time:
         return None
@@ -31,8 +31,8 @@ def damped_stop(joint, frames_of, velocity):
 
 
 def bands_inside(limit, damping, top_speed):
-    """[(highest speed, damping)] in ascending order of speed. The last band has no highest speed: it is inside the
-    limit up to `top_speed`.
+    """Return [(highest speed, damping)] in ascending order of speed. The last band has an infinite speed; it is within
+    the limit up to `top_speed`.
     """
     full = limit / damping  # speed up to which the whole damping is inside the limit
     if full >= top_speed:

@@ -1,4 +1,4 @@
-"""What emulated drives share: their ports, and every failure of a drive."""
+"""Common ports of emulated drives, including every injected fault."""
 
 import math
 from collections.abc import Iterable
@@ -11,74 +11,67 @@ ANSWERS, WORDS = 24, 4  # of cext/kernels/devices/drives.pxd
 
 
 class Emulated:
-    """Ports and parameters of an emulated drive: it takes commands, gives torque, and answers each frame with its
-    state.
+    """Ports and parameters of an emulated drive, which outputs torque and answers each command with its state.
 
-    A family gives `find` and the native kernel, encode and decode. Every input of a fault at zero is a healthy drive.
+    A family defines `find` and the native kernel, encode and decode. With every fault input at zero, the drive is
+    healthy.
     """
 
     model = Param("", "1", "as for the actuator", required=True, dtype=str)
     bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
     can_id = Param(1, "1", "its id", min=1, max=255, fixed=True)
-    invert = Param(False, "1", "whether the joint turns against the motor", fixed=True)
+    invert = Param(False, "1", "whether the joint turns opposite to the motor", fixed=True)
     offset = Param(
         0.0,
         "rad",
-        "motor position where the joint is at zero, at the joint and the way the joint turns",
+        "motor position at the zero of the joint, in the units and direction of the joint",
         min=-12.5,
         max=12.5,
         fixed=True,
     )
     gear_ratio = Ranges.gear_ratio
     peak = Param(
-        None,
-        "N·m",
-        "torque it gives at the joint at most; the model's peak by default",
-        above=0.0,
-        dtype=float,
-        fixed=True,
+        None, "N·m", "largest torque at the joint; the model's peak by default", above=0.0, dtype=float, fixed=True
     )
     wake_shift = Param(
         None,
         "rad",
-        "motor turn at the joint: what a power cycle can shift its reading by; the model's by default",
+        "motor turn at the joint, by which a power cycle can shift the reading; the model's by default",
         dtype=float,
         min=0.0,
         fixed=True,
         kernel=False,
     )
-    turns = Param(0, "1", "motor turns by which its reading is off from the start", fixed=True, kernel=False)
-    trip_temperature: Param[Any] = Param(
-        math.inf, "°C", "temperature at which it protects itself with a fault", fixed=True
-    )
+    turns = Param(0, "1", "initial error of the reading in motor turns", fixed=True, kernel=False)
+    trip_temperature: Param[Any] = Param(math.inf, "°C", "temperature of the over-temperature fault", fixed=True)
     wire_position, wire_velocity, wire_stiffness = Ranges.wire_position, Ranges.wire_velocity, Ranges.wire_stiffness
     wire_damping, wire_torque, at_joint = Ranges.wire_damping, Ranges.wire_torque, Ranges.at_joint
 
-    position = Input("rad", "of the joint")
-    velocity = Input("rad/s", "of the joint")
-    temperature = Input("°C", "of the drive", default=30.0)
-    fault = Input("1", "error code it reports", default=0, dtype=int)
-    silent = Input("1", "whether it obeys without answering", default=False, dtype=bool)
-    dropped = Input("1", "share of the frames to and from it that get lost, 0 to 1", default=0.0)
-    wrong_id = Input("1", "id it answers with instead of its own; 0 for its own", default=0, dtype=int)
-    stuck_encoder = Input("1", "its encoder stays where it is", default=False, dtype=bool)
-    delay = Input("s", "by which its answers are late", default=0.0)
+    position = Input("rad", "position of the joint")
+    velocity = Input("rad/s", "velocity of the joint")
+    temperature = Input("°C", "temperature of the drive", default=30.0)
+    fault = Input("1", "reported error code", default=0, dtype=int)
+    silent = Input("1", "whether it executes commands without a reply", default=False, dtype=bool)
+    dropped = Input("1", "fraction of lost frames in both directions, 0 to 1", default=0.0)
+    wrong_id = Input("1", "id in replies instead of its own; 0 for its own", default=0, dtype=int)
+    stuck_encoder = Input("1", "whether the encoder reading is frozen", default=False, dtype=bool)
+    delay = Input("s", "delay of the replies", default=0.0)
     power_lost = Input(
         "1",
-        "whether it has no power; afterwards its settings are lost, and its reading is within a motor turn of zero",
+        "whether it has no power; afterwards settings are lost and the reading is within one motor turn of zero",
         default=False,
         dtype=bool,
     )
-    torque = Output("N·m", "at the joint")
-    enabled = Output("1", "whether it has been enabled", dtype=bool)
-    wire = Memory(0.0, "half ranges on the wire, at the joint: position, velocity, stiffness, damping, torque")
+    torque = Output("N·m", "torque at the joint")
+    enabled = Output("1", "whether it is enabled", dtype=bool)
+    wire = Memory(0.0, "encoded half ranges at the joint: position, velocity, stiffness, damping, torque")
     command = Memory((0.0,) * 5, "position, velocity, stiffness, damping, torque of the last command")
     state = Memory(
         (0.0,) * 7,
         "enabled, zero of the encoder, luck of frames, position of a stuck encoder, whether it is, time "
         "of the last command, a motor turn",
     )
-    outbox = Memory((0.0,) * (2 + ANSWERS * WORDS), "answers that are owed")
+    outbox = Memory((0.0,) * (2 + ANSWERS * WORDS), "pending replies")
 
     feedthrough: Iterable[str] | None = (
         "position",
@@ -95,15 +88,15 @@ class Emulated:
 
     @classmethod
     def of(cls: Any, actuator: Any, **parameters: Any) -> Any:
-        """The emulator of one block of a robot.
+        """Return the emulator of a robot's block.
 
-        parameters : what differs from it. With other ranges of the wire it plays a drive whose firmware does not match
-            the table.
+        parameters : those that differ from the block's. Other encoded ranges emulate a drive whose firmware does not
+            match the table.
         """
         same = ("bus", "can_id", "invert", "offset", "gear_ratio", "wake_shift", *(f"wire_{name}" for name in RANGES))
         return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)
 
-    find: Any  # model of a name
+    find: Any  # function of a name that returns a model
 
     def configure(self):
         self.spec = self.find(self.model)

@@ -1,4 +1,4 @@
-"""Emulated CubeMars AK drive: it exchanges the same bytes, for a plant."""
+"""Emulated CubeMars AK drive in MIT mode, with the same frames."""
 
 from blocks.actuators.cubemars import models
 from blocks.actuators.cubemars.frames import REPLIES
@@ -8,14 +8,14 @@ from graph import Device, Param
 
 
 class EmulatedCubeMars(Emulated, Device):
-    """A drive in MIT mode on the in-memory bus: it takes commands, gives torque, and answers each frame with its state.
+    """Emulated drive in MIT mode: outputs torque and answers each command with its state.
 
     Torque is the drive's law of the last command, up to the peak torque, and zero until it is enabled, after it
-    is disabled and while it has a fault. `EmulatedCubeMars.of(robot["left/knee"])` plays the drive that a robot's block
-    commands.
+    is disabled and while it has a fault. `EmulatedCubeMars.of(robot["left/knee"])` emulates the drive of a robot's
+    block.
     """
 
-    reply = Param(8, "1", "bytes of its replies: 7 and 6 have no temperature and no error", choices=REPLIES, fixed=True)
+    reply = Param(8, "1", "bytes of a reply: 7 and 6 contain no temperature and no error", choices=REPLIES, fixed=True)
 
     find = staticmethod(models.find)
     kernel = kernels.drive

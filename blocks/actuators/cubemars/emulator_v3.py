@@ -1,4 +1,4 @@
-"""CubeMars boards that are not there, as far as they speak in extended frames."""
+"""Emulated CubeMars boards with extended frames."""
 
 from dataclasses import replace
 
@@ -9,19 +9,24 @@ from graph import Device, Memory, Param
 
 
 class Boards:
-    """What the emulated boards share. Taken over one by one, behind the items of every emulated drive."""
+    """Common parts of the emulated boards, copied one by one after the items of every emulated drive."""
 
     report_rate = Param(
-        0.0, "Hz", "at which it reports; 0 where it answers each command", min=0.0, max=500.0, fixed=True
+        0.0, "Hz", "rate of its reports; 0: it answers each command instead", min=0.0, max=500.0, fixed=True
     )
     torque_constant = Param(
-        0.0, "N·m/A", "at the actuator's output; 0 for the table's", min=0.0, fixed=True, kernel=False
+        0.0, "N·m/A", "torque constant at the actuator's output; 0: the table's", min=0.0, fixed=True, kernel=False
     )
     pole_pairs = Param(
-        0, "1", "of the motor, by which its speed is reported; 0 for the table's", min=0, fixed=True, kernel=False
+        0,
+        "1",
+        "pole pairs of the motor, which scale the reported speed; 0: the table's",
+        min=0,
+        fixed=True,
+        kernel=False,
     )
-    scales = Memory((0.0,) * 3, "rad and rad/s of a code of its status, N·m of an ampere, at the joint")
-    board = Memory((0.0,) * 2, "whether it knows force control, whether that needs to be entered")
+    scales = Memory((0.0,) * 3, "rad and rad/s per code of the status, N·m per ampere, at the joint")
+    board = Memory((0.0,) * 2, "whether it has force control, whether that mode must be entered")
     motion = Memory(
         (-1.0,) + (0.0,) * 8,
         "kind of command, target, fastest, hardest, reference, torque, next report, echo, whether it was dead",
@@ -29,20 +34,20 @@ class Boards:
 
 
 def with_pole_pairs(spec, pole_pairs):
-    """A model with another motor than the table's, where `pole_pairs` is not 0."""
+    """Return a model with other pole pairs than the table's, unless `pole_pairs` is 0."""
     return replace(spec, pole_pairs=pole_pairs) if pole_pairs else spec
 
 
 class EmulatedCubeMarsV3(Emulated, Device):
-    """A V3.0 board on the in-memory bus: it takes force control and servo mode, gives torque, and reports.
+    """Emulated V3.0 board with force control and servo mode: outputs torque and reports its state.
 
     Torque is the drive's law of the last command, up to the peak torque, and zero until it is commanded, after a
-    disable and while it has a fault. It needs no enable, unless `enter`; after its power was lost it reports that, and
-    obeys the next command. `EmulatedCubeMarsV3.of(robot["left/knee"])` plays the drive that a robot's block commands.
+    disable and while it has a fault. It needs no enable, unless `enter`; after a loss of power it reports that, and
+    executes the next command. `EmulatedCubeMarsV3.of(robot["left/knee"])` emulates the drive of a robot's block.
     """
 
     report_rate = Boards.report_rate
-    enter = Param(False, "1", "whether it obeys force control only after FF..FC", fixed=True, kernel=False)
+    enter = Param(False, "1", "whether force control must be entered with FF..FC", fixed=True, kernel=False)
     torque_constant, pole_pairs = Boards.torque_constant, Boards.pole_pairs
     scales, board, motion = Boards.scales, Boards.board, Boards.motion
 
@@ -68,15 +73,14 @@ class EmulatedCubeMarsV3(Emulated, Device):
 
 
 class EmulatedCubeMarsServo(Emulated, Device):
-    """A board of any generation in servo mode, on the in-memory bus: it takes commands, gives torque and reports.
+    """Emulated board of any generation in servo mode: outputs torque and reports its state.
 
-    The gains of its loops of velocity and position are ours: the vendor's are set with its tool. A V3.0 board
-    takes force control, too. `EmulatedCubeMarsServo.of(robot["left/knee"])` plays the drive that a robot's block
-    commands.
+    The gains of the velocity and position loops are assumed, since the vendor's tool sets the real ones. A V3.0 board
+    has force control, too. `EmulatedCubeMarsServo.of(robot["left/knee"])` emulates the drive of a robot's block.
     """
 
     report_rate = Param(
-        100.0, "Hz", "at which it reports; 0 where it answers each command", min=0.0, max=500.0, fixed=True
+        100.0, "Hz", "rate of its reports; 0: it answers each command instead", min=0.0, max=500.0, fixed=True
     )
     torque_constant, pole_pairs = Boards.torque_constant, Boards.pole_pairs
     scales, board, motion = Boards.scales, Boards.board, Boards.motion

@@ -58,7 +58,7 @@ class CubeMarsFamily(Family):
         Query(disable_in_mit_mode, MIT_PURPOSE, queries.states),
     )
     vendor_program = set_up.VENDOR_PROGRAM
-    configure_note = "Of a CubeMars only the zero can be set; --save keeps it where the drive is in servo mode."
+    configure_note = "On a CubeMars, only the zero can be set; --save stores it if the drive is in servo mode."
     benchmark = Benchmark(CubeMars, EmulatedCubeMars, {"model": "AK80-9"})
 
     def reports(self, received):
@@ -80,7 +80,7 @@ class CubeMarsFamily(Family):
         read = queries.status_of(block.can_id, block.spec)
         if isinstance(block, CubeMarsV3):
             return StopQuery(queries.disable_v3(block.can_id), read)
-        if isinstance(block, CubeMarsServo):  # it has no other way to be off, and reports without being asked
+        if isinstance(block, CubeMarsServo):  # has no other disable, and reports periodically
             return StopQuery(frames.amperes(frames.CURRENT, 0.0, block.can_id), read)
         return self.stop_queries(block.can_id, block.spec)[1]
 

@@ -30,7 +30,7 @@ FAULTS = {  # error codes of MIT mode
     6: "transistors too hot",
     7: "stalled",
 }
-EXTENDED_FAULTS = FAULTS | {0x2C: "has lost its power in the run", 0x77: "reports that it is disabled"}
+EXTENDED_FAULTS = FAULTS | {0x2C: "lost power during the run", 0x77: "reports that it is disabled"}
 
 
 def frame(kind, can_id, data=b""):
@@ -38,12 +38,12 @@ def frame(kind, can_id, data=b""):
 
 
 def amperes(kind, current, can_id):
-    """A command of a current, of kind CURRENT or BRAKE."""
+    """Return the command of a current, of kind CURRENT or BRAKE."""
     return frame(kind, can_id, round(current * 1000.0).to_bytes(4, "big", signed=True))
 
 
 def origin(can_id, permanent=False):
-    """The present position becomes zero: until the power goes, or, written into the drive's flash memory, for good."""
+    """Return the command that sets the zero to the present position, until power-off or permanently in flash."""
     return frame(ORIGIN, can_id, bytes([int(permanent)]))
 
 
@@ -61,7 +61,7 @@ def replies(can_id):
 
 
 def velocity_field(can_id, code):
-    """Where a status has the speed. code : rad/s of the joint"""
+    """Return the ReplyField of the speed in a status. code : rad/s of the joint"""
     return ReplyField(
         ((STATUS << 8 | can_id, 0x1FFFFFFF, True, b""),),
         first=16,
@@ -73,10 +73,10 @@ def velocity_field(can_id, code):
 
 
 def in_words(code):
-    return EXTENDED_FAULTS.get(code, f"code {code}, which the manual does not know")
+    return EXTENDED_FAULTS.get(code, f"code {code}, not listed in the manual")
 
 
-def scales(found, gear_ratio, torque_constant):
-    """Of a status, at the joint: rad and rad/s of a code, N·m of an ampere."""
-    turns = SPEED_CODE / (found.gear * found.pole_pairs * gear_ratio)
+def scales(spec, gear_ratio, torque_constant):
+    """Return the scales of a status at the joint: rad and rad/s per code, N·m per ampere."""
+    turns = SPEED_CODE / (spec.gear * spec.pole_pairs * gear_ratio)
     return POSITION_CODE / gear_ratio, turns * math.pi / 30.0, torque_constant * gear_ratio

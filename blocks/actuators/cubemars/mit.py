@@ -12,10 +12,10 @@ from graph import Actuator, Param
 class CubeMars(StopInMitMode, Joint, Actuator):
     """A CubeMars AK actuator in MIT mode: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
-    (AK Series Module Driver Manual V1.0.18, pages 64 to 68.) Feedback is of the last tick; commands go out at its end.
-    Without stiffness and damping the drive gives `torque_command` alone; with them the whole law stays inside `limit`
-    while |α| <= max_acceleration. Replies of 7 or 6 bytes carry neither temperature nor error: `temperature` is NaN,
-    and `fault` stays 0 whatever the drive's state.
+    (AK Series Module Driver Manual V1.0.18, pages 64 to 68.) Feedback is from the previous tick; commands are sent at
+    the end of a tick. Without stiffness and damping, the drive outputs `torque_command` only; with them, the whole law
+    stays within `limit` while |α| <= max_acceleration. Replies of 7 or 6 bytes contain neither temperature nor error:
+    `temperature` is NaN, and `fault` is always 0.
     """
 
     reply = Param(
@@ -34,7 +34,7 @@ class CubeMars(StopInMitMode, Joint, Actuator):
     def fault_in_words(self, code):
         if self.reply != 8 and not code:
             return "not reported"
-        return FAULTS.get(code, f"code {code}, which the manual does not know")
+        return FAULTS.get(code, f"code {code}, not listed in the manual")
 
     def malformed_in_words(self, lengths, first_byte):
         return "; ".join(self.rejected_in_words(length, frames, first_byte) for length, frames in lengths.items())

@@ -1,4 +1,4 @@
-"""CubeMars actuators in servo mode, which boards of all generations have."""
+"""CubeMars actuators in servo mode, available on boards of all generations."""
 
 import math
 
@@ -24,34 +24,30 @@ POSITIONS = ("position", "position_velocity")
 CURRENT, SPEED, POSITION = 60.0, 100_000.0, math.radians(3200.0)  # A, electrical revolutions a minute, rad of the motor
 WORD, LONG = 32767, 360_000_000  # largest codes: 16 bits, and 36000° of a position
 
-# What a mode other than current is commanded with, and what of it was sent.
+# input of each mode other than current, and the output with the value sent
 COMMANDS = {
     "duty": (
-        Input("1", "share of the supply's voltage, the way the joint turns"),
+        Input("1", "fraction of the supply voltage, in the direction of the joint"),
         Output("1", "duty after fade-in and rounding"),
     ),
     "current_brake": (
-        Input("A", "of the motor, against its motion"),
+        Input("A", "braking current of the motor"),
         Output("A", "braking current after fade-in and rounding"),
     ),
-    "velocity": (
-        Input("rad/s", "at which the drive turns"),
-        Output("rad/s", "velocity command after fade-in and rounding"),
-    ),
-    "position": (Input("rad", "where the drive goes"), Output("rad", "position command after fade-in and rounding")),
+    "velocity": (Input("rad/s", "velocity command"), Output("rad/s", "velocity command after fade-in and rounding")),
+    "position": (Input("rad", "position command"), Output("rad", "position command after fade-in and rounding")),
 }
 
 
 class CubeMarsServo(ExtendedFrames, Actuator):
-    """A CubeMars actuator in servo mode, with a board of any generation: the drive closes a loop of duty, current,
-    velocity or position.
+    """CubeMars actuator in servo mode: the drive controls duty, current, velocity or position.
 
-    (AK Series Module Driver Manual V1.0.18; AKA Series Product Manual V3.0.0, section 4.) A board V1 or V2 has to be
-    set to it with the vendor's tool. Each mode has one input: `duty_command`, `current_command`,
-    `current_brake_command`, `velocity_command`, or `position_command`. **Only a current bounds the torque**, to that of
-    `limit`: at a duty, on the way to a velocity or a position the drive takes whatever current its own settings allow.
-    Commands have no reply: the drive has answered when it has reported. The safe stop commands no current, and disables
-    a V3.0 board; it is confirmed by a current of less than 0.32 A. A board V1 or V2 has no disable.
+    (AK Series Module Driver Manual V1.0.18; AKA Series Product Manual V3.0.0, section 4.) A board V1 or V2 must be set
+    to servo mode with the vendor's tool. Each mode has one input: `duty_command`, `current_command`,
+    `current_brake_command`, `velocity_command`, or `position_command`. **Only a current bounds the torque**, to
+    `limit`; in the other modes the current is limited only by the settings of the drive. Commands have no reply: a
+    report counts as the answer. The safe stop commands zero current, and disables a V3.0 board; a current below 0.32 A
+    confirms it. A board V1 or V2 has no disable.
     """
 
     model, bus, can_id, limit, invert, offset = (
@@ -69,50 +65,50 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         Joint.reference,
         Joint.check_pose,
     )
-    mode = Param("current", "1", "how the drive is commanded", choices=tuple(KINDS), fixed=True)
+    mode = Param("current", "1", "controlled quantity", choices=tuple(KINDS), fixed=True)
     velocity_limit = Param(
-        2.0, "rad/s", "of the joint in the modes velocity and position_velocity", above=0.0, fixed=True, kernel=False
+        2.0,
+        "rad/s",
+        "largest joint velocity in the modes velocity and position_velocity",
+        above=0.0,
+        fixed=True,
+        kernel=False,
     )
     acceleration = Param(
-        10.0, "rad/s²", "of the joint in the mode position_velocity", above=0.0, fixed=True, kernel=False
+        10.0, "rad/s²", "largest joint acceleration in the mode position_velocity", above=0.0, fixed=True, kernel=False
     )
-    duty_limit = Param(0.1, "1", "in the mode duty", above=0.0, max=1.0, fixed=True, kernel=False)
+    duty_limit = Param(0.1, "1", "largest duty in the mode duty", above=0.0, max=1.0, fixed=True, kernel=False)
     torque_constant = Param(
-        0.0, "N·m/A", "at the actuator's output; 0 for the table's", min=0.0, fixed=True, kernel=False
+        0.0, "N·m/A", "torque constant at the actuator's output; 0: the table's", min=0.0, fixed=True, kernel=False
     )
     report_rate = Param(
         100.0,
         "Hz",
-        "at which the drive reports, as set with the vendor's tool; 0 for a V3.0 board that answers each command",
+        "rate of the drive's reports, as set with the vendor's tool; 0 for a V3.0 board that answers each command",
         min=0.0,
         max=500.0,
         fixed=True,
         kernel=False,
     )
-    safe_stop = Param(
-        "disable",
-        "1",
-        "how a safe stop treats it: disable, or brake first, against its motion",
-        choices=("disable", "brake"),
-    )
-    stop_current = Param(1.0, "A", "of the motor while it brakes", above=0.0, max=CURRENT, fixed=True, kernel=False)
+    safe_stop = Param("disable", "1", "safe stop: disable, or brake first", choices=("disable", "brake"))
+    stop_current = Param(1.0, "A", "braking current in the safe stop", above=0.0, max=CURRENT, fixed=True, kernel=False)
     stop_time = Joint.stop_time
     rms_mode = Param(
         "disable",
         "1",
-        "what happens where its RMS torque passes the rated one; saturate and throttle take from a current alone",
+        "action when the RMS torque exceeds the rated torque; saturate and throttle require a current mode",
         choices=("silent", "warn", "saturate", "throttle", "disable"),
     )
     rms_window, warning_temperature = Joint.rms_window, Joint.warning_temperature
     derating_temperature, fault_temperature = Joint.derating_temperature, Joint.fault_temperature
 
-    current_command = Input("A", "of the motor, the way the joint turns")
+    current_command = Input("A", "current of the motor, in the direction of the joint")
     position, velocity, torque, current = Joint.position, Joint.velocity, Reporting.torque, Reporting.current
     temperature = Joint.temperature
     fault, age, rms_torque = Joint.fault, Output("s", "time since the newest report"), Joint.rms_torque
     current_sent = Output("A", "current command after fade-in and rounding")
     scales, notice = Reporting.scales, Reporting.notice
-    limits = Memory((0.0,) * 3, "lowest and highest command, and the share that is left of it")
+    limits = Memory((0.0,) * 3, "lowest and highest command, and its permitted fraction")
     written = Memory(
         (0.0,) * 5, "kind of the command, codes of its unit, largest code, codes of speed and acceleration"
     )
@@ -122,7 +118,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
     encode = kernels.encode.renamed(command="current_command", sent="current_sent")
-    unanswered_frames = 1  # of the stop's two: nothing is answered, and one report may confirm it
+    unanswered_frames = 1  # of the stop's two: one report may confirm it
     reports_a_tick: int
     # Joint and Reporting are not base classes, since this block does not have all of their ports
     watched, find_limit, given_limit, rated_torque = (
@@ -152,8 +148,8 @@ class CubeMarsServo(ExtendedFrames, Actuator):
             )
         if spec.generation < 3 and self.report_rate == 0.0:
             raise ValueError(
-                f"the board of {spec.name} does not answer commands in servo mode: give the "
-                "report_rate that it is set to"
+                f"the board of {spec.name} does not answer commands in servo mode: pass the "
+                "report_rate that is set in it"
             )
         self.range = motion_of(self.range)
         self.check_pose()
@@ -173,20 +169,19 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         self.current_limit = min(self.torque_limit / self.scales[2], CURRENT, math.inf if motor is None else motor)
         if self.mode not in CURRENTS and self.rms_mode in ("saturate", "throttle"):
             raise ValueError(
-                f"rms_mode {self.rms_mode!r} takes from a commanded current, and mode {self.mode} commands none: "
-                "warn or disable"
+                f"rms_mode {self.rms_mode!r} requires a current mode, but the mode is {self.mode}: set warn or disable"
             )
         self.law_limit = ("limits", 2) if self.mode in CURRENTS else None
         self.damp_time = self.stop_time if self.safe_stop == "brake" else 0.0
         if self.damp_time and self.stop_current > self.current_limit:
             raise ValueError(
-                f"stop_current is at most the current of the limit, {self.current_limit:.4g} A, got "
+                f"stop_current must be at most the current of the limit, {self.current_limit:.4g} A, got "
                 f"{self.stop_current:g}"
             )
         self.take_one_command()
 
     def take_one_command(self):
-        """The one input of the mode, what it must stay inside, and how it is sent."""
+        """Set the input of the mode, its limits, and its encoding."""
         quantity = "position" if self.mode in POSITIONS else self.mode
         self.command_name, self.sent_name = f"{quantity}_command", f"{quantity}_sent"
         self.sent_outputs = (self.sent_name,)
@@ -217,7 +212,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         self.written = (KINDS[self.mode], scale, largest, *self.speeds())
 
     def speeds(self):
-        """Codes of speed and acceleration on the way to a position, truncated: never faster than allowed."""
+        """Return the codes of the speed and acceleration limits of a position command, truncated."""
         if self.mode != "position_velocity":
             return 0.0, 0.0
         speed, acceleration = (math.floor(x / self.scales[1]) for x in (self.velocity_limit, self.acceleration))
@@ -230,7 +225,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         return float(speed), float(acceleration)
 
     def motion(self):
-        """What the run watches of its motion. A mode without a commanded current may take more than its limit, up to
+        """Return the monitored quantities of the motion. A mode without a commanded current may exceed its limit, up to
         the peak torque.
         """
         motion = self.motion_of_any_mode()
@@ -246,13 +241,13 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         if self.mode in CURRENTS:
             return f"current of the torque limit of {self.spec.name}, and of its motor"
         return {"duty": "its duty_limit", "velocity": "its velocity_limit"}.get(
-            self.mode, f"range of what {self.spec.name} reports"
+            self.mode, f"feedback range of {self.spec.name}"
         )
 
     def torque_bound(self, commands, period):
         if self.mode in CURRENTS:
             return TorqueBound("proved", self.torque_limit)
-        return TorqueBound("none", None, f"in mode {self.mode} no frame bounds the torque: the drive's own settings do")
+        return TorqueBound("none", None, f"in mode {self.mode} only the settings of the drive bound the torque")
 
     def output_range(self, **commands):
         feedback = self.feedback_range()
@@ -268,14 +263,14 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         return [(8 if self.mode == "position_velocity" else 4, True)] + [(8, True)] * self.reports_a_tick
 
     def zero_frames(self):
-        """No current, whatever the mode: a duty of zero would short the motor, and brake it."""
+        """Return a command of zero current in every mode: a duty of zero would short the motor and brake it."""
         return [frames.amperes(frames.CURRENT, 0.0, self.can_id)]
 
     def disable_frames(self):
         return [frames.frame(frames.DISABLE, self.can_id)] if self.spec.generation >= 3 else self.zero_frames()
 
     def damped_stop(self):
-        """A braking current: it bounds the torque at every speed."""
+        """Return the stop with a braking current, which bounds the torque at every speed."""
         if not self.damp_time:
             return None
         return DampedStop(

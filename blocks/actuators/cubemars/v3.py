@@ -18,21 +18,21 @@ NOTHING = bytes.fromhex("0000007fff7ff7ff")
 
 
 class Reporting:
-    """What the boards share that report in extended frames: feedback, and how it is read. Taken over one by one."""
+    """Feedback of boards that report in extended frames, and its decoding. The blocks copy the items one by one."""
 
     report_rate = Param(
         0.0,
         "Hz",
-        "at which the drive reports, as set with the vendor's tool; 0 where it answers each command",
+        "rate of the drive's reports, as set with the vendor's tool; 0: it answers each command instead",
         min=0.0,
         max=500.0,
         fixed=True,
         kernel=False,
     )
-    torque = Output("N·m", "computed: the drive's current times the torque constant; nothing measures it")
-    current = Output("A", "of the motor, the way the joint turns")
-    scales = Memory((0.0,) * 3, "rad and rad/s of a code of the feedback, N·m of an ampere, at the joint")
-    notice = Memory(0.0, "what has happened to a drive that was commanded")
+    torque = Output("N·m", "torque computed from the drive's current and the torque constant")
+    current = Output("A", "current of the motor, in the direction of the joint")
+    scales = Memory((0.0,) * 3, "rad and rad/s per code of the feedback, N·m per ampere, at the joint")
+    notice = Memory(0.0, "event that a commanded drive has reported")
 
     reports_a_tick: int
     timeout: Any
@@ -43,8 +43,7 @@ class Reporting:
         if self.report_rate > 0.0 and 0.0 < self.timeout < 2.0 / self.report_rate:
             raise ValueError(
                 f"timeout {self.timeout:g} s is shorter than two reports at report_rate {self.report_rate:g} Hz: the "
-                "drive would seem "
-                f"silent"
+                "drive would appear silent"
             )
 
     def prepare(self, dt):
@@ -81,13 +80,13 @@ class ExtendedFrames:
 
 
 class CubeMarsV3(ExtendedFrames, Joint, Actuator):
-    """A CubeMars actuator with a V3.0 board in force control: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
+    """CubeMars actuator with a V3.0 board in force control: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
     (AKA Series Product Manual V3.0.0; AK Series Product Manual V3.2.0, section 4.) As CubeMars, on extended frames,
-    with another feedback: position, velocity and current, at `report_rate`, over ± 3276.8° of the motor where commands
-    reach ± 12.56 rad. Its torque is computed from the current. With stiffness and damping the drive must report at
-    least every second tick: both are zero where the feedback is older. The safe stop is confirmed by a current of less
-    than 0.32 A, or the drive's answer to the disable.
+    with different feedback: position, velocity and current at `report_rate`. The feedback covers ± 3276.8° of a motor,
+    commands ± 12.56 rad. The torque is computed from the current. With stiffness and damping, the drive must report at
+    least every second tick: both are zero with older feedback. A current below 0.32 A, or the drive's answer to the
+    disable, confirms the safe stop.
     """
 
     reports_a_tick: int
@@ -100,8 +99,8 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     enter = Param(
         False,
         "1",
-        "whether arming sends FF..FC, which one user's unit needed; to a board that does not know it, it "
-        "commands full torque",
+        "whether arming sends FF..FC, which one user's unit required; on a board without this command, it commands "
+        "full torque",
         fixed=True,
         kernel=False,
     )
@@ -111,7 +110,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     find = staticmethod(models_v3.find)
     decode = kernels.decode
     encode = kernels.encode
-    unanswered_frames = 1  # of the stop's two: drives that report by themselves answer neither
+    unanswered_frames = 1  # of the stop's two: drives with periodic reports answer neither
 
     def configure(self):
         super().configure()
@@ -119,7 +118,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         self.scales = frames.scales(self.spec, self.gear_ratio, self.spec.torque_constant)
 
     def motion(self):
-        """Also compare the torque, computed from the current, with the law that was sent: that checks the torque
+        """Return the monitored quantities, including the torque computed from the current, which verifies the torque
         constant.
         """
         return replace(super().motion(), velocity_code=self.scales[1], torque_tolerance=1e-2 * SCALE_TOLERANCE)

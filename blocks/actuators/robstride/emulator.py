@@ -1,4 +1,4 @@
-"""Emulated RobStride drive: it exchanges the same bytes, for a plant."""
+"""Emulated RobStride drive with the private protocol."""
 
 import re
 
@@ -9,32 +9,27 @@ from graph import Device, Memory, Param
 
 LOC_KP, SPD_KP, VBUS = 0x701E, 0x701F, 0x701C
 POSITION_GAIN = 30.0  # 1/s, as the manual prints it
-VELOCITY_GAIN = 5.0  # N·m·s/rad, ours: the vendor's is tuned to its motor
+VELOCITY_GAIN = 5.0  # N·m·s/rad, assumed: the vendor's is tuned to its motor
 
 
 class EmulatedRobStride(Emulated, Device):
-    """A RobStride drive or a CyberGear on the in-memory bus: it takes the private protocol in every mode, gives torque,
-    and answers.
+    """Emulated RobStride drive or CyberGear with the private protocol in every mode.
 
     Torque is the law of its run mode, up to its limits and the peak torque, and zero until it is enabled, after it is
     stopped, while it has a fault and when it has received nothing for its canTimeout. `fault`: its six bits of the
     feedback, which stay until they are cleared, and from bit 8 on those of a fault report. Its parameters can be read,
-    written and, on a RobStride, saved; it takes another id, and answers with its unique number and its firmware.
-    `EmulatedRobStride.of(robot["left/knee"])` plays the drive that a robot's block commands.
+    written and, on a RobStride, saved; its id can be changed, and it reports its unique number and its firmware.
+    `EmulatedRobStride.of(robot["left/knee"])` emulates the drive of a robot's block.
     """
 
     can_id = Param(127, "1", "its id", min=1, max=127, fixed=True)
     trip_temperature = Param(
-        None,
-        "°C",
-        "temperature at which it protects itself with a fault; the model's by default",
-        dtype=float,
-        fixed=True,
+        None, "°C", "temperature of the over-temperature fault; the model's by default", dtype=float, fixed=True
     )
 
-    unique = Param("", "1", "its unique number, 16 hex digits; made from model and id by default", dtype=str)
+    unique = Param("", "1", "unique number, 16 hex digits; derived from model and id by default", dtype=str)
     firmware = Param(
-        "", "1", "its version, as in 0.3.1.41; the oldest with a time-out in MIT mode by default", dtype=str
+        "", "1", "firmware version, as in 0.3.1.41; by default the oldest with a time-out in MIT mode", dtype=str
     )
     gains = Param((), "1", '(name, value) of parameters that this one has otherwise, as in (("loc_kp", 40.0),)')
 
@@ -64,7 +59,7 @@ class EmulatedRobStride(Emulated, Device):
             LOC_KP: POSITION_GAIN,
             SPD_KP: VELOCITY_GAIN / spec.torque_constant / self.gear_ratio**2,
         }
-        if not spec.is_cybergear:  # which knows one limit of speed, LIMIT_SPD
+        if not spec.is_cybergear:  # which has one speed limit, LIMIT_SPD
             values |= {frames.VEL_MAX: 10.0, frames.ACC_SET: 10.0, frames.ACC_RAD: 20.0}
         values |= self.own_gains(spec.is_cybergear)
         self.registers = self.defaults = tuple(values.get(0x7000 + place, 0.0) for place in range(64))

@@ -12,7 +12,7 @@ class RobStrideFamily(Family):
     precedence = 1
     drives = (
         Drive(RobStride, models.find),
-        Drive(RobStrideMIT, mit.find, "mit", "a RobStride that is set to its MIT protocol"),
+        Drive(RobStrideMIT, mit.find, "mit", "a RobStride set to its MIT protocol"),
     )
     tables = (
         Table("RobStride and CyberGear", "RobStride, or RobStrideMIT for the vendor's MIT protocol", models.MODELS),
@@ -23,8 +23,8 @@ class RobStrideFamily(Family):
         Query(disable_in_mit_mode, MIT_PURPOSE, queries.states_in_mit_mode),
     )
     configure_note = (
-        "A RobStride keeps without power what --save has saved. A CyberGear cannot save: to it that frame means "
-        "another baud rate, and it is never sent to a drive that may be one."
+        "A RobStride keeps saved settings without power. A CyberGear cannot save: it interprets the frame as a change "
+        "of the baud rate, so the frame is never sent to a drive that may be a CyberGear."
     )
 
     def commanded(self, identifier, extended, data):

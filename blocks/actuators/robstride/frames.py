@@ -31,7 +31,7 @@ FAULTS = {
     4: "stalled or overloaded",
     5: "not calibrated",
     6: "has stopped by itself",
-    7: "time-out is not the one that was written",
+    7: "time-out differs from the one written",
     8: "motor too hot",
     9: "driver chip",
     10: "under-voltage",
@@ -55,7 +55,7 @@ def frame(kind, field, can_id, data=bytes(8)):
 
 
 def write(index, value, can_id, host_id):
-    """A parameter, in the drive's memory until its power goes."""
+    """Return the frame that writes a parameter, kept until power-off."""
     return frame(WRITE, host_id, can_id, struct.pack("<HH", index, 0) + struct.pack(WHOLE.get(index, "<f"), value))
 
 
@@ -64,12 +64,12 @@ def read(index, can_id, host_id):
 
 
 def timeout_counts(seconds):
-    """Of CAN_TIMEOUT; at least 1 where it is not 0."""
+    """Return the value of CAN_TIMEOUT, at least 1 for a time above 0."""
     return max(round(seconds * TIMEOUT_COUNTS), int(seconds > 0.0))
 
 
 def reports(on, can_id, host_id):
-    """Reports of the state every 10 ms, without being asked."""
+    """Return the frame that turns periodic reports every 10 ms on or off."""
     return frame(REPORT, host_id, can_id, bytes([1, 2, 3, 4, 5, 6, int(on), 8]))
 
 
@@ -78,17 +78,17 @@ def meanings(is_cybergear):
 
 
 def names(fault, meanings=FAULTS):
-    """In words, what a value of `fault` means."""
+    """Return the names of the bits of `fault`."""
     return [meanings.get(bit, bit_in_words(bit)) for bit in range(40) if int(fault) >> bit & 1]
 
 
 def word_in_words(fault):
-    """The same of a word of 32 faults alone."""
+    """Return the names of the bits of a word of 32 faults."""
     return ", ".join(warning_in_words(bit) for bit in range(32) if int(fault) >> bit & 1)
 
 
 def in_words(fault, meanings=FAULTS):
-    """The same, with the bits: 'over-voltage (bit 3 of the fault report), bit 9 of the fault report'; '' for none."""
+    """Return the names with the bits, as in 'over-voltage (bit 3 of the fault report)'; '' for none."""
     return ", ".join(
         f"{meanings[bit]} ({bit_in_words(bit)})" if bit in meanings else bit_in_words(bit)
         for bit in range(40)
@@ -101,6 +101,6 @@ def bit_in_words(bit):
 
 
 def warning_in_words(bit, meanings=FAULTS):
-    """Of the second word of a fault report, whose bits are those of the first."""
+    """Return the name of a bit of the second word of a fault report, whose bits are those of the first."""
     name = meanings.get(REPORTED + bit)
     return f"{name} (bit {bit})" if name else f"bit {bit}"

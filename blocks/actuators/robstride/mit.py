@@ -1,4 +1,4 @@
-"""RobStride actuators that have been set to the vendor's MIT protocol, on standard frames."""
+"""RobStride actuators set to the vendor's MIT protocol, on standard frames."""
 
 import struct
 
@@ -26,29 +26,28 @@ def find(name):
 
 
 class RobStrideMIT(StopInMitMode, Joint, Actuator):
-    """A RobStride actuator set to its MIT protocol: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
+    """RobStride actuator set to its MIT protocol: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
-    (RobStride user manuals of 2026-04-28, section 6.) As RobStride in operation control, with two costs: nothing
-    reports whether the drive is enabled, and its replies carry no faults. They are read at arming and once a second, in
-    a tick that carries the question instead of a command: the drive holds its last command one period longer. Arming
-    also writes `can_timeout` and the torque limit into the drive and reads the time-out back; it is refused where the
-    drive returns another time-out or none, as firmware older than models.MIT_FIRMWARE does.
+    (RobStride user manuals of 2026-04-28, section 6.) As RobStride in operation control, with two drawbacks: replies
+    report neither faults nor whether the drive is enabled. Faults are read during arming and once per second, in a tick
+    with a request instead of a command: the drive holds its last command for one more period. Arming also writes
+    `can_timeout` and the torque limit to the drive and reads the time-out back; it fails if the drive returns another
+    time-out or none, as firmware older than models.MIT_FIRMWARE does.
     """
 
-    can_id = Param(127, "1", "id set in the drive", min=1, max=127, fixed=True)
-    host_id = Param(0xFD, "1", "id that the drive answers from", min=0, max=255, fixed=True)
+    can_id = Param(127, "1", "CAN id set in the drive", min=1, max=127, fixed=True)
+    host_id = Param(0xFD, "1", "id of the drive's replies", min=0, max=255, fixed=True)
     can_timeout = Param(
         0.1,
         "s",
-        "silence after which the drive stops by itself; 0 for never, and for firmware without it",
+        "time without a command after which the drive stops itself; 0 for never, and for firmware without it",
         min=0.0,
         max=5.0,
         fixed=True,
     )
 
     talk = Memory(
-        (0.0,) * 10,
-        "time-out read back, faults as last read, and what is awaited: cext/kernels/devices/robstride/mit.pyx",
+        (0.0,) * 10, "time-out read back, last faults, expected replies: cext/kernels/devices/robstride/mit.pyx"
     )
 
     hardware = (*Joint.hardware, "host_id")
@@ -59,7 +58,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     def configure(self):
         super().configure()
         if self.can_id == self.host_id:
-            raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need ids of their own")
+            raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need different ids")
         self.own_timeout = self.can_timeout if self.can_timeout > 0.0 else None
         self.ready = "talk" if self.own_timeout is not None else None
         limit = int.from_bytes(self.torque_bytes(), "little")
@@ -84,8 +83,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         if dt is not None and 0.0 < self.can_timeout < 3.0 * dt:
             raise ValueError(
                 f"can_timeout {self.can_timeout:g} s is shorter than three ticks of {dt:g} s: the drive would stop "
-                "by itself between two "
-                f"commands"
+                "itself between two commands"
             )
 
     def output_range(self, **commands):
@@ -95,7 +93,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         return [(self.can_id, False)]
 
     def acceptance_filters(self):
-        """What the drive sends, and what any controller sends to it."""
+        """Return the filters of the frames from the drive and to it."""
         return [(self.host_id, 0x7FF, False), (self.can_id, 0x7FF, False)] + [
             (kind | self.can_id, 0x7FF, False) for kind in (READ, WRITE)
         ]
@@ -104,7 +102,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         return [(self.host_id, 0x7FF, False, bytes([self.can_id]))]
 
     def enable_frames(self):
-        """Stopped, given its time-out and torque limit, asked for both time-out and faults, and enabled."""
+        """Return frames that stop the drive, write time-out and torque limit, read both and the faults, and enable."""
         return [
             *[(self.can_id, False, data) for data in (DISABLE, OPERATION)],
             *self.write_frames(),
@@ -130,7 +128,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             return "not read before the start"
         words = [frames.word_in_words(int(code) & 0xFFFFFFFF)] if int(code) & 0xFFFFFFFF else []
         if int(code) >> 32:
-            words.append(f"its time-out is not the one that was written; {self.remedy()}")
+            words.append(f"its time-out differs from the one written; {self.remedy()}")
         return ", ".join(words)
 
     def unready_in_words(self):
@@ -151,17 +149,17 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
 
 
 class EmulatedRobStrideMIT(Emulated, Device):
-    """A RobStride drive set to its MIT protocol, on the in-memory bus.
+    """Emulated RobStride drive set to its MIT protocol.
 
-    `fault` is the word of faults that it returns when it is asked; a fault disables it and stays until it is cleared.
-    It stops by itself after the time-out that was written.
+    `fault` is the word of faults that it returns on request; a fault disables it and stays until it is cleared. It
+    stops itself after the written time-out.
     """
 
     can_id = Param(127, "1", "its id", min=1, max=127, fixed=True)
-    host_id = Param(0xFD, "1", "id that it answers from", min=0, max=255, fixed=True)
+    host_id = Param(0xFD, "1", "id of its replies", min=0, max=255, fixed=True)
     parameters_known = Param(True, "1", "whether its firmware reads and writes parameters", fixed=True, kernel=False)
 
-    registers = Memory((0.0,) * 64, "the parameters 0x7000 to 0x703F, four bytes each as they are on the wire")
+    registers = Memory((0.0,) * 64, "parameters 0x7000 to 0x703F, four raw bytes each")
     latched = Memory(0.0, "faults until they are cleared")
     too_old = Memory(0.0, "whether its firmware has no parameters")
 

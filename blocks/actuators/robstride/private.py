@@ -12,11 +12,11 @@ from graph import Actuator, Input, Interval, Memory, Motion, Output, Param, Repl
 RUN_MODES = {"operation": 0, "position": 1, "velocity": 2, "current": 3, "csp": 5}
 POSITION_MODES = ("position", "csp")
 
-# What a mode other than operation control is commanded with, and what of it was sent.
+# input of each mode other than operation control, and the output with the value sent
 COMMANDS = {
-    "position": Input("rad", "where the drive goes, with velocity_limit and acceleration"),
-    "velocity": Input("rad/s", "at which the drive turns"),
-    "current": Input("A", "in the motor, peak of a phase, the way the joint turns"),
+    "position": Input("rad", "position command, reached with velocity_limit and acceleration"),
+    "velocity": Input("rad/s", "velocity command"),
+    "current": Input("A", "current of the motor, peak of a phase, in the direction of the joint"),
 }
 SENT = {
     "position": Output("rad", "position command after quantisation"),
@@ -26,33 +26,43 @@ SENT = {
 
 
 class RobStride(Joint, Actuator):
-    """A RobStride actuator or a CyberGear: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
+    """RobStride actuator or CyberGear: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
-    (RobStride user manuals of 2026-04-28, section 4.) Feedback is of the last tick; commands go out at its end. Without
-    stiffness and damping the drive gives `torque_command` alone. So in operation control; in the modes position, csp
-    (cyclic position), velocity and current the drive has one input, `position_command`, `velocity_command` or
-    `current_command`, and its current is limited to that of the torque `limit`. Modes and limits are written while it
-    is stopped, and are forgotten with its power. The drive stops by itself when it has received nothing for
-    `can_timeout`; the CyberGear cannot. Arming writes that time-out, reads it back, and is refused where the drive
-    returns another one or none. Faults are never cleared from here.
+    (RobStride user manuals of 2026-04-28, section 4.) Feedback is from the previous tick; commands are sent at the end
+    of a tick. In operation control without stiffness and damping, the drive outputs `torque_command` only. In the modes
+    position, csp (cyclic position), velocity and current the drive has one input, `position_command`,
+    `velocity_command` or `current_command`, and its current is limited to that of the torque `limit`. Mode and limits
+    are written while the drive is stopped, and are lost at power-off. The drive stops itself when it has received
+    nothing for `can_timeout`; the CyberGear cannot. Arming writes that time-out, reads it back, and fails if the drive
+    returns another one or none. Faults are never cleared.
     """
 
-    can_id = Param(127, "1", "id set in the drive", min=1, max=127, fixed=True)
-    host_id = Param(0xFD, "1", "id that the drive answers to", min=0, max=255, fixed=True)
+    can_id = Param(127, "1", "CAN id set in the drive", min=1, max=127, fixed=True)
+    host_id = Param(0xFD, "1", "id to which the drive replies", min=0, max=255, fixed=True)
     can_timeout = Param(
-        0.1, "s", "silence after which the drive stops by itself; 0 for never", min=0.0, max=5.0, fixed=True
+        0.1, "s", "time without a command after which the drive stops itself; 0 for never", min=0.0, max=5.0, fixed=True
     )
-    active_reporting = Param(
-        False, "1", "whether the drive shall also report every 10 ms without being asked", fixed=True
+    active_reporting = Param(False, "1", "whether the drive also reports every 10 ms", fixed=True)
+    velocity_limit = Param(
+        2.0, "rad/s", "largest joint velocity in the modes position, csp and velocity", above=0.0, fixed=True
     )
-    velocity_limit = Param(2.0, "rad/s", "of the joint in the modes position, csp and velocity", above=0.0, fixed=True)
     acceleration = Param(
-        10.0, "rad/s²", "of the joint in the modes position and velocity; not of the CyberGear", above=0.0, fixed=True
+        10.0,
+        "rad/s²",
+        "joint acceleration in the modes position and velocity; not for the CyberGear",
+        above=0.0,
+        fixed=True,
     )
-    mode = Param("operation", "1", "how the drive is commanded", choices=tuple(RUN_MODES), fixed=True)
+    mode = Param(
+        "operation",
+        "1",
+        "controlled quantity; operation: torque, stiffness and damping",
+        choices=tuple(RUN_MODES),
+        fixed=True,
+    )
 
-    warning = Output("1", "the drive's warnings, bit by bit as it last reported them", dtype=int)
-    state = Memory((0.0,) * 3, "seen running, replies since it is not, faults that it has reported")
+    warning = Output("1", "warnings that the drive reported last, as bits", dtype=int)
+    state = Memory((0.0,) * 3, "whether it has run, replies since it stopped, reported faults")
     written = Memory(
         (0.0,) * 5, "index of the command, its scale, whether the offset moves it, index and value of the current limit"
     )
@@ -72,12 +82,12 @@ class RobStride(Joint, Actuator):
         self.encode = type(self).encode
         super().configure()
         if self.can_id == self.host_id:
-            raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need ids of their own")
+            raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need different ids")
         if self.spec.is_cybergear:
             if self.mode == "csp":
                 raise ValueError("the CyberGear has no mode csp; its mode position is commanded in the same way")
             if self.active_reporting:
-                raise ValueError("the CyberGear does not report without being asked: leave active_reporting out")
+                raise ValueError("the CyberGear has no periodic reports: omit active_reporting")
         self.own_timeout = self.can_timeout if self.spec.own_timeout and self.can_timeout > 0.0 else None
         self.timeout_read = (0.0, 0.0, float(frames.timeout_counts(self.can_timeout)))
         self.ready = "timeout_read" if self.own_timeout is not None else None
@@ -96,7 +106,7 @@ class RobStride(Joint, Actuator):
             self.take_one_command()
 
     def take_one_command(self):
-        """The one input of a mode in which parameters are written, its limit, and how it is sent."""
+        """Set the input of a parameter mode, its limit, and its encoding."""
         quantity = "position" if self.mode in POSITION_MODES else self.mode
         if quantity != "current" and self.velocity_limit > self.wire[1]:
             raise ValueError(
@@ -125,9 +135,7 @@ class RobStride(Joint, Actuator):
         )
 
     def motion(self):
-        """What the run watches of its motion: with a position or a velocity commanded, not whether its torque is the
-        one that was meant.
-        """
+        """Return the monitored quantities of the motion: in the position and velocity modes without the torque."""
         if self.mode == "operation":
             return super().motion()
         current = "current_sent" if self.mode == "current" else None
@@ -141,9 +149,8 @@ class RobStride(Joint, Actuator):
     def prepare(self, dt):
         if dt is not None and 0.0 < self.can_timeout < 2.0 * dt and self.spec.own_timeout:
             raise ValueError(
-                f"can_timeout {self.can_timeout:g} s is shorter than two ticks of {dt:g} s: the drive would stop by "
-                "itself between two "
-                f"commands"
+                f"can_timeout {self.can_timeout:g} s is shorter than two ticks of {dt:g} s: the drive would stop "
+                "itself between two commands"
             )
 
     def command_limits(self):
@@ -153,7 +160,7 @@ class RobStride(Joint, Actuator):
 
     def rating(self):
         if self.mode in ("position", "csp"):
-            return f"wire range of {self.spec.name}"
+            return f"encoded range of {self.spec.name}"
         if self.mode == "velocity":
             return "its velocity_limit"
         return super().rating() if self.mode == "operation" else f"current of the torque limit of {self.spec.name}"
@@ -166,7 +173,7 @@ class RobStride(Joint, Actuator):
         return TorqueBound(
             "drive",
             self.torque_limit,
-            f"by the drive's own current limit of {self.current_limit:.3g} A, which nothing here verifies",
+            f"by the drive's own current limit of {self.current_limit:.3g} A, which is not verified",
         )
 
     def output_range(self, **commands):
@@ -227,7 +234,7 @@ class RobStride(Joint, Actuator):
         return [frames.read(frames.CAN_TIMEOUT, self.can_id, self.host_id)] if self.ready else []
 
     def zero_frames(self):
-        """No torque: by the command, or by a limit of no current where the command is none of torque."""
+        """Return a frame of zero torque: the command, or a current limit of zero in modes without a torque command."""
         if self.mode == "operation":
             return [(frames.OPERATION << 24 | 0x7FFF << 8 | self.can_id, True, bytes.fromhex("7fff7fff00000000"))]
         return [self.write(frames.IQ_REF if self.mode == "current" else frames.LIMIT_CUR, 0.0)]

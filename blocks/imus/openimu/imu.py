@@ -121,7 +121,7 @@ class OpenImu(Device):
     set_up = Memory((), "frames that write and read the settings: identifier, length and eight bytes of each")
     state = Memory(
         (0.0,) * 4,
-        "packets since the last complete sample, whether a frame was received, next frame to send, time of the last one",
+        "packets since the last complete sample, whether a frame was received, next frame to send, time of the last",
     )
 
     decode = kernels.decode

@@ -233,7 +233,7 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
         ("AK80-6", {}, "torque constant of AK80-6 is not published: pass torque_constant="),
         ("AK80-8 V3.0", {}, r"rated and peak torque of AK80-8-V3\.0 are not published: pass limit= in N·m"),
         ("AK80-8 V3.0", {"limit": 64.0}, "within the range of AK80-8-V3.0, 63.414 N·m, got 64"),
-        ("AK80-9", {"report_rate": 0.0}, "does not answer commands in servo mode: give the report_rate"),
+        ("AK80-9", {"report_rate": 0.0}, "does not answer commands in servo mode: pass the report_rate"),
         ("AK80-9", {"report_rate": 15.0}, "timeout 0.1 s is shorter than two reports at report_rate 15 Hz"),
         (
             "AK80-9",
@@ -250,13 +250,13 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
         (
             "AK80-9",
             {"mode": "velocity", "rms_mode": "saturate"},
-            "'saturate' takes from a commanded current, and mode velocity commands none",
+            "'saturate' requires a current mode, but the mode is velocity",
         ),
         ("AK80-9", {"safe_stop": "damp"}, "safe_stop: "),
         (
             "AK80-9",
             {"safe_stop": "brake", "stop_current": 20.0},
-            "stop_current is at most the current of the limit, 9.524 A, got 20",
+            "stop_current must be at most the current of the limit, 9.524 A, got 20",
         ),
         ("AK10-9", {}, r"CubeMarsV3\('AK10-9-V3\.0'\).*CubeMars\('AK10-9-V2\.0'\).*CubeMarsServo"),
         ("AKA10-9", {}, "table of wire ranges does not list it"),

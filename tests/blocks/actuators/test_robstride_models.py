@@ -237,7 +237,7 @@ def test_a_time_out_shorter_than_two_ticks_is_refused():
         ({"wire_torque": -1.0}, "wire_torque: must be at least 0.0 N·m"),
         ({"mode": "velocity", "velocity_limit": 20.1}, "velocity_limit 20.1 rad/s is outside the drive's range"),
         ({"model": "CyberGear", "mode": "csp"}, "the CyberGear has no mode csp"),
-        ({"model": "CyberGear", "active_reporting": True}, "does not report without being asked"),
+        ({"model": "CyberGear", "active_reporting": True}, "has no periodic reports"),
     ],
 )
 def test_a_parameter_that_will_not_do_is_refused_with_its_name_value_and_bound(parameters, said):

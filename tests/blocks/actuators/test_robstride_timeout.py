@@ -50,7 +50,7 @@ def test_another_time_out_is_a_fault_when_it_was_read_three_times(counts, failed
     assert wired["fault"] == frames.NO_TIMEOUT
     assert wired.hear(FEEDBACK, bytes.fromhex("7fff7fff7fff012c")) == TAKEN and wired["fault"] == frames.NO_TIMEOUT
     words = wired.block.fault_in_words(frames.NO_TIMEOUT)
-    assert "time-out is not the one that was written (bit 7)" in words and "set can_timeout=0" in words
+    assert "time-out differs from the one written (bit 7)" in words and "set can_timeout=0" in words
 
 
 class Board(Block):

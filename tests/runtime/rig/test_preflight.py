@@ -239,7 +239,7 @@ def test_a_drive_as_it_should_be(knee):
         ({"position": float("nan")}, "nan rad", "outside its range"),
         ({"temperature": 70.0}, "70 °C !", "hot"),
         ({"fault": 5.0}, "encoder !", "encoder"),
-        ({"fault": 77.0}, "code 77, which the manual does not know !", "code 77, which the manual does not know"),
+        ({"fault": 77.0}, "code 77, not listed in the manual !", "code 77, not listed in the manual"),
         ({"age": 0.06}, "60.0 ms !", "old sample"),
     ],
 )
