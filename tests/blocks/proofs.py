@@ -36,11 +36,13 @@ def keeps_its_range(data, block, *, numbers=anything | sensible, nan=False, tick
     given = {name: draw_interval(data, port, numbers) for name, port in block.inputs.items()}
     found = block.output_range(**given)
     stated = {name: range_of(block, name, found) for name in block.outputs}
-    for _ in range(ticks):
-        values = {
-            name: draw_value(data, port, given[name], shape if port.shape is ... else port.shape, nan)
+    tick = st.fixed_dictionaries(
+        {
+            name: values_of(port, given[name], shape if port.shape is ... else port.shape, nan)
             for name, port in block.inputs.items()
         }
+    )
+    for values in data.draw(st.lists(tick, min_size=ticks, max_size=ticks)):
         results = block.step(**values)
         if block.update_kernel is not None:
             block.update(**values)
@@ -59,16 +61,16 @@ def draw_interval(data, port, numbers):
     return interval
 
 
-def draw_value(data, port, interval, shape, nan):
+def values_of(port, interval, shape, nan):
+    """Strategy of an input's values: floats, or arrays of a shape. nan : whether NaN is among them"""
     whole = port.dtype in ("bool", "int")
     one = st.integers(int(interval.low), int(interval.high)).map(float) if whole else inside(interval)
     if nan:
         one = one | st.just(math.nan)
     if not shape:
-        return data.draw(one, label=port.name)
-    return np.array(
-        data.draw(st.lists(one, min_size=size_of(shape), max_size=size_of(shape)), label=port.name)
-    ).reshape(shape)
+        return one
+    size = size_of(shape)
+    return st.lists(one, min_size=size, max_size=size).map(lambda elements: np.array(elements).reshape(shape))
 
 
 def ulps(a, b):
