@@ -1,6 +1,7 @@
 """The name of a vendor or model occurs only in the folder of its device family and in its kernels."""
 
 import re
+from functools import cache
 
 import pytest
 
@@ -30,6 +31,7 @@ def homes():
     return [*folders, ROOT / "cext" / "kernels" / "devices"]
 
 
+@cache
 def pattern():
     """Long names in any position, short ones as words; with or without a hyphen before digits."""
     spelt = {name: re.sub(r"[-_ ]?(?=\d)|-", "[-_ ]?", name) for name in names()}
