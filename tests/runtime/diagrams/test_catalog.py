@@ -13,7 +13,6 @@ from graph.drawing.cards import summary
 from runtime.base.errors import OK
 from runtime.console.styles import Console, length
 from runtime.diagrams.catalog import describe, libraries, listing
-from tests.runtime.diagrams.test_library import installed  # noqa: F401  (the example of a lab's library, as pip installs it)
 from tests.runtime.runs import ROOT, write
 
 
@@ -164,29 +163,6 @@ def run(folder, *arguments, site):
         timeout=120,
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])},
     )
-
-
-def test_a_labs_library_is_listed_beside_ours(installed, tmp_path):  # noqa: F811
-    done = run(tmp_path, site=installed)
-    assert done.returncode == OK, done.stderr
-    assert (
-        "gaitlab 1.0.0  4 blocks" in done.stdout
-        and ("    CadenceMeter      Steps a minute from heel strikes: 60 over") in done.stdout
-    )
-    said = run(tmp_path, "cadence_meter", site=installed).stdout
-    assert said.startswith("CadenceMeter  from gaitlab.blocks import CadenceMeter\nPython; gaitlab.blocks, line ")
-
-
-def test_from_tells_version_author_and_what_it_was_tested_with(installed, tmp_path):  # noqa: F811
-    said = run(tmp_path, "--from", "gaitlab", site=installed).stdout.splitlines()
-    facts = {line[2:15].strip(): line[15:] for line in said if line.startswith("  ") and line[2:15].strip()}
-    assert (said[0], facts["author"], facts["about"]) == (
-        "gaitlab 1.0.0  4 blocks",
-        "The gait laboratory",
-        "Blocks of the gait laboratory",
-    )
-    assert facts["tested with"] == "tickwork>=0.1" and facts["Python"] == ">=3.10"
-    assert not any("Butterworth" in line for line in said)
 
 
 def test_a_library_that_cannot_be_imported_is_told_and_the_others_are_listed(tmp_path):

@@ -12,6 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 LIBRARY = ROOT / "tests" / "example_lab"
+BLOCKS = ("-m", "runtime", "blocks")
 DIAGRAM = """
 from gaitlab.blocks import CadenceMeter, LeakyAccumulator
 from blocks.recorders import CsvRecorder
@@ -88,3 +89,26 @@ def test_a_diagram_whose_library_is_missing_says_what_to_install(installed, tmp_
     )
     said = python(tmp_path, "-c", read, cwd=tmp_path).stdout
     assert "TW031 missing library" in said and "pip install gaitlab==1.0.0" in said
+
+
+def test_a_labs_library_is_listed_beside_ours(installed, tmp_path):
+    done = python(installed, *BLOCKS, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (
+        "gaitlab 1.0.0  4 blocks" in done.stdout
+        and ("    CadenceMeter      Steps a minute from heel strikes: 60 over") in done.stdout
+    )
+    said = python(installed, *BLOCKS, "cadence_meter", cwd=tmp_path).stdout
+    assert said.startswith("CadenceMeter  from gaitlab.blocks import CadenceMeter\nPython; gaitlab.blocks, line ")
+
+
+def test_from_tells_version_author_and_what_it_was_tested_with(installed, tmp_path):
+    said = python(installed, *BLOCKS, "--from", "gaitlab", cwd=tmp_path).stdout.splitlines()
+    facts = {line[2:15].strip(): line[15:] for line in said if line.startswith("  ") and line[2:15].strip()}
+    assert (said[0], facts["author"], facts["about"]) == (
+        "gaitlab 1.0.0  4 blocks",
+        "The gait laboratory",
+        "Blocks of the gait laboratory",
+    )
+    assert facts["tested with"] == "tickwork>=0.1" and facts["Python"] == ">=3.10"
+    assert not any("Butterworth" in line for line in said)
