@@ -5,9 +5,10 @@ import sys
 
 import pytest
 
+from runtime.base import child_process
 from runtime.base.errors import BAD_INPUT
 from runtime.cli.main import main
-from tests.runtime.runs import environment
+from tests.runtime.runs import FORKING, environment
 
 
 @pytest.fixture(autouse=True)
@@ -19,6 +20,12 @@ def fresh_imports(tmp_path, monkeypatch):
     for name, module in list(sys.modules.items()):
         if (getattr(module, "__file__", None) or "").startswith(folder):
             del sys.modules[name]
+
+
+@pytest.fixture(autouse=True)
+def forked_children(monkeypatch):
+    """Fork the recorders and guardians of runs in this process."""
+    monkeypatch.setattr(child_process, "subprocess", FORKING)
 
 
 class CommandLine:

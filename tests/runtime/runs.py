@@ -1,5 +1,7 @@
 """Runs of the command line in a process of their own, what they leave behind, and what they send."""
 
+import atexit
+import functools
 import json
 import os
 import queue
@@ -10,11 +12,13 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
 
 from tests.blocks.actuators import reference
+from tests.runtime.forked import Forked, Server
 
 ROOT = Path(__file__).resolve().parents[2]
 KNEE_EXO = ROOT / "diagrams" / "knee_exo.py"
@@ -76,21 +80,20 @@ def environment(**more):
     return ours | {"PATH": path, "PYTHONPATH": str(ROOT)} | more
 
 
-def finished(*arguments, cwd, timeout=60, **more):
+def finished(*arguments, cwd, timeout=60, cold=False, **more):
     """A run from beginning to end. Returns the CompletedProcess, with text."""
-    return subprocess.run(
-        [sys.executable, "-m", "runtime", *map(str, arguments)],
-        cwd=cwd,
-        env=environment(**more),
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-    )
+    with started(*arguments, cwd=cwd, cold=cold, env=environment(**more)) as process:
+        try:
+            out, err = process.communicate(timeout=timeout)
+        except BaseException:
+            process.kill()
+            raise
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
 
-def started(*arguments, cwd, **how):
-    """A run that has been started. Returns the Popen, with text."""
+def started(*arguments, cwd, cold=False, **how):
+    """A run that has been started. Returns the Popen, with text. cold : in an interpreter that starts with it"""
+    words = list(map(str, arguments))
     how = {
         "stdin": subprocess.DEVNULL,
         "stdout": subprocess.PIPE,
@@ -98,7 +101,31 @@ def started(*arguments, cwd, **how):
         "env": environment(),
         **how,
     }
-    return subprocess.Popen([sys.executable, "-m", "runtime", *map(str, arguments)], cwd=cwd, text=True, **how)
+    if cold or not server().serves(how["env"]):
+        return subprocess.Popen([sys.executable, "-m", "runtime", *words], cwd=cwd, text=True, **how)
+    return Forked(server(), ["-m", "runtime", *words], cwd=cwd, text=True, **how)
+
+
+@functools.cache
+def server():
+    """Process that forks runs, the same until the tests end."""
+    server = Server(environment())
+    atexit.register(server.close)
+    return server
+
+
+def forked(words, env=None, **how):
+    """A Python with `-c` that is forked. Returns the Popen."""
+    variables = os.environ if env is None else env
+    return Forked(
+        server(),
+        words[1:],
+        env={name: value for name, value in variables.items() if not name.startswith("PYTHON")},
+        **how,
+    )
+
+
+FORKING = SimpleNamespace(**{**vars(subprocess), "Popen": forked})
 
 
 def writer_of(pid):

@@ -250,7 +250,7 @@ def test_a_signal_at_any_time_of_the_start_ends_the_command(tmp_path, command):
     times = []
     for _ in range(10):
         number = draw.choice(ENDING_SIGNALS)
-        process = started(command, *arguments, cwd=tmp_path)
+        process = started(command, *arguments, cwd=tmp_path, cold=True)
         await_handlers(process)
         time.sleep(draw.uniform(0.0, 0.6))
         if process.poll() is None:

@@ -25,6 +25,7 @@ def ends():
 
 
 def test_it_tells_what_a_bus_costs_what_the_guardian_adds_and_how_soon_the_motors_stop(command_line):
+    before = set(psutil.Process().children())
     code, out, err = command_line("bench", "bus", "--rounds", "200", "--trips", "3", "--kills", "2", "--json")
     told = json.loads(out)
     assert (code, err) == (OK, "")
@@ -37,7 +38,8 @@ def test_it_tells_what_a_bus_costs_what_the_guardian_adds_and_how_soon_the_motor
     ) == 6
     assert list(found["guardian_deaths_ms"]) == ["udp_multicast", "slcan"] and found["guardian_deaths_missed"] == 0
     assert all(0.0 < each["p50"] <= each["max"] < 500.0 for each in found["guardian_deaths_ms"].values())
-    assert [child for child in psutil.Process().children() if child.status() != psutil.STATUS_ZOMBIE] == []
+    left = set(psutil.Process().children()) - before
+    assert [child for child in left if child.status() != psutil.STATUS_ZOMBIE] == []
 
 
 def test_both_ways_carry_every_frame_in_every_round(ends):

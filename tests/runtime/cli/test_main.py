@@ -319,7 +319,7 @@ def test_bench_refuses_impossible_numbers(command_line):
     ],
 )
 def test_a_real_process_ends_with_the_same_codes(tmp_path, words, code):
-    process = finished(*words, cwd=tmp_path)
+    process = finished(*words, cwd=tmp_path, cold=True)
     assert process.returncode == code
     assert (process.stdout == "") is (code != OK) and "Traceback" not in process.stderr
     assert list(tmp_path.iterdir()) == []
@@ -427,7 +427,7 @@ def test_a_terminal_of_another_encoding_shows_what_it_can(tmp_path):
 
 def test_the_packages_may_be_anywhere(tmp_path):
     """Nothing depends on where the checkout lies or what the working folder is called."""
-    process = finished(KNEE_EXO, "--fast", "--duration", "0.5", "--no-record", cwd="/")
+    process = finished(KNEE_EXO, "--fast", "--duration", "0.5", "--no-record", cwd="/", cold=True)
     assert process.returncode == OK, process.stderr
 
 

@@ -233,7 +233,7 @@ def test_what_is_not_finite_is_a_fault_and_never_a_frame_also_behind_a_limiter(t
 def test_two_runs_in_virtual_time_leave_the_same_bytes(tmp_path):
     recorded = []
     for folder in ("first", "second"):
-        process = finished(KNEE_EXO, "--fast", "--duration", "3", "--record", folder, cwd=tmp_path)
+        process = finished(KNEE_EXO, "--fast", "--duration", "3", "--record", folder, cwd=tmp_path, cold=True)
         assert process.returncode == 0, process.stderr
         files = Files(tmp_path / folder)
         recorded.append([files.one(".csv").read_bytes(), files.one(".can.log").read_bytes()])
