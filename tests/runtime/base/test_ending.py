@@ -265,6 +265,28 @@ def test_a_signal_at_any_time_of_the_start_ends_the_command(tmp_path, command):
     assert sorted(times)[len(times) * 3 // 4 - 1] < (LIMIT_BUSY if busy else LIMIT), sorted(times)
 
 
+INTERRUPTING = """
+import builtins, os, signal
+
+usual = builtins.__import__
+
+
+def interrupting(name, *arguments, **named):
+    if name == "runtime.base":
+        os.kill(os.getpid(), signal.SIGINT)
+    return usual(name, *arguments, **named)
+
+
+builtins.__import__ = interrupting
+"""
+
+
+def test_ctrl_c_during_the_first_imports_prints_no_traceback(tmp_path):
+    write(tmp_path, INTERRUPTING, "sitecustomize.py")
+    process = finished("check", cwd=tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}")
+    assert (process.returncode, process.stderr) == (-signal.SIGINT, "")
+
+
 SWALLOWING = """
 import time, warnings
 
