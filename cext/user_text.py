@@ -60,10 +60,10 @@ def bounded(form, limit, prefix=""):
         except BaseException as error:
             texts.append(f"{prefix}(no text: it raised {type(error).__name__})")
 
-    thread = threading.Thread(target=call, daemon=True)
     try:
+        thread = threading.Thread(target=call, daemon=True)
         thread.start()
-    except RuntimeError:  # the system grants no more threads
+    except RuntimeError:  # the system grants no more threads, or user code has removed sys.excepthook
         return f"{prefix}(no text)"
     thread.join(limit)
     if not texts:

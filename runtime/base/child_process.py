@@ -69,12 +69,14 @@ class ChildProcess:
 
     def wait(self, timeout):
         """Wait until it has ended. subprocess.TimeoutExpired after `timeout` s"""
-        with suppress(OSError):  # no descriptor is left, or the process has been reaped
+        try:
             ended = os.pidfd_open(self.pid)
             poll = select.poll()
             poll.register(ended, select.POLLIN)
             poll.poll(timeout * 1e3)
             os.close(ended)
+        except OSError:  # no descriptor is left, or the process has been reaped
+            self._child.wait(timeout)
         self._child.wait(0.0)
 
     def _threads(self):

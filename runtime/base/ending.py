@@ -141,9 +141,9 @@ def leave(code):
         signal.signal(number, leave_now)
     with suppress(Exception):
         atexit._run_exitfuncs()
-    timer = threading.Timer(FLUSH_LIMIT, leave_now)  # a thread that hangs in a write holds the lock of its file
-    timer.daemon = True
-    with suppress(RuntimeError):  # the system grants no more threads
+    with suppress(RuntimeError):  # the system grants no more threads, or user code has removed sys.excepthook
+        timer = threading.Timer(FLUSH_LIMIT, leave_now)  # a thread that hangs in a write holds the lock of its file
+        timer.daemon = True
         timer.start()
     flush_files()
     leave_now()

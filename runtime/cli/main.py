@@ -43,6 +43,7 @@ GROUPS = {
 }
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
 UNUSABLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)  # errors of file names
+LIMITS = (errno.EAGAIN, errno.EDQUOT, errno.EFBIG, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOSPC)
 NAME_LENGTH_SHOWN = 80  # characters of a file name in an error
 MODULES = {"bench": "bench.command"}  # commands whose module has another name
 
@@ -67,9 +68,10 @@ def main(arguments=None, folder=None):
         complain([*map(str, error.diagnostics), f"tickwork: {count} error{'s' * (count > 1)}; nothing was armed"])
         code = CHECK_FAILED
     except OSError as error:
-        if error.errno not in UNUSABLE_NAMES:
+        line = system_error(error)
+        if line is None:
             raise
-        complain([f"tickwork: {str(error.filename)[:NAME_LENGTH_SHOWN]}: {error.strerror}"])
+        complain([f"tickwork: {line}"])
         code = BAD_INPUT
     except ending.Interrupted as interrupt:
         complain([f"tickwork: {ending.stopped_by(interrupt.number)}"])
@@ -77,6 +79,21 @@ def main(arguments=None, folder=None):
     ending.handled()
     tell([])  # flush what the user's code has printed
     return code
+
+
+def system_error(error):
+    """Return the line on an OSError whose cause is the user's system; None for any other.
+
+    The causes are a file name that the system refuses, a deleted working folder, and a limit (see `ulimit -a`).
+    """
+    name = "" if error.filename is None else f"{str(error.filename)[:NAME_LENGTH_SHOWN]}: "
+    if error.errno in UNUSABLE_NAMES:
+        return f"{name}{error.strerror}"
+    if error.errno in LIMITS:
+        return f"{name}{error.strerror}: a limit of the system was reached. Compare `ulimit -a` and `df`"
+    if error.errno == errno.ENOENT and error.filename is None:
+        return "the working folder was deleted: change to another folder"
+    return None
 
 
 def check_encoding(arguments):

@@ -109,7 +109,10 @@ class RecorderProcess(ChildProcess):
         """Whether a process reads the ring: the recorder or a process that has replaced it."""
         poll = select.poll()
         poll.register(self.lifeline, 0)
-        return not poll.poll(0)
+        try:
+            return not poll.poll(0)
+        except OSError:  # a block has lowered the limit of file descriptors
+            return False
 
     @property
     def lifeline(self):
@@ -137,8 +140,8 @@ class RecorderProcess(ChildProcess):
         except OSError:
             self._end()
             return self._lost(
-                "the report of the recorder is missing, because a block closed file descriptors of the run. The "
-                "recorder has completed the files"
+                "the report of the recorder is missing, because a block closed file descriptors of the run or "
+                "lowered their limit. The recorder has completed the files"
             )
         how = self._end()
         if report is None:
@@ -173,7 +176,8 @@ class RecorderProcess(ChildProcess):
         """Wait until the writer has ended, if the process that started it was killed."""
         poll = select.poll()
         poll.register(self._answers, 0)
-        poll.poll(timeout * 1e3)
+        with suppress(OSError):  # a block has lowered the limit of file descriptors
+            poll.poll(timeout * 1e3)
 
     def _end(self, timeout=10.0):
         """Wait for the process to end and kill it after `timeout` s. Returns how it ended."""

@@ -1,0 +1,154 @@
+"""Blocks that change the state of their process, and machines without room: a run with a recording ends in order.
+
+One second after the end no process of the run exists, and no file but the recording.
+"""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from tests.runtime.runs import Files, environment, finished, knee
+
+SETUP = """
+import os, resource, shutil, signal, sys, threading, time
+
+folder = os.getcwd()
+
+
+def limit(name, value):
+    resource.setrlimit(getattr(resource, "RLIMIT_" + name), (value, value))
+
+
+def spin():
+    while True:
+        pass
+"""
+COMPLETE, ENDED, DIED = "200 of 200 done", "done, 0 missed", ""
+ATTACKS = {  # expression in tick 20, exit code, text in the summary, text on standard error
+    "chdir": ("os.chdir('/')", 0, COMPLETE, ""),
+    "folder deleted": ("shutil.rmtree(folder)", 0, "its file was deleted", "its file was deleted"),
+    "_exit": ("os._exit(7)", 7, DIED, "died in law after tick 19"),
+    "exec": ("os.execv('/bin/sh', ['sh', '-c', 'exit 5'])", 5, DIED, "died in law after tick 19"),
+    "sys.exit": ("sys.exit(5)", 3, "20 of 200 done", "SystemExit"),
+    "SIGTERM": ("signal.raise_signal(signal.SIGTERM)", 143, ENDED, "stopped by SIGTERM"),
+    "SIGALRM": ("signal.raise_signal(signal.SIGALRM)", -signal.SIGALRM, DIED, "died in law after tick 19"),
+    "SIGKILL": ("signal.raise_signal(signal.SIGKILL)", -signal.SIGKILL, DIED, "died in law after tick 19"),
+    "SIGSEGV": ("signal.raise_signal(signal.SIGSEGV)", -signal.SIGSEGV, DIED, "died of SIGSEGV in law"),
+    "spinning thread": ("threading.Thread(target=spin).start()", 0, COMPLETE, ""),
+    "3 descriptors": ("limit('NOFILE', 3)", 0, COMPLETE, ""),
+    "no descriptors": ("limit('NOFILE', 0)", 0, "the report of the recorder is missing", ""),
+    "files of 0 bytes": ("limit('FSIZE', 0)", 0, COMPLETE, ""),
+    "1 MiB of memory": ("limit('AS', 1 << 20)", 0, COMPLETE, ""),
+    "no processes": ("limit('NPROC', 0)", 0, COMPLETE, ""),
+    "umask": ("os.umask(0o777)", 0, COMPLETE, ""),
+    "descriptors closed": ("os.closerange(3, 1024)", 0, "the report of the recorder is missing", ""),
+    "all closed": ("os.closerange(0, 1024)", 0, "", ""),
+    "excepthook": ("setattr(sys, 'excepthook', None)", 0, COMPLETE, ""),
+    "modules": ("sys.modules.clear()", 0, COMPLETE, ""),
+    "fork": ("os.fork()", 0, COMPLETE, "its child process returned into the loop"),
+}
+
+
+def processes_with(name, value):
+    """Processes whose environment has a variable with this value."""
+    matches = []
+    for process in psutil.process_iter():
+        try:
+            if process.environ().get(name) == value and process.status() != psutil.STATUS_ZOMBIE:
+                matches.append(process)
+        except (psutil.AccessDenied, psutil.NoSuchProcess):
+            pass
+    return matches
+
+
+def assert_no_process(tag):
+    deadline = time.monotonic() + 1.0
+    while (left := processes_with("RUN_TAG", tag)) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not left, [process.cmdline() for process in left]
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_a_block_that_attacks_its_process_leaves_the_recording_alone(tmp_path, attack):
+    expression, code, summary, error = ATTACKS[attack]
+    path = knee(tmp_path, f"tick == 20 and ({expression}); return 1.0")
+    path.write_text(path.read_text().replace("import math", "import math" + SETUP, 1))
+    process = finished(path, "--fast", "--duration", "1", "--record", "out", cwd=tmp_path, RUN_TAG=str(tmp_path))
+    assert process.returncode == code, process.stderr
+    assert summary in process.stdout and error in process.stderr, process.stdout + process.stderr
+    assert "Traceback" not in process.stderr
+    assert_no_process(str(tmp_path))
+    if attack == "folder deleted":
+        assert not tmp_path.exists()
+        return
+    assert {path.name for path in tmp_path.iterdir()} <= {"out", "robot.py", "__pycache__"}
+    files = Files(tmp_path / "out")
+    assert sorted(name.partition(".")[2] for name in files.names) == ["can.log", "csv", "json", "mcap"]
+    rows = 200 if code == 0 else files.sidecar["ticks"]
+    assert len(files.table["tick"]) == rows >= 20 and files.table["tick"].tolist() == list(range(rows))
+
+
+def limited(tmp_path, folder, **limits):
+    """A run in a process with resource limits. Returns the CompletedProcess."""
+
+    def lower():
+        for name, value in limits.items():
+            resource.setrlimit(getattr(resource, name), (value, value))
+
+    command = [sys.executable, "-m", "runtime", str(knee(tmp_path)), "--fast", "--duration", "1", "--record", folder]
+    return subprocess.run(
+        command, cwd=tmp_path, env=environment(RUN_TAG=str(tmp_path)), capture_output=True, text=True, preexec_fn=lower
+    )
+
+
+@pytest.mark.parametrize(
+    "limits, folder, text",
+    [
+        ({"RLIMIT_FSIZE": 4096}, "out", "File too large: a limit of the system was reached"),
+        ({"RLIMIT_NOFILE": 10}, "out", "Too many open files: a limit of the system was reached"),
+        ({}, "/proc/self/out", "cannot record into '/proc/self/out': No such file or directory"),
+        ({}, "robot.py", "robot.py is not a folder"),
+    ],
+)
+def test_a_machine_without_room_is_reported_before_the_run(tmp_path, limits, folder, text):
+    process = limited(tmp_path, folder, **limits)
+    assert process.returncode == 2 and text in process.stderr, process.stderr
+    assert process.stdout == "" and len(process.stderr.splitlines()) == 1
+    assert_no_process(str(tmp_path))
+    assert {path.name for path in tmp_path.iterdir()} <= {"robot.py", "__pycache__"}
+
+
+def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path):
+    """The limit of 1.2 MB holds the shared memory of the run, and not its flight log."""
+    path = knee(tmp_path)
+
+    def lower():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1_200_000, 1_200_000))
+
+    process = subprocess.run(
+        [sys.executable, "-m", "runtime", str(path), "--fast", "--duration", "60", "--record", "out"],
+        cwd=tmp_path,
+        env=environment(RUN_TAG=str(tmp_path)),
+        capture_output=True,
+        text=True,
+        preexec_fn=lower,
+    )
+    assert process.returncode == 0 and "12000 of 12000 done" in process.stdout, process.stderr
+    assert "File too large" in process.stdout and "Traceback" not in process.stderr
+    assert_no_process(str(tmp_path))
+
+
+def test_a_working_folder_that_was_deleted_is_reported(tmp_path):
+    path, gone = knee(tmp_path), tmp_path / "gone"
+    gone.mkdir()
+    command = f'cd {gone} && rmdir {gone} && "{sys.executable}" -m runtime ../robot.py --fast --duration 1'
+    process = subprocess.run(["/bin/sh", "-c", command], env=environment(), capture_output=True, text=True)
+    assert process.returncode == 2 and path.exists()
+    assert process.stderr == "tickwork: the working folder was deleted: change to another folder\n", process.stderr
+    assert os.listdir(tmp_path) == ["robot.py"]
