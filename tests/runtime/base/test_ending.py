@@ -63,9 +63,13 @@ def await_one(folder, pattern, seconds=60.0):
     assert list(folder.glob(pattern)), pattern
 
 
-def knee_that(folder, tick_20, **names):
-    """A robot that does something in tick 20, and then touches the file `there`; a tick may be lost."""
-    law = f"tick == 20 and ({tick_20}); tick >= 30 and open('there', 'w').close(); return 1.0"
+def knee_that(folder, expression):
+    """A robot that evaluates an expression in tick 20, or later if that is lost, and then creates the file `there`."""
+    law = f"""if tick >= 20 and not hasattr(self, "evaluated"):
+            self.evaluated = True
+            {expression}
+        tick >= 30 and open("there", "w").close()
+        return 1.0"""
     path = knee(folder, law)
     path.write_text(path.read_text().replace("import math", "import atexit, math, threading, time" + HOSTILE))
     return path
