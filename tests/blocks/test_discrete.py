@@ -18,7 +18,7 @@ def test_a_delay_gives_the_input_of_the_tick_before(shape):
     assert np.array_equal(y[1:], u[:-1]) and np.all(y[0] == -4.0)
 
 
-def test_a_delay_gives_nan_one_tick_later_and_no_longer():
+def test_a_delay_returns_nan_one_tick_later_and_no_longer():
     y = both_ways(UnitDelay, u=np.array([1.0, math.nan, 2.0, 3.0]))["y"]
     assert np.array_equal(y, [0.0, 1.0, math.nan, 2.0], equal_nan=True)
 

@@ -132,7 +132,7 @@ def test_parameters_of_a_torque_limiter_are_refused(parameters, said):
 
 @given(u=st.lists(anything, min_size=1, max_size=10), ends=st.tuples(finite, finite))
 @settings(max_examples=200, deadline=None)
-def test_a_saturation_clips_and_gives_nan_for_what_is_not_finite(u, ends):
+def test_a_saturation_clips_and_returns_nan_for_what_is_not_finite(u, ends):
     lower, upper = min(ends), max(ends)
     block = made(Saturation, lower=lower, upper=upper)
     y = by_hand(block, len(u), u=u)["y"]

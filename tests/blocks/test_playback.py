@@ -154,7 +154,7 @@ def test_a_file_that_cannot_be_played_is_refused_with_its_line(tmp_path, text, s
         Playback(write(tmp_path, text), "u")
 
 
-def test_a_file_that_is_not_there_is_refused():
+def test_a_file_that_does_not_exist_is_refused():
     with pytest.raises(DiagramError, match="cannot read nowhere.csv: No such file or directory"):
         Playback("nowhere.csv", "u")
 

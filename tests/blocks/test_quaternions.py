@@ -150,7 +150,7 @@ def test_nan_or_infinity_in_one_element_is_nan_in_every_output(element, broken):
 
 @pytest.mark.parametrize("place", range(3))
 @pytest.mark.parametrize("broken", [math.nan, math.inf])
-def test_nan_angle_gives_nan_in_every_element(place, broken):
+def test_nan_angle_returns_nan_in_every_element(place, broken):
     three = [0.1, 0.2, 0.3]
     three[place] = broken
     assert np.all(np.isnan(QuaternionFromEuler().step(*three)))

@@ -203,7 +203,7 @@ def test_a_button_that_is_pressed_while_arming_keeps_every_command_back():
 
 
 @pytest.mark.parametrize("pressed_at", [0.0, 0.01])
-def test_a_press_while_arming_that_is_let_go_before_the_first_tick_ends_it(pressed_at):
+def test_a_press_while_arming_that_is_released_before_the_first_tick_ends_it(pressed_at):
     """The drive answers late, so that arming goes on long after the press."""
     rig = heartbeat_rig(pressed=lambda: Window(pressed_at, pressed_at + 0.021, name="press").y, knee_answers_from=0.2)
     outcome = rig.run(10)
@@ -301,7 +301,7 @@ def test_message_with_constant_counter_may_press():
     assert outcome.status == "e-stop" and 23 <= outcome.tick <= 25
 
 
-def test_a_press_that_is_let_go_within_one_tick_is_latched():
+def test_a_press_that_is_released_within_one_tick_is_latched():
     outcome, rig = heard({20: [(0x123, b"\x50\x00"), (0x123, b"\x51\x5a")]})
     assert (outcome.status, outcome.culprit) == ("e-stop", "button") and 19 <= outcome.tick <= 21
 

@@ -58,7 +58,7 @@ def test_shapes_and_units_go_along_the_wires():
     assert [recording[f"all.y[{i}]"][0] for i in range(4)] == [1.0, 2.0, 2.0, 1.0]
 
 
-def test_an_element_that_is_not_there_does_not_compile():
+def test_an_element_that_does_not_exist_does_not_compile():
     with Diagram("d", rate=100) as diagram:
         Select(3)(Stack(3)(1.0, 2.0, 3.0))
     with pytest.raises(DiagramError, match="select: index 3 is out of bounds for a vector of length 3"):

@@ -23,7 +23,7 @@ def laboratory(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", EVERYTHING)
-def test_what_a_parser_is_offered_does_no_harm(name, laboratory, capsys):
+def test_no_input_crashes_a_parser(name, laboratory, capsys):
     run = laboratory.fuzzed(name, SECONDS)
     with capsys.disabled():
         print("\n" + run.in_words(), end="")

@@ -35,7 +35,7 @@ def last(diagram, ticks=3):
     }
 
 
-def test_every_operator_computes_what_it_says():
+def test_every_operator_computes_its_equation():
     with Diagram("d", rate=10) as diagram:
         a, b = Ramp(slope=5.0, name="a")(), Constant(8.0, name="b")()
         made = [2.0 * a - b, a + 1, 1 - a, a * b, b / a, -b, b / 4, 3.0 / b, a * 2, b - a + b]

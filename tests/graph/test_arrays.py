@@ -106,7 +106,7 @@ def test_rows_of_a_matrix_are_stacked_and_multiplied():
 
 
 @pytest.mark.parametrize("make, law", [(Product, np.multiply), (Divide, np.divide)])
-def test_a_scalar_goes_with_every_element_where_a_block_says_so(make, law):
+def test_a_scalar_is_combined_with_every_element_of_a_broadcasting_input(make, law):
     scalar, vector = np.array([2.0, 4.0, 8.0]), np.arange(1.0, 10.0).reshape(3, 3)
     for first, second in ((scalar, vector), (vector, scalar), (vector, vector), (scalar, scalar)):
         wide = max(first.ndim, second.ndim) > 1
@@ -114,7 +114,7 @@ def test_a_scalar_goes_with_every_element_where_a_block_says_so(make, law):
         assert np.array_equal(recorded(lambda: make()(player(first, "1"), player(second, "1"))), wanted)
 
 
-def test_a_python_block_that_broadcasts_hears_a_float():
+def test_a_python_block_that_broadcasts_receives_a_float():
     class Scaled(Block):
         """A vector times a number."""
 
@@ -152,6 +152,6 @@ def test_scalars_do_not_hide_the_shape_that_comes_round_a_loop():
     assert compile(diagram).signals["gain.y"].shape == (2,)
 
 
-def test_what_broadcasts_has_any_shape():
+def test_a_broadcasting_block_has_any_shape():
     with pytest.raises(TypeError, match="broadcast requires shape=..., got"):
         Input("1", broadcast=True)

@@ -33,7 +33,7 @@ class Everything(Block):
         return u
 
 
-def test_a_parameter_stands_in_the_block_alone_where_a_step_finds_it_fastest():
+def test_a_parameter_is_an_attribute_of_the_block_only():
     class Doubled(Everything):
         number = Param(2.0, "N·m", "a torque")
 
@@ -74,14 +74,14 @@ def test_a_parameter_is_a_plain_attribute_in_its_declared_type():
         ({"needed": None}, "needed: expected a value, got None"),
     ],
 )
-def test_a_wrong_parameter_is_told_with_its_bound_and_the_users_line(given, complaint):
+def test_a_wrong_parameter_is_reported_with_its_bound_and_the_users_line(given, complaint):
     found = refusal(Everything, **{"needed": 1.0} | given)
     assert found.code == "TW010" and found.path == "Everything" and found.message.startswith(complaint)
     # `refusal` made the block: the nearest line outside the language
     assert found.where.file == refusal.__code__.co_filename
 
 
-def test_all_wrong_parameters_are_told_at_once_where_the_block_was_made():
+def test_all_wrong_parameters_are_reported_at_once_where_the_block_was_made():
     with pytest.raises(DiagramError) as caught:
         at = here(1)
         Everything(5.0, flag=3, cuont=1)
@@ -239,14 +239,14 @@ def test_a_block_inherits_ports_and_may_replace_them():
     assert list(Derived.parameters) == [] and list(Base.parameters) == ["scale"]
 
 
-def test_a_block_wired_outside_a_diagram_is_told_to_step_instead():
+def test_a_block_wired_outside_a_diagram_suggests_to_call_step():
     gain = Gain(2.0)
     found = refusal(gain, 1.0)
     assert (found.code, found.path) == ("TW011", "gain") and "call .step(...)" in found.hint
     assert gain.step(1.5) == 3.0
 
 
-def test_wiring_what_there_is_not_is_told_with_a_suggestion():
+def test_an_unknown_input_is_reported_with_a_suggestion():
     with Diagram("d", rate=100):
         impedance = Impedance()
         found = refusal(impedance, positon=1.0)
@@ -260,7 +260,7 @@ def test_wiring_what_there_is_not_is_told_with_a_suggestion():
         )
 
 
-def test_a_hook_that_raises_a_value_error_is_told_at_the_users_line():
+def test_a_hook_that_raises_a_value_error_is_reported_at_the_users_line():
     with pytest.raises(DiagramError) as caught:
         at = here(1)
         Saturation(2.0, 1.0)
@@ -302,7 +302,7 @@ def test_blocks_share_no_state_with_others_of_their_class():
     assert first.weights == [1.0, -1.0] and second.weights == [1.0, 1.0, 1.0]
 
 
-def test_a_filter_that_the_rate_cannot_carry_is_told_at_compile_with_every_other():
+def test_a_filter_that_the_rate_cannot_carry_is_reported_at_compile_with_every_other():
     with Diagram("d", rate=30) as diagram:
         Butterworth(cutoff=20.0, name="a")(1.0)
         at = here(-1)

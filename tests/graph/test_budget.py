@@ -67,7 +67,7 @@ def sensor_codes(sensor):
         ({"serial": "133931", "baudrate": 9600}, None, ""),  # found somewhere
     ],
 )
-def test_a_serial_line_that_cannot_carry_its_sensor_is_told(parameters, code, share):
+def test_a_serial_line_that_cannot_carry_its_sensor_is_reported(parameters, code, share):
     """At 500 Hz packets of 6 bytes around a time of 10, and accel and gyro of 14 each."""
     found = sensor_codes(lambda: MicroStrain(name="imu", rate=500.0, channels=("accel", "gyro"), **parameters))
     assert [each[0] for each in found] == ([code] if code else [])
@@ -76,7 +76,7 @@ def test_a_serial_line_that_cannot_carry_its_sensor_is_told(parameters, code, sh
         assert f"500 messages per second, at least 22000 bytes, use {share} of its line" in message
 
 
-def test_a_microcontroller_that_says_how_often_it_sends_is_checked():
+def test_a_microcontroller_with_a_declared_rate_is_checked():
     def teensy(**parameters):
         return sensor_codes(
             lambda: Microcontroller(fields=(("force", "int32"), ("accel", "int16[3]")), name="teensy", **parameters)

@@ -51,7 +51,7 @@ class Flag(Block):
         return 1.0 if on else 0.0
 
 
-def test_an_unconnected_input_is_told_where_its_block_was_made():
+def test_an_unconnected_input_is_reported_where_its_block_was_made():
     with Diagram("d", rate=100) as diagram:
         with subsystem("left"):
             impedance = Impedance(name="assist")
@@ -72,7 +72,7 @@ def test_an_input_with_a_default_may_stay_unwired():
     assert "impedance.torque" in schedule.signals
 
 
-def test_an_input_wired_twice_is_told_with_both_lines():
+def test_an_input_wired_twice_is_reported_with_both_lines():
     with Diagram("d", rate=100) as diagram:
         gain = Gain(name="g")
         gain(Sine().y)
@@ -90,7 +90,7 @@ def test_an_input_given_by_place_and_by_name_is_wired_twice():
     assert complaint(diagram).code == "TW004"
 
 
-def test_an_actuator_that_is_never_commanded_is_told():
+def test_an_actuator_that_is_never_commanded_is_reported():
     with Diagram("d", rate=100) as diagram:
         knee = CubeMars("AK80-9", name="knee")
         at = here(-1)
@@ -126,7 +126,7 @@ def test_an_id_is_shared_also_with_a_device_of_another_make():
     assert complaint(diagram).code == "TW013"
 
 
-def test_a_timeout_shorter_than_two_ticks_is_told_with_one_that_works():
+def test_a_timeout_shorter_than_two_ticks_is_reported_with_one_that_works():
     def at_rate(rate, **parameters):
         with Diagram("d", rate=rate) as diagram:
             CubeMars("AK80-9", **parameters)(torque_command=0.0)
@@ -163,7 +163,7 @@ def test_a_block_that_feeds_itself_is_a_loop():
     assert complaint(diagram).message.endswith("total.y -> total.u1")
 
 
-def test_every_loop_is_told_and_only_the_shortest_cycle_of_each():
+def test_every_loop_is_reported_and_only_the_shortest_cycle_of_each():
     with Diagram("d", rate=100) as diagram:
         for side in ("left", "right"):
             with subsystem(side):
@@ -240,7 +240,7 @@ def test_types_only_widen_along_a_wire():
     assert (fifth.path, fifth.message) == ("fifth", "expected bool, got 2.0")
 
 
-def test_a_block_that_computes_nothing_is_told():
+def test_a_block_that_computes_nothing_is_reported():
     class Idle(Block):
         """Has ports and no step."""
 
@@ -291,7 +291,7 @@ def test_eight_different_mistakes_give_eight_diagnostics():
     }
 
 
-def test_a_block_that_nobody_uses_is_a_warning_unless_everything_is_recorded():
+def test_an_unused_block_is_a_warning_unless_everything_is_recorded():
     with Diagram("d", rate=100) as diagram:
         Sine(name="lonely")
         at = here(-1)
@@ -341,7 +341,7 @@ def test_an_empty_diagram_compiles():
     assert schedule.output == [] and schedule.signals == {} and schedule.gil_sections == 0
 
 
-def test_mistakes_come_in_the_order_of_the_file():
+def test_errors_are_in_the_order_of_the_file():
     with Diagram("d", rate=100) as diagram:
         Sum("++", name="z")(1.0)
         CubeMars("AK80-9", name="m")
@@ -370,7 +370,7 @@ def test_parameters_of_native_blocks_have_their_slot():
     assert set(schedule.parameters) == {"left/impedance.stiffness", "left/impedance.damping"}
 
 
-def test_python_steps_stand_together_so_that_the_gil_is_taken_once():
+def test_python_steps_are_adjacent_so_that_the_gil_is_taken_once():
     class Half(Block):
         """A Python block."""
 
@@ -386,7 +386,7 @@ def test_python_steps_stand_together_so_that_the_gil_is_taken_once():
     assert compile(diagram).gil_sections == 2
 
 
-def test_slow_blocks_stand_together_after_what_they_need():
+def test_slow_blocks_are_adjacent_after_what_they_need():
     with Diagram("d", rate=100) as diagram:
         signal = Sine().y
         Gain(every=4, name="slow")(Gain(every=2, name="half")(Gain(name="fast")(signal)))
@@ -398,7 +398,7 @@ def test_slow_blocks_stand_together_after_what_they_need():
     ]
 
 
-def test_hooks_of_devices_that_raise_are_told_with_their_line():
+def test_hooks_of_devices_that_raise_are_reported_with_their_line():
     class Broken(Actuator):
         """Its limits make no sense."""
 
@@ -415,7 +415,7 @@ def test_hooks_of_devices_that_raise_are_told_with_their_line():
     assert (found.code, found.path, found.message) == ("TW010", "b", "no limits are known of this one")
 
 
-def test_a_device_of_someone_elses_has_no_limits_frames_or_emulator_until_it_says_so():
+def test_a_new_device_class_has_no_limits_frames_or_emulator_by_default():
     class Lamp(Actuator):
         """The least that an actuator can be."""
 

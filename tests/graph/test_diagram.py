@@ -57,7 +57,7 @@ def test_fifty_subsystems_deep_is_a_path_like_any_other():
     assert compile(diagram).signals[f"{path}.y"].path == f"{path}.y"
 
 
-def test_a_subsystem_outside_a_diagram_is_told_at_its_own_line():
+def test_a_subsystem_outside_a_diagram_is_reported_at_its_own_line():
     with pytest.raises(DiagramError) as caught:
         at = here(1)
         subsystem("left")
@@ -165,7 +165,7 @@ def test_an_exception_in_a_with_leaves_no_scope_behind():
 
 
 @pytest.mark.parametrize("source", [None, "1.0", "abc", object(), [1.0, [2.0]], 1j, {"a": 1}, math, [], 10**400])
-def test_what_is_neither_signal_nor_number_is_not_wired(source):
+def test_a_value_other_than_a_signal_or_number_is_rejected(source):
     with Diagram("d", rate=100):
         gain = Gain(name="g")
         found = refusal(gain, source)
@@ -182,14 +182,14 @@ def test_a_block_in_place_of_its_output_is_not_wired():
     )
 
 
-def test_several_outputs_where_one_is_wanted_are_told_by_name():
+def test_several_outputs_where_one_is_wanted_are_reported_by_name():
     with Diagram("d", rate=100):
         phase = GaitPhase()(0.0, 0.0)
         found = refusal(Gain(), phase)
     assert found.message == "expected one signal, got 4 (phase, walking, stride_time, strides)"
 
 
-def test_outputs_come_back_by_place_and_by_name():
+def test_outputs_are_returned_by_position_and_by_name():
     with Diagram("d", rate=100):
         outputs = GaitPhase()(angle=0.0, velocity=0.0)
         phase, walking, *_ = outputs
@@ -209,7 +209,7 @@ def test_a_signal_has_no_value_before_the_diagram_runs():
                 pass
 
 
-def test_a_block_that_is_not_there_is_missed_with_a_suggestion():
+def test_a_block_that_does_not_exist_is_missed_with_a_suggestion():
     with Diagram("d", rate=100) as diagram:
         Gain(name="assist")
     with pytest.raises(KeyError, match="d has no block 'asist': did you mean 'assist'"):

@@ -42,7 +42,7 @@ def test_a_function_block_is_wired_like_any_other():
     assert [step.name for step in compile(diagram).output] == ["polar", "spring"]
 
 
-def test_a_signature_that_says_too_little_is_refused_when_decorating():
+def test_a_signature_that_is_incomplete_is_refused_when_decorating():
     with pytest.raises(TypeError, match=r"bare has no return annotation: add -> Output\(unit\)"):
 
         @block

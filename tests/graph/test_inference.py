@@ -69,7 +69,7 @@ def unit_of(schedule, path):
     return schedule.signals[path].unit
 
 
-def test_a_unit_mismatch_is_told_with_both_units_the_source_and_the_line():
+def test_a_unit_mismatch_is_reported_with_both_units_the_source_and_the_line():
     with Diagram("d", rate=100) as diagram:
         angle = Angle()
         takes = TakesTorque(name="takes")
@@ -81,7 +81,7 @@ def test_a_unit_mismatch_is_told_with_both_units_the_source_and_the_line():
     assert found.hint == ""  # no conversion makes a torque of an angle
 
 
-def test_a_unit_mismatch_that_a_conversion_cures_says_so():
+def test_a_unit_mismatch_suggests_a_conversion():
     class TakesDegrees(Block):
         """Asks for degrees."""
 
@@ -130,7 +130,7 @@ def test_gains_and_products_multiply_units():
     assert unit_of(schedule, "work.y") == "N·m·rad"
 
 
-def test_a_loop_whose_gain_has_a_unit_comes_to_rest_and_is_a_mismatch():
+def test_a_loop_whose_gain_has_a_unit_terminates_and_is_a_mismatch():
     with Diagram("d", rate=100) as diagram:
         total, delay = Sum("++", name="total"), UnitDelay()
         total(delay.y, Angle().angle)
@@ -147,7 +147,7 @@ def test_a_loop_with_nothing_but_any_in_it_stays_any():
     assert unit_of(compile(diagram), "unit_delay.y") == "any"
 
 
-def test_a_unit_that_is_none_is_told_at_the_block_that_claims_it():
+def test_an_invalid_unit_is_reported_at_the_block_that_declares_it():
     class Claims(Gain):
         def output_units(self, u):
             return {"y": "newton"}
@@ -160,7 +160,7 @@ def test_a_unit_that_is_none_is_told_at_the_block_that_claims_it():
     assert "'newton' in 'newton' is not a unit" in found.message
 
 
-def test_a_shape_mismatch_is_told_with_both_shapes():
+def test_a_shape_mismatch_is_reported_with_both_shapes():
     with Diagram("d", rate=100) as diagram:
         takes = TakesPair(name="takes")
         takes(Gain()(Triple().y))
@@ -214,7 +214,7 @@ def test_names_in_an_awkward_order_do_not_make_a_long_chain_slow():
     assert calls_of_compile(1000) < 12 * calls_of_compile(100)
 
 
-def test_every_mismatch_of_a_diagram_is_told():
+def test_every_mismatch_of_a_diagram_is_reported():
     with Diagram("d", rate=100) as diagram:
         for number in range(5):
             TakesTorque(name=f"takes{number}")(Angle().angle)

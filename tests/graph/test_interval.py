@@ -65,7 +65,7 @@ def test_nan_is_everything_and_an_empty_interval_is_refused():
         Interval(math.nan, 1.0)
 
 
-def test_an_interval_reads_as_text_and_knows_whether_it_is_bounded():
+def test_an_interval_has_a_text_and_a_bounded_property():
     assert str(Interval(-12, 12.5)) == "[-12, 12.5]"
     assert Interval(-1, 1).bounded and not Interval(0.0).bounded and not EVERYTHING.bounded
     assert math.nan not in EVERYTHING and math.inf in EVERYTHING

@@ -128,14 +128,14 @@ class Lister(Block):
 
 
 @NUMBA
-def test_what_cannot_be_compiled_is_said_before_anything_runs():
+def test_a_step_that_cannot_be_compiled_is_reported_before_the_run():
     with Diagram("d", rate=100) as diagram:
         Lister()(1.0)
     found = complaint(diagram)
     assert found.code == "TW017" and "self.seen" in found.message and found.path == "lister"
 
 
-def test_without_numba_the_block_runs_in_python_and_says_so(monkeypatch):
+def test_without_numba_the_block_runs_in_python_with_a_warning(monkeypatch):
     monkeypatch.setattr(jit, "available", lambda: False)
     with Diagram("d", rate=100) as diagram:
         Delay()(1.0)

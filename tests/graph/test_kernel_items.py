@@ -87,7 +87,7 @@ def test_items_in_another_order_are_found_by_name():
     assert list(kind.parameters) == ["slew", "limit"] and kind(slew=1e6, limit=4.0).step(9.0) == 4.0
 
 
-def test_a_base_class_with_items_of_its_own_may_stand_first_or_last():
+def test_a_base_class_with_its_own_items_may_be_first_or_last():
     class Weighed(Block):
         """Something with a mass."""
 

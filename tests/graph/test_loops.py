@@ -120,7 +120,7 @@ def test_a_loop_at_a_slower_rate_is_proved_as_any_other():
     assert found["slow/delay.y"] == Interval(0.0, 2.0) and ends(found["fast.y"]) == close(0.0, 4.0)
 
 
-def test_a_block_that_says_nothing_leaves_its_loop_unbounded():
+def test_a_block_that_declares_nothing_leaves_its_loop_unbounded():
     class Silent(Block):
         """Promises nothing."""
 

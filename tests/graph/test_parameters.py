@@ -30,7 +30,7 @@ def test_a_live_parameter_counts_with_its_largest_value():
     assert "can reach [-18.5, 18.5]" in complaint(diagram).message
 
 
-def test_a_live_parameter_says_how_fast_it_may_change():
+def test_a_live_parameter_has_a_slew():
     class Assist(Block):
         """A share of a torque."""
 
@@ -135,7 +135,7 @@ def test_the_command_line_sets_parameters_by_text():
         ("limit", "20", "limit: must be between its live bounds 0 and 15, got 20.0", "largest magnitude of the torque"),
     ],
 )
-def test_what_the_command_line_cannot_set_is_told_with_a_hint(name, text, message, hint):
+def test_a_parameter_that_text_cannot_set_is_reported_with_a_hint(name, text, message, hint):
     limiter = TorqueLimiter(limit=Live(12.0, max=15.0), name="limiter")
     found = refusal(limiter.set, name, text)
     assert (found.code, found.path, found.message, found.hint) == (
@@ -155,14 +155,14 @@ def test_a_parameter_in_the_unit_of_its_blocks_wires_takes_no_other():
     assert saturation.upper == 1.0
 
 
-def test_a_value_that_a_block_cannot_be_configured_with_is_told_at_the_blocks_line():
+def test_a_value_that_a_block_cannot_be_configured_with_is_reported_at_the_blocks_line():
     saturation = Saturation(-1.0, 1.0, name="s")
     at = here(-1)
     found = refusal(saturation.set, "lower", "2")
     assert (found.message, found.where) == ("lower, 2, must not exceed upper, 1", at)
 
 
-def test_a_value_that_the_rate_cannot_carry_is_told_at_the_compile():
+def test_a_value_that_the_rate_cannot_carry_is_reported_at_the_compile():
     with Diagram("d", rate=100) as diagram:
         Butterworth(cutoff=10.0, name="f")(1.0)
     diagram["f"].set("cutoff", "60 Hz")
@@ -178,7 +178,7 @@ def test_another_rate_is_taken_at_the_compile():
     assert (slow.rate, fast.rate) == (100, 400) and diagram["f"].dt == 1 / 400 and (slow.arena != fast.arena).any()
 
 
-def test_a_block_says_what_it_is():
+def test_a_block_has_a_repr():
     with Diagram("knee", rate=100) as diagram:
         gain = Gain(2.0, name="g")
     assert (
@@ -189,7 +189,7 @@ def test_a_block_says_what_it_is():
     assert repr(Gain.inputs["u"]) == "Input('u', 'any')"
 
 
-def test_a_file_that_is_not_there_is_told_at_the_blocks_line():
+def test_a_file_that_does_not_exist_is_reported_at_the_blocks_line():
     with pytest.raises(DiagramError) as caught:
         at = here(1)
         RecordedKnee("no_such_file.csv", "knee")

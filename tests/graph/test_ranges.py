@@ -142,7 +142,7 @@ def test_every_command_has_a_limit(port, just_too_much):
     assert (found.code, found.port) == ("TW007", port) and found.hint == ("insert a Saturation before the actuator")
 
 
-def test_nothing_bounded_is_told_as_such():
+def test_an_unbounded_command_is_reported_as_unbounded():
     with Diagram("d", rate=200) as diagram:
         knee = drive()
         knee(torque_command=TransferFunction((1.0,), (1.0, -1.0))(TorqueLimiter(limit=5.0)(knee.torque)))
@@ -238,7 +238,7 @@ def test_a_range_within_what_the_port_declares_counts():
     assert proof(diagram).interval == Interval(-7.0, 3.0)
 
 
-def test_a_block_knows_its_width_and_its_sampling_period_when_its_range_is_asked():
+def test_output_range_is_called_with_width_and_sampling_period_set():
     class Total(Block):
         """The sum of a vector, once a second."""
 
@@ -267,7 +267,7 @@ def test_peak_torque_is_the_limit_on_request():
     assert proof(diagram).limit == Interval(-48.0, 48.0)
 
 
-def test_every_command_of_every_actuator_is_told():
+def test_every_command_of_every_actuator_is_reported():
     with Diagram("d", rate=200) as diagram:
         for can_id in (1, 2, 3):
             knee = CubeMars("AK10-9-V2.0", can_id=can_id, name=f"joint{can_id}")

@@ -71,7 +71,7 @@ def test_nested_subsystems_multiply_their_rates():
             assert Gain(every=2).every == 12
 
 
-def test_where_rates_meet_the_schedule_says_so():
+def test_the_schedule_lists_the_rate_transitions():
     with Diagram("d", rate=100) as diagram:
         with subsystem("slow", every=4):
             slow = Gain()(Sine()())
@@ -101,7 +101,7 @@ def test_a_device_runs_at_every_tick():
 
 
 @pytest.mark.parametrize("every", [0, -1, 1.5, "2", None])
-def test_every_is_a_whole_number_of_ticks(every):
+def test_every_is_an_integer_number_of_ticks(every):
     with Diagram("d", rate=100):
         assert refusal(subsystem, "slow", every=every).code == "TW014"
         assert refusal(Gain, every=every).code == "TW014"

@@ -44,7 +44,7 @@ def spring(equilibrium, **filters):
     return lambda knee: Impedance(name="spring")(knee.position, knee.velocity, equilibrium)
 
 
-def test_degrees_typed_as_radians_do_not_compile_and_the_message_says_what_was_meant():
+def test_degrees_typed_as_radians_do_not_compile_and_the_message_suggests_deg():
     assert found(spring(30.0)) == [
         (
             "error",
@@ -56,7 +56,7 @@ def test_degrees_typed_as_radians_do_not_compile_and_the_message_says_what_was_m
     assert found(spring(deg(30))) == []
 
 
-def test_it_is_told_at_the_line_of_the_wire():
+def test_it_is_reported_at_the_line_of_the_wire():
     with Diagram("robot", rate=200) as diagram:
         knee = CubeMars("AK80-9", name="knee")
         spring = Impedance()
@@ -186,7 +186,7 @@ def test_what_is_done_for_a_reason_is_left_alone(build):
         assert found(made, range=limits) == []
 
 
-def test_a_threshold_that_is_never_reached_is_told():
+def test_a_threshold_that_is_never_reached_is_reported():
     [(severity, at, _, hint)] = found(
         lambda knee: EmergencyStop()(Compare(">", name="bent")(knee.position, 115.0)) and Constant(0.0, unit="N·m")()
     )

@@ -80,7 +80,7 @@ def test_outputs_come_in_their_types():
     )
 
 
-def test_nan_comes_back_as_nan():
+def test_nan_stays_nan():
     assert math.isnan(Gain().step(math.nan)) and math.isnan(TorqueLimiter(limit=1.0).step(math.nan))
 
 
@@ -103,7 +103,7 @@ def test_a_device_and_a_block_without_a_step_have_nothing_to_compute():
             block.step(1.0)
 
 
-def test_a_kernel_that_refuses_is_told():
+def test_a_kernel_that_refuses_is_reported():
     @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
     def refuses(arena, slots, sizes):
         return 70

@@ -56,7 +56,7 @@ def tail(stiffness):
         )(0.5)
 
 
-def test_a_diagram_comes_back_with_the_same_schedule_and_hash():
+def test_a_diagram_read_from_json_has_the_same_schedule_and_hash():
     diagram = knee()
     again = from_json(to_json(diagram))
     assert (
@@ -75,7 +75,7 @@ def test_a_diagram_comes_back_with_the_same_schedule_and_hash():
     assert again["left/torque_limiter"].live("limit") == (0.0, 9.0, 2.0)
 
 
-def test_the_hash_does_not_know_the_order_of_making_but_knows_parameters_wires_and_rate():
+def test_the_hash_covers_parameters_wires_and_rate_but_not_the_order_of_making():
     assert content_hash(knee()) == content_hash(knee(reverse=True))
     others = [knee(rate=100)]
     with Diagram("knee", rate=200) as other_gain:
@@ -129,7 +129,7 @@ def test_a_name_that_is_no_block_is_not_imported_as_one():
         assert refused.value.diagnostics[0].code == "TW031"
 
 
-def test_the_hash_knows_the_content_of_a_file_that_is_played_and_not_its_place(tmp_path):
+def test_the_hash_covers_the_content_of_a_played_file_and_not_its_path(tmp_path):
     def playing(path):
         with Diagram("playing", rate=100) as diagram:
             Playback(str(path), "angle")
@@ -156,7 +156,7 @@ def test_the_hash_knows_the_content_of_a_file_that_is_played_and_not_its_place(t
         from_json(text)
 
 
-def test_the_hash_knows_the_bounds_of_live_parameters_and_not_their_values():
+def test_the_hash_covers_the_bounds_of_live_parameters_and_not_their_values():
     def hashed(stiffness):
         with Diagram("d", rate=100) as diagram:
             Impedance(stiffness=stiffness, name="law")(position=0.1, velocity=0.0)

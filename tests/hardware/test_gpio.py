@@ -276,7 +276,7 @@ def test_the_guardian_changes_the_level_of_a_line_by_itself(chip):
     assert levels == [True, False, True, False]
 
 
-def test_what_cannot_be_taken_is_told_in_words(chip):
+def test_rejected_requests_are_explained(chip):
     import gpiod
 
     def refused(**how):

@@ -207,7 +207,7 @@ def test_a_chip_that_acknowledges_nothing_is_lost_alone_and_set_up_when_it_is_ba
     assert wires.registers(THIGH, 0x31, inner=True) == b"\x08"
 
 
-def test_a_multiplexer_that_has_forgotten_its_channel_is_told_again(wires, interface):
+def test_a_multiplexer_that_has_lost_its_channel_is_set_again(wires, interface):
     until(lambda devices: all(told["answers"] > 2 for told in devices.values()), interface)
     wires.behave(MUX, absent=True)
     until(lambda devices: all(devices[name]["state"] == "lost" for name in ("shank", "thigh", "foot")), interface)
@@ -234,7 +234,7 @@ def test_one_that_reads_its_magnetometer_by_itself_is_set_up_again_with_that(wir
     assert wires.registers(TRUNK, 0x0A, inner=True) == b"\x16"
 
 
-def test_a_chip_that_hangs_is_given_up_after_30_ms_and_comes_back(wires, interface):
+def test_a_chip_that_hangs_is_given_up_after_30_ms_and_returns(wires, interface):
     until(lambda devices: all(told["answers"] > 2 for told in devices.values()), interface)
     wires.behave(TRUNK, stuck=0.5)
     until(lambda devices: devices["trunk"]["state"] == "lost", interface)
@@ -252,7 +252,7 @@ def test_a_chip_that_hangs_is_given_up_after_30_ms_and_comes_back(wires, interfa
     assert time.monotonic() - began < 0.5  # of an exchange, not of the chip
 
 
-def test_what_cannot_be_set_up_is_told_in_words(wires):
+def test_a_failed_set_up_is_explained(wires):
     with Diagram("robot", rate=50):
         wrong = MPU9250(name="imu", bus="imus", address=0x68)
         hung = ICM20948(name="thigh", bus="imus", mux=0x70, channel=1)
@@ -264,7 +264,7 @@ def test_what_cannot_be_set_up_is_told_in_words(wires):
         I2cInterface(BUS, [hung])
 
 
-def test_a_scan_tells_the_chips_and_where_they_are(wires):
+def test_a_scan_shows_the_chips_and_where_they_are(wires):
     chips, _ = open_adapter(BUS)
     try:
         assert [(mux, channel, address, name) for mux, channel, address, name, _ in KnownChips(chips).everywhere()] == [

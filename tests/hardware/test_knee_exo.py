@@ -116,7 +116,7 @@ def test_drives_that_lose_power_end_the_run_in_the_safe_stop(rig, tmp_path):
         assert len(stop) > 10 and set(stop) == {NOTHING, DISABLE}  # again and again, as nobody confirms
 
 
-def test_a_rig_on_which_nobody_answers_says_who_was_heard_instead(rig, tmp_path):
+def test_a_rig_without_replies_reports_the_ids_received_instead(rig, tmp_path):
     with Node() as stranger:
         process = started(KNEE_EXO, "--rig", rig, "--yes", "--rate", "50", "--no-record", cwd=tmp_path)
         while not stranger.heard():

@@ -74,7 +74,7 @@ def refused(channel, fd=False):
 # Starting
 
 
-def test_an_interface_that_is_missing_is_told_with_the_lines_that_make_it():
+def test_an_interface_that_is_missing_is_reported_with_the_lines_that_make_it():
     trouble = refused("vcan7")
     assert trouble.code == "TW112" and trouble.hint.endswith(
         "sudo ip link add vcan7 type vcan && sudo ip link set vcan7 up"
@@ -83,19 +83,19 @@ def test_an_interface_that_is_missing_is_told_with_the_lines_that_make_it():
     assert trouble.code == "TW112" and trouble.hint == "did you mean 'vcan0'?"
 
 
-def test_an_interface_that_is_no_can_is_told():
+def test_an_interface_that_is_no_can_is_reported():
     assert (refused("lo").code, refused("lo").message) == ("TW113", "[bus.legs] lo is not a CAN interface")
 
 
 @needs_own_kernel
-def test_an_interface_that_is_down_is_told_with_the_line_that_takes_it_up(spare):
+def test_an_interface_that_is_down_is_reported_with_the_line_that_takes_it_up(spare):
     ip("set", spare, "down")
     trouble = refused(spare)
     assert (trouble.code, trouble.hint) == ("TW114", "sudo ip link set vcan9 up")
 
 
 @needs_own_kernel
-def test_an_interface_without_fd_is_told(spare):
+def test_an_interface_without_fd_is_reported(spare):
     ip("set", spare, "down")
     ip("set", spare, "mtu", "16")
     ip("set", spare, "up")
@@ -105,7 +105,7 @@ def test_an_interface_without_fd_is_told(spare):
     assert trouble.code == "TW117" and "sudo ip link set vcan9 mtu 72" in trouble.hint
 
 
-def test_a_system_that_gives_no_socket_is_told_in_its_own_words():
+def test_a_failed_socket_is_reported_with_the_systems_message():
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (1, hard))
     try:
@@ -116,7 +116,7 @@ def test_a_system_that_gives_no_socket_is_told_in_its_own_words():
 
 
 @needs_own_kernel
-def test_a_kernel_whose_can_module_is_missing_is_told():
+def test_a_kernel_whose_can_module_is_missing_is_reported():
     subprocess.run(["rmmod", "can_raw"], check=True)
     try:
         trouble = refused("vcan0")
@@ -132,7 +132,7 @@ def test_a_kernel_whose_can_module_is_missing_is_told():
 # Frames
 
 
-def test_own_frames_are_heard_by_others_and_not_by_us():
+def test_own_frames_are_received_by_other_nodes_only():
     with Opened() as bus, Node() as node:
         assert bus.can.end.send(127, NOTHING)
         assert node.heard() == [(127, NOTHING)] and bus.heard() == []
@@ -147,7 +147,7 @@ def test_on_a_real_interface_what_this_machine_sends_is_an_echo_whatever_it_look
         assert bus.heard() == [] and bus.can.counts["echoes"] == 1
 
 
-def test_frames_for_nobody_here_are_kept_out_and_counted_with_their_ids():
+def test_frames_for_other_nodes_are_filtered_and_counted_with_their_ids():
     with Opened() as bus, Node() as node:
         for number in range(300):
             node.send(0x300 + number % 2, b"babble")

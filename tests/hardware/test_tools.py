@@ -33,7 +33,7 @@ def test_without_a_rig_every_interface_is_looked_at_and_nothing_is_armed(tmp_pat
     assert [frame for frame in drive.heard if frame in sent] == sent
 
 
-def test_error_frames_and_silence_are_told_as_the_bitrate(tmp_path):
+def test_error_frames_and_silence_are_reported_as_the_bitrate(tmp_path):
     """A controller at another bitrate reports errors, and hears nobody."""
     done = threading.Event()
 
@@ -59,7 +59,7 @@ def test_error_frames_and_silence_are_told_as_the_bitrate(tmp_path):
 
 
 @needs_own_kernel
-def test_an_interface_that_is_down_is_told_with_its_cure(tmp_path):
+def test_an_interface_that_is_down_is_reported_with_its_cure(tmp_path):
     ip("set", "vcan0", "down")
     try:
         process = finished("scan", "--channel", "vcan0", cwd=tmp_path)

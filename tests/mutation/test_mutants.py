@@ -41,7 +41,7 @@ def test_a_mutant_differs_from_its_source_in_one_small_error_of_the_function_tha
     assert changed == ["-    if not on and x > high:", "+    if not on and x >= high:"]
 
 
-def test_a_function_that_is_not_there_is_an_error():
+def test_a_function_that_does_not_exist_is_an_error():
     with pytest.raises(KeyError, match="limits"):
         mutants("a.pyx", SOURCE, ["limits"])
 

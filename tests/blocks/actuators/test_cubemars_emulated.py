@@ -83,7 +83,7 @@ def test_reply_saturates_at_range_ends(model):
         assert data[1:3].hex() == code and data[3:5].hex()[:3] == code[:3] and data[6] == (0 if share < 0.0 else 255)
 
 
-def test_drive_gives_torque_only_while_enabled():
+def test_drive_produces_torque_only_while_enabled():
     wired, push = emulated(), command(torque=5.0)
     wired.hear(1, push)
     assert torque(wired) == 0.0 and wired["enabled"] == 0.0
@@ -108,7 +108,7 @@ def test_enabling_twice_changes_nothing():
     assert torque(wired) == before != 0.0
 
 
-def test_drive_with_fault_gives_no_torque_and_reports_it():
+def test_drive_with_fault_has_no_torque_and_reports_it():
     wired = emulated()
     wired.hear(1, ENABLE)
     wired.hear(1, command(torque=5.0))

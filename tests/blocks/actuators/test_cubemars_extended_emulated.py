@@ -214,7 +214,7 @@ def test_power_loss_resets_drive_and_is_reported():
     assert wired.say() == [(reference.identifier(0x2C, 7), b"\xfa\xfb\xfc\xfd")] and wired["torque"] == 0.0
 
 
-def test_drive_with_fault_or_overheated_gives_no_torque_and_reports_it():
+def test_drive_with_fault_or_overheated_has_no_torque_and_reports_it():
     wired = board(trip_temperature=90.0)
     for state, code in (({"fault": 4}, 4), ({"fault": 0, "temperature": 95.0}, 1)):
         told(wired, 8, force(torque=5.0))

@@ -76,7 +76,7 @@ def test_every_family_is_damped_by_its_speed_and_inside_its_limit(name):
     assert (torque * velocity <= code * PEAK).all()
 
 
-def test_a_reply_that_reports_seldom_is_as_old_as_it_is():
+def test_a_rarely_reported_velocity_ages_until_the_next_report():
     """50 reports a second: between them the speed may have changed by 10 rad/s."""
     with Diagram("robot", rate=50) as robot:
         knee = CubeMarsV3("AK80-9-V3.0", name="knee", limit=LIMIT, safe_stop="damp", report_rate=50.0)

@@ -267,7 +267,7 @@ def test_torque_error_on_recorded_gait_is_within_3_percent_of_limit(joint):
         )
 
 
-def test_without_the_limit_in_the_way_the_law_is_sent_as_it_is():
+def test_without_the_limit_in_the_way_the_law_is_sent_unchanged():
     drive = observed("AK80-9")
     drive.hear(0.1, 0.2, drive.period)
     law = drive.law(position=0.0, velocity=0.5, stiffness=20.0, damping=0.5, torque=1.0)
@@ -349,7 +349,7 @@ def test_torque_is_continuous_as_gains_are_reduced():
 
 @pytest.mark.parametrize("rate", [100, 200, 500, 1000])
 @pytest.mark.parametrize("stiffness, damping", [(0.0, 5.0), (30.0, 1.0), (100.0, 3.0), (500.0, 5.0)])
-def test_a_free_joint_comes_to_rest_with_damping(rate, stiffness, damping):
+def test_a_free_joint_stops_with_damping(rate, stiffness, damping):
     """0.05 kg·m², thrown at 8 rad/s, and let go 0.5 rad from the rest of its spring."""
     for position, velocity in ((0.0, 8.0), (0.5, 0.0)):
         drive = observed("AK80-9", rate, limit=9.0)
@@ -420,7 +420,7 @@ def test_at_the_ends_of_the_ranges_of_position_and_velocity_there_is_torque_alon
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_nan_limit_or_gain_scale_gives_no_torque(name):
+def test_nan_limit_or_gain_scale_has_no_torque(name):
     drive = observed(name, limit=5.0)
     drive.hear(0.5, 1.0, drive.period)
     limits = drive.wired["limits"]

@@ -88,7 +88,7 @@ def test_every_frame_has_one_answer_and_it_is_the_references_byte_for_byte(data,
     assert len(said) == 4 and (set(said) == {wanted} or nearly)
 
 
-def test_drive_gives_torque_only_between_enable_and_stop():
+def test_drive_produces_torque_only_between_enable_and_stop():
     wired, push = emulated(), command(torque=5.0)
     wired.hear(*push)
     assert torque(wired) == 0.0 and wired["enabled"] == 0.0

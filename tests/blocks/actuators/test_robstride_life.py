@@ -202,7 +202,7 @@ class Outage(Block):
 
 
 @pytest.mark.parametrize("kind, model", [(CubeMars, "AK80-9"), (RobStrideMIT, "RS02"), (RobStride, "RS02")])
-def test_power_cycled_drive_gives_no_torque_until_rearmed(kind, model):
+def test_power_cycled_drive_has_no_torque_until_rearmed(kind, model):
     """Protocols without a mode bit cannot report the state; the drive is disabled all the same."""
     with Diagram("robot", rate=200) as robot:
         drive = kind(model, name="drive")

@@ -191,7 +191,7 @@ def test_unplug_and_reconnect_are_detected():
     assert walk["imu.lost"][-1] == pytest.approx(2 * 60, abs=2)  # of both sets, as its clock tells
 
 
-def test_samples_that_never_came_are_counted_one_by_one():
+def test_samples_that_never_arrived_are_counted_one_by_one():
     walk = simulate(2000, device={"attitude": "sensor"}, faults={"skipped": 0.1})
     assert walk["imu.lost"][-1] == pytest.approx(2000 - walk["imu.packets"][-1], abs=2)
     assert 150 < walk["imu.lost"][-1] < 250  # 200 on the mean, 13 the standard deviation

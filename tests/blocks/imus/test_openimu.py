@@ -190,7 +190,7 @@ def test_a_long_arming_takes_nothing_back():
     )
 
 
-def test_drives_and_a_unit_as_it_is_sold_on_one_bus_are_refused():
+def test_drives_and_a_unit_as_delivered_on_one_bus_are_refused():
     for bitrate, codes in ((250_000.0, {"TW025"}), (1e6, set())):
         with Diagram("robot", rate=100) as diagram:
             knee = CubeMars("AK80-9", bus="legs", name="knee")

@@ -99,7 +99,7 @@ def test_stopped_or_nan_clock_is_ignored(microcontrollers):
         assert hear(wired, 0, count, 2.0, "d") == pytest.approx(2.0)
 
 
-def test_without_a_clock_a_packet_was_made_when_it_came():
+def test_without_a_clock_a_packet_was_made_when_it_arrived():
     wired = Wired(Microcontroller, fields=(("force", "float32", "N"),))
     wired.hear(0, packet(1, struct.pack("<f", 1.0)), time=1_500_000_000)
     assert wired["sample_time"] == 1.5 and wired["clock_drift"] == 0.0

@@ -149,7 +149,7 @@ def test_an_end_outlives_the_name_of_its_bus():
 # Time
 
 
-def test_a_frame_has_the_time_at_which_it_came_not_that_at_which_it_was_read():
+def test_a_frame_has_the_time_at_which_it_arrived_not_that_at_which_it_was_read():
     wire = Wire()
     began = time.monotonic_ns()
     wire.can.begin(began)

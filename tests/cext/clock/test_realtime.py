@@ -47,7 +47,7 @@ def test_short_slice_applies_to_one_thread_and_is_restored():
     assert short == 100_000 < before == after == realtime.slice_length()
 
 
-def test_stack_that_was_touched_is_there():
+def test_touched_stack_is_mapped():
     """In a thread with its own unused stack: touching it faults it in once, and not again."""
 
     def faults():

@@ -312,7 +312,7 @@ def test_chips_in_memory_are_reached_as_on_a_wire():
         assert wires.exchange_bytes(IMU, 0x75, count=1)[0] == wanted
 
 
-def test_another_kind_of_chip_in_the_place_of_one_that_was_lost_is_not_believed():
+def test_another_kind_of_chip_in_the_place_of_one_that_was_lost_is_rejected():
     wires = MemoryI2c()
     number = wires.add(IMU)
     ready(wires, number)

@@ -75,7 +75,7 @@ def test_one_drive_is_damped_for_its_time_and_then_disabled_while_the_other_is_d
     assert rig.page.fenced and rig.page.state == "safe"
 
 
-def test_a_damped_limb_comes_to_rest_and_a_disabled_one_swings_on():
+def test_a_damped_limb_stops_and_a_disabled_one_swings_on():
     speeds = {}
     for how in ("damp", "disable"):
         with Diagram("robot", rate=200) as robot:

@@ -169,7 +169,7 @@ def test_a_measured_torque_beyond_limit_and_accuracy_ends_the_run(drive, model, 
 @pytest.mark.parametrize(
     "drive, model", [(CubeMars, "AK80-9"), (CubeMarsV3, "AK80-9-V3.0"), (RobStride, "RS02"), (RobStrideMIT, "RS02")]
 )
-def test_a_drive_that_lost_its_power_for_50_ms_and_came_back_disabled_does_not_follow(drive, model, rate):
+def test_a_drive_that_lost_its_power_for_50_ms_and_returned_disabled_does_not_follow(drive, model, rate):
     rig, outcome = imposed(
         still(),
         drive=drive,

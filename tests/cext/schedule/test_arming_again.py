@@ -249,7 +249,7 @@ def test_without_leave_to_arm_again_a_fault_ends_the_run():
     assert ends_in_the_safe_stop(robot.rig) and not robot.heard
 
 
-def test_a_stop_by_a_person_is_the_end():
+def test_a_stop_by_the_operator_ends_the_run():
     robot = Survivor({50: "stop"}, asks=[80])
     outcome = robot.run()
     assert outcome.status == "ok" and outcome.stopped and outcome.tick == 51 and robot.rig.sent().count(ENABLE) == 1

@@ -164,7 +164,7 @@ def test_nan_is_no_exception_and_passes():
 
 
 @pytest.mark.parametrize("wrong", [-1, 1.5, True, "3", None, math.inf])
-def test_it_is_a_whole_number(wrong):
+def test_hold_exceptions_is_an_integer(wrong):
     with Diagram("robot", rate=100), pytest.raises(DiagramError) as raised:
         Flaky((), hold_exceptions=wrong)
     assert raised.value.diagnostics[0].code == "TW010" and "hold_exceptions must be a whole number" in str(raised.value)

@@ -48,7 +48,7 @@ def test_the_summary_is_the_first_sentence():
         (type("Imu", (Device,), {}), "sensor"),
     ],
 )
-def test_families_follow_what_a_block_is_and_where_it_stands(kind, name):
+def test_the_family_of_a_block_follows_from_its_class_and_module(kind, name):
     assert family(kind) == name
 
 
@@ -115,7 +115,7 @@ def test_a_class_whose_example_cannot_be_made_shows_what_it_declares():
     assert class_card(TorqueLimiter)["parameters"][0]["default"] == "required"
 
 
-def test_the_card_of_a_block_tells_its_wires_its_values_its_proof_and_its_line():
+def test_the_card_of_a_block_shows_wires_values_proof_and_line():
     cards = draw(leg()).cards
     limiter, knee = cards["left/torque_limiter"], cards["left/knee"]
     assert limiter["inputs"][0]["source"] == "left/impedance.torque"
@@ -142,14 +142,14 @@ def test_units_and_shapes_are_those_that_the_wires_give():
     assert card["inputs"][0]["unit"] == card["outputs"][0]["unit"] == "N·m"
 
 
-def test_a_live_parameter_tells_its_narrowed_bounds():
+def test_a_live_parameter_shows_its_narrowed_bounds():
     with Diagram("d", rate=100) as diagram:
         TorqueLimiter(limit=Live(3.0, max=5.0))(1.0)
     limit = draw(diagram).cards["torque_limiter"]["parameters"][0]
     assert limit["live"] and limit["bounds"] == "0 to 5"
 
 
-def test_a_python_block_is_told_from_a_native_one():
+def test_a_python_block_is_distinguished_from_a_native_one():
     with Diagram("d", rate=100) as diagram:
         Undocumented()
         Sine()
@@ -157,7 +157,7 @@ def test_a_python_block_is_told_from_a_native_one():
     assert cards["undocumented"]["runs"] == "Python" and cards["sine"]["runs"] == "native"
 
 
-def test_inputs_tell_their_constant_or_their_default():
+def test_inputs_show_their_constant_or_their_default():
     class Two(Block):
         """Two inputs."""
 
@@ -174,7 +174,7 @@ def test_inputs_tell_their_constant_or_their_default():
     assert a["default"] == "0.5 rad" and "constant" not in a and b["constant"] == "2 rad"
 
 
-def test_the_card_of_an_actuator_that_closes_its_own_law_tells_on_what_its_limit_rests():
+def test_the_card_of_an_actuator_that_closes_its_own_law_states_the_assumption_of_its_limit():
     with Diagram("leg", rate=200) as diagram:
         CubeMars("AK80-9", name="knee", max_acceleration=300.0)(stiffness_command=5.0)
     assert draw(diagram).cards["knee"]["proofs"][-1] == "torque, not proved: while |α| <= 300 rad/s²"

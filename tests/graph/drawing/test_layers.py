@@ -20,7 +20,7 @@ def column_of(columns):
     return {n.what: index for index, column in enumerate(columns) for n in column if not n.passes}
 
 
-def test_a_chain_stands_from_left_to_right():
+def test_a_chain_is_placed_from_left_to_right():
     a, b, c = map(node, "abc")
     columns, nets, _ = arrange([c, b, a], [edge(b, c), edge(a, b)])
     assert column_of(columns) == {"a": 0, "b": 1, "c": 2} and not any(net.back for net in nets)
@@ -56,13 +56,13 @@ def test_a_block_that_feeds_itself_is_feedback():
     assert feedback([a], [itself]) == {itself}
 
 
-def test_what_listens_to_nobody_stands_beside_the_first_that_listens_to_it():
+def test_a_block_without_inputs_is_placed_beside_its_first_target():
     a, b, c, late = map(node, ["a", "b", "c", "late"])
     columns, _, _ = arrange([a, late, b, c], [edge(a, b), edge(b, c), edge(late, c)])
     assert column_of(columns)["late"] == 1
 
 
-def test_pins_stand_in_the_outermost_columns():
+def test_pins_are_placed_in_the_outermost_columns():
     first, a, b, last = node("first", side="first"), node("a"), node("b"), node("last", side="last")
     columns, _, _ = arrange([first, last, a, b], [edge(a, last), edge(first, b), edge(a, b)])
     assert column_of(columns) == {"first": 0, "a": 1, "b": 2, "last": 3}

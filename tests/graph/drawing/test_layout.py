@@ -47,7 +47,7 @@ def test_no_two_boxes_cover_each_other(case):
         assert not overlap(a, b), f"{a.path} and {b.path}"
 
 
-def test_frames_hold_what_stands_in_them_and_nothing_else(case):
+def test_frames_contain_their_blocks_only(case):
     _, drawing = case
     frames = {frame.path: frame for frame in drawing.frames}
     for thing in drawing.boxes + drawing.frames:

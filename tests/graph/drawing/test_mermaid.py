@@ -30,7 +30,7 @@ def test_every_wire_is_there_once_whatever_frames_it_crosses():
         assert len(arrows) == len(wires)
 
 
-def test_what_enables_a_subsystem_points_at_it():
+def test_the_enabling_signal_points_at_the_subsystem():
     assert re.search(r'b0 -->\|"y → enabled"\| f\d+$', mermaid(draw(nested())), re.M)
 
 

@@ -36,7 +36,7 @@ def box(drawing, path):
     return next(box for box in drawing.boxes if box.path == path)
 
 
-def test_a_subsystem_tells_its_rate_and_its_condition():
+def test_a_subsystem_shows_its_rate_and_its_condition():
     frames = {frame.path: frame for frame in draw(nested()).frames}
     assert (
         frames["supervisor"].note == "every 10 ticks"
@@ -45,7 +45,7 @@ def test_a_subsystem_tells_its_rate_and_its_condition():
     )
 
 
-def test_what_enables_a_subsystem_is_wired_to_its_frame():
+def test_the_enabling_signal_is_connected_to_the_frame():
     drawing = draw(nested())
     ends = {line.target for line in drawing.lines if line.signal == "switch.y"}
     assert {("left/extra", "enabled", "switch.y"), ("right/extra", "enabled", "switch.y")} <= ends
@@ -54,14 +54,14 @@ def test_what_enables_a_subsystem_is_wired_to_its_frame():
     assert pin.x == frames["left/extra"].x and frames["left/extra"].y < pin.y < frames["left/extra"].y + 26
 
 
-def test_a_slow_block_in_a_fast_subsystem_says_so():
+def test_a_slow_block_in_a_fast_subsystem_shows_its_rate():
     with Diagram("d", rate=100) as diagram:
         Gain(every=5)(Sine()())
         CsvRecorder()
     assert "every 5 ticks" in box(draw(diagram), "gain").details
 
 
-def test_constants_stand_beside_their_port():
+def test_constants_are_drawn_beside_their_port():
     [port] = [
         port
         for port in box(draw(nested()), "left/hip/a_spring_with_a_rather_long_name").ports

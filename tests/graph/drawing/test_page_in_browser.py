@@ -56,7 +56,7 @@ def test_the_names_of_the_ports_on_both_sides_do_not_touch(ask):
     assert touching == []
 
 
-def test_a_click_on_a_block_tells_its_docstring_ports_parameters_and_line(ask):
+def test_a_click_on_a_block_shows_its_docstring_ports_parameters_and_line(ask):
     told = ask(
         leg(),
         """

@@ -50,7 +50,7 @@ def test_names_are_escaped():
     assert root.find(f"{SPACE}title").text == name and f"{name}, 200 Hz" in texts(root)
 
 
-def test_feedback_is_dashed_and_units_and_ranges_are_told_on_hover():
+def test_feedback_is_dashed_and_units_and_ranges_are_shown_on_hover():
     root = parse(leg())
     [back] = [
         path for path in root.iter(f"{SPACE}path") if path.get("class") == "line back" and path.get("data-signal")
@@ -78,7 +78,7 @@ def test_ports_without_wires_are_left_out_unless_asked_for():
     assert "temperature" not in texts(parse(leg())) and "temperature" in texts(parse(leg(), all_ports=True))
 
 
-def test_what_is_wrong_is_marked():
+def test_errors_are_marked():
     root = parse(wrong())
     marked = {
         group.get("data-path") for group in root.iter(f"{SPACE}g") if "wrong" in (group.get("class") or "").split()
@@ -95,7 +95,7 @@ def test_corners_are_round_but_for_those_where_lines_part():
     assert way(points, joints=((50, 0),)) == "M0 0L50 0L50 34Q50 40 56 40L90 40"
 
 
-def test_what_two_lines_share_is_drawn_once():
+def test_a_shared_segment_of_two_lines_is_drawn_once():
     one, other = ((0, 0), (50, 0), (50, 40), (90, 40)), ((0, 0), (50, 0), (50, 80), (90, 80))
     assert shared(one, other) == 90 and rest(other, 90) == [(50, 40), (50, 80), (90, 80)]
     assert shared(one, ((0, 0), (90, 0))) == 50 and shared(one, ((0, 0), (50, 0), (50, -40), (90, -40))) == 50

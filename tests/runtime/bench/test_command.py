@@ -65,7 +65,7 @@ def test_starting_is_measured_from_outside(command_line):
     assert 50.0 < float(first) < 20_000.0 and 20.0 < float(memory) < 200.0
 
 
-def test_starting_refuses_a_file_that_is_not_there(command_line):
+def test_starting_refuses_a_file_that_does_not_exist(command_line):
     assert command_line.refused("bench", "start", "nowhere.py") == "file nowhere.py does not exist"
 
 

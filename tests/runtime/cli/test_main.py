@@ -291,7 +291,7 @@ def test_check_refuses_what_a_run_would_refuse(command_line):
         assert code == CHECK_FAILED and said in out and "the diagram cannot run" in out and not err
 
 
-def test_warnings_are_told_and_do_not_keep_a_run_from_starting(command_line):
+def test_warnings_are_reported_and_do_not_keep_a_run_from_starting(command_line):
     idle = "    Law(name='idle')(knee.position, knee.velocity)"
     path = write(command_line.folder, KNEE.format(law="return 0.0").replace("    CsvRecorder()", idle))
     code, out, err = command_line("check", "robot.py")
@@ -396,7 +396,7 @@ def test_a_reader_that_goes_away_does_not_hide_a_fault(tmp_path):
     assert process.wait(60) == 3 and error.startswith("FAULT at knee")
 
 
-def test_a_full_disk_behind_standard_output_is_told(tmp_path):
+def test_a_full_disk_behind_standard_output_is_reported(tmp_path):
     knee(tmp_path)
     with open("/dev/full", "w") as full:
         process = started("robot.py", "--fast", "--duration", "1", "--no-record", cwd=tmp_path, stdout=full)

@@ -22,7 +22,7 @@ def wires(monkeypatch):
     return wires
 
 
-def test_every_chip_is_told_with_what_tells_it(wires, command_line):
+def test_every_chip_is_listed_with_its_identification(wires, command_line):
     add_mpu(wires)
     wires.add(0x3C)
     add_mpu(wires, 0x69, 1 + 4, 0x73)
@@ -56,7 +56,7 @@ def test_a_rig_file_to_begin_with(wires, command_line):
     ]
 
 
-def test_silence_is_told_with_its_likely_cause(monkeypatch, command_line):
+def test_silence_is_reported_with_its_likely_cause(monkeypatch, command_line):
     wires = MemoryI2c()
     monkeypatch.setattr("runtime.commissioning.chips.open_adapter", lambda bus: (Chips(Wires(wires)), wires))
     code, out, _ = command_line(*WORDS)
@@ -72,7 +72,7 @@ def test_a_bus_that_a_run_has_is_not_touched(wires, command_line):
     assert code == CHECK_FAILED and "TW106" in err and wires.exchanges == 0
 
 
-def test_a_bus_that_is_not_there_is_told(command_line):
+def test_a_bus_that_does_not_exist_is_reported(command_line):
     code, _, err = command_line(*WORDS)
     assert code == CHECK_FAILED and "TW131" in err
     code, _, err = command_line("scan", "--interface", "i2c")

@@ -76,6 +76,6 @@ def test_two_are_shown_recorded_and_plotted(command_line):
             )
 
 
-def test_one_that_is_not_there_is_told_with_those_that_are(command_line):
+def test_a_missing_device_is_reported_with_the_present_ones(command_line):
     code, _, err = command_line("stream", "imu", "77")
     assert code == BAD_INPUT and "TW127" in err and "6253.133931" in err

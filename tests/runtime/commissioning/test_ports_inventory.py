@@ -41,7 +41,7 @@ LINES = [
 ]
 
 
-def test_ports_and_chips_are_told_but_for_those_that_have_answered(there):
+def test_ports_and_chips_are_reported_but_for_those_that_have_answered(there):
     assert ports_inventory.text(ports_inventory.look({"/dev/ttyACM1"})) == LINES
 
 
@@ -51,7 +51,7 @@ def test_a_scan_tells_them_although_there_is_no_bus(there, command_line, monkeyp
     assert code != 0 and set(LINES) <= set(out.splitlines()) and "this machine has no CAN interface" in err
 
 
-def test_a_rig_is_looked_at_alone_and_machines_are_told_too(there, command_line, monkeypatch):
+def test_a_rig_is_checked_alone_and_machines_are_reported_too(there, command_line, monkeypatch):
     monkeypatch.setattr("runtime.cli.scan.on_can", lambda options, others: [])
     told = json.loads(command_line("scan", "--json")[1])
     assert [each["path"] for each in told["ports"]] == ["/dev/ttyACM0", "/dev/ttyACM1", "/dev/ttyUSB0"] and told[
@@ -59,7 +59,7 @@ def test_a_rig_is_looked_at_alone_and_machines_are_told_too(there, command_line,
     ][0]["lines"] == 58
 
 
-def test_what_is_no_chip_is_told(tmp_path):
+def test_an_unknown_chip_is_reported(tmp_path):
     (tmp_path / "gpiochip3").write_text("")
     (tmp_path / "gpiochip_other").write_text("")
     [found] = ports_inventory.gpio_chips(tmp_path)

@@ -124,7 +124,7 @@ def test_a_drive_that_answers_with_another_id_is_named(command_line):
     assert code == CHECK_FAILED and "! id 3: replies with id 6 in byte 0" in out and "commands" not in out
 
 
-def test_two_drives_with_one_id_are_told(command_line):
+def test_two_drives_with_one_id_are_reported(command_line):
     with Nodes(3, Mit(3, position=0.5), Mit(3, position=-0.2), Private(9), Private(9, unique=5)) as nodes:
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-10")
     assert code == CHECK_FAILED
@@ -144,7 +144,7 @@ def test_nothing_is_sent_where_another_controller_commands_a_drive(command_line,
     assert {data for _, _, data in drive.heard} == {bytes.fromhex("7fff7ff000000900")}
 
 
-def test_two_imus_with_one_address_are_told(command_line):
+def test_two_imus_with_one_address_are_reported(command_line):
     with Nodes(9, OpenImu(128), OpenImu(128, serial=4712)) as nodes:
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "3")
     assert code == CHECK_FAILED and "! two nodes have address 128: " in out
@@ -162,7 +162,7 @@ def test_a_bus_that_is_taken_is_not_touched_and_its_process_is_named(command_lin
     assert drive.heard == []
 
 
-def test_silence_is_told_with_the_likely_cure(command_line):
+def test_silence_is_reported_with_the_likely_cure(command_line):
     with Nodes(6) as nodes:
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-3")
     assert (
@@ -187,7 +187,7 @@ def test_a_rig_file_is_written_once_and_is_one(command_line):
         assert command_line("scan", "--rig", "new.toml", *QUICK, "--ids", "3")[0] == OK
 
 
-def test_every_frame_is_told_when_asked(command_line):
+def test_every_frame_is_reported_when_asked(command_line):
     with Nodes(8, Mit(3)) as nodes:
         out = command_line("scan", *nodes.words, *QUICK, "--ids", "3,4", "--verbose")[1]
         brief = command_line("scan", *nodes.words, *QUICK, "--ids", "3,4")[1]

@@ -56,7 +56,7 @@ def test_a_drive_is_shown_recorded_and_plotted_without_torque(command_line):
     )
 
 
-def test_a_robstride_without_a_model_tells_its_position_alone(command_line):
+def test_a_robstride_without_a_model_shows_its_position_alone(command_line):
     drive = Private(9)
     with Nodes(81, drive) as nodes:
         code, out, _ = command_line("stream", "actuator", "9", *nodes.words, "--duration", "0.2")
@@ -68,7 +68,7 @@ def test_a_robstride_without_a_model_tells_its_position_alone(command_line):
     assert {identifier >> 24 for identifier, extended, _ in drive.heard if extended} == {4}
 
 
-def test_a_cubemars_in_servo_mode_is_listened_to_and_left_as_it_is(command_line):
+def test_a_cubemars_in_servo_mode_is_listened_to_and_left_unchanged(command_line):
     """A report of 90°, and 0.12 A of an AK60-6 V1.1: 0.12 × 0.078 × 6 = 0.056 N·m."""
     drive = Servo(4, error=0)
     with Nodes(84, drive) as nodes:

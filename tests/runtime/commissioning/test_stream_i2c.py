@@ -99,7 +99,7 @@ def test_what_cannot_be_is_refused_in_words(wires, command_line, words, said):
     assert code != OK and said in err, err
 
 
-def test_a_bus_of_a_run_and_one_that_is_not_there_are_told(wires, command_line, monkeypatch):
+def test_a_bus_of_a_run_and_one_that_does_not_exist_are_reported(wires, command_line, monkeypatch):
     lock = BusLock("i2c", CHANNEL)
     try:
         code, _, err = command_line("stream", "i2c", "0x69", "--channel", CHANNEL)

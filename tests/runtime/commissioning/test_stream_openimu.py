@@ -50,7 +50,7 @@ def test_a_unit_is_set_up_shown_and_recorded(command_line):
     assert [float(x) for x in rows[-1].split(",")[5:8]] == pytest.approx([0.1, 0.2, 0.3], abs=2e-4)
 
 
-def test_one_that_tells_no_settings_and_one_that_is_not_there_are_told_apart(command_line, monkeypatch):
+def test_a_unit_without_settings_is_distinguished_from_a_missing_one(command_line, monkeypatch):
     monkeypatch.setattr(watched_node, "SETTINGS_TIMEOUT", 0.3)
     with Nodes(91, OpenImu(address=130)) as nodes:
         code, _, err = command_line("stream", "openimu", "130", *nodes.words)

@@ -149,7 +149,7 @@ def test_the_models_of_actuators_are_those_of_the_table(command_line):
     assert rows["AK80-9"] == ["9:1", "9", "18", "18", "50", "12.5", "500", "5", "0.945"]
 
 
-def test_an_unknown_library_is_told(command_line):
+def test_an_unknown_library_is_reported(command_line):
     error = command_line.refused("blocks", "--from", "tikwork")
     assert error == "no installed library 'tikwork' contains blocks; did you mean 'tickwork'?"
 
@@ -165,7 +165,7 @@ def run(folder, *arguments, site):
     )
 
 
-def test_a_library_that_cannot_be_imported_is_told_and_the_others_are_listed(tmp_path):
+def test_a_library_that_cannot_be_imported_is_reported_and_the_others_are_listed(tmp_path):
     write(tmp_path, "import no_such_module\n", "brokenlab.py")
     info = tmp_path / "brokenlab-1.0.dist-info"
     info.mkdir()

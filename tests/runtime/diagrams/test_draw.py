@@ -52,7 +52,7 @@ def test_a_name_that_is_no_file_name_becomes_one():
         choose(None, "a.pdf", "d")
 
 
-def test_a_folder_that_is_not_there_is_told_in_one_line(command_line):
+def test_a_folder_that_does_not_exist_is_reported_in_one_line(command_line):
     assert command_line.refused("draw", KNEE_EXO, "-o", "no/such/a.svg") == (
         "cannot write no/such/a.svg: No such file or directory"
     )

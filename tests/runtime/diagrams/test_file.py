@@ -105,7 +105,7 @@ def test_neighbours_never_take_the_place_of_a_library(tmp_path):
     assert sys.path[-1] == str(tmp_path)
 
 
-def test_a_neighbour_with_a_librarys_name_is_told(tmp_path, refused):
+def test_a_neighbour_with_a_librarys_name_is_reported(tmp_path, refused):
     write(tmp_path, "GAINS = 3.0\n", "json.py")
     path = write(tmp_path, WAVE.format(before="from json import GAINS", amplitude=1.0))
     complaint = refused(path)
@@ -209,7 +209,7 @@ def test_an_exception_in_plant_has_its_line(tmp_path, refused):
 
 
 @pytest.mark.parametrize("body, words", [("sys.exit(5)", "SystemExit: 5"), ("raise Exception", "Exception")])
-def test_a_file_that_would_end_the_process_is_told_as_any_other(tmp_path, refused, body, words):
+def test_a_file_that_would_end_the_process_is_reported_as_any_other(tmp_path, refused, body, words):
     write(tmp_path, f"import sys\n{body}\n")
     assert refused("robot.py") == f"robot.py:2: {words}\n    {body}"
 
@@ -219,7 +219,7 @@ def test_endless_recursion(tmp_path, refused):
     assert refused("robot.py").startswith("robot.py:2: RecursionError: maximum recursion depth exceeded")
 
 
-def test_a_missing_library_is_told_with_the_line(tmp_path, refused):
+def test_a_missing_library_is_reported_with_the_line(tmp_path, refused):
     write(tmp_path, "\nimport no_such_library\n")
     assert refused("robot.py") == (
         "robot.py:2: ModuleNotFoundError: No module named 'no_such_library'; if it is a library of blocks: pip "

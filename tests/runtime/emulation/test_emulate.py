@@ -117,7 +117,7 @@ def test_a_robot_without_devices_and_a_command_without_a_rig_are_refused(command
     assert "no device on a bus that can be emulated" in command_line.refused("emulate", wave, "--rig", empty)
 
 
-def test_an_interface_of_one_process_and_one_that_is_not_there_are_told_with_a_cure(tmp_path):
+def test_an_interface_of_one_process_and_one_that_does_not_exist_are_reported_with_a_cure(tmp_path):
     for interface, channel, code in (
         ("virtual", "a", "TW105"),
         ("slcan", "/dev/ttyNONE9", "TW125"),

@@ -261,7 +261,7 @@ with Realtime("try") as realtime:
     assert f"sudo tee {group}/cpu.rt_runtime_us" in lines[2] and "kernel.sched_rt_runtime_us=-1" in lines[2]
 
 
-def test_a_processor_that_is_not_there_is_refused_by_number():
+def test_a_processor_that_does_not_exist_is_refused_by_number():
     realtime = Realtime("try", cpu=4000)
     before = os.sched_getaffinity(0)
     with realtime:

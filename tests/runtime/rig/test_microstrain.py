@@ -229,7 +229,7 @@ def test_unknown_serial_number(there):
     assert "6253.133931 (3DM-GX5-25" in trouble.hint and "6286.133932 (3DM-CV7-AHRS" in trouble.hint
 
 
-def test_a_heading_from_a_magnetometer_that_is_not_there(there):
+def test_a_heading_from_a_magnetometer_that_does_not_exist(there):
     trouble = one(serial="900001", heading="magnetometer", channels=("gyro",))
     assert (
         trouble.code == "TW129"
@@ -275,7 +275,7 @@ def test_a_port_that_another_process_holds(there):
     assert isinstance(one(serial="133931"), Opened)
 
 
-def test_a_port_that_is_not_there(there):
+def test_a_port_that_does_not_exist(there):
     trouble = one(port=str(there / "ttyACM7"))
     assert trouble.code == "TW125" and "no such port" in trouble.message
 

@@ -173,7 +173,7 @@ def refusal(channel, **options):
     return refused.value.trouble
 
 
-def test_a_port_that_is_not_there_names_those_that_are(tmp_path):
+def test_a_missing_port_is_reported_with_the_present_ones(tmp_path):
     for name in ("ttyACM0", "ttyUSB3", "tty7"):
         (tmp_path / name).touch()
     trouble = refusal(str(tmp_path / "ttyACM1"), folder=tmp_path)

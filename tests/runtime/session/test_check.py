@@ -174,14 +174,14 @@ def test_with_stiffness_at_every_joint_nothing_is_called_proved(tmp_path):
     assert said[-1] == "ok: the torque limit of hip and knee holds while |α| <= 500 rad/s², 0 warnings"
 
 
-def test_buses_and_plant_are_told(exo):
+def test_buses_and_plant_are_reported(exo):
     [bus] = exo["buses"]
     assert (bus["bus"], bus["devices"], bus["bitrate"]) == ("legs", ["left/knee", "right/knee"], 1e6)
     assert 0.0 < bus["typical"] < bus["worst"] < 0.7
     assert exo["plant"] == {"given": True, "blocks": 6, "rate": 1000.0}
 
 
-def test_rates_conditions_and_holds_of_the_gil_are_told(tmp_path):
+def test_rates_conditions_and_holds_of_the_gil_are_reported(tmp_path):
     found = check(write(tmp_path, RATES))
     steps = {step["block"]: step for step in found["schedule"]["output"]}
     assert (steps["slow/level"]["rate"], steps["slow/level"]["every"], steps["slow/level"]["while"]) == (
@@ -273,7 +273,7 @@ def test_on_a_terminal_it_is_coloured_and_as_wide_as_that(tmp_path):
     assert any("\x1b[1mports\x1b[0m" in line for line in lines) and max(map(length, lines)) <= 72
 
 
-def test_what_is_wrong_is_told_with_code_place_and_cure_and_exit_code_1(command_line):
+def test_errors_are_reported_with_code_location_and_hint_and_exit_code_1(command_line):
     code, out, err = command_line("check", KNEE_EXO, "--set", "left/torque_limiter.limit=30", "--json")
     found = json.loads(out)
     assert (code, err, found["ok"], found["schedule"]) == (CHECK_FAILED, "", False, None)
@@ -339,7 +339,7 @@ def test_intervals_as_text():
     ]
 
 
-def test_how_a_damped_joint_is_stopped_is_told(command_line):
+def test_the_stop_of_a_damped_joint_is_reported(command_line):
     write(
         command_line.folder, KNEE.format(law="return 0.0").replace("can_id=", 'safe_stop="damp", can_id='), "damped.py"
     )

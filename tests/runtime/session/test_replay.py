@@ -97,7 +97,7 @@ def test_a_run_in_real_time_with_late_and_missed_ticks_is_too(recorded, command_
     assert code == OK and "are the same, bit for bit" in out
 
 
-def test_a_block_that_reads_how_late_it_is_hears_it_again(recorded, command_line, tmp_path):
+def test_the_recorded_lateness_is_replayed_to_blocks(recorded, command_line, tmp_path):
     path = write(
         tmp_path,
         """
@@ -149,7 +149,7 @@ def test_a_drive_that_fell_silent_on_a_rig_falls_silent_again_in_the_same_tick(c
     assert code == OK and "bit for bit" in out
 
 
-def test_an_end_that_came_from_outside_is_told_and_not_repeated(recorded, command_line, tmp_path):
+def test_an_end_that_came_from_outside_is_reported_and_not_repeated(recorded, command_line, tmp_path):
     file = recorded(
         law(tmp_path, "return time.sleep(0.2 * (tick == 20)) or 1.0"),
         "--overrun",
@@ -205,7 +205,7 @@ def test_a_changed_diagram_gives_a_recording_to_compare(recorded, command_line, 
     assert code == BAD_INPUT and err == "tickwork: cannot write nowhere/a.svg: No such file or directory\n"
 
 
-def test_diff_of_a_recording_with_itself_says_so(recorded, command_line, tmp_path):
+def test_diff_of_a_recording_with_itself_reports_no_difference(recorded, command_line, tmp_path):
     file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
     code, out, _ = command_line("diff", file, file)
     assert code == OK and "signals are the same, bit for bit" in out and not (command_line.folder / "diff.png").exists()

@@ -108,7 +108,7 @@ def test_every_frame_is_logged_and_bounded_by_the_limiter(walked):
         assert times == sorted(times)
 
 
-def test_what_was_heard_is_logged_too(walked):
+def test_received_frames_are_logged_too(walked):
     _, files, _ = walked
     heard = [identifier for _, bus, identifier, data, ours in files.frames if not ours and bus == "legs"]
     sent = [identifier for _, bus, identifier, data, ours in files.frames if ours]
@@ -386,7 +386,7 @@ def test_a_terminal_that_is_closed_ends_the_run_in_the_safe_stop(tmp_path):
     assert files.sidecar["ended"] == "stopped by SIGHUP" and files.sidecar["ticks"] == len(files.table["tick"])
 
 
-def test_arming_that_nobody_answers_says_who_and_what_was_heard(tmp_path):
+def test_arming_without_replies_names_the_drives_and_the_frames_received(tmp_path):
     path = knee(tmp_path, law="return 1.0")
     path.write_text(
         path.read_text()

@@ -98,7 +98,7 @@ def test_a_part_that_was_not_asked_for_is_kept_from_before(command_line):
     )
 
 
-def test_what_was_not_seen_is_told_and_the_rest_is_written(command_line):
+def test_parts_without_readings_are_reported_and_the_rest_is_written(command_line):
     code, out, err = command_line("calibrate", TABLE, "--duration", "8", "--out", command_line.folder)
     assert code == CHECK_FAILED
     assert "accelerometer  not calibrated: no rest with +x, -x, -y up" in out and "magnetometer   not calibrated" in out
