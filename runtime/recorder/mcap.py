@@ -15,15 +15,17 @@ follows the last.
 
 import json
 import os
+from typing import Any
 
+from cext.safety.mcap_encoder import Encoder
 from runtime.recorder.service import Service
 from runtime.recording import messages
 from runtime.recording.files import WholeFile, claim, create
-from runtime.recording.format import Frame
-from runtime.recording.mcap_file import ZSTD, McapFile
+from runtime.recording.mcap_file import CHUNK, ZSTD, McapFile
 from runtime.recording.reader import LIBRARY
 
 FORMAT_VERSION = "2"
+ROW_HEAD = 2  # numbers before the signals of a row
 JSON_MEDIA_TYPE = "application/json"
 
 
@@ -40,17 +42,13 @@ class FlightLog(Service):
         self.file = WholeFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".mcap"))
         claim(self.file.descriptor)
         self.files[self.file.path] = ""
-        self.rows = self.frames = 0
-        self.drain = self.drained = 0  # number of bus drains, ns of the last one
-        self.group, self.order = {}, 0  # frames since the last drain, row or event: {bus: messages}; how many
-        self.group_time = 0  # ns since the start of the run
-        self.writer: McapFile | None = None
+        self.writer: Any = None
+        self.encoder: Any = None
         self.begun, self.began = False, 0
 
     def begin(self, about):
         """Import the writer and write the attachments and channels. about : dict"""
         self.writer = writer = McapFile(self.file, self.plan.get("compression", ZSTD))
-        self.write = writer.message
         writer.begin(LIBRARY)
         if self.plan.get("diagram_json"):
             writer.attach("diagram.json", JSON_MEDIA_TYPE, self.plan["diagram_json"].encode())
@@ -61,66 +59,53 @@ class FlightLog(Service):
                 {**about, "format": FORMAT_VERSION, "signals": self.plan["signals"]}, ensure_ascii=False
             ).encode(),
         )
-        self.subsystems = [
-            (subsystem, writer.channel(subsystem.topic, *subsystem.descriptor()))
-            for subsystem in messages.subsystems(
-                self.plan["name"], [(place, signal["path"]) for place, signal in enumerate(self.plan["signals"])]
-            )
-        ]
+        columns = [(place, signal["path"]) for place, signal in enumerate(self.plan["signals"])]
+        templates = []
+        for subsystem in messages.subsystems(self.plan["name"], columns):
+            body, places = subsystem.template()
+            channel = writer.channel(subsystem.topic, *subsystem.descriptor())
+            templates.append((channel, body, [(place, ROW_HEAD + column) for place, column in places]))
         own_tick, _, own_event, _ = messages.OWN
-        self.tick = writer.channel(messages.ROW_END, *messages.simple(own_tick, messages.TICK))
-        self.buses = [writer.channel(messages.BUS + bus, *messages.frames_descriptor()) for bus in self.plan["buses"]]
+        tick = writer.channel(messages.ROW_END, *messages.simple(own_tick, messages.TICK))
+        buses = [writer.channel(messages.BUS + bus, *messages.frames_descriptor()) for bus in self.plan["buses"]]
         self.events = writer.channel(messages.EVENTS, *messages.simple(own_event, messages.EVENT))
+        self.encoder = Encoder(float(self.plan["rate"]), templates, tick, buses)
 
-    def wall(self, time):
-        """Convert ns since the start of the run to ns in the file."""
+    def begin_run(self):
+        """Read the clock at the start of the run and write it as the first event. In virtual time it is 0."""
         if not self.begun:
             self.begun = True
             if not self.plan["virtual"]:
                 assert self.page is not None
                 self.began = self.page.wall
                 self.event({"event": "begin", "tick": -1, "wall": self.page.wall, "monotonic": self.page.began})
-        return self.began + time
 
-    def every_signal(self, tick, time, lateness, values):
-        assert self.page is not None
-        self.end_group()
-        at = self.wall(self.page.first_tick + round(time * 1e9))
-        write = self.write
-        for subsystem, channel in self.subsystems:
-            write(channel, at, subsystem.encode([values[place] for place in subsystem.columns]), at, tick)
-        write(self.tick, at, messages.tick(tick, time, lateness), at, tick)
-        self.rows += 1
+    def records(self, batch):
+        assert self.page is not None and self.writer is not None
+        self.begin_run()
+        at, first_tick = 0, self.page.first_tick
+        while at < batch.size:
+            at = self.encoder.encode(batch, at, self.writer.size, CHUNK, self.began, first_tick)
+            if at < batch.size:
+                self.write_encoded()
 
-    def received(self, payload):
-        """Take the time of a bus drain, in ns since the start of the run. The frames received then follow."""
-        self.end_group()
-        self.drain += 1
-        self.drained = int.from_bytes(payload, "little", signed=True)
-
-    def frame(self, payload):
-        frame = Frame.unpack(payload)
-        if not self.order:
-            self.group_time = self.drained if self.drain else frame.time
-        order = self.order if len(self.buses) > 1 else None
-        self.group.setdefault(frame.bus, []).append(
-            messages.frame(frame.time, frame.id, frame.truths, frame.data, order)
-        )
-        self.order += 1
-        self.frames += 1
+    def write_encoded(self):
+        """Pass the encoded messages to the file."""
+        if self.encoder.size:
+            self.writer.messages(*self.encoder.take())
 
     def end_group(self):
-        """Write the frames since the last drain, row or event."""
-        group, self.group, self.order = self.group, {}, 0
-        for bus in sorted(group):
-            at = self.wall(self.group_time)
-            self.write(self.buses[bus], at, messages.frames(self.drained, group[bus]), at, self.drain)
+        """Encode the frames since the last row or drain, and pass all messages to the file."""
+        self.encoder.end_group(self.writer.size)
+        self.write_encoded()
 
     def event(self, event):
-        assert self.page is not None
+        assert self.page is not None and self.writer is not None
+        self.begin_run()
         self.end_group()
-        at = self.wall(self.page.first_tick + round(max(0, event.get("tick", 0)) / self.plan["rate"] * 1e9))
-        self.write(self.events, at, messages.event(event["event"], event.get("tick", -1), json.dumps(event)), at)
+        at = self.began + self.page.first_tick + round(max(0, event.get("tick", 0)) / self.plan["rate"] * 1e9)
+        data = messages.event(event["event"], event.get("tick", -1), json.dumps(event))
+        self.writer.message(self.events, at, data, at)
 
     def flush(self):
         if self.writer is None:
@@ -138,5 +123,6 @@ class FlightLog(Service):
 
     def close(self):
         self.file.close()
-        self.files[self.file.path] = f"{self.rows} ticks of {len(self.plan['signals'])} signals, {self.frames} frames"
-        return {"file": self.file.path, "rows": self.rows, "frames": self.frames, "bytes": self.file.size}
+        rows, frames = (0, 0) if self.encoder is None else (self.encoder.row_count, self.encoder.frame_count)
+        self.files[self.file.path] = f"{rows} ticks of {len(self.plan['signals'])} signals, {frames} frames"
+        return {"file": self.file.path, "rows": rows, "frames": frames, "bytes": self.file.size}

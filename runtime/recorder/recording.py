@@ -6,10 +6,9 @@ A service that fails is stopped and reported; the others continue.
 import json
 import os
 from contextlib import suppress
-from operator import itemgetter
 
-from cext.bus.bits import payload_bits
-from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
+from cext.safety.ring_batch import Batch
+from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT
 from runtime.console.styles import Console
 from runtime.live import table
 from runtime.recorder.plugins import LOGS, SERVICES
@@ -17,7 +16,7 @@ from runtime.recorder.report import STILL_RECORDING, describe, outcome, reason, 
 from runtime.recorder.service import takes
 from runtime.recording import files, provenance
 from runtime.recording.changes import Changes
-from runtime.recording.format import BUS_BYTE, row_struct
+from runtime.recording.format import row_struct
 from runtime.recording.repair import Backlog
 from runtime.report import preflight
 
@@ -49,8 +48,6 @@ class Recording:
         self.traffic = [0] * len(plan["buses"])  # frames of each bus, received or sent
         self.bits = [0] * len(plan["buses"])  # length of these frames on the bus
         self.services = []  # (path, service) of the running ones
-        self.pickers = []  # (function from a row to the columns of the service, service)
-        self.whole_rows, self.drains, self.frames = [], [], []  # services that take every signal, drains, frames
         self.about = {}
         self.sidecar = None
         self.files, self.saved, self.folders = {}, {}, []
@@ -71,7 +68,7 @@ class Recording:
             for sink in self.plan["sinks"]:
                 problem = f"{sink['path']} cannot start"
                 try:
-                    self.open_sink(sink)
+                    self.start(SERVICES.load(sink["service"]), sink)
                 except Exception as error:
                     if self.part == 1:
                         raise
@@ -81,8 +78,7 @@ class Recording:
                 kind = SERVICES.load(name)
                 if kind.applies(self.plan):
                     problem = f"the {kind.title} cannot start"
-                    self.start(kind, {"path": kind.title, "columns": self.plan["signals"], "parameters": {}})
-            self.share_out()
+                    self.start(kind, {"path": kind.title, "columns": [], "parameters": {}})
         except Exception as error:  # a service can be of any package
             self.discard()
             raise RecordingFailed(f"{problem}: {reason(error)}") from error
@@ -93,19 +89,6 @@ class Recording:
         self.services.append((sink["path"], service))
         service.open()
         return service
-
-    def share_out(self):
-        """List the services that take whole rows, drains and frames."""
-        self.whole_rows, self.drains, self.frames = (
-            [service for _, service in self.services if takes(service, method)]
-            for method in ("every_signal", "received", "frame")
-        )
-
-    def open_sink(self, sink):
-        service = self.start(SERVICES.load(sink["service"]), sink)
-        self.pickers.append(
-            (picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service)
-        )
 
     def leave_out(self, path, error):
         """Leave out a service that cannot start in a later part, for example because its viewer was closed."""
@@ -136,43 +119,33 @@ class Recording:
             self.attempt(service, lambda: service.begin(self.about))
 
     def take(self, records):
-        """Pass records to the services. records : as `drain` of the page returns them"""
-        for kind, payload in records:
-            if kind == RECORD_ROW:
-                values = self.newest = self.row.unpack(payload)
-                tick, lateness = int(values[0]), values[1]
-                time = tick / self.plan["rate"]
-                for service in self.whole_rows:
-                    try:
-                        service.every_signal(tick, time, lateness, values[2:])
-                    except Exception as error:
-                        self.stop(service, error)
-                for pick, service in self.pickers:
-                    try:
-                        service.row(tick, time, pick(values))
-                    except Exception as error:
-                        self.stop(service, error)
-                if self.ticks == 0:
-                    self.first_tick = tick
-                self.ticks += 1
-                self.last_tick, self.time = tick, time
-            elif kind == RECORD_FRAME:
-                bus = payload[BUS_BYTE]
-                self.traffic[bus] += 1
-                self.bits[bus] += payload_bits(payload)
-                for service in self.frames:
-                    try:
-                        service.frame(payload)
-                    except Exception as error:
-                        self.stop(service, error)
-            elif kind == RECORD_RECEIVED:
-                for service in self.drains:
-                    self.attempt(service, lambda: service.received(payload))
-            elif kind == RECORD_EVENT:
+        """Pass records to the services. records : as cext.safety.ring_batch.read returns them"""
+        for item in records:
+            if isinstance(item, Batch):
+                self.take_batch(item)
+                continue
+            kind, payload = item
+            if kind == RECORD_EVENT:
                 self.take_event(json.loads(payload))
             elif kind == RECORD_CHANGE:
                 for event in self.changes.events(payload):
                     self.take_event(event)
+
+    def take_batch(self, batch):
+        """Pass rows, frames and drains to the services."""
+        if batch.rows:
+            self.newest = batch.newest()
+            if self.ticks == 0:
+                self.first_tick = batch.first_tick()
+            self.last_tick = int(self.newest[0])
+        batch.add_traffic(self.traffic, self.bits, bool(self.plan["status_line"]))
+        for _, service in list(self.services):
+            try:
+                service.records(batch)
+            except Exception as error:
+                self.stop(service, error)
+        self.ticks += batch.rows
+        self.time = (self.last_tick or 0) / self.plan["rate"]
 
     def show(self, event):
         """Print the lines of an event on the terminal."""
@@ -245,9 +218,7 @@ class Recording:
             return
         path = next(path for path, other in self.services if other is service)
         self.services = [entry for entry in self.services if entry[1] is not service]
-        self.pickers = [entry for entry in self.pickers if entry[1] is not service]
-        self.share_out()
-        problem = f"{path} stopped at {self.time:g} s: {reason(error)}"
+        problem = f"{path} stopped at {service.time or self.time:g} s: {reason(error)}"
         try:
             service.close()
         except Exception:  # the first failure is reported
@@ -317,12 +288,3 @@ class Recording:
         with suppress(OSError):  # another process uses the folder
             for folder in reversed(self.folders):
                 os.rmdir(folder)
-
-
-def picker(indices, columns):
-    """Return a function from an unpacked row to the tuple of these columns."""
-    if indices == list(range(columns)):
-        return itemgetter(slice(2, None))
-    if len(indices) == 1:
-        return itemgetter(slice(2 + indices[0], 3 + indices[0]))
-    return itemgetter(*(2 + index for index in indices)) if indices else lambda row: ()

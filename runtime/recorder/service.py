@@ -14,8 +14,13 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
+from runtime.recording.format import row_struct
+
 if TYPE_CHECKING:
     from cext.safety.shared_state import SharedState
+
+METHODS = {RECORD_ROW: ("row", "every_signal"), RECORD_FRAME: ("frame",), RECORD_RECEIVED: ("received",)}
 
 
 class Service:
@@ -33,6 +38,7 @@ class Service:
     """
 
     elsewhere = False  # whether another process writes its files
+    time = 0.0  # s, of the newest row that `row` has taken
     unfinished = None  # path of a file that the next part completes, should the recorder process be killed
 
     def __init__(self, plan, sink):
@@ -55,6 +61,29 @@ class Service:
 
     def begin(self, about):
         """Do what takes longer, such as imports: the run has been armed. about : dict, what the recording states"""
+
+    def records(self, batch):
+        """Take rows, frames and bus drains of the ring, in order. Calls the four methods below for each of them.
+
+        batch : cext.safety.ring_batch.Batch
+        """
+        kinds = {kind for kind, methods in METHODS.items() if any(takes(self, method) for method in methods)}
+        if not kinds:
+            return
+        unpack = row_struct(len(self.plan["signals"])).unpack
+        for kind, payload in batch:
+            if kind not in kinds:
+                continue
+            if kind == RECORD_FRAME:
+                self.frame(payload)
+            elif kind == RECORD_RECEIVED:
+                self.received(payload)
+            else:
+                tick, lateness, *values = unpack(payload)
+                time = int(tick) / self.plan["rate"]
+                self.every_signal(int(tick), time, lateness, values)
+                self.row(int(tick), time, [values[column["index"]] for column in self.sink["columns"]])
+                self.time = time
 
     def row(self, tick, time, values):
         """Take the columns of the sink in one completed tick. time : s; values : floats, in the order of the columns"""

@@ -9,6 +9,7 @@ import signal
 import time
 from contextlib import contextmanager
 
+from cext.safety.ring_batch import read
 from cext.safety.thresholds import GUARDIAN_DEATH
 from runtime.console.keys import Keyboard, attributes_of, put_back
 from runtime.console.stderr import Terminal
@@ -17,8 +18,7 @@ from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
 from runtime.recorder.status import StatusLine
 
-DRAIN_LIMIT = 4096  # records per drain of the ring
-POLL_PERIOD = 5  # ms, of an empty ring
+POLL_PERIOD = 20  # ms, of the ring in real time
 POLL_PERIOD_VIRTUAL = 1  # ms; a loop in virtual time waits for the writer
 FLUSH_PERIOD = 0.5  # s
 # of a flush in virtual time, so that the files of two equal runs are flushed at the same rows
@@ -120,7 +120,7 @@ def drain(page, control, recording, status, panel, checkpoint, idle):
         # read before the drain: all earlier records are then in the ring
         over = page.closed or (control.gone and not guarded(page))
         rows = flushed + per_flush - recording.ticks if virtual else UNLIMITED
-        records = page.drain(DRAIN_LIMIT, release=False, rows=rows)
+        records = read(page, rows)
         recording.take(records)
         now = time.monotonic()
         due = recording.ticks - flushed >= per_flush if virtual else now >= flush_at
@@ -135,7 +135,7 @@ def drain(page, control, recording, status, panel, checkpoint, idle):
             panel.look(now)
         if panel is None or panel.keyboard.here:
             status.update(now)
-        if records:
+        if records and (virtual or over):
             continue
         if over or control.abandoned:
             return

@@ -34,6 +34,7 @@ CHUNK_HEADS = {"": Struct("<BQQQQII0sQ"), ZSTD: Struct("<BQQQQII4sQ")}
 CHUNK_HEAD = CHUNK_HEADS[""]
 MESSAGE = Struct("<BQHIQQ")  # type, bytes that follow, channel, sequence, log time, publish time
 INDEX = Struct("<BQHI")  # type, bytes that follow, channel, bytes of the index
+PLACE = Struct("=QQ")  # of a message in an index: log time, position in the chunk
 MESSAGE_REST = MESSAGE.size - HEAD.size
 
 
@@ -119,13 +120,13 @@ class McapFile:
     def message(self, channel, log_time, data, publish_time, sequence=0):
         """Write a message. log_time, publish_time : ns; data : bytes"""
         record = MESSAGE.pack(self.kind, MESSAGE_REST + len(data), channel, sequence, log_time, publish_time) + data
-        self.messages(record, {channel: array("Q", (log_time, self.size))})
+        self.messages(record, {channel: PLACE.pack(log_time, self.size)})
 
     def messages(self, data, index):
         """Write message records to the open chunk, and end it if it has CHUNK bytes.
 
         data : bytes of the records
-        index : {channel: array of log time in ns and position in the chunk, in turn}
+        index : {channel: log time in ns and position in the chunk, in turn, as bytes of uint64}
         """
         if self.start is None:
             self.begin_chunk(self.file.tell())
@@ -151,8 +152,8 @@ class McapFile:
             known = self.index.get(channel)
             if known is None:
                 known = self.index[channel] = array("Q")
-            known.extend(places)
-            self.counts[channel] += len(places) // 2
+            known.frombytes(places)
+            self.counts[channel] += len(places) // PLACE.size
         self.size += len(data)
         self.checksum = zlib.crc32(data, self.checksum)
 
@@ -175,11 +176,16 @@ class McapFile:
             self.compress()
             self.file.write(self.compressor.end())
         end = self.file.tell()
-        for index in self.indices():
-            self.file.write(index)
+        self.write_indices()
         self.file.flush()
         start = self.start
         os.pwrite(self.file.descriptor, self.complete(end), start)
+
+    def write_indices(self):
+        """Write the message indices of the open chunk in the order of channels."""
+        self.index = dict(sorted(self.index.items()))
+        for index in self.indices():
+            self.file.write(index)
 
     def indices(self):
         """Yield the message index of each channel of the open chunk, as bytes."""

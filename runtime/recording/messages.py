@@ -167,6 +167,15 @@ class Subsystem:
         self._items[1::2] = values
         return self._pack(*self._items)
 
+    def template(self):
+        """Return (message without its values as bytes, [(position of a value in it, index of its signal)])."""
+        body, places = bytearray(), []
+        for column, text in zip(self.columns, self._items[::2]):
+            body += text
+            places.append((len(body), column))
+            body += bytes(8)
+        return bytes(body), places
+
     def dtype(self):
         """What NumPy calls the message: a field for each value, named by its place in the row."""
         import numpy as np

@@ -11,13 +11,23 @@ follow from the rest are overwritten. A file that is damaged, and not just torn,
 import io
 import os
 import zlib
-from array import array
 from contextlib import contextmanager
 from struct import Struct
 
 from runtime.recording.chunks import CHUNK_LIMIT
 from runtime.recording.files import AT_ONCE, WholeFile, claim
-from runtime.recording.mcap_file import CHUNK, CHUNK_HEAD, CHUNK_HEADS, HEAD, MESSAGE, ROOM, STREAM, ZSTD, McapFile
+from runtime.recording.mcap_file import (
+    CHUNK,
+    CHUNK_HEAD,
+    CHUNK_HEADS,
+    HEAD,
+    MESSAGE,
+    PLACE,
+    ROOM,
+    STREAM,
+    ZSTD,
+    McapFile,
+)
 from runtime.recording.reader import DAMAGE, LIBRARY, MAGIC
 from runtime.recording.records import (
     A_CHUNK,
@@ -67,7 +77,8 @@ class Repair:
             raise
         self.writer = McapFile(self.file)
         self.good = 0  # bytes that stay as they are
-        self.expected, self.indices = [], 0  # indices of the chunk that are still to come, and where they begin
+        self.expected, self.order = {}, []  # {index: channel} still to come; channels whose index was found
+        self.indices = 0  # position of the first index
         self.claimed = None  # (bytes, checksum) of the messages in the head of the chunk
         self.compression = ""  # of the chunk
         self.ended = True  # whether the zstd frame of the chunk is complete
@@ -134,7 +145,7 @@ class Repair:
     def count(self, data):
         """Take a message of the open chunk."""
         _, _, channel, _, log_time, _ = MESSAGE.unpack_from(data)
-        self.writer.add(data, {channel: array("Q", (log_time, self.writer.size))})
+        self.writer.add(data, {channel: PLACE.pack(log_time, self.writer.size)})
 
     def take_frame(self, at):
         """Take a zstd chunk, or the part of it in which the file ends. Returns where that ends, None if it is invalid.
@@ -171,12 +182,17 @@ class Repair:
         return end
 
     def is_expected(self, at, data):
-        """Return whether a record is the next index of the open chunk, which ends with the last one."""
+        """Return whether a record is one of the indices of the open chunk, which ends with the last of them."""
+        writer = self.writer
         if not self.expected:
-            self.expected, self.indices = list(self.writer.indices()), at
-        if not self.expected or data != self.expected.pop(0):
+            self.expected = dict(zip(writer.indices(), writer.index))
+            self.indices, self.order = at, []
+        channel = self.expected.pop(data, None)
+        if channel is None:
             return False
+        self.order.append(channel)
         if not self.expected:
+            writer.index = {channel: writer.index[channel] for channel in self.order}
             self.end_chunk(self.indices)
         return True
 
@@ -231,8 +247,7 @@ class Repair:
             if not self.ended:
                 file.write(END)
             end = file.tell()
-            for index in writer.indices():
-                file.write(index)
+            writer.write_indices()
             self.end_chunk(end)
         file.flush()
         for start, head in self.heads:

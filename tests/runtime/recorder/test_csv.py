@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from blocks.recorders import CsvRecorder
+from cext.safety.ring_batch import Batch
 from cext.safety.shared_state import SharedState
 from graph import Diagram
 from graph.units import canonical
@@ -195,7 +196,7 @@ def test_every_double_reads_back_as_the_same_double(tmp_path_factory, values):
     folder = tmp_path_factory.mktemp("csv")
     writer = CsvWriter(plan(folder), sink(CSV, "a", columns(*(f"a.x{i} m" for i in range(len(values))))))
     writer.open()
-    writer.row(3, 0.015, tuple(values))
+    writer.records(Batch([row(3, *values)]))
     writer.close()
     _, rows = read_csv(folder / "bench_1.csv")
     for value, text in zip(values, rows[0][2:], strict=True):
@@ -208,7 +209,7 @@ def test_rows_reach_the_file_every_flush_rows_rows_and_only_whole_ones(tmp_path)
     writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("a.x m"), flush_rows=50))
     writer.open()
     for tick in range(120):
-        writer.row(tick, tick / 200, (1.0 / (tick + 3),))
+        writer.records(Batch([row(tick, 1.0 / (tick + 3))]))
     assert len(read_csv(tmp_path / "bench_1.csv")[1]) == 100
     writer.flush()
     assert len(read_csv(tmp_path / "bench_1.csv")[1]) == 120

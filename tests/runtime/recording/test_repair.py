@@ -22,6 +22,7 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
 import runtime
+from cext.safety.ring_batch import read as read_ring
 from cext.safety.shared_state import RECORD_EVENT, SharedState
 from runtime.base.errors import BadInput
 from runtime.recorder.recording import Recording
@@ -51,10 +52,10 @@ def write(folder, monkeypatch, compression, rows, flush_rows, chunk, width=40):
         page.push(*frame(1000 * tick, 1, bytes([tick % 256])))
         page.push(*row(tick, *[tick / 3.0] * width))
         if tick % flush_rows == flush_rows - 1:
-            recording.take(page.drain())
+            recording.take(read_ring(page))
             recording.flush()
     page.push(RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "tick": 0}).encode())
-    recording.take(page.drain())
+    recording.take(read_ring(page))
     recording.finish(False)
     return (folder / "long.mcap").read_bytes()
 

@@ -1,0 +1,165 @@
+# cython: freethreading_compatible=True
+"""Batches of the ring for the recorder: many rows and frames without an object per record."""
+
+from libc.math cimport isfinite
+from libc.stdint cimport int64_t, uint64_t
+from libc.string cimport memcpy
+
+from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
+
+from cext.abi cimport Frame
+from cext.atomics cimport load_u64
+from cext.bus.bits cimport bits_of
+from cext.safety.shared_state cimport FRAME, PADDING, RECEIVED, ROW, Header, SharedLayout, SharedState, ring
+
+cdef enum:
+    BATCH_SIZE = 1 << 18                # bytes
+
+
+cdef inline Header *record_at(SharedLayout *layout, uint64_t place) noexcept nogil:
+    return <Header *>(ring(layout) + (place & (layout.capacity - 1)))
+
+
+cdef class Batch:
+    """Consecutive rows, frames and bus drains of the ring, in order.
+
+    Batch(records)    from [(kind, payload in bytes)]
+
+    Iteration yields (kind, payload). `rows` and `frames` are their numbers.
+    """
+
+    def __init__(self, records=()):
+        cdef list parts = []
+        for kind, payload in records:
+            parts.append(int(kind).to_bytes(4, "little") + len(payload).to_bytes(4, "little") + payload)
+        self.fill(b"".join(parts))
+
+    cdef fill(self, bytes records):
+        cdef Py_ssize_t at = 0
+        cdef Header *header
+        self.records, self.size, self.rows, self.frames, self.newest_at = records, len(records), 0, 0, -1
+        while at < self.size:
+            header = <Header *>(PyBytes_AS_STRING(records) + at)
+            if header.kind == ROW:
+                self.rows += 1
+                self.newest_at = at
+            self.frames += header.kind == FRAME
+            at += sizeof(Header) + header.bytes
+
+    def __iter__(self):
+        cdef Py_ssize_t at = 0
+        cdef Header *header
+        while at < self.size:
+            header = <Header *>(PyBytes_AS_STRING(self.records) + at)
+            yield header.kind, self.records[at + <Py_ssize_t>sizeof(Header) : at + <Py_ssize_t>(sizeof(Header) + header.bytes)]
+            at += sizeof(Header) + header.bytes
+
+    def newest(self) -> tuple | None:
+        """Return the newest row, a tuple of tick, lateness in s and signals; None without one."""
+        cdef Header *header
+        cdef double *row
+        if self.newest_at < 0:
+            return None
+        header = <Header *>(PyBytes_AS_STRING(self.records) + self.newest_at)
+        row = <double *>(<char *>header + sizeof(Header))
+        return tuple([row[place] for place in range(header.bytes // 8)])
+
+    def first_tick(self) -> int:
+        """Return the tick of the first row, -1 without one."""
+        cdef Py_ssize_t at = 0
+        cdef Header *header
+        while at < self.size:
+            header = <Header *>(PyBytes_AS_STRING(self.records) + at)
+            if header.kind == ROW:
+                return <int64_t>(<double *>(<char *>header + sizeof(Header)))[0]
+            at += sizeof(Header) + header.bytes
+        return -1
+
+    def table(self, double rate, list columns, list whole) -> list[list[float]]:
+        """Return a list for each row: time in s, tick, the values of columns.
+
+        rate : Hz
+        columns : indices of signals
+        whole : for each column whether its finite values are ints
+        """
+        cdef Py_ssize_t at = 0, place, count = len(columns)
+        cdef Header *header
+        cdef double *row
+        cdef double value
+        cdef list table = [], cells
+        while at < self.size:
+            header = <Header *>(PyBytes_AS_STRING(self.records) + at)
+            if header.kind == ROW:
+                row = <double *>(<char *>header + sizeof(Header))
+                cells = [row[0] / rate, <int64_t>row[0]]
+                for place in range(count):
+                    value = row[2 + <Py_ssize_t>columns[place]]
+                    cells.append(int(value) if whole[place] and isfinite(value) else value)
+                table.append(cells)
+            at += sizeof(Header) + header.bytes
+        return table
+
+    def add_traffic(self, list frames, list bits, bint count_bits):
+        """Add the frames to the counts of each bus, and their bits on the wire if `count_bits`."""
+        cdef Py_ssize_t at = 0
+        cdef Header *header
+        cdef Frame *frame
+        if self.frames == 0:
+            return
+        while at < self.size:
+            header = <Header *>(PyBytes_AS_STRING(self.records) + at)
+            if header.kind == FRAME:
+                frame = <Frame *>(<char *>header + sizeof(Header))
+                frames[frame.bus] += 1
+                if count_bits:
+                    bits[frame.bus] += bits_of(frame)
+            at += sizeof(Header) + header.bytes
+
+
+def read(SharedState page, int64_t rows=1 << 62) -> list[Batch | tuple[int, bytes]]:
+    """Return the records of the ring after the last read, up to `rows` rows and about 256 KiB.
+
+    The result has batches, and (kind, payload) for each event and change, in order. The space of the records is kept
+    until `release` of the shared state.
+    """
+    cdef SharedLayout *layout = page.layout
+    cdef uint64_t head = load_u64(&layout.head)
+    cdef uint64_t place
+    cdef Header *header
+    cdef list records = []
+    cdef bytes content
+    cdef Py_ssize_t size = 0, total = 0
+    cdef char *out
+    cdef Batch batch
+    page.cursor = max(page.cursor, layout.tail)                    # another reader has taken records
+    while page.cursor != head and rows > 0 and total < BATCH_SIZE:
+        place, size = page.cursor, 0
+        while place != head and rows > 0 and size < BATCH_SIZE:    # the size of the batch
+            header = record_at(layout, place)
+            if header.kind == ROW or header.kind == FRAME or header.kind == RECEIVED:
+                size += sizeof(Header) + header.bytes
+                rows -= header.kind == ROW
+            elif header.kind != PADDING:
+                break
+            place += sizeof(Header) + header.bytes
+        if size > 0:
+            content = PyBytes_FromStringAndSize(NULL, size)
+            out = PyBytes_AS_STRING(content)
+            while page.cursor != place:
+                header = record_at(layout, page.cursor)
+                if header.kind != PADDING:
+                    memcpy(out, header, sizeof(Header) + header.bytes)
+                    out += sizeof(Header) + header.bytes
+                page.cursor += sizeof(Header) + header.bytes
+            batch = Batch.__new__(Batch)
+            batch.fill(content)
+            records.append(batch)
+            total += size
+            continue
+        page.cursor = place                                        # behind a padding
+        if page.cursor != head:
+            header = record_at(layout, page.cursor)
+            records.append((header.kind, (<char *>header + sizeof(Header))[:header.bytes]))
+            page.cursor += sizeof(Header) + header.bytes
+            total += sizeof(Header) + header.bytes
+    return records
