@@ -1,6 +1,9 @@
 """Charge pump: an output whose toggling keeps the motors' supply relay closed."""
 
+from __future__ import annotations
+
 import binascii
+from typing import TYPE_CHECKING, Any
 
 from blocks.gpio import GpioLine
 from blocks.serial_lines import speed_of
@@ -9,11 +12,14 @@ from cext.safety.thresholds import LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, STOP_
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 from graph.budget import SERIAL_BITS_PER_BYTE
 
+if TYPE_CHECKING:
+    from graph.device import Device, Sequence
+
 MESSAGE_BYTES = 5  # counter and checksum, stuffed
 LINE_LOAD_LIMIT = 0.7  # share of the line's capacity
 
 
-def message(number):
+def message(number: Any) -> Any:
     """Encode one message to the microcontroller, like cext/kernels/charge_pump.pyx. number : 0 to 255"""
     plain = bytes([number]) + binascii.crc_hqx(bytes([number]), 0xFFFF).to_bytes(2, "little")
     return b"".join(bytes([len(part) + 1]) + part for part in plain.split(b"\0")) + b"\0"
@@ -77,7 +83,7 @@ class ChargePump(GpioLine, StreamDevice):
     sent_outputs = ("changes",)
     hardware = (*GpioLine.hardware[:3], "hold", "start_up", "port", "serial", "baudrate")
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         if isinstance(self.protects, str):
             self.protects = (self.protects,)
@@ -90,7 +96,7 @@ class ChargePump(GpioLine, StreamDevice):
         self.messages = float(self.line == "serial")
         self.relay_time, self.start_time = self.hold, self.start_up
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         stall = max(LOOP_STALL_PERIODS * dt, 1e-9 * LOOP_STALL_MINIMUM)
         if self.hold <= stall:
             raise ValueError(
@@ -108,24 +114,24 @@ class ChargePump(GpioLine, StreamDevice):
                 f"died. Set baudrate to {needed / LINE_LOAD_LIMIT:.0f} or more"
             )
 
-    def opening(self):
+    def opening(self) -> Any:
         if self.line == "serial":
             return {"port": self.port, "serial": self.serial, "baudrate": self.baudrate}
         return super().opening()
 
-    def relay_frames(self):
+    def relay_frames(self) -> Sequence[bytes]:
         return [message(0), message(1)] if self.line == "serial" else [b"\0", b"\1"]
 
-    def holds_power_of(self, device):
+    def holds_power_of(self, device: Device) -> bool:
         return not self.protects or device.path in self.protects or device.bus in self.protects
 
-    def fault_in_words(self, code):
+    def fault_in_words(self, code: int) -> str:
         return "its line is disconnected, so the relay opens" if code else ""
 
-    def output_range(self):
+    def output_range(self) -> dict[str, Interval]:
         return {"changes": Interval(0.0), "fault": Interval(0.0, 1.0)}
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> EmulatedChargePump:
         return EmulatedChargePump.of(self, **parameters)
 
 
@@ -155,9 +161,9 @@ class EmulatedChargePump(StreamDevice):
     feedthrough = ()
 
     @classmethod
-    def of(cls, pump, **parameters):
+    def of(cls, pump: ChargePump, **parameters: Any) -> EmulatedChargePump:
         """Return the emulator of one ChargePump. parameters : override those of the pump"""
         return cls(**{"bus": pump.bus, "hold": pump.hold, "messages": int(pump.line == "serial")} | parameters)
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> dict[str, Interval]:
         return {"holds": Interval(0.0, 1.0), "changes": Interval(0.0)}

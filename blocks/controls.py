@@ -1,5 +1,9 @@
 """Game controllers and keyboards, for tuning during a run. No safety function depends on them."""
 
+from __future__ import annotations
+
+from typing import Any
+
 from cext.kernels.devices import input_devices as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
@@ -66,7 +70,7 @@ class Controls(StreamDevice):
     decode = kernels.decode
     hardware = ("device",)
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         named, self.plan = declared(self, type(self).outputs)
         ports = {
@@ -77,15 +81,15 @@ class Controls(StreamDevice):
         }
         self.outputs = {name: port.named(name) for name, port in ports.items()} | type(self).outputs
 
-    def opening(self):
+    def opening(self) -> dict[str, Any]:
         return {"device": self.device}
 
-    def output_range(self):
+    def output_range(self) -> dict[str, Interval]:
         return {"age": Interval(0.0), "connected": Interval(0.0, 1.0), "missed": Interval(0.0)} | {
             name: Interval(0.0, 1.0) for name, port in self.outputs.items() if port.dtype == "bool"
         }
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> Any:
         return EmulatedControls.of(self, **parameters)
 
 
@@ -138,11 +142,11 @@ class EmulatedControls(StreamDevice):
     encode = kernels.emulated_encode
 
     @classmethod
-    def of(cls, controls, **parameters):
+    def of(cls, controls: Controls, **parameters: Any) -> EmulatedControls:
         """Return the emulator of one GameController or Keyboard."""
         return cls(bus=controls.bus, axes=controls.axes, buttons=controls.buttons, **parameters)
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         named, self.plan = declared(self, {})
         self.inputs = {
@@ -157,7 +161,7 @@ class EmulatedControls(StreamDevice):
         self.last = (0.0,) * len(named)
 
 
-def declared(block, taken):
+def declared(block: Any, taken: dict[str, Output]) -> tuple[dict[str, int], tuple[float, ...]]:
     """Return ({name: kind} of axes and buttons, plan of the kernel). ValueError for an invalid declaration."""
     named, plan = {}, []
     for kind, entries, what in (

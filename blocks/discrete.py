@@ -1,5 +1,7 @@
 """Delays, integrators and derivatives in discrete time."""
 
+from __future__ import annotations
+
 import math
 
 from cext.kernels import discrete as kernels
@@ -22,7 +24,7 @@ class Hold(Block):
     kernel = kernels.hold
     resamples = True
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return u
 
 
@@ -42,13 +44,13 @@ class UnitDelay(Block):
     update_kernel = kernels.unit_delay_next
     feedthrough = ()
 
-    def prepare(self, dt):
+    def prepare(self, dt: float | None) -> None:
         self.held = [self.initial] * self.width
 
-    def start_range(self, u):
+    def start_range(self, u: Interval) -> Interval:
         return self.span("initial")
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return u | self.span("initial")
 
 
@@ -70,13 +72,13 @@ class Delay(Block):
     update_kernel = kernels.delay_next
     feedthrough = ()
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.held = [self.initial] * (self.samples * self.width)
 
-    def start_range(self, u):
+    def start_range(self, u: Interval) -> Interval:
         return self.span("initial")
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return u | self.span("initial")
 
 
@@ -105,20 +107,20 @@ class Integrator(Block):
 
     kernel = kernels.integrator_forward
 
-    def configure(self):
+    def configure(self) -> None:
         if not self.lower <= self.initial <= self.upper:
             raise ValueError(f"initial, {self.initial:g}, is outside the limits, {self.lower:g} to {self.upper:g}")
         self.kernel = getattr(kernels, "integrator_" + self.method)
         self.update_kernel = kernels.integrator_forward_next if self.method == "forward" else None
         self.feedthrough = ("restart",) if self.method == "forward" else ("u", "restart")
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.state, self.held = [self.initial] * self.width, [0.0] * self.width
 
-    def output_units(self, u, restart):
+    def output_units(self, u: str, restart: str) -> dict[str, str]:
         return {"y": multiply(u, "s")}
 
-    def output_range(self, u, restart):
+    def output_range(self, u: Interval, restart: Interval) -> Interval:
         initial, lower, upper = self.span("initial"), self.span("lower"), self.span("upper")
         falls, rises = initial | upper, initial | lower  # reachable with an input of one sign, including live limits
         low = falls.low if u.low >= 0.0 else (falls | lower).low
@@ -142,13 +144,13 @@ class Derivative(Block):
 
     kernel = kernels.derivative
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.follower = [math.nan] * self.width
 
-    def output_units(self, u):
+    def output_units(self, u: str) -> dict[str, str]:
         return {"y": divide(u, "s")}
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         if self.dt is None or not u.bounded:
             return EVERYTHING
         rounding = 1e-14 * max(abs(u.low), abs(u.high)) / self.dt

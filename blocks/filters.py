@@ -1,5 +1,7 @@
 """Causal filters."""
 
+from __future__ import annotations
+
 import math
 from typing import Any
 
@@ -40,7 +42,7 @@ class Butterworth(Biquads):
     cutoff = _Edges(10.0, "Hz", "frequency at which the gain is 1/√2, or a pair of frequencies", dtype=object)
     btype = Param("lowpass", "1", "pass band", choices=("lowpass", "highpass", "bandpass", "bandstop"))
 
-    def configure(self):
+    def configure(self) -> None:
         edges = self.cutoff if isinstance(self.cutoff, tuple) else (self.cutoff,)
         if self.btype in ("lowpass", "highpass") and len(edges) != 1:
             raise ValueError(f"cutoff: a {self.btype} filter requires one frequency in Hz, got {self.cutoff!r}")
@@ -50,7 +52,7 @@ class Butterworth(Biquads):
                 f"got {self.cutoff!r}"
             )
 
-    def design(self, dt):
+    def design(self, dt: float) -> list[tuple[float, ...]]:
         check_frequency("a cutoff", max(self.cutoff) if isinstance(self.cutoff, tuple) else self.cutoff, dt)
         return biquads.butterworth(self.order, self.cutoff, self.btype, dt)
 
@@ -65,7 +67,7 @@ class Notch(Biquads):
     frequency = Param(50.0, "Hz", "notch frequency: 50 or 60 Hz for mains hum", above=0.0, fixed=True)
     q = Param(30.0, "1", "quality factor: the frequency divided by the -3 dB bandwidth", above=0.0, fixed=True)
 
-    def design(self, dt):
+    def design(self, dt: float) -> list[tuple[float, ...]]:
         check_frequency("a frequency", self.frequency, dt)
         if self.frequency / self.q * dt >= 0.5:
             raise ValueError(
@@ -74,7 +76,7 @@ class Notch(Biquads):
         return [biquads.notch(self.frequency, self.q, dt)]
 
 
-def check_frequency(what, frequency, dt):
+def check_frequency(what: str, frequency: float, dt: float) -> None:
     """Raise ValueError unless the frequency in Hz is below half the rate."""
     if frequency * dt >= 0.5:
         raise ValueError(f"{what} of {frequency:g} Hz requires a rate above {2 * frequency:g} Hz, got {1 / dt:g} Hz")
@@ -96,10 +98,10 @@ class Exponential(Block):
 
     kernel = kernels.exponential
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.state = [math.nan] * self.width
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return u
 
 
@@ -122,15 +124,15 @@ class Median(Block):
 
     kernel = kernels.median
 
-    def configure(self):
+    def configure(self) -> None:
         if self.samples % 2 == 0:
             raise ValueError(f"samples: must be odd, got {self.samples}")
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.ring = self.ordered = [0.0] * (self.samples * self.width)
         self.counts = [0.0] * (2 * self.width)
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return u
 
 
@@ -151,10 +153,10 @@ class Complementary(Block):
 
     kernel = kernels.complementary
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.state = [math.nan] * self.width
 
-    def output_range(self, rate, angle):
+    def output_range(self, rate: Interval, angle: Interval) -> Interval:
         slow = self.span("time_constant").high
         exact = angle + Interval.point(slow) * with_zero(rate)
         largest = max(abs(exact.low), abs(exact.high))

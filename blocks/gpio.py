@@ -4,6 +4,8 @@ Lines are accessed through libgpiod (pip install 'tickwork[gpio]'). Edges carry 
 between two ticks is not missed and edges are timed to a few µs. Levels are logical levels, after `active_low`.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 from cext.kernels import no_io
@@ -31,7 +33,7 @@ class GpioLine:
     line = "gpio"
     hardware = ("chip", "pin", "active_low", "bias", "debounce")
 
-    def opening(self):
+    def opening(self) -> dict[str, float | str]:
         """Return the arguments for opening the line."""
         return {"chip": self.chip, "pin": self.pin, "active_low": self.active_low, "output": True} | (
             {"bias": self.bias, "debounce": self.debounce, "output": False} if "bias" in self.parameters else {}
@@ -69,7 +71,7 @@ class GpioInput(GpioLine, StreamDevice):
 
     decode = kernels.decode
 
-    def output_range(self):
+    def output_range(self) -> dict[str, Interval]:
         return {
             "on": Interval(0.0, 1.0),
             "known": Interval(0.0, 1.0),
@@ -79,7 +81,7 @@ class GpioInput(GpioLine, StreamDevice):
             "age": Interval(0.0),
         }
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> Any:
         return EmulatedGpio(bus=self.bus, **parameters)
 
 
@@ -122,10 +124,10 @@ class EStopSwitch(GpioLine, StreamDevice):
     decode = kernels.estop_decode
     encode = kernels.estop_encode
 
-    def output_range(self):
+    def output_range(self) -> dict[str, Interval]:
         return {"pressed": Interval(0.0, 1.0), "known": Interval(0.0, 1.0), "age": Interval(0.0)}
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> Any:
         return EmulatedGpio(bus=self.bus, rest=True, **parameters)
 
 
@@ -147,10 +149,10 @@ class SyncOut(GpioLine, StreamDevice):
     sent_outputs = ("high",)
     hardware = ("chip", "pin", "active_low")
 
-    def output_range(self, pulse):
+    def output_range(self, pulse: Interval) -> dict[str, Interval]:
         return {"high": Interval(0.0, 1.0)}
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> Any:
         return EmulatedGpio(bus=self.bus, **parameters)
 
 
@@ -167,7 +169,7 @@ class EmulatedGpio(StreamDevice):
     decode = kernels.emulated_decode
     encode = kernels.emulated_encode
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         lost = type(self).inputs["lost"]
         self.inputs = {

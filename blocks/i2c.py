@@ -3,7 +3,9 @@
 A thread of the bus executes the table (cext/lines/i2c.pyx); each reply becomes a frame (cext/lines/i2c_answers.pxd).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from cext.kernels import no_io
 from graph import Device, Param
@@ -108,7 +110,7 @@ class I2cDevice(Device):
 
     hardware = ("address", "mux", "channel")
 
-    def configure(self):
+    def configure(self) -> None:
         if self.known_addresses and self.address not in self.known_addresses:
             raise ValueError(
                 f"address {self.address:#04x}: the addresses of a {self.kind} are {listed(self.known_addresses)}"
@@ -121,18 +123,18 @@ class I2cDevice(Device):
             raise ValueError("channel requires a multiplexer. Set its address, such as mux=0x70")
 
     @property
-    def place(self):
+    def place(self) -> int:
         """Number of the bus segment, as in the frame identifiers: 0 in front of all multiplexers."""
         return 1 + CHANNELS * (self.mux - MUX) + self.channel if self.mux else 0
 
-    def own_identity(self):
+    def own_identity(self) -> int:
         return self.place << 8 | self.address
 
-    def chips(self):
+    def chips(self) -> tuple[int, ...]:
         """Return the addresses that the device uses on its bus segment."""
         return (self.address,)
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         """Return (identifier, is extended) of every address that the device occupies.
 
         A device in front of the multiplexers also occupies its address on every channel behind them.
@@ -140,47 +142,47 @@ class I2cDevice(Device):
         places = [self.place] if self.mux else range(1 + CHANNELS * 8)
         return [(place << 8 | address, EXTENDED_ID) for address in self.chips() for place in places]
 
-    def displayed_addresses(self):
+    def displayed_addresses(self) -> Any:
         return [f"{self.mux:#04x}.{self.channel} {self.address:#04x}" if self.mux else f"{self.address:#04x}"]
 
-    def address_in_words(self, address):
+    def address_in_words(self, address: tuple[int, bool]) -> str:
         return f"I2C address {address[0] & 0xFF:#04x}"
 
     # Configuration and reads, for the thread of the bus
 
-    def identities(self):
+    def identities(self) -> tuple[Any, ...]:
         """Return an Identity per identifiable chip, to be checked before the configuration."""
         return ()
 
-    def release(self):
+    def release(self) -> tuple[Any, ...]:
         """Return the Writes that disconnect internal chips with shared addresses from the bus.
 
         They precede the configuration of every device on the bus.
         """
         return ()
 
-    def set_up(self):
+    def set_up(self) -> Any:
         """Return the Writes that configure the device from any state."""
         return ()
 
-    def learn(self, read, write):
+    def learn(self, read: Callable[..., Any], write: Callable[..., Any]) -> None:
         """Read the values that `rounds` needs, after the configuration. ValueError if they are invalid.
 
         read(register, count, address=None) -> bytes, write(Write)
         """
 
-    def check(self):
+    def check(self) -> tuple[int, bytes] | None:
         """Return (register, bytes) that confirm the configuration.
 
         None for a device that cannot lose its configuration undetected.
         """
         return None
 
-    def rounds(self):
+    def rounds(self) -> Any:
         """Return every Round."""
         return ()
 
 
-def listed(addresses):
+def listed(addresses: tuple[int, ...]) -> str:
     """Return addresses as text, in hexadecimal."""
     return ", ".join(f"{address:#04x}" for address in addresses)

@@ -1,5 +1,7 @@
 """Limiters. NaN passes and infinity becomes NaN, which is a fault at the actuator."""
 
+from __future__ import annotations
+
 import math
 
 from blocks._plumbing.filter_bounds import designed
@@ -22,11 +24,11 @@ class Saturation(Block):
 
     kernel = kernels.saturation
 
-    def configure(self):
+    def configure(self) -> None:
         if self.lower > self.upper:
             raise ValueError(f"lower, {self.lower:g}, must not exceed upper, {self.upper:g}")
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         lower, upper = self.span("lower"), self.span("upper")
         if lower.high > upper.low:  # live bounds that may cross
             return lower | upper
@@ -49,10 +51,10 @@ class SlewRate(Block):
     kernel = kernels.slew
     settle_kernel = kernels.slew_at_rest
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.previous = [0.0] * self.width
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return u | Interval.point(0.0)
 
 
@@ -75,11 +77,11 @@ class TorqueLimiter(Block):
     kernel = kernels.torque_limiter
     examples = ({"limit": 12.0}, {"limit": 12.0, "slew": 200.0})
 
-    def output_range(self, torque):
+    def output_range(self, torque: Interval) -> Interval:
         return Interval(-self.span("limit").high, self.span("limit").high)
 
     @property
-    def output_slew(self):
+    def output_slew(self) -> float:
         """Largest rate of change in N·m/s: the slew, or its default for the largest limit."""
         return 20.0 * self.span("limit").high if self.slew is None else self.span("slew").high
 
@@ -98,18 +100,18 @@ class DeadZone(Block):
 
     kernel = kernels.dead_zone
 
-    def configure(self):
+    def configure(self) -> None:
         if self.lower > self.upper:
             raise ValueError(f"lower, {self.lower:g}, must not exceed upper, {self.upper:g}")
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         lower, upper = self.span("lower"), self.span("upper")
         if lower.high > upper.low:  # live ends that may cross
             return u - (lower | upper)
         return Interval(beyond(u.low, lower.high, upper.high), beyond(u.high, lower.low, upper.low))
 
 
-def beyond(u, lower, upper):
+def beyond(u: float, lower: float, upper: float) -> float:
     """Return the part of u outside [lower, upper], rounded like the kernel; infinity stays infinite."""
     return u - min(max(u, lower), upper) if math.isfinite(u) else u
 
@@ -128,7 +130,7 @@ class PowerLimiter(Block):
 
     kernel = kernels.power
 
-    def output_range(self, torque, velocity):
+    def output_range(self, torque: Interval, velocity: Interval) -> Interval:
         slowest, power = abs(velocity).low, self.span("power").high
         bound = (power + math.ulp(0.0)) / slowest * (1.0 + 1e-15) if slowest > 0.0 else math.inf
         return (torque | Interval.point(0.0)) & Interval(-bound, bound)
@@ -154,11 +156,11 @@ class SoftStop(Block):
 
     kernel = kernels.soft_stop
 
-    def configure(self):
+    def configure(self) -> None:
         if self.lower >= self.upper:
             raise ValueError(f"lower, {self.lower:g} rad, must be below upper, {self.upper:g} rad")
 
-    def output_range(self, torque, position, velocity):
+    def output_range(self, torque: Interval, position: Interval, velocity: Interval) -> Interval:
         low, high = torque.low, torque.high
         lower, upper, stiffness, damping = map(self.span, ("lower", "upper", "stiffness", "damping"))
         if position.high > upper.low:  # above `upper`, torque is only subtracted
@@ -198,19 +200,19 @@ class RMSTorqueLimiter(Block):
         {"limit": 2.0, "window": 0.05, "fade": 0.0},
     )
 
-    def configure(self):
+    def configure(self) -> None:
         if self.fade > self.window:
             raise ValueError(f"fade, {self.fade:g} s, must not exceed the window, {self.window:g} s")
 
-    def design(self, dt):
+    def design(self, dt: float) -> tuple[int, float]:
         """Return (N, M). dt : s"""
         return samples_in(self.window, dt), max(1.0, self.fade / dt)
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         count, self.ticks = self.design(dt)
         self.squares = [0.0] * count
 
-    def output_range(self, torque):
+    def output_range(self, torque: Interval) -> Interval:
         unlimited, counts = torque | Interval.point(0.0), designed(self)
         if counts is None:
             return unlimited
@@ -234,11 +236,11 @@ class TemperatureDerating(Block):
 
     kernel = kernels.derating
 
-    def configure(self):
+    def configure(self) -> None:
         if self.full >= self.none:
             raise ValueError(f"full, {self.full:g} °C, must be below none, {self.none:g} °C")
 
-    def output_range(self, torque, temperature):
+    def output_range(self, torque: Interval, temperature: Interval) -> Interval:
         return torque | Interval.point(0.0)
 
 
@@ -257,5 +259,5 @@ class SoftStart(Block):
 
     kernel = kernels.soft_start
 
-    def output_range(self, u, enable):
+    def output_range(self, u: Interval, enable: Interval) -> Interval:
         return u | Interval.point(0.0)

@@ -3,8 +3,12 @@
 Their output ranges follow from the 1-norm of the impulse response. An unstable system has no range.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
 from fractions import Fraction
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +18,9 @@ from cext.kernels import linear as kernels
 from graph import Block, Input, Memory, Output, Param
 from graph.interval import EVERYTHING
 from graph.units import canonical, multiply
+
+if TYPE_CHECKING:
+    from graph.interval import Interval
 
 
 class TransferFunction(Block):
@@ -42,7 +49,7 @@ class TransferFunction(Block):
     update_kernel = kernels.transfer_next
     settle_kernel = kernels.transfer_at_rest
 
-    def configure(self):
+    def configure(self) -> None:
         self.numerator, self.denominator = (
             polynomial("numerator", self.numerator),
             polynomial("denominator", self.denominator),
@@ -56,10 +63,10 @@ class TransferFunction(Block):
         proper = self.domain == "s" or len(self.numerator) == len(self.denominator)
         self.feedthrough = None if proper else ()
 
-    def output_units(self, u):
+    def output_units(self, u: str) -> dict[str, str]:
         return {"y": multiply(u, self.unit)}
 
-    def design(self, dt):
+    def design(self, dt: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return (b, a) in powers of 1/z, of equal length, a[0] = 1. dt : s, used in the domain s only"""
         degree = len(self.denominator) - 1
         b, a = (np.concatenate([np.zeros(degree + 1 - len(c)), c]) for c in (self.numerator, self.denominator))
@@ -69,18 +76,18 @@ class TransferFunction(Block):
                 raise ValueError(f"denominator: a pole at {2 / dt:g} rad/s cannot be discretised at this rate")
         return tuple((b / a[0]).tolist()), tuple((a / a[0]).tolist())
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.b, self.a = self.design(dt)
         self.delays = [0.0] * ((len(self.a) - 1) * self.width)
         self.rest = delays_at_rest(self.b, self.a)
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval | None:
         section = designed(self) if self.domain == "s" else self.design(None)
         reach = None if section is None else reach_of_cascade((section,))
         return EVERYTHING if reach is None else reach.interval([u])
 
 
-def polynomial(name, coefficients):
+def polynomial(name: str, coefficients: tuple[float, ...]) -> tuple[float, ...]:
     """Return the coefficients as a tuple without leading zeros.
 
     ValueError if they are missing or not finite, or if a denominator is zero.
@@ -98,7 +105,7 @@ def polynomial(name, coefficients):
     return tuple(values)
 
 
-def tustin(coefficients, dt):
+def tustin(coefficients: Sequence[float] | np.ndarray, dt: Any) -> np.ndarray:
     """Convert a polynomial in s to one in z: times (z + 1)^degree, with s = 2/dt (z - 1)/(z + 1).
 
     Coefficients are in decreasing powers.
@@ -113,7 +120,7 @@ def tustin(coefficients, dt):
     return total
 
 
-def delays_at_rest(b, a):
+def delays_at_rest(b: tuple[float, ...], a: tuple[float, ...]) -> list[float]:
     """Return the steady-state delays of the transposed direct form II for an input of 1.
 
     The sums are exact before one rounding. Zeros for an integrator, which has no such state, including systems that
@@ -135,7 +142,7 @@ class BiquadCascade(Biquads):
 
     sos = Param(((1.0, 0.0, 0.0, 1.0, 0.0, 0.0),), "1", "rows (b0, b1, b2, a0, a1, a2), one per section", dtype=tuple)
 
-    def configure(self):
+    def configure(self) -> None:
         rows = np.asarray(self.sos, dtype=float)
         shaped = rows.ndim == 2 and rows.shape[1] == 6 and len(rows)
         if not shaped or not np.all(np.isfinite(rows)) or not np.all(rows[:, 3]):
@@ -144,7 +151,7 @@ class BiquadCascade(Biquads):
             )
         self.sos = tuple(map(tuple, rows.tolist()))
 
-    def design(self, dt):
+    def design(self, dt: float) -> list[tuple[float, ...]]:
         return [(b0 / a0, b1 / a0, b2 / a0, a1 / a0, a2 / a0) for b0, b1, b2, a0, a1, a2 in self.sos]
 
 
@@ -183,7 +190,7 @@ class StateSpace(Block):
         {"A": ((0.5,),), "B": ((1.0, -1.0),), "C": ((1.0,), (2.0,)), "D": ((0.0, 1.0), (1.0, 0.0)), "start": (3.0,)},
     )
 
-    def configure(self):
+    def configure(self) -> None:
         self.unit = canonical(self.unit)
         A, B, C = (matrix(name, getattr(self, name)) for name in "ABC")
         n, m, p = len(A), B.shape[1], len(C)
@@ -211,15 +218,15 @@ class StateSpace(Block):
         self.rest = np.zeros(n * m) if rest is None else rest.ravel()
         self.settle_kernel = None if rest is None else kernels.state_space_at_rest
 
-    def output_units(self, u):
+    def output_units(self, u: str) -> dict[str, str]:
         return {"y": multiply(u, self.unit)}
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval | None:
         reach = reach_of_state_space(*self.matrices)
         return EVERYTHING if reach is None else reach.interval([u] * len(self.matrices[1][0]))
 
 
-def matrix(name, rows):
+def matrix(name: str, rows: tuple[tuple[float, ...], ...]) -> np.ndarray:
     """Return a two-dimensional array of finite numbers. ValueError for other rows."""
     try:
         array = np.array(rows, dtype=float)
@@ -230,7 +237,7 @@ def matrix(name, rows):
     return array
 
 
-def state_at_rest(A, B):
+def state_at_rest(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """Return (I - A)⁻¹ B, the steady state for each input of 1, exact before one rounding. A must be stable."""
     n, m = B.shape
     rows = [
@@ -249,7 +256,7 @@ def state_at_rest(A, B):
     return np.array([[float(value) for value in row[n:]] for row in rows])
 
 
-def zero_order_hold(A, B, dt):
+def zero_order_hold(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Return (A, B) of the zero-order-hold discretisation of x' = A x + B u with the period dt in s.
 
     The matrix exponential is computed by scaling and squaring.

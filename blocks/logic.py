@@ -1,5 +1,7 @@
 """Logic. A bool is 0 or 1, any nonzero value is true, and NaN is neither: it passes through every block."""
 
+from __future__ import annotations
+
 import math
 
 from blocks._plumbing.ports import several
@@ -22,10 +24,10 @@ class Compare(Block):
 
     kernel = kernels.relations[">"]
 
-    def configure(self):
+    def configure(self) -> None:
         self.kernel = kernels.relations[self.relation]
 
-    def output_range(self, a, b):
+    def output_range(self, a: Interval, b: Interval) -> Interval:
         less, more, equal = a.low < b.high, a.high > b.low, a.low <= b.high and b.low <= a.high  # possible relations
         true = {"<": less, "<=": less or equal, ">": more, ">=": more or equal, "==": equal, "!=": less or more}[
             self.relation
@@ -48,10 +50,10 @@ class And(Block):
 
     kernel = kernels.conjunction
 
-    def configure(self):
+    def configure(self) -> None:
         self.inputs = several(self.count, "1", bool)
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> Interval:
         return truth(all(map(can_be_true, inputs.values())), any(map(can_be_false, inputs.values())))
 
 
@@ -67,10 +69,10 @@ class Or(Block):
 
     kernel = kernels.disjunction
 
-    def configure(self):
+    def configure(self) -> None:
         self.inputs = several(self.count, "1", bool)
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> Interval:
         return truth(any(map(can_be_true, inputs.values())), all(map(can_be_false, inputs.values())))
 
 
@@ -86,10 +88,10 @@ class Xor(Block):
 
     kernel = kernels.parity
 
-    def configure(self):
+    def configure(self) -> None:
         self.inputs = several(self.count, "1", bool)
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> Interval:
         if any(can_be_true(u) and can_be_false(u) for u in inputs.values()):
             return truth(True, True)
         odd = sum(map(can_be_true, inputs.values())) % 2 == 1
@@ -107,7 +109,7 @@ class Not(Block):
 
     kernel = kernels.negation
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return truth(can_be_false(u), can_be_true(u))
 
 
@@ -126,10 +128,10 @@ class Edge(Block):
 
     kernel = kernels.edges["rising"]
 
-    def configure(self):
+    def configure(self) -> None:
         self.kernel = kernels.edges[self.kind]
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return truth(can_be_true(u) and can_be_false(u), True)
 
 
@@ -148,10 +150,10 @@ class Latch(Block):
 
     kernel = kernels.latch
 
-    def configure(self):
+    def configure(self) -> None:
         self.held = float(self.initial)
 
-    def output_range(self, on, off):
+    def output_range(self, on: Interval, off: Interval) -> Interval:
         always_off, always_on = not can_be_false(off), not can_be_false(on) and not can_be_true(off)
         return truth(
             not always_off and (self.initial or can_be_true(on)),
@@ -174,7 +176,7 @@ class Debounce(Block):
 
     kernel = kernels.debounce
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return truth(can_be_true(u), can_be_false(u))
 
 
@@ -192,7 +194,7 @@ class Counter(Block):
 
     kernel = kernels.counter
 
-    def output_range(self, u, clear):
+    def output_range(self, u: Interval, clear: Interval) -> Interval:
         counts = can_be_true(u) and can_be_false(u) and can_be_false(clear)
         return Interval(0.0, 2.0**53) if counts else Interval.point(0.0)
 
@@ -210,7 +212,7 @@ class Timer(Block):
 
     kernel = kernels.timer
 
-    def output_range(self, restart):
+    def output_range(self, restart: Interval) -> Interval:
         return Interval(0.0, math.inf if can_be_false(restart) else 0.0)
 
 
@@ -227,7 +229,7 @@ class Switch(Block):
 
     kernel = kernels.switch
 
-    def output_range(self, condition, a, b):
+    def output_range(self, condition: Interval, a: Interval, b: Interval) -> Interval:
         if not can_be_false(condition):
             return a
         return a | b if can_be_true(condition) else b
@@ -247,11 +249,11 @@ class Selector(Block):
 
     kernel = kernels.select
 
-    def configure(self):
+    def configure(self) -> None:
         signals = {f"u{i}": Input("any", f"output for index {i}", shape=...).named(f"u{i}") for i in range(self.count)}
         self.inputs = {"index": type(self).index} | signals
 
-    def output_range(self, index, **inputs):
+    def output_range(self, index: Interval, **inputs: Interval) -> Interval:
         reachable = [u for i, u in enumerate(inputs.values()) if index.low < i + 1 and i <= index.high] or list(
             inputs.values()
         )

@@ -4,6 +4,8 @@ An infinity never becomes a finite number: operations that would return one (the
 inf to the power -1) return NaN.
 """
 
+from __future__ import annotations
+
 import math
 
 from blocks._plumbing.ports import UnitOfOutput, finite_numbers, several
@@ -22,7 +24,7 @@ class Abs(Block):
 
     kernel = kernels.magnitude
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return abs(u)
 
 
@@ -34,7 +36,7 @@ class Sign(Block):
 
     kernel = kernels.sign
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return rising(lambda x: math.copysign(1.0, x) if x else 0.0, u)
 
 
@@ -47,10 +49,10 @@ class Min(Block):
 
     kernel = kernels.min
 
-    def configure(self):
+    def configure(self) -> None:
         self.inputs = several(self.count)
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> Interval:
         return Interval(min(u.low for u in inputs.values()), min(u.high for u in inputs.values()))
 
 
@@ -63,10 +65,10 @@ class Max(Block):
 
     kernel = kernels.max
 
-    def configure(self):
+    def configure(self) -> None:
         self.inputs = several(self.count)
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> Interval:
         return Interval(max(u.low for u in inputs.values()), max(u.high for u in inputs.values()))
 
 
@@ -80,10 +82,10 @@ class Round(Block):
 
     kernel = kernels.roundings["nearest"]
 
-    def configure(self):
+    def configure(self) -> None:
         self.kernel = kernels.roundings[self.method]
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         rounded = {"nearest": round, "floor": math.floor, "ceil": math.ceil}[self.method]
         return rising(lambda x: float(rounded(x)) if math.isfinite(x) else x, u)
 
@@ -99,10 +101,10 @@ class SquareRoot(Block):
 
     kernel = kernels.square_root
 
-    def output_units(self, u):
+    def output_units(self, u: str) -> dict[str, str]:
         return {"y": unit_to_the(u, 0.5)}
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return rising(math.sqrt, Interval(0.0, math.inf) & u)
 
 
@@ -120,14 +122,14 @@ class Power(Block):
 
     kernel = kernels.power
 
-    def configure(self):
+    def configure(self) -> None:
         if not math.isfinite(self.exponent):
             raise ValueError(f"exponent: must be finite, got {self.exponent}")
 
-    def output_units(self, u):
+    def output_units(self, u: str) -> dict[str, str]:
         return {"y": unit_to_the(u, self.exponent) if not self.live("exponent") else units.ANY}
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         p = self.exponent
         if self.live("exponent"):
             return EVERYTHING
@@ -156,15 +158,15 @@ class Polynomial(UnitOfOutput, Block):
 
     kernel = kernels.polynomial
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.terms = finite_numbers("coefficients", self.coefficients)
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return horner(self.terms, u)
 
 
-def power(x, p):
+def power(x: float, p: float) -> float:
     """Return x ** p with the results of C where Python raises."""
     try:
         return math.pow(x, p)
@@ -174,7 +176,7 @@ def power(x, p):
         return math.inf
 
 
-def unit_to_the(unit, exponent):
+def unit_to_the(unit: str, exponent: float) -> str:
     """Return a power of a unit, or "any" if that has fractional exponents."""
     if unit == units.ANY:
         return unit

@@ -1,5 +1,7 @@
 """Plant models: limbs and their wearers."""
 
+from __future__ import annotations
+
 import csv
 import math
 from textwrap import shorten
@@ -42,7 +44,7 @@ class Limb(Block):
     update_kernel = kernels.limb_next
     feedthrough = ()
 
-    def configure(self):
+    def configure(self) -> None:
         self.state = (self.start, 0.0)
 
 
@@ -65,7 +67,7 @@ class WalkingKnee(Block):
 
     kernel = kernels.fourier
 
-    def configure(self):
+    def configure(self) -> None:
         spectrum = np.fft.rfft(np.radians(KNEE_FLEXION)) / len(KNEE_FLEXION)
         self.mean = spectrum[0].real
         self.cosines = 2.0 * spectrum[1 : self.harmonics + 1].real
@@ -95,7 +97,7 @@ class RecordedKnee(Block):
 
     kernel = kernels.playback
 
-    def configure(self):
+    def configure(self) -> None:
         times, angles = read_column(self.file, self.column)
         self.rate = (len(times) - 1) / (times[-1] - times[0])
         velocities = np.gradient(angles, 1.0 / self.rate)
@@ -105,7 +107,7 @@ class RecordedKnee(Block):
         self.at_start = float(angles[0])
 
 
-def read_column(file, column):
+def read_column(file: str, column: str) -> tuple[np.ndarray, np.ndarray]:
     """Read (times in s, angles in rad) from a CSV file of at least 100 evenly spaced samples.
 
     ValueError or OSError if the file cannot be used.
@@ -147,7 +149,7 @@ def read_column(file, column):
     return times, np.radians(angles)
 
 
-def seam(angles, window):
+def seam(angles: np.ndarray, window: int) -> int:
     """Return the length to which to cut a recording so that it repeats smoothly.
 
     The cut follows the sample in the last two windows whose continuation best matches the beginning. angles : rad;

@@ -5,6 +5,8 @@ x by roll (intrinsic z-y-x; "ZYX" in scipy.spatial.transform.Rotation). All bloc
 NaN passes. (Diebel, Representing Attitude: Euler Angles, Unit Quaternions, and Rotation Vectors, 2006.)
 """
 
+from __future__ import annotations
+
 import math
 
 from blocks._plumbing.ranges import total
@@ -25,7 +27,7 @@ class QuaternionMultiply(Block):
 
     kernel = kernels.multiply
 
-    def output_range(self, p, q):
+    def output_range(self, p: Interval, q: Interval) -> Interval:
         product = p * q
         return total([product, -product, -product, -product]) | total([product, product, product, -product])
 
@@ -38,7 +40,7 @@ class QuaternionConjugate(Block):
 
     kernel = kernels.conjugate
 
-    def output_range(self, q):
+    def output_range(self, q: Interval) -> Interval:
         return q | -q
 
 
@@ -55,7 +57,7 @@ class RotateVector(Block):
 
     kernel = kernels.rotate
 
-    def output_range(self, q, v):
+    def output_range(self, q: Interval, v: Interval) -> Interval:
         farthest = (
             math.sqrt(3.0) * abs(v).high * (1.0 + 1e-14) + 1e-320
         )  # rotation keeps the length, and no element exceeds it

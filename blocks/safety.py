@@ -1,7 +1,14 @@
 """Emergency stops and re-arming, in software. They never replace a switch that cuts the power of the motors."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from cext.kernels import safety as kernels
 from graph import Block, Device, Input, Interval, Memory, Output, Param
+
+if TYPE_CHECKING:
+    from graph.device import Sequence
 
 
 class EmergencyStop(Block):
@@ -58,19 +65,19 @@ class EStopHeartbeat(Device):
     encode = kernels.estop_encode
     hardware = ("can_id", "timeout")
 
-    def output_range(self):
+    def output_range(self) -> dict[str, Interval]:
         return {"pressed": Interval(0.0, 1.0), "age": Interval(0.0), "count": Interval(0.0)}
 
-    def addresses(self):
+    def addresses(self) -> Sequence[tuple[Any, bool]]:
         return [(self.can_id, False)]
 
-    def acceptance_filters(self):
+    def acceptance_filters(self) -> list[tuple[int, int, bool]]:
         return [(self.can_id, 0x7FF, False)]
 
-    def traffic(self):
+    def traffic(self) -> Sequence[tuple[int, bool]]:
         return []
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> Any:
         return EmulatedEStop.of(self, **parameters)
 
 
@@ -89,9 +96,9 @@ class EmulatedEStop(Device):
     encode = kernels.button_encode
 
     @classmethod
-    def of(cls, button, **parameters):
+    def of(cls, button: Any, **parameters: Any) -> Any:
         """Return the emulator of one EStopHeartbeat. parameters : override those of the button"""
         return cls(bus=button.bus, can_id=button.can_id, **parameters)
 
-    def addresses(self):
+    def addresses(self) -> Sequence[tuple[Any, bool]]:
         return [(self.can_id, False)]

@@ -7,6 +7,6 @@ HARDWARE_PORT = re.compile(
 )
 
 
-def speed_of(port, baudrate):
+def speed_of(port: str, baudrate: int) -> float:
     """Return the speed of a port's line in bit/s, 0.0 unless its name identifies a hardware port."""
     return float(baudrate) if HARDWARE_PORT.match(port) else 0.0

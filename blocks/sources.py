@@ -1,5 +1,7 @@
 """Signal sources. Each is a function of the tick: late ticks and disabled subsystems do not shift it."""
 
+from __future__ import annotations
+
 import math
 from typing import Any
 
@@ -24,7 +26,7 @@ class Constant(UnitOfOutput, Block):
 
     kernel = kernels.constant
 
-    def output_range(self):
+    def output_range(self) -> Interval:
         return self.span("value")
 
 
@@ -40,7 +42,7 @@ class StepSource(UnitOfOutput, Block):
 
     kernel = kernels.step
 
-    def output_range(self):
+    def output_range(self) -> Interval:
         return self.span("before") | self.span("after")
 
 
@@ -57,7 +59,7 @@ class Ramp(UnitOfOutput, Block):
 
     kernel = kernels.ramp
 
-    def output_range(self):
+    def output_range(self) -> Interval:
         return self.span("initial") + self.span("slope") * Interval(0.0, self.span("duration").high)
 
 
@@ -74,7 +76,7 @@ class Sine(UnitOfOutput, Block):
 
     kernel = kernels.sine
 
-    def output_range(self):
+    def output_range(self) -> Interval:
         return self.span("bias") + self.span("amplitude") * Interval(-1.0, 1.0)
 
 
@@ -98,13 +100,13 @@ class Chirp(UnitOfOutput, Block):
 
     kernel = kernels.chirps["linear"]
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         if self.method == "logarithmic" and min(self.span("start").low, self.span("stop").low) <= 0.0:
             raise ValueError("a logarithmic sweep requires start and stop above 0 Hz")
         self.kernel = kernels.chirps[self.method]
 
-    def output_range(self):
+    def output_range(self) -> Interval:
         return self.span("bias") + self.span("amplitude") * Interval(-1.0, 1.0)
 
 
@@ -122,7 +124,7 @@ class Pulse(UnitOfOutput, Block):
 
     kernel = kernels.pulse
 
-    def output_range(self):
+    def output_range(self) -> Interval:
         return self.span("low") | self.span("high")
 
 
@@ -170,7 +172,7 @@ class TimeTable(_OverTime, Block):
     instants = Memory(0.0, "times")
     samples = Memory(0.0, "values")
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.take(np.array(finite_numbers("times", self.times)), np.array(finite_numbers("values", self.values)))
 
@@ -197,7 +199,7 @@ class Playback(_OverTime, Block):
     instants = Memory(0.0, "times")
     samples = Memory(0.0, "values of the column")
 
-    def configure(self):
+    def configure(self) -> None:
         times, samples, written = read_columns(self.file, self.time, self.column)
         if self.unit and written and units.canonical(self.unit) != written:
             raise ValueError(
@@ -206,7 +208,7 @@ class Playback(_OverTime, Block):
         self.of_column = units.canonical(self.unit or written or units.ANY)
         self.take(times - times[0], samples)
 
-    def output_units(self):
+    def output_units(self) -> dict[str, str]:
         return {"y": self.of_column}
 
 
@@ -226,7 +228,7 @@ class GaussianNoise(UnitOfOutput, Block):
 
     kernel = kernels.gaussian
 
-    def output_range(self):
+    def output_range(self) -> Interval:
         return self.span("mean") + self.span("deviation") * Interval(-8.572, 8.572)
 
 
@@ -246,12 +248,12 @@ class UniformNoise(UnitOfOutput, Block):
 
     kernel = kernels.uniform
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         if self.span("lower").high > self.span("upper").low or not (self.span("lower") | self.span("upper")).bounded:
             raise ValueError(
                 f"lower and upper must be finite, with lower <= upper, got {self.lower:g} and {self.upper:g}"
             )
 
-    def output_range(self):
+    def output_range(self) -> Interval:
         return self.span("lower") | self.span("upper")

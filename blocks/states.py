@@ -1,6 +1,9 @@
 """Finite state machines, a common high-level controller of prostheses and exoskeletons."""
 
+from __future__ import annotations
+
 import ast
+from collections.abc import Sequence
 
 from cext.kernels import states as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
@@ -48,7 +51,7 @@ class StateMachine(Block):
         },
     )
 
-    def configure(self):
+    def configure(self) -> None:
         self.inputs = {name: Input(unit, f"input {name}").named(name) for name, unit in self.takes.items()}
         own = {
             name: Output(unit, f"value of {name} in the present state").named(name) for name, unit in self.gives.items()
@@ -73,7 +76,7 @@ class StateMachine(Block):
         self.table = table or [-1.0, 0.0, 0.0, 0.0]
         self.code = [number for operation in operations for number in operation] or [0.0, 0.0]
 
-    def check_states(self, outputs):
+    def check_states(self, outputs: dict[str, Output]) -> None:
         if not self.states:
             raise ValueError("a state machine requires at least one state")
         for state, values in self.states.items():
@@ -89,12 +92,12 @@ class StateMachine(Block):
                     f"Each state needs a value for each of {', '.join(outputs) or 'no outputs'}"
                 )
 
-    def index(self, state, where):
+    def index(self, state: str, where: str) -> float:
         if state not in self.names:
             raise ValueError(f"{where!r}: there is no state {state!r}. The states are {', '.join(self.names)}")
         return float(self.names.index(state))
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> dict[str, Interval]:
         ranges = {"state": Interval(0.0, len(self.names) - 1.0), "time_in_state": Interval(0.0)}
         for output in self.gives:
             values = [float(self.states[state][output]) for state in self.names]
@@ -106,7 +109,7 @@ _BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 _COMPARE = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
 
 
-def compile_condition(text, inputs):
+def compile_condition(text: str, inputs: Sequence[str]) -> list[tuple[float, float]]:
     """Compile a condition to a list of (operation, operand) for the kernel's stack.
 
     ValueError for an invalid condition. inputs : names of the inputs

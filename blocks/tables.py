@@ -5,7 +5,10 @@ run as a fault (error). All blocks are element-wise, with direct feedthrough and
 becomes NaN.
 """
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +36,7 @@ class LookupTable1D(UnitOfOutput, Block):
 
     kernel = kernels.curves["clamp"]
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.knots = rising_numbers("breakpoints", self.breakpoints)
         self.heights = np.array(finite_numbers("values", self.values))
@@ -43,7 +46,7 @@ class LookupTable1D(UnitOfOutput, Block):
             )
         self.kernel = kernels.curves[self.beyond]
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         low, high = np.clip((u.low, u.high), self.knots[0], self.knots[-1])
         inside = self.heights[(low <= self.knots) & (self.knots <= high)]
         parts = [Interval.point(height) for height in inside] + [self.near(low), self.near(high)]
@@ -51,7 +54,7 @@ class LookupTable1D(UnitOfOutput, Block):
             parts += [self.end(x) for x in (u.low, u.high)]
         return Interval(min(part.low for part in parts), max(part.high for part in parts))
 
-    def near(self, x):
+    def near(self, x: float) -> Interval:
         """Return the interval of the curve at x inside the table, including rounding, within its segment."""
         i = int(np.clip(np.searchsorted(self.knots, x, side="right") - 1, 0, len(self.knots) - 2))
         (x0, x1), (a, b) = self.piece(i)
@@ -59,7 +62,7 @@ class LookupTable1D(UnitOfOutput, Block):
         y, slack = (1.0 - share) * a + share * b, ROUNDING * max(abs(a), abs(b))
         return Interval(max(y - slack, min(a, b)), min(y + slack, max(a, b)))
 
-    def end(self, x):
+    def end(self, x: Any) -> Any:
         """Return the interval of the curve from an end of the table to x.
 
         The last line is rounded like the kernel, which is monotonic.
@@ -70,7 +73,7 @@ class LookupTable1D(UnitOfOutput, Block):
             return self.near(np.clip(x, x0, x1))
         return Interval.point(a + share * (b - a) if share < 0.0 else b + (share - 1.0) * (b - a))
 
-    def piece(self, i):
+    def piece(self, i: int) -> tuple[list[float], list[float]]:
         """Return the ends of segment i and the values there."""
         return self.knots[i : i + 2].tolist(), self.heights[i : i + 2].tolist()
 
@@ -96,7 +99,7 @@ class LookupTable2D(UnitOfOutput, Block):
     kernel = kernels.surfaces["clamp"]
     free_units = ("row", "column")
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.row_knots = rising_numbers("rows", self.rows)
         self.column_knots = rising_numbers("columns", self.columns)
@@ -107,7 +110,7 @@ class LookupTable2D(UnitOfOutput, Block):
         self.heights = np.array(grid).ravel()
         self.kernel = kernels.surfaces[self.beyond]
 
-    def output_range(self, row, column):
+    def output_range(self, row: Interval, column: Interval) -> Interval:
         extends = self.beyond == "extrapolate"
         r, c = (corners(u, knots, extends) for u, knots in ((row, self.row_knots), (column, self.column_knots)))
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(c))):
@@ -135,7 +138,7 @@ class LookupTable2D(UnitOfOutput, Block):
         )
 
 
-def rising_numbers(name, values):
+def rising_numbers(name: str, values: tuple[float, ...]) -> np.ndarray:
     """Return an array of at least two finite, strictly increasing numbers. ValueError for other values."""
     numbers = finite_numbers(name, values)
     if (
@@ -147,13 +150,13 @@ def rising_numbers(name, values):
     return np.array(numbers)
 
 
-def corners(u, knots, extends):
+def corners(u: Interval, knots: np.ndarray, extends: bool) -> np.ndarray:
     """Return the ends of an interval, clipped to the table unless `extends`, and the knots between them."""
     low, high = (u.low, u.high) if extends else np.clip((u.low, u.high), knots[0], knots[-1])
     return np.concatenate(([low, high], knots[(low < knots) & (knots < high)]))
 
 
-def place(knots, x):
+def place(knots: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (segment of each x, its relative position in the segment)."""
     i = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
     with np.errstate(over="ignore"):

@@ -1,6 +1,9 @@
 """Thermal model of a motor, for derating and for drives that report no temperature."""
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 from blocks.families import find_model
 from cext.kernels import thermal as kernels
@@ -65,7 +68,7 @@ class ThermalModel(Block):
     feedthrough = ("ambient",)
     examples = ({"rated": 9.0}, {"rated": 4.0, "start": 60.0}, {"loss": 0.0})
 
-    def configure(self):
+    def configure(self) -> None:
         rated = find_model(self.actuator)[1].rated if self.actuator and self.rated is None else self.rated
         if self.loss is None and rated is None:
             raise ValueError("loss: set `actuator`, `rated` or `loss`")
@@ -76,7 +79,7 @@ class ThermalModel(Block):
         )
         self.state = [math.nan if self.start is None else self.start] * 2
 
-    def output_range(self, torque, ambient):
+    def output_range(self, torque: Interval, ambient: Interval) -> Interval:
         temperature = ambient if self.start is None else ambient | Interval.point(self.start)
         size = abs(torque).high
         resistance = (self.span("winding_resistance") + self.span("case_resistance")).high
@@ -95,7 +98,7 @@ class ThermalModel(Block):
         return Interval(temperature.low - rounding, max(hottest, temperature.high) + rounding)
 
 
-def loss_of_rating(rated, resistance):
+def loss_of_rating(rated: Any, resistance: Any) -> float:
     """Return the loss in W/(N·m)² at 25 °C of a motor that heats by RISE at its rated torque.
 
     rated : N·m; resistance : K/W, from winding to ambient

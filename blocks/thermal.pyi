@@ -4,6 +4,7 @@ from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.declarations import Live
 from graph.signal import Operand, Signal
+from typing import Any
 from graph import Block, Input, Memory, Output, Param
 
 COPPER: float
@@ -41,4 +42,4 @@ class ThermalModel(Block):
         winding: Signal
         case: Signal
     def __call__(self, torque: Operand = ..., ambient: Operand = ...) -> Outputs: ...
-def loss_of_rating(rated, resistance): ...
+def loss_of_rating(rated: Any, resistance: Any) -> float: ...

@@ -3,6 +3,8 @@
 Infinity is neither an angle nor a ratio, and becomes NaN.
 """
 
+from __future__ import annotations
+
 import math
 
 from blocks._plumbing.ranges import LIBM, PHASE_LIMIT, TURN, falling, holds_phase, outward, rising, wave
@@ -19,7 +21,7 @@ class Sin(Block):
 
     kernel = kernels.sine
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return wave(math.sin, u, math.pi / 2)
 
 
@@ -31,7 +33,7 @@ class Cos(Block):
 
     kernel = kernels.cosine
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return wave(math.cos, u, 0.0)
 
 
@@ -43,7 +45,7 @@ class Tan(Block):
 
     kernel = kernels.tangent
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         pole = (
             not u.bounded
             or u.high - u.low >= TURN / 2
@@ -61,7 +63,7 @@ class Asin(Block):
 
     kernel = kernels.arcsine
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return rising(math.asin, Interval(-1.0, 1.0) & u, LIBM)
 
 
@@ -73,7 +75,7 @@ class Acos(Block):
 
     kernel = kernels.arccosine
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return falling(math.acos, Interval(-1.0, 1.0) & u, LIBM) & Interval(0.0, math.inf)
 
 
@@ -85,7 +87,7 @@ class Atan(Block):
 
     kernel = kernels.arctangent
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return rising(math.atan, u, LIBM)
 
 
@@ -98,7 +100,7 @@ class Atan2(Block):
 
     kernel = kernels.angle
 
-    def output_range(self, opposite, adjacent):
+    def output_range(self, opposite: Interval, adjacent: Interval) -> Interval:
         if 0.0 in opposite and adjacent.low <= 0.0:  # the jump from -π to π; -0.0 lies below it
             return outward(-math.pi, math.pi, LIBM)
         corners = [math.atan2(y, x) for y in (opposite.low, opposite.high) for x in (adjacent.low, adjacent.high)]

@@ -1,6 +1,9 @@
 """Vectors: concatenation and linear algebra. All have direct feedthrough and no state; NaN passes."""
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +23,7 @@ class Concatenate(Block):
 
     kernel = kernels.stack
 
-    def configure(self):
+    def configure(self) -> None:
         sizes = whole_numbers("sizes", self.sizes)
         if not sizes:
             raise ValueError("sizes must contain at least one length")
@@ -30,7 +33,7 @@ class Concatenate(Block):
         }
         self.outputs = {"y": Output("any", "concatenated vector", shape=(sum(sizes),)).named("y")}
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> Interval:
         return hull(inputs.values())
 
 
@@ -42,7 +45,7 @@ class Norm(Block):
 
     kernel = kernels.norm
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         nearest, farthest = abs(u).low, abs(u).high
         return Interval(length(nearest, self.width), length(farthest, self.width))
 
@@ -57,10 +60,10 @@ class Dot(Block):
     kernel = kernels.dot
     free_units = ("a", "b")
 
-    def output_units(self, a, b):
+    def output_units(self, a: str, b: str) -> dict[str, str]:
         return {"y": multiply(a, b)}
 
-    def output_range(self, a, b):
+    def output_range(self, a: Interval, b: Interval) -> Interval:
         return total([a * b] * self.width)
 
 
@@ -74,10 +77,10 @@ class Cross(Block):
     kernel = kernels.cross
     free_units = ("a", "b")
 
-    def output_units(self, a, b):
+    def output_units(self, a: str, b: str) -> dict[str, str]:
         return {"y": multiply(a, b)}
 
-    def output_range(self, a, b):
+    def output_range(self, a: Interval, b: Interval) -> Interval:
         return a * b - a * b
 
 
@@ -96,7 +99,7 @@ class MatrixGain(Block):
 
     kernel = kernels.matrix
 
-    def configure(self):
+    def configure(self) -> None:
         try:
             matrix = np.array(self.matrix, dtype=float)
         except (TypeError, ValueError):
@@ -108,14 +111,14 @@ class MatrixGain(Block):
         self.inputs = {"u": Input("any", "vector", shape=matrix.shape[-1:]).named("u")}
         self.outputs = {"y": Output("any", "product A u", shape=matrix.shape[:-1]).named("y")}
 
-    def output_units(self, u):
+    def output_units(self, u: str) -> dict[str, str]:
         return {"y": multiply(u, self.unit)}
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         return hull(total([Interval.point(entry) * u for entry in row]) for row in self.rows)
 
 
-def length(element, count):
+def length(element: Any, count: Any) -> Any:
     """Return the norm of a vector of `count` equal elements, rounded like the kernel."""
     squares = 0.0
     for _ in range(count):

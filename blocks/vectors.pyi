@@ -1,9 +1,9 @@
 # Generated from the declarations by `python -m graph.stubs`. Do not edit.
-from typing import Any
 from collections.abc import Sequence
 from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.signal import Operand, Signal
+from typing import Any
 import numpy as np
 from graph import Block, Input, Memory, Output, Param
 from graph.arithmetic import Select as Select, Stack as Stack
@@ -44,4 +44,4 @@ class MatrixGain(Block):
         **options: Unpack[BlockOptions],
     ) -> None: ...
     def __call__(self, u: Operand = ...) -> Signal: ...
-def length(element, count): ...
+def length(element: Any, count: Any) -> Any: ...

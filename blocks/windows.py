@@ -1,5 +1,7 @@
 """Statistics over a moving window. Windows count the steps of the block: a missed tick is not a sample."""
 
+from __future__ import annotations
+
 import math
 
 from blocks._plumbing.filter_bounds import HUGE
@@ -10,7 +12,7 @@ from graph.interval import EVERYTHING
 WINDOW_SAMPLES_LIMIT = 1_000_000
 
 
-def samples_in(window, dt):
+def samples_in(window: float, dt: float) -> int:
     """Return the number of samples in a window, rounded to the nearest integer.
 
     window : s; dt : s. ValueError outside 1 to WINDOW_SAMPLES_LIMIT.
@@ -50,7 +52,7 @@ class MovingAverage(_Sums):
 
     kernel = kernels.average
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         largest = max(abs(u.low), abs(u.high))
         if not WINDOW_SAMPLES_LIMIT * largest < HUGE:  # the sum might overflow
             return EVERYTHING
@@ -72,7 +74,7 @@ class MovingRMS(_Sums):
 
     kernel = kernels.rms
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval:
         size = abs(u)
         if not WINDOW_SAMPLES_LIMIT * size.high * size.high < HUGE:  # the sum might overflow
             return Interval(0.0)

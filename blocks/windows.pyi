@@ -6,7 +6,7 @@ from graph.signal import Operand, Signal
 from graph import Block, Input, Memory, Output, Param
 
 WINDOW_SAMPLES_LIMIT: int
-def samples_in(window, dt): ...
+def samples_in(window: float, dt: float) -> int: ...
 class _Sums(Block):
     window: Param[float]
     u: Input

@@ -33,8 +33,11 @@ declares its items, and what else it declares, make no difference. `graph.kernel
 kernels.
 """
 
+from __future__ import annotations
+
 import re
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 ITEM = re.compile(r"(\*?)(\w+)(?:\[(\d+|\.\.\.)\])?")
 REST = {"count", "first"}  # fields of cext.abi.Rest
@@ -63,7 +66,7 @@ class Kernel:
 
     __slots__ = ("function", "items")
 
-    def __init__(self, function, items):
+    def __init__(self, function: Any, items: Any) -> None:
         self.function = function
         self.items = tuple(parsed(word) for word in items.split()) if isinstance(items, str) else tuple(items)
         names = [item.name for item in self.items]
@@ -72,11 +75,11 @@ class Kernel:
             raise ValueError(f"a kernel names {twice!r} twice: name each item once")
 
     @property
-    def names(self):
+    def names(self) -> list[str]:
         """Names of the items, in their order; without *inputs and *outputs."""
         return [item.name for item in self.items if not item.rest]
 
-    def renamed(self, **names):
+    def renamed(self, **names: Any) -> Kernel:
         """The same kernel for a block that calls items otherwise: `encode.renamed(command="velocity_command")`."""
         unknown = next((name for name in names if name not in self.names), None)
         if unknown is not None:
@@ -87,7 +90,7 @@ class Kernel:
         return f"<Kernel {' '.join(map(str, self.items))}>"
 
 
-def of_struct(fields, sizes):
+def of_struct(fields: dict[str, Any], sizes: str) -> tuple[Item, ...]:
     """The Items of a C struct, given as the dict that Cython makes of one.
 
     sizes : str, the items that are not one number, as in "u[...] limits[7]"
@@ -99,7 +102,7 @@ def of_struct(fields, sizes):
     return items
 
 
-def named(fields):
+def named(fields: dict[str, Any]) -> Iterator[Item]:
     """The Items of a struct, those of the structs in it included."""
     for name, value in fields.items():
         if not isinstance(value, dict):
@@ -110,7 +113,7 @@ def named(fields):
             yield from named(value)
 
 
-def parsed(word):
+def parsed(word: str) -> Item:
     """The Item of a word such as "limits[7]". ValueError"""
     match = ITEM.fullmatch(word)
     if match is None or match[1] and (match[2] not in ("inputs", "outputs") or match[3]):

@@ -16,7 +16,7 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from graph.block import Block, Sink
 from graph.declarations import Declaration, Input, Memory, Output, Param
@@ -44,6 +44,8 @@ def has_blocks(module: Any) -> bool:
 def stub(module: Any) -> str:
     """Return the stub of an imported module. Raises OSError if it has no source file."""
     tree = ast.parse(inspect.getsource(module))
+    typing_only = [each for node in tree.body if is_typing_only(node) for each in node.body]
+    tree.body = [*typing_only, *(node for node in tree.body if not is_typing_only(node))]
     body = [text for node in tree.body for text in statement(module, node)]
     used = words("\n".join(body))
     imported = [line for node in tree.body for line in imports(node, used, words_outside_imports(tree))]
@@ -51,6 +53,11 @@ def stub(module: Any) -> str:
     own = {name for node in tree.body for name in names_of(node)}
     head = [line for text in lines for line in only_used(text, used, own)]
     return HEADER + "\n".join([*dict.fromkeys([*head, *imported]), "", *body]) + "\n"
+
+
+def is_typing_only(node: ast.stmt) -> TypeGuard[ast.If]:
+    """Return whether a statement is `if TYPE_CHECKING:`."""
+    return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
 
 
 def only_used(line: str, used: set[str], own: set[str]) -> Iterator[str]:

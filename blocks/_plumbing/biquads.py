@@ -5,15 +5,21 @@ prewarping preserves the design frequencies; 1/K is its factor between s and (z 
 Discrete-Time Signal Processing, 7.1; Orfanidis, Introduction to Signal Processing, 11.)
 """
 
+from __future__ import annotations
+
 import cmath
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from blocks._plumbing.filter_bounds import designed, reach_of_cascade
 from cext.kernels import linear as kernels
 from graph import Block, Input, Memory, Output
 from graph.interval import EVERYTHING
+
+if TYPE_CHECKING:
+    from blocks._plumbing.filter_bounds import Reach
+    from graph.interval import Interval
 
 
 class Biquads(Block):
@@ -30,19 +36,19 @@ class Biquads(Block):
     kernel = kernels.biquads
     settle_kernel = kernels.biquads_at_rest
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         sections = self.design(dt)
         self.sections = [coefficient for section in sections for coefficient in section]
         self.delays = [0.0] * (2 * len(sections) * self.width)
         self.rest = at_rest(sections)
 
-    def output_range(self, u):
+    def output_range(self, u: Interval) -> Interval | None:
         sections = designed(self)
         bounds = None if sections is None else reach(sections)
         return EVERYTHING if bounds is None else bounds.interval([u])
 
 
-def butterworth(order, cutoff, btype, dt):
+def butterworth(order: int, cutoff: Any, btype: str, dt: Any) -> list[tuple[float, ...]]:
     """Return a Butterworth filter with one biquad per pair of poles.
 
     cutoff : Hz, a pair for band filters; btype : as in scipy.signal.butter; dt : s
@@ -59,13 +65,13 @@ def butterworth(order, cutoff, btype, dt):
     ]
 
 
-def dampings(order):
+def dampings(order: int) -> list[float]:
     """Return 1/Q of each pair of poles, infinite for the single pole of an odd order."""
     pairs = [2.0 * math.sin(math.pi * (2 * pair + 1) / (2 * order)) for pair in range(order // 2)]
     return pairs + [math.inf] * (order % 2)
 
 
-def lowpass(damping, K):
+def lowpass(damping: float, K: float) -> tuple[float, ...]:
     """Discretise 1 / (s² + damping s + 1), or 1 / (s + 1) for an infinite damping."""
     if damping == math.inf:
         gain = K / (1.0 + K)
@@ -75,7 +81,7 @@ def lowpass(damping, K):
     return gain, 2.0 * gain, gain, 2.0 * (K * K - 1.0) * norm, (1.0 - damping * K + K * K) * norm
 
 
-def highpass(damping, K):
+def highpass(damping: float, K: float) -> tuple[float, ...]:
     """Discretise s² / (s² + damping s + 1), or s / (s + 1) for an infinite damping."""
     if damping == math.inf:
         gain = 1.0 / (1.0 + K)
@@ -84,13 +90,13 @@ def highpass(damping, K):
     return norm, -2.0 * norm, norm, 2.0 * (K * K - 1.0) * norm, (1.0 - damping * K + K * K) * norm
 
 
-def prototype_poles(order):
+def prototype_poles(order: int) -> list[complex]:
     """Return the poles of the 1 rad/s analogue low-pass in the upper half plane, the real one last."""
     poles = [cmath.exp(1j * math.pi * (0.5 + (2 * pair + 1) / (2 * order))) for pair in range(order // 2)]
     return poles + [-1.0 + 0.0j] * (order % 2)
 
 
-def band(pole, width, square, passes):
+def band(pole: complex, width: float, square: float, passes: bool) -> list[tuple[float, ...]]:
     """Return the biquads of a prototype pole and its conjugate in a band filter: two, or one for a real pole.
 
     s becomes (s² + square) / (width s) for a band-pass and its reciprocal for a band-stop; square is the square of the
@@ -118,7 +124,7 @@ def band(pole, width, square, passes):
     return sections
 
 
-def notch(frequency, q, dt):
+def notch(frequency: float, q: float, dt: float) -> tuple[float, ...]:
     """Return the biquad of a notch with a -3 dB bandwidth of frequency / q, as scipy.signal.iirnotch.
 
     frequency : Hz; dt : s
@@ -128,12 +134,12 @@ def notch(frequency, q, dt):
     return gain, -2.0 * gain * math.cos(w), gain, -2.0 * gain * math.cos(w), 2.0 * gain - 1.0
 
 
-def reach(sections):
+def reach(sections: Sequence[tuple[float, ...]]) -> Reach | None:
     """Return the Reach (blocks._plumbing.filter_bounds) of a cascade of biquads, or None if it has no bound."""
     return reach_of_cascade(tuple(((b0, b1, b2), (1.0, a1, a2)) for b0, b1, b2, a1, a2 in sections))
 
 
-def at_rest(sections):
+def at_rest(sections: Sequence[tuple[float, ...]]) -> list[float]:
     """Return for each biquad the gain at frequency 0 and its two steady-state delays for an input of 1.
 
     The sums are exact before one rounding, because 1 + a1 + a2 nearly cancels. Zeros for an integrator, which has no

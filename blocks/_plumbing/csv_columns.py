@@ -1,14 +1,17 @@
 """Columns of CSV files written by recorders and spreadsheets: `time [s],left/knee.position [rad]`."""
 
+from __future__ import annotations
+
 import csv
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
 from graph import units
 
 
-def read_columns(file, time, column):
+def read_columns(file: str, time: str, column: str) -> tuple[np.ndarray, np.ndarray, str]:
     """Read (times in s, values, unit in the header or "") from a CSV file.
 
     time, column : names of columns. OSError or ValueError if the file cannot be used.
@@ -34,7 +37,7 @@ def read_columns(file, time, column):
     return times, values, names[columns[1]][1]
 
 
-def split_unit(name):
+def split_unit(name: str) -> tuple[str, str]:
     """Split 'left/knee.position [rad]' into ('left/knee.position', 'rad'). Invalid units remain in the name."""
     match = re.match(r"(.*\S)\s*\[([^\[\]]*)\]$", name.strip())
     try:
@@ -43,7 +46,7 @@ def split_unit(name):
         return name.strip(), ""
 
 
-def column_index(name, names, file):
+def column_index(name: str, names: Sequence[tuple[str, str]], file: str) -> int:
     """Return the index of a column. names : (name, unit) of each column. Raises ValueError for an unknown column."""
     for index, (candidate, _) in enumerate(names):
         if candidate == name:

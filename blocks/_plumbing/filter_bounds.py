@@ -8,25 +8,32 @@ is a small disturbance of a state or an output, and the response to these distur
 digital filters, 1970.)
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cext.kernels.filter_bounds import impulse_sums
 from graph.interval import EVERYTHING, Interval
 
+if TYPE_CHECKING:
+    pass
+
 EPSILON = 2.0**-52
 TINY = 1e-290  # absorbs underflow
 HUGE = 1e307  # above which an intermediate result may overflow
 
 
-def with_zero(interval):
+def with_zero(interval: Interval) -> Interval:
     """Return the union of the interval and 0, the initial state."""
     return interval | Interval.point(0.0)
 
 
-def designed(block):
+def designed(block: Any) -> Any:
     """Return the block's design(dt), or None if the rate is unknown or unsuitable.
 
     `prepare` reports an unsuitable rate.
@@ -53,7 +60,7 @@ class Reach:
     free: np.ndarray
     largest: tuple
 
-    def interval(self, inputs):
+    def interval(self, inputs: Sequence[Interval]) -> Interval | None:
         """Return the Interval of all outputs together. inputs : one Interval per input"""
         union, inputs = None, [with_zero(u) for u in inputs]
         if not sum(size * max(-u.low, u.high) for size, u in zip(self.largest, inputs)) < HUGE:
@@ -71,7 +78,13 @@ class Reach:
         return union
 
 
-def reach_of_state_space(A, B, C, D, start=None):
+def reach_of_state_space(
+    A: Any,
+    B: Any,
+    C: Sequence[tuple[float, float]] | np.ndarray,
+    D: Sequence[list[float]] | np.ndarray,
+    start: np.ndarray | None = None,
+) -> Reach | None:
     """Return the Reach of x' = A x + B u, y = C x + D u from x = start, or None without a bound.
 
     Valid for any order of summation in the kernel.
@@ -106,7 +119,7 @@ def reach_of_state_space(A, B, C, D, start=None):
 
 
 @lru_cache(maxsize=256)
-def reach_of_cascade(sections):
+def reach_of_cascade(sections: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]) -> Reach | None:
     """Return the Reach of sections in series, from zero or steady state, or None without a bound.
 
     Each section is (b, a) with a[0] = 1 in transposed direct form II.
@@ -162,6 +175,6 @@ def reach_of_cascade(sections):
     )
 
 
-def stable(A):
+def stable(A: np.ndarray) -> bool:
     """Return whether every eigenvalue is inside the unit circle by a margin that allows summation."""
     return A.size == 0 or float(np.max(np.abs(np.linalg.eigvals(A)))) < 1.0 - 1e-9

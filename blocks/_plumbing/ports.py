@@ -1,11 +1,13 @@
 """Ports and parameters shared by blocks of several files."""
 
+from __future__ import annotations
+
 import math
 
 from graph import Input, units
 
 
-def several(count, unit="any", dtype=float):
+def several(count: int, unit: str = "any", dtype: type = float) -> dict[str, Input]:
     """Return inputs u1, u2, ... of any shape, for `inputs` of a block during `configure`."""
     return {f"u{i}": Input(unit, f"input {i}", shape=..., dtype=dtype).named(f"u{i}") for i in range(1, count + 1)}
 
@@ -13,14 +15,14 @@ def several(count, unit="any", dtype=float):
 class UnitOfOutput:
     """Mixin of blocks whose parameter `unit` is the unit of their output y."""
 
-    def configure(self):
+    def configure(self) -> None:
         self.unit = units.canonical(self.unit)
 
-    def output_units(self, **inputs):
+    def output_units(self, **inputs: str) -> dict[str, str]:
         return {"y": self.unit}
 
 
-def finite_numbers(name, values):
+def finite_numbers(name: str, values: tuple[float, ...]) -> tuple[float, ...]:
     """Return a tuple of at least one finite float. ValueError for other values."""
     try:
         numbers = tuple(float(value) for value in values)

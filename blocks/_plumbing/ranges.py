@@ -1,6 +1,10 @@
 """Interval functions for the range proof."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,24 +15,24 @@ PHASE_LIMIT = 1e6  # rad, above which the phase of an angle is considered unknow
 LIBM = 2  # error bound of libm in units in the last place
 
 
-def rising(function, u, ulps=0):
+def rising(function: Callable[..., Any], u: Interval, ulps: int = 0) -> Interval:
     """Return the interval of a non-decreasing function. ulps : error bound of the function"""
     return outward(function(u.low), function(u.high), ulps)
 
 
-def falling(function, u, ulps=0):
+def falling(function: Callable[..., Any], u: Interval, ulps: int = 0) -> Interval:
     """Return the interval of a non-increasing function. ulps : error bound of the function"""
     return outward(function(u.high), function(u.low), ulps)
 
 
-def outward(low, high, ulps):
+def outward(low: float, high: float, ulps: int) -> Interval:
     """Return the interval from low to high, widened by `ulps` units in the last place at each end."""
     for _ in range(ulps):
         low, high = math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
     return Interval(low, high)
 
 
-def hull(intervals):
+def hull(intervals: Sequence[Interval] | Iterable[Any]) -> Interval:
     """Return the smallest interval that contains all intervals."""
     first, *rest = intervals
     for interval in rest:
@@ -36,7 +40,7 @@ def hull(intervals):
     return first
 
 
-def total(intervals):
+def total(intervals: Sequence[Interval]) -> Interval:
     """Return the interval of a sum, added from left to right."""
     first, *rest = intervals
     for interval in rest:
@@ -44,22 +48,22 @@ def total(intervals):
     return first
 
 
-def can_be_true(u):
+def can_be_true(u: Interval) -> bool:
     """Return whether the interval contains a nonzero number."""
     return not u.low == u.high == 0.0
 
 
-def can_be_false(u):
+def can_be_false(u: Interval) -> bool:
     """Return whether the interval contains 0."""
     return 0.0 in u
 
 
-def truth(true, false):
+def truth(true: bool, false: bool) -> Interval:
     """Return the interval of a bool that can be true and can be false."""
     return Interval(0.0 if false else 1.0, 1.0 if true else 0.0)
 
 
-def wave(function, u, peak):
+def wave(function: Callable[..., Any], u: Interval, peak: float) -> Interval:
     """Return the interval of a sine or cosine over u in rad. peak : angle at which it is 1"""
     if not u.bounded or u.high - u.low >= TURN or max(-u.low, u.high) > PHASE_LIMIT:
         return Interval(-1.0, 1.0)
@@ -69,13 +73,13 @@ def wave(function, u, peak):
     return outward(low, high, LIBM) & Interval(-1.0, 1.0)
 
 
-def holds_phase(u, phase, turn=TURN):
+def holds_phase(u: Interval, phase: float, turn: float = TURN) -> bool:
     """Return whether an interval contains `phase` plus an integer number of turns, with a small margin."""
     slack = 1e-9
     return math.floor((u.high - phase) / turn + slack) >= math.ceil((u.low - phase) / turn - slack)
 
 
-def horner(coefficients, u, pieces=1000):
+def horner(coefficients: tuple[float, ...], u: Interval, pieces: int = 1000) -> Interval:
     """Return the interval of a polynomial with coefficients in decreasing powers.
 
     It is evaluated over many pieces of u for a tight bound. Every step rounds like the kernel, and rounding is

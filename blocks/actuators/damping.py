@@ -2,16 +2,23 @@
 inside the limit.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from cext.safety.thresholds import STOP_DAMP_ROUND
 from graph import DampedStop
+
+if TYPE_CHECKING:
+    from graph.device import ReplyField
 
 STEP = 1.1  # between the speeds of two bands
 BAND_LIMIT = 64  # bands
 
 
-def damped_stop(joint, frames_of, velocity):
+def damped_stop(joint: Any, frames_of: Callable[..., Any], velocity: ReplyField) -> DampedStop | None:
     """Return the DampedStop of a Joint, or None if it is disabled at once.
 
     frames_of : function of a damping in N·m·s/rad at the joint that returns frames of at most that damping
@@ -30,7 +37,7 @@ def damped_stop(joint, frames_of, velocity):
     )
 
 
-def bands_inside(limit, damping, top_speed):
+def bands_inside(limit: float, damping: float, top_speed: float) -> list[tuple[float, float]]:
     """Return [(highest speed, damping)] in ascending order of speed. The last band has an infinite speed; it is within
     the limit up to `top_speed`.
     """

@@ -1,5 +1,7 @@
 """Common ports of emulated drives, including every injected fault."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable
 from typing import Any
@@ -98,7 +100,7 @@ class Emulated:
 
     find: Any  # function of a name that returns a model
 
-    def configure(self):
+    def configure(self) -> None:
         self.spec = self.find(self.model)
         self.wire = self.at_joint(self.spec)
         if self.peak is None:
@@ -106,6 +108,6 @@ class Emulated:
         shift = self.spec.wake_shift / self.gear_ratio if self.wake_shift is None else self.wake_shift
         self.state = (0.0, -self.turns * shift, 0.0, 0.0, 0.0, 0.0, shift)
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> dict[str, Interval]:
         peak: Any = self.peak
         return {"torque": Interval(-peak, peak), "enabled": Interval(0.0, 1.0)}

@@ -1,6 +1,9 @@
 """Common parts of actuators with their own driver board, commanded with torque, stiffness and damping."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
 from numbers import Real
 from typing import Any
 
@@ -33,7 +36,7 @@ class Ranges:
     wire_damping = Param(0.0, "N·m·s/rad", "largest encoded damping; 0: the table's", min=0.0, fixed=True)
     wire_torque = Param(0.0, "N·m", "half the encoded range of torque; 0: the table's", min=0.0, fixed=True)
 
-    def at_joint(self, spec):
+    def at_joint(self, spec: Any) -> tuple[float, ...]:
         """Return the five half ranges of a model, converted to the joint, so that kernels do not depend on the gear."""
         own = [getattr(self, f"wire_{name}") or getattr(spec, f"wire_{name}") for name in RANGES]
         ratio = self.gear_ratio
@@ -190,8 +193,9 @@ class Joint:
 
     find: Any  # function of a name that returns a model
     parameters: dict[str, Param[Any]]
+    hot: float | None
 
-    def configure(self):
+    def configure(self) -> None:
         spec = self.spec = self.find(self.model)
         self.model = spec.name
         self.wire = self.at_joint(spec)
@@ -214,12 +218,12 @@ class Joint:
         self.range = motion_of(self.range)
         self.check_pose()
 
-    def check_pose(self):
+    def check_pose(self) -> None:
         """Set `shift`, rad by which a power cycle can shift the reading of the joint, and check `known_pose`."""
         self.shift = self.spec.wake_shift / self.gear_ratio if self.wake_shift is None else self.wake_shift
         self.known_pose = pose_of(self.known_pose, self.shift)
 
-    def check_temperatures(self):
+    def check_temperatures(self) -> None:
         self.hot = self.warning_temperature
         if not self.warning_temperature <= self.derating_temperature < self.fault_temperature:
             raise ValueError(
@@ -227,7 +231,7 @@ class Joint:
                 f"{self.warning_temperature:g}, {self.derating_temperature:g} and {self.fault_temperature:g} °C"
             )
 
-    def watched(self):
+    def watched(self) -> Watch:
         return Watch(
             rated=self.rated_torque(),
             limit=self.torque_limit,
@@ -240,7 +244,7 @@ class Joint:
             motion=self.motion(),
         )
 
-    def motion(self):
+    def motion(self) -> Motion:
         """Return the monitored quantities of the motion for commands of torque, stiffness and damping."""
         return Motion(
             acceleration=self.max_acceleration,
@@ -251,7 +255,7 @@ class Joint:
             **self.motion_of_any_mode(),
         )
 
-    def motion_of_any_mode(self):
+    def motion_of_any_mode(self) -> dict[str, Any]:
         position, velocity = self.feedback_ends()
         return {
             "range": self.range,
@@ -264,16 +268,16 @@ class Joint:
             "velocity_tolerance": 1e-2 * SCALE_TOLERANCE,
         }
 
-    def feedback_ends(self):
+    def feedback_ends(self) -> tuple[float, ...]:
         """Return the ends of the feedback's range at the joint, rad and rad/s."""
         return self.wire[:2]
 
-    def fastest(self, end):
+    def fastest(self, end: float) -> float:
         """Return the overspeed limit in rad/s: below the end of the feedback's range if the speed is not published."""
         no_load = getattr(self.spec, "no_load", math.inf) * math.pi / 30.0 / self.gear_ratio
         return min(self.max_velocity or min(no_load, 0.995 * self.wire[1]), 0.995 * end)
 
-    def torque_accuracy(self):
+    def torque_accuracy(self) -> float:
         """Return the accuracy of the measured torque, N·m.
 
         No vendor publishes it; torque constants measured by users deviate by 4 to 12 % from the published ones.
@@ -281,11 +285,11 @@ class Joint:
         peak = self.wire[4] if self.spec.peak is None else self.spec.peak * self.gear_ratio
         return 1e-2 * TORQUE_ACCURACY * peak
 
-    def rated_torque(self):
+    def rated_torque(self) -> float:
         """Return the rated torque at the joint, N·m; the given limit where no rating is published."""
         return self.torque_limit if self.spec.rated is None else self.spec.rated * self.gear_ratio
 
-    def find_limit(self):
+    def find_limit(self) -> float:
         """Return the torque limit, N·m at the joint: rated, peak or a number, within the encoded range."""
         spec, ratio = self.spec, self.gear_ratio
         if spec.rated is None:
@@ -306,7 +310,7 @@ class Joint:
             )
         return min(limit, self.wire[4])
 
-    def given_limit(self):
+    def given_limit(self) -> float:
         """Return the limit of a model without published ratings: a number within the drive's range."""
         limit = self.limit
         if isinstance(limit, (str, bool)) or not isinstance(limit, Real):
@@ -320,7 +324,7 @@ class Joint:
             )
         return float(limit)
 
-    def command_limits(self):
+    def command_limits(self) -> dict[str, Interval]:
         position, velocity, stiffness, damping, torque = self.limits[:5]
         return {
             "torque_command": Interval(-torque, torque),
@@ -330,7 +334,7 @@ class Joint:
             "damping_command": Interval(0.0, damping),
         }
 
-    def reach(self):
+    def reach(self) -> dict[str, Reach]:
         """Return the range of setpoints as graph.reach.Reach: of the drive, and of the joint if `range` is set."""
         position, name = self.wire[0] + abs(self.offset), self.spec.name
         peak = self.wire[4] if self.spec.peak is None else min(self.spec.peak * self.gear_ratio, self.wire[4])
@@ -342,11 +346,11 @@ class Joint:
             "torque": Reach(Interval(-peak, peak), f"peak torque of {name}"),
         }
 
-    def rating(self):
+    def rating(self) -> str:
         source = f"{self.limit} torque" if isinstance(self.limit, str) else "its limit"
         return f"{source} and encoded ranges of {self.spec.name}"
 
-    def torque_bound(self, commands, period):
+    def torque_bound(self, commands: dict[str, Interval], period: float) -> TorqueBound:
         """Return the bound: proved for torque only, with stiffness or damping under the assumption on acceleration."""
         stiffness, damping = commands["stiffness_command"], commands["damping_command"]
         limit = self.torque_limit
@@ -363,7 +367,7 @@ class Joint:
             "assumed", limit, f"while |α| <= {self.max_acceleration:g} rad/s²", self.max_acceleration, law.figures()
         )
 
-    def output_range(self, **commands):
+    def output_range(self, **commands: Interval) -> dict[str, Interval]:
         position = self.wire[0] + abs(self.offset)
         velocity, torque = self.wire[1], self.wire[4]
         return {
@@ -379,7 +383,7 @@ class Joint:
         }
 
 
-def pose_of(pose, shift):
+def pose_of(pose: Sequence[float], shift: float) -> tuple[float, ...]:
     """Return (angle, tolerance) of the parameter `known_pose`, () for none. Raises ValueError."""
     if not isinstance(pose, (tuple, list)) or len(pose) not in (0, 2):
         raise ValueError(f"known_pose must be an angle and a tolerance in rad, as in [0.0, 0.1], got {pose!r}")
@@ -393,7 +397,7 @@ def pose_of(pose, shift):
     return tuple(map(float, pose))
 
 
-def motion_of(limits):
+def motion_of(limits: Sequence[float]) -> tuple[float, ...]:
     """Return (lowest, highest) of the parameter `range`, () if unknown. Raises ValueError."""
     if not isinstance(limits, (tuple, list)) or len(limits) not in (0, 2):
         raise ValueError(f"range must be the lowest and the highest angle in rad, as in [-0.1, 2.0], got {limits!r}")

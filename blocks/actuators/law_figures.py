@@ -25,12 +25,12 @@ class Law:
     damping: Interval
 
     @property
-    def usable_damping(self):
+    def usable_damping(self) -> float:
         """2 limit / (a Δ): the most damping that is sent where the whole law does not fit."""
         return 2.0 * self.limit / (self.acceleration * HORIZON * self.period)
 
     @property
-    def smallest_inertia(self):
+    def smallest_inertia(self) -> float:
         """The inertia in kg·m² above which a free joint comes to rest; a lighter one may chatter, inside the limit.
 
         J > T (B + K' T)² / B, Jury's criterion for torque from feedback that is one period old, held for one period. K'
@@ -49,11 +49,11 @@ class Law:
         return self.period * (damping + sent * self.period) ** 2 / damping
 
     @property
-    def stall_time(self):
+    def stall_time(self) -> float:
         """s from the last frame of a loop that stalls to the guardian's stop."""
         return max(LOOP_STALL_PERIODS * self.period, LOOP_STALL_MINIMUM * 1e-9) + GUARDIAN_LOOK_PERIOD * 1e-9
 
-    def stall_torque(self, motion):
+    def stall_torque(self, motion: float) -> float:
         """The largest torque in N·m that the last frame of a stalled loop can reach, from |ω| <= SPEED, while |α| <=
         motion in rad/s².
         """
@@ -73,7 +73,7 @@ class Law:
                 worst = max(worst, self.limit + share * (reached - spread))
         return worst
 
-    def figures(self):
+    def figures(self) -> tuple[tuple[str, float, str, str], ...]:
         """As graph.TorqueBound has them."""
         reached = f"torque that a stall can reach in that time, from |ω| <= {SPEED:g} rad/s, while |α| <= "
         slower = 0.25 * self.acceleration

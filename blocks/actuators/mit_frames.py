@@ -1,9 +1,14 @@
 """Frames of MIT mode that are the same for all boards. cext/kernels/devices/mit.pxd has the layout."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.damping import damped_stop
 from graph import Param, ReplyField
+
+if TYPE_CHECKING:
+    from graph.device import DampedStop
 
 ENABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfc"
 DISABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfd"
@@ -12,7 +17,7 @@ SET_ZERO = b"\xff\xff\xff\xff\xff\xff\xff\xfe"
 NOTHING = bytes.fromhex("7fff7ff0000007ff")
 
 
-def damped(share):
+def damped(share: float) -> bytes:
     """As NOTHING, with a share of the range of damping, rounded down."""
     code = int(share * 0xFFF)
     return bytes([*NOTHING[:5], code >> 4, (code & 15) << 4 | NOTHING[6] & 15, NOTHING[7]])
@@ -25,15 +30,15 @@ class StopInMitMode:
     wire: Any  # half ranges on the wire, at the joint
     replies: Any
 
-    def traffic(self):
+    def traffic(self) -> list[tuple[int, bool]]:
         return [(8, False), (8, False)]
 
-    def zero_frames(self):
+    def zero_frames(self) -> list[tuple[int, bool, bytes]]:
         return [(self.can_id, False, NOTHING)]
 
-    def disable_frames(self):
+    def disable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [(self.can_id, False, DISABLE)]
 
-    def damped_stop(self):
+    def damped_stop(self) -> DampedStop | None:
         velocity = ReplyField(tuple(self.replies()), first=24, bits=12, low=-self.wire[1], high=self.wire[1])
         return damped_stop(self, lambda damping: [(self.can_id, False, damped(damping / self.wire[3]))], velocity)

@@ -1,17 +1,22 @@
 """Queries that several families share: the state of a drive in MIT mode, and the decoding of symmetric codes."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 from blocks.actuators.mit_frames import DISABLE
 from graph.family import Answer
 
 MIT_PURPOSE = "disable of drives in MIT mode"
 
 
-def symmetric(code, half, bits):
+def symmetric(code: int, half: float, bits: int) -> float:
     """Return the value of a code whose range is ± half; every vendor decodes with 2ⁿ − 1."""
     return code * 2.0 * half / ((1 << bits) - 1) - half
 
 
-def disable_in_mit_mode(can_id):
+def disable_in_mit_mode(can_id: int) -> tuple[int, bool, bytes]:
     """Return the frame that queries a drive in MIT mode.
 
     Every frame of MIT mode is answered with the state. Of those frames, disable is the safest:
@@ -24,7 +29,7 @@ def disable_in_mit_mode(can_id):
     return can_id, False, DISABLE
 
 
-def state_in_mit_mode(can_id, data, family, block, half, model=None):
+def state_in_mit_mode(can_id: int, data: bytes, family: str, block: str, half: float, model: Any = None) -> Answer:
     """Return the Answer with position, velocity and torque of a reply in MIT mode; the two last need the model.
 
     half : rad, half the range of the position where the model is not known
@@ -38,12 +43,12 @@ def state_in_mit_mode(can_id, data, family, block, half, model=None):
     return answer
 
 
-def commanded_in_mit_mode(identifier, extended, data):
+def commanded_in_mit_mode(identifier: int, extended: bool, data: bytes) -> int | None:
     """Return the id that a frame commands in MIT mode, None for a frame that begins with the id, as answers do."""
     return None if extended or len(data) != 8 or data[0] == identifier else identifier
 
 
-def same_id(count, can_id):
+def same_id(count: int, can_id: int) -> str:
     """Return the remark that several drives have one id."""
     return (
         f"{count} answers to one question: {count} drives have id {can_id}; take all but one off the bus, and give "
@@ -51,7 +56,7 @@ def same_id(count, can_id):
     )
 
 
-def one_of(answers, can_id, read_before):
+def one_of(answers: Sequence[Answer], can_id: int, read_before: bool) -> Any:
     """Return the first of the answers of one id, as a list of one or none, with a remark where there are several.
 
     read_before : whether the drive had already reported before the query, so that one more frame may be such a report

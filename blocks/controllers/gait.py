@@ -1,5 +1,7 @@
 """Gait phase, and torque profiles over the gait phase."""
 
+from __future__ import annotations
+
 import math
 from typing import Any
 
@@ -34,7 +36,7 @@ class TorqueProfile(Block):
 
     kernel = kernels.torque_profile
 
-    def configure(self):
+    def configure(self) -> None:
         try:
             points: Any = np.asarray(self.points, dtype=float)
         except (TypeError, ValueError):
@@ -51,12 +53,12 @@ class TorqueProfile(Block):
         self.knots, self.cubics = knots, monotone_cubics(knots, values).ravel()
         self.bounds = torques.min(), torques.max()
 
-    def output_range(self, phase, enable):
+    def output_range(self, phase: Interval, enable: Interval) -> Interval:
         scale = self.span("scale").high
         return Interval(min(scale * float(self.bounds[0]), 0.0), max(scale * float(self.bounds[1]), 0.0))
 
 
-def monotone_cubics(knots, values):
+def monotone_cubics(knots: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return coefficients (n, 4), constant first, of a periodic monotone cubic through n + 1 knots.
 
     knots, values : (n + 1,), with values[0] == values[-1]
@@ -109,6 +111,6 @@ class GaitPhase(Block):
 
     kernel = kernels.gait_phase
 
-    def configure(self):
+    def configure(self) -> None:
         if self.shortest >= self.longest:
             raise ValueError(f"shortest, {self.shortest:g} s, must be below longest, {self.longest:g} s")

@@ -1,6 +1,9 @@
 """Joint control laws: impedance, admittance, feed-forward, gravity compensation."""
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +32,7 @@ class Impedance(Block):
 
     kernel = kernels.impedance
 
-    def output_range(self, position, velocity, equilibrium):
+    def output_range(self, position: Interval, velocity: Interval, equilibrium: Interval) -> Interval:
         return self.span("stiffness") * (equilibrium - position) - self.span("damping") * velocity
 
 
@@ -55,16 +58,16 @@ class Admittance(Block):
     update_kernel = kernels.admittance_next
     feedthrough = ("equilibrium",)
 
-    def design(self, dt):
+    def design(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Return (A, B) over one period. dt : s"""
         A = np.array([[0.0, 1.0], [-self.stiffness / self.inertia, -self.damping / self.inertia]])
         return zero_order_hold(A, np.array([[0.0], [1.0 / self.inertia]]), dt)
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         A, B = self.design(dt)
         self.transition = np.append(A.ravel(), B.ravel())
 
-    def output_range(self, torque, equilibrium):
+    def output_range(self, torque: Any, equilibrium: Any) -> Any:
         system = designed(self)
         if system is None:
             return {}
@@ -92,7 +95,7 @@ class FeedForward(Block):
 
     kernel = kernels.feed_forward
 
-    def output_range(self, velocity, acceleration):
+    def output_range(self, velocity: Interval, acceleration: Interval) -> Interval:
         slip = self.span("slip").low
         sign = Interval(
             min(max(velocity.low / slip, -1.0), 1.0), min(max(velocity.high / slip, -1.0), 1.0)
@@ -116,6 +119,6 @@ class GravityCompensation(Block):
 
     kernel = kernels.gravity
 
-    def output_range(self, angle):
+    def output_range(self, angle: Interval) -> Interval:
         sine = wave(math.sin, angle, 0.5 * math.pi)
         return self.span("share") * self.span("mass") * Interval.point(GRAVITY) * self.span("length") * sine

@@ -4,6 +4,7 @@ from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.declarations import Live
 from graph.signal import Operand, Signal
+import numpy as np
 from graph import Block, Input, Memory, Output, Param
 
 GRAVITY: float
@@ -42,7 +43,7 @@ class Admittance(Block):
         position: Signal
         velocity: Signal
     def __call__(self, torque: Operand = ..., equilibrium: Operand = ...) -> Outputs: ...
-    def design(self, dt): ...
+    def design(self, dt: float) -> tuple[np.ndarray, np.ndarray]: ...
 class FeedForward(Block):
     inertia: Param[float]
     damping: Param[float]

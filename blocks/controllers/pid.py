@@ -5,13 +5,19 @@ reference. The set-point weights b and c scale the reference in the proportional
 unit of the command; the gains have matching units.
 """
 
+from __future__ import annotations
+
 import copy
 import math
+from typing import TYPE_CHECKING, Any
 
 from cext.kernels import pid as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 from graph.interval import EVERYTHING
 from graph.units import ANY, canonical
+
+if TYPE_CHECKING:
+    pass
 
 
 class _Controller(Block):
@@ -31,7 +37,7 @@ class _Controller(Block):
                 self.inputs = self.inputs | {"manual_command": in_unit(self.inputs["manual_command"], self.unit)}
 
 
-def in_unit(port, unit):
+def in_unit(port: Any, unit: str) -> Any:
     """Return a copy of a port that has another unit."""
     port = copy.copy(port)
     port.unit = unit
@@ -48,7 +54,7 @@ class P(_Controller):
 
     kernel = kernels.p
 
-    def output_range(self, reference, measurement):
+    def output_range(self, reference: Interval, measurement: Interval) -> Interval:
         return self.span("kp") * (reference - measurement)
 
 
@@ -69,10 +75,10 @@ class PD(_Controller):
 
     kernel = kernels.pd
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.follower = [math.nan] * self.width
 
-    def output_range(self, reference, measurement):
+    def output_range(self, reference: Interval, measurement: Interval) -> Interval:
         w = self.span("c") * reference - measurement
         if self.dt is None or not w.bounded:
             return EVERYTHING
@@ -112,16 +118,16 @@ class PID(_Controller):
 
     kernel = kernels.pid
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         if self.lower > self.upper:
             raise ValueError(f"lower, {self.lower:g}, must not exceed upper, {self.upper:g}")
         self.clamps = float(self.anti_windup == "clamping")
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.integral, self.follower = [0.0] * self.width, [math.nan] * self.width
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> Interval:
         return self.span("lower") | self.span("upper")
 
 
@@ -139,5 +145,5 @@ class PI(PID):
 
     kernel = kernels.pi
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.integral = [0.0] * self.width

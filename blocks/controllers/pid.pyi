@@ -1,9 +1,10 @@
 # Generated from the declarations by `python -m graph.stubs`. Do not edit.
-from typing import Any, Literal
+from typing import Literal
 from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.declarations import Live
 from graph.signal import Operand, Signal
+from typing import Any, TYPE_CHECKING as TYPE_CHECKING
 from graph import Block, Input, Memory, Output, Param
 
 class _Controller(Block):
@@ -12,7 +13,7 @@ class _Controller(Block):
     measurement: Input
     command: Output
     unit: Any
-def in_unit(port, unit): ...
+def in_unit(port: Any, unit: str) -> Any: ...
 class P(_Controller):
     unit: Param[str]
     def __init__(self, kp: float | Live = 1.0, unit: str = 'any', **options: Unpack[BlockOptions]) -> None: ...

@@ -14,10 +14,14 @@
 A part that is missing changes nothing.
 """
 
+from __future__ import annotations
+
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -46,12 +50,12 @@ class Calibration:
     mag_matrix: tuple = SAME
 
     @classmethod
-    def read(cls, path):
+    def read(cls, path: str | Path) -> Calibration:
         """Return the Calibration of a file. Raises ValueError with the cause, OSError if it cannot be read."""
         return cls.of(Path(path).read_text(encoding="utf-8"), path)
 
     @classmethod
-    def of(cls, text, path="calibration"):
+    def of(cls, text: str, path: str | Path = "calibration") -> Calibration:
         try:
             content = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
@@ -68,16 +72,16 @@ class Calibration:
         )
 
     @staticmethod
-    def parts_of(text):
+    def parts_of(text: str) -> list[str]:
         """Names of the parts that a file has."""
         return [part for part in PARTS if part in tomllib.loads(text)]
 
-    def with_parts(self, other, parts):
+    def with_parts(self, other: Calibration, parts: Sequence[str]) -> Calibration:
         """This one, with some parts of another."""
         fields = {name: getattr(other, name) for part in parts for name in FIELDS[part]}
         return replace(self, **fields)
 
-    def text(self, about=None, parts=tuple(PARTS)):
+    def text(self, about: dict[str, str] | None = None, parts: Sequence[str] = tuple(PARTS)) -> str:
         """The file's text. about : {name: text or number} of the sensor and the measurement; parts : that were
         calibrated
         """
@@ -107,11 +111,11 @@ class Calibration:
         return "\n".join(lines)
 
 
-def is_number(x):
+def is_number(x: float) -> bool:
     return isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x)
 
 
-def table(content, part, path):
+def table(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> dict[str, list[Any]]:
     found = content.get(part, {})
     if not isinstance(found, dict):
         raise ValueError(f"{path}: {part} is a table, [{part}]")
@@ -121,14 +125,14 @@ def table(content, part, path):
     return found
 
 
-def vector(content, part, name, path):
+def vector(content: dict[str, dict[str, Any]], part: str, name: str, path: str | Path) -> tuple[float, ...]:
     value = table(content, part, path).get(name, NOTHING)
     if not (isinstance(value, (list, tuple)) and len(value) == 3 and all(map(is_number, value))):
         raise ValueError(f"{path}: [{part}] {name}: three finite numbers are wanted, got {value!r}")
     return tuple(map(float, value))
 
 
-def matrix(content, part, path):
+def matrix(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> Any:
     value = table(content, part, path).get("matrix", SAME)
     right = (
         isinstance(value, (list, tuple))
@@ -140,15 +144,17 @@ def matrix(content, part, path):
     return tuple(tuple(map(float, row)) for row in value)
 
 
-def numbers(values):
+def numbers(values: tuple[float, float, float]) -> str:
     return "[" + ", ".join(repr(float(value)) for value in values) + "]"
 
 
-def rows(values):
+def rows(
+    values: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]],
+) -> list[str]:
     return ["matrix = [", *(f"    {numbers(row)}," for row in values), "]"]
 
 
-def quoted(value):
+def quoted(value: str) -> str:
     return (
         repr(value)
         if isinstance(value, (int, float))

@@ -1,5 +1,9 @@
 """ADS1115, a four-channel analogue-to-digital converter on I2C. (Texas Instruments, ADS111x, SBAS444E)"""
 
+from __future__ import annotations
+
+from typing import Any
+
 from blocks.i2c import I2cDevice, Read, Round, Transfer, Write
 from cext.kernels import no_io
 from cext.kernels.devices import converters as kernels
@@ -60,7 +64,7 @@ class ADS1115(I2cDevice):
     channel_names = tuple(INPUTS)
     decode = kernels.ads_decode
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.check_channels()
         own = {name: Output("V", input_description(name)).named(name) for name in self.channels}
@@ -72,35 +76,35 @@ class ADS1115(I2cDevice):
         ]
         self.layout = (self.full_scale / 32768.0, RANGES[self.full_scale], *places)
 
-    def check_channels(self):
+    def check_channels(self) -> None:
         unknown = next((name for name in self.channels if name not in INPUTS), None)
         if unknown is not None:
             raise ValueError(f"channels: unknown channel {unknown!r}. The channels are {', '.join(INPUTS)}")
         if not self.channels or len(set(self.channels)) < len(self.channels):
             raise ValueError("channels: expected at least one channel, without duplicates")
 
-    def output_range(self):
+    def output_range(self) -> dict[str, Interval]:
         volts = Interval(-self.full_scale, self.full_scale)
         return {name: volts for name in self.channels} | {"age": Interval(0.0), "errors": Interval(0.0)}
 
-    def configuration(self, name):
+    def configuration(self, name: str) -> int:
         """Return the register value that starts one conversion of a channel."""
         return (
             START | INPUTS[name] << 12 | RANGES[self.full_scale] << 9 | SINGLE | RATES[self.rate] << 5 | NO_COMPARATOR
         )
 
     @property
-    def period(self):
+    def period(self) -> float:
         """Longest duration of one conversion in s."""
         return 1.0 / (CLOCK_RATE_MINIMUM * self.rate) + WAKE_UP_TIME
 
-    def start(self, name):
+    def start(self, name: str) -> Write:
         return Write(CONFIG, self.configuration(name).to_bytes(2, "big"))
 
-    def set_up(self):
+    def set_up(self) -> tuple[Write, ...]:
         return (Write(CONFIG, self.start(self.channels[0]).data, wait=self.period),)
 
-    def rounds(self):
+    def rounds(self) -> tuple[Round, ...]:
         """Return the Round that reads a conversion with its configuration and starts the next one."""
         following = [*self.channels[1:], self.channels[0]]
         return (
@@ -114,7 +118,7 @@ class ADS1115(I2cDevice):
             ),
         )
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> EmulatedADS1115:
         return EmulatedADS1115.of(self, **parameters)
 
 
@@ -147,11 +151,11 @@ class EmulatedADS1115(I2cDevice):
     encode = kernels.ads_answers
 
     @classmethod
-    def of(cls, converter, **parameters):
+    def of(cls, converter: ADS1115, **parameters: Any) -> EmulatedADS1115:
         """Return the emulator of one ADS1115. parameters : override those of the converter"""
         return cls(**{name: getattr(converter, name) for name in cls.parameters} | parameters)
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.check_channels()
         own = {name: Input("V", input_description(name), default=0.0).named(name) for name in self.channels}
@@ -166,7 +170,7 @@ class EmulatedADS1115(I2cDevice):
         )
 
 
-def input_description(name):
+def input_description(name: str) -> str:
     """Return the description of a channel, such as "a0" or, differential, "a0_a1"."""
     first, _, second = name.partition("_")
     return f"voltage at input {first[1]}" + (f" relative to input {second[1]}" if second else "")

@@ -1,8 +1,11 @@
 """Typed fields of a packet: ("force", "int32", "N", 0.01), ("accel", "int16[3]", "m/s²", 9.80665 / 2048)."""
 
+from __future__ import annotations
+
 import keyword
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
 
@@ -42,35 +45,35 @@ class Field:
     scale: float
 
     @property
-    def numbers(self):
+    def numbers(self) -> int:
         return self.count or 1
 
     @property
-    def size(self):
+    def size(self) -> int:
         return SIZES[self.type] * self.numbers
 
     @property
-    def shape(self):
+    def shape(self) -> tuple[int, ...]:
         return () if self.count is None else (self.count,)
 
     @property
-    def dtype(self):
+    def dtype(self) -> type:
         """Type of the port: int for unscaled integers, otherwise float."""
         return int if self.type.startswith(("int", "uint")) and self.scale == 1.0 else float
 
-    def output(self):
+    def output(self) -> Output:
         return Output(
             self.unit, f"transmitted {self.type} times {self.scale:g}", shape=self.shape, dtype=self.dtype
         ).named(self.name)
 
-    def input(self):
+    def input(self) -> Input:
         default = 0.0 if self.count is None else (0.0,) * self.count
         return Input(
             self.unit, f"value to transmit as {self.type}", shape=self.shape, dtype=self.dtype, default=default
         ).named(self.name)
 
 
-def read(declared, taken):
+def read(declared: tuple[tuple[str | float, ...], ...], taken: set[str]) -> list[Field]:
     """Return the Fields of a declaration.
 
     declared : sequence of (name, type, unit, scale); taken : reserved names. ValueError for an invalid field.
@@ -84,7 +87,7 @@ def read(declared, taken):
     return fields
 
 
-def field(declared, number):
+def field(declared: tuple[str | float, ...], number: int) -> Field:
     """Return the Field of a declaration (name, type, unit, scale). Raises ValueError if it is invalid."""
     if not isinstance(declared, (tuple, list)) or not 2 <= len(declared) <= 4:
         raise ValueError(
@@ -103,7 +106,7 @@ def field(declared, number):
     return Field(name, match[1], int(match[2]) if match[2] else None, units.canonical(unit), float(scale))
 
 
-def plan(fields, lines, counter):
+def plan(fields: Sequence[Field], lines: bool, counter: bool) -> tuple[float, ...]:
     """Return the fields as the plan of a kernel.
 
     The plan is: 1 for text lines, 1 with a counter, total bytes, then type and scale of each field.
@@ -116,7 +119,7 @@ def plan(fields, lines, counter):
     )
 
 
-def clock(fields, name, wrap):
+def clock(fields: Sequence[Field], name: str, wrap: float) -> tuple[float, float, float]:
     """Return (index, s per count, wrap period in s) of the clock field for a kernel.
 
     A wrap period of 0 means never. name : of the field, "" for none; wrap : s, 0 to derive it from the type. ValueError

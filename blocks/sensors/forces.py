@@ -1,5 +1,7 @@
 """Forces from voltages: load cells with an amplifier, force-sensitive resistors in a voltage divider."""
 
+from __future__ import annotations
+
 import math
 
 from cext.kernels.devices import forces as kernels
@@ -29,11 +31,11 @@ class LoadCell(Block):
 
     kernel = kernels.load_cell
 
-    def configure(self):
+    def configure(self) -> None:
         if self.at_capacity == 0.0:
             raise ValueError("at_capacity: must not be 0")
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.taring = (self.zero, 0.0, 0.0, max(1.0, round(self.tare_time / dt)), float(self.tare_at_start), 0.0)
 
 
@@ -59,11 +61,11 @@ class FSR(Block):
 
     kernel = kernels.force_sensitive_resistor
 
-    def configure(self):
+    def configure(self) -> None:
         if self.release > self.press:
             raise ValueError(f"release must not exceed press, {self.press:g} N, got {self.release:g} N")
 
-    def output_range(self, voltage):
+    def output_range(self, voltage: Interval) -> dict[str, Interval]:
         return {
             "force": Interval(0.0, self.span("most").high if math.isfinite(self.most) else math.inf),
             "pressed": Interval(0.0, 1.0),

@@ -1,6 +1,9 @@
 """Pressure insoles: force, centre of pressure and regions under a foot, and step detection."""
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 from cext.kernels import no_io
 from cext.kernels.devices import insole as kernels
@@ -10,7 +13,7 @@ SIDES = {"left": 0, "right": 1}
 CELL_PRESSURE_LIMIT = 65534 * 10.0  # Pa, largest encodable pressure
 
 
-def plan_of(block):
+def plan_of(block: Any) -> tuple[float, ...]:
     """Return the plan of the kernels.
 
     The plan is: rows, columns, side, length, breadth, minimum force for a centre, 1 if each read is a datagram, 1 if
@@ -28,7 +31,7 @@ def plan_of(block):
     )
 
 
-def frame_doubles(block):
+def frame_doubles(block: Any) -> int:
     """Return the number of doubles that hold the bytes of a frame."""
     return (18 + 2 * block.rows * block.columns + 7) // 8
 
@@ -105,7 +108,7 @@ class Insole(StreamDevice):
     decode = kernels.decode
     hardware = ("address",)
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         ends = self.regions_at
         if (
@@ -121,10 +124,10 @@ class Insole(StreamDevice):
         self.plan, self.bounds = plan_of(self), tuple(math.ceil(x * self.rows - 1e-9) + 0.0 for x in (0.0, *ends))
         self.buffer = (0.0,) * frame_doubles(self)
 
-    def opening(self):
+    def opening(self) -> dict[str, Any]:
         return {"transport": self.transport, "address": self.address}
 
-    def output_range(self):
+    def output_range(self) -> dict[str, Interval]:
         force_limit = CELL_PRESSURE_LIMIT * self.length * self.breadth * (1.0 + 1e-9)
         cells = float(self.rows * self.columns)
         return {
@@ -138,7 +141,7 @@ class Insole(StreamDevice):
             "dead": Interval(0.0, cells),
         }
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> Any:
         return EmulatedInsole.of(self, **parameters)
 
 
@@ -171,14 +174,14 @@ class EmulatedInsole(StreamDevice):
     encode = kernels.emulated_encode
 
     @classmethod
-    def of(cls, insole, **parameters):
+    def of(cls, insole: Insole, **parameters: Any) -> EmulatedInsole:
         """Return the emulator of one Insole. parameters : override those of the insole"""
         return cls(
             **{name: getattr(insole, name) for name in ("bus", "side", "rows", "columns", "length", "breadth")}
             | parameters
         )
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.plan, self.waiting = plan_of(self), (0.0,) * frame_doubles(self)
 
@@ -205,6 +208,6 @@ class FootContact(Block):
 
     kernel = kernels.contact
 
-    def configure(self):
+    def configure(self) -> None:
         if self.release > self.press:
             raise ValueError(f"release must not exceed press, {self.press:g} N, got {self.release:g} N")

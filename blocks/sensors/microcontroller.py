@@ -1,5 +1,9 @@
 """Microcontroller on a serial line that sends packets of typed fields."""
 
+from __future__ import annotations
+
+from typing import Any
+
 from blocks.sensors import fields
 from blocks.serial_lines import speed_of
 from cext.kernels import no_io
@@ -99,7 +103,7 @@ class Microcontroller(StreamDevice):
         {"fields": (("x", "float32"),), "format": "lines"},
     )
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         own = type(self).outputs
         self.declared = fields.read(self.fields, {*own, *type(self).parameters, *type(self).memory, *_RESERVED_NAMES})
@@ -114,11 +118,11 @@ class Microcontroller(StreamDevice):
         self.buffer = (0.0,) * (PACKET_BYTES_LIMIT[self.format] // 8)
         self.clock_plan = fields.clock(self.declared, self.clock, self.clock_wrap)
 
-    def opening(self):
+    def opening(self) -> dict[str, Any]:
         setup = (self.start.encode(),) if self.start else ()
         return {"port": self.port, "serial": self.serial, "baudrate": self.baudrate, "setup": setup}
 
-    def sends(self):
+    def sends(self) -> list[tuple[float, int]]:
         if not self.packet_rate:
             return []
         if self.format == "lines":  # at least a digit and a separator per number
@@ -126,13 +130,13 @@ class Microcontroller(StreamDevice):
         length = self.counter + sum(each.size for each in self.declared) + CHECKSUM_BYTES
         return [(self.packet_rate, length + 1 + length // 254 + 1)]
 
-    def line_speed(self):
+    def line_speed(self) -> float:
         return speed_of(self.port, self.baudrate)
 
-    def output_range(self):
+    def output_range(self) -> dict[str, Interval]:
         return {name: Interval(0.0) for name in ("age", "received", "lost", "corrupt")}
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> Any:
         return EmulatedMicrocontroller.of(self, **parameters)
 
 
@@ -159,13 +163,13 @@ class EmulatedMicrocontroller(StreamDevice):
     examples = Microcontroller.examples
 
     @classmethod
-    def of(cls, microcontroller, **parameters):
+    def of(cls, microcontroller: Microcontroller, **parameters: Any) -> EmulatedMicrocontroller:
         """Return the emulator of one Microcontroller. parameters : override those of the block"""
         return cls(
             **{name: getattr(microcontroller, name) for name in ("bus", "fields", "format", "counter")} | parameters
         )
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         own = type(self).inputs
         self.declared = fields.read(self.fields, {*own, *type(self).parameters, *type(self).memory, *_RESERVED_NAMES})

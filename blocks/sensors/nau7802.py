@@ -1,5 +1,10 @@
 """NAU7802, a 24-bit amplifier and converter for load cells on I2C. (Nuvoton, NAU7802 1.7)"""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 from blocks.i2c import I2cDevice, Identity, Read, Round, Transfer, Write
 from cext.kernels import no_io
 from cext.kernels.devices import converters as kernels
@@ -73,7 +78,7 @@ class NAU7802(I2cDevice):
     known_addresses = (0x2A,)
     decode = kernels.nau_decode
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         if self.sensitivity == 0.0 and self.scale == 0.0:
             raise ValueError(
@@ -84,7 +89,7 @@ class NAU7802(I2cDevice):
         self.scales = (ratio, self.scale or self.capacity * ratio / self.sensitivity)
         self.taring = (0.0, 0.0, 0.0, max(1.0, round(self.tare_time * self.rate)), float(self.tare_at_start), 0.0)
 
-    def output_range(self, tare=None):
+    def output_range(self, tare: Interval | None = None) -> dict[str, Interval]:
         largest = SPAN / 2.0
         force = 2.0 * largest * abs(self.scales[1])
         return {
@@ -95,14 +100,14 @@ class NAU7802(I2cDevice):
             "errors": Interval(0.0),
         }
 
-    def identities(self):
+    def identities(self) -> tuple[Identity, ...]:
         return (Identity(REVISION, {0x0F: "NAU7802"}, mask=0x0F),)
 
     @property
-    def control_1(self):
+    def control_1(self) -> int:
         return SUPPLIES[self.supply] << 3 | GAINS.index(self.gain)
 
-    def set_up(self):
+    def set_up(self) -> tuple[Write, ...]:
         on, rate = DIGITAL | ANALOGUE | INTERNAL_SUPPLY, RATES[self.rate] << 4
         values = (
             (POWER, RESET, 0.001),
@@ -117,23 +122,23 @@ class NAU7802(I2cDevice):
         )
         return tuple(Write(register, bytes((value,)), wait) for register, value, wait in values)
 
-    def learn(self, read, write):
+    def learn(self, read: Callable[..., Any], write: Callable[..., Any] | None) -> None:
         if read(CONTROL_2, 1)[0] & CALIBRATION_FAILED:
             raise ValueError(
                 "the internal calibration failed. Check that the supply of the load cell is connected and not shorted"
             )
 
-    def check(self):
+    def check(self) -> tuple[int, bytes]:
         return CONTROL_1, bytes((self.control_1,))
 
-    def rounds(self):
+    def rounds(self) -> tuple[Round, ...]:
         """Return the Round of reads, slightly faster than the conversions.
 
         No conversion is missed, and a status bit identifies those that were read before.
         """
         return (Round(1.0 / (1.1 * self.rate), (Transfer(0, (Read(POWER, 1), Read(COUNTS, 3))),)),)
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> EmulatedNAU7802:
         return EmulatedNAU7802.of(self, **parameters)
 
 
@@ -160,10 +165,10 @@ class EmulatedNAU7802(I2cDevice):
     encode = kernels.nau_answers
 
     @classmethod
-    def of(cls, amplifier, **parameters):
+    def of(cls, amplifier: NAU7802, **parameters: Any) -> EmulatedNAU7802:
         return cls(**{name: getattr(amplifier, name) for name in cls.parameters} | parameters)
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.identity = self.own_identity()
         self.layout = (1.0 / (SPAN * self.gain), 1.0 / self.rate)

@@ -1,10 +1,17 @@
 """Emulated CubeMars AK drive in MIT mode, with the same frames."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from blocks.actuators.cubemars import models
 from blocks.actuators.cubemars.frames import REPLIES
 from blocks.actuators.emulated import Emulated
 from cext.kernels.devices.cubemars import mit as kernels
 from graph import Device, Param
+
+if TYPE_CHECKING:
+    pass
 
 
 class EmulatedCubeMars(Emulated, Device):
@@ -23,8 +30,8 @@ class EmulatedCubeMars(Emulated, Device):
     encode = kernels.drive_encode
 
     @classmethod
-    def of(cls, actuator, **parameters):
+    def of(cls, actuator: Any, **parameters: Any) -> EmulatedCubeMars:
         return super().of(actuator, **{"reply": actuator.reply} | parameters)
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, False)]

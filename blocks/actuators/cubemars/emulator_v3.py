@@ -1,11 +1,17 @@
 """Emulated CubeMars boards with extended frames."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.emulated import Emulated
 from cext.kernels.devices.cubemars import emulator as kernels
 from graph import Device, Memory, Param
+
+if TYPE_CHECKING:
+    from blocks.actuators.cubemars.models import Motor
 
 
 class Boards:
@@ -33,7 +39,7 @@ class Boards:
     )
 
 
-def with_pole_pairs(spec, pole_pairs):
+def with_pole_pairs(spec: Any, pole_pairs: int) -> Motor:
     """Return a model with other pole pairs than the table's, unless `pole_pairs` is 0."""
     return replace(spec, pole_pairs=pole_pairs) if pole_pairs else spec
 
@@ -56,7 +62,7 @@ class EmulatedCubeMarsV3(Emulated, Device):
     decode = kernels.drive_decode
     encode = kernels.drive_encode
 
-    def configure(self):
+    def configure(self) -> None:
         self.spec = self.find(self.model)
         if self.peak is None and self.spec.peak is None:
             self.peak = self.spec.wire_torque * self.gear_ratio
@@ -68,7 +74,7 @@ class EmulatedCubeMarsV3(Emulated, Device):
         )
         self.board = (1.0, float(self.enter))
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, True)]
 
 
@@ -91,11 +97,11 @@ class EmulatedCubeMarsServo(Emulated, Device):
     encode = kernels.drive_encode
 
     @classmethod
-    def of(cls, actuator, **parameters):
+    def of(cls, actuator: Any, **parameters: Any) -> EmulatedCubeMarsServo:
         same = ("bus", "can_id", "invert", "offset", "gear_ratio", "wake_shift", "report_rate", "torque_constant")
         return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)
 
-    def configure(self):
+    def configure(self) -> None:
         self.spec = self.find(self.model)
         if self.peak is None and self.spec.peak is None:
             self.peak = self.spec.wire_torque * self.gear_ratio
@@ -109,5 +115,5 @@ class EmulatedCubeMarsServo(Emulated, Device):
         self.scales = frames.scales(with_pole_pairs(self.spec, self.pole_pairs), self.gear_ratio, constant)
         self.board = (float(self.spec.generation >= 3), 0.0)
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, True)]

@@ -1,8 +1,10 @@
 # Generated from the declarations by `python -m graph.stubs`. Do not edit.
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.signal import Operand, Signal
+from blocks.actuators.cubemars.models import Motor
+from typing import Any, TYPE_CHECKING as TYPE_CHECKING
 from blocks.actuators.emulated import Emulated
 from graph import Device, Memory, Param
 
@@ -13,7 +15,7 @@ class Boards:
     scales: Any
     board: Any
     motion: Any
-def with_pole_pairs(spec, pole_pairs): ...
+def with_pole_pairs(spec: Any, pole_pairs: int) -> Motor: ...
 class EmulatedCubeMarsV3(Emulated, Device):
     report_rate: Param[float]
     enter: Param[bool]
@@ -62,7 +64,7 @@ class EmulatedCubeMarsV3(Emulated, Device):
         delay: Operand = ...,
         power_lost: Operand = ...,
     ) -> Outputs: ...
-    def addresses(self): ...
+    def addresses(self) -> list[tuple[int, bool]]: ...
 class EmulatedCubeMarsServo(Emulated, Device):
     report_rate: Param[float]
     torque_constant: Param[float]
@@ -110,5 +112,5 @@ class EmulatedCubeMarsServo(Emulated, Device):
         power_lost: Operand = ...,
     ) -> Outputs: ...
     @classmethod
-    def of(cls, actuator, **parameters): ...
-    def addresses(self): ...
+    def of(cls, actuator: Any, **parameters: Any) -> EmulatedCubeMarsServo: ...
+    def addresses(self) -> list[tuple[int, bool]]: ...

@@ -1,5 +1,10 @@
 """CubeMars AK drives with boards of every generation, as a device family."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
 from blocks.actuators.cubemars import frames, models, models_v3, queries, set_up
 from blocks.actuators.cubemars.emulator import EmulatedCubeMars
 from blocks.actuators.cubemars.mit import CubeMars
@@ -11,8 +16,12 @@ from blocks.sources import TimeTable
 from graph.dialogue import Rejected
 from graph.family import Benchmark, Drive, Family, Query, StopQuery, Table
 
+if TYPE_CHECKING:
+    from blocks.actuators.cubemars.models import Model
+    from graph.family import Answer, Request
 
-def servo_settings(movement, target, speed, rise):
+
+def servo_settings(movement: Any, target: Any, speed: Any, rise: Any) -> Any:
     """Return parameters of a CubeMarsServo: the drive's own loop, no faster than needed."""
     if movement == "velocity":
         return {"mode": "velocity", "velocity_limit": max(abs(target), 1e-3)}
@@ -21,7 +30,7 @@ def servo_settings(movement, target, speed, rise):
     return {"mode": "current"}
 
 
-def wire_servo(joint, movement, target, wave):
+def wire_servo(joint: Any, movement: Any, target: Any, wave: Any) -> None:
     """Command the drive's own loop. A torque is a current, by the model's constant."""
     if movement == "torque":
         values = [value / joint.scales[2] for value in wave["values"]]
@@ -61,14 +70,14 @@ class CubeMarsFamily(Family):
     configure_note = "On a CubeMars, only the zero can be set; --save stores it if the drive is in servo mode."
     benchmark = Benchmark(CubeMars, EmulatedCubeMars, {"model": "AK80-9"})
 
-    def reports(self, received):
+    def reports(self, received: Sequence[tuple[int, bool, bytes]]) -> dict[int, Answer]:
         return queries.reports(received)
 
-    def commanded(self, identifier, extended, data):
+    def commanded(self, identifier: int, extended: bool, data: bytes) -> int | None:
         found = queries.commanded(identifier, extended, data)
         return commanded_in_mit_mode(identifier, extended, data) if found is None else found
 
-    def stop_queries(self, can_id, model=None):
+    def stop_queries(self, can_id: int, model: Model | None = None) -> tuple[StopQuery, StopQuery, StopQuery]:
         read = queries.status_of(can_id, model)
         return (
             StopQuery(None, read),
@@ -76,7 +85,7 @@ class CubeMarsFamily(Family):
             StopQuery(queries.disable_v3(can_id), read),
         )
 
-    def stop_query(self, block):
+    def stop_query(self, block: Any) -> StopQuery:
         read = queries.status_of(block.can_id, block.spec)
         if isinstance(block, CubeMarsV3):
             return StopQuery(queries.disable_v3(block.can_id), read)
@@ -84,12 +93,12 @@ class CubeMarsFamily(Family):
             return StopQuery(frames.amperes(frames.CURRENT, 0.0, block.can_id), read)
         return self.stop_queries(block.can_id, block.spec)[1]
 
-    def check(self, request):
+    def check(self, request: Request) -> None:
         refused = request.other_than("--zero", "--save")
         if refused:
             raise Rejected(f"{refused[0]}: {set_up.VENDOR_PROGRAM}")
 
-    def set_up(self, request):
+    def set_up(self, request: Request) -> Iterator[Any]:
         return set_up.set_up(request)
 
 

@@ -5,7 +5,10 @@ extended identifier is (kind << 8) | id; numbers are big-endian. (AKA Series Pro
 Module Driver Manual V1.0.18.)
 """
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 from graph import ReplyField
 
@@ -33,26 +36,26 @@ FAULTS = {  # error codes of MIT mode
 EXTENDED_FAULTS = FAULTS | {0x2C: "lost power during the run", 0x77: "reports that it is disabled"}
 
 
-def frame(kind, can_id, data=b""):
+def frame(kind: int, can_id: int, data: bytes = b"") -> tuple[int, bool, bytes]:
     return kind << 8 | can_id, True, bytes(data)
 
 
-def amperes(kind, current, can_id):
+def amperes(kind: int, current: float, can_id: int) -> tuple[int, bool, bytes]:
     """Return the command of a current, of kind CURRENT or BRAKE."""
     return frame(kind, can_id, round(current * 1000.0).to_bytes(4, "big", signed=True))
 
 
-def origin(can_id, permanent=False):
+def origin(can_id: int, permanent: bool = False) -> tuple[int, bool, bytes]:
     """Return the command that sets the zero to the present position, until power-off or permanently in flash."""
     return frame(ORIGIN, can_id, bytes([int(permanent)]))
 
 
-def acceptance_filters(can_id):
+def acceptance_filters(can_id: int) -> list[tuple[int, int, bool]]:
     """Return patterns of the frames of a drive, and of commands to it."""
     return [(STATUS << 8 | can_id, 0x1FFFF8FF, True), (can_id, 0x1FFFE0FF, True)]
 
 
-def replies(can_id):
+def replies(can_id: int) -> list[tuple[int, int, bool, str]]:
     """Return patterns of a status at rest: a current within ± QUIET, or the answer to a disable."""
     status = STATUS << 8 | can_id
     return [
@@ -60,7 +63,7 @@ def replies(can_id):
     ]
 
 
-def velocity_field(can_id, code):
+def velocity_field(can_id: int, code: float) -> ReplyField:
     """Return the ReplyField of the speed in a status. code : rad/s of the joint"""
     return ReplyField(
         ((STATUS << 8 | can_id, 0x1FFFFFFF, True, b""),),
@@ -72,11 +75,11 @@ def velocity_field(can_id, code):
     )
 
 
-def in_words(code):
+def in_words(code: int) -> str:
     return EXTENDED_FAULTS.get(code, f"code {code}, not listed in the manual")
 
 
-def scales(spec, gear_ratio, torque_constant):
+def scales(spec: Any, gear_ratio: float, torque_constant: float) -> tuple[float, float, float]:
     """Return the scales of a status at the joint: rad and rad/s per code, N·m per ampere."""
     turns = SPEED_CODE / (spec.gear * spec.pole_pairs * gear_ratio)
     return POSITION_CODE / gear_ratio, turns * math.pi / 30.0, torque_constant * gear_ratio

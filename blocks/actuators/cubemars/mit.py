@@ -1,5 +1,9 @@
 """CubeMars AK in MIT mode, board generations V1 and V2."""
 
+from __future__ import annotations
+
+from typing import Any
+
 from blocks.actuators.cubemars import models
 from blocks.actuators.cubemars.emulator import EmulatedCubeMars
 from blocks.actuators.cubemars.frames import FAULTS, REPLIES
@@ -31,15 +35,15 @@ class CubeMars(StopInMitMode, Joint, Actuator):
     decode = kernels.decode
     encode = kernels.encode
 
-    def fault_in_words(self, code):
+    def fault_in_words(self, code: int) -> str:
         if self.reply != 8 and not code:
             return "not reported"
         return FAULTS.get(code, f"code {code}, not listed in the manual")
 
-    def malformed_in_words(self, lengths, first_byte):
+    def malformed_in_words(self, lengths: dict[int, int], first_byte: int) -> str:
         return "; ".join(self.rejected_in_words(length, frames, first_byte) for length, frames in lengths.items())
 
-    def rejected_in_words(self, length, frames, first_byte):
+    def rejected_in_words(self, length: int, frames: int, first_byte: int) -> str:
         replies = f"{frames} repl{'y' if frames == 1 else 'ies'}"
         if length == self.reply:
             return (
@@ -54,20 +58,20 @@ class CubeMars(StopInMitMode, Joint, Actuator):
             "mode sends"
         )
 
-    def traffic(self):
+    def traffic(self) -> list[tuple[int, bool]]:
         return [(8, False), (self.reply, False)]
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, False)]
 
-    def acceptance_filters(self):
+    def acceptance_filters(self) -> list[tuple[int, int, bool]]:
         return [(self.can_id, 0x7FF, False), (0, 0x7FF, False)]  # replies come from the drive's id, or from 0
 
-    def replies(self):
+    def replies(self) -> list[tuple[int, int, bool, bytes]]:
         return [(*pattern, bytes([self.can_id])) for pattern in self.acceptance_filters()]
 
-    def enable_frames(self):
+    def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [(self.can_id, False, ENABLE)]
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> EmulatedCubeMars:
         return EmulatedCubeMars.of(self, **parameters)

@@ -11,6 +11,8 @@ V3.0 are (models_v3), and the constants are per such an ampere: rated torque ove
 current. A drive in servo mode commands and reports the amplitude.
 """
 
+from __future__ import annotations
+
 import math
 import re
 from dataclasses import dataclass
@@ -32,15 +34,15 @@ class Motor:
     gear: float
 
     @property
-    def rated_current(self):
+    def rated_current(self) -> float | None:
         return None if self.rated_rms_current is None else math.sqrt(2.0) * self.rated_rms_current
 
     @property
-    def peak_current(self):
+    def peak_current(self) -> float | None:
         return None if self.peak_rms_current is None else math.sqrt(2.0) * self.peak_rms_current
 
     @property
-    def wake_shift(self):
+    def wake_shift(self) -> float:
         """rad at the output by a multiple of which a power cycle can shift the reading: a turn of the motor, whose
         encoder counts one turn.
         """
@@ -71,7 +73,7 @@ class Model(Motor):
     generation: int = 2
 
     @property
-    def torque_constant(self):
+    def torque_constant(self) -> float | None:
         """N·m/A at the output, None where it is not known. Used with amplitudes, in servo mode, it gives at most √2
         times the torque.
         """
@@ -104,7 +106,7 @@ ONLY_V3 = ("AK60-39", "AK70-9", "AKA10-9", "AKA60-6", "AKE60-8", "AKE80-8", "AKE
 MISPRINTED = {"AK80-80": "AK80-64"}  # in the driver manual V1.0.8
 
 
-def find(name):
+def find(name: str) -> Model:
     """The model of that name, without regard to case, hyphens, spaces or underscores. ValueError with a suggestion if
     there is none.
     """
@@ -128,7 +130,7 @@ def find(name):
     raise ValueError(f"{name!r} is not a CubeMars model with a MIT-mode table{known}")
 
 
-def tell_apart(newest, older):
+def tell_apart(newest: str, older: str | None) -> str:
     """In words, how to know which board a motor has, and what to write for it."""
     return (
         f"the motor's label says which, and a V3.0 board reports in extended frames. Write CubeMarsV3({newest!r}) "
@@ -147,16 +149,16 @@ def _same_motor(motor):
     return next((f"did you mean {full!r}?" for full in MODELS if split(full)[0] == motor), "")
 
 
-def split(name):
+def split(name: str) -> tuple[str, str]:
     """'AK80-9 V3.0' gives ('AK809', '3.0'): the motor, and the generation of its board, '' where the name has none."""
     match = re.match(r"(.*?)[\s_-]*V[\s_.-]*([\d.]+)$", str(name).strip().upper())
     return (plain(match[1]), match[2]) if match else (plain(name), "")
 
 
-def spelt(name):
+def spelt(name: str) -> str:
     """A name as the tables write it, to compare the two."""
     return str(name).upper().replace("_", "-").replace(" ", "-")
 
 
-def plain(name):
+def plain(name: str) -> str:
     return "".join(letter for letter in str(name).upper() if letter.isalnum())

@@ -9,10 +9,16 @@ which is what a board commands and reports. Rated torque over constant over √2
 0.975 on average.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.cubemars import models
 from graph.names import suggestion
+
+if TYPE_CHECKING:
+    pass
 
 POSITION = 12.56  # rad, half the wire range of every model
 
@@ -42,7 +48,7 @@ class Model(models.Motor):
     generation: int = 3
 
     @property
-    def motor(self):
+    def motor(self) -> str:
         """Its name without that of the board."""
         return self.name.removesuffix("-V3.0")
 
@@ -69,7 +75,7 @@ MODELS = {
 WITHOUT_WIRE = ("AKA10-9", "AKA60-6")
 
 
-def find(name):
+def find(name: str) -> Model:
     """The model of that name, without regard to case, hyphens, spaces or underscores; '-V3.0' where the motor has other
     boards, too.
 
@@ -102,7 +108,7 @@ def find(name):
     raise ValueError(f"{name!r} is not a CubeMars model with a table of force control{known}")
 
 
-def find_in_servo_mode(name):
+def find_in_servo_mode(name: str) -> Any:
     """The model of that name with a board of any generation, all of which have a servo mode. ValueError as of
     `find`.
     """

@@ -3,8 +3,12 @@
 (AK Series Module Driver Manual V1.0.18, pages 64 to 68; AKA Series Product Manual V3.0.0, section 4.)
 """
 
+from __future__ import annotations
+
 import math
 import struct
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.cubemars import frames
 from blocks.actuators.cubemars.frames import FAULTS, REPLIES
@@ -12,6 +16,9 @@ from blocks.actuators.cubemars.models import POSITION
 from blocks.actuators.mit_frames import DISABLE
 from blocks.actuators.queries import one_of, state_in_mit_mode
 from graph.family import Answer
+
+if TYPE_CHECKING:
+    from blocks.actuators.cubemars.models import Model, Motor
 
 MIT, SERVO = "CubeMars in MIT mode", "CubeMars in servo mode, or a V3.0 board"
 V3 = "CubeMars with a V3.0 board"
@@ -21,7 +28,7 @@ LAST_KIND = 8  # of the commands in servo mode, force control of V3.0 boards
 NO_ID = 0xFE  # no id of a drive: identifiers that end so are answers of other vendors' drives
 
 
-def state(identifier, extended, data, can_id, model=None):
+def state(identifier: int, extended: bool, data: bytes, can_id: int, model: Model | None = None) -> Answer | None:
     """Return the Answer of a frame of MIT mode, None for another frame.
 
     model : of blocks.actuators.cubemars.models; without it velocity and torque are None
@@ -42,7 +49,9 @@ def state(identifier, extended, data, can_id, model=None):
     return answer
 
 
-def states(received, can_ids, before):
+def states(
+    received: Sequence[tuple[int, bool, bytes]], can_ids: Sequence[int], before: Sequence[tuple[int, bool, bytes]]
+) -> list[Answer]:
     """Return the Answers to the query of MIT mode, one for each id."""
     drives = []
     for can_id in can_ids:
@@ -58,19 +67,19 @@ def states(received, can_ids, before):
     return drives
 
 
-def other_id(identifier, extended, data, can_id):
+def other_id(identifier: int, extended: bool, data: bytes, can_id: int) -> Any:
     """Return the id in byte 0 of a reply from `can_id` that names another one, None for another frame."""
     if extended or identifier != can_id or len(data) not in REPLIES or data[0] == can_id or bytes(data) == DISABLE:
         return None
     return data[0]
 
 
-def disable_v3(can_id):
+def disable_v3(can_id: int) -> tuple[int, bool, bytes]:
     """Return the disable of V3.0 boards, an empty frame: V1 and V2 have none, a RobStride takes it for `get id`."""
     return frames.frame(frames.DISABLE, can_id)
 
 
-def status(identifier, extended, data, model=None):
+def status(identifier: int, extended: bool, data: bytes, model: Any = None) -> Answer | None:
     """Return the Answer of a report in servo mode or of a V3.0 board, None for another frame.
 
     model : of blocks.actuators.cubemars.models or models_v3; without it velocity is None, and torque, which is computed
@@ -101,7 +110,7 @@ def status(identifier, extended, data, model=None):
     return answer
 
 
-def status_of(can_id, model=None):
+def status_of(can_id: int, model: Motor | None = None) -> Callable[..., Any]:
     """Return a reader of the reports of one drive."""
 
     def read(*frame):
@@ -111,7 +120,7 @@ def status_of(can_id, model=None):
     return read
 
 
-def reports(received):
+def reports(received: Sequence[tuple[int, bool, bytes]]) -> dict[int, Answer]:
     """Return {id: newest Answer} of drives that report: that of a V3.0 board to a disable before any other."""
     newest = {}
     for frame in received:
@@ -121,11 +130,13 @@ def reports(received):
     return newest
 
 
-def all_reports(received, can_ids, before):
+def all_reports(
+    received: Sequence[tuple[int, bool, bytes]], can_ids: Sequence[int], before: Sequence[tuple[int, bool, bytes]]
+) -> list[Answer]:
     """Return the Answers to the query of V3.0 boards: drives that report, and boards that were asked."""
     return list((reports(before) | reports(received)).values())
 
 
-def commanded(identifier, extended, data):
+def commanded(identifier: int, extended: bool, data: bytes) -> int | None:
     """Return the id that another controller's frame in servo mode or force control commands, or None."""
     return identifier & 0xFF if extended and identifier >> 8 <= LAST_KIND else None

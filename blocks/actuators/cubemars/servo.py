@@ -1,6 +1,9 @@
 """CubeMars actuators in servo mode, available on boards of all generations."""
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo
@@ -137,7 +140,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         CubeMarsV3.feedback_ends,
     )
 
-    def configure(self):
+    def configure(self) -> None:
         self.inputs, self.outputs = type(self).inputs, type(self).outputs
         spec = self.spec = self.find(self.model)
         self.model = spec.name
@@ -180,7 +183,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
             )
         self.take_one_command()
 
-    def take_one_command(self):
+    def take_one_command(self) -> None:
         """Set the input of the mode, its limits, and its encoding."""
         quantity = "position" if self.mode in POSITIONS else self.mode
         self.command_name, self.sent_name = f"{quantity}_command", f"{quantity}_sent"
@@ -211,7 +214,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         self.limits = (0.0 if self.mode == "current_brake" else -limit, limit, 1.0)
         self.written = (KINDS[self.mode], scale, largest, *self.speeds())
 
-    def speeds(self):
+    def speeds(self) -> tuple[float, float]:
         """Return the codes of the speed and acceleration limits of a position command, truncated."""
         if self.mode != "position_velocity":
             return 0.0, 0.0
@@ -224,7 +227,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
                 )
         return float(speed), float(acceleration)
 
-    def motion(self):
+    def motion(self) -> Motion:
         """Return the monitored quantities of the motion. A mode without a commanded current may exceed its limit, up to
         the peak torque.
         """
@@ -234,22 +237,22 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         current = "current_sent" if self.mode == "current" else None
         return Motion(**motion, current=current, current_scale=self.scales[2], torque_tolerance=1e-2 * SCALE_TOLERANCE)
 
-    def command_limits(self):
+    def command_limits(self) -> dict[str, Interval]:
         return {self.command_name: Interval(self.limits[0], self.limits[1])}
 
-    def rating(self):
+    def rating(self) -> str:
         if self.mode in CURRENTS:
             return f"current of the torque limit of {self.spec.name}, and of its motor"
         return {"duty": "its duty_limit", "velocity": "its velocity_limit"}.get(
             self.mode, f"feedback range of {self.spec.name}"
         )
 
-    def torque_bound(self, commands, period):
+    def torque_bound(self, commands: dict[str, Interval], period: float) -> TorqueBound:
         if self.mode in CURRENTS:
             return TorqueBound("proved", self.torque_limit)
         return TorqueBound("none", None, f"in mode {self.mode} only the settings of the drive bound the torque")
 
-    def output_range(self, **commands):
+    def output_range(self, **commands: Interval) -> dict[str, Interval]:
         feedback = self.feedback_range()
         most = feedback["position"].high if self.mode in POSITIONS else self.limits[1] * (1.0 + 1e-9)
         return feedback | {
@@ -259,17 +262,17 @@ class CubeMarsServo(ExtendedFrames, Actuator):
             self.sent_name: Interval(-most, most),
         }
 
-    def traffic(self):
+    def traffic(self) -> list[tuple[int, bool]]:
         return [(8 if self.mode == "position_velocity" else 4, True)] + [(8, True)] * self.reports_a_tick
 
-    def zero_frames(self):
+    def zero_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return a command of zero current in every mode: a duty of zero would short the motor and brake it."""
         return [frames.amperes(frames.CURRENT, 0.0, self.can_id)]
 
-    def disable_frames(self):
+    def disable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [frames.frame(frames.DISABLE, self.can_id)] if self.spec.generation >= 3 else self.zero_frames()
 
-    def damped_stop(self):
+    def damped_stop(self) -> DampedStop | None:
         """Return the stop with a braking current, which bounds the torque at every speed."""
         if not self.damp_time:
             return None
@@ -282,5 +285,5 @@ class CubeMarsServo(ExtendedFrames, Actuator):
             limit=self.stop_current * self.scales[2],
         )
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> EmulatedCubeMarsServo:
         return EmulatedCubeMarsServo.of(self, **parameters)

@@ -7,14 +7,20 @@
 A drive that carries current or moves is left alone.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.cubemars import frames, queries
 from blocks.actuators.mit_frames import SET_ZERO
 from blocks.actuators.queries import disable_in_mit_mode
 from graph.dialogue import Confirm, Dialogue, Listen, Rejected, Send, Show, ask
 from graph.family import Answer
+
+if TYPE_CHECKING:
+    from graph.family import Request
 
 STILL_TOLERANCE = 0.02  # rad between two queries
 ZERO_TOLERANCE = 0.02  # rad
@@ -37,7 +43,7 @@ class Target:
     frame: tuple
 
 
-def set_up(request):
+def set_up(request: Request) -> Dialogue:
     """Dialogue of graph.family.Family.set_up."""
     if request.other_than("--zero", "--save") or not request.zero:
         read = reader(request.can_id)
@@ -72,11 +78,11 @@ def set_up(request):
     return confirmed
 
 
-def reader(can_id):
+def reader(can_id: int) -> Callable[..., Any]:
     return lambda *frame: queries.state(*frame, can_id=can_id)
 
 
-def find(can_id, permanent):
+def find(can_id: int, permanent: bool) -> Dialogue:
     """Return the Target of an id, None where no CubeMars drive answers."""
 
     def report():
@@ -99,7 +105,7 @@ def find(can_id, permanent):
     return None
 
 
-def refuse_running(target, can_id):
+def refuse_running(target: Target, can_id: int) -> Dialogue:
     """Raise Rejected if the drive moves or carries current."""
     first, again = target.answer, (yield from target.query())
     if again is None:

@@ -1,8 +1,10 @@
 """CubeMars actuators with a board of generation V3.0, in force control."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsV3
@@ -12,6 +14,9 @@ from blocks.actuators.mit_frames import ENABLE
 from cext.kernels.devices.cubemars import v3 as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE
 from graph import Actuator, Interval, Memory, Output, Param
+
+if TYPE_CHECKING:
+    from graph.device import DampedStop, Motion
 
 # no stiffness, no damping; position, velocity and torque in the middle of their ranges
 NOTHING = bytes.fromhex("0000007fff7ff7ff")
@@ -38,7 +43,7 @@ class Reporting:
     timeout: Any
     offset: Any
 
-    def check_reports(self):
+    def check_reports(self) -> None:
         self.reports_a_tick = 1
         if self.report_rate > 0.0 and 0.0 < self.timeout < 2.0 / self.report_rate:
             raise ValueError(
@@ -46,10 +51,10 @@ class Reporting:
                 "drive would appear silent"
             )
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         self.reports_a_tick = max(1, math.ceil(self.report_rate * dt)) if dt is not None else 1
 
-    def feedback_range(self):
+    def feedback_range(self) -> dict[str, Interval]:
         position, velocity = frames.DEGREES / 0.1 * self.scales[0] + abs(self.offset), 32768 * self.scales[1]
         torque = 327.68 * self.scales[2]
         return {
@@ -66,16 +71,16 @@ class ExtendedFrames:
 
     can_id: Any
 
-    def fault_in_words(self, code):
+    def fault_in_words(self, code: int) -> str:
         return frames.in_words(code)
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, True)]
 
-    def acceptance_filters(self):
+    def acceptance_filters(self) -> list[tuple[int, int, bool]]:
         return frames.acceptance_filters(self.can_id)
 
-    def replies(self):
+    def replies(self) -> list[tuple[int, int, bool, str]]:
         return frames.replies(self.can_id)
 
 
@@ -112,42 +117,42 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     encode = kernels.encode
     unanswered_frames = 1  # of the stop's two: drives with periodic reports answer neither
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.check_reports()
         self.scales = frames.scales(self.spec, self.gear_ratio, self.spec.torque_constant)
 
-    def motion(self):
+    def motion(self) -> Motion:
         """Return the monitored quantities, including the torque computed from the current, which verifies the torque
         constant.
         """
         return replace(super().motion(), velocity_code=self.scales[1], torque_tolerance=1e-2 * SCALE_TOLERANCE)
 
-    def feedback_ends(self):
+    def feedback_ends(self) -> tuple[float, float]:
         found = self.feedback_range()
         return found["position"].high - abs(self.offset), found["velocity"].high
 
-    def output_range(self, **commands):
+    def output_range(self, **commands: Interval) -> dict[str, Interval]:
         return super().output_range() | self.feedback_range()
 
-    def traffic(self):
+    def traffic(self) -> list[tuple[int, bool]]:
         return [(8, True)] * (1 + self.reports_a_tick)
 
-    def enable_frames(self):
+    def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [frames.frame(frames.FORCE, self.can_id, ENABLE)] if self.enter else []
 
-    def zero_frames(self):
+    def zero_frames(self) -> list[tuple[int, bool, bytes]]:
         return [frames.frame(frames.FORCE, self.can_id, NOTHING)]
 
-    def disable_frames(self):
+    def disable_frames(self) -> list[tuple[int, bool, bytes]]:
         return [frames.frame(frames.DISABLE, self.can_id)]
 
-    def damped_stop(self):
+    def damped_stop(self) -> DampedStop | None:
         return damped_stop(self, self.damping_frames, frames.velocity_field(self.can_id, self.scales[1]))
 
-    def damping_frames(self, damping):
+    def damping_frames(self, damping: float) -> list[tuple[int, bool, bytes]]:
         code = int(damping / self.wire[3] * 0xFFF)
         return [frames.frame(frames.FORCE, self.can_id, bytes([0, code >> 8, code & 0xFF, *NOTHING[3:]]))]
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> EmulatedCubeMarsV3:
         return EmulatedCubeMarsV3.of(self, **{"report_rate": self.report_rate, "enter": self.enter} | parameters)

@@ -1,6 +1,7 @@
 """Emulated RobStride drive with the private protocol."""
 
 import re
+from typing import Any
 
 from blocks.actuators.emulated import Emulated
 from blocks.actuators.robstride import frames, models, parameters
@@ -46,7 +47,7 @@ class EmulatedRobStride(Emulated, Device):
     decode = kernels.drive_decode
     encode = kernels.drive_encode
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         spec = self.spec
         if self.trip_temperature is None:
@@ -67,7 +68,7 @@ class EmulatedRobStride(Emulated, Device):
 
         self.identity = (*self.unique_bytes(), *self.firmware_bytes(), float(spec.is_cybergear))
 
-    def own_gains(self, is_cybergear):
+    def own_gains(self, is_cybergear: bool) -> dict[Any, Any]:
         """Return {index: value} of `gains`. ValueError for a parameter that the drive does not have or that is
         read-only.
         """
@@ -79,7 +80,7 @@ class EmulatedRobStride(Emulated, Device):
             values[parameter.index] = float(value)
         return values
 
-    def unique_bytes(self):
+    def unique_bytes(self) -> tuple[float, ...]:
         import hashlib  # 4 MB
 
         text = self.unique or hashlib.blake2b(f"{self.spec.name} {self.can_id}".encode(), digest_size=8).hexdigest()
@@ -87,12 +88,12 @@ class EmulatedRobStride(Emulated, Device):
             raise ValueError(f"unique is 16 hex digits, got {text!r}")
         return tuple(map(float, bytes.fromhex(text)))
 
-    def firmware_bytes(self):
+    def firmware_bytes(self) -> tuple[float, ...]:
         text = self.firmware or models.MIT_FIRMWARE.get(self.spec.name, "0")
         parts = [int(part) if part.isdigit() else -1 for part in text.split(".")]
         if len(parts) > 5 or not all(0 <= part <= 255 for part in parts):
             raise ValueError(f"firmware is at most five numbers up to 255, as in 0.3.1.41, got {text!r}")
         return tuple(map(float, parts + [0] * (5 - len(parts))))
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, True)]

@@ -1,10 +1,20 @@
 """RobStride drives and the CyberGear, as a device family."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
 from blocks.actuators.queries import MIT_PURPOSE, commanded_in_mit_mode, disable_in_mit_mode
 from blocks.actuators.robstride import mit, models, queries, set_up
 from blocks.actuators.robstride.mit import RobStrideMIT
 from blocks.actuators.robstride.private import RobStride
 from graph.family import Drive, Family, Query, StopQuery, Table
+
+if TYPE_CHECKING:
+    from blocks.actuators.joint import Joint
+    from blocks.actuators.robstride.models import Model
+    from graph.family import Request
 
 
 class RobStrideFamily(Family):
@@ -27,11 +37,11 @@ class RobStrideFamily(Family):
         "of the baud rate, so the frame is never sent to a drive that may be a CyberGear."
     )
 
-    def commanded(self, identifier, extended, data):
+    def commanded(self, identifier: int, extended: bool, data: bytes) -> int | None:
         found = queries.commanded(identifier, extended, data)
         return commanded_in_mit_mode(identifier, extended, data) if found is None else found
 
-    def stop_queries(self, can_id, model=None):
+    def stop_queries(self, can_id: int, model: Model | None = None) -> tuple[StopQuery, StopQuery]:
         return (
             StopQuery(queries.stop(can_id), queries.feedback_of(can_id, model)),
             StopQuery(
@@ -40,17 +50,17 @@ class RobStrideFamily(Family):
             ),
         )
 
-    def stop_query(self, block):
+    def stop_query(self, block: Joint) -> StopQuery:
         can_id, model = block.can_id, block.spec
         if isinstance(block, RobStride):
             host = block.host_id
             return StopQuery(queries.stop(can_id, host), queries.feedback_of(can_id, model, host))
         return self.stop_queries(can_id, model)[1]
 
-    def check(self, request):
+    def check(self, request: Request) -> None:
         set_up.check(request)
 
-    def set_up(self, request):
+    def set_up(self, request: Request) -> Iterator[Any]:
         return set_up.set_up(request)
 
 

@@ -49,45 +49,45 @@ REPORTED = 8  # where the fault report begins
 FAULTS_OF_CYBERGEAR = FAULTS | {4: "Hall sensor", **dict.fromkeys(range(16, 24), "overloaded")}
 
 
-def frame(kind, field, can_id, data=bytes(8)):
+def frame(kind: int, field: int, can_id: int, data: bytes = bytes(8)) -> tuple[int, bool, bytes]:
     """field : the sixteen bits in the middle of the identifier, mostly the host's id"""
     return kind << 24 | field << 8 | can_id, True, bytes(data)
 
 
-def write(index, value, can_id, host_id):
+def write(index: int, value: float, can_id: int, host_id: int) -> tuple[int, bool, bytes]:
     """Return the frame that writes a parameter, kept until power-off."""
     return frame(WRITE, host_id, can_id, struct.pack("<HH", index, 0) + struct.pack(WHOLE.get(index, "<f"), value))
 
 
-def read(index, can_id, host_id):
+def read(index: int, can_id: int, host_id: int) -> tuple[int, bool, bytes]:
     return frame(READ, host_id, can_id, struct.pack("<Hxxxxxx", index))
 
 
-def timeout_counts(seconds):
+def timeout_counts(seconds: float) -> int:
     """Return the value of CAN_TIMEOUT, at least 1 for a time above 0."""
     return max(round(seconds * TIMEOUT_COUNTS), int(seconds > 0.0))
 
 
-def reports(on, can_id, host_id):
+def reports(on: bool, can_id: int, host_id: int) -> tuple[int, bool, bytes]:
     """Return the frame that turns periodic reports every 10 ms on or off."""
     return frame(REPORT, host_id, can_id, bytes([1, 2, 3, 4, 5, 6, int(on), 8]))
 
 
-def meanings(is_cybergear):
+def meanings(is_cybergear: bool) -> dict[int, str]:
     return FAULTS_OF_CYBERGEAR if is_cybergear else FAULTS
 
 
-def names(fault, meanings=FAULTS):
+def names(fault: float, meanings: dict[int, str] = FAULTS) -> list[str]:
     """Return the names of the bits of `fault`."""
     return [meanings.get(bit, bit_in_words(bit)) for bit in range(40) if int(fault) >> bit & 1]
 
 
-def word_in_words(fault):
+def word_in_words(fault: int) -> str:
     """Return the names of the bits of a word of 32 faults."""
     return ", ".join(warning_in_words(bit) for bit in range(32) if int(fault) >> bit & 1)
 
 
-def in_words(fault, meanings=FAULTS):
+def in_words(fault: int, meanings: dict[int, str] = FAULTS) -> str:
     """Return the names with the bits, as in 'over-voltage (bit 3 of the fault report)'; '' for none."""
     return ", ".join(
         f"{meanings[bit]} ({bit_in_words(bit)})" if bit in meanings else bit_in_words(bit)
@@ -96,11 +96,11 @@ def in_words(fault, meanings=FAULTS):
     )
 
 
-def bit_in_words(bit):
+def bit_in_words(bit: int) -> str:
     return f"bit {bit}" if bit < REPORTED else f"bit {bit - REPORTED} of the fault report"
 
 
-def warning_in_words(bit, meanings=FAULTS):
+def warning_in_words(bit: int, meanings: dict[int, str] = FAULTS) -> str:
     """Return the name of a bit of the second word of a fault report, whose bits are those of the first."""
     name = meanings.get(REPORTED + bit)
     return f"{name} (bit {bit})" if name else f"bit {bit}"

@@ -1,6 +1,9 @@
 """RobStride actuators set to the vendor's MIT protocol, on standard frames."""
 
+from __future__ import annotations
+
 import struct
+from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.emulated import Emulated
 from blocks.actuators.joint import Joint
@@ -10,6 +13,9 @@ from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels.devices.robstride import mit as kernels
 from graph import Actuator, Device, Interval, Memory, Param
 
+if TYPE_CHECKING:
+    from blocks.actuators.robstride.models import Model
+
 CLEAR_FAULT = b"\xff\xff\xff\xff\xff\xff\xff\xfb"
 FAULTS = b"\xff\xff\xff\xff\xff\xff\x00\xfb"  # asks for them
 READ_AGAIN = 1.0  # s, when faults are read again
@@ -17,7 +23,7 @@ READ, WRITE = 0x300, 0x400  # of parameters, with the drive's id
 OPERATION = b"\xff\xff\xff\xff\xff\xff\x00\xfc"  # of the modes: MIT 0, position 1, velocity 2
 
 
-def find(name):
+def find(name: str) -> Model:
     """The model of that name. ValueError for the CyberGear, which has no MIT protocol."""
     found = models.find(name)
     if found.is_cybergear:
@@ -55,7 +61,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     decode = kernels.decode
     encode = kernels.encode
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         if self.can_id == self.host_id:
             raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need different ids")
@@ -75,33 +81,33 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             0.0,
         )
 
-    def torque_bytes(self):
+    def torque_bytes(self) -> bytes:
         """Return the torque limit at the motor, N·m, as four bytes to write: a second layer, which no proof counts."""
         return struct.pack("<f", self.torque_limit / self.gear_ratio)
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         if dt is not None and 0.0 < self.can_timeout < 3.0 * dt:
             raise ValueError(
                 f"can_timeout {self.can_timeout:g} s is shorter than three ticks of {dt:g} s: the drive would stop "
                 "itself between two commands"
             )
 
-    def output_range(self, **commands):
+    def output_range(self, **commands: Interval) -> dict[str, Interval]:
         return super().output_range() | {"temperature": TEMPERATURE, "fault": Interval(0.0, 2.0**33)}
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, False)]
 
-    def acceptance_filters(self):
+    def acceptance_filters(self) -> list[tuple[int, int, bool]]:
         """Return the filters of the frames from the drive and to it."""
         return [(self.host_id, 0x7FF, False), (self.can_id, 0x7FF, False)] + [
             (kind | self.can_id, 0x7FF, False) for kind in (READ, WRITE)
         ]
 
-    def replies(self):
+    def replies(self) -> list[tuple[int, int, bool, bytes]]:
         return [(self.host_id, 0x7FF, False, bytes([self.can_id]))]
 
-    def enable_frames(self):
+    def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return frames that stop the drive, write time-out and torque limit, read both and the faults, and enable."""
         return [
             *[(self.can_id, False, data) for data in (DISABLE, OPERATION)],
@@ -111,7 +117,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             (self.can_id, False, ENABLE),
         ]
 
-    def write_frames(self):
+    def write_frames(self) -> list[tuple[int, bool, bytes]]:
         if not self.ready:
             return []
         counts = frames.timeout_counts(self.can_timeout).to_bytes(4, "little")
@@ -120,10 +126,10 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             for index, value in ((frames.CAN_TIMEOUT, counts), (frames.LIMIT_TORQUE, self.torque_bytes()))
         ]
 
-    def read_frames(self):
+    def read_frames(self) -> list[tuple[int, bool, bytes]]:
         return [(READ | self.can_id, False, struct.pack("<Hxxxxxx", frames.CAN_TIMEOUT))] if self.ready else []
 
-    def fault_in_words(self, code):
+    def fault_in_words(self, code: float) -> str:
         if not code and self.ready is None:
             return "not read before the start"
         words = [frames.word_in_words(int(code) & 0xFFFFFFFF)] if int(code) & 0xFFFFFFFF else []
@@ -131,20 +137,20 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             words.append(f"its time-out differs from the one written; {self.remedy()}")
         return ", ".join(words)
 
-    def unready_in_words(self):
+    def unready_in_words(self) -> str:
         return (
             f"it answers, but not the read of its time-out (0x{READ | self.can_id:03X}, parameter 0x7028); "
             f"{self.remedy()}"
         )
 
-    def remedy(self):
+    def remedy(self) -> str:
         return (
             f"can_timeout is {self.can_timeout:g} s: {self.spec.name} has it in MIT mode from firmware "
             f"{models.MIT_FIRMWARE[self.spec.name]} "
             f"on. Update the firmware, or set can_timeout=0 and rely on the guardian alone"
         )
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> EmulatedRobStrideMIT:
         return EmulatedRobStrideMIT.of(self, **{"host_id": self.host_id} | parameters)
 
 
@@ -168,9 +174,9 @@ class EmulatedRobStrideMIT(Emulated, Device):
     decode = kernels.drive_decode
     encode = kernels.drive_encode
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.too_old = float(not self.parameters_known)
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, False)]

@@ -10,6 +10,8 @@ text has positions of ± 4π rad, its code of ± 12.57; and stiffness and dampin
 100, not 500 and 5.
 """
 
+from __future__ import annotations
+
 import math
 import re
 from dataclasses import dataclass
@@ -44,12 +46,12 @@ class Model:
     own_timeout: bool = True  # whether the drive can stop by itself when it receives nothing
 
     @property
-    def torque_constant(self):
+    def torque_constant(self) -> float:
         """N·m/A at the output, per ampere of amplitude, which is what the drive commands and limits."""
         return self.rms_constant / math.sqrt(2.0)
 
     @property
-    def wake_shift(self):
+    def wake_shift(self) -> float:
         """rad at the output by a multiple of which a power cycle can shift the reading: a turn of the motor, if its
         encoder sits there.
 
@@ -59,7 +61,7 @@ class Model:
         return 2.0 * math.pi / self.gear
 
     @property
-    def is_cybergear(self):
+    def is_cybergear(self) -> bool:
         return self.name == "CyberGear"
 
 
@@ -112,7 +114,7 @@ MIT_FIRMWARE = {
 ALSO = {"EduLite05": "EL05", **{f"RobStride{name[2:]}": name for name in MODELS if name.startswith("RS")}}
 
 
-def find(name):
+def find(name: str) -> Model:
     """The model of that name, without regard to case, hyphens, spaces or underscores. ValueError with a suggestion if
     there is none.
     """

@@ -4,6 +4,8 @@ RobStride user manuals of 2026-04-28, section 4.1.14; CyberGear manual, section 
 with the power, unless it is saved, which only a RobStride can.
 """
 
+from __future__ import annotations
+
 import struct
 from dataclasses import dataclass
 
@@ -22,18 +24,18 @@ class Parameter:
     writable: bool = True
     cybergear: bool = False
 
-    def layout(self, is_cybergear=False):
+    def layout(self, is_cybergear: bool = False) -> str:
         layouts = WHOLE | WHOLE_OF_CYBERGEAR if is_cybergear else WHOLE
         return layouts.get(self.index, "<f")
 
-    def is_whole(self, is_cybergear=False):
+    def is_whole(self, is_cybergear: bool = False) -> bool:
         return self.layout(is_cybergear) != "<f"
 
-    def value_of(self, data, is_cybergear=False):
+    def value_of(self, data: bytes, is_cybergear: bool = False) -> float:
         """A number from the eight bytes of an answer."""
         return struct.unpack_from(self.layout(is_cybergear), data, 4)[0]
 
-    def text(self, value):
+    def text(self, value: float) -> str:
         return f"{value:.6g}" + (f" {self.unit}" if self.unit != "1" else "")
 
 
@@ -70,7 +72,7 @@ PARAMETERS = {
 }
 
 
-def find(name):
+def find(name: str) -> Parameter:
     """The Parameter of a name. ValueError with a suggestion if there is none."""
     for known, parameter in PARAMETERS.items():
         if known.lower() == name.lower():

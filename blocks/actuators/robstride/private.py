@@ -1,5 +1,9 @@
 """RobStride actuators and the CyberGear in the vendor's private protocol, on extended frames."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from blocks.actuators.damping import damped_stop
 from blocks.actuators.joint import Joint
 from blocks.actuators.robstride import frames, models
@@ -8,6 +12,9 @@ from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels.devices.robstride import private as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE_WIRE_TORQUE
 from graph import Actuator, Input, Interval, Memory, Motion, Output, Param, ReplyField, TorqueBound
+
+if TYPE_CHECKING:
+    from graph.device import DampedStop
 
 RUN_MODES = {"operation": 0, "position": 1, "velocity": 2, "current": 3, "csp": 5}
 POSITION_MODES = ("position", "csp")
@@ -77,7 +84,7 @@ class RobStride(Joint, Actuator):
     encode = kernels.encode_operation
     velocity_codes = 0xFFFF
 
-    def configure(self):
+    def configure(self) -> None:
         self.inputs, self.outputs, self.sent_outputs = type(self).inputs, type(self).outputs, type(self).sent_outputs
         self.encode = type(self).encode
         super().configure()
@@ -88,6 +95,7 @@ class RobStride(Joint, Actuator):
                 raise ValueError("the CyberGear has no mode csp; its mode position is commanded in the same way")
             if self.active_reporting:
                 raise ValueError("the CyberGear has no periodic reports: omit active_reporting")
+        self.unanswered_frames = int(self.active_reporting)
         self.own_timeout = self.can_timeout if self.spec.own_timeout and self.can_timeout > 0.0 else None
         self.timeout_read = (0.0, 0.0, float(frames.timeout_counts(self.can_timeout)))
         self.ready = "timeout_read" if self.own_timeout is not None else None
@@ -105,7 +113,7 @@ class RobStride(Joint, Actuator):
                 )
             self.take_one_command()
 
-    def take_one_command(self):
+    def take_one_command(self) -> None:
         """Set the input of a parameter mode, its limit, and its encoding."""
         quantity = "position" if self.mode in POSITION_MODES else self.mode
         if quantity != "current" and self.velocity_limit > self.wire[1]:
@@ -134,7 +142,7 @@ class RobStride(Joint, Actuator):
             *limited,
         )
 
-    def motion(self):
+    def motion(self) -> Motion:
         """Return the monitored quantities of the motion: in the position and velocity modes without the torque."""
         if self.mode == "operation":
             return super().motion()
@@ -146,26 +154,26 @@ class RobStride(Joint, Actuator):
             torque_tolerance=1e-2 * SCALE_TOLERANCE_WIRE_TORQUE,
         )
 
-    def prepare(self, dt):
+    def prepare(self, dt: float) -> None:
         if dt is not None and 0.0 < self.can_timeout < 2.0 * dt and self.spec.own_timeout:
             raise ValueError(
                 f"can_timeout {self.can_timeout:g} s is shorter than two ticks of {dt:g} s: the drive would stop "
                 "itself between two commands"
             )
 
-    def command_limits(self):
+    def command_limits(self) -> dict[str, Interval]:
         if self.mode == "operation":
             return super().command_limits()
         return {self.command_name: Interval(-self.limits[0], self.limits[0])}
 
-    def rating(self):
+    def rating(self) -> str:
         if self.mode in ("position", "csp"):
             return f"encoded range of {self.spec.name}"
         if self.mode == "velocity":
             return "its velocity_limit"
         return super().rating() if self.mode == "operation" else f"current of the torque limit of {self.spec.name}"
 
-    def torque_bound(self, commands, period):
+    def torque_bound(self, commands: dict[str, Interval], period: float) -> TorqueBound:
         if self.mode == "operation":
             return super().torque_bound(commands, period)
         if self.mode == "current":
@@ -176,7 +184,7 @@ class RobStride(Joint, Actuator):
             f"by the drive's own current limit of {self.current_limit:.3g} A, which is not verified",
         )
 
-    def output_range(self, **commands):
+    def output_range(self, **commands: Interval) -> dict[str, Interval]:
         ranges = super().output_range() | {
             "temperature": TEMPERATURE,
             "fault": Interval(0.0, 2.0**40),
@@ -188,27 +196,27 @@ class RobStride(Joint, Actuator):
             ranges[self.sent_name] = Interval(-sent - abs(self.offset) * 1e-6, sent + abs(self.offset) * 1e-6)
         return ranges
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         return [(self.can_id, True)]
 
-    def acceptance_filters(self):
+    def acceptance_filters(self) -> list[tuple[int, int, bool]]:
         """Return patterns of the frames of this drive to its host, and of frames to it."""
         return [(self.can_id << 8 | self.host_id, 0xFFFF, True), (self.can_id, 0xFF, True)]
 
-    def replies(self):
+    def replies(self) -> list[tuple[int, int, bool, bytes]]:
         return [(frames.FEEDBACK << 24 | self.can_id << 8 | self.host_id, 0x1F00FFFF, True, b"")]
 
-    def traffic(self):
+    def traffic(self) -> list[tuple[int, bool]]:
         count = 1 if self.mode in ("operation", "current") else 2
         return [(8, True)] * (2 * count)
 
-    def write(self, index, value):
+    def write(self, index: int, value: float) -> tuple[int, bool, bytes]:
         return frames.write(index, value, self.can_id, self.host_id)
 
-    def command(self, kind):
+    def command(self, kind: int) -> tuple[int, bool, bytes]:
         return frames.frame(kind, self.host_id, self.can_id)
 
-    def enable_frames(self):
+    def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return frames that stop the drive, write its settings, and enable it in a mode without a command."""
         spec, ratio = self.spec, self.gear_ratio
         sequence = [self.command(frames.STOP)]
@@ -230,20 +238,20 @@ class RobStride(Joint, Actuator):
             sequence.append(frames.reports(True, self.can_id, self.host_id))
         return [*sequence, *self.read_frames(), self.command(frames.ENABLE)]
 
-    def read_frames(self):
+    def read_frames(self) -> list[tuple[int, bool, bytes]]:
         return [frames.read(frames.CAN_TIMEOUT, self.can_id, self.host_id)] if self.ready else []
 
-    def zero_frames(self):
+    def zero_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return a frame of zero torque: the command, or a current limit of zero in modes without a torque command."""
         if self.mode == "operation":
             return [(frames.OPERATION << 24 | 0x7FFF << 8 | self.can_id, True, bytes.fromhex("7fff7fff00000000"))]
         return [self.write(frames.IQ_REF if self.mode == "current" else frames.LIMIT_CUR, 0.0)]
 
-    def disable_frames(self):
+    def disable_frames(self) -> list[tuple[int, bool, bytes]]:
         stopped = [self.command(frames.STOP)]
         return [*stopped, frames.reports(False, self.can_id, self.host_id)] if self.active_reporting else stopped
 
-    def damped_stop(self):
+    def damped_stop(self) -> DampedStop | None:
         reports = tuple(
             (kind << 24 | self.can_id << 8 | self.host_id, 0x1F00FFFF, True, b"")
             for kind in (frames.FEEDBACK, frames.REPORT)
@@ -251,7 +259,7 @@ class RobStride(Joint, Actuator):
         velocity = ReplyField(reports, first=16, bits=16, low=-self.wire[1], high=self.wire[1])
         return damped_stop(self, self.damping_frames, velocity)
 
-    def damping_frames(self, damping):
+    def damping_frames(self, damping: float) -> list[tuple[int, bool, bytes]]:
         code = int(damping / self.wire[3] * 0xFFFF)
         return [
             (
@@ -261,27 +269,23 @@ class RobStride(Joint, Actuator):
             )
         ]
 
-    def fault_in_words(self, code):
+    def fault_in_words(self, code: int) -> str:
         words = frames.in_words(code, frames.meanings(self.spec.is_cybergear))
         return f"{words}; {self.remedy()}" if int(code) & frames.NO_TIMEOUT else words
 
-    def warnings_in_words(self):
+    def warnings_in_words(self) -> tuple[str, ...]:
         family = "CyberGear" if self.spec.is_cybergear else "RobStride"
         meanings = frames.meanings(self.spec.is_cybergear)
         return tuple(f"{family} warning: {frames.warning_in_words(bit, meanings)}" for bit in range(32))
 
-    def remedy(self):
+    def remedy(self) -> str:
         return (
             f"can_timeout is {self.can_timeout:g} s: update the drive's firmware, or set can_timeout=0 and rely "
             "on the guardian alone"
         )
 
-    def unready_in_words(self):
+    def unready_in_words(self) -> str:
         return f"it answers, but not the read of its time-out (type 17, parameter 0x7028); {self.remedy()}"
 
-    @property
-    def unanswered_frames(self):
-        return int(self.active_reporting)
-
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> EmulatedRobStride:
         return EmulatedRobStride.of(self, **parameters)

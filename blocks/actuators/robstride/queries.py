@@ -10,14 +10,22 @@ to a CubeMars in servo mode.
 (RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1.)
 """
 
+from __future__ import annotations
+
 import struct
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.queries import one_of, same_id, symmetric
 from blocks.actuators.queries import state_in_mit_mode as common_state
 from blocks.actuators.robstride import frames
 from blocks.actuators.robstride.parameters import PARAMETERS
-from graph.dialogue import ask
+from graph.dialogue import Dialogue, ask
 from graph.family import Answer
+
+if TYPE_CHECKING:
+    from blocks.actuators.robstride.models import Model
+    from blocks.actuators.robstride.parameters import Parameter
 
 ROBSTRIDE, EITHER, MIT = "RobStride", "RobStride or CyberGear", "RobStride in its MIT protocol"
 ID_PURPOSE, STOP_PURPOSE = "get id of RobStride drives", "stop of RobStride drives"
@@ -32,69 +40,75 @@ PROTOCOLS = {"private": 0, "canopen": 1, "mit": 2}
 COUNTING = bytes([1, 2, 3, 4, 5, 6, 7, 8])
 
 
-def get_id(can_id, host=HOST):
+def get_id(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
     return frames.frame(frames.GET_ID, host, can_id)
 
 
-def read(index, can_id, host=HOST):
+def read(index: int, can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
     return frames.read(index, can_id, host)
 
 
-def write(parameter, value, can_id, is_cybergear=False, host=HOST):
+def write(
+    parameter: Parameter, value: float, can_id: int, is_cybergear: bool = False, host: int = HOST
+) -> tuple[int, bool, bytes]:
     """parameter : of blocks.actuators.robstride.parameters"""
     value = int(value) if parameter.is_whole(is_cybergear) else float(value)
     data = struct.pack("<Hxx", parameter.index) + struct.pack(parameter.layout(is_cybergear), value)
     return frames.frame(frames.WRITE, host, can_id, data)
 
 
-def stop(can_id, host=HOST):
+def stop(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
     return frames.frame(frames.STOP, host, can_id)
 
 
-def version(can_id, host=HOST):
+def version(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
     """A stop that a RobStride answers with its firmware. A CyberGear takes it for a stop."""
     return frames.frame(frames.STOP, host, can_id, VERSION.ljust(8, b"\0"))
 
 
-def set_id(can_id, new, host=HOST):
+def set_id(can_id: int, new: int, host: int = HOST) -> tuple[int, bool, bytes]:
     return frames.frame(frames.SET_ID, new << 8 | host, can_id)
 
 
-def set_zero(can_id, host=HOST):
+def set_zero(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
     return frames.frame(frames.SET_ZERO, host, can_id, bytes([1]).ljust(8, b"\0"))
 
 
-def save(can_id, host=HOST):
+def save(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
     """NEVER to a CyberGear: it changes its baud rate."""
     return frames.frame(frames.SAVE, host, can_id, COUNTING)
 
 
-def set_protocol(can_id, name, host=HOST):
+def set_protocol(can_id: int, name: str, host: int = HOST) -> tuple[int, bool, bytes]:
     return frames.frame(frames.PROTOCOL, host, can_id, bytes([*COUNTING[:6], PROTOCOLS[name], 8]))
 
 
-def identity(identifier, extended, data, can_id):
+def identity(identifier: int, extended: bool, data: bytes, can_id: int) -> str | None:
     """The drive's unique number in hex digits, None for another frame."""
     if extended and identifier == frames.GET_ID << 24 | can_id << 8 | NEWCOMER:
         return bytes(data).hex().upper()
     return None
 
 
-def reading(identifier, extended, data, index, can_id, host=HOST):
+def reading(
+    identifier: int, extended: bool, data: bytes, index: int, can_id: int, host: int = HOST
+) -> tuple[bool, bytes] | None:
     """(whether it could be read, the answer's data) of a parameter, None for another frame."""
     if not extended or identifier & 0x1F00FFFF != frames.READ << 24 | can_id << 8 | host or len(data) != 8:
         return None
     return (not identifier >> 16 & 0xFF, bytes(data)) if struct.unpack_from("<H", data)[0] == index else None
 
 
-def firmware(identifier, extended, data, can_id, host=HOST):
+def firmware(identifier: int, extended: bool, data: bytes, can_id: int, host: int = HOST) -> str | None:
     """Its firmware in words, None for another frame."""
     if not is_feedback(identifier, extended, can_id, host) or bytes(data[:3]) != VERSION + b"\x56":
         return None
     return ".".join(map(str, data[3:]))
 
 
-def feedback(identifier, extended, data, can_id, model=None, host=HOST):
+def feedback(
+    identifier: int, extended: bool, data: bytes, can_id: int, model: Model | None = None, host: int = HOST
+) -> Answer | None:
     """Return the Answer of a frame of feedback, None for another frame.
 
     model : of blocks.actuators.robstride.models; without it velocity and torque are None
@@ -121,16 +135,16 @@ def feedback(identifier, extended, data, can_id, model=None, host=HOST):
     return found
 
 
-def is_feedback(identifier, extended, can_id, host=HOST):
+def is_feedback(identifier: int, extended: bool, can_id: int, host: int = HOST) -> bool:
     return extended and identifier & 0x1F00FFFF == frames.FEEDBACK << 24 | can_id << 8 | host
 
 
-def feedback_of(can_id, model=None, host=HOST):
+def feedback_of(can_id: int, model: Model | None = None, host: int = HOST) -> Callable[..., Any]:
     """Return a reader of the feedback of one drive."""
     return lambda *frame: feedback(*frame, can_id=can_id, model=model, host=host)
 
 
-def state_in_mit_mode(identifier, extended, data, can_id, model=None):
+def state_in_mit_mode(identifier: int, extended: bool, data: bytes, can_id: int, model: Model | None = None) -> Any:
     """Return the Answer of a drive in the MIT protocol, which replies from its host's id; None for another frame."""
     if extended or identifier in (0, can_id) or len(data) not in (6, 7, 8) or data[0] != can_id:
         return None
@@ -141,7 +155,9 @@ def state_in_mit_mode(identifier, extended, data, can_id, model=None):
     return found
 
 
-def states_in_mit_mode(received, can_ids, before):
+def states_in_mit_mode(
+    received: Sequence[tuple[int, bool, bytes]], can_ids: Sequence[int], before: Sequence[tuple[int, bool, bytes]]
+) -> list[Answer]:
     """Return the Answers to the query of MIT mode, one for each id."""
     found = []
     for can_id in can_ids:
@@ -150,12 +166,14 @@ def states_in_mit_mode(received, can_ids, before):
     return found
 
 
-def question(can_id):
+def question(can_id: int) -> Any:
     """Return the frame that asks for an identity, None for an id that no drive of this family has."""
     return get_id(can_id) if can_id <= 127 else None
 
 
-def drives(received, can_ids, before):
+def drives(
+    received: Sequence[tuple[int, bool, bytes]], can_ids: Sequence[int], before: Sequence[tuple[int, bool, bytes]]
+) -> list[Answer]:
     """Return an Answer for each id with an identity."""
     found = []
     for can_id in can_ids:
@@ -166,7 +184,7 @@ def drives(received, can_ids, before):
     return found
 
 
-def details(answer):
+def details(answer: Answer) -> Dialogue:
     """Dialogue that stops one drive, and returns the Answer with its state, firmware and voltage."""
     can_id = answer.can_id
     if answer.remarks:  # several drives
@@ -189,7 +207,7 @@ def details(answer):
     return found
 
 
-def value(can_id, parameter, is_cybergear=False):
+def value(can_id: int, parameter: Parameter, is_cybergear: bool = False) -> Dialogue:
     """Dialogue that returns the value of a parameter, None where the drive does not give it."""
 
     def read_value(*frame):
@@ -199,6 +217,6 @@ def value(can_id, parameter, is_cybergear=False):
     return parameter.value_of(answer[1], is_cybergear) if answer and answer[0] else None
 
 
-def commanded(identifier, extended, data):
+def commanded(identifier: int, extended: bool, data: bytes) -> Any:
     """Return the id that another controller's frame in the private protocol commands, or None."""
     return identifier & 0xFF if extended and identifier >> 24 in COMMANDS else None

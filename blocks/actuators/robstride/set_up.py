@@ -3,13 +3,21 @@
 The drive is stopped first, everything is read before and after, and a drive that runs is left alone.
 """
 
+from __future__ import annotations
+
 import math
 import struct
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.queries import disable_in_mit_mode
 from blocks.actuators.robstride import parameters, queries
-from graph.dialogue import Confirm, Listen, Rejected, Send, Show, ask
+from graph.dialogue import Confirm, Dialogue, Listen, Rejected, Send, Show, ask
 from graph.names import suggestion
+
+if TYPE_CHECKING:
+    from blocks.actuators.robstride.parameters import Parameter
+    from graph.family import Request
 
 MAX_VELOCITY, MAX_CURRENT = 0.1, 0.3  # rad/s and A of a drive at rest
 IDENTITY_TIME = 0.08  # s in which every drive with an id answers
@@ -19,7 +27,7 @@ SWITCH_BACK = b"\xff\xff\xff\xff\xff\xff\x00\xfd"
 POWER_CYCLE = "it takes effect when its power has been off: then look with `scan`"
 
 
-def check(request):
+def check(request: Request) -> None:
     """Raise Rejected for parameters and protocols that no drive has."""
     reads(request)
     writes(request)
@@ -28,14 +36,14 @@ def check(request):
         raise Rejected(f"--protocol {request.protocol}: {hint}")
 
 
-def reads(request):
+def reads(request: Request) -> list[Parameter]:
     """Return the Parameters to read."""
     if "all" in request.reads:
         return list(parameters.PARAMETERS.values())
     return [named(name, "--read") for name in request.reads]
 
 
-def writes(request):
+def writes(request: Request) -> list[tuple[Parameter, float]]:
     """Return [(Parameter, number)] of the texts NAME=VALUE."""
     found = []
     for text in request.writes:
@@ -59,14 +67,14 @@ def writes(request):
     return found
 
 
-def named(name, option):
+def named(name: str, option: str) -> Parameter:
     try:
         return parameters.find(name)
     except ValueError as error:
         raise Rejected(f"{option} {name}: {error}") from None
 
 
-def set_up(request):
+def set_up(request: Request) -> Dialogue:
     """Dialogue of graph.family.Family.set_up."""
     if request.protocol == "private" and not request.other_than("--protocol"):
         if (done := (yield from switch_back(request.can_id))) is not None:
@@ -84,7 +92,7 @@ def set_up(request):
     return (yield from drive.carry_out(request))
 
 
-def switch_back(can_id):
+def switch_back(can_id: int) -> Dialogue:
     """Send a drive in the MIT protocol back to the private one; None where none answers in that."""
     if (yield from in_mit_mode(can_id)) is None:
         return None
@@ -97,7 +105,7 @@ def switch_back(can_id):
     return True
 
 
-def in_mit_mode(can_id, attempts=2):
+def in_mit_mode(can_id: int, attempts: int = 2) -> Dialogue:
     def read(*frame):
         return queries.state_in_mit_mode(*frame, can_id=can_id)
 
@@ -107,16 +115,16 @@ def in_mit_mode(can_id, attempts=2):
 class Drive:
     """A drive in the private protocol that alone has its id."""
 
-    def __init__(self, can_id):
+    def __init__(self, can_id: int) -> None:
         self.can_id, self.unique = can_id, ""
         self.is_robstride = False  # not known before it has been stopped
 
-    def identities(self, can_id):
+    def identities(self, can_id: Any) -> Dialogue:
         yield Send(queries.get_id(can_id), "get id")
         received = yield Listen(IDENTITY_TIME)
         return [unique for frame in received if (unique := queries.identity(*frame, can_id=can_id)) is not None]
 
-    def absent(self):
+    def absent(self) -> Dialogue:
         """Return None where no drive in the MIT protocol answers instead, raise Rejected where one does."""
         if (yield from in_mit_mode(self.can_id, attempts=1)) is None:
             return None
@@ -125,10 +133,10 @@ class Drive:
             "then its power off and on"
         )
 
-    def read(self, name):
+    def read(self, name: str) -> Dialogue:
         return (yield from queries.value(self.can_id, parameters.PARAMETERS[name]))
 
-    def carry_out(self, request):
+    def carry_out(self, request: Request) -> Dialogue:
         """Report, ask, change, and read again; return whether everything was confirmed."""
         yield Show((f"id {self.can_id}, unique {self.unique}",))
         for parameter in reads(request):
@@ -160,7 +168,7 @@ class Drive:
                 done.append((yield from change()))
         return all(done)
 
-    def refuse_running(self):
+    def refuse_running(self) -> Dialogue:
         """Raise Rejected if it turns or carries current."""
         velocity, current = (yield from self.read("mechVel")), (yield from self.read("iqf"))
         if velocity is None:
@@ -173,7 +181,7 @@ class Drive:
                 f"id {self.can_id} runs ({velocity:.2f} rad/s{holding}): stop what drives it first; nothing was changed"
             )
 
-    def stop(self):
+    def stop(self) -> Dialogue:
         """Stop it, and find out whether it is a RobStride. Rejected if it does not confirm the stop."""
         answer = yield from ask(queries.stop(self.can_id), "stop", queries.feedback_of(self.can_id))
         if answer is None or answer.enabled:
@@ -184,7 +192,7 @@ class Drive:
 
         self.is_robstride = bool((yield from ask(queries.version(self.can_id), "stop and version", read)))
 
-    def check(self, request):
+    def check(self, request: Request) -> Dialogue:
         """Raise Rejected for what must not be sent to this drive."""
         if request.save:
             self.need_robstride("--save")
@@ -197,7 +205,7 @@ class Drive:
         if new and ((yield from self.identities(new)) or (yield from self.is_taken(new))):
             raise Rejected(f"id {new} is on the bus already: {self.can_id} keeps its own; nothing was changed")
 
-    def is_taken(self, can_id):
+    def is_taken(self, can_id: int) -> Dialogue:
         """Return whether any drive in MIT mode has an id."""
 
         def read(identifier, extended, data):
@@ -205,7 +213,7 @@ class Drive:
 
         return (yield from ask(disable_in_mit_mode(can_id), "disable", read, attempts=1)) is not None
 
-    def need_robstride(self, what):
+    def need_robstride(self, what: str) -> None:
         if not self.is_robstride:
             raise Rejected(
                 f"{what}: id {self.can_id} has not reported a RobStride's firmware, so it may be a CyberGear, to which "
@@ -213,7 +221,13 @@ class Drive:
                 "old firmware use the vendor's program"
             )
 
-    def planned(self, request, wanted, before, position):
+    def planned(
+        self,
+        request: Request,
+        wanted: Sequence[tuple[Parameter, float]],
+        before: dict[str, float],
+        position: float | None,
+    ) -> list[str]:
         """Return lines with what is, and what will be."""
 
         def now(value, parameter):
@@ -229,7 +243,7 @@ class Drive:
         lines += [f"  id: {self.can_id} -> {request.new_id}"] * bool(request.new_id)
         return lines
 
-    def write(self, parameter, value):
+    def write(self, parameter: Parameter, value: float) -> Dialogue:
         yield Send(queries.write(parameter, value, self.can_id), f"write {parameter.name}")
         yield Listen(0.05)
         after = yield from self.read(parameter.name)
@@ -240,7 +254,7 @@ class Drive:
         yield Show((f"NOT done: {parameter.name} is {text}, and not {parameter.text(value)}",))
         return False
 
-    def zero(self):
+    def zero(self) -> Dialogue:
         yield Send(queries.set_zero(self.can_id), "set zero")
         yield Listen(0.2)
         after = yield from self.read("mechPos")
@@ -249,20 +263,20 @@ class Drive:
         yield Show((f"done: position is {text}" if confirmed else f"NOT done: position is {text}",))
         return confirmed
 
-    def save(self):
+    def save(self) -> Dialogue:
         read = queries.feedback_of(self.can_id)
         answer = yield from ask(queries.save(self.can_id), "save", read, timeout=0.5, attempts=1)
         silent = "saved, but the drive did not answer: turn its power off and on, and read again"
         yield Show(("done: saved" if answer else silent,))
         return answer is not None
 
-    def switch(self, name):
+    def switch(self, name: Any) -> Dialogue:
         yield Send(queries.set_protocol(self.can_id, name), "set protocol")
         yield Listen(0.1)
         yield Show((f"sent: protocol {name}; {POWER_CYCLE}",))
         return True
 
-    def rename(self, new):
+    def rename(self, new: Any) -> Dialogue:
         yield Send(queries.set_id(self.can_id, new), "set id")
         yield Listen(0.2)
         after = yield from self.identities(new)
@@ -272,7 +286,7 @@ class Drive:
         return confirmed
 
 
-def same(parameter, wanted, got):
+def same(parameter: Parameter, wanted: float, got: float | None) -> bool:
     """Return whether what was read back is what was written, in single precision."""
     if got is None:
         return False

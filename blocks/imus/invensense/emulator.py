@@ -75,7 +75,7 @@ class EmulatedMPU9250(_Emulated):
     encode = kernels.mpu_answers
     mag_scale = AK8963_SCALE
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         if len(self.adjustment) != 3 or not all(isinstance(byte, int) and 0 <= byte <= 255 for byte in self.adjustment):
             raise ValueError(f"adjustment: three bytes are wanted, got {self.adjustment!r}")

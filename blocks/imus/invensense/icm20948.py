@@ -1,5 +1,10 @@
 """ICM-20948 and its magnetometer AK09916 on I2C. (DS-000189 1.5.)"""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 from blocks.i2c import Identity, Read, Round, Transfer, Write
 from blocks.imus.invensense.emulator import EmulatedICM20948
 from blocks.imus.invensense.ports import ACCEL_RANGES, AK09916_SCALE, GYRO_RANGES, InvenSense
@@ -32,14 +37,14 @@ class ICM20948(InvenSense):
     decode = kernels.icm_decode
     mag_scale = AK09916_SCALE
 
-    def identities(self):
+    def identities(self) -> tuple[Identity, ...]:
         return (Identity(WHO_AM_I, {0xEA: "ICM-20948"}),)
 
-    def release(self):
+    def release(self) -> tuple[Write, Write]:
         """Its magnetometer leaves the bus to that of another, which may be set up first."""
         return Write(BANK, b"\x00"), Write(INTERRUPT_PINS, b"\x00")
 
-    def set_up(self):
+    def set_up(self) -> tuple[Write, ...]:
         code = LOW_PASSES[self.low_pass] << 3 | FILTERED
         divider = max(0, min(255, int(INTERNAL_RATE / self.rate) - 1))  # it measures at least as often as it is read
         values = (
@@ -65,7 +70,7 @@ class ICM20948(InvenSense):
             ]
         return tuple(writes)
 
-    def learn(self, read, write):
+    def learn(self, read: Callable[..., Any], write: Callable[..., Any]) -> None:
         if not self.magnetometer:
             return
         found = read(MAG_WHO_AM_I, 1, self.mag_address)[0]
@@ -75,10 +80,10 @@ class ICM20948(InvenSense):
                 "magnetometer=False reads the rest"
             )
 
-    def check(self):
+    def check(self) -> tuple[int, bytes]:
         return POWER, bytes((AUTOMATIC_CLOCK,))  # a chip that has lost its settings sleeps
 
-    def rounds(self):
+    def rounds(self) -> tuple[Round, ...]:
         inertial = Round(1.0 / self.rate, (Transfer(0, (Read(BURST, 14),)),))
         if not self.magnetometer:
             return (inertial,)
@@ -86,5 +91,5 @@ class ICM20948(InvenSense):
             1.0 / self.mag_rate, (Transfer(1, (Read(MAG_STATUS, MAG_BYTES),), address=self.mag_address),)
         )
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> EmulatedICM20948:
         return EmulatedICM20948.of(self, **parameters)

@@ -1,5 +1,10 @@
 """MPU-9250, MPU-9255 and their magnetometer AK8963 on I2C. (RM-MPU-9250A-00 1.6, AK8963 MS1356-E-02.)"""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 from blocks.i2c import Identity, Read, Round, Transfer, Write
 from blocks.imus.invensense.emulator import EmulatedMPU9250
 from blocks.imus.invensense.ports import ACCEL_RANGES, AK8963_SCALE, GYRO_RANGES, UNADJUSTED, Bypass, InvenSense
@@ -46,11 +51,11 @@ class MPU9250(InvenSense):
     mag_scale = AK8963_SCALE
     adjustment = UNADJUSTED  # of the magnetometer, once it has been asked
 
-    def release(self):
+    def release(self) -> tuple[Write, ...]:
         """Its magnetometer leaves the bus to that of another, which may be set up first."""
         return (Write(INTERRUPT_PINS, b"\x00"),)
 
-    def settings(self):
+    def settings(self) -> bytes:
         """Registers from SAMPLE_RATE_DIVIDER on: divider, low-pass, gyroscope, accelerometer, its low-pass."""
         code = LOW_PASSES[self.low_pass]
         divider = max(0, min(255, int(INTERNAL_RATE / self.rate) - 1))  # it measures at least as often as it is read
@@ -58,10 +63,10 @@ class MPU9250(InvenSense):
             (divider, code, GYRO_RANGES.index(self.gyro_range) << 3, ACCEL_RANGES.index(self.accel_range) << 3, code)
         )
 
-    def identities(self):
+    def identities(self) -> tuple[Identity, ...]:
         return (Identity(WHO_AM_I, {0x71: "MPU-9250", 0x73: "MPU-9255"}),)
 
-    def set_up(self):
+    def set_up(self) -> tuple[Write, ...]:
         writes = [
             Write(POWER, bytes((RESET,)), wait=0.1),
             Write(POWER, bytes((AUTOMATIC_CLOCK,)), wait=0.05),
@@ -78,7 +83,7 @@ class MPU9250(InvenSense):
             ]
         return tuple(writes)
 
-    def asks_by_itself(self):
+    def asks_by_itself(self) -> tuple[Write, ...]:
         """The way past it is closed, and at each of its samples it reads what `rounds` then finds behind the burst."""
         if self.bypass:
             return ()
@@ -92,10 +97,10 @@ class MPU9250(InvenSense):
         )
         return tuple(Write(register, bytes((value,))) for register, value in values)
 
-    def mag_write(self, register, value, wait):
+    def mag_write(self, register: int, value: int, wait: float) -> Write:
         return Write(register, bytes((value,)), wait, self.mag_address)
 
-    def learn(self, read, write):
+    def learn(self, read: Callable[..., Any], write: Callable[..., Any]) -> None:
         """The factory adjustment stands in fuses, which are read in a mode of their own."""
         if not self.magnetometer:
             return
@@ -114,10 +119,10 @@ class MPU9250(InvenSense):
         for one in (self.mag_write(MAG_CONTROL, MAG_100_HZ_16_BITS, 0.001), *self.asks_by_itself()):
             write(one)
 
-    def check(self):
+    def check(self) -> tuple[int, bytes]:
         return SAMPLE_RATE_DIVIDER, self.settings()
 
-    def rounds(self):
+    def rounds(self) -> tuple[Round, ...]:
         inertial = Round(1.0 / self.rate, (Transfer(0, (Read(BURST, 14),)),))
         if not self.magnetometer:
             return (inertial,)
@@ -128,5 +133,5 @@ class MPU9250(InvenSense):
             (Transfer(1, (Read(MAG_STATUS, MAG_BYTES),), appended=self.adjustment, address=self.mag_address),),
         )
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> EmulatedMPU9250:
         return EmulatedMPU9250.of(self, **parameters)

@@ -1,5 +1,7 @@
 """What these IMUs share: ports, parameters, scales, and the calibration that is laid over what they measure."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -66,7 +68,7 @@ class InvenSense(I2cDevice):
     mag_scale = 0.0  # µT of a code
     bypass = True  # whether the bus reads the magnetometer directly
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.identity = self.own_identity()
         self.scales = self.scales_of()
@@ -75,17 +77,17 @@ class InvenSense(I2cDevice):
         self.gyro_bias = found.gyro_bias
         self.mag_map = (*np.ravel(found.mag_matrix), *found.mag_offset)
 
-    def scales_of(self):
+    def scales_of(self) -> tuple[float, float, float]:
         return self.accel_range * GRAVITY / FULL, math.radians(self.gyro_range) / FULL, self.mag_scale
 
-    def chips(self):
+    def chips(self) -> tuple[int, ...]:
         return (self.address, self.mag_address) if self.magnetometer and self.bypass else (self.address,)
 
     @property
-    def mag_rate(self):
+    def mag_rate(self) -> float:
         return min(self.rate, MAG_RATE) if self.magnetometer else 0.0
 
-    def output_range(self):
+    def output_range(self) -> dict[str, Interval]:
         def reach(map, most):
             matrix, offset = np.reshape(map[:9], (3, 3)), np.array(map[9:])
             return float(np.max(np.abs(matrix) @ (most + np.abs(offset))))

@@ -1,7 +1,11 @@
 """A MicroStrain sensor as a device of a robot."""
 
+from __future__ import annotations
+
 import math
 import struct
+from collections.abc import Iterator
+from typing import Any
 
 from blocks.imus.microstrain import queries, set_up
 from blocks.imus.microstrain.descriptors import CHANNELS, COMMON, EXTRA, FIELDS, FILTER, SENSOR, SHARED, TIMES, wanted
@@ -116,7 +120,7 @@ class MicroStrain(StreamDevice):
     encode = kernels.encode
     hardware = ("serial", "port", "baudrate", "timeout")
 
-    def configure(self):
+    def configure(self) -> None:
         super().configure()
         self.channels = tuple(self.channels)
         known = (*COMMON, "quaternion", "euler", *EXTRA)
@@ -145,7 +149,7 @@ class MicroStrain(StreamDevice):
         primary = 0 if any(field.set == SENSOR for field in self.fields) else 1
         self.settings = (self.rate, self.tare_time, float(self.tare_at_start), float(primary))
 
-    def tabulate(self):
+    def tabulate(self) -> None:
         """The table that the kernel reads: see cext/kernels/devices/microstrain/mip.pyx."""
         places = kernels.decode.names
         places += [name for name in self.outputs if name not in places]
@@ -183,10 +187,10 @@ class MicroStrain(StreamDevice):
                     index[256 * part + field.descriptor] = len(rows) / 7
         self.rows, self.index = tuple(rows), tuple(index)
 
-    def opening(self):
+    def opening(self) -> dict[str, int | str]:
         return {"serial": self.serial, "port": self.port, "baudrate": self.baudrate}
 
-    def sends(self):
+    def sends(self) -> list[tuple[float, int]]:
         """A packet of each set, with the shortest time that it may have."""
         sizes = [
             ENVELOPE
@@ -197,14 +201,14 @@ class MicroStrain(StreamDevice):
         ]
         return [(self.rate, size) for size in sizes]
 
-    def line_speed(self):
+    def line_speed(self) -> float:
         return speed_of(self.port, self.baudrate)
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> dict[str, Interval]:
         return {name: Interval(0.0) for name in ("age", "packets", "corrupt", "lost")}
 
-    def set_up(self):
+    def set_up(self) -> Iterator[Any]:
         return set_up.set_up(self)
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> EmulatedMicroStrain:
         return EmulatedMicroStrain.of(self, **parameters)

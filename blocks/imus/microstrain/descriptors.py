@@ -5,8 +5,11 @@ Source: MicroStrain's MIP SDK 4.0 and the data communications protocol of the 3D
 are the stabilised vectors; the time since power-on of newer devices is D5.
 """
 
+from __future__ import annotations
+
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 SENSOR, FILTER, SHARED = 0x80, 0x82, 0x100  # sets; a shared field may stand in any
 STANDARD_GRAVITY = 9.80665  # m/s²
@@ -40,15 +43,15 @@ class Field:
     flagged: bool = False
 
     @property
-    def values(self):
+    def values(self) -> int:
         """Return the number of values, without flags and what else follows them."""
         return len(self.layout) - len(self.layout.lstrip(self.layout[0])) - (self.flagged and self.layout[0] == "H")
 
     @property
-    def kind(self):
+    def kind(self) -> int:
         return KINDS[self.layout[0]]
 
-    def decode(self, data):
+    def decode(self, data: Any) -> Any:
         """Values in SI, None if the field is too short. Of a field that the filter calls invalid they are none."""
         form = struct.Struct(">" + self.layout)
         if len(data) < form.size:
@@ -107,12 +110,12 @@ COMMON = {"accel": "accel", "gyro": "gyro", "mag": "mag", "temperature": "temper
 EXTRA = tuple(field.name for field in FIELDS if field.name not in COMMON.values())
 
 
-def field_of(descriptor_set, descriptor):
+def field_of(descriptor_set: Any, descriptor: Any) -> Any:
     """The Field, None if it is not known."""
     return BY_KEY.get((descriptor_set, descriptor)) or BY_KEY.get((SHARED, descriptor))
 
 
-def wanted(channels, attitude):
+def wanted(channels: tuple[str, ...], attitude: str) -> list[Field]:
     """The Fields of a block's channels, in the order of the table."""
     names = {(COMMON | CHANNELS[attitude]).get(channel, channel) for channel in channels}
     return [field for field in FIELDS if field.name in names]

@@ -1,9 +1,16 @@
 """Emulated MicroStrain sensor: it exchanges the same bytes, for a plant or on a pseudo-terminal."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from blocks.imus.microstrain import models
 from blocks.imus.microstrain.descriptors import BY_NAME, FILTER, SENSOR, STANDARD_GRAVITY, wanted
 from cext.kernels.devices.microstrain import emulator as kernels
 from graph import Device, Input, Interval, Memory, Output, Param
+
+if TYPE_CHECKING:
+    pass
 
 FIELD_LIMIT = 16  # fields of a format, of cext/kernels/devices/microstrain/emulator.pyx
 INFO = 16  # characters of each text in the device information
@@ -62,14 +69,14 @@ class EmulatedMicroStrain(Device):
     sent_outputs = ("streaming", "heading", "cutoff", "sent")
 
     @classmethod
-    def of(cls, sensor, **parameters):
+    def of(cls, sensor: Any, **parameters: Any) -> EmulatedMicroStrain:
         """The emulator of one block of a robot."""
         same = {name: getattr(sensor, name) for name in ("bus", "rate", "channels", "attitude")}
         if sensor.serial:
             same["serial"] = sensor.serial
         return cls(**same | parameters)
 
-    def configure(self):
+    def configure(self) -> None:
         spec = self.spec = models.find(self.model)
         divided = spec.base_rate / self.rate
         if abs(divided - round(divided)) > 1e-6:
@@ -80,7 +87,7 @@ class EmulatedMicroStrain(Device):
         self.settings = (spec.base_rate, float(spec.newer), self.clock_error, self.clock_start, float(self.seed))
         self.power_on = (*self.saved(SENSOR, round(divided)), *self.saved(FILTER, round(divided)))
 
-    def saved(self, descriptor_set, decimation):
+    def saved(self, descriptor_set: int, decimation: int) -> tuple[float, ...]:
         """The format of one set as it is at power on, and whether it streams."""
         time = (
             0xD5
@@ -99,5 +106,5 @@ class EmulatedMicroStrain(Device):
             float(bool(fields) and self.streaming_at_start),
         )
 
-    def output_range(self, **inputs):
+    def output_range(self, **inputs: Interval) -> dict[str, Interval]:
         return {"streaming": Interval(0.0, 1.0), "heading": Interval(0.0, 255.0), "sent": Interval(0.0)}

@@ -1,10 +1,11 @@
 # Generated from the declarations by `python -m graph.stubs`. Do not edit.
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 from collections.abc import Sequence
 from typing_extensions import Unpack
 import numpy as np
 from graph.block import BlockOptions
 from graph.signal import Operand, Signal
+from typing import Any, TYPE_CHECKING as TYPE_CHECKING
 from graph import Device, Input, Memory, Output, Param
 
 FIELD_LIMIT: int
@@ -79,5 +80,5 @@ class EmulatedMicroStrain(Device):
         disconnected: Operand = ...,
     ) -> Outputs: ...
     @classmethod
-    def of(cls, sensor, **parameters): ...
-    def saved(self, descriptor_set, decimation): ...
+    def of(cls, sensor: Any, **parameters: Any) -> EmulatedMicroStrain: ...
+    def saved(self, descriptor_set: int, decimation: int) -> tuple[float, ...]: ...

@@ -2,6 +2,7 @@
 
 import random
 import struct
+from typing import Any
 
 from blocks.imus.microstrain import mip
 from blocks.imus.microstrain.block import MicroStrain
@@ -11,7 +12,7 @@ from graph.family import Benchmark, Family
 CHUNK = 64  # bytes of a frame of a run
 
 
-def stream(samples, rate):
+def stream(samples: Any, rate: Any) -> Any:
     """Return bytes as a sensor sends them: for each sample a packet of its sensors and one of its filter."""
     chance = random.Random(1)
 
@@ -28,7 +29,7 @@ def stream(samples, rate):
     return b"".join(packets)
 
 
-def parse(data):
+def parse(data: Any) -> Any:
     """Decode such bytes in Python, in the chunks in which a run receives them; return the last packet's values."""
     rest, values = b"", {}
     for at in range(0, len(data), CHUNK):

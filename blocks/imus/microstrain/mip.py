@@ -3,6 +3,7 @@
 """
 
 import struct
+from typing import Any
 
 from blocks.imus.microstrain.descriptors import field_of
 
@@ -12,7 +13,7 @@ PING, IDLE, INFO, DESCRIPTORS, RESUME, MORE_DESCRIPTORS, ACKNOWLEDGE = 0x01, 0x0
 WRITE, READ = 1, 2
 
 
-def fletcher(data):
+def fletcher(data: bytes) -> bytes:
     """Return the two bytes of the Fletcher checksum of a packet."""
     one = two = 0
     for byte in data:
@@ -21,14 +22,14 @@ def fletcher(data):
     return bytes((one, two))
 
 
-def packet(descriptor_set, *fields):
+def packet(descriptor_set: int, *fields: tuple[int, bytes]) -> bytes:
     """fields : (descriptor, data)"""
     payload = b"".join(bytes((len(data) + 2, descriptor)) + data for descriptor, data in fields)
     head = SYNC + bytes((descriptor_set, len(payload))) + payload
     return head + fletcher(head)
 
 
-def fields(packet):
+def fields(packet: bytes) -> list[tuple[int, bytes]]:
     """(descriptor, data) of each field; [] where they do not fill the packet."""
     found, at, end = [], 4, 4 + packet[3]
     while at < end:
@@ -40,7 +41,7 @@ def fields(packet):
     return found
 
 
-def split(data):
+def split(data: bytes) -> tuple[list[bytes], bytes, int]:
     """(packets whose checksum is right, what is left and may be the beginning of another, how many were corrupt)"""
     found, at, corrupt = [], 0, 0
     while True:
@@ -62,7 +63,7 @@ def split(data):
             at += 1
 
 
-def decode(packet):
+def decode(packet: Any) -> Any:
     """{name: list of values in SI} of what a packet of data holds, as blocks.imus.microstrain.descriptors names it."""
     found = {}
     for descriptor, data in fields(packet):
@@ -73,6 +74,6 @@ def decode(packet):
     return found
 
 
-def command(descriptor_set, descriptor, form="", *values):
+def command(descriptor_set: int, descriptor: int, form: str = "", *values: int) -> bytes:
     """A packet with one command. form : of its values, as struct has it"""
     return packet(descriptor_set, (descriptor, struct.pack(">" + form, *values)))

@@ -3,6 +3,8 @@
 Source: MicroStrain's data communications protocols of the 3DM-GX5-25 and the 3DM-CV7-AHRS.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from graph.names import suggestion
@@ -46,7 +48,7 @@ MODELS = {
 }
 
 
-def find(name):
+def find(name: str) -> Model:
     """The Model of that name. ValueError"""
     if name not in MODELS:
         raise ValueError(suggestion(name, MODELS) or f"there are {', '.join(MODELS)}, got {name!r}")

@@ -1,8 +1,12 @@
 """Questions to a MicroStrain sensor, as dialogues: its identity, its commands, and its answer to any command."""
 
+from __future__ import annotations
+
 import struct
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from blocks.imus.microstrain import mip
 from graph.dialogue import Exchange, NoReply
@@ -23,7 +27,7 @@ CAUSES = {
 class Refusal(ValueError):
     """A command that the sensor has rejected. code : of the acknowledgement"""
 
-    def __init__(self, command, code):
+    def __init__(self, command: int, code: int) -> None:
         super().__init__(CAUSES.get(code, f"code {code}"))
         self.command, self.code = command, code
 
@@ -41,7 +45,7 @@ class Information:
     raw: bytes = b""
 
     @classmethod
-    def of(cls, data):
+    def of(cls, data: bytes) -> Information:
         """From the data of field 01 81. ValueError"""
         if len(data) < 2 + 5 * TEXT:
             raise ValueError(f"a device information has {2 + 5 * TEXT} bytes, not {len(data)}")
@@ -50,16 +54,16 @@ class Information:
         version = f"{firmware // 1000}.{firmware % 1000 // 100}.{firmware % 100}"
         return cls(version, *texts, raw=bytes(data))
 
-    def ends_with(self, digits):
+    def ends_with(self, digits: str) -> bool:
         """Return whether the serial number ends with these digits: 133931 is that of 6253.133931."""
         return bool(digits) and self.serial.endswith(digits)
 
-    def proof(self):
+    def proof(self) -> tuple[bytes, bytes]:
         """Return (question, answer): with its serial number no other sensor gives this answer."""
         return QUESTION, bytes((2 + len(self.raw), ANSWER)) + self.raw
 
 
-def ask(packet, attempts=ATTEMPTS, timeout=REPLY_TIMEOUT):
+def ask(packet: bytes, attempts: int = ATTEMPTS, timeout: Any = REPLY_TIMEOUT) -> Iterator[Exchange]:
     """Send a packet of one command; return {descriptor: data} of the fields beside its acknowledgement.
 
     Raises NoReply, Refusal.
@@ -82,7 +86,7 @@ def ask(packet, attempts=ATTEMPTS, timeout=REPLY_TIMEOUT):
     raise NoReply
 
 
-def identify(attempts=ATTEMPTS):
+def identify(attempts: int = ATTEMPTS) -> Iterator[Exchange]:
     """Return the Information of a sensor, and leave it idle. Raises NoReply."""
     with suppress(Refusal):
         yield from ask(mip.command(mip.BASE, mip.IDLE), attempts)
@@ -91,7 +95,7 @@ def identify(attempts=ATTEMPTS):
     return Information.of((yield from ask(QUESTION)).get(ANSWER, b""))
 
 
-def known():
+def known() -> Iterator[Exchange]:
     """Return the commands and data of a sensor: sets and descriptors in one number each."""
     numbers = set()
     for command, reply in ((mip.DESCRIPTORS, 0x82), (mip.MORE_DESCRIPTORS, 0x86)):

@@ -8,12 +8,20 @@ Two generations differ: the older has a format command for each set and calls th
 for all (0C 0F) and calls a stream by its set. The messages that were sent are sent again after a reconnect.
 """
 
+from __future__ import annotations
+
 import struct
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 from blocks.imus.microstrain import mip
 from blocks.imus.microstrain.descriptors import BY_NAME, FILTER, SENSOR
 from blocks.imus.microstrain.queries import Refusal, ask, known
 from graph.dialogue import Rejected
+
+if TYPE_CHECKING:
+    from blocks.imus.microstrain.descriptors import Field
+    from graph.dialogue import Exchange
 
 GENERIC_FORMAT, GENERIC_BASE_RATE = 0x0C0F, 0x0C0E
 # commands format and base rate, its reply, stream
@@ -25,7 +33,7 @@ NEW_LOW_PASS, OLD_LOW_PASS = 0x0C54, 0x0C50
 VENDOR_PROGRAM = "its own program, SensorConnect, shows which settings it accepts"
 
 
-def set_up(device):
+def set_up(device: Any) -> Iterator[Exchange]:
     """Set a sensor up for a MicroStrain block; return (messages sent, remarks for the operator).
 
     Raises Rejected, NoReply, Refusal.
@@ -38,12 +46,12 @@ def set_up(device):
 class SetUp:
     """device : blocks.imus.MicroStrain; known : commands and data of the sensor"""
 
-    def __init__(self, device, known):
+    def __init__(self, device: Any, known: set[int]) -> None:
         self.device, self.known = device, known
         self.newer = GENERIC_FORMAT in known
         self.messages, self.remarks = [mip.command(mip.BASE, mip.IDLE)], []
 
-    def send(self):
+    def send(self) -> Iterator[Exchange]:
         formats = {descriptor_set: self.fields(descriptor_set) for descriptor_set in (SENSOR, FILTER)}
         lacking = [field.name for field in self.device.fields if not self.has(field)]
         if lacking:
@@ -66,16 +74,16 @@ class SetUp:
                 )
         yield from self.apply(mip.command(mip.BASE, mip.RESUME), "to resume")
 
-    def has(self, field):
+    def has(self, field: Field) -> bool:
         return field.set << 8 | field.descriptor in self.known or (
             field.set == 0x100
             and any(descriptor_set << 8 | field.descriptor in self.known for descriptor_set in (SENSOR, FILTER))
         )
 
-    def has_set(self, descriptor_set):
+    def has_set(self, descriptor_set: int) -> bool:
         return any(number >> 8 == descriptor_set for number in self.known)
 
-    def fields(self, descriptor_set):
+    def fields(self, descriptor_set: int) -> list[int]:
         """Return the descriptors to request of a set, its time first; [] for none."""
         wanted = [
             field.descriptor
@@ -89,7 +97,7 @@ class SetUp:
         time_of = next((number for number in (0xD5, 0xD3, legacy) if descriptor_set << 8 | number in self.known), None)
         return list(dict.fromkeys(([] if time_of is None else [time_of]) + wanted))
 
-    def format(self, descriptor_set, fields):
+    def format(self, descriptor_set: int, fields: Sequence[int]) -> Iterator[Exchange]:
         decimation = (yield from self.decimation(descriptor_set)) if fields else 1
         body = b"".join(struct.pack(">BH", field, decimation) for field in fields)
         if self.newer:
@@ -101,7 +109,7 @@ class SetUp:
             packet, f"the format of set {descriptor_set:02X}: {' '.join(f'{field:02X}' for field in fields)}"
         )
 
-    def decimation(self, descriptor_set):
+    def decimation(self, descriptor_set: int) -> Iterator[Exchange]:
         """Return the whole number by which the base rate is divided. Rejected where it would not be whole"""
         if self.newer and GENERIC_BASE_RATE in self.known:
             reply = yield from self.ask(mip.command(mip.COMMAND_3DM, 0x0E, "B", descriptor_set), "its base rate")
@@ -119,7 +127,7 @@ class SetUp:
             )
         return round(ratio)
 
-    def heading(self):
+    def heading(self) -> Iterator[Exchange]:
         if not self.device.heading:
             return
         magnetic = self.device.heading == "magnetometer"
@@ -139,7 +147,7 @@ class SetUp:
         else:
             self.remarks.append("has no command for its heading source: it stays as it is")
 
-    def measure(self, magnetic):
+    def measure(self, magnetic: bool) -> Iterator[Exchange]:
         """Set whether the filter of the newer generation uses the magnetometer, as in MicroStrain's own examples.
 
         A sensor without a magnetometer rejects the source as unknown, which is as good as switched off.
@@ -153,7 +161,7 @@ class SetUp:
         else:
             self.messages.append(packet)
 
-    def low_pass(self):
+    def low_pass(self) -> Iterator[Exchange]:
         cutoff = self.device.low_pass
         if cutoff <= 0.0:
             return
@@ -175,16 +183,16 @@ class SetUp:
                 self.remarks.append("has no command for its low-pass: it stays as it is")
                 return
 
-    def apply(self, packet, what):
+    def apply(self, packet: bytes, what: str) -> Iterator[Exchange]:
         """Send a setting, and keep it for a reconnect."""
         yield from self.ask(packet, what)
         self.messages.append(packet)
 
-    def ask(self, packet, what):
+    def ask(self, packet: bytes, what: str) -> Iterator[Exchange]:
         try:
             return (yield from ask(packet))
         except Refusal as refusal:
             self.refuse(f"{what}: {refusal}", VENDOR_PROGRAM)
 
-    def refuse(self, message, hint):
+    def refuse(self, message: str, hint: str) -> Any:
         raise Rejected(message, hint)

@@ -1,5 +1,9 @@
 """Emulated OpenIMU: it sends the same bytes, for a plant."""
 
+from __future__ import annotations
+
+from typing import Any
+
 from blocks.imus.openimu import frames
 from cext.kernels.devices.openimu import emulator as kernels
 from graph import Device, Input, Memory, Param
@@ -43,16 +47,16 @@ class EmulatedOpenImu(Device):
     encode = kernels.unit_encode
 
     @classmethod
-    def of(cls, imu, **parameters):
+    def of(cls, imu: Device, **parameters: Any) -> EmulatedOpenImu:
         """The emulator of one OpenImu of a robot."""
         return cls(**{name: getattr(imu, name) for name in ("bus", "address", "model")} | parameters)
 
-    def configure(self):
+    def configure(self) -> None:
         self.rounds = self.model == "335RI"
         types = frames.SENDS_SLOPE if self.rounds else frames.SENDS_FIELD
         types |= frames.SENDS_RATE | frames.SENDS_ACCELERATION
         self.stored = (1.0, types, frames.STOCK, 0.0, 25.0, 25.0)
         self.state = (*self.stored, 0.0, 0.0, 0.0, 0.0, 1000.0 + self.address)
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         return [(self.address, True)]

@@ -1,5 +1,7 @@
 """OpenIMU sensors on CAN, as a device family."""
 
+from typing import Any
+
 from blocks.imus.openimu.frames import ACCELERATION, ANGULAR_RATE, MAGNETIC_FIELD, SENDS_FIELD, SLOPE, SLOPE_1
 from blocks.imus.openimu.imu import OpenImu
 from graph.family import Family, Node
@@ -14,13 +16,13 @@ GROUPS = {
 }
 
 
-def channels(imu):
+def channels(imu: Any) -> Any:
     """Return the outputs that a unit with these settings measures."""
     field, slope = ["mag"] * bool(imu.types & SENDS_FIELD), ["roll", "pitch"] * imu.slope
     return ["accel", "gyro", *field, *slope]
 
 
-def set_up(imu):
+def set_up(imu: Any) -> Any:
     """Return the frames that write and read the settings; none if the settings are kept."""
     return imu.enable_frames() if imu.told else []
 

@@ -5,6 +5,8 @@ they end in a byte that is no drive's id. Settings begin with the address that t
 335RI, CAN messages; SAE J1939-21.)
 """
 
+from typing import Any
+
 OURS, EVERYBODY = 0xF9, 0xFF
 REQUEST, CLAIM = 0xEA00, 0xEE00
 SLOPE, ANGULAR_RATE, ACCELERATION, MAGNETIC_FIELD = 61481, 61482, 61485, 65386
@@ -29,34 +31,34 @@ RIGHT_HANDED = RUNS_ALGORITHM | USES_FIELD | NEW_REQUEST
 MIXES = SWAPS_PITCH_AND_ROLL | ACCELERATION_IN_NWU  # what takes acceleration and angular rate out of one frame
 
 
-def setting(group, *data):
+def setting(group: int, *data: Any) -> tuple[int, bool, bytes]:
     return 6 << 26 | group << 8 | OURS, True, bytes(data)
 
 
-def request(group, order="little"):
+def request(group: int, order: Any = "little") -> tuple[int, bool, bytes]:
     """Of everybody who has such a group. order : of its bytes; "big" is that of older firmware."""
     return 6 << 26 | (REQUEST | EVERYBODY) << 8 | OURS, True, group.to_bytes(3, order)
 
 
-def behaviour(address, model):
+def behaviour(address: int, model: str) -> tuple[int, bool, bytes]:
     """Its axes: acceleration, angular rate and magnetic field in the frame that is printed on the case."""
     if model == "335RI":  # bits to set, bits to take away, no new address
         return setting(BEHAVIOUR, address, 0, 0, MIXES & 0xFF, MIXES >> 8, 0)
     return setting(BEHAVIOUR, address, RIGHT_HANDED & 0xFF, RIGHT_HANDED >> 8)
 
 
-def packet_type(address, types, model):
+def packet_type(address: int, types: int, model: str) -> tuple[int, bool, bytes]:
     """The 335RI has priorities behind it, and a mask of those that change: none."""
     return setting(PACKET_TYPE, address, types, 0, *((0, 0) if model == "335RI" else ()))
 
 
-def packet_rate(address, divider):
+def packet_rate(address: int, divider: int) -> tuple[int, bool, bytes]:
     return setting(PACKET_RATE, address, divider)
 
 
-def filters(address, rate, acceleration):
+def filters(address: int, rate: float, acceleration: int) -> tuple[int, bool, bytes]:
     return setting(FILTERS, address, rate, acceleration)
 
 
-def orientation(address, word):
+def orientation(address: int, word: int) -> tuple[int, bool, bytes]:
     return setting(ORIENTATION, address, word >> 8, word & 0xFF)

@@ -1,6 +1,9 @@
 """OpenIMU 300RI and 335RI over CAN."""
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 from blocks.imus.openimu import frames
 from blocks.imus.openimu.emulator import EmulatedOpenImu
@@ -128,7 +131,7 @@ class OpenImu(Device):
     encode = kernels.encode
     hardware = ("address", "bitrate", "orientation")
 
-    def configure(self):
+    def configure(self) -> None:
         if 0.0 < self.timeout < 2.5 / self.rate:
             raise ValueError(
                 f"timeout {self.timeout:g} s is shorter than 2.5 samples at {self.rate:g} Hz: give "
@@ -164,7 +167,7 @@ class OpenImu(Device):
             for x in (identifier, len(data), *data.ljust(8, b"\0"))
         )
 
-    def enable_frames(self):
+    def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return the frames that write and read the settings, for a 335RI in both byte orders, as its firmware does not
         report its own.
         """
@@ -184,16 +187,16 @@ class OpenImu(Device):
             ),
         ]
 
-    def addresses(self):
+    def addresses(self) -> list[tuple[int, bool]]:
         return [(self.address, True)]
 
-    def acceptance_filters(self):
+    def acceptance_filters(self) -> list[tuple[int, int, bool]]:
         return [(self.address, 0xFF, True)]
 
-    def reports(self):
+    def reports(self) -> list[tuple[float, int, bool]]:
         return [(self.rate, 8, True)] * self.types.bit_count()
 
-    def output_range(self):
+    def output_range(self) -> dict[str, Interval]:
         force, turn, field = (Interval(-bound, bound) for bound in (336.0, math.radians(263.0), 840.0))
         angle = Interval(-math.radians(263.0), math.radians(263.0))
         return {
@@ -207,5 +210,5 @@ class OpenImu(Device):
             "invalid": Interval(0.0),
         }
 
-    def emulator(self, **parameters):
+    def emulator(self, **parameters: Any) -> Any:
         return EmulatedOpenImu.of(self, **parameters)
