@@ -7,8 +7,17 @@ class CsvRecorder(Sink):
     """CSV recorder: columns time, tick, and one per signal.
 
     Columns are named by block path and port, with the unit in ASCII.
+
+    `record` selects the signals of the whole recording, also in its MCAP file: CsvRecorder(record="*/knee, imu.accel").
+    A viewer without connections shows these signals, too.
     """
 
+    record = Param(
+        "",
+        "1",
+        "recorded signals, blocks or subsystems, such as left/knee.torque, right, */imu.accel; all by default",
+        fixed=True,
+    )
     delimiter = Param(",", "1", "column separator", choices=(",", ";", "\t"))
     flush_rows = Param(200, "1", "number of rows between flushes to the disk", min=1, fixed=True)
     time = Param(

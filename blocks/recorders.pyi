@@ -6,6 +6,7 @@ from graph.signal import Operand
 from graph import Input, Param, Sink
 
 class CsvRecorder(Sink):
+    record: Param[str]
     delimiter: Param[Literal[',', ';', '\t']]
     flush_rows: Param[int]
     time: Param[Literal['relative', 'device']]
@@ -14,6 +15,7 @@ class CsvRecorder(Sink):
     file: Param[str]
     def __init__(
         self,
+        record: str = '',
         delimiter: Literal[',', ';', '\t'] = ',',
         flush_rows: int = 200,
         time: Literal['relative', 'device'] = 'relative',

@@ -20,6 +20,7 @@ from graph.sha256 import sha256
 from runtime.base.ending import Interrupted
 from runtime.base.errors import BadInput
 from runtime.diagrams.overrides import set_block_parameters, share_out
+from runtime.diagrams.recorded_signals import select_recorded
 from runtime.rig.overrides import override
 
 ROOMS = tuple(str(Path(__file__).parents[2] / room) + os.sep for room in ("blocks", "cext", "graph", "runtime"))
@@ -124,11 +125,11 @@ def build_plant(file, robot):
 
 
 def compiled(path, diagram):
-    """Compile a diagram and reset its Python blocks once. Returns its Schedule.
+    """Compile a diagram, select its recorded signals and reset its Python blocks once. Returns its Schedule.
 
     Raises DiagramError, and BadInput for an exception in user code.
     """
-    schedule = blamed(path, compile, diagram)
+    schedule = select_recorded(blamed(path, compile, diagram))
     for block in schedule.python_blocks:
         blamed(path, block.reset)
     return schedule

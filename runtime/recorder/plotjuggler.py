@@ -17,7 +17,7 @@ from typing import Any
 import msgspec.json
 
 from runtime.recorder.service import Service
-from runtime.recording.signal_selection import chosen
+from runtime.recording.signal_selection import select
 
 DATAGRAM_LIMIT = 65507  # bytes, UDP over IPv4
 TIMESTAMP = "timestamp"
@@ -40,7 +40,7 @@ class PlotJugglerSender(Service):
         *self.kind, _, self.address = addresses[0]
         self.again, self.cut = 0.0, 0
         self.socket = self.connected()
-        places = chosen(self.sink["columns"], parameters.get("signals", ""))
+        places = select(self.sink["columns"], parameters.get("signals", ""))
         self.messages = [Message([self.sink["columns"][place] for place in places], places)]
         self.began = 0.0 if parameters.get("time") == "relative" else None  # s since 1970 at tick 0
         self.decimation, self.batch = parameters.get("decimation", 1), parameters.get("batch", 1)

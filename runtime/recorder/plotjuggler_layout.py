@@ -11,7 +11,7 @@ from xml.etree import ElementTree as tree
 from blocks.sinks import PlotJuggler
 from runtime.diagrams.file import compiled, load
 from runtime.recording.grouping import by_unit
-from runtime.recording.signal_selection import chosen
+from runtime.recording.signal_selection import select
 
 STREAMER, PROTOCOL, TIMESTAMP = "UDP Server", "json", "timestamp"
 BUFFER_DURATION = 60  # s of data in PlotJuggler
@@ -33,7 +33,7 @@ def columns(path, settings=(), rate=None):
     schedule = compiled(path, diagram)
     sink = next(sink for sink in schedule.sinks if isinstance(sink.block, PlotJuggler))
     signals = [vars(column) for column in sink.columns]
-    return schedule.name, schedule.rate, [signals[place] for place in chosen(signals, sink.block.signals)], sink.block
+    return schedule.name, schedule.rate, [signals[place] for place in select(signals, sink.block.signals)], sink.block
 
 
 def address(host):

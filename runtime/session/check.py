@@ -16,6 +16,7 @@ from graph.interval import EVERYTHING
 from runtime.base.errors import BadInput
 from runtime.console.styles import console_for, place
 from runtime.diagrams.file import blamed, load
+from runtime.diagrams.recorded_signals import select_recorded
 from runtime.diagrams.simulation import Simulation
 from runtime.report.check import text
 from runtime.report.failure_coverage import coverage
@@ -87,7 +88,7 @@ def check(path, settings=(), rate=None, rig=None):
         diagram.rate = rate
     analysis = blamed(path, examine, diagram)
     errors, plant = list(analysis.errors), None
-    schedule = None if errors else blamed(path, assemble, analysis)
+    schedule = None if errors else select_recorded(blamed(path, assemble, analysis))
     if schedule is not None:
         try:
             plant = describe_plant(Simulation(file, diagram, schedule))

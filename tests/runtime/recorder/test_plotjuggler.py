@@ -13,7 +13,7 @@ from blocks.sinks import PlotJuggler
 from runtime.base.errors import BadInput
 from runtime.recorder import RecorderError
 from runtime.recorder.plotjuggler import PlotJugglerSender
-from runtime.recording.signal_selection import chosen
+from runtime.recording.signal_selection import select
 from tests.runtime.recorder.running import JUGGLER, columns, counting, plan, record, row, run, sink
 
 VECTOR = ["left/imu.accel[0] m/s²", "left/imu.accel[1] m/s²", "left/imu.accel[2] m/s²"]
@@ -141,7 +141,7 @@ CHOICE = columns(
     ],
 )
 def test_signals_are_chosen_by_name(text, places):
-    assert chosen(CHOICE, text) == places
+    assert select(CHOICE, text) == places
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_signals_are_chosen_by_name(text, places):
 )
 def test_unknown_name_is_reported_with_suggestion(text, words):
     with pytest.raises(BadInput, match=words):
-        chosen(CHOICE, text)
+        select(CHOICE, text)
 
 
 def test_only_what_is_chosen_is_sent(listener):
