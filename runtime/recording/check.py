@@ -10,12 +10,21 @@ NO_TIMES = np.zeros(0, dtype=np.int64)
 
 
 class Check:
-    """Check of chunks in order. layout : Layout"""
+    """Check of chunks in order.
 
-    def __init__(self, layout):
+    layout : Layout
+    before : {channel: number of messages before the first of these chunks}
+    """
+
+    def __init__(self, layout, before):
         self.layout = layout
-        self.begun = set()  # channels with a message
-        self.open = {channel: (NO_TIMES, NO_TIMES) for channel in layout.subsystems}  # log times without counterpart
+        self.begun = {channel for channel, count in before.items() if count}
+        # log times of rows and ticks without counterpart, of the subsystems that begin with the same row as the ticks
+        self.open = {
+            channel: (NO_TIMES, NO_TIMES)
+            for channel in layout.subsystems
+            if before.get(channel, 0) == before.get(layout.tick, 0)
+        }
 
     def first_damaged(self, chunk):
         """Return the position of the first message that cannot be understood or that lacks its row; None without one.
@@ -38,7 +47,7 @@ class Check:
             if len(offsets):
                 self.begun.add(channel)
             times[channel] = heads["log_time"]
-        for channel in layout.subsystems:
+        for channel in self.open:
             bad += self.lonely(chunk, channel, times)
         for content in (lambda: layout.frames(chunk, 0, 0), lambda: layout.events_of(chunk)):
             try:

@@ -4,6 +4,7 @@ Chunks are skipped, unless they are to be checked.
 """
 
 import os
+from collections import Counter
 
 from runtime.base.errors import BadInput
 from runtime.recording.check import Check
@@ -54,6 +55,7 @@ class Scan:
         self.path, self.descriptor, self.size, self.deep = stream.name, stream.fileno(), size, deep
         self.contents = Contents()
         self.expander, self.checker = Expander(size), None
+        self.counts = Counter()  # {channel: number of messages}
         self.written = None  # messages that the recorder has counted
         self.unchecked = None  # position of a chunk with a wrong checksum
         self.is_cut = False  # in a zstd frame
@@ -195,7 +197,7 @@ class Scan:
             for kind, body in found.others:
                 if kind == CHANNEL:
                     self.take(kind, body)
-            if self.deep:
+            if self.deep or chunk.headless:  # without a head there is no checksum
                 chunk.limit = self.check(found)
                 found = found if chunk.limit is None else found.until(chunk.limit)
             chunk.counts = {channel: len(offsets) for channel, offsets in found.offsets.items()}
@@ -204,15 +206,15 @@ class Scan:
         if chunk.limit is not None:
             self.good = chunk.begin + (0 if chunk.compression else chunk.limit)
         contents.chunks.append(chunk)
+        self.counts.update(chunk.counts)
 
     def check(self, found):
         """Return the position of the first damaged message of a chunk; None without one."""
         contents = self.contents
         if contents.about is None:
             raise ValueError("messages before the metadata")
-        if self.checker is None or self.checker.layout.topics != contents.topics:
-            layout = Layout(self.path, contents.about, dict(contents.topics))
-            self.checker = Check(layout)
+        if self.checker is None or not self.deep or self.checker.layout.topics != contents.topics:
+            self.checker = Check(Layout(self.path, contents.about, dict(contents.topics)), self.counts)
         return self.checker.first_damaged(found)
 
     def trouble(self):
@@ -222,7 +224,7 @@ class Scan:
             return f"{path} {self.refused or self.matter()}"
         if self.unchecked is not None:
             return f"{path} is damaged somewhere behind byte {self.unchecked}: a checksum is wrong"
-        count = sum(sum(chunk.counts.values()) for chunk in contents.chunks)
+        count = sum(self.counts.values())
         if self.written not in (None, count):
             return f"{path} is damaged: {count} of its {self.written} messages can be read"
         return "" if contents.end is not None else f"{path} {COMPLETED}"
