@@ -12,6 +12,8 @@ The plan is a dict that JSON can carry:
     folder          of the recording, or None to write no files
     rate, duration  Hz; s or None
     virtual         whether time is virtual: the files of two equal runs are then byte-identical
+    compression     of the .mcap file: "zstd" (default), "zstd:LEVEL" or "none"
+    can_log         whether a CAN log is written (default: false)
     simulated       whether the devices are simulated by a plant
     signals, buses  the columns of a row (index, path, dtype, unit); the names of the buses
     diagram_json    the diagram as JSON text, or None

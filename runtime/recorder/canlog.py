@@ -28,7 +28,7 @@ class CanLog(Service):
 
     @classmethod
     def applies(cls, plan):
-        return any(on_can(plan))
+        return plan.get("can_log", False) and any(on_can(plan))
 
     def open(self):
         self.on_can = on_can(self.plan)

@@ -13,4 +13,4 @@ SERVICES = Plugins(
         "rerun": "runtime.recorder.rerun.sender:RerunSender",
     },
 )
-LOGS = ("mcap", "candump")  # services of every recording with files, without a Sink
+LOGS = ("mcap", "candump")  # services of a recording with files, without a Sink

@@ -47,6 +47,7 @@ class Recording:
         self.newest = None  # the newest row: tick, lateness, values
         self.traffic = [0] * len(plan["buses"])  # frames of each bus, received or sent
         self.bits = [0] * len(plan["buses"])  # length of these frames on the bus
+        self.counts_bits = False  # whether `bits` is needed
         self.services = []  # (path, service) of the running ones
         self.about = {}
         self.sidecar = None
@@ -138,7 +139,7 @@ class Recording:
             if self.ticks == 0:
                 self.first_tick = batch.first_tick()
             self.last_tick = int(self.newest[0])
-        batch.add_traffic(self.traffic, self.bits, bool(self.plan["status_line"]))
+        batch.add_traffic(self.traffic, self.bits, self.counts_bits)
         for _, service in list(self.services):
             try:
                 service.records(batch)

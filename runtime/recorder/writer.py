@@ -14,6 +14,7 @@ from cext.safety.thresholds import GUARDIAN_DEATH
 from runtime.console.keys import Keyboard, attributes_of, put_back
 from runtime.console.stderr import Terminal
 from runtime.console.styles import Console
+from runtime.recorder.disk_sync import DiskSync
 from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
 from runtime.recorder.status import StatusLine
@@ -92,6 +93,8 @@ def record(page, answers, control, keys, recording, terminal, checkpoint):
     answered = keys >= 0 and plan["status_line"] and plan.get("keys", True) and terminal.interactive
     panel = Panel(page, Keyboard(keys, page.control), recording) if answered else None
     status = StatusLine(terminal, plan, page, panel, recording)
+    recording.counts_bits = status.enabled
+    sync = DiskSync(recording.sizes()) if plan["folder"] is not None and not plan["virtual"] else None
     try:
         drain(
             page, control, recording, status, panel, checkpoint, POLL_PERIOD_VIRTUAL if plan["virtual"] else POLL_PERIOD
@@ -99,6 +102,8 @@ def record(page, answers, control, keys, recording, terminal, checkpoint):
     finally:
         if panel is not None:
             panel.close()
+        if sync is not None:
+            sync.stop()
     if control.abandoned or (control.gone and not page.wall):  # the run has not started
         recording.discard()
         return

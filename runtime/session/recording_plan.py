@@ -77,6 +77,8 @@ def plan(prepared, realtime):
         "rate": schedule.rate,
         "duration": request.duration,
         "virtual": request.fast,
+        "compression": request.compression,
+        "can_log": request.can_log,
         "simulated": prepared.plant is not None,
         "signals": [vars(column) for column in schedule.recorded],
         "limits": limits(prepared.diagram, schedule),

@@ -18,6 +18,8 @@ from runtime.base.options import (
     trial_fields,
 )
 from runtime.machine.realtime import MODES, PRIORITY, PRIORITY_LIMIT
+from runtime.recording.mcap_file import ZSTD as COMPRESSION
+from runtime.recording.mcap_file import compression_level
 from runtime.report.timing import overrun_policy, spin_window
 
 
@@ -28,6 +30,12 @@ def rerun_target(text):
     parse(text)
     if find_spec("rerun") is None:
         need("rerun", "--rerun")
+    return text
+
+
+def compression(text):
+    """Return a compression of the recording. Raises BadInput."""
+    compression_level(text)
     return text
 
 
@@ -102,6 +110,20 @@ class Request:
         help="folder of the recording (default: recordings)",
     )
     no_record: bool = option("--no-record", default=False, group="files", action="store_true", help="write no files")
+    compression: str = option(
+        "--compression",
+        default=COMPRESSION,
+        type=compression,
+        metavar="NAME",
+        help="compression of the .mcap file: zstd (default), zstd:LEVEL with a level from 1, the fastest, to 19, or "
+        "none",
+    )
+    can_log: bool = option(
+        "--can-log",
+        default=False,
+        action="store_true",
+        help="write a .can.log of the CAN frames, too; `convert --to candump` makes it later from the .mcap file",
+    )
     trial: dict = option(
         "--trial",
         default=dict,

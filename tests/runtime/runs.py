@@ -5,7 +5,6 @@ import functools
 import json
 import os
 import queue
-import re
 import socket
 import subprocess
 import sys
@@ -17,6 +16,8 @@ from types import SimpleNamespace
 import numpy as np
 import psutil
 
+import runtime
+from runtime.recording.format import Frame
 from tests.blocks.actuators import reference
 from tests.runtime.forked import Forked, Server
 
@@ -239,12 +240,13 @@ class Files:
 
     @property
     def frames(self):
-        """(time in s, bus, id, data as hex digits, whether we sent it) of every line of the CAN log."""
-        pattern = re.compile(r"\((\d+\.\d{6})\) (\w+) ([0-9A-F]{3})#([0-9A-F]*) ([RT])")
-        matches = [pattern.fullmatch(line) for line in self.one(".can.log").read_text().splitlines()]
-        assert all(matches)
-        parts = map(re.Match.groups, matches)
-        return [(float(time), bus, int(identifier, 16), data, way == "T") for time, bus, identifier, data, way in parts]
+        """(time in s, bus, id, data as hex digits, whether we sent it) of every frame of the recording."""
+        trial = runtime.load(self.one(".mcap"))
+        frames = [(item, Frame.unpack(item.payload)) for item in trial.frames]
+        return [
+            (round((trial.began + item.time) * 1e-9, 6), item.bus, frame.id, frame.data.hex().upper(), item.sent)
+            for item, frame in frames
+        ]
 
     def sent(self, can_id):
         """Data of the frames that we sent to one id, in their order."""

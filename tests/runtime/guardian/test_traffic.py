@@ -64,7 +64,7 @@ TOLERANCE = 0.002  # s between the clock of the test and the times in the CAN lo
 def test_recorded_frames_have_the_time_of_the_wire_though_the_loop_and_the_guardian_are_late(bus, tmp_path):
     """The loop is 10 ms late in every fifth tick, and the guardian pauses for 20 ms after each frame."""
     bus = bus
-    process = bus.start("--record", "out", law="time.sleep(0.005 if tick % 5 == 0 else 0.0)")
+    process = bus.start("--record", "out", "--can-log", law="time.sleep(0.005 if tick % 5 == 0 else 0.0)")
     bus.await_torque()
     guardian, sent = guardian_of(process), []
     for number in range(10):

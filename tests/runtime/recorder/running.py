@@ -46,6 +46,7 @@ def plan(folder, *sinks, **changed):
         "rate": 200.0,
         "duration": None,
         "virtual": True,
+        "can_log": True,
         "simulated": True,
         "items": [],
         "buses": [],

@@ -89,7 +89,7 @@ def test_a_block_that_attacks_its_process_leaves_the_recording_alone(tmp_path, a
         return
     assert {path.name for path in tmp_path.iterdir()} <= {"out", "robot.py", "__pycache__"}
     files = Files(tmp_path / "out")
-    assert sorted(name.partition(".")[2] for name in files.names) == ["can.log", "csv", "json", "mcap"]
+    assert sorted(name.partition(".")[2] for name in files.names) == ["csv", "json", "mcap"]
     rows = 200 if code == 0 else files.sidecar["ticks"]
     assert len(files.table["tick"]) == rows >= 20 and files.table["tick"].tolist() == list(range(rows))
 

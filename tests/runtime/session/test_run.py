@@ -124,7 +124,7 @@ def test_a_pipe_gets_plain_lines(walked):
 
 def test_nothing_is_left_but_the_recording(walked):
     names = walked[1].names
-    assert len(names) == 4 and {name.partition(".")[2] for name in names} == {"csv", "mcap", "can.log", "json"}
+    assert len(names) == 3 and {name.partition(".")[2] for name in names} == {"csv", "mcap", "json"}
     assert len({name.partition(".")[0] for name in names}) == 1
     assert re.fullmatch(r"knee_exo_\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d", names[0].partition(".")[0])
 
@@ -174,7 +174,7 @@ def test_kill_9_loses_no_tick_and_leaves_no_process(tmp_path):
     files = Files(tmp_path / "recordings")
     table, sidecar = files.table, files.sidecar
     assert process.returncode == -signal.SIGKILL and out == ""
-    assert {name.partition(".")[2] for name in files.names} == {"csv", "mcap", "can.log", "json"}
+    assert {name.partition(".")[2] for name in files.names} == {"csv", "mcap", "json"}
     assert stamps(seen) == pytest.approx(table["time [s]"] - table["time [s]"][0], abs=1e-6)
     assert sidecar["ended"] == "the control process died"
     assert sidecar["ticks"] == len(table["tick"]) == sidecar["statistics"]["ticks"]
@@ -233,7 +233,8 @@ def test_what_is_not_finite_is_a_fault_and_never_a_frame_also_behind_a_limiter(t
 def test_two_runs_in_virtual_time_leave_the_same_bytes(tmp_path):
     recorded = []
     for folder in ("first", "second"):
-        process = finished(KNEE_EXO, "--fast", "--duration", "3", "--record", folder, cwd=tmp_path, cold=True)
+        words = ("--fast", "--duration", "3", "--record", folder, "--can-log")
+        process = finished(KNEE_EXO, *words, cwd=tmp_path, cold=True)
         assert process.returncode == 0, process.stderr
         files = Files(tmp_path / folder)
         recorded.append([files.one(".csv").read_bytes(), files.one(".can.log").read_bytes()])
@@ -276,7 +277,7 @@ def test_plotjuggler_adds_a_viewer_to_a_diagram_without_one(command_line):
 def test_record_names_the_folder(tmp_path):
     process = finished(KNEE_EXO, "--fast", "--duration", "1", "--record", "a/b", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
-    assert len(list((tmp_path / "a" / "b").iterdir())) == 4 and not (tmp_path / "recordings").exists()
+    assert len(list((tmp_path / "a" / "b").iterdir())) == 3 and not (tmp_path / "recordings").exists()
 
 
 def test_record_adds_a_recorder_to_a_diagram_without_one(tmp_path):
