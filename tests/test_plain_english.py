@@ -26,6 +26,12 @@ INSTEAD = {  # banned phrase: wording to use instead
     r"out of the ordinary": "problems",
     r"it is said": "name the source",
     r"the house": "the architecture, the packages",
+    r"says? (?:so|that|what|which|how)": "reports, states, contains",
+    r"is not there": "does not exist, is missing, is emulated",
+    r"as it is sold": "as delivered",
+    r"plays the": "emulates the",
+    r"the way the (?:joint|motor) turns": "in the direction of the joint",
+    r"anew": "again",
 }
 BANNED = {re.compile(rf"\b(?:{phrase})\b", re.IGNORECASE): words for phrase, words in INSTEAD.items()}
 ALLOWED = {  # (file, text of the line): reason

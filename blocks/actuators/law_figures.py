@@ -1,5 +1,6 @@
-"""What follows from the assumption about acceleration for a drive that closes its own law: figures of
-cext/kernels/devices/drive_law.pxd.
+"""Figures that follow from the assumption on acceleration for a drive that closes its own law.
+
+See cext/kernels/devices/drive_law.pxd.
 """
 
 from dataclasses import dataclass
@@ -26,12 +27,12 @@ class Law:
 
     @property
     def usable_damping(self) -> float:
-        """2 limit / (a Δ): the most damping that is sent where the whole law does not fit."""
+        """Return 2 limit / (a Δ), the largest damping sent if the law exceeds the limit."""
         return 2.0 * self.limit / (self.acceleration * HORIZON * self.period)
 
     @property
     def smallest_inertia(self) -> float:
-        """The inertia in kg·m² above which a free joint comes to rest; a lighter one may chatter, inside the limit.
+        """Return the inertia in kg·m² above which a free joint settles; a lighter one may chatter, within the limit.
 
         J > T (B + K' T)² / B, Jury's criterion for torque from feedback that is one period old, held for one period. K'
         is the stiffness that the law sends as torque; the gains in the drive only help. Without stiffness it is J > T
@@ -50,12 +51,12 @@ class Law:
 
     @property
     def stall_time(self) -> float:
-        """s from the last frame of a loop that stalls to the guardian's stop."""
+        """Return the time in s from the last frame of a stalled loop to the guardian's stop."""
         return max(LOOP_STALL_PERIODS * self.period, LOOP_STALL_MINIMUM * 1e-9) + GUARDIAN_LOOK_PERIOD * 1e-9
 
     def stall_torque(self, motion: float) -> float:
-        """The largest torque in N·m that the last frame of a stalled loop can reach, from |ω| <= SPEED, while |α| <=
-        motion in rad/s².
+        """Return the largest torque in N·m of the last frame of a stalled loop, from |ω| <= SPEED, for |α| <= motion in
+        rad/s².
         """
         end, half, stopped = HORIZON * self.period, HALF_WAY * self.period, self.period + self.stall_time
         worst = self.limit
@@ -74,16 +75,11 @@ class Law:
         return worst
 
     def figures(self) -> tuple[tuple[str, float, str, str], ...]:
-        """As graph.TorqueBound has them."""
+        """Return the figures for graph.TorqueBound."""
         reached = f"torque that a stall can reach in that time, from |ω| <= {SPEED:g} rad/s, while |α| <= "
         slower = 0.25 * self.acceleration
         return (
-            (
-                "usable_damping",
-                self.usable_damping,
-                "N·m·s/rad",
-                "usable damping, where the whole law does not fit into the limit",
-            ),
+            ("usable_damping", self.usable_damping, "N·m·s/rad", "usable damping if the whole law exceeds the limit"),
             (
                 "smallest_inertia",
                 self.smallest_inertia,

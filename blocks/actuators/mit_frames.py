@@ -1,4 +1,4 @@
-"""Frames of MIT mode that are the same for all boards. cext/kernels/devices/mit.pxd has the layout."""
+"""Frames of MIT mode common to all boards. For the layout see cext/kernels/devices/mit.pxd."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ NOTHING = bytes.fromhex("7fff7ff0000007ff")
 
 
 def damped(share: float) -> bytes:
-    """As NOTHING, with a share of the range of damping, rounded down."""
+    """Return NOTHING with a fraction of the range of damping, rounded down."""
     code = int(share * 0xFFF)
     return bytes([*NOTHING[:5], code >> 4, (code & 15) << 4 | NOTHING[6] & 15, NOTHING[7]])
 
 
 class StopInMitMode:
-    """How a drive in MIT mode is brought to rest, and what a tick puts on its bus."""
+    """Safe stop of a drive in MIT mode, and its bus traffic per tick."""
 
     can_id: Param[int]
     wire: Any  # half ranges on the wire, at the joint

@@ -51,8 +51,8 @@ def commanded_in_mit_mode(identifier: int, extended: bool, data: bytes) -> int |
 def same_id(count: int, can_id: int) -> str:
     """Return the remark that several drives have one id."""
     return (
-        f"{count} answers to one question: {count} drives have id {can_id}; take all but one off the bus, and give "
-        "it another. Enable none: in MIT mode each takes the other's answers for commands"
+        f"{count} replies to one query: {count} drives have id {can_id}. Disconnect all but one and set another id. "
+        "Enable none: in MIT mode each interprets the other's replies as commands"
     )
 
 

@@ -11,8 +11,9 @@ from runtime.emulation.serving import Service
 
 
 def main(folder, rate, *serials):
-    """Each has a link in the folder, tty and its serial number; a line says that they are there. It ends when it is
-    killed.
+    """Emulate sensors until killed, and print a line when they are ready.
+
+    folder : receives a link to the terminal of each, tty and the serial number
     """
     with Diagram("sensors", rate=float(rate)) as plant:
         for serial in serials:

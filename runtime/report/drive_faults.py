@@ -63,7 +63,7 @@ def scale_mismatch(block, about, value, bound):
         if not 0.01 < value < 100.0:
             still, moves = ("position", "velocity") if value > 1.0 else ("velocity", "position")
             return (
-                f"the reported {still} stands still while the reported {moves} says that the joint moves: an "
+                f"the reported {still} is constant while the reported {moves} shows motion: an "
                 "encoder, or the drive's firmware"
             )
         cure = wire_cure(block, value)

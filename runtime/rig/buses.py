@@ -21,7 +21,7 @@ from runtime.rig.serial_port import look_at_port
 from runtime.rig.streams import StreamLines
 from runtime.rig.udp import UdpInterface, failed
 
-SEE_PYTHON_CAN = "interface and channel are python-can's: its page of this interface says what it needs"
+SEE_PYTHON_CAN = "interface and channel are python-can's: see its documentation of this interface"
 GONE = (errno.ENODEV, errno.ENXIO)
 
 

@@ -32,9 +32,9 @@ def other_bitrates(rig, devices):
         if bus is not None and "bitrate" in device.parameters and device.bitrate != bus.bitrate:
             yield Trouble(
                 "TW103",
-                f"[bus.{device.bus}] has {bus.bitrate / 1e3:g} kbit/s, and {device.path} is set to "
+                f"[bus.{device.bus}] has {bus.bitrate / 1e3:g} kbit/s, but {device.path} is set to "
                 f"{device.bitrate / 1e3:g} kbit/s",
-                f"give it a bus of its own, or set the device itself to {bus.bitrate / 1e3:g} kbit/s and say so: "
+                f"connect it to a separate bus, or set the device to {bus.bitrate / 1e3:g} kbit/s and write "
                 f'[device."{device.path}"] '
                 f"bitrate = {bus.bitrate}",
             )

@@ -1,9 +1,9 @@
 """The CubeMars AK models of board generations V1 and V2, which speak MIT mode.
 
 Three different torques, easily confused:
-    rated   what the motor holds continuously
-    peak    what it gives for seconds
-    wire    what the largest code on the wire means: a scale, not a rating
+    rated   continuous torque
+    peak    torque for seconds
+    wire    value of the largest code: a scale, not a rating
 
 Wire ranges: AK Series Module Driver Manual V1.0.18 (2026-01-19), page 66; V1.0.15 and V1.0.8 agree where they list a
 model. Ratings and torque constants: the vendor's product pages. Their amperes are taken for RMS, as those of boards
@@ -97,7 +97,7 @@ MODELS = {
     )
 }
 
-# Names that mean more than one generation of one motor, whose boards speak different protocols.
+# names of several generations of one motor, whose boards have different protocols
 AMBIGUOUS = {"AK10-9": "AK10-9-V2.0", "AK60-6": "AK60-6-V1.1"}
 
 # Motors that are sold with a V3 board only. (CubeMars AKA Product Manual V3.0.0.)
@@ -131,17 +131,17 @@ def find(name: str) -> Model:
 
 
 def tell_apart(newest: str, older: str | None) -> str:
-    """In words, how to know which board a motor has, and what to write for it."""
+    """Return the text on how to identify the board of a motor and which block to use."""
     return (
-        f"the motor's label says which, and a V3.0 board reports in extended frames. Write CubeMarsV3({newest!r}) "
+        f"see the motor's label; a V3.0 board reports in extended frames. Use CubeMarsV3({newest!r}) "
         "for V3.0 in force "
         f"control, CubeMars({older!r}) for V1 and V2 in MIT mode, and CubeMarsServo with either name for servo mode"
     )
 
 
 def _same_motor(motor):
-    """The suggestion for a motor that we know under another name; '' if we do not. A near spelling may be a motor of
-    another size.
+    """Return the suggestion for a motor with another known name, or ''. A similar spelling may be a motor of another
+    size.
     """
     for printed, full in MISPRINTED.items():
         if plain(printed) == motor:

@@ -1,9 +1,9 @@
 """The RobStride models and the CyberGear, which speak one protocol with ranges of their own.
 
 Three different torques, easily confused:
-    rated   what the motor holds continuously
-    peak    what it gives for seconds
-    wire    what the largest code on the wire means: a scale, not a rating
+    rated   continuous torque
+    peak    torque for seconds
+    wire    value of the largest code: a scale, not a rating
 
 RobStride user manuals of 2026-04-28; CyberGear manual. Where sources disagree the manual's tables of codes hold: its
 text has positions of ± 4π rad, its code of ± 12.57; and stiffness and damping of RS03, RS04 and RS06 reach 5000 and
@@ -47,7 +47,7 @@ class Model:
 
     @property
     def torque_constant(self) -> float:
-        """N·m/A at the output, per ampere of amplitude, which is what the drive commands and limits."""
+        """Torque constant in N·m/A at the output, per ampere of amplitude, as the drive commands and limits it."""
         return self.rms_constant / math.sqrt(2.0)
 
     @property

@@ -167,7 +167,7 @@ def states_in_mit_mode(
 
 
 def question(can_id: int) -> Any:
-    """Return the frame that asks for an identity, None for an id that no drive of this family has."""
+    """Return the frame that requests the identity, None for an id outside the range of this family."""
     return get_id(can_id) if can_id <= 127 else None
 
 
@@ -208,7 +208,7 @@ def details(answer: Answer) -> Dialogue:
 
 
 def value(can_id: int, parameter: Parameter, is_cybergear: bool = False) -> Dialogue:
-    """Dialogue that returns the value of a parameter, None where the drive does not give it."""
+    """Dialogue that returns the value of a parameter, None if the drive does not return it."""
 
     def read_value(*frame):
         return reading(*frame, index=parameter.index, can_id=can_id)

@@ -27,7 +27,7 @@ class _Emulated(I2cDevice):
     temperature = Input("°C", "of the chip", default=30.0)
     silent = Input("1", "it answers nothing", default=False, dtype=bool)
     stuck = Input("1", "it answers the same bytes again and again", default=False, dtype=bool)
-    wrong_address = Input("1", "address that it answers at instead of its own; 0 for its own", default=0, dtype=int)
+    wrong_address = Input("1", "address in replies instead of its own; 0 for its own", default=0, dtype=int)
     mag_overflow = Input(
         "1", "whether its magnetometer reports that the field is too strong", default=False, dtype=bool
     )
@@ -39,7 +39,7 @@ class _Emulated(I2cDevice):
         (0.0,) * 3, "s between answers of the burst and of the magnetometer, 0 for never; whether they are one"
     )
     fuses = Memory((128.0,) * 3, "factory adjustment of the magnetometer")
-    state = Memory((0.0,) * 7, "when the next answers are due, and what it is stuck with")
+    state = Memory((0.0,) * 7, "times of the next replies, and the values repeated while stuck")
 
     decode = no_io.ignore_all
     scales_of, mag_rate = InvenSense.scales_of, InvenSense.mag_rate
@@ -48,7 +48,7 @@ class _Emulated(I2cDevice):
 
     @classmethod
     def of(cls, imu, **parameters):
-        """The emulator of one block of a robot."""
+        """Return the emulator of a robot's block."""
         return cls(**{name: getattr(imu, name) for name in cls.parameters if name in type(imu).parameters} | parameters)
 
     def configure(self):
@@ -59,11 +59,10 @@ class _Emulated(I2cDevice):
 
 
 class EmulatedMPU9250(_Emulated):
-    """Emulated MPU-9250: it answers the bytes of its registers at the rate at which it would be read. At
-    rest by default.
+    """Emulated MPU-9250: sends the content of its registers at the rate of its block's transfers. At rest by default.
 
-    `EmulatedMPU9250.of(robot["left/shank_imu"])` plays the IMU of a robot. Every input of a fault at zero is a healthy
-    one.
+    `EmulatedMPU9250.of(robot["left/shank_imu"])` emulates the IMU of a robot. With every fault input at zero, it is
+    healthy.
     """
 
     adjustment = Param(
@@ -84,11 +83,10 @@ class EmulatedMPU9250(_Emulated):
 
 
 class EmulatedICM20948(_Emulated):
-    """Emulated ICM-20948: it answers the bytes of its registers at the rate at which it would be read. At
-    rest by default.
+    """Emulated ICM-20948: sends the content of its registers at the rate of its block's transfers. At rest by default.
 
-    `EmulatedICM20948.of(robot["left/shank_imu"])` plays the IMU of a robot. Every input of a fault at zero is a healthy
-    one.
+    `EmulatedICM20948.of(robot["left/shank_imu"])` emulates the IMU of a robot. With every fault input at zero, it is
+    healthy.
     """
 
     encode = kernels.icm_answers

@@ -1,4 +1,4 @@
-"""A MicroStrain sensor as a device of a robot."""
+"""MicroStrain sensors as devices of a robot."""
 
 from __future__ import annotations
 
@@ -16,39 +16,38 @@ from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
 PLAIN, ATTITUDE, ANGLES, CLOCK = range(4)  # roles of a field, in cext/kernels/devices/microstrain/mip.pyx
 ENVELOPE, SHORTEST_TIME = 6, 10  # bytes of a packet around its fields, and of the field with its time
-LONGEST_START = 0.8  # s; arming waits one for an answer
+START_TARE_LIMIT = 0.8  # s; arming waits 1 s for a reply
 STANDARD = ("accel", "gyro", "mag", "quaternion", "temperature")
 
 
 class MicroStrain(StreamDevice):
-    """MicroStrain inertial sensor (3DM-GX5, CX5, CV5, CV7, GV7 and their kin) over serial, in MIP, found by its serial
-    number.
+    """MicroStrain inertial sensor (3DM-GX5, CX5, CV5, CV7, GV7 and related models) with MIP on a serial line.
 
-    `quaternion`, `euler` and `rotation` are the attitude of the sensor against that at its tare, before that against
-    the earth as the sensor has it (x north, y east, z down); `rotation` takes vectors from the sensor's axes to those.
-    `raw_quaternion` and `raw_euler` are as the sensor sends them. What was not requested, has not arrived yet, or
-    itself calls invalid is NaN. The clock of the sensor is mapped to the computer's by the least delay of every second
-    (cext/kernels/devices/clock_map.pxd).
+    `quaternion`, `euler` and `rotation` are the attitude of the sensor relative to its tare, or before a tare relative
+    to the earth (x north, y east, z down); `rotation` converts vectors from the sensor's axes to those axes.
+    `raw_quaternion` and `raw_euler` are as sent by the sensor. Quantities that were not requested, have not arrived, or
+    are marked as invalid are NaN. The clock of the sensor is mapped to the computer's by the smallest delay of every
+    second (cext/kernels/devices/clock_map.pxd).
     """
 
-    serial = Param("", "1", "last digits of its serial number, wherever it is plugged in", dtype=str)
-    port = Param("", "1", "path of its port, instead of a serial number", dtype=str)
+    serial = Param("", "1", "last digits of the serial number, which identifies the sensor at any port", dtype=str)
+    port = Param("", "1", "path of the port, instead of a serial number", dtype=str)
     baudrate = Param(
         115200,
         "1",
-        "bit/s of a port that is a real serial line; USB does not care",
+        "baud rate of a real serial line, bit/s; no effect on USB",
         min=9600,
         max=4_000_000,
         fixed=True,
         kernel=False,
     )
     rate = Param(
-        200.0, "Hz", "of its samples: its base rate divided by a whole number", above=0.0, max=1000.0, fixed=True
+        200.0, "Hz", "rate of the samples: the base rate divided by a whole number", above=0.0, max=1000.0, fixed=True
     )
     channels = Param(
         STANDARD,
         "1",
-        f"what it is asked for: {', '.join(COMMON)}, quaternion, euler; outputs of their own have {', '.join(EXTRA)}",
+        f"requested channels: {', '.join(COMMON)}, quaternion, euler; with an additional output: {', '.join(EXTRA)}",
         dtype=tuple,
     )
     attitude = Param(
@@ -61,24 +60,24 @@ class MicroStrain(StreamDevice):
     heading = Param(
         "",
         "1",
-        "what the filter takes its heading from; as the sensor is set by default",
+        "heading source of the filter; the sensor's setting by default",
         dtype=str,
         choices=("", "none", "magnetometer"),
     )
     low_pass = Param(
         0.0,
         "Hz",
-        "cut-off of the filters of accel, gyro and mag; 0 as the sensor is set",
+        "cut-off of the filters of accel, gyro and mag; 0: the sensor's setting",
         min=0.0,
         max=1000.0,
         fixed=True,
     )
-    tare_at_start = Param(False, "1", "whether its first samples are its tare; arming waits for them", fixed=True)
-    tare_time = Param(0.5, "s", "over which a tare takes the mean", min=0.0, max=60.0, fixed=True)
+    tare_at_start = Param(False, "1", "whether to tare with the first samples; arming waits for them", fixed=True)
+    tare_time = Param(0.5, "s", "averaging time of a tare", min=0.0, max=60.0, fixed=True)
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
 
     tare = Input(
-        "1", "where it rises, the mean attitude of the next `tare_time` becomes none", default=False, dtype=bool
+        "1", "on a rising edge, the mean attitude of the next `tare_time` becomes zero", default=False, dtype=bool
     )
 
     accel = Output("m/s²", "specific force", shape=(3,))
@@ -86,27 +85,27 @@ class MicroStrain(StreamDevice):
     mag = Output("µT", "magnetic field", shape=(3,))
     quaternion = Output("1", "attitude since the tare, w first", shape=(4,))
     euler = Output(
-        "rad", "roll, pitch, yaw of the same", shape=(3,), range=(-math.pi, math.pi), circle=(-math.pi, math.pi)
+        "rad", "roll, pitch and yaw since the tare", shape=(3,), range=(-math.pi, math.pi), circle=(-math.pi, math.pi)
     )
-    rotation = Output("1", "matrix of the same", shape=(3, 3))
-    raw_quaternion = Output("1", "attitude as the sensor sends it, w first", shape=(4,))
-    raw_euler = Output("rad", "roll, pitch, yaw as the sensor sends them", shape=(3,), circle=(-math.pi, math.pi))
-    temperature = Output("°C", "of the sensor, mean")
-    age = Output("s", "since the newest sample came")
-    sample_time = Output("s", "when the newest sample was taken, on the clock of the run")
-    clock_drift = Output("1", "by how much its clock is slower than the computer's")
-    measured_rate = Output("Hz", "samples that came in the second before")
-    packets = Output("1", "packets of data that came", dtype=int)
-    corrupt = Output("1", "packets whose checksum was wrong", dtype=int)
-    lost = Output("1", "samples that it took, by its clock, and that did not arrive", dtype=int)
+    rotation = Output("1", "rotation matrix since the tare", shape=(3, 3))
+    raw_quaternion = Output("1", "attitude as sent by the sensor, w first", shape=(4,))
+    raw_euler = Output("rad", "roll, pitch and yaw as sent by the sensor", shape=(3,), circle=(-math.pi, math.pi))
+    temperature = Output("°C", "mean temperature of the sensor")
+    age = Output("s", "time since the newest sample arrived")
+    sample_time = Output("s", "sampling time of the newest sample, on the clock of the run")
+    clock_drift = Output("1", "relative amount by which its clock is slower than the computer's")
+    measured_rate = Output("Hz", "number of samples received in the previous second")
+    packets = Output("1", "number of data packets received", dtype=int)
+    corrupt = Output("1", "number of packets with a wrong checksum", dtype=int)
+    lost = Output("1", "number of samples that are missing by its clock", dtype=int)
     valid = Output("1", "whether the filter marks its newest values as valid", dtype=bool)
-    tared = Output("1", "whether it has been tared", dtype=bool)
-    tare_attitude = Output("1", "attitude that counts as none, w first", shape=(4,))
-    connected = Output("1", "whether its line is there", dtype=bool)
+    tared = Output("1", "whether the sensor is tared", dtype=bool)
+    tare_attitude = Output("1", "attitude of the tare, w first", shape=(4,))
+    connected = Output("1", "whether the line is connected", dtype=bool)
 
-    pending = Memory((0.0,) * 65, "bytes that are no packet yet")
+    pending = Memory((0.0,) * 65, "bytes of an incomplete packet")
     index = Memory((0.0,) * 768, "number of the row of each descriptor, by set")
-    rows = Memory(0.0, "what each field is, and where it goes")
+    rows = Memory(0.0, "role and destination of each field")
     settings = Memory((0.0,) * 4, "rate, time of the tare, whether to tare at the start, set whose rate is reported")
     state = Memory((0.0,) * 72, "newest times, attitude of the tare, map of the clock")
 
@@ -114,7 +113,7 @@ class MicroStrain(StreamDevice):
     identify = staticmethod(queries.identify)
     sensor = "MicroStrain sensor"
     usb_vendors = (0x199B,)
-    remedy = "115200 and 921600 are what MicroStrain sells"
+    remedy = "MicroStrain's usual baud rates are 115200 and 921600"
     kernel = kernels.before
     decode = kernels.decode
     encode = kernels.encode
@@ -126,11 +125,13 @@ class MicroStrain(StreamDevice):
         known = (*COMMON, "quaternion", "euler", *EXTRA)
         strangers = [channel for channel in self.channels if channel not in known]
         if strangers or not self.channels:
-            raise ValueError(f"channels are among {', '.join(known)}, got {strangers[0] if strangers else 'none'!r}")
-        if self.tare_at_start and self.timeout > 0.0 and self.tare_time > LONGEST_START:
             raise ValueError(
-                "a tare at the start has to be over while the robot is armed: tare_time is "
-                f"{LONGEST_START:g} s at most, got {self.tare_time:g}"
+                f"channels must be among {', '.join(known)}, got {strangers[0] if strangers else 'none'!r}"
+            )
+        if self.tare_at_start and self.timeout > 0.0 and self.tare_time > START_TARE_LIMIT:
+            raise ValueError(
+                "a tare at the start must end during arming: tare_time must be at most "
+                f"{START_TARE_LIMIT:g} s, got {self.tare_time:g}"
             )
         self.fields = wanted(self.channels, self.attitude)
         extra = [
@@ -140,7 +141,7 @@ class MicroStrain(StreamDevice):
             **type(self).outputs,
             **{
                 field.name: Output(
-                    field.unit, "as the sensor sends it", shape=(field.values,) if field.values > 1 else ()
+                    field.unit, "channel as sent by the sensor", shape=(field.values,) if field.values > 1 else ()
                 ).named(field.name)
                 for field in extra
             },
@@ -150,7 +151,7 @@ class MicroStrain(StreamDevice):
         self.settings = (self.rate, self.tare_time, float(self.tare_at_start), float(primary))
 
     def tabulate(self) -> None:
-        """The table that the kernel reads: see cext/kernels/devices/microstrain/mip.pyx."""
+        """Return the table of the kernel, see cext/kernels/devices/microstrain/mip.pyx."""
         places = kernels.decode.names
         places += [name for name in self.outputs if name not in places]
         items = {name: places.index(name) for name in self.outputs}
@@ -191,7 +192,7 @@ class MicroStrain(StreamDevice):
         return {"serial": self.serial, "port": self.port, "baudrate": self.baudrate}
 
     def sends(self) -> list[tuple[float, int]]:
-        """A packet of each set, with the shortest time that it may have."""
+        """Return a packet of each set, with the shortest possible time field."""
         sizes = [
             ENVELOPE
             + SHORTEST_TIME

@@ -16,7 +16,7 @@ ANGLES: int
 CLOCK: int
 ENVELOPE: int
 SHORTEST_TIME: int
-LONGEST_START: float
+START_TARE_LIMIT: float
 STANDARD: tuple[Any, ...]
 class MicroStrain(StreamDevice):
     serial: Param[str]

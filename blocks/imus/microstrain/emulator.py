@@ -1,4 +1,4 @@
-"""Emulated MicroStrain sensor: it exchanges the same bytes, for a plant or on a pseudo-terminal."""
+"""Emulated MicroStrain sensor, for a plant or on a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -17,45 +17,44 @@ INFO = 16  # characters of each text in the device information
 
 
 class EmulatedMicroStrain(Device):
-    """A MicroStrain sensor on an in-memory line or behind a descriptor: it takes the commands of MIP, and answers and
-    streams byte for byte.
+    """Emulated MicroStrain sensor with MIP on an in-memory line or a pseudo-terminal.
 
-    `EmulatedMicroStrain.of(robot["left/shank_imu"])` plays the sensor of a robot's block: it streams from the start as
-    that would have set it up. With streaming=False it waits to be set up, as one does that has just been plugged in. A
-    line that is disconnected reports that, and after its return the sensor is as it was saved. Every input of a fault
-    at zero is a healthy sensor. In a tick of the plant it sends 256 bytes at most.
+    `EmulatedMicroStrain.of(robot["left/shank_imu"])` emulates the sensor of a robot's block and streams from the start
+    with the settings of the block. With streaming=False it waits for its set-up, as after being plugged in. After a
+    disconnection the sensor has its saved settings. With every fault input at zero, the sensor is healthy. It sends at
+    most 256 bytes per tick of the plant.
     """
 
     bus = Param("imu", "1", "logical name of its line", dtype=str)
     model = Param("3DM-GX5-25", "1", f"one of {', '.join(models.MODELS)}", dtype=str)
-    serial = Param("133931", "1", "its serial number", dtype=str)
-    rate = Param(200.0, "Hz", "of its samples", above=0.0, max=1000.0, fixed=True)
+    serial = Param("133931", "1", "serial number", dtype=str)
+    rate = Param(200.0, "Hz", "rate of the samples", above=0.0, max=1000.0, fixed=True)
     channels = Param(("accel", "gyro", "mag", "quaternion", "temperature"), "1", "as for the sensor", dtype=tuple)
     attitude = Param("filter", "1", "as for the sensor", dtype=str, choices=("filter", "sensor"))
     streaming_at_start = Param(True, "1", "whether it streams before it is set up", fixed=True)
     clock_error = Param(
-        0.0, "1", "by how much its clock is slower than the computer's", min=-0.01, max=0.01, fixed=True
+        0.0, "1", "relative amount by which its clock is slower than the computer's", min=-0.01, max=0.01, fixed=True
     )
     clock_start = Param(1000.0, "s", "time of its clock at the start", min=0.0, fixed=True)
-    seed = Param(1, "1", "of what gets lost and spoilt", min=1, max=1_000_000, fixed=True)
+    seed = Param(1, "1", "seed of lost and corrupted data", min=1, max=1_000_000, fixed=True)
 
     accel = Input("m/s²", "specific force", shape=(3,), default=(0.0, 0.0, -STANDARD_GRAVITY))
     gyro = Input("rad/s", "angular rate", shape=(3,), default=(0.0, 0.0, 0.0))
     mag = Input("µT", "magnetic field", shape=(3,), default=(20.0, 0.0, 45.0))
     quaternion = Input("1", "attitude against north, east, down, w first", shape=(4,), default=(1.0, 0.0, 0.0, 0.0))
-    temperature = Input("°C", "of the sensor", default=30.0)
+    temperature = Input("°C", "temperature of the sensor", default=30.0)
     silent = Input("1", "whether it sends nothing", default=False, dtype=bool)
-    garbage = Input("1", "bytes of garbage in front of a packet, on the mean", default=0.0)
-    dropped = Input("1", "share of its bytes that get lost, 0 to 1", default=0.0)
-    flipped = Input("1", "share of its packets with a wrong bit, 0 to 1", default=0.0)
-    skipped = Input("1", "share of its packets that never leave, 0 to 1", default=0.0)
-    not_a_number = Input("1", "its values are NaN", default=False, dtype=bool)
-    uninitialised = Input("1", "its filter calls nothing valid", default=False, dtype=bool)
-    disconnected = Input("1", "its cable is out", default=False, dtype=bool)
+    garbage = Input("1", "mean number of random bytes before a packet", default=0.0)
+    dropped = Input("1", "fraction of lost bytes, 0 to 1", default=0.0)
+    flipped = Input("1", "fraction of packets with a wrong bit, 0 to 1", default=0.0)
+    skipped = Input("1", "fraction of packets that are not sent, 0 to 1", default=0.0)
+    not_a_number = Input("1", "whether its values are NaN", default=False, dtype=bool)
+    uninitialised = Input("1", "whether its filter marks no value as valid", default=False, dtype=bool)
+    disconnected = Input("1", "whether its cable is unplugged", default=False, dtype=bool)
     streaming = Output("1", "whether it streams", dtype=bool)
-    heading = Output("1", "what its filter takes the heading from: 0 nothing, 1 its magnetometer", dtype=int)
-    cutoff = Output("Hz", "what its low-pass was set to")
-    sent = Output("1", "packets of data that it made", dtype=int)
+    heading = Output("1", "heading source of its filter: 0 none, 1 its magnetometer", dtype=int)
+    cutoff = Output("Hz", "cut-off of its low-pass")
+    sent = Output("1", "number of data packets", dtype=int)
 
     about = Memory(0.0, "bytes of its device information")
     known = Memory(0.0, "its commands and its data")
@@ -70,7 +69,7 @@ class EmulatedMicroStrain(Device):
 
     @classmethod
     def of(cls, sensor: Any, **parameters: Any) -> EmulatedMicroStrain:
-        """The emulator of one block of a robot."""
+        """Return the emulator of a robot's block."""
         same = {name: getattr(sensor, name) for name in ("bus", "rate", "channels", "attitude")}
         if sensor.serial:
             same["serial"] = sensor.serial
@@ -88,7 +87,7 @@ class EmulatedMicroStrain(Device):
         self.power_on = (*self.saved(SENSOR, round(divided)), *self.saved(FILTER, round(divided)))
 
     def saved(self, descriptor_set: int, decimation: int) -> tuple[float, ...]:
-        """The format of one set as it is at power on, and whether it streams."""
+        """Return the format of one set at power-on, and whether it streams."""
         time = (
             0xD5
             if self.spec.newer

@@ -15,13 +15,7 @@ TEXT = 16  # characters of each text in the device information, right-justified
 REPLY_TIMEOUT = 0.25  # s
 ATTEMPTS = 3
 QUESTION, ANSWER = mip.command(mip.BASE, mip.INFO), 0x81
-CAUSES = {
-    1: "it does not know the command",
-    2: "it got a wrong checksum",
-    3: "it does not take that value",
-    4: "it failed",
-    5: "it took too long",
-}
+CAUSES = {1: "unknown command", 2: "wrong checksum", 3: "invalid value", 4: "the command failed", 5: "it took too long"}
 
 
 class Refusal(ValueError):

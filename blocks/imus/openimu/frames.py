@@ -1,4 +1,4 @@
-"""Frames of an OpenIMU: parameter groups of SAE J1939, how a unit is set up, and how it is asked what it is set to.
+"""Frames of an OpenIMU: parameter groups of SAE J1939 that write and read its settings.
 
 An identifier is priority << 26 | group << 8 | source address. Ours come from address 0xF9, a service tool's, so that
 they end in a byte that is no drive's id. Settings begin with the address that they are for. (Aceinna OpenIMU300RI and

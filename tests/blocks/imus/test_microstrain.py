@@ -95,7 +95,7 @@ def test_unrequested_channels_are_nan_and_extra_channels_have_ports():
 def test_an_unknown_channel_is_refused_with_those_that_there_are():
     with (
         Diagram("robot", rate=RATE),
-        pytest.raises(DiagramError, match="channels are among accel, gyro, mag.*got 'acel'"),
+        pytest.raises(DiagramError, match="channels must be among accel, gyro, mag.*got 'acel'"),
     ):
         MicroStrain(channels=("acel",))
 
@@ -123,7 +123,7 @@ def test_sensor_that_is_not_awaited_is_tared_during_run():
 
 
 def test_a_tare_that_takes_longer_than_arming_waits_is_refused():
-    with Diagram("robot", rate=RATE), pytest.raises(DiagramError, match="tare_time is 0.8 s at most"):
+    with Diagram("robot", rate=RATE), pytest.raises(DiagramError, match="tare_time must be at most 0.8 s"):
         MicroStrain(tare_at_start=True, tare_time=2.0)
 
 

@@ -91,7 +91,7 @@ def test_shared_absent_and_foreign_ids_are_reported(command_line):
         assert 25 not in {
             identifier >> 24 for node in nodes.nodes for identifier, extended, _ in node.heard if extended
         }
-    assert "2 drives have id 9" in said[0] and "take all but one off the bus" in said[0]
+    assert "2 drives have id 9" in said[0] and "Disconnect all but one" in said[0]
     assert "id 3: it is a CubeMars, whose id" in said[1] and "CubeMars' own program" in said[1]
     assert "id 12 speaks RobStride's MIT protocol" in said[2] and "--protocol private" in said[2]
     assert "no drive responds as id 77; `scan`" in said[3]

@@ -128,8 +128,8 @@ def test_two_drives_with_one_id_are_reported(command_line):
     with Nodes(3, Mit(3, position=0.5), Mit(3, position=-0.2), Private(9), Private(9, unique=5)) as nodes:
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-10")
     assert code == CHECK_FAILED
-    assert "! id 3: 2 answers to one question: 2 drives have id 3; take all but one off the bus" in out
-    assert "! id 9: 2 answers to one question: 2 drives have id 9" in out
+    assert "! id 3: 2 replies to one query: 2 drives have id 3. Disconnect all but one" in out
+    assert "! id 9: 2 replies to one query: 2 drives have id 9" in out
 
 
 @pytest.mark.parametrize(

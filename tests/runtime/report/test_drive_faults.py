@@ -99,7 +99,7 @@ SAID = {
     ),
     "scale mismatch of a stuck encoder": (
         {"motion": "0.0, 2.0"},
-        "the reported position stands still while the reported velocity says that the joint moves: an encoder, or the",
+        "the reported position is constant while the reported velocity shows motion: an encoder, or the",
     ),
     "implausible": (
         {

@@ -78,8 +78,8 @@ def test_device_bitrate_that_differs_from_bus_is_reported(fitted):
     with pytest.raises(RigError) as caught:
         fitted(legs, with_imu())
     [trouble] = caught.value.troubles
-    assert trouble.code == "TW103" and trouble.message == "[bus.legs] has 1000 kbit/s, and imu is set to 250 kbit/s"
-    assert trouble.hint.endswith('say so: [device."imu"] bitrate = 1000000')
+    assert trouble.code == "TW103" and trouble.message == "[bus.legs] has 1000 kbit/s, but imu is set to 250 kbit/s"
+    assert trouble.hint.endswith('write [device."imu"] bitrate = 1000000')
     fitted(legs + '[device."imu"]\nbitrate = 1_000_000\n', with_imu())
     compile(fitted(LEGS.replace("500_000", "250_000"), with_imu()))
 

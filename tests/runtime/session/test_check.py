@@ -156,7 +156,7 @@ def test_what_rests_on_an_assumption_or_on_the_drive_is_not_called_proved(tmp_pa
     )
     said = columns(found, 500)
     assert "    torque, not proved: 12 N·m, holds while |α| <= 500 rad/s²" in said
-    assert "      usable damping, where the whole law does not fit into the limit: 3.2 N·m·s/rad" in said
+    assert "      usable damping if the whole law exceeds the limit: 3.2 N·m·s/rad" in said
     assert any(
         line.startswith("    torque, not proved: 6 N·m, limited by the drive's own current limit of ") for line in said
     )
