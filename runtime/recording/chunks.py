@@ -102,7 +102,7 @@ def windows(data, offsets, size) -> Any:
     """Return `size` bytes from each offset, as an array (offsets, size). Raises ValueError outside the data."""
     if not len(offsets):
         return np.empty((0, size), dtype=np.uint8)
-    if int(offsets[0]) < 0 or int(offsets.max()) + size > len(data):
+    if int(offsets.min()) < 0 or int(offsets.max()) + size > len(data):
         raise ValueError("a record longer than its chunk")
     return np.lib.stride_tricks.as_strided(data, (len(data) - size + 1, size), (1, 1))[offsets]
 

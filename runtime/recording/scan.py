@@ -21,6 +21,7 @@ from runtime.recording.records import (
     AN_INDEX,
     ATTACHMENT,
     CHANNEL,
+    COMPRESSION_AT,
     DATA_END,
     FOOTER,
     HEADER,
@@ -125,12 +126,12 @@ class Scan:
     def chunk(self, at, end):
         """Take a chunk."""
         raw = self.bytes_at(at, HEAD_LIMIT)
-        compressed = raw[CHUNK_HEAD.size - 12 : CHUNK_HEAD.size - 8] != bytes(4)
+        compressed = not is_compressed(raw, "")
         if not compressed and end > self.size:
             return self.loose(at, at + CHUNK_HEAD.size)
-        head, compression, _, _, stored = head_of(raw)
         if end > self.size:
-            return self.stream(at) if compression == ZSTD else None
+            return self.stream(at) if is_compressed(raw, ZSTD) else None
+        head, compression, _, _, stored = head_of(raw)
         counts, after = self.indices(end)
         following = self.bytes_at(after, HEAD.size)
         if len(following) < HEAD.size or after + HEAD.size + HEAD.unpack(following)[1] > self.size:
@@ -201,10 +202,8 @@ class Scan:
                 chunk.limit = self.check(found)
                 found = found if chunk.limit is None else found.until(chunk.limit)
             chunk.counts = {channel: len(offsets) for channel, offsets in found.offsets.items()}
-        if chunk.limit is not None and chunk.compression not in ("", STREAM_OF_ZSTD):
-            raise ValueError("a damaged message")
         if chunk.limit is not None:
-            self.good = chunk.begin + (0 if chunk.compression else chunk.limit)
+            self.good = chunk.at if chunk.compression else chunk.begin + chunk.limit
         contents.chunks.append(chunk)
         self.counts.update(chunk.counts)
 
@@ -238,3 +237,8 @@ class Scan:
         if HEADER <= kind <= DATA_END and length < RECORD_LIMIT and self.good + HEAD.size + length >= self.size:
             return CUT
         return f"is damaged from byte {self.good} of {self.size} on: what stands before is read"
+
+
+def is_compressed(head, name):
+    """Return whether the head of a chunk has a compression. name : "zstd", "lz4" or "" for none"""
+    return head[COMPRESSION_AT:].startswith(len(name).to_bytes(4, "little") + name.encode())

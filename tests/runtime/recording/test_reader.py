@@ -101,8 +101,8 @@ def test_damaged_index_does_not_change_what_is_read(path, tmp_path):
     index = chunk_indexes(path)[1]
     whole = runtime.load(path)
     for offset in index.message_index_offsets.values():
-        for damage in (bytes(1), bytes(8), b"\xff" * 40):
-            trial = runtime.load(changed(path, tmp_path, offset + 15 + 8, damage))
+        for place, damage in ((8, bytes(1)), (24, b"\xff" * 8), (8, b"\xff" * 40), (24, b"\0" * 7 + b"\x80")):
+            trial = runtime.load(changed(path, tmp_path, offset + 15 + place, damage))
             assert np.array_equal(trial["leg0/block.x1"], whole["leg0/block.x1"]) and trial.complete
 
 
