@@ -17,7 +17,7 @@ from runtime.guardian.wires import ERROR, EXTENDED, REMOTE, CannotOpen, PythonCa
 from runtime.machine.can import ARPHRD_CAN
 from runtime.machine.probe import Machine
 from runtime.rig.buses import ONE_PROCESS, SEE_PYTHON_CAN
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.file import I2C, SOCKETCAN, UDP, parse, read
 from runtime.rig.interface_checks import link, look
 from runtime.rig.serial_port import look_at_port
@@ -40,7 +40,7 @@ class ToolBus:
         self.remarks = []
         if bus.interface in (*ONE_PROCESS, UDP, I2C):
             raise Refused(
-                Trouble(
+                RigProblem(
                     "TW105",
                     f"[bus.{bus.name}] interface = {bus.interface!r} has no drives",
                     "select a CAN bus: socketcan, slcan or udp_multicast",
@@ -50,7 +50,7 @@ class ToolBus:
             self.lock = BusLock(bus.interface, bus.channel)
         except BusTaken as taken:
             raise Refused(
-                Trouble(
+                RigProblem(
                     "TW106",
                     f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
                     "end that process first: a bus has one controller",
@@ -61,7 +61,7 @@ class ToolBus:
         except CannotOpen as error:
             self.lock.close()
             raise Refused(
-                Trouble("TW119", f"[bus.{bus.name}] {bus.interface} {bus.channel}: {error}", SEE_PYTHON_CAN)
+                RigProblem("TW119", f"[bus.{bus.name}] {bus.interface} {bus.channel}: {error}", SEE_PYTHON_CAN)
             ) from None
         except BaseException:
             self.lock.close()

@@ -9,7 +9,7 @@ from blocks.families import families
 from runtime.commissioning.scan import Report
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.rig.chips import KnownChips
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.i2c import open_adapter
 
 
@@ -63,7 +63,7 @@ def look(bus, opened=None):
         lock = BusLock(bus.interface, bus.channel)
     except BusTaken as taken:
         raise Refused(
-            Trouble(
+            RigProblem(
                 "TW106",
                 f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
                 "end that process first: it switches the multiplexers of the bus",

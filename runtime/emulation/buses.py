@@ -13,7 +13,7 @@ from runtime.base.errors import BadInput
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.machine.probe import Machine
 from runtime.rig.buses import ONE_PROCESS, SEE_PYTHON_CAN
-from runtime.rig.errors import Refused, RigError, Trouble
+from runtime.rig.errors import Refused, RigError, RigProblem
 from runtime.rig.file import SOCKETCAN, UDP
 from runtime.rig.interface import Interface
 from runtime.rig.serial_port import look_at_port
@@ -57,7 +57,7 @@ class PlantBuses:
         """Return the end of one bus: a SocketCan, a Line, or an unconnected MemoryBus."""
         if bus.interface in ONE_PROCESS:
             raise Refused(
-                Trouble(
+                RigProblem(
                     "TW105",
                     f"[bus.{bus.name}] interface = {bus.interface!r} has no nodes outside the process that opens it",
                     "use udp_multicast or vcan, whose nodes are processes of this machine",
@@ -72,7 +72,7 @@ class PlantBuses:
             self.locks.append(BusLock(f"emulator/{bus.interface}", bus.channel))
         except BusTaken as taken:
             raise Refused(
-                Trouble(
+                RigProblem(
                     "TW107",
                     f"[bus.{bus.name}] {bus.channel} has an emulator: {taken.owner}",
                     "end that process first: two emulators would reply to every frame twice",
@@ -89,7 +89,7 @@ class PlantBuses:
         return SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=TX_QUEUE_FULL_LIMIT)
 
     def carry(self):
-        """Start the process with python-can's interfaces. Returns a Trouble for each that cannot be opened."""
+        """Start the process with python-can's interfaces. Returns a RigProblem for each that cannot be opened."""
         buses = [self.rig.buses[name] for name in self.carried]
         plan = [
             {
@@ -104,7 +104,7 @@ class PlantBuses:
         ]
         self.carrier = Carrier(self.lines, self.bell, self.locks)
         return [
-            Trouble(
+            RigProblem(
                 "TW119",
                 f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}",
                 SEE_PYTHON_CAN,

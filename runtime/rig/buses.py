@@ -12,7 +12,7 @@ from runtime.guardian import GuardianError, GuardianProcess
 from runtime.guardian import plan as guardians_plan
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.machine.probe import Machine
-from runtime.rig.errors import Refused, RigError, Trouble
+from runtime.rig.errors import Refused, RigError, RigProblem
 from runtime.rig.file import I2C, SOCKETCAN, UDP
 from runtime.rig.i2c import I2cInterface, SeveralRefused, error_in_words
 from runtime.rig.interface import Interface
@@ -91,7 +91,7 @@ class RigBuses:
         bus = self.rig.buses[name]
         if (bus.interface == I2C) != (self.media[name] == "i2c"):
             raise Refused(
-                Trouble(
+                RigProblem(
                     "TW105",
                     f"[bus.{name}] interface = {bus.interface!r}, but its devices use "
                     f"{'I2C' if bus.interface != I2C else 'CAN'}",
@@ -102,7 +102,7 @@ class RigBuses:
             )
         if bus.interface in ONE_PROCESS:
             raise Refused(
-                Trouble(
+                RigProblem(
                     "TW105",
                     f"[bus.{name}] interface = {bus.interface!r} has no nodes outside the process that opens it",
                     "run without --rig to emulate every device, or use udp_multicast, whose nodes are processes of "
@@ -113,7 +113,7 @@ class RigBuses:
             self.locks.append(BusLock(bus.interface, bus.channel))
         except BusTaken as taken:
             raise Refused(
-                Trouble(
+                RigProblem(
                     "TW106",
                     f"[bus.{name}] {bus.channel} is controlled by {taken.owner}",
                     "end that process first: a bus has one controller",
@@ -186,7 +186,7 @@ class RigBuses:
             self.guardian.configure(guardians_plan(buses, schedule, robot, priority, relays))
         except GuardianError as error:
             troubles = [
-                Trouble(
+                RigProblem(
                     "TW119",
                     f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}",
                     SEE_PYTHON_CAN,
@@ -194,7 +194,7 @@ class RigBuses:
                 for name, why in error.troubles.items()
             ]
             raise RigError(
-                self.rig.path, troubles or [Trouble("TW120", str(error), "see its message on the terminal")]
+                self.rig.path, troubles or [RigProblem("TW120", str(error), "see its message on the terminal")]
             ) from None
 
     def start_sensors(self, priority):

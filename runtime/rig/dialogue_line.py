@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from graph import StreamDevice
 from graph.dialogue import NoReply, Rejected
 from runtime.rig import ports
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.line import Opened, let_go
 
 PORTS = "TICKWORK_PORTS"  # in the environment: patterns of the ports to look at, in place of what pyserial lists
@@ -42,7 +42,7 @@ def converse(port, dialogue):
 
 
 def open_lines(devices):
-    """Return {device: Opened or Trouble}."""
+    """Return {device: Opened or RigProblem}."""
     found, waiting, seen = {}, [], Seen({type(device) for device in devices})
     for device in devices:
         wanted = device.opening()
@@ -106,7 +106,7 @@ class Seen:
         paths = candidates([vendor for kind in self.kinds for vendor in kind.usb_vendors])
         with ThreadPoolExecutor(max(1, len(paths))) as pool:
             for path, found in zip(paths, pool.map(lambda path: self.ask(path, baudrate), paths)):
-                if isinstance(found, Trouble):
+                if isinstance(found, RigProblem):
                     self.troubles.append(found)
                 elif found is None:
                     self.silent.append(path)
@@ -141,10 +141,10 @@ class Seen:
             return self.open.pop(found[0]).port
         if not serial:
             message = f"{where} names neither a serial number nor a port"
-            raise Refused(Trouble("TW127", message, f'write serial = "133931"; {self.words(device)}'))
+            raise Refused(RigProblem("TW127", message, f'write serial = "133931"; {self.words(device)}'))
         what = f"{len(found)} sensors have" if found else "no sensor has"
         message = f'{where} serial = "{serial}": {what} this ending of the serial number'
-        raise Refused(Trouble("TW127", message, self.words(device)))
+        raise Refused(RigProblem("TW127", message, self.words(device)))
 
     def words(self, device):
         seen = ", ".join(
@@ -169,22 +169,22 @@ def opened(device, port):
         about = converse(port, device.identify())
         if wanted["serial"] and not about.ends_with(wanted["serial"]):
             message = f'{where} serial = "{wanted["serial"]}": that sensor is {about.serial}'
-            raise Refused(Trouble("TW127", message, "correct one of the two"))
+            raise Refused(RigProblem("TW127", message, "correct one of the two"))
         messages, remarks = converse(port, device.set_up())
         line = Opened(let_go(port), path, path=ports.by_id(path), setup=tuple(messages), proof=about.proof())
     except NoReply:
         port.close()
         message = f"{where}: no {device.sensor} answers at {wanted['baudrate']} bit/s"
         hint = f"is that its port, and its supply on? With a real serial line: its baud rate; {device.remedy}"
-        raise Refused(Trouble("TW128", message, hint)) from None
+        raise Refused(RigProblem("TW128", message, hint)) from None
     except Refused:
         port.close()
         raise
     except Rejected as rejected:
         port.close()
-        raise Refused(Trouble("TW129", f"{where}: {rejected}", rejected.hint)) from None
+        raise Refused(RigProblem("TW129", f"{where}: {rejected}", rejected.hint)) from None
     except (OSError, ValueError) as error:
         port.close()
-        raise Refused(Trouble("TW128", f"{where}: {error}", "unplug it, and plug it in again")) from None
+        raise Refused(RigProblem("TW128", f"{where}: {error}", "unplug it, and plug it in again")) from None
     line.remarks = tuple(f"{path}: {about.model} {about.serial} {remark}" for remark in remarks)
     return line

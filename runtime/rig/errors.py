@@ -41,7 +41,7 @@ CODES = {
 
 
 @dataclass(frozen=True)
-class Trouble:
+class RigProblem:
     """Error in a rig. code : key of CODES; message : what is wrong, and where; hint : the remedy, in one line"""
 
     code: str
@@ -53,7 +53,7 @@ class Trouble:
 
 
 class RigError(BadInput):
-    """A rig that cannot be used. troubles : list of Trouble"""
+    """A rig that cannot be used. troubles : list of RigProblem"""
 
     def __init__(self, path, troubles):
         self.troubles = tuple(troubles)
@@ -61,7 +61,7 @@ class RigError(BadInput):
 
 
 class Refused(Exception):
-    """A bus of a rig that cannot be used. trouble : Trouble"""
+    """A bus of a rig that cannot be used. trouble : RigProblem"""
 
     def __init__(self, trouble):
         super().__init__(str(trouble))

@@ -8,7 +8,7 @@ import os
 import stat
 from pathlib import Path
 
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.line import Opened, one_by_one
 
 EVENT = 24  # bytes of struct input_event with 64-bit time stamps
@@ -16,7 +16,7 @@ BY_ID = Path("/dev/input/by-id")
 
 
 def open_lines(devices):
-    """Open the lines of `devices`. Returns {device: Opened or Trouble}."""
+    """Open the lines of `devices`. Returns {device: Opened or RigProblem}."""
     return one_by_one(devices, lambda device: opened(device.path, **device.opening()))
 
 
@@ -24,11 +24,11 @@ def opened(path, device):
     name = f'[device."{path}"] device = "{device}"'
     if not device:
         raise Refused(
-            Trouble("TW127", f'[device."{path}"]: device is missing', f'write device = "{BY_ID}/..."; {there()}')
+            RigProblem("TW127", f'[device."{path}"]: device is missing', f'write device = "{BY_ID}/..."; {there()}')
         )
     try:
         if not stat.S_ISCHR(os.stat(device).st_mode):
-            raise Refused(Trouble("TW127", f"{name} is not an input device", there()))
+            raise Refused(RigProblem("TW127", f"{name} is not an input device", there()))
         return Opened(os.open(device, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), device, path=device, record=EVENT)
     except OSError as error:
         if error.errno in (errno.EACCES, errno.EPERM):
@@ -36,8 +36,8 @@ def opened(path, device):
                 "sudo usermod -aG input $USER, then log in again. Members of that group can read every key that is "
                 "pressed on this computer"
             )
-            raise Refused(Trouble("TW118", f"{name}: {error.strerror}", hint)) from None
-        raise Refused(Trouble("TW127", f"{name}: {error.strerror}", there())) from None
+            raise Refused(RigProblem("TW118", f"{name}: {error.strerror}", hint)) from None
+        raise Refused(RigProblem("TW127", f"{name}: {error.strerror}", there())) from None
 
 
 def there():

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from graph.names import suggestion
-from runtime.rig.errors import RigError, Trouble
+from runtime.rig.errors import RigError, RigProblem
 from runtime.rig.udp import EXAMPLE, UDP, Endpoint
 
 if sys.version_info >= (3, 11):
@@ -82,10 +82,10 @@ def parse(path, text):
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         hint = 'quote text with "", and a path in a name: [device."left/knee"]'
-        raise RigError(path, [Trouble("TW101", f"invalid TOML: {error}", hint)]) from None
+        raise RigError(path, [RigProblem("TW101", f"invalid TOML: {error}", hint)]) from None
     hint = 'write [bus.NAME] or [device."PATH"]'
     troubles = [
-        Trouble(
+        RigProblem(
             "TW102", f"[{key}]: unknown table: a rig has [bus] and [device]", suggestion(key, ("bus", "device")) or hint
         )
         for key in content
@@ -101,27 +101,27 @@ def parse(path, text):
 
 def text_of(path):
     if path.is_dir():
-        raise RigError(path, [Trouble("TW101", "is a folder", "name the file of a rig, such as lab.toml")])
+        raise RigError(path, [RigProblem("TW101", "is a folder", "name the file of a rig, such as lab.toml")])
     try:
         return path.read_bytes().decode("utf-8").replace("\r\n", "\n")
     except FileNotFoundError:
         near = suggestion(path.name, [file.name for file in path.parent.glob("*.toml")]) if path.parent.is_dir() else ""
-        raise RigError(path, [Trouble("TW101", "no such file", near)]) from None
+        raise RigError(path, [RigProblem("TW101", "no such file", near)]) from None
     except UnicodeDecodeError:
-        raise RigError(path, [Trouble("TW101", "not UTF-8 text", "a rig file is TOML")]) from None
+        raise RigError(path, [RigProblem("TW101", "not UTF-8 text", "a rig file is TOML")]) from None
     except OSError as error:
-        raise RigError(path, [Trouble("TW101", f"cannot be read: {error.strerror}")]) from None
+        raise RigError(path, [RigProblem("TW101", f"cannot be read: {error.strerror}")]) from None
 
 
 def tables(content, kind, name, troubles):
     """Yield (name, table) of every [kind.name]."""
     entries = content.get(kind, {})
     if not isinstance(entries, dict):
-        troubles.append(Trouble("TW102", f"{kind} = {entries!r}: expected a table", f"write [{kind}.{name}]"))
+        troubles.append(RigProblem("TW102", f"{kind} = {entries!r}: expected a table", f"write [{kind}.{name}]"))
         return []
     hint = f"write [{kind}.{name}], followed by its keys"
     troubles += [
-        Trouble("TW102", f"[{kind}] {key} = {value!r}: expected a table", hint)
+        RigProblem("TW102", f"[{kind}] {key} = {value!r}: expected a table", hint)
         for key, value in entries.items()
         if not isinstance(value, dict)
     ]
@@ -133,7 +133,7 @@ def bus(name, table, troubles):
     before = len(troubles)
 
     def wrong(message, hint):
-        troubles.append(Trouble("TW102", f"[bus.{name}] {message}", hint))
+        troubles.append(RigProblem("TW102", f"[bus.{name}] {message}", hint))
 
     for key in table:
         if key not in KEYS:
@@ -234,7 +234,7 @@ def shared_channels(buses):
     for bus in buses:
         other = first.setdefault((bus.interface, bus.channel), bus)
         if other is not bus:
-            yield Trouble(
+            yield RigProblem(
                 "TW102",
                 f"[bus.{bus.name}] channel = {bus.channel!r} is also used by [bus.{other.name}] too",
                 "use a separate interface, or put the devices that share a wire on one bus in the diagram",

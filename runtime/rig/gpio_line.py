@@ -8,7 +8,7 @@ import os
 from datetime import timedelta
 from importlib import import_module
 
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.line import Opened, one_by_one
 
 EVENT = 48  # bytes of struct gpio_v2_line_event
@@ -16,7 +16,7 @@ CONSUMER = "tickwork"
 
 
 def open_lines(devices):
-    """Open the lines of `devices`. Returns {device: Opened or Trouble}."""
+    """Open the lines of `devices`. Returns {device: Opened or RigProblem}."""
     return one_by_one(devices, lambda device: opened(device.path, **device.opening()))
 
 
@@ -24,12 +24,12 @@ def opened(path, chip, pin, active_low, output, bias="as_is", debounce=0.0):
     name = f'[device."{path}"] {chip} {pin}'
     if not pin:
         hint = 'write pin = "GPIO17", or its number on the chip; list the names: gpioinfo'
-        raise Refused(Trouble("TW127", f'[device."{path}"] has no chip and pin', hint))
+        raise Refused(RigProblem("TW127", f'[device."{path}"] has no chip and pin', hint))
     try:
         gpiod = import_module("gpiod")
     except ImportError:
         raise Refused(
-            Trouble("TW119", f"{name}: libgpiod's Python package is not installed", "pip install 'tickwork[gpio]'")
+            RigProblem("TW119", f"{name}: libgpiod's Python package is not installed", "pip install 'tickwork[gpio]'")
         ) from None
     line = import_module("gpiod.line")
     settings = (
@@ -54,18 +54,20 @@ def opened(path, chip, pin, active_low, output, bias="as_is", debounce=0.0):
 def in_words(name, chip, pin, error):
     number = getattr(error, "errno", None)
     if not os.path.exists(chip):
-        return Trouble(
+        return RigProblem(
             "TW127", f"{name}: no such chip", "list the chips: ls /dev/gpiochip*; list their lines: gpioinfo"
         )
     if number in (errno.EACCES, errno.EPERM):
-        return Trouble(
+        return RigProblem(
             "TW118", f"{name}: {os.strerror(number)}", f"sudo usermod -aG {group_of(chip)} $USER, then log in again"
         )
     if number == errno.EBUSY:
-        return Trouble("TW119", f"{name}: in use by another process", "find it: gpioinfo")
+        return RigProblem("TW119", f"{name}: in use by another process", "find it: gpioinfo")
     if number is None or number in (errno.EINVAL, errno.ENOENT):
-        return Trouble("TW127", f"{name}: no such line, or an unsupported option ({error})", "list the lines: gpioinfo")
-    return Trouble("TW119", f"{name}: {os.strerror(number)}", "check that it is a GPIO chip: gpiodetect")
+        return RigProblem(
+            "TW127", f"{name}: no such line, or an unsupported option ({error})", "list the lines: gpioinfo"
+        )
+    return RigProblem("TW119", f"{name}: {os.strerror(number)}", "check that it is a GPIO chip: gpiodetect")
 
 
 def group_of(path):

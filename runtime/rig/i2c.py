@@ -15,7 +15,7 @@ from blocks.i2c import I2cDevice
 from cext.lines.i2c import I2cBus
 from cext.lines.i2c_adapters import LinuxAdapter
 from runtime.rig.chips import Chips, NoAnswer, in_hex
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.serial_port import permission
 
 NODES = "i2c-*"  # in /dev
@@ -99,7 +99,7 @@ class I2cInterface:
             identity, value = mismatch
             expected = " or ".join(f"{value:#04x} ({name})" for value, name in identity.values.items())
             raise Refused(
-                Trouble(
+                RigProblem(
                     "TW134",
                     f"{entry} {self.where(device)}: its identity register is {value:#04x}, "
                     f"but that of a {device.kind} is {expected}",
@@ -126,7 +126,9 @@ class I2cInterface:
         try:
             device.learn(read, write)
         except ValueError as error:
-            raise Refused(Trouble("TW129", f"{entry} {self.where(device)}: {error}", "see docs/sensors.md")) from None
+            raise Refused(
+                RigProblem("TW129", f"{entry} {self.where(device)}: {error}", "see docs/sensors.md")
+            ) from None
         check = device.check()
         if check is not None:
             value = chips.read(device.address, check[0], len(check[1]))
@@ -136,7 +138,7 @@ class I2cInterface:
                     f"{check[0]:#04x} on"
                 )
                 raise Refused(
-                    Trouble(
+                    RigProblem(
                         "TW129",
                         f"{entry} {self.where(device)}: {what}",
                         "check for a long wire, missing pull-ups, two chips at one address, or a chip that only "
@@ -149,22 +151,22 @@ class I2cInterface:
         return f"{self.bus.channel}{there}, address {device.address:#04x}"
 
     def no_reply(self, device, chips, error, entry):
-        """Return a Trouble that explains why a chip did not reply."""
+        """Return a RigProblem that explains why a chip did not reply."""
         if error.errno == errno.EBUSY:
-            return Trouble(
+            return RigProblem(
                 "TW135",
                 f"{entry} {self.where(device)}: address in use by a kernel driver",
                 "unload it: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt",
             )
         if error.mux:
-            return Trouble(
+            return RigProblem(
                 "TW133",
                 f"{entry} {self.bus.channel}: no multiplexer replies at {device.mux:#04x}",
                 f"{in_hex(chips.answering(outside=True))} reply on the bus itself: check the mux of this device, its "
                 "supply and its reset pin",
             )
         if error.errno in (errno.ETIMEDOUT, errno.EAGAIN):
-            return Trouble(
+            return RigProblem(
                 "TW128",
                 f"{entry} {self.where(device)}: the bus is stuck: {os.strerror(error.errno)}",
                 "a device holds a line low: power-cycle the sensors; check the pull-ups, all to one voltage",
@@ -172,7 +174,7 @@ class I2cInterface:
         replying = in_hex(chips.answering())
         place = f"channel {device.channel} of the multiplexer {device.mux:#04x}" if device.mux else "this bus"
         what = f"at {error.address:#04x}, inside it, " if error.address != device.address else ""
-        return Trouble(
+        return RigProblem(
             "TW128",
             f"{entry} {self.where(device)}: no reply {what}({os.strerror(error.errno)})",
             f"on {place} {replying} repl{'ies' if replying.count('0x') == 1 else 'y'}: correct address, mux or channel "
@@ -213,7 +215,7 @@ class I2cInterface:
 
 
 class SeveralRefused(Refused):
-    """Several unusable devices of one bus. troubles : list of Trouble"""
+    """Several unusable devices of one bus. troubles : list of RigProblem"""
 
     def __init__(self, troubles):
         super().__init__(troubles[0])
@@ -238,13 +240,13 @@ def open_adapter(bus):
     name = f"[bus.{bus.name}] {bus.channel}"
     try:
         if not stat.S_ISCHR(os.stat(bus.channel).st_mode):
-            raise Refused(Trouble("TW131", f"{name} is not an I2C bus", known()))
+            raise Refused(RigProblem("TW131", f"{name} is not an I2C bus", known()))
         from smbus2 import SMBus
 
         wires = SMBus(bus.channel)
     except ImportError:
         raise Refused(
-            Trouble(
+            RigProblem(
                 "TW119",
                 f"{name}: smbus2 is not installed",
                 "pip install smbus2, into the environment that this runs in",
@@ -257,18 +259,18 @@ def open_adapter(bus):
         return Chips(wires), LinuxAdapter(wires.fd)
     except OSError as error:
         wires.close()
-        raise Refused(Trouble("TW131", f"{name}: {error.strerror}", known())) from None
+        raise Refused(RigProblem("TW131", f"{name}: {error.strerror}", known())) from None
 
 
 def in_words(name, path, error):
-    """Return a Trouble that explains why a bus cannot be opened."""
+    """Return a RigProblem that explains why a bus cannot be opened."""
     if error.errno in (errno.EACCES, errno.EPERM):
-        return Trouble("TW132", f"{name}: {error.strerror}", permission(path))
+        return RigProblem("TW132", f"{name}: {error.strerror}", permission(path))
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
-        return Trouble("TW131", f"{name}: no such bus", known())
+        return RigProblem("TW131", f"{name}: no such bus", known())
     if error.errno == errno.ENOTTY:
-        return Trouble("TW131", f"{name} is not an I2C bus", known())
-    return Trouble("TW119", f"{name}: {error.strerror}", "see: ls -l /dev/i2c-*")
+        return RigProblem("TW131", f"{name} is not an I2C bus", known())
+    return RigProblem("TW119", f"{name}: {error.strerror}", "see: ls -l /dev/i2c-*")
 
 
 def known(folder="/dev"):

@@ -10,7 +10,7 @@ import os
 import socket
 import struct
 
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.interface_checks import absent, look, refused, take_up
 
 SO_TIMESTAMPNS, SO_MEMINFO = 35, 55  # Linux constants that Python's socket lacks
@@ -69,7 +69,7 @@ class Interface:
             self.strangers.close()
 
     def in_words(self, error, machine):
-        """Return an error of the system as a Trouble."""
+        """Return an error of the system as a RigProblem."""
         name = self.bus.channel
         if error.errno in (errno.EPERM, errno.EACCES):
             return denied(error)
@@ -123,7 +123,7 @@ def new_socket(bus):
     """Create an unbound raw CAN socket. Raises Refused."""
     family = getattr(socket, "AF_CAN", None)
     if family is None:
-        raise Refused(Trouble("TW111", "this Python has no CAN sockets", "SocketCAN requires Python on Linux"))
+        raise Refused(RigProblem("TW111", "this Python has no CAN sockets", "SocketCAN requires Python on Linux"))
     try:
         return socket.socket(family, socket.SOCK_RAW, socket.CAN_RAW)
     except PermissionError as error:
@@ -132,7 +132,7 @@ def new_socket(bus):
         if error.errno not in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT, errno.ESOCKTNOSUPPORT):
             raise Refused(other(bus, error)) from None
         raise Refused(
-            Trouble(
+            RigProblem(
                 "TW111",
                 f"this kernel, {os.uname().release}, provides no CAN socket: {error.strerror}",
                 "sudo modprobe can_raw; where that fails, the kernel was built without CAN, as that of WSL 2 is: use "
@@ -143,13 +143,13 @@ def new_socket(bus):
 
 def other(bus, error):
     name = bus.channel
-    return Trouble(
+    return RigProblem(
         "TW119", f"[bus.{bus.name}] {name}: {error.strerror}", f"see: ip -details -statistics link show {name}"
     )
 
 
 def denied(error):
-    return Trouble(
+    return RigProblem(
         "TW118",
         f"the system provides no CAN socket: {error.strerror}",
         "in a container, start it with the host's network: --network host",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from graph.names import suggestion
 from runtime.machine.can import ARPHRD_CAN, bring_up
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 
 UP = 1  # IFF_UP
 VIRTUAL = ("vcan", "vxcan")  # kinds whose nodes are all processes of this machine
@@ -69,7 +69,7 @@ def controller(bus, data):
 
 
 def refused(bus, code, message, hint):
-    return Refused(Trouble(code, f"[bus.{bus.name}] {message}", hint))
+    return Refused(RigProblem(code, f"[bus.{bus.name}] {message}", hint))
 
 
 def family(name):
@@ -99,7 +99,7 @@ def absent(bus, machine):
         remedy = f"sudo modprobe vcan && sudo ip link add {name} type vcan && sudo ip link set {name} up"
     else:
         remedy = others(bus, machine)
-    return Trouble("TW112", f"[bus.{bus.name}] no such interface: {name}", remedy)
+    return RigProblem("TW112", f"[bus.{bus.name}] no such interface: {name}", remedy)
 
 
 def others(bus, machine):

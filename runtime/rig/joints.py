@@ -1,7 +1,7 @@
 """Joint ranges, which a rig must give for every joint before a run."""
 
 from graph import Actuator
-from runtime.rig.errors import RigError, Trouble
+from runtime.rig.errors import RigError, RigProblem
 
 
 def require_ranges(rig, diagram):
@@ -25,12 +25,12 @@ def missing(block, rig):
     entry = f'[device."{block.path}"]'
     if "range" not in block.hardware:
         kind = type(block).__name__
-        return Trouble(
+        return RigProblem(
             "TW136",
             f"{entry}: {kind} has no parameter `range`",
             f'declare range = Param((), "rad", "lowest and highest position") in {kind}, and name it in its `hardware`',
         )
-    return Trouble(
+    return RigProblem(
         "TW136",
         f"{entry} has no range, its lowest and highest position",
         f"write range = [LOWEST, HIGHEST] there, in rad; configure --joint {block.path} --rig {rig.path} FILE "

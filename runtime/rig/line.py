@@ -30,7 +30,7 @@ class Opened:
 
 
 def one_by_one(devices, opened):
-    """Return {device: Opened or Trouble} for lines that are independent of each other.
+    """Return {device: Opened or RigProblem} for lines that are independent of each other.
 
     opened : makes the Opened of a device, or raises Refused
     """

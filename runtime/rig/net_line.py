@@ -12,14 +12,14 @@ import errno
 import os
 import socket
 
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.line import Opened, one_by_one
 
 CONNECT_TIMEOUT = 3.0  # s
 
 
 def open_lines(devices):
-    """Open the lines of `devices`. Returns {device: Opened or Trouble}."""
+    """Open the lines of `devices`. Returns {device: Opened or RigProblem}."""
     return one_by_one(devices, lambda device: opened(device.path, **device.opening()))
 
 
@@ -27,7 +27,7 @@ def opened(path, transport, address):
     name = f'[device."{path}"] address = "{address}"'
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise Refused(Trouble("TW102", f"{name}: expected HOST:PORT", 'as in address = "0.0.0.0:5005"'))
+        raise Refused(RigProblem("TW102", f"{name}: expected HOST:PORT", 'as in address = "0.0.0.0:5005"'))
     try:
         if transport == "udp":
             end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -43,21 +43,21 @@ def opened(path, transport, address):
 
 def in_words(name, transport, port, error):
     if isinstance(error, socket.gaierror):
-        return Trouble("TW122", f"{name}: {error.strerror}", "write an IP address, as in 192.168.1.7:5005")
+        return RigProblem("TW122", f"{name}: {error.strerror}", "write an IP address, as in 192.168.1.7:5005")
     if transport == "udp" and error.errno == errno.EADDRINUSE:
         hint = f"end that program or choose another port; find it: ss -lunp sport = :{port}"
-        return Trouble("TW121", f"{name}: UDP port {port} is in use by another program", hint)
+        return RigProblem("TW121", f"{name}: UDP port {port} is in use by another program", hint)
     if transport == "udp" and error.errno == errno.EADDRNOTAVAIL:
-        return Trouble(
+        return RigProblem(
             "TW122",
             f"{name} is an address of another machine",
             f"for udp, use an address of this computer: 0.0.0.0:{port}",
         )
     if error.errno == errno.EACCES:
-        return Trouble("TW123", f"{name}: {os.strerror(error.errno)}", "choose a port above 1023")
+        return RigProblem("TW123", f"{name}: {os.strerror(error.errno)}", "choose a port above 1023")
     if transport == "tcp":
         reason = "no reply" if isinstance(error, TimeoutError) else os.strerror(error.errno)
-        return Trouble(
+        return RigProblem(
             "TW128", f"{name}: {reason}", "check that the bridge is running, and the firewall of its computer"
         )
-    return Trouble("TW119", f"{name}: {os.strerror(error.errno)}", "check that the address belongs to this computer")
+    return RigProblem("TW119", f"{name}: {os.strerror(error.errno)}", "check that the address belongs to this computer")

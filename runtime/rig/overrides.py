@@ -2,7 +2,7 @@
 
 from graph import Device, DiagramError
 from graph.names import suggestion
-from runtime.rig.errors import RigError, Trouble
+from runtime.rig.errors import RigError, RigProblem
 
 
 def override(rig, diagram):
@@ -26,11 +26,11 @@ def override(rig, diagram):
 
 
 def other_bitrates(rig, devices):
-    """Yield a Trouble for each device with another bitrate than its bus."""
+    """Yield a RigProblem for each device with another bitrate than its bus."""
     for device in devices:
         bus = rig.buses.get(device.bus)
         if bus is not None and "bitrate" in device.parameters and device.bitrate != bus.bitrate:
-            yield Trouble(
+            yield RigProblem(
                 "TW103",
                 f"[bus.{device.bus}] has {bus.bitrate / 1e3:g} kbit/s, but {device.path} is set to "
                 f"{device.bitrate / 1e3:g} kbit/s",
@@ -43,7 +43,7 @@ def other_bitrates(rig, devices):
 def unmapped(rig, wanted):
     for name in sorted(wanted - rig.buses.keys()):
         near = suggestion(name, rig.buses.keys() - wanted)
-        yield Trouble(
+        yield RigProblem(
             "TW104",
             f"no interface for bus {name!r}" + (f"; {near}" if near else ""),
             f'add [bus.{name}] with interface = "socketcan" and channel = "can0"',
@@ -51,15 +51,15 @@ def unmapped(rig, wanted):
 
 
 def unknown_path(path, diagram, devices):
-    """Return the Trouble of a path without a device."""
+    """Return the RigProblem of a path without a device."""
     if path in diagram.blocks:
         kind = type(diagram.blocks[path]).__name__
-        return Trouble(
+        return RigProblem(
             "TW103",
             f'[device."{path}"] is a {kind} and not a device',
             f"a rig changes hardware parameters only; for one run, --set {path}.PARAMETER=VALUE changes any block",
         )
-    return Trouble(
+    return RigProblem(
         "TW103",
         f'[device."{path}"]: {diagram.name} has no such device',
         suggestion(path, devices) or f"its devices are {', '.join(sorted(devices)) or 'none'}",
@@ -67,18 +67,18 @@ def unknown_path(path, diagram, devices):
 
 
 def changed(device, values):
-    """Set the valid values of a device; yield a Trouble for each invalid one."""
+    """Set the valid values of a device; yield a RigProblem for each invalid one."""
     for name, value in values.items():
         entry = f'[device."{device.path}"] {name}'
         if name not in device.hardware:
             known = f"{type(device).__name__} has {', '.join(device.hardware) or 'none'}"
             if name in device.parameters:
-                yield Trouble("TW103", f"{entry} is not a hardware parameter", f"set it in the diagram; {known}")
+                yield RigProblem("TW103", f"{entry} is not a hardware parameter", f"set it in the diagram; {known}")
             else:
-                yield Trouble("TW103", f"{entry}: no such parameter", suggestion(name, device.hardware) or known)
+                yield RigProblem("TW103", f"{entry}: no such parameter", suggestion(name, device.hardware) or known)
             continue
         try:
             device.set(name, value)
         except DiagramError as error:
             message = error.diagnostics[0].message.removeprefix(f"{name}: ")
-            yield Trouble("TW103", f"{entry} = {value!r}: {message}", device.parameters[name].description)
+            yield RigProblem("TW103", f"{entry} = {value!r}: {message}", device.parameters[name].description)

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from graph.names import suggestion
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.serial_port import holder, permission
 
 BY_ID = Path("/dev/serial/by-id")
@@ -41,7 +41,7 @@ def with_serial(device_path, digits):
     )
     if not digits:
         raise Refused(
-            Trouble(
+            RigProblem(
                 "TW127",
                 f'[device."{device_path}"] has neither a port nor a serial number',
                 f'write serial = "..." or port = "/dev/ttyACM0"; this machine has {seen}',
@@ -49,7 +49,7 @@ def with_serial(device_path, digits):
         )
     what = f"{len(matches)} ports have" if matches else "no port has"
     raise Refused(
-        Trouble(
+        RigProblem(
             "TW127",
             f'[device."{device_path}"] serial = "{digits}": {what} this ending of the serial number',
             f"found: {seen}",
@@ -66,12 +66,12 @@ def open_port(device_path, path, baudrate, timeout=0.0):
             port = serial.Serial(str(path), baudrate, timeout=timeout, write_timeout=1.0, exclusive=True)
             port.reset_input_buffer()
             return port
-        raise Refused(Trouble("TW125", f"{device(device_path)}{path} is not a serial port", others(path)))
+        raise Refused(RigProblem("TW125", f"{device(device_path)}{path} is not a serial port", others(path)))
     except OSError as error:  # includes pyserial's SerialException
         raise Refused(in_words(device_path, path, error, baudrate)) from None
     except ValueError as error:
         raise Refused(
-            Trouble("TW119", f"{device(device_path)}{path}: {error}", f"is {baudrate} bit/s supported by the port?")
+            RigProblem("TW119", f"{device(device_path)}{path}: {error}", f"is {baudrate} bit/s supported by the port?")
         ) from None
 
 
@@ -84,15 +84,15 @@ def in_words(device_path, path, error, baudrate):
     name = f"{device(device_path)}{path}"
     number = error.errno or getattr(error.__context__, "errno", None)
     if number in (errno.EACCES, errno.EPERM):
-        return Trouble("TW124", f"{name}: {os.strerror(number)}", permission(path))
+        return RigProblem("TW124", f"{name}: {os.strerror(number)}", permission(path))
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
-        return Trouble("TW125", f"{name}: no such port", others(path))
+        return RigProblem("TW125", f"{name}: no such port", others(path))
     if number in (errno.EBUSY, errno.EAGAIN):
         owner = locker(path) or holder(path) or f"a process that this user cannot see; find it: sudo fuser -v {path}"
-        return Trouble(
+        return RigProblem(
             "TW126", f"{name} is in use by {owner}", "end that process first: two readers of a port each lose data"
         )
-    return Trouble(
+    return RigProblem(
         "TW119",
         f"{name}: {os.strerror(number) if number else error}",
         f"is it plugged in, and does it take {baudrate} bit/s?",

@@ -18,7 +18,7 @@ SETUP_PAUSE = 0.02  # s between messages of the set-up
 
 
 def open_lines(devices):
-    """Open the lines of `devices`. Returns {device: Opened or Trouble}."""
+    """Open the lines of `devices`. Returns {device: Opened or RigProblem}."""
     return one_by_one(devices, lambda device: opened(device, device.opening()))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from graph.names import suggestion
 from runtime.machine.ports import SERIAL
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.udp import holder_of
 
 RULES = "/etc/udev/rules.d/70-tickwork.rules"
@@ -28,7 +28,7 @@ def look_at_port(bus, folder="/dev"):
     name = f"[bus.{bus.name}] {path}"
     try:
         if not stat.S_ISCHR(os.stat(path).st_mode):
-            raise Refused(Trouble("TW125", f"{name} is not a serial port", known(path, folder)))
+            raise Refused(RigProblem("TW125", f"{name} is not a serial port", known(path, folder)))
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
         raise Refused(in_words(name, path, error, folder)) from None
@@ -39,21 +39,21 @@ def look_at_port(bus, folder="/dev"):
 
 
 def in_words(name, path, error, folder):
-    """Return a Trouble that explains why a port cannot be opened."""
+    """Return a RigProblem that explains why a port cannot be opened."""
     if error.errno in (errno.EACCES, errno.EPERM):
-        return Trouble("TW124", f"{name}: {error.strerror}", permission(path))
+        return RigProblem("TW124", f"{name}: {error.strerror}", permission(path))
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
-        return Trouble("TW125", f"{name}: no such port", known(path, folder))
+        return RigProblem("TW125", f"{name}: no such port", known(path, folder))
     if error.errno == errno.EBUSY:
         return taken(name, holder(path))
-    return Trouble("TW119", f"{name}: {error.strerror}", "check that the adapter is plugged in and powered")
+    return RigProblem("TW119", f"{name}: {error.strerror}", "check that the adapter is plugged in and powered")
 
 
 def taken(name, owner):
     remedy = "end that process first: two readers of a port each lose data"
     if owner:
-        return Trouble("TW126", f"{name} is in use by {owner}", remedy)
-    return Trouble(
+        return RigProblem("TW126", f"{name} is in use by {owner}", remedy)
+    return RigProblem(
         "TW126",
         f"{name} is in use by a process that this user cannot see",
         f"{remedy}; find it: sudo fuser -v {name.split()[-1]}",

@@ -4,7 +4,7 @@ A block declares its kind of line and how to open it (graph.StreamDevice: line, 
 all lines of its kind at once, because a device with a serial number may be at any port. From `start` on one native
 thread reads them all.
 
-A module of KINDS has `open_lines(devices)`, which returns {device: Opened or Trouble} (runtime.rig.line).
+A module of KINDS has `open_lines(devices)`, which returns {device: Opened or RigProblem} (runtime.rig.line).
 """
 
 import importlib

@@ -16,7 +16,7 @@ import socket
 from contextlib import suppress
 from pathlib import Path
 
-from runtime.rig.errors import Refused, Trouble
+from runtime.rig.errors import Refused, RigProblem
 
 UDP = "udp"
 SO_TIMESTAMPNS = 35  # Linux constant that Python's socket lacks
@@ -63,7 +63,7 @@ class UdpInterface:
         moving = [device.path for device in devices if device.zero_frames() or device.disable_frames()]
         if moving:
             raise Refused(
-                Trouble(
+                RigProblem(
                     "TW105",
                     f"[bus.{bus.name}] interface = {UDP!r} cannot carry {', '.join(moving)}: the guardian could "
                     "not stop it",
@@ -87,29 +87,29 @@ class UdpInterface:
 
 
 def in_words(bus, here, error):
-    """Return a Trouble that explains why a socket could not be bound."""
+    """Return a RigProblem that explains why a socket could not be bound."""
     address, port = here
     if error.errno == errno.EADDRINUSE:
         owner = owner_of(port)
-        return Trouble(
+        return RigProblem(
             "TW121",
             f"[bus.{bus.name}] UDP port {port} is in use" + (f" by {owner}" if owner else ""),
             "end that process first, or use another port here and at the sender",
         )
     if error.errno == errno.EADDRNOTAVAIL:
         own = ", ".join(addresses())
-        return Trouble(
+        return RigProblem(
             "TW122",
             f"[bus.{bus.name}] {address} is not an address of this machine" + (f"; it has {own}" if own else ""),
             f'write channel = "{"[::]" if ":" in address else "0.0.0.0"}:{port}" for any of its addresses',
         )
     if error.errno in (errno.EACCES, errno.EPERM):
-        return Trouble(
+        return RigProblem(
             "TW123",
             f"[bus.{bus.name}] port {port} is privileged: {error.strerror}",
             "use a port from 1024 on, such as 9871",
         )
-    return Trouble("TW119", f"[bus.{bus.name}] udp {bus.channel}: {error.strerror}", "see: ip address; ss -ulnp")
+    return RigProblem("TW119", f"[bus.{bus.name}] udp {bus.channel}: {error.strerror}", "see: ip address; ss -ulnp")
 
 
 def failed(trouble, bus):
