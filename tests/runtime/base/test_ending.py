@@ -14,10 +14,8 @@ import pytest
 from runtime.base.ending import ENDING_SIGNALS, Interrupted, uninterrupted
 from tests.runtime.runs import ROOT, environment, finished, knee, started, write
 
-pytestmark = pytest.mark.timing
-
 LIMIT, LIMIT_BUSY = 0.1, 1.0  # s from a signal to the end of the command, and on a machine that is busy
-TRIES = 4  # of which the fastest counts: another process may have the processor in the others
+TRIES = 4  # until one ends in time: another process may have the processor in the others
 
 HOSTILE = """
 
@@ -49,6 +47,11 @@ def processor_time(process, number):
     return usage.ru_utime + usage.ru_stime - before.user - before.system
 
 
+def limit():
+    """s from a signal to the end of the command; a busy machine has more."""
+    return LIMIT_BUSY if os.getloadavg()[0] > os.cpu_count() else LIMIT
+
+
 def await_file(path, seconds=60.0):
     deadline = time.monotonic() + seconds
     while not path.exists() and time.monotonic() < deadline:
@@ -75,22 +78,23 @@ def knee_that(folder, expression):
     return path
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize("number", ENDING_SIGNALS, ids=lambda number: number.name)
 def test_a_run_ends_within_100_ms_of_every_signal_with_a_summary(tmp_path, number):
     """One of its blocks raises an exception whose text never returns."""
     path = knee_that(tmp_path, "(_ for _ in ()).throw(Broken())")
     path.write_text(path.read_text().replace('Law(name="law")', 'Law(hold_exceptions=3, name="law")'))
-    times = []
-    for _ in range(TRIES):
+    times, in_time = [], False
+    while not in_time and len(times) < TRIES:
         process = started(path, "--record", "out", cwd=tmp_path)
         await_file(tmp_path / "there")
         times.append(took(process, number))
+        in_time = times[-1] < limit()
         out, err = process.communicate()
         assert process.returncode == 128 + number, err
         assert "law held 1 exception" in out and f"stopped by {number.name}" in err, out + err
         (tmp_path / "there").unlink()
-    busy = os.getloadavg()[0] > os.cpu_count()
-    assert min(times) < (LIMIT_BUSY if busy else LIMIT), times
+    assert in_time, times
 
 
 @pytest.mark.parametrize("value", ["Endless()", "(Endless(), 1.0)"])
@@ -148,12 +152,19 @@ def test_the_drives_of_a_benchmark_end_with_it(tmp_path, number):
     assert drives and not [each for each in alive if each.status() != psutil.STATUS_ZOMBIE]
 
 
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A recording of two minutes."""
+    folder = tmp_path_factory.mktemp("recording")
+    assert finished(knee(folder), "--fast", "--duration", "120", cwd=folder).returncode == 0
+    [recording] = (folder / "recordings").glob("*.mcap")
+    return recording
+
+
 @pytest.mark.parametrize("number", ENDING_SIGNALS, ids=lambda number: number.name)
-def test_a_replay_that_is_interrupted_leaves_no_file(tmp_path, number):
-    path, scratch = knee(tmp_path), tmp_path / "scratch"
-    assert finished(path, "--fast", "--duration", "120", cwd=tmp_path).returncode == 0
+def test_a_replay_that_is_interrupted_leaves_no_file(recording, tmp_path, number):
+    scratch = tmp_path / "scratch"
     scratch.mkdir()
-    [recording] = (tmp_path / "recordings").glob("*.mcap")
     process = started("replay", recording, cwd=tmp_path, env=environment(TMPDIR=str(scratch)))
     deadline = time.monotonic() + 20.0
     while not list(scratch.glob("*/*.mcap")) and time.monotonic() < deadline:
@@ -238,13 +249,11 @@ def await_handlers(process):
 STARTS = ("check", "run", "rate", "bench", "plot", "convert")
 
 
+@pytest.mark.timing
+@pytest.mark.parametrize("starts", [4, pytest.param(40, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("command", STARTS)
-def test_a_signal_at_any_time_of_the_start_ends_the_command(tmp_path, command):
+def test_a_signal_at_any_time_of_the_start_ends_the_command(recording, tmp_path, command, starts):
     path, draw = knee(tmp_path), random.Random(STARTS.index(command))
-    recording = tmp_path / "trial.mcap"
-    if command in ("plot", "convert"):
-        assert finished(path, "--fast", "--duration", "1", "--record", "out", cwd=tmp_path).returncode == 0
-        recording = next((tmp_path / "out").rglob("*.mcap"))
     arguments = {
         "check": [path],
         "run": [path, "--duration", "60", "--no-record"],
@@ -252,7 +261,7 @@ def test_a_signal_at_any_time_of_the_start_ends_the_command(tmp_path, command):
         "convert": [recording, "--to", "csv"],
     }.get(command, [])
     times = []
-    for _ in range(10):
+    for _ in range(starts):
         number = draw.choice(ENDING_SIGNALS)
         process = started(command, *arguments, cwd=tmp_path, cold=True)
         await_handlers(process)
@@ -265,8 +274,8 @@ def test_a_signal_at_any_time_of_the_start_ends_the_command(tmp_path, command):
             assert command in ("check", "plot", "convert") and "stopped by" not in err, err
         else:
             assert process.returncode == 128 + number and "stopped by" in err, (process.returncode, err)
-    busy = os.getloadavg()[0] > os.cpu_count()
-    assert sorted(times)[len(times) * 3 // 4 - 1] < (LIMIT_BUSY if busy else LIMIT), sorted(times)
+    times.sort()
+    assert not times or times[(len(times) - 1) * 3 // 4] < limit(), times
 
 
 INTERRUPTING = """
