@@ -12,7 +12,7 @@ from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 
 def test_a_jump_in_the_ticks_of_a_recording_costs_no_time():

@@ -13,7 +13,7 @@ import pytest
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from cext.safety.shared_state import SharedState
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 ROOT = Path(__file__).parents[3]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -11,7 +11,7 @@ from tests.runtime.recorder.rerun.test_rerun import vectors
 from tests.runtime.rig.test_microstrain import Sensors
 from tests.runtime.runs import Listener
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from runtime.session.preflight import marks, position_range
 from tests.runtime.commissioning.nodes import DISABLE, ENABLE, V3, Commander, Mit, Nodes, Servo
 from tests.runtime.runs import environment, finished, knee, write
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 RIG = """# the lab's exo
 [bus.legs]      # both knees

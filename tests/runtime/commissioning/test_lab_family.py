@@ -16,7 +16,7 @@ from runtime.base.errors import OK
 from tests.runtime.commissioning.nodes import channel
 from tests.runtime.diagrams.test_library import ROOT, installed, python  # noqa: F401
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 ROBOT = """
 from gaitlab.drive import GaitDrive

@@ -16,7 +16,7 @@ from runtime.console.stderr import Terminal
 from tests.runtime.commissioning.nodes import DISABLE, V3, Commander, Mit, Nodes, Private, Servo
 from tests.runtime.runs import Listener
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 
 def test_a_drive_is_shown_recorded_and_plotted_without_torque(command_line):

@@ -11,7 +11,7 @@ from runtime.rig.chips import Chips
 from tests.runtime.rig.wires import Wires, add_mpu
 from tests.runtime.runs import Listener
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 CHANNEL = "/dev/i2c-96"
 

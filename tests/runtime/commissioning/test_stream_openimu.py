@@ -9,7 +9,7 @@ from runtime.commissioning import watched_node
 from tests.blocks.actuators.wire import EXTENDED, Wired
 from tests.runtime.commissioning.nodes import Node, Nodes, OpenImu
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 
 class Unit(Node):

@@ -12,7 +12,7 @@ from tests.runtime.emulation.test_emulate import read_until
 from tests.runtime.rig.test_sensor_runs import RIG, ROBOT
 from tests.runtime.runs import Files, finished, started, write
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 
 def test_a_robots_sensors_are_found_by_their_serial_numbers_and_stream(tmp_path):

@@ -13,7 +13,7 @@ from runtime.guardian import control_group
 from tests.runtime.guardian.bus import Bus, assert_nothing_is_left, family, guardian_of
 from tests.runtime.guardian.test_stopping import DEATH
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 
 @pytest.fixture

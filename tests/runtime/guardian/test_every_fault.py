@@ -22,7 +22,7 @@ from tests.runtime.rig.test_udp import Button, free_port
 from tests.runtime.runs import DISABLE, NOTHING, started, write
 from tests.runtime.terminals import Terminal
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 PERIOD = 0.005
 ALLOWANCE = 0.08  # s, on a machine that may be busy; 0.001 where it is not

@@ -12,7 +12,7 @@ from tests.cext.spinning import BLOCK, compiled, needs_compiler
 from tests.runtime.guardian.bus import Bus, assert_nothing_is_left, family, is_torque
 from tests.runtime.runs import DISABLE, Files, line_of
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 LIMIT = 0.005 + 0.015  # s from the last torque to the next tick, and what that may work
 ALLOWANCE = 0.08  # s, on a machine that may be busy; 0.001 where it is not

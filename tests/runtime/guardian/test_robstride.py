@@ -13,7 +13,7 @@ from tests.runtime.guardian.drives import open_bus
 from tests.runtime.guardian.robstride_drives import RS03
 from tests.runtime.runs import ROOT, started, write
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 MOTORS = {"hip": 11, "knee": 12}
 ROBOT = """

@@ -14,7 +14,7 @@ from tests.runtime.guardian.bus import Bus, assert_nothing_is_left, family, guar
 from tests.runtime.guardian.drives import AK10_9
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 DEATH = 0.1  # s from a kill to the last first stop frame, on a machine that may be busy; 0.001 where it is not
 STALL = 0.2  # likewise, with the 40 ms that a loop may stand still

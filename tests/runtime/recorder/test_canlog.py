@@ -8,7 +8,7 @@ from can.io.canutils import CanutilsLogReader
 from cext.safety.shared_state import SharedState
 from tests.runtime.recorder.running import frame, leg, plan, record, run
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 EXTENDED, REMOTE = 0x80000000, 0x40000000
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.runtime.runs import Files, knee, started
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 
 @pytest.mark.parametrize("ending", ["signal", "duration"])

@@ -26,7 +26,7 @@ from runtime.recording.repair import Repair, RepairFailed
 from tests.runtime.recorder.running import CSV, STRIDES, columns, counting, leg, plan, read_csv, record, row, run, sink
 from tests.runtime.terminals import patient
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 ROOT = Path(__file__).parents[3]
 SIGNALS = columns("a.x m")

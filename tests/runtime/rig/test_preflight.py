@@ -20,7 +20,7 @@ from tests.runtime.guardian.bus import ROBOT, Bus, is_torque
 from tests.runtime.runs import DISABLE, ENABLE, KNEE_EXO, NOTHING, Files, finished, write
 from tests.runtime.terminals import Terminal
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 WIDE = Console(200)
 BOTH_GONE = "kill -9 of guardian and control process together, power loss of the computer"

@@ -26,7 +26,7 @@ from tests.runtime.guardian.bus import guardian_of
 from tests.runtime.guardian.drives import AK10_9
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, ROOT, knee, started, write
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 
 class Adapter:

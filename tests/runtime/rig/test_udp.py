@@ -24,7 +24,7 @@ from runtime.rig.udp import Endpoint, UdpInterface, addresses, failed, owner_of
 from tests.runtime.guardian.bus import Bus
 from tests.runtime.runs import DISABLE, NOTHING, ROOT, finished, write
 
-pytestmark = pytest.mark.timing
+pytestmark = pytest.mark.paced
 
 CAN_FRAME = struct.Struct("<IB3x8s")
 
