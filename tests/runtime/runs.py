@@ -102,7 +102,7 @@ def started(*arguments, cwd, cold=False, **how):
         "env": environment(),
         **how,
     }
-    if cold or not server().serves(how["env"]):
+    if cold or "preexec_fn" in how or not server().serves(how["env"]):
         return subprocess.Popen([sys.executable, "-m", "runtime", *words], cwd=cwd, text=True, **how)
     return Forked(server(), ["-m", "runtime", *words], cwd=cwd, text=True, **how)
 
