@@ -154,9 +154,10 @@ def test_the_drives_of_a_benchmark_end_with_it(tmp_path, number):
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """A recording of two minutes."""
+    """A recording of two minutes; its robot touches the file `there` in tick 20."""
     folder = tmp_path_factory.mktemp("recording")
-    assert finished(knee(folder), "--fast", "--duration", "120", cwd=folder).returncode == 0
+    path = knee(folder, "tick == 20 and open('there', 'w').close(); return 1.0")
+    assert finished(path, "--fast", "--duration", "120", cwd=folder).returncode == 0
     [recording] = (folder / "recordings").glob("*.mcap")
     return recording
 
@@ -165,14 +166,12 @@ def recording(tmp_path_factory):
 def test_a_replay_that_is_interrupted_leaves_no_file(recording, tmp_path, number):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
-    process = started("replay", recording, cwd=tmp_path, env=environment(TMPDIR=str(scratch)))
-    deadline = time.monotonic() + 20.0
-    while not list(scratch.glob("*/*.mcap")) and time.monotonic() < deadline:
-        time.sleep(0.005)
+    process = started("replay", recording, cwd=tmp_path, cold=True, env=environment(TMPDIR=str(scratch)))
+    await_file(tmp_path / "there")
     took(process, number)
     _, err = process.communicate()
     assert process.returncode == 128 + number and "stopped by " in err and "Traceback" not in err
-    assert not list(scratch.iterdir())
+    assert not list(scratch.iterdir()) and {path.name for path in tmp_path.iterdir()} == {"scratch", "there"}
 
 
 SLOW_SINK = """

@@ -156,7 +156,11 @@ def test_without_a_person_or_yes_nothing_is_armed(tmp_path):
     drive = Mit(3)
     with Nodes(63, drive) as nodes:
         process = moved(tmp_path, nodes, "--torque", "0.5")
-    assert process.returncode == BAD_INPUT and "presses Enter" in process.stderr and drive.heard == []
+    assert (
+        process.returncode == BAD_INPUT
+        and "confirms the pre-flight table with Enter" in process.stderr
+        and drive.heard == []
+    )
 
 
 @pytest.mark.parametrize(
