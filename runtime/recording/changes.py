@@ -1,14 +1,14 @@
-"""What the mailbox has brought, out of the ring, as the events that the sidecar file keeps.
+"""Changes of the mailbox, read from the ring, as events of the sidecar file.
 
     {"event": "set", "path": "left/impedance.stiffness", "value": 45.0, "from": 30.0, "tick": 812, "by": "keys"}
     {"event": "mark", "number": 1, "tick": 1004, "by": "keys"}
     {"event": "stop", "tick": 1200, "by": "keys"}
 
-and "confirm" and "rearm", which have armed the robot, likewise.
+"confirm" and "rearm", which armed the robot, have the form of "stop".
 
-`tick` is the one at whose start it took effect, -1 while arming; `by` is "keys", "replay", or "set" and the number of
-the process. A change that was a ramp has its `slew`, in unit per second: from `from` on, each tick went by slew · dt at
-most, dt being the time since the tick before.
+`tick` is the tick at whose start the change took effect, -1 while arming; `by` is "keys", "replay", or "set" and the ID
+of the process. A change that was a ramp has its `slew` in units per second: each tick changed the value by slew · dt at
+most, where dt is the time since the previous tick.
 """
 
 import math
@@ -21,13 +21,13 @@ ORIGINS = {1: "keys", 2: "replay"}
 
 
 class Changes:
-    """parameters : the page's live ones, in their order"""
+    """Decoder of changes. parameters : live parameters of the run, in the order of the shared state"""
 
     def __init__(self, parameters):
         self.parameters = parameters
 
     def events(self, payload):
-        """The events of one record of the ring."""
+        """Yield the events of one record of the ring. payload : bytes"""
         for tick, kind, origin, writer, index, value, before, slew in CHANGE.iter_unpack(payload):
             when = {"tick": tick, "by": ORIGINS.get(origin) or f"set {writer}"}
             if kind == SET:

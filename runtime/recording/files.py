@@ -1,7 +1,7 @@
-"""Files of a recording: never overwritten, always ending in a whole piece, and readable for their owner alone.
+"""Files of a recording: never overwritten, always ending with a complete piece, and readable by their owner alone.
 
-A recording holds data of the person who wears the robot. Where its folder has the setgid bit, and its group may read
-it, the group may read the recording, too.
+A recording contains data of a subject. If its folder has the setgid bit and is readable by its group, the group can
+read the recording, too.
 """
 
 import fcntl
@@ -17,24 +17,25 @@ AT_ONCE = 16 << 10
 
 
 def is_shared(folder):
-    """Whether the group of a folder may read what is recorded into it."""
+    """Return whether the group of a folder may read the recordings in it."""
     mode = os.stat(folder).st_mode
     return bool(mode & stat.S_ISGID and mode & stat.S_IRGRP)
 
 
 def mode_in(folder):
-    """Permissions of a new file in a folder, before the umask."""
+    """Return the permissions of a new file in a folder, before the umask."""
     return 0o640 if is_shared(folder or ".") else 0o600
 
 
 def private(path, flags):
-    """An opener for `open`: a new file gets the permissions of a recording."""
+    """Open a file with the permissions of a recording. An opener for `open`"""
     return os.open(path, flags, mode_in(os.path.dirname(path)))
 
 
 def make_folder(path):
-    """Create a folder and its parents, for their owner, and for the group of a shared folder. Returns those that were
-    not there, outermost first.
+    """Create a folder and its parents for their owner, and for the group of a shared folder.
+
+    Returns the created folders, outermost first. Raises FileExistsError if the path is not a folder.
     """
     made = []
     above = os.path.abspath(path)
@@ -45,17 +46,16 @@ def make_folder(path):
     for folder in made:
         try:
             os.mkdir(folder, mode)
-        except FileExistsError:  # made by another process meanwhile
+        except FileExistsError:  # created by another process
             pass
-    os.makedirs(path, exist_ok=True)  # FileExistsError where it is no folder
+    os.makedirs(path, exist_ok=True)
     return made
 
 
 def create(stem: Any, ending: str, overwrite: bool = False) -> tuple[str, int]:
-    """Open a new file: `stem` + `ending`, or with a number in between where that exists. Returns (path, file
-    descriptor).
+    """Create a file `stem` + `ending`, with a number in between if that exists. Returns (path, file descriptor).
 
-    overwrite : what has the name is replaced instead
+    overwrite : whether an existing file is replaced instead
     """
     mode = mode_in(os.path.dirname(stem))
     if overwrite:
@@ -71,9 +71,7 @@ def create(stem: Any, ending: str, overwrite: bool = False) -> tuple[str, int]:
 
 
 def reserve(folder, stem):
-    """A stem that no file in `folder` has yet, made ours by creating its sidecar. Returns (stem, path of the sidecar,
-    descriptor).
-    """
+    """Reserve an unused stem in a folder by creating its sidecar. Returns (stem, path of the sidecar, descriptor)."""
     number = 0
     while True:
         number += 1
@@ -88,7 +86,7 @@ def reserve(folder, stem):
 
 
 def claim(descriptor):
-    """Write a file alone, as long as it is open here or in a process that was forked meanwhile. False: another does."""
+    """Lock a file while it is open here or in a forked process. Returns False if another process has locked it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -99,20 +97,20 @@ def claim(descriptor):
 
 
 class WholeFile:
-    """A file that is written in whole pieces: lines, or records. What is written waits in memory until `flush`.
+    """File that is written in complete pieces, which are lines or records, and stay in memory until `flush`.
 
-    A flush hands the pieces to the kernel, so that they outlive this process; `close` waits for the disk.
+    A flush passes the pieces to the kernel, where they outlive this process; `close` waits for the disk.
     """
 
     def __init__(self, path, descriptor):
         self.path = path
         self.descriptor: Any = descriptor
         self.pieces = []
-        self.size = 0  # bytes of whole pieces in the file
+        self.size = 0  # bytes of complete pieces in the file
         self.waiting = 0  # bytes in memory
 
     def write(self, piece):
-        """piece : bytes, or text"""
+        """Add a piece. piece : bytes or str"""
         if isinstance(piece, str):
             piece = piece.encode()
         self.pieces.append(piece)
@@ -120,9 +118,11 @@ class WholeFile:
         return len(piece)
 
     def tell(self):
+        """Return the position behind the last piece, in bytes."""
         return self.size + self.waiting
 
     def flush(self):
+        """Write all pieces. Raises OSError, after removing an incomplete piece from the file."""
         pieces, self.pieces, self.waiting = self.pieces, [], 0
         data = memoryview(b"".join(pieces))
         written = 0
@@ -137,13 +137,13 @@ class WholeFile:
         self.size += written
 
     def let_go(self):
-        """Close it as it is: another process has written it."""
+        """Close the file without writing: another process has written it."""
         if self.descriptor is not None:
             os.close(self.descriptor)
             self.descriptor = None
 
     def close(self):
-        """Flush, wait for the disk, close. Again: nothing."""
+        """Flush, wait for the disk and close. Does nothing if it is closed."""
         if self.descriptor is None:
             return
         descriptor = self.descriptor

@@ -1,6 +1,4 @@
-"""Which signals a person wants to see together: those of a subsystem, a plot a unit; counts and states apart from what
-is measured.
-"""
+"""Groups of signals for plots: one per subsystem, with a plot per unit; counts and states have plots of their own."""
 
 from runtime.recording.messages import split
 
@@ -10,9 +8,10 @@ PLAIN = ("1", "any")
 
 
 def by_unit(name, signals):
-    """{subsystem: [(title of a plot, [path])]}, in the order of the signals.
+    """Return {subsystem: [(title of a plot, [path])]}, in the order of the signals.
 
-    name : of the diagram, for what is in no subsystem; signals : [{"path", "unit", "dtype"}]
+    name : of the diagram, for signals outside subsystems
+    signals : [{"path", "unit", "dtype"}]
     """
     found = {}
     for signal in signals:
@@ -27,6 +26,7 @@ def by_unit(name, signals):
 
 
 def heading(title, whole, unit):
+    """Return the title of a plot. title : of its group; whole : whether the signals are ints or bools"""
     if unit not in PLAIN:
         return f"{title} [{unit}]"
     return f"{title}, counts and states" if whole else title

@@ -130,11 +130,11 @@ def read(fields: Any, data: Any) -> dict[str, Any]:
 
 
 class Subsystem:
-    """The message of one subsystem.
+    """Message of one subsystem.
 
     topic : "/left", or "/" and the diagram's name for blocks in none
-    columns : places of its values among those of a row
-    messages : Names that other messages have: viewers know a message by its name
+    columns : indices of its signals among those of a row
+    messages : Names of other messages, since viewers identify a message by its name
     """
 
     def __init__(self, topic: str, columns: Any, messages: Any) -> None:
@@ -164,6 +164,7 @@ class Subsystem:
         self._pack = Struct("<" + "".join(f"{len(text)}sd" for text in pieces)).pack
 
     def encode(self, values):
+        """Return the message as bytes. values : in the order of `columns`"""
         self._items[1::2] = values
         return self._pack(*self._items)
 
@@ -177,7 +178,7 @@ class Subsystem:
         return bytes(body), places
 
     def dtype(self):
-        """What NumPy calls the message: a field for each value, named by its place in the row."""
+        """Return the NumPy dtype of the message: a field for each value, named by the index of its signal."""
         import numpy as np
 
         names, offsets, at = [], [], 0
@@ -189,8 +190,12 @@ class Subsystem:
         return np.dtype({"names": names, "formats": ["<f8"] * len(names), "offsets": offsets, "itemsize": at})
 
     def fill(self, rows, bodies):
-        """Put messages, as bytes, into their places of an array (rows, values). ValueError where they are not of these
-        signals
+        """Copy the values of messages to their columns of an array.
+
+        rows : array (messages, signals)
+        bodies : the messages, as bytes
+
+        Raises ValueError if the messages have other signals.
         """
         import numpy as np
 
@@ -199,7 +204,7 @@ class Subsystem:
             rows[:, place] = values[str(place)]
 
     def descriptor(self):
-        """A serialised FileDescriptorSet, and the name of the message in it."""
+        """Return (serialised FileDescriptorSet, name of the message in it)."""
         outer = [(field, MESSAGE, OPTIONAL, f"{self.name}.{message(field)}") for field, _ in self.blocks]
         nested = {
             message(field): [(signal, DOUBLE, REPEATED if size > 1 else OPTIONAL, "") for signal, size in signals]
@@ -209,7 +214,10 @@ class Subsystem:
 
 
 def subsystems(name, columns):
-    """[Subsystem] of the columns (index, path) of a row, in order of their first column. name : of the diagram"""
+    """Return the Subsystems of the columns (index, path) of a row, in order of their first column.
+
+    name : of the diagram
+    """
     grouped = {}
     for index, path in columns:
         grouped.setdefault(split(path)[0] or name, []).append((index, path))
@@ -221,25 +229,28 @@ def subsystems(name, columns):
 
 
 def topic_of(folder):
-    return f"/{folder}_" if folder.split("/")[0].rstrip("_") == PACKAGE else f"/{folder}"  # /tickwork/... are our own
+    """Return the topic of a subsystem, which differs from the recorder's own topics."""
+    return f"/{folder}_" if folder.split("/")[0].rstrip("_") == PACKAGE else f"/{folder}"
 
 
 def split(path):
-    """("left", "shank_imu", "gyro") of "left/shank_imu.gyro[1]"; the block is "" where a path has no port."""
+    """Return ("left", "shank_imu", "gyro") of "left/shank_imu.gyro[1]"; the block is "" for a path without a port."""
     folder, _, rest = path.rpartition("/")
     block, _, signal = re.sub(r"(\[\d+(, ?\d+)*\])+$", "", rest).rpartition(".")
     return folder, block, signal
 
 
 class Names:
-    """Names that protobuf takes, each once."""
+    """Unique names that Protobuf accepts. taken : names that are not available"""
 
     def __init__(self, taken=()):
         self.taken = set(taken)
 
     def free(self, text, beside=lambda name: name):
-        """beside : a function of the name, whose result is taken with it: names of fields and of the messages in them
-        have one room
+        """Return an unused name similar to a text, and take it.
+
+        beside : function of the name, whose result must be unused, too, and is taken: fields and nested messages share
+            a name space
         """
         name = unique(identifier(text), lambda candidate: {candidate, beside(candidate)} & self.taken)
         self.taken |= {name, beside(name)}
@@ -247,12 +258,13 @@ class Names:
 
 
 def identifier(text):
+    """Return a text as an identifier of Protobuf."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", text)
     return name if re.match("[A-Za-z]", name) else f"x{name}"
 
 
 def message(field):
-    """The name of the nested message type, which must not be that of its field."""
+    """Return the name of the nested message type of a field, which must differ from that of the field."""
     return f"{field}_t"
 
 
@@ -268,6 +280,11 @@ def frames_descriptor():
 
 
 def descriptor(name, fields, nested):
+    """Return (serialised FileDescriptorSet, name) of a message.
+
+    fields : [(name, FieldDescriptorProto.Type, label, name of the message type or "")]
+    nested : {name of a nested message: its fields}
+    """
     from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto, FileDescriptorSet
 
     def describe(into, fields):
