@@ -331,6 +331,13 @@ def has_effect(kind: type[Block], parameters: dict[str, Any], name: str, before:
         changed.restart()
         for values in inputs:
             one, other = changed.step(values), made.step(values)
-            if not all(np.array_equal(one[port], other[port], equal_nan=True) for port in one):
+            if not all(same(one[port], other[port]) for port in one):
                 return False
     return True
+
+
+def same(one: Any, other: Any) -> bool:
+    """Return whether two numbers or arrays are equal; NaN equals NaN."""
+    if isinstance(one, float) and isinstance(other, float):
+        return one == other or (one != one and other != other)
+    return np.array_equal(one, other, equal_nan=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,8 @@ from graph.kernel_items import check_kernels
 if TYPE_CHECKING:
     from cext.kernel import Kernel
     from graph.arena_layout import KernelTable
+
+TYPES = {"float": float, "int": int, "bool": bool}  # of a scalar output, by the dtype of its port
 
 
 class Scratch:
@@ -81,7 +84,11 @@ class Scratch:
         for name, value in inputs.items():
             if value is None:
                 continue
-            arena[self.slots_of[name] : self.slots_of[name] + size_of(self.shapes[name])] = np.ravel(value)
+            slot = self.slots_of[name]
+            if isinstance(value, (float, int)) and not self.shapes[name]:
+                arena[slot] = value
+            else:
+                arena[slot : slot + size_of(self.shapes[name])] = np.ravel(value)
         for name, slot in self.parameters.items():
             value = getattr(block, name)
             arena[slot] = np.nan if value is None else value
@@ -105,12 +112,12 @@ class Scratch:
         self.tick += 1
         results = []
         for name, port in self.block.outputs.items():
-            run = self.arena[self.slots_of[name] : self.slots_of[name] + size_of(self.shapes[name])]
-            shape = self.shapes[name]
-            kind = {"float": float, "int": int, "bool": bool}[port.dtype]
-            results.append(
-                run.reshape(shape).copy() if shape else kind(run[0]) if np.isfinite(run[0]) else float(run[0])
-            )
+            slot, shape = self.slots_of[name], self.shapes[name]
+            if shape:
+                results.append(self.arena[slot : slot + size_of(shape)].reshape(shape).copy())
+            else:
+                value = float(self.arena[slot])
+                results.append(TYPES[port.dtype](value) if math.isfinite(value) else value)
         return results[0] if len(results) == 1 else tuple(results)
 
     def update(self, values, named):
