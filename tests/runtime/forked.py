@@ -26,6 +26,7 @@ IMPORTED = (
     "blocks.recorders",
     "blocks.sources",
     "mcap.writer",
+    "runtime.analysis.stride_picture",
     "runtime.cli.run",
     "runtime.diagrams.simulation",
     "runtime.guardian.process",
