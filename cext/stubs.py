@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 HEADER = "# Generated from the source by `python -m cext.stubs`. Do not edit.\n"
-ROOMS = ("bus", "clock", "lines", "ring", "safety", "schedule")
+FOLDERS = ("bus", "clock", "lines", "ring", "safety", "schedule")
 C_TYPES = {"bint": "bool", "double": "float", "float": "float", "object": "Any", "void": "None"}
 PLAIN = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes", tuple: "tuple[Any, ...]"}
 IMPORTS = {"np": "import numpy as np", "Any": "from typing import Any", "NamedTuple": "from typing import NamedTuple"}
@@ -25,7 +25,7 @@ FIELD = re.compile(r"(?P<name>\w+): (?P<type>[^=]+?)(?P<default> = .*)?")
 def sources() -> list[Path]:
     """Return the sources of the native modules that have a stub."""
     folder = Path(__file__).parent
-    return sorted(path for room in ROOMS for path in (folder / room).glob("*.pyx"))
+    return sorted(path for each in FOLDERS for path in (folder / each).glob("*.pyx"))
 
 
 def module_name(source: Path) -> str:

@@ -91,7 +91,7 @@ class DiagramError(Exception):
         super().__init__("\n".join(str(diagnostic) for diagnostic in self.diagnostics))
 
 
-_OWN = tuple(str(Path(__file__).resolve().parent.parent / room) + "/" for room in ("graph", "blocks"))
+_OWN = tuple(str(Path(__file__).resolve().parent.parent / package) + "/" for package in ("graph", "blocks"))
 
 
 def caller() -> Location | None:

@@ -4,7 +4,7 @@ import ast
 
 import pytest
 
-from tests.house import ROOT
+from tests.checkout import ROOT
 
 COMPLETE = (
     "blocks",

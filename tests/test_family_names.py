@@ -6,7 +6,7 @@ from functools import cache
 import pytest
 
 from blocks.families import families
-from tests.house import ROOMS, ROOT, tracked
+from tests.checkout import PACKAGES, ROOT, tracked
 
 # what no table lists: names of vendors, and older names of models
 MORE = ("Aceinna", "CyberGear", "AKM", "EduLite", "Xiaomi")
@@ -54,7 +54,7 @@ def test_no_vendor_or_model_is_named_outside_its_family():
     found = []
     for path in tracked():
         name = path.relative_to(ROOT)
-        if name.parts[0] in ROOMS and not any(home in path.parents for home in homes()):
+        if name.parts[0] in PACKAGES and not any(home in path.parents for home in homes()):
             found += [f"{name}: {line.strip()}" for line in strangers(path.read_text(), str(name))]
     assert found == []
 

@@ -1,4 +1,4 @@
-"""The house is looked at before anything is imported: one place, built, and all it needs."""
+"""Check of the installation before any import: packages from one place, compiled modules, libraries."""
 
 import ast
 import os
@@ -8,14 +8,14 @@ from importlib.metadata import files
 import pytest
 
 from runtime.base import installation_check
-from tests.house import ROOT, RUN, assert_one_line, copy_rooms, python
+from tests.checkout import ROOT, RUN, assert_one_line, copy_packages, python
 from tests.test_packaging import PYPROJECT, canonical
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
     """A folder on the path that holds all four packages, as site-packages does, and the console script beside it."""
-    folder = copy_rooms(tmp_path_factory.mktemp("site"))
+    folder = copy_packages(tmp_path_factory.mktemp("site"))
     module, function = PYPROJECT["project"]["scripts"]["tickwork"].split(":")
     (folder / "bin").mkdir()
     (folder / "bin" / "tickwork").write_text(f"import sys\nfrom {module} import {function}\nsys.exit({function}())\n")
@@ -90,7 +90,7 @@ def test_a_diagram_imports_a_module_of_the_working_folder(installed, lab):
 
 
 def test_a_file_in_the_clone_hides_no_module_of_python(tmp_path):
-    copy_rooms(tmp_path)
+    copy_packages(tmp_path)
     (tmp_path / "signal.py").write_text("raise SystemExit(0)\n")
     assert_one_line(python(*RUN, "diagrams/knee_exo.py", cwd=tmp_path), " signal.py has the name")
 
@@ -143,18 +143,18 @@ def test_a_folder_without_modules_does_no_harm_where_a_real_package_follows(inst
 
 
 def test_missing_package_is_reported(tmp_path):
-    copy_rooms(tmp_path, rooms=("cext", "graph", "runtime"))
+    copy_packages(tmp_path, packages=("cext", "graph", "runtime"))
     assert_one_line(python("-S", *RUN, cwd=tmp_path), "`blocks` is missing")
 
 
 def test_a_clone_that_was_not_built_names_make_run(tmp_path):
-    copy_rooms(tmp_path, built=False)
+    copy_packages(tmp_path, built=False)
     (tmp_path / "Makefile").touch()
     assert_one_line(python(*RUN, "diagrams/knee_exo.py", cwd=tmp_path), "not built", "`make run`")
 
 
 def test_importing_from_a_clone_that_was_not_built_names_make_run(tmp_path):
-    copy_rooms(tmp_path, built=False)
+    copy_packages(tmp_path, built=False)
     for name in ("cext", "blocks.limiters"):
         process = python("-c", f"import {name}", cwd=tmp_path)
         assert process.returncode == 1
@@ -163,7 +163,7 @@ def test_importing_from_a_clone_that_was_not_built_names_make_run(tmp_path):
 
 
 def test_build_for_another_python_is_reported(tmp_path):
-    copy_rooms(tmp_path)
+    copy_packages(tmp_path)
     (tmp_path / "Makefile").touch()
     for module in (tmp_path / "cext").rglob("*.so"):
         module.rename(module.with_name(module.name.split(".")[0] + ".cpython-27-riscv.so"))
@@ -173,14 +173,14 @@ def test_build_for_another_python_is_reported(tmp_path):
 
 
 def test_one_module_that_was_not_built_is_enough(tmp_path):
-    copy_rooms(tmp_path)
+    copy_packages(tmp_path)
     (tmp_path / "Makefile").touch()
     (tmp_path / "cext" / "kernels" / "new.pyx").touch()
     assert_one_line(python(*RUN, cwd=tmp_path), "not built", "`make run`")
 
 
 def test_a_python_without_the_dependencies_is_sent_to_the_environment(tmp_path):
-    copy_rooms(tmp_path)
+    copy_packages(tmp_path)
     (tmp_path / "Makefile").touch()
     assert_one_line(python("-S", *RUN, cwd=tmp_path), "numpy", "networkx", "are missing", "`make run`")
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
@@ -189,14 +189,14 @@ def test_a_python_without_the_dependencies_is_sent_to_the_environment(tmp_path):
 
 
 def test_native_code_older_than_the_python_beside_it_names_make_build(tmp_path):
-    copy_rooms(tmp_path)
+    copy_packages(tmp_path)
     (tmp_path / "Makefile").touch()
     (tmp_path / "runtime" / "cli" / "main.py").write_text("from cext.schedule.program import a_name_that_is_newer\n")
     assert_one_line(python(*RUN, cwd=tmp_path), "do not match", "a_name_that_is_newer", "`make build`")
 
 
 def test_dependency_that_does_not_load_is_reported_in_one_line(tmp_path):
-    copy_rooms(tmp_path)
+    copy_packages(tmp_path)
     (tmp_path / "msgspec.py").write_text(
         "raise ImportError('libfoo.so.1: cannot open shared object file\\nand more', name=__name__)\n"
     )
@@ -207,7 +207,7 @@ def test_dependency_that_does_not_load_is_reported_in_one_line(tmp_path):
 
 
 def test_internal_error_is_not_hidden(tmp_path):
-    copy_rooms(tmp_path)
+    copy_packages(tmp_path)
     (tmp_path / "runtime" / "cli" / "main.py").write_text("from runtime.base.errors import no_such_name\n")
     process = python(*RUN, cwd=tmp_path)
     assert process.returncode == 1 and "Traceback" in process.stderr and "no_such_name" in process.stderr

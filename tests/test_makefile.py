@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from tests.house import ROOT, copy_tracked
+from tests.checkout import ROOT, copy_tracked
 from tests.runtime.runs import KNEE_EXO, environment
 
 TOOLS = "bash cat cmp cp env find grep head id mkdir mktemp mv printf rm sed sort tail touch tr true".split()

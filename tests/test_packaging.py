@@ -8,7 +8,7 @@ from fnmatch import fnmatch
 import networkx
 import pytest
 
-from tests.house import ROOMS, ROOT, tracked
+from tests.checkout import PACKAGES, ROOT, tracked
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -16,7 +16,7 @@ else:
     import tomli as tomllib
 
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-FLOORS = {name: floor for floor, name in enumerate((*ROOMS, "diagrams"))}
+FLOORS = {name: floor for floor, name in enumerate((*PACKAGES, "diagrams"))}
 
 
 def canonical(requirement):
@@ -27,7 +27,12 @@ def canonical(requirement):
 def rooms():
     """Every folder of the four packages that holds a source."""
     return sorted(
-        {path.parent for room in ROOMS for path in (ROOT / room).rglob("*") if path.suffix in (".py", ".pyx", ".pxd")}
+        {
+            path.parent
+            for room in PACKAGES
+            for path in (ROOT / room).rglob("*")
+            if path.suffix in (".py", ".pyx", ".pxd")
+        }
     )
 
 
@@ -165,7 +170,7 @@ def python_modules():
     """{dotted name: path} of every Python module of the four packages."""
     return {
         ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
-        for room in ROOMS
+        for room in PACKAGES
         for path in (ROOT / room).rglob("*.py")
     }
 
@@ -206,7 +211,7 @@ def test_every_file_beside_the_sources_is_installed():
     patterns = [pattern for room in PYPROJECT["tool"]["setuptools"]["package-data"].values() for pattern in room]
     for path in tracked():
         name = path.relative_to(ROOT)
-        if name.parts[0] in ROOMS and path.suffix not in (".py", ".pyx"):
+        if name.parts[0] in PACKAGES and path.suffix not in (".py", ".pyx"):
             assert any(fnmatch(path.name, pattern) for pattern in patterns), f"{name} matches none of {patterns}"
 
 

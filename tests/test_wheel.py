@@ -9,7 +9,7 @@ from pathlib import PurePath
 
 import pytest
 
-from tests.house import ROOMS, ROOT, assert_one_line, copy_tracked, python, tracked
+from tests.checkout import PACKAGES, ROOT, assert_one_line, copy_tracked, python, tracked
 
 pytestmark = pytest.mark.soak
 
@@ -42,7 +42,7 @@ def environment(archives, tmp_path_factory):
 
 
 def sources(suffix):
-    return {str(path.relative_to(ROOT)) for room in ROOMS for path in (ROOT / room).rglob(f"*{suffix}")}
+    return {str(path.relative_to(ROOT)) for room in PACKAGES for path in (ROOT / room).rglob(f"*{suffix}")}
 
 
 def test_wheel_has_exactly_all_modules_and_their_data_files(archives):
@@ -50,7 +50,9 @@ def test_wheel_has_exactly_all_modules_and_their_data_files(archives):
     compiled = {name.split(".")[0] + ".pyx" for name in names if PurePath(name).suffix == ".so"}
     assert compiled == sources(".pyx")
     beside = {
-        str(name) for path in tracked() if (name := path.relative_to(ROOT)).parts[0] in ROOMS and path.suffix != ".pyx"
+        str(name)
+        for path in tracked()
+        if (name := path.relative_to(ROOT)).parts[0] in PACKAGES and path.suffix != ".pyx"
     }
     assert {name for name in names if not name.endswith(".so")} == beside
 
@@ -77,7 +79,7 @@ def test_the_source_archive_has_all_a_builder_needs(archives):
 
 
 def test_the_knee_exoskeleton_runs_from_the_wheel_beside_folders_of_the_same_names(environment, tmp_path):
-    for name in ROOMS:
+    for name in PACKAGES:
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("raise SystemExit('imported')\n")
     process = subprocess.run(

@@ -1,7 +1,7 @@
 // Folding. What a folded subsystem no longer needs is taken out of both axes: x and y are sent through maps that never turn back, so that
 // nothing which lay apart comes to lie together, level lines stay level, and no second layout is needed.
 
-const LEAST = 18;               // px that stay between two heights or places that anything visible stands at
+const GAP_MINIMUM = 18;               // px that stay between two heights or places that anything visible stands at
 
 const EDGE = 12;                // px at the edges of a frame: its round corners, and where its title begins
 
@@ -32,7 +32,7 @@ function squeeze(drawing, folded, need) {
     const lengths = places.slice(1).map((end, i) => end - places[i]);
     const covers = (i) => ([start, end]) => start <= places[i] && places[i + 1] <= end;
     const gives = lengths.map((_, i) => loose.some(covers(i)) && !fixed.some(covers(i)));
-    const kept = lengths.map((length, i) => (gives[i] ? Math.min(length, LEAST) : length));
+    const kept = lengths.map((length, i) => (gives[i] ? Math.min(length, GAP_MINIMUM) : length));
     for (const [start, end, needed] of loose) {
       const own = kept.map((_, i) => i).filter((i) => covers(i)([start, end]));
       const missing = needed - own.reduce((sum, i) => sum + kept[i], 0);

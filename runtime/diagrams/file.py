@@ -23,7 +23,9 @@ from runtime.diagrams.overrides import set_block_parameters, share_out
 from runtime.diagrams.recorded_signals import select_recorded
 from runtime.rig.overrides import override
 
-ROOMS = tuple(str(Path(__file__).parents[2] / room) + os.sep for room in ("blocks", "cext", "graph", "runtime"))
+PACKAGES = tuple(
+    str(Path(__file__).parents[2] / package) + os.sep for package in ("blocks", "cext", "graph", "runtime")
+)
 
 
 @dataclass
@@ -276,7 +278,7 @@ def own_frames(path, error):
     own = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith((*ROOMS, "<frozen", "cext/")) and "site-packages" not in frame.filename
+        if not frame.filename.startswith((*PACKAGES, "<frozen", "cext/")) and "site-packages" not in frame.filename
     ]
     return [frame for frame in own if frame.filename.startswith(folder)] or own
 

@@ -210,8 +210,8 @@ def plan(buses, schedule, diagram, priority, relays=()):
             {
                 "name": device.name,
                 "bus": place[device.bus],
-                "zero": told(device.zero),
-                "disable": told(device.disable),
+                "zero": plain_frames(device.zero),
+                "disable": plain_frames(device.disable),
                 "damp": damping(device.damp),
                 "unanswered": device.unanswered,
                 "replies": [
@@ -249,11 +249,11 @@ def damping(stop):
         "round": stop.round,
         "acceleration": stop.acceleration,
         "velocity": velocity,
-        "bands": [[None if speed == math.inf else speed, told(frames)] for speed, frames in stop.bands],
+        "bands": [[None if speed == math.inf else speed, plain_frames(frames)] for speed, frames in stop.bands],
     }
 
 
-def told(frames):
+def plain_frames(frames):
     return [[flagged(identifier, extended), bytes(data).hex()] for identifier, extended, data in frames]
 
 

@@ -10,7 +10,7 @@ from blocks.families import families, family_of, find_model
 from graph import Diagram
 from graph.dialogue import Confirm, Listen, Rejected, Send, Show
 from graph.family import Family, Request
-from tests.house import copy_rooms, python
+from tests.checkout import copy_packages, python
 
 NAMES = {"RobStride", "CubeMars", "InvenSense", "MicroStrain", "OpenIMU", "analogue-to-digital converters"}
 
@@ -36,7 +36,7 @@ def plugged(monkeypatch):
 
 
 def test_builtin_families_are_discovered_without_installation(tmp_path):
-    copy_rooms(tmp_path)
+    copy_packages(tmp_path)
     code = "import importlib.metadata as m; m.entry_points = lambda group: (); "
     code += "from blocks.families import families; print([family.name for family in families()])"
     done = python("-c", code, cwd=tmp_path)

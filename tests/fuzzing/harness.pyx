@@ -37,7 +37,7 @@ cdef extern from *:
 
 cdef enum:
     PLAN = 16                       # bytes of it
-    LONGEST = 4096                  # of a stream with what stands behind it
+    STREAM_LIMIT = 4096                  # bytes of a stream and its replies
     APART = 8                       # doubles between two items
     IDENTIFIERS = 64
 
@@ -87,14 +87,14 @@ cdef struct Target:
     int tails
     Piece ending[64]                # of a stream: what stands behind it,
     int endings
-    uint8_t after[LONGEST]          # in these bytes
+    uint8_t after[STREAM_LIMIT]          # in these bytes
     int after_size
     Frame *frame
     Frame *frames                   # that it encodes
 
 cdef Target now
-cdef uint8_t text[2 * LONGEST]
-cdef Piece pieces[2 * LONGEST]
+cdef uint8_t text[2 * STREAM_LIMIT]
+cdef Piece pieces[2 * STREAM_LIMIT]
 cdef int piece_count, text_size
 
 
@@ -263,7 +263,7 @@ cdef int stream_input(const uint8_t *data, size_t length) noexcept nogil:
     cdef int at = 0
     cdef int index = 0
     cdef int size
-    if length < PLAN + 1 or length > LONGEST:
+    if length < PLAN + 1 or length > STREAM_LIMIT:
         return 0
     flags = data[PLAN]
     text_size = <int>length - PLAN - 1
@@ -361,7 +361,7 @@ cdef uint64_t play_frames(const uint8_t *data, size_t length, int rest, bint loo
 
 cdef int frames_input(const uint8_t *data, size_t length) noexcept nogil:
     cdef uint64_t seen
-    if length > LONGEST:
+    if length > STREAM_LIMIT:
         return 0
     restore(now.fresh)
     seen = play_frames(data, length, 0xA5, True)

@@ -17,8 +17,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.checkout import ROOT, copy_packages
 from tests.fuzzing.targets import EVERYTHING, seeds_of
-from tests.house import ROOT, copy_rooms
 from tests.mutation.laboratory import build_of
 
 CORPUS = ROOT / "build" / "fuzzing"  # what earlier runs have found, and in `failures` what they have failed at
@@ -96,7 +96,7 @@ class Laboratory:
     """The copy, built. checks : of clang's sanitizers, besides those of the harness; "" for coverage alone"""
 
     def __init__(self, folder, checks=CHECKS):
-        self.folder = copy_rooms(Path(folder), rooms=("cext", "graph", "blocks", "runtime", "tests"))
+        self.folder = copy_packages(Path(folder), packages=("cext", "graph", "blocks", "runtime", "tests"))
         self.build_of = build_of()
         self.engine = self.folder / "engine.so"
         self.instrumented = ["-fsanitize=" + ",".join(filter(None, ("fuzzer-no-link", checks)))]

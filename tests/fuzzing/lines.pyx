@@ -29,7 +29,7 @@ cdef extern from *:
     int LLVMFuzzerRunDriver(int *count, char ***words, int (*one)(const uint8_t *data, size_t size) noexcept nogil)
 
 cdef enum:
-    MOST = 16384                # pieces that wait
+    PIECE_LIMIT = 16384                # pieces that wait
 
 cdef struct Piece:
     int64_t begin
@@ -39,7 +39,7 @@ cdef struct Piece:
 cdef struct Kept:
     int sender
     int record
-    Piece pieces[MOST]          # that were read, the oldest first
+    Piece pieces[PIECE_LIMIT]          # that were read, the oldest first
     int64_t head, tail
     bint flexible
 
@@ -75,8 +75,8 @@ cdef void bring(int size) noexcept nogil:
     streams.take(stream.source)
     while at < size:
         length = min(FRAME_BYTES // now.record * now.record, size - at)
-        now.pieces[now.head % MOST].begin, now.pieces[now.head % MOST].length = read_so_far + at, length
-        now.pieces[now.head % MOST].first = at == 0
+        now.pieces[now.head % PIECE_LIMIT].begin, now.pieces[now.head % PIECE_LIMIT].length = read_so_far + at, length
+        now.pieces[now.head % PIECE_LIMIT].first = at == 0
         now.head += 1
         at += length
     read_so_far += size
@@ -96,7 +96,7 @@ cdef void tick(int capacity) noexcept nogil:
         violated("frames were skipped though there was room")
     now.tail += missed
     for index in range(count):
-        piece = &now.pieces[now.tail % MOST]
+        piece = &now.pieces[now.tail % PIECE_LIMIT]
         if frames[index].id != BYTES or frames[index].length != piece.length or (index > 0 and frames[index].flags & GAP):
             violated("a frame is not as long as what was read")
         if (frames[index].flags & START != 0) != piece.first:

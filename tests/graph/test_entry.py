@@ -3,7 +3,7 @@
 import pytest
 
 from graph import Diagram, main
-from tests.house import ROOT, assert_one_line, python
+from tests.checkout import ROOT, assert_one_line, python
 
 WAVE = """
 from blocks.recorders import CsvRecorder

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from graph import stubs
-from tests.house import ROOMS, ROOT
+from tests.checkout import PACKAGES, ROOT
 
 USER = ROOT / "tests" / "graph" / "types" / "user_robot.py"
 ROBOTS = sorted((ROOT / "diagrams").glob("*.py"))
@@ -32,7 +32,7 @@ def test_the_stub_of_a_module_is_fresh(path):
 
 
 def test_every_package_is_marked_as_typed():
-    assert all((ROOT / room / "py.typed").exists() for room in ROOMS)
+    assert all((ROOT / room / "py.typed").exists() for room in PACKAGES)
 
 
 @pytest.fixture(scope="module", params=CHECKERS)

@@ -18,7 +18,7 @@ OPEN, RELEASE, FLUSH, INTERRUPT, IOCTL = 14, 18, 25, 36, 39
 OPEN_OUT = struct.Struct("=QII")
 IOCTL_IN, IOCTL_OUT, VECTOR = struct.Struct("=QIIQII"), struct.Struct("=iIII"), struct.Struct("=QQ")
 UNRESTRICTED_IOCTL, RETRY = 1, 1 << 2
-LONGEST = 1 << 16
+TRANSFER_LIMIT = 1 << 16
 
 
 class Memory(Exception):
@@ -46,7 +46,7 @@ class CharacterDevice:
         major, minor, _, _ = CUSE_INIT_IN.unpack_from(body)
         self.answer(
             unique,
-            CUSE_INIT_OUT.pack(major, minor, 0, UNRESTRICTED_IOCTL, LONGEST, LONGEST, 0, 0)
+            CUSE_INIT_OUT.pack(major, minor, 0, UNRESTRICTED_IOCTL, TRANSFER_LIMIT, TRANSFER_LIMIT, 0, 0)
             + f"DEVNAME={name}\0".encode(),
         )
 
@@ -54,7 +54,7 @@ class CharacterDevice:
         os.close(self.fd)
 
     def request(self):
-        data = os.read(self.fd, 2 * LONGEST)
+        data = os.read(self.fd, 2 * TRANSFER_LIMIT)
         length, opcode, unique, *_ = IN.unpack_from(data)
         return opcode, unique, data[IN.size : length]
 

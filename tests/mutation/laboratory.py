@@ -14,12 +14,12 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from tests.house import ROOT, copy_rooms
+from tests.checkout import ROOT, copy_packages
 from tests.mutation.equivalent import EQUIVALENT
 from tests.mutation.mutants import mutants
 from tests.mutation.targets import TARGETS
 
-LONGEST = 120.0  # s that the tests of a mutant may take, for one that hangs
+TEST_TIME_LIMIT = 120.0  # s that the tests of a mutant may take, for one that hangs
 WORKERS = 2
 
 
@@ -35,7 +35,7 @@ class Laboratory:
     """A copy in a folder. `tried(target, mutant)`: "killed", "survived", or "no program" where it does not compile."""
 
     def __init__(self, folder):
-        self.folder = copy_rooms(Path(folder), rooms=("cext", "graph", "blocks", "runtime", "diagrams", "tests"))
+        self.folder = copy_packages(Path(folder), packages=("cext", "graph", "blocks", "runtime", "diagrams", "tests"))
         for name in ("setup.py", "pyproject.toml"):
             (self.folder / name).write_bytes((ROOT / name).read_bytes())
         self.suffix = sysconfig.get_config_var("EXT_SUFFIX")
@@ -49,7 +49,7 @@ class Laboratory:
         try:
             if not all(map(self.build, target.modules)):
                 return "no program"
-            return "survived" if self.passes(target.tests, LONGEST, bool(target.modules)) else "killed"
+            return "survived" if self.passes(target.tests, TEST_TIME_LIMIT, bool(target.modules)) else "killed"
         finally:
             path.write_text(original)
             for extension, data in built.items():
@@ -141,7 +141,7 @@ def experiment(seconds, seed, word="", say=lambda line: None):
             while unmutated:  # each list of tests passes without a mutant, or killing one means nothing
                 with lock:
                     tests = unmutated.pop() if unmutated else None
-                if tests is not None and not laboratory.passes(tests, 5.0 * LONGEST, True):
+                if tests is not None and not laboratory.passes(tests, 5.0 * TEST_TIME_LIMIT, True):
                     waiting.clear()
                     raise AssertionError(f"{tests} fail without any mutant:\n{laboratory.said}")
             while time.monotonic() < deadline:

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from tests.house import ROOT
+from tests.checkout import ROOT
 from tests.mutation.equivalent import EQUIVALENT
 from tests.mutation.laboratory import all_mutants, experiment, sampled
 from tests.mutation.mutants import mutants

@@ -12,7 +12,7 @@ import pytest
 from runtime.base.errors import CHECK_FAILED, OK
 from runtime.bench import blocks
 from runtime.live.running import page_of
-from tests.house import python
+from tests.checkout import python
 from tests.peers import __main__ as peers
 from tests.runtime.runs import KNEE_EXO, ROOT, environment, finished, started, write
 from tests.runtime.terminals import patient

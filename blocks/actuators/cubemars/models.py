@@ -123,14 +123,14 @@ def find(name: str) -> Model:
     for short, full in AMBIGUOUS.items():
         if plain(short) == wanted:
             raise ValueError(
-                f"{short} was sold with driver boards of several generations: {tell_apart(short + '-V3.0', full)}"
+                f"{short} has driver boards of several generations: {generation_hint(short + '-V3.0', full)}"
             )
     hint = _same_motor(motor) or suggestion(spelt(name), MODELS)
     known = f": {hint}" if hint else f"; there are {', '.join(MODELS)}"
     raise ValueError(f"{name!r} is not a CubeMars model with a MIT-mode table{known}")
 
 
-def tell_apart(newest: str, older: str | None) -> str:
+def generation_hint(newest: str, older: str | None) -> str:
     """Return the text on how to identify the board of a motor and which block to use."""
     return (
         f"see the motor's label; a V3.0 board reports in extended frames. Use CubeMarsV3({newest!r}) "

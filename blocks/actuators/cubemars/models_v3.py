@@ -96,7 +96,7 @@ def find(name: str) -> Model:
     older = next((full for full in models.MODELS if models.split(full)[0] == motor), None)
     if same is not None and not generation:
         raise ValueError(
-            f"{same.motor} was sold with driver boards of several generations: {models.tell_apart(same.name, older)}"
+            f"{same.motor} has driver boards of several generations: {models.generation_hint(same.name, older)}"
         )
     if older is not None and not generation.startswith("3"):
         raise ValueError(

@@ -9,7 +9,7 @@ import pytest
 import runtime
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import EXTRAS, MissingExtra, need
-from tests.house import copy_rooms, python
+from tests.checkout import copy_packages, python
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
 from tests.test_installation_check import PYPROJECT
 
@@ -57,7 +57,7 @@ def trial(tmp_path_factory):
 
 def test_reading_needs_nothing_that_was_compiled(tmp_path):
     path = recorded(tmp_path, walk(range(300)))
-    rooms = copy_rooms(tmp_path / "clone", built=False)
+    rooms = copy_packages(tmp_path / "clone", built=False)
     text = (
         "import sys, runtime\n"
         f"trial = runtime.load({path!r})\n"

@@ -182,7 +182,7 @@ def test_without_a_person_or_yes_nothing_is_armed(tmp_path):
         (["3", "--torque", "nan", "--model", "AK80-9"], "--torque nan: expected a number of N·m"),
         (["3", "--velocity", "20", "--model", "AK80-9"], "the run ends at 10 rad/s; --fastest 40 allows it"),
         (["3", "--position", "13", "--model", "AK80-9"], "outside the encoded range of AK80-9, ±12.5 rad"),
-        (["3", "--torque", "1", "--model", "AK10-9"], "was sold with driver boards of several generations"),
+        (["3", "--torque", "1", "--model", "AK10-9"], "has driver boards of several generations"),
         (["3", "--torque", "1", "--model", "RS2"], "is not a RobStride model"),
         (["3", "--torque", "1", "--position", "1", "--model", "AK80-9"], "not allowed with argument"),
         (["3", "--torque", "1", "--model", "CyberGear", "--mit"], "the CyberGear has no MIT protocol"),

@@ -16,7 +16,7 @@ import runtime
 from cext.safety.shared_state import SharedState
 from runtime.base.errors import BAD_INPUT, OK
 from runtime.export import FORMATS, convert
-from tests.house import assert_one_line, copy_rooms, python
+from tests.checkout import assert_one_line, copy_packages, python
 from tests.runtime.recorder.running import CSV, columns, frame, plan, record, row, sink
 from tests.runtime.runs import KNEE_EXO, environment
 
@@ -282,14 +282,14 @@ def test_existing_files_are_not_overwritten(command_line, recording):
     ],
 )
 def test_commands_that_read_need_nothing_that_was_compiled(tmp_path, recording, words, made):
-    rooms = copy_rooms(tmp_path / "clone", built=False)
+    rooms = copy_packages(tmp_path / "clone", built=False)
     process = python("-m", "runtime", *words.format(recording).split(), cwd=rooms)
     assert process.stderr == "" or not made and "has no complete stride" in process.stderr, process.stderr
     assert not made or (rooms / made).stat().st_size > 1000
 
 
 def test_run_commands_report_missing_build_with_remedy(tmp_path):
-    rooms = copy_rooms(tmp_path / "clone", built=False)
+    rooms = copy_packages(tmp_path / "clone", built=False)
     assert_one_line(python("-m", "runtime", "check", "robot.py", cwd=rooms), "is not built")
 
 

@@ -12,7 +12,7 @@ from runtime.base.errors import BadInput
 from runtime.base.plugins import Plugins
 from runtime.export import FORMATS
 from runtime.recorder.plugins import SERVICES
-from tests.house import ROOT
+from tests.checkout import ROOT
 from tests.runtime.runs import environment, write
 
 SINKS = """

@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("cext", "graph", "blocks", "runtime")
+PACKAGES = ("cext", "graph", "blocks", "runtime")
 RUN = ["-m", "runtime"]
 
 
-def copy_rooms(target, built=True, rooms=ROOMS):
+def copy_packages(target, built=True, packages=PACKAGES):
     """The packages of this checkout in another folder. built : with their compiled modules."""
     leftovers = ["__pycache__", "*.c"] + ([] if built else ["*.so"])
-    for room in rooms:
-        shutil.copytree(ROOT / room, target / room, ignore=shutil.ignore_patterns(*leftovers))
+    for package in packages:
+        shutil.copytree(ROOT / package, target / package, ignore=shutil.ignore_patterns(*leftovers))
     return target
 
 
