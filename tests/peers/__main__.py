@@ -11,7 +11,7 @@ from runtime.bench import can_cost
 from runtime.bench.c_program import NoCompiler
 from runtime.bench.measure import interleave, table
 from runtime.bench.report import machine_lines
-from tests.peers import netlists, python_can
+from tests.peers import netlists, python_can, recording
 from tests.peers.agreement import check
 from tests.peers.by_hand import PlainPython, StraightC
 from tests.peers.tickwork import NativeBlocks, PythonBlocks
@@ -71,17 +71,31 @@ def time_drives(ticks=400):
         print(f"  {name:36}{times[0]:16.4g}{times[len(times) // 2]:12.4g}{times[-1]:12.4g}")
 
 
+def time_recording(ticks=20_000):
+    """Print what a tick costs the recorder, and other writers of the same rows."""
+    print("", f"{'36 signals and 4 frames into files':38}{'µs a tick':>16}", sep="\n")
+    for name, microseconds in recording.measure(ticks).items():
+        print(f"  {name:36}{microseconds:16.4g}")
+
+
+OTHERS = {"can": time_drives, "recording": time_recording}
+PARTS = (*DIAGRAMS, *OTHERS)
+
+
 def main():
     parser = argparse.ArgumentParser(prog="python -m tests.peers", description=__doc__.partition("\n")[0])
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join((*DIAGRAMS, 'can'))} (default: all)")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)} (default: all)")
     parser.add_argument("--seconds", type=float, default=0.05, help="duration of each measurement")
     parser.add_argument("--repeats", type=int, default=15, help="measurements of each row, taken in turn")
     options = parser.parse_args()
-    if unknown := set(options.parts) - {*DIAGRAMS, "can"}:
+    if unknown := set(options.parts) - set(PARTS):
         parser.error(f"unknown part {unknown.pop()!r}")
     print(*machine_lines(), sep="\n")
-    for part in options.parts or (*DIAGRAMS, "can"):
-        time_drives() if part == "can" else time_diagram(DIAGRAMS[part](), options.seconds, options.repeats)
+    for part in options.parts or PARTS:
+        if part in OTHERS:
+            OTHERS[part]()
+        else:
+            time_diagram(DIAGRAMS[part](), options.seconds, options.repeats)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import pytest
 from cext.bus.socketcan import SocketCan
 from runtime.bench.c_program import NoCompiler
 from runtime.bench.can_cost import ANSWERS, ends
-from tests.peers import netlists, python_can
+from tests.peers import netlists, python_can, recording
 from tests.peers.__main__ import PEERS, contenders_of
 from tests.peers.agreement import Disagreement, check
 from tests.peers.by_hand import PlainPython, StraightC
@@ -94,3 +94,9 @@ def test_python_can_raises_when_an_answer_is_lost(monkeypatch):
         unconnected.connect(("127.0.0.1", 9))
         with pytest.raises(OSError, match="an answer was lost"):
             python_can.time_of_ticks(own, SocketCan(unconnected, mute=True).end, ANSWERS, 1)
+
+
+def test_the_recorder_costs_less_than_the_writers_of_csv_and_mcap():
+    cost = recording.measure(2000)
+    assert cost["Tickwork, MCAP with zstd"] < cost["mcap's writer with zstd, encoded"]
+    assert cost["Tickwork, MCAP and CSV"] < cost["csv.writer, rows alone"]
