@@ -9,7 +9,7 @@ import pytest
 from cext.bus.socketcan import SocketCan
 from runtime.bench.c_program import NoCompiler
 from runtime.bench.can_cost import ANSWERS, ends
-from tests.peers import netlists, python_can, recording
+from tests.peers import netlists, python_can, reading, recording
 from tests.peers.__main__ import PEERS, contenders_of
 from tests.peers.agreement import Disagreement, check
 from tests.peers.by_hand import PlainPython, StraightC
@@ -100,3 +100,16 @@ def test_the_recorder_costs_less_than_the_writers_of_csv_and_mcap():
     cost = recording.measure(2000)
     assert cost["Tickwork, MCAP with zstd"] < cost["mcap's writer with zstd, encoded"]
     assert cost["Tickwork, MCAP and CSV"] < cost["csv.writer, rows alone"]
+
+
+def test_recording_is_read_and_exported_alike(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path = reading.record(tmp_path, 2.0)
+    here, there = reading.tickwork_signal(path, tmp_path), reading.mcap_signal(path, tmp_path)
+    assert len(here) == 400 and here.tolist() == there.tolist() and any(here)
+    assert reading.tickwork_all(path, tmp_path).shape == (400, 36) and reading.mcap_all(path, tmp_path) > 3 * 400
+    mine, other = (parquet.read_table(task(path, tmp_path)) for task in reading.TASKS["to Parquet"])
+    for name in (reading.SIGNAL, "tick", "right/gait_phase.walking"):
+        assert mine[name].to_pylist() == other[name].to_pylist()
+    seconds, memory, written = reading.measured("tickwork_parquet", path, tmp_path)
+    assert 0 < seconds < 60 and 10 < memory < 2000 and written > 0.01
