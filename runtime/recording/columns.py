@@ -73,20 +73,35 @@ class Layout:
         began : time at which the run started, in ns of the file
         rows : rows that were complete before the chunk
         """
-        parts, order = [], []
+        parts, places, order = [], [], []
         ticks = chunk.offsets.get(self.tick, NONE)
         for channel, bus in self.buses.items():
             offsets = chunk.offsets.get(channel, NONE)
             if len(offsets):
-                part, places, order_here = self.decode(chunk.data, offsets, began)
+                part, of_messages, in_group = self.decode(chunk.data, offsets, began)
                 part["bus"] = bus
-                part["row"] = rows + np.searchsorted(ticks, places)
+                part["row"] = rows + np.searchsorted(ticks, of_messages)
                 parts.append(part)
-                order.append(order_here)
+                places.append(of_messages)
+                order.append(in_group)
         if len(parts) < 2:
             return parts[0] if parts else np.zeros(0, dtype=FRAME)
-        found = np.concatenate(parts)
-        return found[np.lexsort((np.concatenate(order), found["drain"], found["row"]))]
+        found, places = np.concatenate(parts), np.concatenate(places)
+        return found[np.lexsort((np.concatenate(order), self.groups(chunk, found, places)))]
+
+    def groups(self, chunk, frames, places):
+        """Return for each frame the number of its group: messages of several buses whose frames have one order.
+
+        places : offset of the message of each frame
+        """
+        messages_at, first, of_frame = np.unique(places, return_index=True, return_inverse=True)
+        events = np.searchsorted(chunk.offsets.get(self.events, NONE), messages_at)
+        bus, drain, row = (frames[name][first] for name in ("bus", "drain", "row"))
+        begins = np.ones(len(first), dtype=np.int64)
+        begins[1:] = bus[1:] <= bus[:-1]
+        for values in (drain, row, events):
+            begins[1:] |= values[1:] != values[:-1]
+        return np.cumsum(begins)[of_frame]
 
     def events_of(self, chunk):
         """Return [event] of a chunk. Raises Damaged."""

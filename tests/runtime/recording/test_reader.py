@@ -5,7 +5,7 @@ import pytest
 from mcap.reader import make_reader
 
 import runtime
-from cext.safety.shared_state import SharedState
+from cext.safety.shared_state import RECORD_EVENT, SharedState
 from runtime.recording import reader
 from tests.runtime.recorder.running import CSV, columns, frame, plan, record, row, sink
 
@@ -129,3 +129,18 @@ def test_unfinished_file_opens_up_to_its_last_flush(path, tmp_path, loads):
     assert loads == [], "the chunks before the last one are not read"
     assert 0 < len(trial) < TICKS and "is not complete: it was cut off" in trial.trouble
     assert np.array_equal(trial.rows, whole.rows[: len(trial)])
+
+
+def test_frames_of_all_buses_keep_their_order_around_an_event(tmp_path):
+    event = RECORD_EVENT, b'{"event": "mark", "tick": 0, "number": 1}'
+    drain = 4, (0).to_bytes(8, "little")
+    sequence = [1, 0, 0, 1, event, 0, 1, 0, 1, 1, event, 1, 0, None, 0, 1, 0]
+    records = [drain]
+    for number, item in enumerate(sequence):
+        records.append(item if item is event else row(0, 1.0) if item is None else frame(number, 1, b"", bus=item))
+    record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="marked", buses=BUSES), records)
+    trial = runtime.load(tmp_path / "marked.mcap")
+    assert len(trial.marks) == 2
+    assert [(frame.time, frame.bus) for frame in trial.frames] == [
+        (number, BUSES[item]) for number, item in enumerate(sequence) if isinstance(item, int)
+    ]
