@@ -1,6 +1,7 @@
 # cython: freethreading_compatible=True
 """Cost of a bus in a tick beyond its system calls, and cost of drives. For `bench bus` and `bench can`."""
 
+from cpython.exc cimport PyErr_CheckSignals
 from libc.stdint cimport int64_t
 from libc.string cimport memcpy, memset
 
@@ -50,6 +51,7 @@ def time_of_ticks(BusEnd end, int own, int other, int frames, int rounds) -> tup
     through, alone = [], []
     prepare(&to_send, False)
     for round in range(rounds):
+        PyErr_CheckSignals()
         if sendmmsg(other, to_send.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL) != frames:
             raise OSError("the other end cannot send")
         began = monotonic()
@@ -96,6 +98,7 @@ def time_of_control(Program control, BusEnd other, answers, int rounds, double r
     control.arena[AUTHORITY], control.arena[DT], control.arena[PERIOD] = 1.0, 1.0 / rate, 1.0 / rate
     took = []
     for round in range(rounds):
+        PyErr_CheckSignals()
         for index in range(count):
             to_send[index].time = monotonic() - zero
         if other.bus.send(other.bus.context, to_send, count) != count:

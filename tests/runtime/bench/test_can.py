@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import signal
 import sysconfig
 import time
 
@@ -67,6 +68,18 @@ def test_slow_ticks_are_measured_although_no_drive_follows():
         Slow()
     program = Program(compile(diagram), [bus.host])
     assert min(time_of_control(program, bus.device, can_cost.ANSWERS, 300)) > 1_000_000
+
+
+def test_a_signal_ends_a_measurement_in_the_middle():
+    bus, began = MemoryBus(), time.monotonic()
+    before = signal.signal(signal.SIGALRM, lambda number, frame: 1 / 0)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        with pytest.raises(ZeroDivisionError):
+            time_of_control(Program(compile(can_cost.robot()), [bus.host]), bus.device, can_cost.ANSWERS, 300_000)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert time.monotonic() - began < 1.0
 
 
 def test_a_fault_of_a_drive_names_it():
