@@ -121,7 +121,7 @@ class Survivor:
         self.heard.append((what, outcome.status, outcome.culprit, outcome.tick))
 
     def run(self, ticks=200, **options):
-        options = {"fade": FADE, "rearm": self.slots, "told": self.tell, **options}
+        options = {"fade": FADE, "rearm": self.slots, "notify": self.tell, **options}
         return self.rig.run(ticks, **options)
 
     def between(self):
