@@ -20,19 +20,21 @@ class StrideAverage(Service):
     def open(self):
         if len(self.sink["columns"]) != len(INPUTS):
             raise ValueError("wire all five inputs: phase, walking, angle, velocity, torque")
+        self.columns = [column["index"] for column in self.sink["columns"]]
         path = self.sink["path"]
         self.title = self.sink["parameters"].get("title") or path.rpartition("/")[0] or path
         self.average, self.rows = AverageStride(self.plan["rate"]), []
 
-    def row(self, tick, time, values):
-        self.rows.append((tick, *values))
-        if len(self.rows) == BLOCK_ROWS:
-            self.add_rows()
+    def records(self, batch):
+        if batch.rows:
+            self.rows += batch.table(float(self.plan["rate"]), self.columns, [False] * len(INPUTS))
+            if len(self.rows) >= BLOCK_ROWS:
+                self.add_rows()
 
     def add_rows(self):
         """Add the rows that have arrived to the average."""
-        rows = np.array(self.rows, dtype=float).reshape(-1, 1 + len(INPUTS))
-        self.average.add(rows[:, 0].astype(np.int64), rows[:, 1:])
+        rows = np.array(self.rows, dtype=float).reshape(-1, 2 + len(INPUTS))
+        self.average.add(rows[:, 1].astype(np.int64), rows[:, 2:])
         self.rows.clear()
 
     def close(self):

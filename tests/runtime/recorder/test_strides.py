@@ -7,6 +7,7 @@ import signal
 import pytest
 
 from blocks.recorders import StrideReport
+from cext.safety.ring_batch import Batch
 from cext.safety.shared_state import SharedState
 from runtime.analysis.average_stride import CURVES, resample
 from runtime.recorder import RecorderProcess
@@ -46,7 +47,7 @@ def average(rows, rate=RATE, title=""):
     service = StrideAverage(plan(None, order, rate=rate), order)
     service.open()
     for tick, *values in rows:
-        service.row(tick, tick / rate, tuple(values))
+        service.records(Batch([row(tick, *values)]))
     service.close()
     return service.result
 
@@ -130,7 +131,7 @@ def test_standing_for_an_hour_takes_no_memory():
     service = StrideAverage(plan(None), sink(STRIDES, "left/stride_report", INPUTS))
     service.open()
     for tick in range(20_000):
-        service.row(tick, tick / RATE, (0.99 if tick == 0 else 0.1, 1.0, 0.0, 0.0, 0.0))
+        service.records(Batch([row(tick, 0.99 if tick == 0 else 0.1, 1.0, 0.0, 0.0, 0.0)]))
     assert service.average.stride is None
 
 
