@@ -116,7 +116,7 @@ def sinks_of(drive, name, rate, folder, plotjuggler, rerun):
         "rate": rate,
         "virtual": False,
     }
-    sinks, columns = [], drive.columns(name)
+    sinks, columns = [], [{**column, "index": index} for index, column in enumerate(drive.columns(name))]
     if folder is not None:
         sinks.append(CsvWriter(plan, {"parameters": {}, "columns": columns}))
     if plotjuggler is not None:

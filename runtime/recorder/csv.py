@@ -60,6 +60,12 @@ class CsvWriter(Service):
             self.write(rows[:count])
             rows = rows[count:]
 
+    def row(self, tick, time, values):
+        """Write one row, without a ring to take batches from."""
+        if self.file is not None:
+            self.file.write(self.lines.line(time, tick, values))
+            self.rows += 1
+
     def write(self, rows):
         """Write rows, and flush the file if it is due."""
         self.file.write(self.lines.text(rows))
