@@ -10,7 +10,7 @@ from tests.blocks.actuators import reference, robstride_reference
 from tests.runtime.commissioning.nodes import Mit, Nodes, Private, Servo
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files, finished
 
-pytestmark = pytest.mark.paced
+pytestmark = pytest.mark.timing
 
 AK80_9 = reference.ranges(velocity=50.0, torque=18.0)
 STEP = 36.0 / 4095  # N·m, a code of torque
