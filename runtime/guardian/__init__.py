@@ -118,8 +118,8 @@ class GuardianProcess(ChildProcess):
         how = self.kill(LEAVE_TIMEOUT if answer is not None else 0.0)
         return answer | {"died": None} if answer is not None else {"stop": None, "troubles": {}, "died": how}
 
-    def kill(self, timeout=0.0):
-        """End the process, by force after `timeout` s, and return how it ended."""
+    def kill(self, grace=0.0):
+        """End the process, by force after `grace` s, and return how it ended."""
         if self._child.stdin.closed:
             return ending(self._child.returncode)
         self._page.let_go()
@@ -128,7 +128,7 @@ class GuardianProcess(ChildProcess):
         except OSError:
             pass
         try:
-            self.wait(timeout)
+            self.wait(grace)
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()
