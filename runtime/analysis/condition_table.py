@@ -91,10 +91,15 @@ def figure(name, unit, a, b):
 def signals(a, b):
     """Yield a Row for each float signal of a leg's subsystem that both conditions have. a, b : Leg"""
     folder = split(a.signals["angle"])[0]
-    for path in a.condition.trial.names:
-        if not (split(path)[0] == folder and path in b.condition.trial.signals and path in a.condition.trial.signals):
-            continue
-        if a.condition.trial.dtype(path) != "float" or path == a.signals["phase"]:
+    here, there = a.condition.trial, b.condition.trial
+    paths = [
+        path
+        for path in here.names
+        if split(path)[0] == folder and path in here.signals and path in there.signals and here.dtype(path) == "float"
+    ]
+    here.read(paths), there.read(paths)  # in one pass each
+    for path in paths:
+        if path == a.signals["phase"]:
             continue
         try:
             mine, others = (leg.condition.curves(path) for leg in (a, b))

@@ -49,6 +49,7 @@ def measured(trial, events=None, between=None, last=None):
     begin, end = interval(trial, between)
     found, refused = [], None
     for title, path, signals in [*known, *(joint for joint in joints(trial) if joint[2]["angle"] not in used)]:
+        trial.read(name for name in signals.values() if name in trial.signals)  # in one pass
         try:
             rows, phase, walking = gait(trial, signals, events)
         except BadInput as error:  # this joint has no gait phase, but another may have

@@ -81,6 +81,7 @@ def over_time(trial, rows, title, file, kind, told=""):
     told : subsystem that the title already names
     """
     figure, axes = sheet(len(rows), title)
+    trial.read(path for paths in rows for path in paths)  # in one pass
     for axis, paths in zip(axes, rows):
         for number, path in enumerate(paths):
             values = trial[path]
@@ -155,7 +156,7 @@ def troubles(axis, trial):
 def faulty(trial):
     """Return [(path, first row, last row)] of the intervals in which a device reports a fault code."""
     paths = [path for path in trial.names if split(path)[2] == "fault" and trial.find(path)[1] == ()]
-    return [(path, *ends) for path in paths for ends in spells(trial[path] != 0)]
+    return [(path, *ends) for path, values in trial.read(paths).items() for ends in spells(values != 0)]
 
 
 def codes(trial):

@@ -176,7 +176,7 @@ class Trial:
             self._read(missing)
         if "rows" in self.__dict__:
             return self.rows[:, places]
-        return np.column_stack([self._columns[place] for place in places])
+        return np.column_stack([self._columns[place] for place in places] or [np.empty((len(self), 0))])
 
     def read(self, paths) -> dict[str, np.ndarray]:
         """Return {path: array} of several signals, read in one pass. Raises KeyError."""

@@ -144,3 +144,13 @@ def test_frames_of_all_buses_keep_their_order_around_an_event(tmp_path):
     assert [(frame.time, frame.bus) for frame in trial.frames] == [
         (number, BUSES[item]) for number, item in enumerate(sequence) if isinstance(item, int)
     ]
+
+
+def test_table_and_plot_read_the_recording_in_one_pass(path, tmp_path, loads):
+    pytest.importorskip("pandas")
+    count = len(chunk_indexes(path))
+    assert runtime.load(path).table().shape == (TICKS, 1 + SIGNALS) and len(loads) == count
+    plots = pytest.importorskip("runtime.analysis.plots")
+    with open(tmp_path / "plot.png", "wb") as file:
+        plots.over_time(runtime.load(path), [["leg0/block.x1", "leg1/block.x31"], ["leg1/block.x59"]], "", file, "png")
+    assert len(loads) <= count + count + 1  # and the events
