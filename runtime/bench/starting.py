@@ -14,7 +14,7 @@ from runtime.bench.measure import Times
 from runtime.console.progress import rounds
 from runtime.live.running import page_of
 
-IMPORTS = "numpy, networkx, can"
+IMPORTS = "numpy, can"
 BARE = {"Python alone": "pass", f"import {IMPORTS}": f"import {IMPORTS}"}
 TIMEOUT = 60.0  # s
 
