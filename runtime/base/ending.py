@@ -145,7 +145,8 @@ def leave(code):
         timer = threading.Timer(FLUSH_LIMIT, leave_now)  # a thread that hangs in a write holds the lock of its file
         timer.daemon = True
         timer.start()
-    flush_files()
+    with suppress(Exception):  # a block has limited the memory of the process
+        flush_files()
     leave_now()
 
 
