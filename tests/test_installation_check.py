@@ -58,7 +58,7 @@ with Diagram("wave", rate=100) as diagram:
 """
 
 
-@pytest.mark.parametrize("name", ["json", "signal", "typing", "string", "numpy", "can"])
+@pytest.mark.parametrize("name", ["json", "signal", "typing", "struct", "numpy", "can"])
 def test_a_file_beside_the_diagram_with_the_name_of_a_library_is_named(name, installed, lab):
     (lab / "wave.py").write_text(WAVE)
     (lab / f"{name}.py").write_text("raise SystemExit(0)\n")

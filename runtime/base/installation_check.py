@@ -25,12 +25,13 @@ NEEDS = {
     "numpy": "numpy",
     "serial": "pyserial",
     "smbus2": "smbus2",
+    "zstandard": "zstandard",
 }
 if sys.version_info < (3, 11):  # newer versions include tomllib
     NEEDS["tomli"] = "tomli"
 
 READING = ("convert", "diff", "plot")  # commands that need no compiled modules
-TO_READ = {module: NEEDS[module] for module in ("matplotlib", "mcap", "msgspec", "numpy")}
+TO_READ = {module: NEEDS[module] for module in ("matplotlib", "mcap", "msgspec", "numpy", "zstandard")}
 
 # standard modules that a run imports later
 LOADED_LATER = ("decimal", "fractions", "getpass", "json", "shlex", "subprocess", "sysconfig", "tomllib")

@@ -36,6 +36,7 @@ NO_THRESHOLDS = {  # times of processes and of Python, sizes, bit masks
     "STACK",
     "ORDERS",
     "RECENT",
+    "DRAIN_PERIOD",
     "NAME_BYTES",
     "EXIT_CODE",
 }
