@@ -11,8 +11,20 @@ from runtime.recording import messages
 from runtime.recording.chunks import Expander, walk_all
 from runtime.recording.files import WholeFile
 from runtime.recording.mcap_file import HEAD, MESSAGE, McapFile
-from runtime.recording.reader import DAMAGE, LIBRARY, MAGIC
-from runtime.recording.records import A_CHUNK, A_MESSAGE, ATTACHMENT, CHANNEL, DATA_END, SCHEMA, compressed, read, walk
+from runtime.recording.records import (
+    A_CHUNK,
+    A_MESSAGE,
+    ATTACHMENT,
+    CHANNEL,
+    DAMAGE,
+    DATA_END,
+    LIBRARY,
+    MAGIC,
+    SCHEMA,
+    compressed,
+    read,
+    walk,
+)
 
 FLUSH = 1 << 20  # bytes buffered in memory
 

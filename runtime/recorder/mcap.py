@@ -22,7 +22,7 @@ from runtime.recorder.service import Service
 from runtime.recording import messages
 from runtime.recording.files import WholeFile, claim, create
 from runtime.recording.mcap_file import CHUNK, ZSTD, McapFile
-from runtime.recording.reader import LIBRARY
+from runtime.recording.records import LIBRARY
 
 FORMAT_VERSION = "2"
 ROW_HEAD = 2  # numbers before the signals of a row

@@ -14,10 +14,9 @@ import numpy as np
 
 from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, INDEX, MESSAGE, MESSAGE_REST, ZSTD
 from runtime.recording.mcap_file import STREAM as STREAM_KIND
-from runtime.recording.records import A_CHUNK, A_MESSAGE, AN_INDEX, CHANNEL, SCHEMA, compressed, walk
+from runtime.recording.records import A_CHUNK, A_MESSAGE, AN_INDEX, CHANNEL, CHUNK_LIMIT, SCHEMA, compressed, walk
 from runtime.recording.zstd_stream import decode
 
-CHUNK_LIMIT = 64 << 20  # bytes that a chunk may expand to
 FILE_RATIO_LIMIT, FILE_LIMIT_MINIMUM = 100, 16 << 20  # all chunks of a file: times its size, and at least these bytes
 STREAM = "zstd stream"  # compression of a chunk that was not completed, and may end anywhere
 # bytes of a message record, as a NumPy dtype

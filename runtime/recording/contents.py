@@ -14,8 +14,10 @@ from runtime.recording.records import (
     ATTACHMENT_INDEX,
     CHANNEL,
     CHUNK_INDEX,
+    DAMAGE,
     FOOTER,
     HEADER,
+    MAGIC,
     RECORD_LIMIT,
     STATISTICS,
     read,
@@ -23,10 +25,7 @@ from runtime.recording.records import (
 )
 
 ATTACHMENTS = ("about.json", "diagram.json", "end.json")
-MAGIC = b"\x89MCAP0\r\n"
 FOOTER_FIELDS = struct.Struct("<QQI")
-# what a reader of garbage raises
-DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError, MemoryError)
 
 
 @dataclass

@@ -19,11 +19,10 @@ from runtime.base.optional_dependencies import need
 from runtime.recording.batches import NO_FRAMES
 from runtime.recording.chunks import FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT, Expander, load
 from runtime.recording.columns import TICK, Layout
-from runtime.recording.contents import DAMAGE, MAGIC, summarised
+from runtime.recording.contents import summarised
 from runtime.recording.metadata import validate
+from runtime.recording.records import DAMAGE, LIBRARY, MAGIC
 from runtime.recording.scan import Scan
-
-LIBRARY = "tickwork"
 
 
 @dataclass(frozen=True)

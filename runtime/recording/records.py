@@ -1,10 +1,16 @@
 """The walk through the records of an MCAP file, which may end anywhere."""
 
 import io
+import struct
 
 from runtime.recording.files import AT_ONCE
 from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, ROOM, STREAM
 
+MAGIC = b"\x89MCAP0\r\n"
+LIBRARY = "tickwork"  # in the header of a recording
+# what a reader of garbage raises
+DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError, MemoryError)
+CHUNK_LIMIT = 64 << 20  # bytes that a chunk may expand to
 # kinds of records
 HEADER, FOOTER, SCHEMA, CHANNEL, A_MESSAGE, A_CHUNK, AN_INDEX, CHUNK_INDEX, ATTACHMENT = range(1, 10)
 ATTACHMENT_INDEX, STATISTICS = 10, 11

@@ -14,7 +14,6 @@ import zlib
 from contextlib import contextmanager
 from struct import Struct
 
-from runtime.recording.chunks import CHUNK_LIMIT
 from runtime.recording.files import AT_ONCE, WholeFile, claim
 from runtime.recording.mcap_file import (
     CHUNK,
@@ -28,7 +27,6 @@ from runtime.recording.mcap_file import (
     ZSTD,
     McapFile,
 )
-from runtime.recording.reader import DAMAGE, LIBRARY, MAGIC
 from runtime.recording.records import (
     A_CHUNK,
     A_MESSAGE,
@@ -36,10 +34,14 @@ from runtime.recording.records import (
     ATTACHMENT,
     CHANNEL,
     CHUNK_INDEX,
+    CHUNK_LIMIT,
+    DAMAGE,
     DATA_END,
     FOOTER,
     HEADER,
     KINDS,
+    LIBRARY,
+    MAGIC,
     RECORD_LIMIT,
     SCHEMA,
     length_of,

@@ -11,7 +11,7 @@ from runtime.recording.check import Check
 from runtime.recording.chunks import CHUNK_LIMIT, Chunk, Expander, Messages, TooLarge, head_of, load, walked
 from runtime.recording.chunks import STREAM as STREAM_OF_ZSTD
 from runtime.recording.columns import Layout
-from runtime.recording.contents import DAMAGE, MAGIC, Contents
+from runtime.recording.contents import Contents
 from runtime.recording.json_text import DEPTH_LIMIT, TooDeep
 from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, INDEX, MESSAGE, ROOM, STREAM, ZSTD
 from runtime.recording.metadata import validate
@@ -22,9 +22,11 @@ from runtime.recording.records import (
     ATTACHMENT,
     CHANNEL,
     COMPRESSION_AT,
+    DAMAGE,
     DATA_END,
     FOOTER,
     HEADER,
+    MAGIC,
     RECORD_LIMIT,
     STATISTICS,
     read,

@@ -17,7 +17,7 @@ import runtime
 from runtime.base.errors import OK
 from runtime.recording.chunks import Expander, TooLarge
 from runtime.recording.mcap_file import MESSAGE, MESSAGE_REST
-from runtime.recording.reader import LIBRARY
+from runtime.recording.records import LIBRARY
 from tests.runtime.recorder.running import leg, run
 from tests.runtime.recording.test_finishing import content, indexed
 from tests.runtime.runs import ROOT, environment

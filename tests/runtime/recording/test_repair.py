@@ -28,8 +28,7 @@ from runtime.base.errors import BadInput
 from runtime.recorder.recording import Recording
 from runtime.recording import mcap_file
 from runtime.recording.mcap_file import CHUNK_HEADS, HEAD, STREAM
-from runtime.recording.reader import MAGIC
-from runtime.recording.records import A_CHUNK, walk
+from runtime.recording.records import A_CHUNK, MAGIC, walk
 from runtime.recording.repair import Backlog, Repair, RepairFailed
 from tests.runtime.recorder.running import CSV, columns, frame, plan, row, sink
 from tests.runtime.recorder.test_mcap import chunks, unfinished

@@ -19,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, FAULT, OK, BadInput
 from runtime.diagrams.file import load
-from runtime.recording.reader import LIBRARY as LIBRARY_NAME
+from runtime.recording.records import LIBRARY as LIBRARY_NAME
 from tests.runtime.guardian.bus import Bus
 from tests.runtime.recorder.test_mcap import chunks
 from tests.runtime.runs import KNEE_EXO, finished, knee, started, write, writer_of
