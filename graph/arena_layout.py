@@ -32,7 +32,16 @@ class Layout:
     def place(self, values: float | np.ndarray) -> int:
         """Allocate consecutive slots for values. Returns the first."""
         slot = len(self.values)
+        if isinstance(values, (float, int)):
+            self.values.append(float(values))
+            return slot
         self.values.extend(np.ravel(np.asarray(values, dtype=float)).tolist())
+        return slot
+
+    def reserve(self, count: int) -> int:
+        """Allocate consecutive slots with the value 0. Returns the first."""
+        slot = len(self.values)
+        self.values.extend([0.0] * count)
         return slot
 
     def __len__(self):
@@ -58,8 +67,8 @@ def place_memory(block: Any, layout: Layout) -> dict[str, tuple[int, int]]:
     places = {}
     for name, memory in block.memory.items():
         value = vars(block).get(name)
-        values = np.ravel(np.asarray(memory.initial if value is None else value, dtype=float))
-        places[name] = layout.place(values), len(values)
+        first = layout.place(memory.initial if value is None else value)
+        places[name] = first, len(layout) - first
     return places
 
 
@@ -74,24 +83,25 @@ def kernel_table(block: Any, kernel: Kernel, places: dict[str, tuple[int, int]])
     Raises TypeError if an item has another length than the kernel states, as memory that `prepare` has set.
     """
     slots, sizes = [], []
-    rests = {item: [places[name] for name in rest_of(block, kernel, item.name)] for item in kernel.items if item.rest}
-    first = len(kernel.items) + len(rests)
-    for item in kernel.items:
-        if item.rest:
-            count = len(rests[item])
-            slots += [count, first]
-            sizes += [count, first]
-            first += count
+    rests = []
+    first = len(kernel.items) + sum(item.rest for item in kernel.items)
+    for name, size, is_rest in kernel.items:
+        if is_rest:
+            rest = [places[each] for each in rest_of(block, kernel, name)]
+            slots += [len(rest), first]
+            sizes += [len(rest), first]
+            first += len(rest)
+            rests += rest
             continue
-        slot, length = places[item.name]
-        if item.size not in (None, length):
+        slot, length = places[name]
+        if size != length and size is not None:
             raise TypeError(
-                f"{block.path}: a kernel of {type(block).__name__} takes {item.size} numbers of {item.name!r}, and it "
-                f"has {length}. Set memory of {item.size} numbers in prepare()"
+                f"{block.path}: a kernel of {type(block).__name__} takes {size} numbers of {name!r}, and it "
+                f"has {length}. Set memory of {size} numbers in prepare()"
             )
         slots.append(slot)
         sizes.append(length)
-    for rest in rests.values():
-        slots += [slot for slot, _ in rest]
-        sizes += [length for _, length in rest]
+    for slot, length in rests:
+        slots.append(slot)
+        sizes.append(length)
     return KernelTable(tuple(slots), tuple(sizes))

@@ -13,7 +13,7 @@ from graph.block import CLOCK, Sink
 from graph.budget import damping_round
 from graph.device import Actuator, Device
 from graph.interval import EVERYTHING
-from graph.kernel_items import check_kernels
+from graph.kernel_items import CHECKED, check_kernels
 from graph.order import computes, upstream
 from graph.schedule import Column, DeviceSteps, LiveParameter, Schedule, SignalPlace, SinkColumns, Step, WatchSteps
 from graph.signal import Signal
@@ -53,7 +53,8 @@ class Assembly:
             if not isinstance(facts.sources[block, name], Signal) and not isinstance(block, Sink)
         }
         for block in self.native:
-            check_kernels(block)
+            if not vars(block).keys().isdisjoint(CHECKED):  # else the check of its class holds for it
+                check_kernels(block)
         parameters = {block: place_parameters(block, self.layout) for block in self.native}
         self.memory_start = len(self.layout)
         self.memory = memory = {block: place_memory(block, self.layout) for block in self.native}
@@ -70,7 +71,7 @@ class Assembly:
 
     def place_signal(self, block: Block, name: str, port: Output) -> SignalPlace:
         shape = self.facts.shapes[block, name]
-        slot = self.layout.place(np.zeros(size_of(shape)))
+        slot = self.layout.reserve(size_of(shape))
         return SignalPlace(f"{block.path}.{name}", slot, shape, port.dtype, self.facts.units[block, name], port.circle)
 
     def size(self, block: Block, name: str) -> int:
@@ -185,7 +186,9 @@ class Assembly:
             python_blocks=[block for block in self.blocks if block.is_python or block.has_python_update],
             inputs={
                 block.path: {
-                    name: self.input_slot(block, name) for name in block.inputs if facts.shapes[block, name] == ()
+                    name: self.items[block][name][0] if block in self.items else self.input_slot(block, name)
+                    for name in block.inputs
+                    if facts.shapes[block, name] == ()
                 }
                 for block in self.blocks
                 if not isinstance(block, Sink)

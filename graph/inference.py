@@ -65,7 +65,9 @@ def infer_shapes(
         free[block] = shape
         return True
 
-    for allow_scalar in (False, True):  # an array at any input determines the shape; scalars only without one
+    has_arrays = any(shape_of(source) for source in sources.values())
+    # an array at any input determines the shape; scalars only without one
+    for allow_scalar in (False, True) if has_arrays else (True,):
         spread(blocks, sources, visit)
 
     def shape_at(block, name, port):

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 STEPS = ("kernel", "update_kernel", "settle_kernel")
 KERNELS = (*STEPS, "decode", "encode")
+CHECKED = {"inputs", "outputs", "parameters", "memory", *KERNELS}  # attributes that `check_kernels` reads
 
 
 def check_kernels(block: Any) -> None:

@@ -46,7 +46,7 @@ class Scratch:
         check_kernels(block)
         layout = Layout()
         sizes = {n: size_of(shape) for n, shape in self.shapes.items()}
-        self.slots_of = {n: layout.place(np.zeros(sizes[n])) for n in self.shapes}
+        self.slots_of = {n: layout.reserve(sizes[n]) for n in self.shapes}
         self.parameters = place_parameters(block, layout)
         self.memory_start = len(layout)
         memory = place_memory(block, layout)
