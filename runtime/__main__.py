@@ -3,7 +3,7 @@
 SIGINT prints Python's own traceback only before the first statement here, while the interpreter starts: about 20 ms.
 """
 
-import _signal  # built in: no file of the working folder can shadow it
+import _signal  # pyright: ignore[reportMissingImports]  # built in: no file of the working folder can shadow it
 
 if __name__ == "__main__" and _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
     _signal.signal(_signal.SIGINT, _signal.SIG_DFL)  # ends the process until runtime.base.ending is imported

@@ -35,7 +35,7 @@ class ChildProcess:
     pid : ID of the process
     """
 
-    def __init__(self, module, numbers, descriptors):
+    def __init__(self, module: str, numbers: tuple[int, ...], descriptors: tuple[int, ...]) -> None:
         answers, their_answers = os.pipe()
         control = os.pidfd_open(os.getpid())
         places = ",".join(map(str, (their_answers, control, *numbers)))
@@ -53,13 +53,13 @@ class ChildProcess:
         self.pid = self._child.pid
         self._answers, self._heard = answers, b""
 
-    def keep_to(self, processors):
+    def keep_to(self, processors: set[int]) -> None:
         """Restrict the child and its descendants to processors. Does nothing if it has ended or may not run there."""
         with suppress(OSError):
             for thread in self._threads():
                 os.sched_setaffinity(thread, processors)
 
-    def bring_to(self, processors):
+    def bring_to(self, processors) -> None:
         """Move the child to processors without restricting it, so that a real-time thread can yield to another."""
         with suppress(OSError):
             for thread in self._threads():
@@ -67,7 +67,7 @@ class ChildProcess:
                 os.sched_setaffinity(thread, processors)
                 os.sched_setaffinity(thread, before)
 
-    def wait(self, timeout):
+    def wait(self, timeout: float) -> None:
         """Wait until it has ended. subprocess.TimeoutExpired after `timeout` s"""
         try:
             ended = os.pidfd_open(self.pid)

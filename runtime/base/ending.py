@@ -10,6 +10,8 @@ handled, and `as_interrupt` replaces what surfaces instead.
 This file must parse on Python 3.6 or newer.
 """
 
+from __future__ import annotations
+
 import atexit
 import gc
 import io
@@ -17,7 +19,12 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cext.schedule.outcome import Outcome
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1)
 FLUSH_LIMIT = 1.0  # s for the files that user code has left open
@@ -30,19 +37,19 @@ class Interrupted(BaseException):
     It is no KeyboardInterrupt, after which `subprocess` waits 250 ms for a child.
     """
 
-    def __init__(self, number):
+    def __init__(self, number) -> None:
         super().__init__(number)
         self.number = number
 
 
-def leave_on_signals():
+def leave_on_signals() -> None:
     """Let the ending signals end this process at once. One that is ignored or handled already keeps its handler."""
     for number in ENDING_SIGNALS:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, _leave)
 
 
-def raise_on_signals():
+def raise_on_signals() -> None:
     """Let the signals of leave_on_signals raise Interrupted from now on, so that `finally` and `with` are carried
     out.
     """
@@ -89,13 +96,13 @@ def _unraisable(entry):
         sys.__unraisablehook__(entry)
 
 
-def raise_if_interrupted():
+def raise_if_interrupted() -> None:
     """Raise Interrupted if a signal has arrived and is not handled yet."""
     if _raised is not None:
         raise Interrupted(_raised.number)
 
 
-def handled():
+def handled() -> None:
     """Go on after an Interrupted: it is not raised again."""
     global _raised
     if _raised is not None:
@@ -104,7 +111,7 @@ def handled():
 
 
 @contextmanager
-def as_interrupt():
+def as_interrupt() -> Iterator[None]:
     """Raise Interrupted at the end of a `with` block in which a signal has arrived that is not handled yet, in place
     of any other exception.
     """
@@ -114,20 +121,20 @@ def as_interrupt():
         raise_if_interrupted()
 
 
-def ignore_signals():
+def ignore_signals() -> None:
     """Ignore the ending signals in a process that ends with its parent."""
     for number in ENDING_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
-def uninterrupted(outcome):
+def uninterrupted(outcome: Outcome) -> Outcome:
     """Return a cext.schedule.executor.Outcome; raise Interrupted if a signal has ended its run."""
     if outcome.signal:
         raise Interrupted(outcome.signal)
     return outcome
 
 
-def leave(code):
+def leave(code) -> None:
     """End the process with an exit code, without the interpreter's own ending.
 
     The interpreter's ending takes 50 ms to free all objects, and waits indefinitely for threads of user code. Exit
@@ -150,7 +157,7 @@ def leave(code):
     leave_now()
 
 
-def flush_files():
+def flush_files() -> None:
     """Write what is in the buffers of every open file."""
     gc.unfreeze()  # the collector does not list what a run has frozen
     for kind in (io.TextIOWrapper, io.BufferedWriter, io.BufferedRandom):

@@ -37,7 +37,7 @@ TO_READ = {module: NEEDS[module] for module in ("matplotlib", "mcap", "msgspec",
 LOADED_LATER = ("decimal", "fractions", "getpass", "json", "shlex", "subprocess", "sysconfig", "tomllib")
 
 
-def problem(command="", folder=None):
+def problem(command: str = "", folder=None):
     """Return one line on what prevents a command from starting, and its remedy; None if nothing does.
 
     folder : the working folder, if `python -m` has put it on the path
@@ -94,7 +94,7 @@ def namesake(folder):
     return None
 
 
-def place_of(name):
+def place_of(name: str):
     """Return the folder of a top-level package or module, with links resolved; None if there is none."""
     spec = find_spec(name)
     if spec is None:

@@ -3,9 +3,12 @@
 A converter raises BadInput with one line that has the option, the text and what was expected.
 """
 
+from __future__ import annotations
+
 import math
 import os
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +18,9 @@ from runtime.base.errors import BadInput
 TIME_LIMIT = 1e9  # s: 30 years
 
 
-def option(*flags, default=MISSING, collect=None, group=None, **argument) -> Any:
+def option(
+    *flags: str, default=MISSING, collect: Callable[..., Any] | None = None, group: str | None = None, **argument: Any
+) -> Any:
     """Declare a field of a dataclass that is an option of the command line.
 
     flags : such as "--rate"; a positional argument has none
@@ -30,7 +35,7 @@ def option(*flags, default=MISSING, collect=None, group=None, **argument) -> Any
     return field(default=default, metadata=metadata)
 
 
-def number(option, unit, most=math.inf):
+def number(option: str, unit: str, most: float = math.inf) -> Callable[..., Any]:
     def parse(text):
         try:
             value = float(text)
@@ -45,7 +50,7 @@ def number(option, unit, most=math.inf):
     return parse
 
 
-def count(option, most=math.inf, least=1):
+def count(option: str, most: float = math.inf, least: int = 1) -> Callable[..., Any]:
     def parse(text):
         if not text.isdecimal() or int(text) < least:
             raise BadInput(f"{option} {text}: expected a whole number, {least} or more")
@@ -56,20 +61,20 @@ def count(option, most=math.inf, least=1):
     return parse
 
 
-def processor(text):
+def processor(text: str):
     here = os.sysconf("SC_NPROCESSORS_CONF")
     if not text.isdecimal() or int(text) >= here:
         raise BadInput(f"--cpu {text}: expected the number of a processor; this machine has 0 to {here - 1}")
     return int(text)
 
 
-def folder(text):
+def folder(text: str) -> Path:
     if not text:
         raise BadInput("--record: expected a folder, got an empty text")
     return Path(text).expanduser()
 
 
-def trial_fields(texts):
+def trial_fields(texts: Sequence[str]) -> dict[str, str]:
     """Return the fields of a trial as a dict of texts."""
     fields = {}
     for text in texts:
@@ -82,7 +87,7 @@ def trial_fields(texts):
     return fields
 
 
-def settings(words, option="--set "):
+def settings(words: Sequence[str], option: str = "--set ") -> list[tuple[str, str]]:
     """Return pairs (name, text) of NAME=VALUE words. @FILE reads the lines of a file; a line that starts with `#` and
     a space is a comment.
     """
@@ -105,14 +110,14 @@ def settings(words, option="--set "):
     return pairs
 
 
-def setting(text, shown, option):
+def setting(text: str, shown: str, option: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise BadInput(f"{shown}: expected NAME=VALUE, as in {option}left/impedance.stiffness=40")
     return name.strip(), value.strip()
 
 
-def host_and_port(text):
+def host_and_port(text: str) -> tuple[str, int]:
     host, colon, port = text.rpartition(":")
     if not colon:
         host, port = text, "9870"

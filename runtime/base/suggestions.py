@@ -6,7 +6,7 @@ Imports nothing of graph, whose graph.names has the same function, so that it wo
 import difflib
 
 
-def suggestion(word, known):
+def suggestion(word: str, known) -> str:
     """Return 'did you mean ...?' for a misspelt word, or ''."""
     near = difflib.get_close_matches(str(word), list(known), n=1)
     return f"did you mean {near[0]!r}?" if near else ""

@@ -1,22 +1,26 @@
 """Properties of this process and its processors that Linux reports."""
 
+from __future__ import annotations
+
 import ctypes
 import os
 import pwd
 import resource
 import signal
+from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23  # linux/capability.h
 
 
-def end_with_parent():
+def end_with_parent() -> None:
     """Let the kernel kill this process when the thread that started it ends: for `preexec_fn` of subprocess."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
 
-def processor_wait():
+def processor_wait() -> float:
     """Return s for which this thread was ready to run and had no processor; 0.0 where the kernel does not count."""
     fields = read("/proc/thread-self/schedstat").split()
     return int(fields[1]) * 1e-9 if len(fields) > 1 else 0.0
@@ -41,7 +45,7 @@ def user():
         return f"#{os.getuid()}"
 
 
-def capable(capability):
+def capable(capability: int) -> bool:
     """Return whether this process has an effective capability. capability : number in linux/capability.h"""
     for line in read("/proc/self/status").splitlines():
         if line.startswith("CapEff:"):
@@ -54,17 +58,17 @@ def address_space():
     return int(read("/proc/self/statm").split()[0]) * resource.getpagesize()
 
 
-def stack_limit():
+def stack_limit() -> int:
     soft = resource.getrlimit(resource.RLIMIT_STACK)[0]
     return 8 << 20 if soft == resource.RLIM_INFINITY else soft
 
 
-def isolated_processors():
+def isolated_processors() -> set[Any]:
     """Return the numbers of the isolated processors (isolcpus=)."""
     return processors(read("/sys/devices/system/cpu/isolated"))
 
 
-def processors(text):
+def processors(text: str) -> set[int]:
     """Return the numbers in the kernel's list format: {0, 2, 3} for "0,2-3"."""
     found = set()
     for part in text.strip().split(","):
@@ -74,7 +78,7 @@ def processors(text):
     return found
 
 
-def exhausted_group(text_of=None):
+def exhausted_group(text_of: Callable[..., Any] | None = None) -> str | None:
     """Return the file that denies the control group of this session any real-time budget; None if none is found.
 
     text_of : function that reads a file of the machine, "" for an unreadable one; of this machine by default
@@ -90,7 +94,7 @@ def exhausted_group(text_of=None):
     return None
 
 
-def read(path):
+def read(path: str) -> str:
     """Return the content of a small text file, "" for an unreadable one."""
     with suppress(OSError), open(path) as file:
         return file.read()

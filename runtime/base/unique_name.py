@@ -1,9 +1,11 @@
 """Unique names in a format that cannot carry two of the same."""
 
+from __future__ import annotations
+
 from itertools import count
 
 
-def unique(name, is_taken, length_limit=None):
+def unique(name: str, is_taken, length_limit: int | None = None) -> str | None:
     """Return the name, or else the first of name_2, name_3, ... that is not taken.
 
     is_taken : function of a name

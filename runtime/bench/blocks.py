@@ -1,7 +1,11 @@
 """Chains of blocks: what a native block and a Python block cost a tick, and how the time of a compile grows."""
 
+from __future__ import annotations
+
 import math
 import time
+from collections.abc import Callable
+from typing import Any
 
 from blocks.limiters import Saturation
 from blocks.mathematics import Gain, Sum
@@ -60,7 +64,7 @@ NATIVE = (Gain, Saturation, lambda: Sum("+-"))
 PYTHON = (PythonGain, PythonSaturation, PythonDifference)
 
 
-def chain(kinds, groups=GROUPS):
+def chain(kinds: tuple[type[Block], type[Block], Callable[..., Any] | type[Block]], groups: int = GROUPS) -> Diagram:
     """Build a diagram of a sine, then groups of gain, saturation and difference. kinds : NATIVE or PYTHON"""
     gain, saturation, difference = kinds
     with Diagram("chain", RATE) as diagram:
@@ -74,15 +78,15 @@ def chain(kinds, groups=GROUPS):
 class Ticks:
     """Ticks of a compiled diagram without a clock. Each call of `advance` starts at tick 0."""
 
-    def __init__(self, name, diagram):
+    def __init__(self, name: str, diagram: Diagram) -> None:
         self.name, self.blocks = name, len(diagram)
         self.program = Program(compile(diagram))
         self.executor = Executor(self.program, RATE)
 
-    def restart(self):
+    def restart(self) -> None:
         pass
 
-    def advance(self, ticks):
+    def advance(self, ticks: int) -> float:
         """Run so many ticks. Returns the processor time of this thread, in s."""
         return self.executor.spin(ticks) * 1e-9
 
@@ -90,7 +94,7 @@ class Ticks:
 class Compiles:
     """Times of one diagram, in ms: `build` makes and wires its `blocks`, `compile` compiles them."""
 
-    def __init__(self, groups, repeats):
+    def __init__(self, groups: int, repeats: int) -> None:
         built, compiled = [], []
         for _ in rounds("compiling", repeats):
             start = time.thread_time()
@@ -103,17 +107,17 @@ class Compiles:
         self.build, self.compile = Times(built), Times(compiled)
 
 
-def compiles():
+def compiles() -> list[Compiles]:
     """Measure compiles. Returns [Compiles], smallest diagram first; its first round includes one-time costs."""
     return [Compiles(groups, repeats) for groups, repeats in COMPILE_REPEATS.items()]
 
 
-def exponent(smaller, larger):
+def exponent(smaller: Compiles, larger: Compiles) -> float:
     """Return p of a time that grows as blocks to the power p."""
     return math.log(larger.compile.least / smaller.compile.least) / math.log(larger.blocks / smaller.blocks)
 
 
-def n_log_n(smaller, larger):
+def n_log_n(smaller: Compiles, larger: Compiles) -> float:
     """Return the same p for a time that grows as n log n."""
     more, less = (size.blocks * math.log(size.blocks) for size in (larger, smaller))
     return math.log(more / less) / math.log(larger.blocks / smaller.blocks)

@@ -2,6 +2,8 @@
 adds its own.
 """
 
+from __future__ import annotations
+
 import os
 import random
 import select
@@ -11,8 +13,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import can
 
@@ -24,6 +28,12 @@ from runtime.base.system import end_with_parent
 from runtime.bench.drives import node
 from runtime.guardian import GuardianProcess
 from runtime.machine.realtime import PRIORITY
+
+if TYPE_CHECKING:
+    from can import BusABC
+    from can.message import Message
+
+    from cext.bus.memory_bus import BusEnd
 
 ROOT = Path(__file__).parents[2]
 SO_TIMESTAMPNS = 35
@@ -49,7 +59,7 @@ with Diagram("bench", rate=200) as diagram:
 """
 
 
-def host_cost(frames=8, rounds=20_000):
+def host_cost(frames: int = 8, rounds: int = 20_000) -> tuple[list[int], list[int]]:
     """(ns of a tick's receive and send through a bus, ns of the two system calls alone), two lists, over UDP on
     loopback.
     """
@@ -73,7 +83,7 @@ def host_cost(frames=8, rounds=20_000):
 
 
 @contextmanager
-def drives(channel, *identifiers):
+def drives(channel: str, *identifiers: int):
     process = subprocess.Popen(
         [sys.executable, "-m", "runtime.bench.drives", channel, *map(str, identifiers)],
         cwd=ROOT,
@@ -92,12 +102,12 @@ def drives(channel, *identifiers):
         process.stdout.close()
 
 
-def channel():
+def channel() -> str:
     """Return a random multicast group, unlikely to be in use."""
     return f"239.{random.randrange(1, 255)}.{random.randrange(255)}.{random.randrange(1, 255)}"
 
 
-def round_trips(chunks=10, trips=200):
+def round_trips(chunks: int = 10, trips: int = 200) -> tuple[list[float], list[float]]:
     """(s of round trips to a drive through python-can alone, s of the same through the guardian), two lists; chunks
     taken in turn.
     """
@@ -119,7 +129,7 @@ def round_trips(chunks=10, trips=200):
     return direct, carried
 
 
-def trip(send, answered):
+def trip(send: Callable[..., Any], answered: Callable[..., Any]) -> float:
     time.sleep(PACE)
     began = time.perf_counter()
     send()
@@ -129,17 +139,17 @@ def trip(send, answered):
     return time.perf_counter() - began
 
 
-def send(bus):
+def send(bus: BusABC) -> None:
     bus.send(can.Message(arbitration_id=ID, is_extended_id=False, data=COMMAND))
 
 
-def answered(bus):
+def answered(bus: BusABC) -> bool:
     message = bus.recv(0)
     return message is not None and message.data[0] == ID
 
 
 @contextmanager
-def through_guardian(group):
+def through_guardian(group: str) -> Iterator[BusEnd]:
     """A bus as the loop has it when the guardian carries its frames."""
     page, lines, bell = SharedState(1 << 16), Lines(1), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
     guardian = GuardianProcess(page, lines, bell, [])
@@ -172,7 +182,7 @@ def through_guardian(group):
         os.close(bell)
 
 
-def kills(count=100):
+def kills(count: int = 100) -> list[float]:
     """s from kill -9 of a run until both its drives had their last first stop frame, of every kill; inf where one had
     none.
     """
@@ -191,7 +201,7 @@ def kills(count=100):
     return found
 
 
-def one_kill(bus, robot, rig):
+def one_kill(bus: BusABC, robot: Path, rig: Path) -> float:
     process = subprocess.Popen(
         [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"],
         cwd=ROOT,
@@ -220,7 +230,7 @@ def one_kill(bus, robot, rig):
         process.wait()
 
 
-def listen(bus, seconds, wanted):
+def listen(bus: BusABC, seconds: float, wanted: Callable[..., Any]) -> Message | None:
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         if select.select([bus], [], [], 0.1)[0]:
@@ -230,6 +240,6 @@ def listen(bus, seconds, wanted):
     return None
 
 
-def under_torque(message):
+def under_torque(message: Message) -> bool:
     data = bytes(message.data)
     return data[0] != message.arbitration_id and data != COMMAND and data[:7] != b"\xff" * 7

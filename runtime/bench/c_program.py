@@ -48,7 +48,7 @@ class NoCompiler(Exception):
     """The C compiler is missing, or it fails."""
 
 
-def build(text):
+def build(text: str):
     """Compile C source and load its function `run`.
 
     text : C source that defines `double run(long, long, double *, double *)`

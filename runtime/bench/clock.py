@@ -2,15 +2,19 @@
 samples pooled.
 """
 
+from __future__ import annotations
+
 import ctypes
 import os
 import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,6 +32,9 @@ from runtime.machine.realtime import Realtime
 from runtime.session.prepare import Prepared
 from runtime.session.request import Request
 from runtime.session.session import Session
+
+if TYPE_CHECKING:
+    from runtime.session.result import Result
 
 SIGNALS = 60  # that are recorded
 PYTHON_BLOCKS = 10
@@ -72,17 +79,17 @@ class Kept:
     missed: int = 0
     each: list = field(default_factory=list)
 
-    def add(self, lateness, period, ticks, missed):
+    def add(self, lateness: np.ndarray, period: np.ndarray, ticks: int, missed: int) -> None:
         if lateness.any():
             self.each.append(percentile(lateness, 0.99))
         self.lateness, self.period = self.lateness + lateness, self.period + period
         self.ticks, self.missed = self.ticks + ticks, self.missed + missed
 
-    def late(self, share):
+    def late(self, share: float) -> float:
         """Return the lateness in s that this share of the ticks does not exceed."""
         return percentile(self.lateness, share)
 
-    def off(self, share):
+    def off(self, share: float) -> float:
         """Return |period - T| in s that this share of the ticks does not exceed."""
         return percentile(self.period, share)
 
@@ -97,7 +104,7 @@ class Pass(Block):
         return 0.5 * u
 
 
-def diagram(rate, python_blocks=0, signals=SIGNALS):
+def diagram(rate: float, python_blocks: int = 0, signals: int = SIGNALS) -> Diagram:
     """Native blocks with so many signals in all, every one recorded, and Python blocks one behind the other."""
     with Diagram("clock", rate) as made:
         heard = Sine(name="sine0")()
@@ -110,7 +117,7 @@ def diagram(rate, python_blocks=0, signals=SIGNALS):
     return made
 
 
-def chunk(rate, seconds, python_blocks, realtime, folder):
+def chunk(rate: float, seconds: float, python_blocks: int, realtime: str, folder: str) -> Result:
     """One run with a recorder that writes files. Returns the Result."""
     made = diagram(rate, python_blocks)
     schedule = compile(made)
@@ -122,7 +129,7 @@ def chunk(rate, seconds, python_blocks, realtime, folder):
     return result
 
 
-def c_chunk(loop, rate, seconds, realtime):
+def c_chunk(loop, rate, seconds: float, realtime: str) -> tuple[np.ndarray, np.ndarray, int]:
     """Run the C loop. Returns what the executor counts of itself: lateness and |period - T| of its ticks, in ns, and
     the grid points missed.
     """
@@ -133,7 +140,7 @@ def c_chunk(loop, rate, seconds, realtime):
     return kept_time(np.frombuffer(late).astype(np.int64), round(1e9 / rate))
 
 
-def kept_time(late, period):
+def kept_time(late: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, int]:
     """(lateness behind the grid point that was awaited, |period - T|, grid points missed). late : ns, of every grid
     point, -1 where it was missed
     """
@@ -143,7 +150,14 @@ def kept_time(late, period):
     return behind, abs(behind[1:] - late[ran][:-1]), int(missed.sum())
 
 
-def measure(rates, seconds, repeats, realtime="off", load=False, busy_thread=False):
+def measure(
+    rates: Sequence[int],
+    seconds: float,
+    repeats: int,
+    realtime: str = "off",
+    load: bool = False,
+    busy_thread: bool = False,
+) -> dict[int, dict[str, Kept]]:
     """{rate: {contender: Kept}}. NoCompiler where there is no C compiler."""
     loop = build(C_LOOP)
     found = {rate: {name: Kept() for name in (C, NATIVE, PYTHON)} for rate in rates}
@@ -167,7 +181,7 @@ def measure(rates, seconds, repeats, realtime="off", load=False, busy_thread=Fal
 
 
 @contextmanager
-def loaded():
+def loaded() -> Iterator[None]:
     """Every processor busy with another process."""
     busy = [sys.executable, "-c", "while True: pass"]
     children = [subprocess.Popen(busy, preexec_fn=end_with_parent) for _ in range(os.cpu_count() or 1)]
@@ -181,7 +195,7 @@ def loaded():
 
 
 @contextmanager
-def busy():
+def busy() -> Iterator[None]:
     """A Python thread of this process that never rests."""
     done = False
 

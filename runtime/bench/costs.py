@@ -29,7 +29,7 @@ RATES = ("200", "1000", "3000", "333.3", "0.7")  # Hz
 POINTS = 10**9
 
 
-def recording(rounds=7, ticks=10_000):
+def recording(rounds: int = 7, ticks: int = 10_000) -> float:
     """s that a tick takes longer when 60 signals are recorded than when none are."""
 
     def recorded(signals):
@@ -53,25 +53,25 @@ def recording(rounds=7, ticks=10_000):
     return statistics.median(differences)
 
 
-def histogram_add(rounds=9):
+def histogram_add(rounds: int = 9) -> float:
     """s of one add."""
     durations = np.random.default_rng(1).lognormal(np.log(25_000.0), 1.0, 4096).astype(np.int64)
     return statistics.median(time_of_add(durations, 50) for _ in range(rounds)) * 1e-9
 
 
-def stamp(rounds=9):
+def stamp(rounds: int = 9) -> float:
     """s of one look at the clock, with its histogram."""
     return statistics.median(time_of_lap() for _ in range(rounds))
 
 
-def drift():
+def drift() -> float:
     """s by which 10**9 points of the grid, the farthest off of some rates, are off."""
     signals = Signals()
     clocks = [(rate, DeadlineClock(float(rate), signals)) for rate in RATES]
     return max(abs(clock.grid(POINTS) - POINTS * 10**9 / Fraction(rate)) for rate, clock in clocks) * 1e-9
 
 
-def growth(few=10_000, many=10_000_000):
+def growth(few: int = 10_000, many: int = 10_000_000) -> int:
     """Return the growth of resident memory in bytes between `few` and `many` ticks, with an unread shared ring."""
     schedule = compile(diagram(1000, 3, 12))
     executor = Executor(Program(schedule), 1000, page=SharedState(1 << 20), virtual=True)
@@ -81,12 +81,12 @@ def growth(few=10_000, many=10_000_000):
     return resident() - before
 
 
-def resident():
+def resident() -> int:
     """Bytes."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-def knee_minute():
+def knee_minute() -> tuple[float, float]:
     """(s of loop time, s of waiting for the recorder) of 60 s of the knee exoskeleton in virtual time."""
     result = Session(prepare(Request(KNEE_EXO, duration=60.0, fast=True, no_record=True))).carry_out()
     uninterrupted(result.outcome)

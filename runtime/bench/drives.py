@@ -5,31 +5,37 @@ Each answers every frame to its id as a drive in MIT mode does, and at once: who
 the same processor.
 """
 
+from __future__ import annotations
+
 import sys
 from collections import Counter
+from typing import TYPE_CHECKING
 
 import can
 
 from runtime.guardian.wires import keep_apart
 from runtime.machine.realtime import Realtime
 
+if TYPE_CHECKING:
+    pass
+
 NO_TORQUE = 0x7FF  # code
 
 
-def node(channel):
+def node(channel: str):
     bus = can.Bus(interface="udp_multicast", channel=channel)
     keep_apart(bus.fileno())
     return bus
 
 
-def reply(motor, data):
+def reply(motor: int, data) -> bytes:
     """Of a drive at zero that gives the torque it is commanded, 30 °C, no error."""
     special = data[:7] == b"\xff" * 7
     torque = NO_TORQUE if special else (data[6] & 15) << 8 | data[7]
     return bytes([motor, 0x7F, 0xFF, 0x7F, 0xF0 | torque >> 8, torque & 0xFF, 70, 0])
 
 
-def main(channel, *identifiers):
+def main(channel, *identifiers) -> None:
     bus, own = node(channel), Counter()
     motors = set(map(int, identifiers))
     Realtime("try").obtain()

@@ -1,6 +1,15 @@
 """Performance goals and the measured values to compare with them."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from runtime.bench.blocks import Compiles
+    from runtime.bench.clock import Kept
+    from runtime.bench.measure import Times
 
 CHAIN_NS = {"native blocks": 5.0, "Python blocks": 150.0}  # ns per block
 COMPILE_MS = 20.0  # ms, 200 blocks
@@ -40,25 +49,25 @@ class Goal:
     at_least: bool = False
 
     @property
-    def reached(self):
+    def reached(self) -> bool:
         return self.value >= self.bound if self.at_least else self.value <= self.bound
 
 
-def of_blocks(rows):
+def of_blocks(rows: dict[str, dict[str, float]]) -> list[Goal]:
     """Return the goals of a chain of blocks. rows : of measure.table"""
     return [
         Goal(f"a chain, {name}", rows[name]["ns_a_block"], bound, "ns per block") for name, bound in CHAIN_NS.items()
     ]
 
 
-def of_compiles(compiles, exponent, n_log_n):
+def of_compiles(compiles: Sequence[Compiles], exponent: float, n_log_n: float) -> list[Goal]:
     return [
         Goal(f"compile {compiles[0].blocks} blocks", compiles[0].compile.median, COMPILE_MS, "ms"),
         Goal("growth of the compile time, p in blocks^p", exponent, n_log_n, ""),
     ]
 
 
-def of_start(results):
+def of_start(results: dict[str, tuple[Times, Times]]) -> list[Goal]:
     times, memory = results["run"]
     return [
         Goal("from process start to the first tick", times.median, START_MS, "ms"),
@@ -66,7 +75,7 @@ def of_start(results):
     ]
 
 
-def of_clock(results, disturbed):
+def of_clock(results: dict[int, dict[str, Kept]], disturbed: bool) -> list[Goal]:
     """Return the goals of the clock. results : {rate: {contender: runtime.bench.clock.Kept}}"""
     goals = []
     for rate, contenders in results.items():
@@ -84,7 +93,7 @@ def of_clock(results, disturbed):
     return goals
 
 
-def of_costs(results):
+def of_costs(results: dict[str, float]) -> list[Goal]:
     return [
         Goal("60 recorded signals", results["recorded_signals_us"], RECORDED_US, "µs per tick"),
         Goal("adding to a histogram", results["histogram_add_ns"], HISTOGRAM_ADD_NS, "ns"),
@@ -95,7 +104,7 @@ def of_costs(results):
     ]
 
 
-def of_bus(results):
+def of_bus(results: dict[str, Any]) -> list[Goal]:
     return [
         Goal("a bus, without its two system calls", results["beyond_us"]["p50"], BUS_US, "µs per tick"),
         Goal("the guardian, added to p99 of a round trip", results["added_p99_us"], GUARDIAN_US, "µs"),
@@ -108,7 +117,7 @@ def of_bus(results):
     ]
 
 
-def of_can(results):
+def of_can(results: dict[str, dict[str, Any]]) -> list[Goal]:
     return [
         Goal("eight drives, without system calls", results["native_us"]["p50"], DRIVES_US, "µs per tick"),
         Goal(
@@ -141,7 +150,7 @@ def of_sensors(results):
     ]
 
 
-def of_views(viewed, alone, dropped):
+def of_views(viewed: Kept, alone: Kept, dropped: int) -> list[Goal]:
     """Return the goals of recorders and viewers. viewed, alone : Kept; dropped : number of records"""
     return [
         Goal("all viewers on, lateness p99", viewed.late(0.99) / alone.late(0.99), LATENESS_WITH_VIEWS_RATIO, "times"),

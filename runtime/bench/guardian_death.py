@@ -2,6 +2,8 @@
 on slcan over a pty.
 """
 
+from __future__ import annotations
+
 import os
 import pty
 import select
@@ -11,8 +13,10 @@ import tempfile
 import threading
 import time
 import tty
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from runtime.base.system import end_with_parent
 from runtime.bench import bus
@@ -26,7 +30,7 @@ RIGS = {
 }
 
 
-def deaths(interface, count):
+def deaths(interface: str, count: int) -> list[float]:
     """Return s from kill -9 of the guardian to the last first stop frame, of `count` runs; inf where one did not come.
 
     interface : "udp_multicast" or "slcan"
@@ -39,7 +43,7 @@ def deaths(interface, count):
         return [one_death(commands, robot, rig) for _ in range(count)]
 
 
-def one_death(commands, robot, rig):
+def one_death(commands: Callable[..., Any], robot: Path, rig: Path) -> float:
     """commands : returns (s of the wall clock, id, data) of the frames since the last call, within s"""
     process = subprocess.Popen(
         [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"],
@@ -71,7 +75,7 @@ def one_death(commands, robot, rig):
         process.wait()
 
 
-def guardian_of(pid):
+def guardian_of(pid: int) -> int:
     """Return the process number of a run's guardian."""
     for entry in filter(str.isdigit, os.listdir("/proc")):
         with suppress(OSError):
@@ -82,7 +86,7 @@ def guardian_of(pid):
 
 
 @contextmanager
-def multicast():
+def multicast() -> Iterator[tuple[str, Callable[..., Any]]]:
     """Two drives on udp_multicast: its channel, and the commands that a third node receives."""
     group = bus.channel()
     with bus.drives(group, 1, 2):
@@ -103,7 +107,7 @@ def multicast():
 
 
 @contextmanager
-def adapter():
+def adapter() -> Iterator[tuple[str, Callable[..., Any]]]:
     """An slcan adapter on a pty with two drives behind it: its port, and the commands that it was given."""
     master, port = pty.openpty()
     tty.setraw(port)

@@ -8,8 +8,12 @@ A contender has
                         at tick 0 in each call
 """
 
+from __future__ import annotations
+
 import gc
 import statistics
+from collections.abc import Sequence
+from typing import Any
 
 from runtime.console.progress import rounds
 
@@ -17,27 +21,27 @@ from runtime.console.progress import rounds
 class Times:
     """Duration of a tick, in µs, one number a round."""
 
-    def __init__(self, rounds):
+    def __init__(self, rounds: Sequence[float]) -> None:
         self.rounds = rounds
 
     @property
-    def least(self):
+    def least(self) -> float:
         return min(self.rounds)
 
     @property
-    def median(self):
+    def median(self) -> float:
         return statistics.median(self.rounds)
 
     @property
-    def most(self):
+    def most(self) -> float:
         return max(self.rounds)
 
-    def over(self, other):
+    def over(self, other: Times) -> float:
         """Return the ratio to another contender: the median over the rounds, each against its neighbour in time."""
         return statistics.median(mine / theirs for mine, theirs in zip(self.rounds, other.rounds))
 
 
-def calibrate(contender, seconds):
+def calibrate(contender, seconds: float) -> int:
     """Return the number of ticks that take about so long."""
     contender.restart()
     ticks = 1
@@ -46,7 +50,7 @@ def calibrate(contender, seconds):
     return max(1, round(ticks * seconds / took))
 
 
-def interleave(contenders, seconds, repeats):
+def interleave(contenders: Sequence[Any], seconds: float, repeats: int) -> dict[str, Times]:
     """Time contenders in turn. Returns {name: Times} of `repeats` rounds of about so many seconds each."""
     ticks = {contender: calibrate(contender, seconds) for contender in contenders}
     times = {contender: [] for contender in contenders}
@@ -63,7 +67,9 @@ def interleave(contenders, seconds, repeats):
     return {contender.name: Times(rounds) for contender, rounds in times.items()}
 
 
-def table(times, blocks, reference):
+def table(
+    times: dict[str, Times], blocks: dict[str, int], reference: str
+) -> tuple[str, list[str], dict[str, dict[str, float]]]:
     """Lay out Times as a table.
 
     times : {name: Times}; blocks : {name: blocks of its diagram}; reference : the name that the last column divides by

@@ -15,7 +15,7 @@ from graph import Diagram, compile
 from runtime.machine.realtime import Realtime
 
 
-def main(rate, count, *descriptors):
+def main(rate, count, *descriptors) -> None:
     typical = benchmark("can")
     with Diagram("motors", rate=float(rate)) as motors:
         for bus in range(len(descriptors)):

@@ -1,8 +1,12 @@
 """Output of `bench`: tables followed by goals, or one JSON document."""
 
+from __future__ import annotations
+
 import json
 import os
 import platform
+from collections.abc import Sequence
+from typing import Any
 
 from runtime.console.terminal import tell
 
@@ -11,7 +15,7 @@ def machine():
     return {"python": platform.python_version(), "machine": platform.machine(), "processors": os.cpu_count()}
 
 
-def machine_lines():
+def machine_lines() -> list[str]:
     return ["Python {python} on {machine}, {processors} processors".format(**machine())]
 
 
@@ -21,17 +25,17 @@ class Report:
     as_json : whether to collect everything and print one JSON document at the end
     """
 
-    def __init__(self, as_json):
+    def __init__(self, as_json: bool) -> None:
         self.as_json = as_json
         self.data = {}
         self.goals = []
 
-    def say(self, lines, **data):
+    def say(self, lines: Sequence[str], **data: Any) -> None:
         self.data |= data
         if not self.as_json:
             tell(lines)
 
-    def finish(self):
+    def finish(self) -> None:
         if self.as_json:
             goals = [
                 {

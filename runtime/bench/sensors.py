@@ -5,9 +5,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +34,7 @@ PACKETS = 4000  # pairs, of the parser's stream
 
 
 @contextmanager
-def plugged_in():
+def plugged_in() -> Iterator[Any]:
     """Eight emulated sensors in a process of their own: the folder of their ports."""
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.Popen(
@@ -87,7 +89,7 @@ class Beside:
     missed: int = 0
 
 
-def chunk(found, seconds, sensors=None, realtime="off"):
+def chunk(found, seconds, sensors=None, realtime: str = "off") -> None:
     """One run, added to what was found. sensors : folder of the ports, None for the loop alone. OSError where they do
     not answer
     """
@@ -119,7 +121,7 @@ def chunk(found, seconds, sensors=None, realtime="off"):
     lines.close()
 
 
-def measure(seconds, repeats, realtime="off"):
+def measure(seconds, repeats, realtime: str = "off"):
     """(the loop alone, the loop beside eight sensors), each a Beside, chunks taken in turn"""
     alone, beside = Beside(), Beside()
     with plugged_in() as folder:

@@ -3,6 +3,8 @@
 Chunks take turns, each in a process of its own, and their samples are pooled.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import socket
@@ -11,6 +13,7 @@ import sys
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,13 +25,13 @@ from runtime.bench.views_process import ALL, NONE
 from runtime.console.progress import rounds
 
 
-def viewers():
+def viewers() -> list[str]:
     """List what ALL turns on, by name. Rerun is in it only where it is installed."""
     rerun = ["Rerun's file", "Rerun's server"] if find_spec("rerun") is not None else []
     return ["CSV", "MCAP", "PlotJuggler", *rerun]
 
 
-def chunk(name, seconds, realtime, folder, port):
+def chunk(name: str, seconds: float, realtime: str, folder: str, port: int) -> dict[str, Any]:
     """Run one chunk in a process of its own. Returns what views_process prints. Raises BadInput."""
     words = [sys.executable, "-m", views_process.__name__, name, str(seconds), realtime, str(folder), str(port)]
     path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
@@ -49,7 +52,7 @@ def chunk(name, seconds, realtime, folder, port):
     return report
 
 
-def measure(seconds, repeats, realtime="off"):
+def measure(seconds: float, repeats: int, realtime: str = "off") -> tuple[dict[str, Kept], list[Any], int]:
     """Measure both in turn. Raises BadInput.
 
     Returns ({NONE, ALL: Kept}, [problems that the recorders reported], number of records that were dropped).

@@ -4,6 +4,8 @@ The arguments are NONE or ALL, the duration in s, `--realtime`, a folder, and th
 prints a line of JSON: `lateness` and `period` as counts, `ticks`, `missed`, `dropped`, `problems`; or `refused`.
 """
 
+from __future__ import annotations
+
 import json
 import socket
 import sys
@@ -26,7 +28,7 @@ RATE, SIGNALS = 1000, 100  # Hz
 NONE, ALL = "none", "all"
 
 
-def diagram(viewed, folder, port):
+def diagram(viewed: bool, folder: Path, port: int) -> Diagram:
     """Build SIGNALS signals in four subsystems. port : UDP port that PlotJuggler's packets go to"""
     with Diagram("views", RATE) as made:
         for side in range(4):
@@ -60,7 +62,7 @@ def chunk(viewed, seconds, realtime, folder, port):
     ).carry_out()
 
 
-def main(name, seconds, realtime, folder, port):
+def main(name: str, seconds, realtime, folder, port) -> None:
     try:
         result = chunk(name == ALL, float(seconds), realtime, folder, int(port))
     except (RealtimeRefused, RecorderError) as error:

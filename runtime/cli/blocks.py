@@ -1,12 +1,14 @@
 """`blocks [NAME]`: the blocks that are installed."""
 
+from collections.abc import Sequence
+
 from runtime.base.errors import OK
 from runtime.cli.parsing import Parser
 from runtime.console.terminal import tell
 from runtime.diagrams.catalog import catalog
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser("blocks", "List the installed blocks, or describe one.")
     parser.add_argument(
         "name",

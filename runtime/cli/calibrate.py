@@ -1,8 +1,12 @@
 """`calibrate FILE [SENSOR]`: find bias, offset and scale of one IMU from readings in many orientations."""
 
+from __future__ import annotations
+
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from runtime.base.ending import Interrupted, handled
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
@@ -10,6 +14,13 @@ from runtime.base.options import number
 from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import complain, tell
 from runtime.session.request import Request
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from graph.device import Device
+    from runtime.commissioning.calibration.measuring import Readings
+    from runtime.commissioning.calibration.result import Result
 
 EPILOG = """\
   calibrate diagrams/leg.py left/shank_imu --rig lab.toml
@@ -24,7 +35,7 @@ DURATION_LIMIT = 600.0  # s
 REPORT_PERIOD = 2.0  # s between progress reports
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "calibrate", "Find bias, offset and scale of an IMU, and write them to a TOML file for its block.", EPILOG
     )
@@ -67,7 +78,7 @@ def main(arguments):
     return OK if not result.missing else CHECK_FAILED
 
 
-def parts(text):
+def parts(text: str) -> tuple[str, ...]:
     """Convert the text of --only. Raises BadInput."""
     names = tuple(word.strip() for word in text.split(","))
     unknown = next((word for word in names if word not in PARTS), None)
@@ -78,7 +89,7 @@ def parts(text):
     return names
 
 
-def measured(options):
+def measured(options: Namespace) -> tuple[Device, Readings]:
     """Measure on the rig or in simulation. Returns (sensor, Readings)."""
     from runtime.commissioning.calibration.measuring import OnRig, sensor_of, simulated
     from runtime.diagrams.file import load
@@ -120,7 +131,7 @@ def watched(source, options):
     return readings
 
 
-def written(folder, sensor, result):
+def written(folder: Path, sensor: Device, result: Result) -> list[str]:
     """Write the TOML file and the picture. Returns lines for standard output.
 
     Parts of the present file that were not calibrated now are kept.

@@ -1,5 +1,7 @@
 """`check FILE`: compile a diagram and report on it."""
 
+from collections.abc import Sequence
+
 from runtime.base.errors import CHECK_FAILED, OK
 from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import tell
@@ -7,7 +9,7 @@ from runtime.session.check import KEYS, check, report_lines
 from runtime.session.request import Request
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser("check", "Compile a diagram and report on it. The exit code is 1 if it has an error.", KEYS)
     add_options(parser, Request, "file", "rate", "settings", "rig")
     parser.add_argument("--json", action="store_true", help="print one JSON object with the keys below")

@@ -1,6 +1,10 @@
 """`configure`: set up a drive on a bus, or find the offset, sign and range of a joint."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from blocks.families import families
 from graph import Device
@@ -18,6 +22,9 @@ from runtime.rig import read
 from runtime.rig.file import parse
 from runtime.rig.overrides import override
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+
 EPILOG = """\
   configure 127 --channel can0 --set-id 3          give a new drive its id
   configure 3 --channel can0 --zero --save         zero at the present position
@@ -32,7 +39,7 @@ Changes that are not saved are lost when the drive is switched off.
 """
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "configure",
         "Set up a drive, or find the offset, sign and range of a joint.",
@@ -58,7 +65,7 @@ def main(arguments):
     return configure_joint(options) if options.joint else drive(options)
 
 
-def drive(options):
+def drive(options: Namespace) -> int:
     """Set up a drive. Returns the exit code."""
     if options.what is None:
         raise BadInput(
@@ -77,7 +84,7 @@ def drive(options):
         return OK if apply.carry_out(bus, request, options.yes) else CHECK_FAILED
 
 
-def configure_joint(options):
+def configure_joint(options: Namespace):
     """Find the mounting of a joint and write it to the rig file. Returns the exit code."""
     if options.what is None or options.rig is None:
         raise BadInput("--joint needs the rig and the diagram: configure --joint left/knee --rig lab.toml knee.py")
@@ -108,7 +115,7 @@ def configure_joint(options):
     return OK
 
 
-def drive_id(text):
+def drive_id(text: str) -> int:
     """Convert the text of a CAN id. Raises BadInput."""
     if not text.isdecimal() or not 1 <= int(text) <= 127:
         program = next((family.vendor_program for family in families() if family.recognises(text)), "")

@@ -1,5 +1,8 @@
 """`convert RECORDING...`: write recordings in other formats."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from runtime.base.errors import OK, BadInput
@@ -18,7 +21,7 @@ from runtime.recording.repair import RepairFailed, finish
 READING_SHARE = 0.5  # of the progress
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "convert",
         "Write recordings in other formats: every sample of every signal, in order. "
@@ -69,7 +72,7 @@ def main(arguments):
     return OK
 
 
-def formats(text):
+def formats(text: str) -> list[str]:
     """Convert the text of --to. Raises BadInput."""
     kinds = [word.strip().lstrip(".").lower() for word in text.split(",") if word.strip()]
     known = list(FORMATS)
@@ -80,7 +83,13 @@ def formats(text):
     return kinds
 
 
-def converted(recording, kinds, rate, folder, names):
+def converted(
+    recording: Path,
+    kinds: dict[str, None],
+    rate: float | None,
+    folder: Path | None,
+    names: tuple[dict[str, str], Path] | None,
+) -> Iterator[str]:
     """Convert one recording and yield the paths of the files.
 
     names : coordinates and the path of their file, or None
@@ -113,7 +122,7 @@ def converted(recording, kinds, rate, folder, names):
             yield path
 
 
-def finished(recording):
+def finished(recording: Path) -> Iterator[Path]:
     """Complete the files of one recording in place and yield their paths."""
     with Progress(f"finishing {recording.name}") as progress:
         for path in read(recording, progress, 0.0, READING_SHARE).parts:
@@ -127,7 +136,7 @@ def finished(recording):
             yield path
 
 
-def make(folder):
+def make(folder: Path) -> None:
     """Create a folder. Raises BadInput if a file has its name."""
     try:
         make_folder(folder)

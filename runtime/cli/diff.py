@@ -1,5 +1,6 @@
 """`diff A B`: compare two recordings."""
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -20,7 +21,7 @@ EPILOG = """\
 """
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser("diff", "Compare two recordings: tick by tick, or with --strides over the gait cycle.", EPILOG)
     parser.add_argument("first", type=Path, metavar="A", help="the .mcap file of a recording")
     parser.add_argument("second", type=Path, metavar="B", help="the .mcap file of another recording")

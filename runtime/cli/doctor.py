@@ -1,11 +1,15 @@
 """`python -m runtime doctor`: check this machine and print the findings."""
 
+from __future__ import annotations
+
 import json
 import os
 import re
 import textwrap
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from runtime.base.errors import CHECK_FAILED, BadInput
 from runtime.base.errors import OK as FIT
@@ -17,12 +21,15 @@ from runtime.doctor.script import script
 from runtime.machine.finding import BAD, OK, SEVERITY, UNKNOWN, Wants
 from runtime.machine.probe import Machine
 
+if TYPE_CHECKING:
+    from runtime.machine.finding import Finding
+
 WRAP_WIDTH = 110  # characters
 MARKS = {UNKNOWN: "?"}
 CLASSIC_CAN_BITRATE_LIMIT = 1_000_000  # bit/s
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code: 1 if a finding is bad, else 0."""
     parser = Parser(
         "doctor",
@@ -86,7 +93,7 @@ def main(arguments):
     return CHECK_FAILED if any(finding.verdict == BAD for finding in findings) else FIT
 
 
-def report(machine, findings):
+def report(machine: Machine, findings: Sequence[Finding]) -> list[str]:
     """Return the lines of a report: findings that need attention first, with reason and remedy."""
     width = max(len(finding.name) for finding in findings)
     lines = [about(machine), ""]
@@ -104,12 +111,12 @@ def report(machine, findings):
     return [*lines, "", summary(findings)]
 
 
-def about(machine):
+def about(machine: Machine) -> str:
     user = f"user {machine.user}" + (": run this command as the user that runs the robot" if machine.root_user else "")
     return ", ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}", user) if part)
 
 
-def summary(findings):
+def summary(findings: Sequence[Finding]) -> str:
     counts = {verdict: sum(finding.verdict == verdict for finding in findings) for verdict in SEVERITY}
     words = ", ".join(f"{number} {MARKS.get(verdict, verdict)}" for verdict, number in counts.items() if number)
     if any(finding.part for finding in findings if finding.verdict != OK):
@@ -117,7 +124,7 @@ def summary(findings):
     return words
 
 
-def for_machines(machine, findings):
+def for_machines(machine: Machine, findings: Sequence[Finding]) -> str:
     return json.dumps(
         {
             "ok": not any(finding.verdict == BAD for finding in findings),
@@ -133,7 +140,7 @@ def for_machines(machine, findings):
     )
 
 
-def overlay(text):
+def overlay(text: str):
     if not re.fullmatch(r"[\w.-]+(,[\w.-]+(=[\w.-]+)?)*", text):
         raise BadInput(
             f"--overlay {text}: expected the value of dtoverlay=, as in mcp2515-can0,oscillator=12000000,interrupt=25"
@@ -141,13 +148,13 @@ def overlay(text):
     return text
 
 
-def name(text):
+def name(text: str) -> str:
     if not re.fullmatch(r"[A-Za-z_][\w.-]*\$?", text):
         raise BadInput(f"--user {text}: expected a user name")
     return text
 
 
-def folder(text):
+def folder(text: str) -> Path:
     if not Path(text).is_dir():
         raise BadInput(f"--root {text}: no such folder")
     return Path(text)

@@ -1,5 +1,7 @@
 """`draw FILE`: draw a diagram as SVG, PNG, Mermaid or an HTML page."""
 
+from collections.abc import Sequence
+
 from runtime.base.errors import OK
 from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import complain, tell
@@ -7,7 +9,7 @@ from runtime.diagrams.draw import FORMATS, draw_file
 from runtime.session.request import Request
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser("draw", "Draw a diagram from left to right. Feedback is drawn dashed, below.")
     add_options(parser, Request, "file", "rate", "settings")
     parser.add_argument(

@@ -1,20 +1,27 @@
 """Picture files of commands. A failed drawing leaves no file."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import BadInput
 from runtime.recording.files import create, private
 
+if TYPE_CHECKING:
+    from functools import partial
+
 ENDINGS = (".png", ".svg")
 
 
-def check(output):
+def check(output: Path | None) -> None:
     """Raise BadInput if an output does not end in .png or .svg. output : Path from -o, or None"""
     if output is not None and output.suffix not in ENDINGS:
         raise BadInput(f"-o {output}: the name of a picture must end in {' or '.join(ENDINGS)}")
 
 
-def write(draw, output, stem, suffix=".png"):
+def write(draw: Callable[..., Any] | partial, output: Path | None, stem: str, suffix: str = ".png") -> str:
     """Write a picture. Returns its path.
 
     draw : function of a binary file and "png" or "svg"

@@ -1,15 +1,22 @@
 """The command line: `python -m runtime FILE` runs a diagram; the other commands are listed in GROUPS."""
 
+from __future__ import annotations
+
 import errno
 import sys
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from runtime.base import ending, installation_check
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
 from runtime.base.suggestions import suggestion
 from runtime.cli.parsing import short_program
 from runtime.console.terminal import complain, tell
+
+if TYPE_CHECKING:
+    from graph.diagnostics import DiagramError
 
 GROUPS = {
     "run a robot": {
@@ -48,7 +55,7 @@ NAME_LENGTH_SHOWN = 80  # characters of a file name in an error
 MODULES = {"bench": "bench.command"}  # commands whose module has another name
 
 
-def main(arguments=None, folder=None):
+def main(arguments: Sequence[str] | None = None, folder=None) -> int:
     """Run a command line. Returns the exit code.
 
     folder : the working folder, if `python -m` has put it on the path
@@ -96,7 +103,7 @@ def system_error(error):
     return None
 
 
-def check_encoding(arguments):
+def check_encoding(arguments: Sequence[str]) -> None:
     """Raise BadInput for an argument that is not valid UTF-8: file names and recordings cannot contain it."""
     for argument in arguments:
         if not argument.isascii() and any("\ud800" <= character <= "\udfff" for character in argument):
@@ -104,7 +111,7 @@ def check_encoding(arguments):
             raise BadInput(f"the argument '{shown}' is not valid UTF-8: retype it, or rename the file")
 
 
-def refusal(arguments):
+def refusal(arguments: Sequence[str]) -> type[DiagramError] | tuple[Any, ...]:
     """Return DiagramError; () for commands that read recordings, which work where nothing has been compiled."""
     if arguments and arguments[0] in installation_check.READING:
         return ()
@@ -113,7 +120,7 @@ def refusal(arguments):
     return DiagramError
 
 
-def command(arguments, folder):
+def command(arguments: Sequence[str], folder) -> int:
     """Run the command that the first argument names; any other first argument is the diagram file of `run`."""
     if not arguments or arguments[0] in ("-h", "--help"):
         (tell if arguments else complain)(usage())
@@ -131,7 +138,7 @@ def command(arguments, folder):
     return run(first, arguments[1:], folder)
 
 
-def run(name, arguments, folder):
+def run(name: str, arguments: Sequence[str], folder) -> int:
     """Import a command and run it. Returns the exit code."""
     module = import_module(f"runtime.cli.{MODULES.get(name, name)}")
     problem = installation_check.namesake(folder)  # after the imports that this command needs
@@ -141,7 +148,7 @@ def run(name, arguments, folder):
     return module.main(arguments)
 
 
-def usage():
+def usage() -> list[str]:
     """Return the lines of the program's help."""
     name, width = short_program(), max(map(len, COMMANDS)) + 3
     lines = [f"usage: {name} FILE [OPTION...]", f"       {name} COMMAND [ARGUMENT...]", ""]

@@ -1,8 +1,12 @@
 """`move ID`: move one actuator of a bus within small limits, in a regular run."""
 
+from __future__ import annotations
+
 import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from blocks.families import example_models, families, find_model
 from runtime.base.errors import BadInput
@@ -31,7 +35,7 @@ recording, and a safe stop at the end. Hold an emergency stop that cuts the powe
 """
 
 
-def main(arguments):
+def main(arguments: Sequence[str]):
     parser = Parser(
         "move",
         "Move one actuator: with a torque, to a position, or at a velocity, within small limits.",
@@ -166,7 +170,7 @@ def target_of(options):
     raise BadInput("no target given: pass --torque T, --position P or --velocity V")
 
 
-def add_model(parser, text):
+def add_model(parser: Parser, text: str) -> None:
     """Add --model, and the options of the families that select another block for it. text : with {} for examples"""
     parser.add_argument("--model", metavar="NAME", help=text.format(", ".join(example_models())))
     how = parser.add_mutually_exclusive_group()
@@ -223,14 +227,14 @@ def limit_of(options, model, kind, target):
     return limit
 
 
-def check_law(model, settings):
+def check_law(model, settings) -> None:
     """Raise BadInput for a stiffness or damping outside the encoded range."""
     for name, highest in (("stiffness", model.wire_stiffness), ("damping", model.wire_damping)):
         if settings[name] > highest:
             raise BadInput(f"--{name} {settings[name]:g}: at most {highest:g} in the encoding of {model.name}")
 
 
-def value(option, unit):
+def value(option: str, unit: str) -> Callable[..., Any]:
     """Return a converter of texts to finite numbers."""
 
     def parse(text):

@@ -1,17 +1,26 @@
 """The parser of the command line, and options that several commands have."""
 
+from __future__ import annotations
+
 import argparse
 import textwrap
+from collections.abc import Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import BadInput
 from runtime.base.options import count
 from runtime.base.suggestions import suggestion
 from runtime.console.terminal import program
 
+if TYPE_CHECKING:
+    from argparse import Namespace
 
-def short_program():
+    from runtime.session.request import Request
+
+
+def short_program() -> str:
     """Return the name of this program in help texts: without the path of the interpreter."""
     return "tickwork" if program().endswith("tickwork") else "python -m runtime"
 
@@ -32,7 +41,7 @@ class Parser(argparse.ArgumentParser):
     An abbreviated option is an error: it may become the name of another one.
     """
 
-    def __init__(self, name, description, epilog=None):
+    def __init__(self, name: str, description, epilog: str | None = None) -> None:
         super().__init__(
             prog=f"{short_program()} {name}",
             description=description,
@@ -44,13 +53,13 @@ class Parser(argparse.ArgumentParser):
         self.collected = {}  # {name of an option: function from its texts to its value}
         self.groups = {}
 
-    def group(self, name):
+    def group(self, name: str):
         """Return the group of options that exclude each other under this name."""
         if name not in self.groups:
             self.groups[name] = self.add_mutually_exclusive_group()
         return self.groups[name]
 
-    def parse_args(self, arguments, mixed=False):
+    def parse_args(self, arguments: Sequence[str], mixed: bool = False) -> Namespace:
         """Parse arguments. mixed : allow positional arguments between and after options"""
         options, unknown = (self.parse_known_intermixed_args if mixed else self.parse_known_args)(arguments)
         if unknown:
@@ -59,14 +68,14 @@ class Parser(argparse.ArgumentParser):
             setattr(options, name, collect(getattr(options, name) or []))
         return options
 
-    def explain(self, word):
+    def explain(self, word: str) -> str:
         """Return the error message for an unknown argument."""
         if not word.startswith("-"):
             return f"unexpected argument {word!r}"
         hint = suggestion(word.partition("=")[0], self._option_string_actions)
         return f"there is no option {word}" + (f"; {hint}" if hint else "")
 
-    def error(self, message):
+    def error(self, message: str):
         if message.endswith("required: FILE"):
             message = "no diagram file given: pass one, such as diagrams/knee_exo.py"
         elif "required: RECORDING" in message:
@@ -76,7 +85,7 @@ class Parser(argparse.ArgumentParser):
         raise BadInput(f"{message} ({program()} {self.name} --help lists the options)")
 
 
-def add_options(parser, kind, *names, **changes):
+def add_options(parser: Parser, kind: type[Request], *names: str, **changes: Any) -> None:
     """Add options that the fields of a dataclass declare with runtime.base.options.option.
 
     names : of the fields
@@ -95,18 +104,18 @@ def add_options(parser, kind, *names, **changes):
         adder.add_argument(*(flags or [name]), **{**argument, **changes.get(name, {})})
 
 
-def fields_of(kind):
+def fields_of(kind: type[Request]) -> list[str]:
     """Names of all fields that are options."""
     return [field.name for field in fields(kind) if field.metadata]
 
 
-def instance(kind, options, **more):
+def instance(kind: type[Request], options: Namespace, **more: Any) -> Request:
     """Return a dataclass made from parsed options. more : values of fields, before those of the options"""
     known = kind.__dataclass_fields__
     return kind(**{**{name: value for name, value in vars(options).items() if name in known}, **more})
 
 
-def add_bus(parser):
+def add_bus(parser: Parser) -> None:
     """Add the options that select a bus."""
     parser.add_argument("--rig", type=Path, metavar="FILE", help="select the buses of a rig file, such as lab.toml")
     parser.add_argument("--bus", metavar="NAME", help="select one bus of the rig")

@@ -1,7 +1,11 @@
 """`plot RECORDING SIGNAL...`: plot signals of a recording."""
 
+from __future__ import annotations
+
 import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import OK, BadInput
 from runtime.base.optional_dependencies import need
@@ -10,6 +14,11 @@ from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
 from runtime.console.progress import Progress
 from runtime.console.terminal import tell
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from runtime.analysis.trial import Trial
 
 EPILOG = """\
   plot trial.mcap           one picture per subsystem, one plot per unit
@@ -22,7 +31,7 @@ EPILOG = """\
 """
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "plot", "Plot signals of a recording with faults and marks, over time or over the gait cycle.", EPILOG
     )
@@ -80,7 +89,7 @@ def stride_plots(trials, options):
     return [("strides", lambda file, kind: stride_picture.draw(first.trial.about["name"], found, file, kind))]
 
 
-def plots(trial, options):
+def plots(trial: Trial, options: Namespace) -> list[tuple[str, Callable[..., Any]]]:
     """Return [(name, function that draws the picture into a file)]."""
     need("matplotlib.figure", "a picture")
     from runtime.analysis import plots
@@ -106,7 +115,7 @@ def plots(trial, options):
     ]
 
 
-def write(options, name, draw):
+def write(options: Namespace, name: str, draw: Callable[..., Any]) -> str:
     """Write a picture and return its path. Only a file named with -o is overwritten."""
     name = re.sub(r"[^\w.-]+", "_", name)
     output = (

@@ -1,8 +1,12 @@
 """`plotjuggler FILE`: write PlotJuggler's layout for a diagram; with --dummy, send test data."""
 
+from __future__ import annotations
+
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from runtime.base.ending import Interrupted, handled
 from runtime.base.errors import OK, BadInput
@@ -25,7 +29,7 @@ EPILOG = """\
 """
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser("plotjuggler", "Write PlotJuggler's layout for a diagram, or send test data.", EPILOG)
     file, duration = {"nargs": "?"}, {"help": "with --dummy: stop after S seconds (default: Ctrl-C)"}
     add_options(parser, Request, "file", "rate", "settings", "duration", file=file, duration=duration)
@@ -61,7 +65,7 @@ def main(arguments):
     return stream(name, rate, signals, parameters, options.duration)
 
 
-def write(name, signals, parameters, output):
+def write(name, signals: Sequence[dict[str, Any]], parameters: dict[str, Any], output) -> int:
     """Write the layout file. Returns the exit code."""
     from runtime.recorder.plotjuggler_layout import address, layout
 
@@ -85,7 +89,9 @@ def write(name, signals, parameters, output):
     return OK
 
 
-def stream(name, rate, signals, parameters, duration):
+def stream(
+    name: str, rate: float, signals: Sequence[dict[str, Any]], parameters: dict[str, Any], duration: float | None
+) -> int:
     """Send sine waves, each signal at a frequency of its own."""
     from runtime.recorder.plotjuggler import PlotJugglerSender
 
@@ -117,7 +123,7 @@ def stream(name, rate, signals, parameters, duration):
     return OK
 
 
-def wave(dtype, place, at):
+def wave(dtype: str, place: int, at: float) -> float:
     """Return the sample of a test signal. place : index of the signal; at : s"""
     value = math.sin(2.0 * math.pi * (0.2 + 0.1 * (place % 10)) * at)
     return value if dtype == "float" else float(value > 0.0) if dtype == "bool" else float(round(3.0 * value))

@@ -1,5 +1,6 @@
 """`profile FILE`: run a diagram and print where the time of a tick goes."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from runtime.cli.parsing import Parser, add_options, instance
@@ -10,7 +11,7 @@ from runtime.report.profile import picture
 from runtime.session.request import Request
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser("profile", "Run a diagram in simulation and print the time of each block in a tick.")
     duration = {"default": 5.0, "help": "stop after S seconds (default: 5)"}
     add_options(parser, Request, "file", "rate", "settings", "duration", "fast", "overrun", "spin", duration=duration)

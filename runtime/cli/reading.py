@@ -1,10 +1,19 @@
 """Read recordings for commands, with progress and problems on the terminal."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from runtime.analysis.trial import Trial
 from runtime.console.terminal import complain
 
+if TYPE_CHECKING:
+    from pathlib import Path
 
-def read(path, progress, first, last):
+    from runtime.console.progress import Progress
+
+
+def read(path: Path, progress: Progress, first: float, last: float) -> Trial:
     """Open a recording, check it and report any damage. Returns a Trial.
 
     progress : runtime.console.progress.Progress

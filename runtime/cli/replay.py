@@ -1,5 +1,6 @@
 """`replay RECORDING`: run a recording again."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from runtime.base.errors import CHECK_FAILED, OK
@@ -11,7 +12,7 @@ from runtime.session.replay import opened, replay
 from runtime.session.replay_source import source_of
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "replay", "Run a recording again from its received frames, on the recorded clock, without hardware."
     )

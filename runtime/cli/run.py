@@ -1,11 +1,20 @@
 """`python -m runtime FILE`, or `run FILE`: run a diagram."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from runtime.base.errors import BadInput
 from runtime.cli.parsing import Parser, add_options, fields_of, instance
 from runtime.console.terminal import complain, program, tell
 
+if TYPE_CHECKING:
+    from runtime.session.request import Request
+    from runtime.session.result import Result
 
-def main(arguments):
+
+def main(arguments: Sequence[str]) -> int:
     from runtime.report import summary
 
     result = carried_out(parse_run(arguments))
@@ -17,7 +26,7 @@ def main(arguments):
     return summary.exit_code(result.outcome)
 
 
-def carried_out(request):
+def carried_out(request: Request) -> Result:
     """Carry out a run and print its problems. Returns its Result."""
     from runtime.machine.realtime import RealtimeRefused
     from runtime.recorder import RecorderError
@@ -38,7 +47,7 @@ def carried_out(request):
     return result
 
 
-def profiled(result):
+def profiled(result: Result) -> list[str]:
     """Return the lines of the profile of a run."""
     from cext.clock.stopwatch import time_of_lap
     from runtime.report.profile import table
@@ -46,7 +55,7 @@ def profiled(result):
     return table(result, time_of_lap())
 
 
-def parse_run(arguments):
+def parse_run(arguments: Sequence[str]) -> Request:
     """Convert the arguments of a run to a Request. Raises BadInput."""
     from runtime.session.request import Request
 

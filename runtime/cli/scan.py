@@ -1,7 +1,11 @@
 """`scan`: list the drives and sensors that respond."""
 
+from __future__ import annotations
+
 import json
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.base.options import TIME_LIMIT, number
@@ -14,10 +18,15 @@ from runtime.console.terminal import complain, tell
 from runtime.rig.errors import Refused
 from runtime.rig.file import I2C
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from runtime.rig.file import RigBus
+
 ID_LIMIT = 255
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "scan",
         "List every drive and sensor that responds: on the buses of a rig, on one bus, or on all CAN interfaces "
@@ -96,7 +105,7 @@ def main(arguments):
     return OK if (reports or sensors) and all_responded and not (refused or remarkable or unasked) else CHECK_FAILED
 
 
-def on_can(options, others):
+def on_can(options: Namespace, others: Sequence[Any]) -> list[RigBus]:
     """Return the buses to scan. others : devices on other lines; with any, no bus is required"""
     try:
         return named_buses(options)
@@ -106,7 +115,7 @@ def on_can(options, others):
         raise
 
 
-def write(path, text):
+def write(path: Path, text: str) -> None:
     try:
         with open(path, "x", encoding="utf-8") as file:
             file.write(text)
@@ -116,7 +125,7 @@ def write(path, text):
         raise BadInput(f"--write-rig {path}: {error.strerror}") from None
 
 
-def ids(text):
+def ids(text: str) -> list[int]:
     """Convert the text of --ids to a sorted list. Raises BadInput."""
     selected = set()
     for part in text.split(","):

@@ -7,7 +7,7 @@ from runtime.base.options import count
 OPTIONS = ("events", "between", "last", "per_kg")
 
 
-def add(parser):
+def add(parser) -> None:
     """Add the options to a Parser."""
     parser.add_argument(
         "--events",
@@ -34,7 +34,7 @@ def add(parser):
     )
 
 
-def check(options, strides):
+def check(options, strides) -> None:
     """Raise BadInput for options that need --strides, or with a wrong value. strides : whether it was given"""
     for name in OPTIONS:
         if getattr(options, name) is not None and not strides:

@@ -1,8 +1,12 @@
 """`set PID PATH=VALUE ...`: change live parameters of a run from another shell."""
 
+from __future__ import annotations
+
 import math
 import os
 import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from graph import Param
@@ -13,12 +17,16 @@ from runtime.console.terminal import program, tell
 from runtime.live import patterns, table
 from runtime.live.running import page_of, runs
 
+if TYPE_CHECKING:
+    from cext.safety.shared_state import SharedState
+    from runtime.live.table import Parameter, Table
+
 TAKE_TIMEOUT = 2.0  # s, to which TAKE_TICKS are added, for the run to take a change
 TAKE_TICKS = 4
 POLL_PERIOD = 0.001  # s
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "set", "Change live parameters of a run, or list them. The exit code is 0 once the run has taken them."
     )
@@ -40,7 +48,7 @@ def main(arguments):
     return OK
 
 
-def set_live(pid, settings):
+def set_live(pid: int, settings: Sequence[tuple[str, str]]) -> list[str]:
     """Change or list live parameters. Returns lines for standard output.
 
     pid : of the run
@@ -62,7 +70,7 @@ def set_live(pid, settings):
     return [line for batch in changes for line in send(page, run_table, pid, batch)]
 
 
-def batches(groups):
+def batches(groups) -> list[list[tuple[str | Parameter, float]]]:
     """Return batches of at most CHANGE_LIMIT changes, each taken in one tick. Divide a group only if it exceeds one."""
     collected = [[]]
     for group in groups:
@@ -72,7 +80,7 @@ def batches(groups):
     return [batch[first : first + CHANGE_LIMIT] for batch in collected for first in range(0, len(batch), CHANGE_LIMIT)]
 
 
-def find(pid):
+def find(pid: int) -> SharedState:
     """Return the SharedState of a run. Raises BadInput, with the present runs."""
     try:
         page = page_of(pid)
@@ -87,7 +95,7 @@ def find(pid):
     )
 
 
-def changes_of(run_table, name, text):
+def changes_of(run_table: Table, name: str, text: str) -> list[tuple[Parameter, float]]:
     """Return [(Parameter, value)] of the parameters that a name or pattern matches.
 
     Raises BadInput if none matches or one cannot take the value.
@@ -100,7 +108,7 @@ def changes_of(run_table, name, text):
     return [(known[path], value_of(known[path], name, text)) for path in paths]
 
 
-def value_of(parameter, name, text):
+def value_of(parameter, name: str, text) -> float:
     """Convert a text to a value of a parameter. Raises BadInput."""
     types = {"float": float, "int": int, "bool": bool}
     bounds = (
@@ -117,7 +125,7 @@ def value_of(parameter, name, text):
         raise BadInput(f"{name}={text}: {which}{error}") from None
 
 
-def send(page, run_table, pid, changes):
+def send(page: SharedState, run_table: Table, pid: int, changes):
     """Send changes to a run and wait until it has taken them. Returns lines. Raises BadInput if it does not."""
     before = table.values(page, run_table.parameters)
     writer = Writer(page)
@@ -145,7 +153,7 @@ def send(page, run_table, pid, changes):
     return [line(parameter, before[parameter.index][0], value, tick, run_table.rate) for parameter, value in changes]
 
 
-def wait(page, pid, until, problem):
+def wait(page: SharedState, pid: int, until: float, problem: str) -> None:
     """Sleep for one poll period. Raises BadInput if the run has ended or `until` has passed."""
     if page.closed or page.state in ("stopping", "safe"):
         raise BadInput(f"the run of process {pid} has ended; nothing was changed")
@@ -166,7 +174,7 @@ def line(parameter, before, value, tick, rate):
     return text + (f", over {seconds:.3g} s" if seconds * rate > 1.0 else "")
 
 
-def listing(pid, page, run_table):
+def listing(pid: int, page: SharedState, run_table: Table) -> list[str]:
     """Return lines of the live parameters with values, bounds and units."""
     tick = page.statistics()["last_tick"]
     when = f", tick {tick}" if tick >= 0 else ""

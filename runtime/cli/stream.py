@@ -4,6 +4,10 @@
 ADDRESS`, for the CAN sensors of a device family, show sensors.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 from blocks.families import example_models, families
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.base.options import TIME_LIMIT, number
@@ -29,7 +33,7 @@ No motor is enabled: the drive is queried with its disable or stop frame and can
 """
 
 
-def main(arguments):
+def main(arguments: Sequence[str]):
     kinds = {"imu": imu, "i2c": i2c}
     nodes = {kind.name.lower(): kind for family in families() for kind in family.nodes}
     if arguments and arguments[0] in nodes:
@@ -68,7 +72,7 @@ def main(arguments):
     return ended(totals, f"{totals.answers} replies to {totals.asked} queries")
 
 
-def add_showing(parser):
+def add_showing(parser: Parser) -> None:
     """Add the options of rate, duration and viewers."""
     parser.add_argument(
         "--rate",
@@ -92,7 +96,7 @@ def add_showing(parser):
     )
 
 
-def show(watched, name, options):
+def show(watched, name: str, options):
     """Stream to the viewers that the options name. Returns the totals."""
     try:
         if options.record is not None:
@@ -103,14 +107,14 @@ def show(watched, name, options):
         raise BadInput(f"{error.filename or 'stream'}: {error.strerror or error}") from None
 
 
-def ended(totals, text):
+def ended(totals, text: str):
     """Print the totals of a stream. Returns the exit code."""
     lost = f"; {totals.lost} datagrams were lost" if totals.lost else ""
     tell([f"{text}{lost}", *(f"written: {file}" for file in totals.files)])
     return OK if totals.answers else CHECK_FAILED
 
 
-def comma_separated(text):
+def comma_separated(text: str):
     return tuple(name.strip() for name in text.split(",")) if text else ()
 
 

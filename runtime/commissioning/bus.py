@@ -1,11 +1,15 @@
 """CAN bus controlled by a command: locked as in a run, with a record of every frame sent."""
 
+from __future__ import annotations
+
 import json
 import select
 import socket
 import struct
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from graph import dialogue
 from graph.names import suggestion
@@ -22,6 +26,11 @@ from runtime.rig.file import I2C, SOCKETCAN, UDP, parse, read
 from runtime.rig.interface_checks import link, look
 from runtime.rig.serial_port import look_at_port
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from runtime.rig.file import RigBus
+
 ERROR_FILTER, EVERY_ERROR = 2, 0x1FFFFFFF
 TX_QUEUE_TIMEOUT = 0.05  # s until a full transmit queue accepts a frame
 QUERY_INTERVAL = 0.001  # s between two queries; a drive replies within a quarter of it
@@ -35,7 +44,7 @@ class ToolBus:
     refused, errors : numbers of frames that the interface rejected and of error frames received
     """
 
-    def __init__(self, bus, machine=None):
+    def __init__(self, bus: RigBus, machine: Machine | None = None) -> None:
         self.bus, self.sent, self.refused, self.errors = bus, [], 0, 0
         self.remarks = []
         if bus.interface in (*ONE_PROCESS, UDP, I2C):
@@ -67,7 +76,7 @@ class ToolBus:
             self.lock.close()
             raise
 
-    def open(self, bus, machine):
+    def open(self, bus: RigBus, machine: Machine):
         if bus.interface != SOCKETCAN:
             look_at_port(bus)
             return PythonCanWire(bus.interface, bus.channel, bus.bitrate, bus.fd, bus.options)
@@ -85,7 +94,7 @@ class ToolBus:
         self.wire.close()
         self.lock.close()
 
-    def send(self, frame, why):
+    def send(self, frame: tuple[int, bool, bytes], why: str) -> bool:
         """Send a frame. Returns whether the interface accepted it. frame : (identifier, is extended, data)"""
         identifier, extended, data = frame
         deadline = time.monotonic() + TX_QUEUE_TIMEOUT
@@ -97,7 +106,7 @@ class ToolBus:
         self.sent.append((identifier, extended, bytes(data), why))
         return True
 
-    def listen(self, seconds, until=lambda frames: False):
+    def listen(self, seconds: float, until: Callable[..., Any] = lambda frames: False) -> list[tuple[int, bool, bytes]]:
         """Return the frames (identifier, is extended, data) received within `seconds`, or until `until(frames)`."""
         frames, deadline = [], time.monotonic() + seconds
         while True:
@@ -111,7 +120,7 @@ class ToolBus:
             else:
                 select.select([descriptor], [], [], left)
 
-    def take(self):
+    def take(self) -> list[tuple[int, bool, bytes]]:
         frames = []
         for identifier, data, _ in self.wire.receive():
             if identifier & ERROR:
@@ -120,11 +129,11 @@ class ToolBus:
                 frames.append((identifier & 0x1FFFFFFF, bool(identifier & EXTENDED), bytes(data)))
         return frames
 
-    def ask(self, frame, why, read, timeout=0.1, attempts=2):
+    def ask(self, frame, why, read, timeout: float = 0.1, attempts: int = 2):
         """Carry out graph.dialogue.ask."""
         return self.converse(dialogue.ask(frame, why, read, timeout, attempts))
 
-    def converse(self, talk, yes=False):
+    def converse(self, talk, yes: bool = False) -> bool | None:
         """Carry out a dialogue of a device family (graph.dialogue). Returns its result.
 
         yes : whether to skip the questions to the operator and assume yes
@@ -153,7 +162,7 @@ class ToolBus:
                 raise TypeError(f"a dialogue on a CAN bus yields Send, Listen, Show or Confirm, got {step!r}")
 
 
-def named_buses(options, machine=None):
+def named_buses(options: Namespace, machine: Machine | None = None) -> list[RigBus]:
     """Return the RigBuses selected by the options of `add_bus`, or all CAN interfaces of this machine.
 
     Raises BadInput if the options conflict or match no bus.
@@ -186,7 +195,7 @@ def named_buses(options, machine=None):
     return [one_bus(SOCKETCAN, name, options.bitrate, machine) for name in names]
 
 
-def one_bus(interface, channel, bitrate, machine):
+def one_bus(interface: str, channel: str, bitrate, machine: Machine) -> RigBus:
     """Return a RigBus, parsed as from a rig file so that errors have the same text."""
     own = None
     if interface == SOCKETCAN and bitrate is None:
@@ -199,12 +208,12 @@ def one_bus(interface, channel, bitrate, machine):
     )
 
 
-def quoted(text):
+def quoted(text) -> str:
     """Return a text as a TOML string."""
     return json.dumps(str(text), ensure_ascii=False)
 
 
-def entry(bus, name=None):
+def entry(bus: RigBus, name: str | None = None) -> list[str]:
     """Return the lines of a rig file for a bus."""
     lines = [f"[bus.{name or bus.name}]", f"interface = {quoted(bus.interface)}", f"channel = {quoted(bus.channel)}"]
     lines += [f"bitrate = {bus.bitrate:_}"] * (bus.interface != I2C)
@@ -223,7 +232,7 @@ def plain(value):
     return quoted(value) if isinstance(value, str) else repr(value)
 
 
-def single_bus(options):
+def single_bus(options: Namespace) -> RigBus:
     """Return the one RigBus that the options select. Raises BadInput if there are several."""
     buses = named_buses(options)
     if len(buses) != 1:
@@ -256,7 +265,7 @@ def i2c_bus(options):
     return buses[0]
 
 
-def opened(bus):
+def opened(bus: RigBus) -> ToolBus:
     """Open a ToolBus. Raises BadInput with the cause and the remedy."""
     try:
         return ToolBus(bus)
@@ -264,6 +273,6 @@ def opened(bus):
         raise BadInput(str(refused.trouble)) from None
 
 
-def in_candump(identifier, extended, data):
+def in_candump(identifier: int, extended: bool, data: bytes) -> str:
     """Return a frame in the notation of candump's log."""
     return f"{identifier:08X}#{data.hex().upper()}" if extended else f"{identifier:03X}#{data.hex().upper()}"

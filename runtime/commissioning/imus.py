@@ -1,7 +1,9 @@
 """Inertial sensors on serial lines: those that respond, and one or more shown live."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from blocks.families import families
 from graph import Diagram
@@ -26,7 +28,7 @@ class Found:
     block: type
 
 
-def look(baudrate=115200):
+def look(baudrate: int = 115200) -> tuple[list[Any], list[Any]]:
     """Return (Found of every sensor that responds, errors of ports that could not be queried)."""
     names = {kind: family.name for family in families() for kind in family.sensors}
     seen = Seen(names).look(baudrate)
@@ -40,7 +42,7 @@ def look(baudrate=115200):
     return found, [str(trouble) for trouble in seen.troubles]
 
 
-def text(found):
+def text(found: Sequence[Any]) -> list[Any]:
     """Return the lines of the report."""
     return [
         f"port {each.port}  {each.family} {each.model}  serial {each.serial}, firmware {each.firmware}, {each.options}"
@@ -65,7 +67,7 @@ class WatchedImus(WatchedBlocks):
 
     shown = ("accel", "gyro", "euler", "temperature")
 
-    def __init__(self, serials, channels, rate, attitude="filter"):
+    def __init__(self, serials, channels, rate, attitude: str = "filter") -> None:
         known = [kind for family in families() for kind in family.sensors]
         seen = look()[0] if len(known) > 1 or not serials else []
         serials = serials or [found.serial for found in seen]
@@ -119,5 +121,5 @@ class WatchedImus(WatchedBlocks):
             for fed in self.fed
         ]
 
-    def close(self):
+    def close(self) -> None:
         self.lines.close()

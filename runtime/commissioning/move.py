@@ -43,21 +43,21 @@ class Approach(Block):
 
 
 def build(
-    block="",
-    model="",
-    bus="can",
-    can_id=1,
-    kind="torque",
-    target=0.0,
-    limit=1.0,
-    duration=5.0,
-    rise=1.0,
-    speed=0.5,
-    stiffness=1.0,
-    damping=0.1,
-    fastest=10.0,
-    rate=200.0,
-    gear_ratio=1.0,
+    block: str = "",
+    model: str = "",
+    bus: str = "can",
+    can_id: int = 1,
+    kind: str = "torque",
+    target: float = 0.0,
+    limit: float = 1.0,
+    duration: float = 5.0,
+    rise: float = 1.0,
+    speed: float = 0.5,
+    stiffness: float = 1.0,
+    damping: float = 0.1,
+    fastest: float = 10.0,
+    rate: float = 200.0,
+    gear_ratio: float = 1.0,
 ):
     """Return the Diagram.
 

@@ -3,6 +3,8 @@
 Opening the serial port of a microcontroller can reset it.
 """
 
+from __future__ import annotations
+
 import errno
 import fcntl
 import os
@@ -41,7 +43,7 @@ class Port:
     serial: str
 
     @property
-    def text(self):
+    def text(self) -> str:
         details = ", ".join(word for word in (self.name, f"serial {self.serial}" if self.serial else "") if word)
         return f"port {self.path}  {self.board or 'serial port'}{f'  {details}' if details else ''}  (not opened)"
 
@@ -62,13 +64,13 @@ class GpioChip:
     trouble: str = ""
 
     @property
-    def text(self):
+    def text(self) -> str:
         return f"gpio {self.path}  " + (
             self.trouble or f"{self.label}, {self.lines} lines; to list their names: gpioinfo {Path(self.path).name}"
         )
 
 
-def serial_ports(known):
+def serial_ports(known: set[str]) -> list[Port]:
     """Return a Port for each serial port with a device. known : paths of ports to leave out"""
     return [
         Port(
@@ -82,7 +84,7 @@ def serial_ports(known):
     ]
 
 
-def gpio_chips(folder="/dev"):
+def gpio_chips(folder: str | Path = "/dev") -> list[GpioChip]:
     """Return every GpioChip of this machine."""
     paths = sorted(
         (path for path in Path(folder).glob("gpiochip*") if path.name[8:].isdigit()),
@@ -91,7 +93,7 @@ def gpio_chips(folder="/dev"):
     return [chip(str(path)) for path in paths]
 
 
-def chip(path):
+def chip(path: str) -> GpioChip:
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
     except OSError as error:
@@ -108,15 +110,15 @@ def chip(path):
         os.close(descriptor)
 
 
-def look(known):
+def look(known: set[str]) -> tuple[list[Port], list[GpioChip]]:
     """Return (list of Port, list of GpioChip)."""
     return serial_ports(known), gpio_chips()
 
 
-def text(inventory):
+def text(inventory: tuple[list[Port], list[GpioChip]]) -> list[str]:
     """Return the lines of the report. inventory : result of `look`"""
     return [each.text for kind in inventory for each in kind]
 
 
-def plain(inventory):
+def plain(inventory: tuple[list[Port], list[GpioChip]]) -> dict[str, list[dict[str, int | str]]]:
     return {name: [asdict(each) for each in kind] for name, kind in zip(("ports", "gpio"), inventory)}

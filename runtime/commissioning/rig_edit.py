@@ -1,18 +1,24 @@
 """Edits of a device's entry in a rig file that preserve the rest of the file, including comments."""
 
+from __future__ import annotations
+
 import os
 import re
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from runtime.base.errors import BadInput
 from runtime.commissioning.bus import plain, quoted
 from runtime.rig.file import parse, text_of
 
+if TYPE_CHECKING:
+    from graph.device import Device
+
 HEADER = re.compile(r"^\s*\[")
 
 
-def changed(path, text, device, values):
+def changed(path: str, text: str, device, values):
     """Return the text of a rig file with new values for a device.
 
     values : {parameter: number, bool, text or list}
@@ -55,7 +61,7 @@ def header_of(line):
     return next((name for name in match.groups() if name is not None), None) if match else None
 
 
-def check(path, before, after, device, values):
+def check(path: str, before, after, device: Device, values) -> None:
     """Raise BadInput if the edit makes the file invalid or changes anything else in it."""
     old = parse(path, before)
     refusal = (
@@ -73,7 +79,7 @@ def check(path, before, after, device, values):
         raise BadInput(refusal + assignments)
 
 
-def write(path, before, text):
+def write(path, before, text: str) -> None:
     """Replace a file atomically. Raises BadInput if it has changed since it was read or cannot be written."""
     path = Path(path)
     if text_of(path) != before:

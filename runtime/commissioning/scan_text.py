@@ -1,11 +1,21 @@
 """Report of a scan, as text for the terminal and as a first rig file."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from runtime.commissioning.bus import entry, in_candump
 from runtime.console.styles import count
 from runtime.rig.file import I2C
 
+if TYPE_CHECKING:
+    from graph.family import Answer
+    from runtime.commissioning.scan import Report
+    from runtime.rig.file import RigBus
 
-def text(report, verbose=False):
+
+def text(report: Report, verbose: bool = False) -> list[str]:
     """Return the lines of a report. report : runtime.commissioning.scan.Report"""
     if report.interface == I2C:
         return chips(report)
@@ -35,14 +45,14 @@ def text(report, verbose=False):
     return lines + sent(report, verbose)
 
 
-def chips(report):
+def chips(report: Report) -> list[str]:
     lines = [f"bus {report.bus}  {report.interface} {report.channel}"]
     for chip in report.chips:
         lines.append(f"  {chip.where:<12}{chip.name or 'unknown chip'}" + (f"  ({chip.how})" if chip.how else ""))
     return lines + [f"  ! {remark}" for remark in report.remarks]
 
 
-def state(drive):
+def state(drive: Answer) -> str:
     """Return the state of a drive as one line."""
 
     def number(value, digits, unit):
@@ -62,11 +72,11 @@ def state(drive):
     return "  " + ", ".join(parts)
 
 
-def fault(drive):
+def fault(drive: Answer) -> str:
     return "faults not reported" if drive.fault is None else f"fault: {drive.fault}" if drive.fault else "no fault"
 
 
-def sent(report, verbose):
+def sent(report: Report, verbose: bool) -> list[str]:
     """Return lines about the frames sent: one line per reason, or one per frame if verbose."""
     if not report.sent:
         return ["  sent: nothing"]
@@ -82,7 +92,7 @@ def sent(report, verbose):
     ]
 
 
-def rig(reports, buses, when):
+def rig(reports: Sequence[Report], buses: Sequence[RigBus], when: str) -> str:
     """Return a rig file with the buses, and the devices found on them as comments.
 
     buses : RigBus of each report, in the same order; when : date and time for the first line

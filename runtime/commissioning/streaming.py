@@ -49,7 +49,7 @@ class Watched:
     Raises BadInput if no drive responds as `can_id` or another controller commands drives on the bus.
     """
 
-    def __init__(self, bus, can_id, model=None):
+    def __init__(self, bus, can_id, model=None) -> None:
         self.bus, self.can_id, self.model = bus, can_id, model
         refuse_company(bus)
         for self.question, self.read in merged_stop_queries(can_id, model):
@@ -70,7 +70,7 @@ class Watched:
             return next((answer for answer in answers if answer is not None), None)
         return self.bus.ask(self.question, "disable", self.read, timeout=timeout, attempts=1)
 
-    def columns(self, name):
+    def columns(self, name: str):
         return [column(f"{name}.{signal}", unit) for signal, unit in SIGNALS.items()]
 
     def row(self, answer):
@@ -82,7 +82,7 @@ class Watched:
         return line(answer)
 
 
-def column(path, unit):
+def column(path: str, unit):
     return {"path": path, "unit": unit, "ascii_unit": ascii_name(unit), "dtype": "float"}
 
 
@@ -107,7 +107,7 @@ def in_subsystems(columns):
     return renamed
 
 
-def sinks_of(drive, name, rate, folder, plotjuggler, rerun):
+def sinks_of(drive, name: str, rate, folder, plotjuggler, rerun):
     """Return the sinks for the rows, not yet open."""
     plan = {
         "name": name,
@@ -141,7 +141,7 @@ def sinks_of(drive, name, rate, folder, plotjuggler, rerun):
     return sinks
 
 
-def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=None, clock=time.monotonic):
+def stream(drive, name: str, rate, duration, folder=None, plotjuggler=None, rerun=None, clock=time.monotonic):
     """Show a drive or sensor until the duration is over or Ctrl-C. Returns a StreamResult.
 
     drive : Watched, or another object with the methods ask, columns, row and line
@@ -196,7 +196,7 @@ def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=Non
     return result
 
 
-def give(sink, tick, now, row, flushes, sinks):
+def give(sink, tick, now, row, flushes, sinks) -> None:
     """Write a row to a sink.
 
     A viewer that has closed is reported and removed from `sinks`. Raises OSError if a file cannot be written.
@@ -215,7 +215,7 @@ def give(sink, tick, now, row, flushes, sinks):
         sinks.remove(sink)
 
 
-def show(now, text, screen):
+def show(now, text: str, screen):
     if screen.interactive:
         screen.draw(text[: max(0, screen.columns - 1)])  # a wrapped line would scroll the terminal
     else:

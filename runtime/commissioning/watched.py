@@ -1,10 +1,16 @@
 """Live display of sensors: a tool passes frames to their blocks' decoders, without a run."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from cext.schedule.kernel_table import feed
 from graph import Device, compile
 from runtime.commissioning.streaming import column
+
+if TYPE_CHECKING:
+    from graph.diagram import Diagram
 
 FRAME = 64  # bytes
 
@@ -31,7 +37,7 @@ class WatchedBlocks:
 
     shown = None
 
-    def __init__(self, diagram, channels):
+    def __init__(self, diagram: Diagram, channels) -> None:
         schedule = compile(diagram)
         self.arena = schedule.arena.copy()
         self.fed = []
@@ -43,7 +49,7 @@ class WatchedBlocks:
         """Pass a frame to a block's decoder. Returns {value returned by the decoder (cext.abi): count}."""
         return feed(fed.block.decode, self.arena, fed.table, data, FRAME, when, identifier)
 
-    def values_of(self, fed, name):
+    def values_of(self, fed, name: str):
         """Return the values of an output as a list."""
         slot, length = fed.items[name]
         return self.arena[slot : slot + length].tolist()
@@ -51,7 +57,7 @@ class WatchedBlocks:
     def answer(self):
         return {f"{fed.block.path}.{name}": self.values_of(fed, name) for fed in self.fed for name in fed.channels}
 
-    def columns(self, name):
+    def columns(self, name: str):
         columns = []
         for fed in self.fed:
             for channel in fed.channels:

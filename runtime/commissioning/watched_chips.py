@@ -35,7 +35,7 @@ class WatchedChips(WatchedBlocks):
 
     shown = ("accel", "gyro", "a0", "a1", "a2", "a3", "force", "temperature")
 
-    def __init__(self, bus, places, channels, rate, settings=()):
+    def __init__(self, bus, places, channels, rate, settings=()) -> None:
         with ExitStack() as undo:
             try:
                 undo.callback(BusLock(bus.interface, bus.channel).close)
@@ -95,7 +95,7 @@ class WatchedChips(WatchedBlocks):
             )
         return lines
 
-    def close(self):
+    def close(self) -> None:
         self.undo.close()
 
 
@@ -177,7 +177,7 @@ def parameters_of(kind, found, channels, rate, settings):
     return given
 
 
-def refuse_unknown_names(blocks, channels, settings):
+def refuse_unknown_names(blocks, channels, settings) -> None:
     """Raise BadInput if a channel or setting belongs to none of the blocks."""
     for what, names, available in (
         ("--channels ", channels, [name for block in blocks for name in block.outputs]),
@@ -191,7 +191,7 @@ def refuse_unknown_names(blocks, channels, settings):
             )
 
 
-def place_of(text):
+def place_of(text: str):
     """Return (mux, channel, address) of '0x68', or of '0x70.3:0x68' behind a multiplexer. Raises BadInput."""
     where, _, address = text.rpartition(":")
     mux, _, channel = where.partition(".")

@@ -4,6 +4,7 @@ The configuration is lost when the sensor loses power.
 """
 
 import time
+from typing import Any
 
 from graph import Diagram
 from runtime.base.errors import BadInput
@@ -25,7 +26,7 @@ class WatchedNode(WatchedBlocks):
     Raises BadInput if the sensor does not return its settings or another controller commands drives on the bus.
     """
 
-    def __init__(self, bus, kind, address, **parameters):
+    def __init__(self, bus, kind, address, **parameters: Any) -> None:
         self.bus = bus
         refuse_company(bus)
         with Diagram("stream", rate=kind.block.parameters["rate"].default) as diagram:

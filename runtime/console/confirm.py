@@ -7,7 +7,7 @@ from runtime.base.errors import BadInput
 from runtime.console.terminal import tell
 
 
-def confirm(question, yes):
+def confirm(question: str, yes: bool) -> bool:
     """Return whether the operator confirms a question.
 
     question : what is about to happen, without a question mark

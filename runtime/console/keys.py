@@ -55,7 +55,7 @@ def attributes_of(descriptor):
         return None
 
 
-def put_back(descriptor, attributes):
+def put_back(descriptor, attributes) -> None:
     """Restore a terminal's attributes, if it is in the key mode derived from them."""
     try:
         if termios.tcgetattr(descriptor) == key_mode(attributes):
@@ -73,7 +73,7 @@ class Keyboard:
     taken : whether the terminal is in key mode
     """
 
-    def __init__(self, descriptor, process):
+    def __init__(self, descriptor, process) -> None:
         self.descriptor, self.process = descriptor, process
         self.here = self.taken = False
         self.attributes = None  # to restore
@@ -90,7 +90,7 @@ class Keyboard:
             return False
         return group == terminal_group and state not in "TZX"
 
-    def follow(self):
+    def follow(self) -> None:
         """Enter key mode when the run comes to the foreground, leave it when the run leaves the foreground."""
         try:
             self.here = self.foreground()
@@ -130,14 +130,14 @@ class Keyboard:
         self.unread = self.unread[end:] if len(self.unread) - end < SEQUENCE_LIMIT else b""
         return keys
 
-    def close(self):
+    def close(self) -> None:
         """Restore the terminal."""
         if self.taken:
             put_back(self.descriptor, self.attributes)
             self.taken = False
 
 
-def name(sequence):
+def name(sequence: bytes) -> str:
     if sequence in NAMES:
         return NAMES[sequence]
     if len(sequence) > 2 and sequence[:1] == b"\x1b":

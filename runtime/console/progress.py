@@ -1,6 +1,10 @@
 """Progress of a long operation, on one terminal line that is refreshed in place."""
 
+from __future__ import annotations
+
 import time
+from collections.abc import Callable, Iterator
+from typing import Any
 
 from runtime.console.status_layout import bar
 from runtime.console.stderr import Terminal
@@ -19,7 +23,7 @@ class Progress:
     It draws nothing if standard error is not a terminal, and erases its line at the end.
     """
 
-    def __init__(self, what, terminal=None, clock=time.monotonic):
+    def __init__(self, what: str, terminal: Terminal | None = None, clock=time.monotonic) -> None:
         self.what, self.clock = what, clock
         self.terminal = terminal or Terminal()
         self.began = self.clock()
@@ -41,7 +45,7 @@ class Progress:
         left = f", {(now - self.began) * (1.0 - share) / share:.0f} s left" if share > 0.02 else ""
         self.terminal.draw(self.line(share, left, self.terminal.columns - 1))
 
-    def line(self, share, left, width):
+    def line(self, share: float, left: str, width: int) -> str:
         """Return the line in `width` columns: a narrow line gets a shorter bar, then a shortened name."""
         ending = f" {100 * share:.0f} %{left}"
         narrow = min(BAR_WIDTH, max(BAR_WIDTH_MINIMUM, width - len(self.what) - 1 - len(ENDING_RESERVE)))
@@ -51,12 +55,12 @@ class Progress:
             what = what[: max(0, most - 1)] + ("…" if self.terminal.unicode else "~")
         return f"{what}{text}"[: max(0, width)]
 
-    def part(self, first, last):
+    def part(self, first: float, last: float) -> Callable[..., Any]:
         """Return a progress function for a step that covers the shares from `first` to `last`."""
         return lambda share: self(first + (last - first) * share)
 
 
-def rounds(what, repeats):
+def rounds(what: str, repeats: int) -> Iterator[int | None]:
     """Yield numbers below `repeats` and show the progress: for _ in rounds("measuring", 15): ..."""
     with Progress(what) as progress:
         for number in range(repeats):

@@ -3,7 +3,11 @@
 A narrow line first shortens its parts, then reduces the gaps, then drops parts, the least important first.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from runtime.console.terminal import IN_ASCII
 
@@ -29,16 +33,20 @@ class Part:
     colour: str | None = None
     joined: bool = False
 
-    def pieces(self, form):
+    def pieces(self, form: int) -> tuple[tuple[str, str | None], ...]:
         pieces = self.forms[min(form, len(self.forms) - 1)]
         return ((pieces, self.colour),) if isinstance(pieces, str) else pieces
 
 
-def part(importance, *forms, colour=None, joined=False):
+def part(
+    importance: float, *forms: Sequence[tuple[str, None]] | str, colour: str | None = None, joined: bool = False
+) -> Part:
     return Part(importance, forms, colour, joined)
 
 
-def fit(parts, width, coloured, unicode, kept=frozenset()):
+def fit(
+    parts: Sequence[Part], width: int, coloured: bool, unicode: bool, kept: frozenset[Any] = frozenset()
+) -> tuple[str, set[tuple[str | float, ...]]]:
     """Return (line of at most `width` characters, set of the narrowing steps applied).
 
     kept : steps to apply in any case
@@ -64,11 +72,11 @@ def fit(parts, width, coloured, unicode, kept=frozenset()):
     return text[: max(0, width)], taken
 
 
-def length(line):
+def length(line: Sequence[tuple[str, str | None]]) -> int:
     return sum(len(text) for text, _ in line)
 
 
-def narrowing(parts):
+def narrowing(parts: Sequence[Part]) -> list[tuple[str | float, ...]]:
     """Return all narrowing steps in order: ("form", importance, number), ("close",), ("without", importance)."""
     levels = sorted({part.importance for part in parts})
     longest = max((len(part.forms) for part in parts), default=1)
@@ -81,7 +89,7 @@ def narrowing(parts):
     return [*shorter, ("close",), *(("without", level) for level in levels[:-1])]
 
 
-def compose(parts, steps, unicode):
+def compose(parts: Sequence[Part], steps: set[tuple[str | float, ...]], unicode: bool) -> list[tuple[str, str | None]]:
     """Return a line after narrowing steps, as a list of (text, colour)."""
     forms = {}
     for _, level, form in (step for step in steps if step[0] == "form"):
@@ -100,7 +108,7 @@ def compose(parts, steps, unicode):
     return line if unicode else [(text.translate(IN_ASCII), colour) for text, colour in line]
 
 
-def bar(share, unicode, width=BAR):
+def bar(share: float, unicode: bool, width: int = BAR) -> str:
     done = min(width, max(0, int(share * width + 0.5)))
     full, rest = BAR_CHARACTERS[:2] if unicode else BAR_CHARACTERS[2:]
     return full * done + rest * (width - done)

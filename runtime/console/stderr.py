@@ -1,7 +1,10 @@
 """Output to standard error that never blocks or ends the recorder: it skips a full or broken terminal."""
 
+from __future__ import annotations
+
 import os
 import select
+from collections.abc import MutableMapping
 
 from runtime.console.terminal import harmless, readable
 
@@ -15,7 +18,7 @@ class Terminal:
     coloured, unicode : it supports colours, UTF-8
     """
 
-    def __init__(self, descriptor=STDERR, environment=os.environ):
+    def __init__(self, descriptor: int = STDERR, environment: dict[str, str] | MutableMapping = os.environ) -> None:
         self.descriptor = descriptor
         dumb = environment.get("TERM", "") in ("", "dumb")
         self.interactive = os.isatty(descriptor) and not dumb
@@ -30,13 +33,13 @@ class Terminal:
             self.interactive = False
 
     @property
-    def columns(self):
+    def columns(self) -> int:
         try:
             return os.get_terminal_size(self.descriptor).columns or 80
         except OSError:
             return 80
 
-    def write(self, text):
+    def write(self, text: str) -> None:
         """Write if this does not block. A terminal stopped by Ctrl-S would otherwise block the recorder."""
         try:
             if any(state & select.POLLOUT for _, state in self.poll.poll(0)):
@@ -45,18 +48,18 @@ class Terminal:
         except OSError:
             self.interactive = False  # the terminal is closed
 
-    def draw(self, text):
+    def draw(self, text: str) -> None:
         """Replace the status line."""
         if self.interactive:
             self.write(f"\r{harmless(text, self.coloured)}\x1b[K")
             self.drawn = True
 
-    def erase(self):
+    def erase(self) -> None:
         if self.drawn:
             self.write("\r\x1b[K")
             self.drawn = False
 
-    def say(self, line):
+    def say(self, line: str) -> None:
         """Write a permanent line above the status line."""
         self.erase()
         self.write(harmless(line, self.coloured) + "\n")

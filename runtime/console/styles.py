@@ -3,14 +3,21 @@
 On a terminal, lines are wrapped to its width and coloured; in a pipe, each fact is one line of any length.
 """
 
+from __future__ import annotations
+
 import os
 import re
 import shutil
 import sys
 import textwrap
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from runtime.console.terminal import relative
+
+if TYPE_CHECKING:
+    from graph.diagnostics import Location
 
 TEXT_WIDTH_MINIMUM, NARROW_INDENT = 20, 8  # columns: of text beside a head; indent of text below a head instead
 _STYLE = re.compile(r"\x1b\[[0-9]*m")
@@ -23,25 +30,27 @@ class Console:
     width: int | None = None
     colour: bool = False
 
-    def style(self, text, code):
+    def style(self, text: str, code: int) -> str:
         return f"\x1b[{code}m{text}\x1b[0m" if self.colour and text else text
 
-    def bold(self, text):
+    def bold(self, text: str) -> str:
         return self.style(text, 1)
 
-    def faint(self, text):
+    def faint(self, text: str) -> str:
         return self.style(text, 2)
 
-    def ok(self, text):
+    def ok(self, text: str) -> str:
         return self.style(text, 32)
 
-    def error(self, text):
+    def error(self, text: str) -> str:
         return self.style(text, 31)
 
-    def warn(self, text):
+    def warn(self, text: str) -> str:
         return self.style(text, 33)
 
-    def hang(self, head, text, style=str, indent=None):
+    def hang(
+        self, head: str, text: str, style: type | Callable[..., Any] = str, indent: int | None = None
+    ) -> list[str]:
         """Return lines with the head and, beside it, the text, wrapped at the width with a hanging indent.
 
         style : function that styles the text
@@ -66,12 +75,12 @@ class Console:
         )
         return [head + style(first.lstrip()), *(" " * indent + style(piece) for piece in rest)]
 
-    def cut(self, text):
+    def cut(self, text: str) -> str:
         """Return a text shortened to the width."""
         return text if self.width is None or len(text) <= self.width else text[: self.width - 1].rstrip() + "…"
 
 
-def console_for(stream=None):
+def console_for(stream=None) -> Console:
     """Return the Console of a stream, by default of standard output."""
     stream = stream or sys.stdout
     if not stream.isatty():
@@ -81,16 +90,16 @@ def console_for(stream=None):
     )
 
 
-def length(text):
+def length(text: str) -> int:
     """Return the columns that a text takes, without its styles."""
     return len(_STYLE.sub("", text))
 
 
-def count(number, thing):
+def count(number: int, thing: str) -> str:
     """Return a number with its noun, such as '1 block' or '2 blocks'."""
     return f"{number} {thing}" + ("" if number == 1 else "s")
 
 
-def place(location):
+def place(location: Location) -> str:
     """Return a Location with its path relative to the working folder."""
     return relative(str(location))

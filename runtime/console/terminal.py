@@ -9,7 +9,7 @@ import shutil
 import sys
 
 
-def program():
+def program() -> str:
     """Return the shell command that starts this program again, with or without an active environment."""
     script = os.path.abspath(sys.argv[0])
     if os.path.basename(script) == "tickwork":
@@ -18,7 +18,7 @@ def program():
     return f"{name or relative(sys.executable)} -m runtime"
 
 
-def on_path(name, file):
+def on_path(name: str, file: str) -> bool:
     """Return whether the shell finds `file` under this name.
 
     Compares folders, since the executables of different environments are links to the same file.
@@ -64,7 +64,7 @@ IN_ASCII = str.maketrans(
 CONTROL = re.compile("(\x1b\\[(?:0|1|2|31|32|33)m)|[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
-def harmless(text, coloured):
+def harmless(text: str, coloured: bool) -> str:
     """Return a text with its control characters escaped, as in \\x1b.
 
     Names, notes and events of a recording may contain any characters.
@@ -76,24 +76,24 @@ def harmless(text, coloured):
     )
 
 
-def one_line(text, coloured=False):
+def one_line(text: str, coloured: bool = False) -> str:
     """Return a text of a recording as `harmless` does, with the ends of lines and tabs written out, too: they could
     otherwise show a line that Tickwork has not written.
     """
     return harmless(text, coloured).replace("\n", "\\n").replace("\t", "\\t")
 
 
-def tell(lines):
+def tell(lines) -> None:
     """Write lines to standard output."""
     write(lines, sys.stdout)
 
 
-def complain(lines):
+def complain(lines) -> None:
     """Write lines to standard error, with paths relative to the working folder."""
     write([relative(line) for line in lines], sys.stderr)
 
 
-def write(lines, stream):
+def write(lines, stream) -> None:
     if stream is None:
         return
     try:
@@ -108,7 +108,7 @@ def write(lines, stream):
             complain([f"tickwork: cannot write to standard output: {error.strerror}"])
 
 
-def readable(text, encoding):
+def readable(text: str, encoding: str) -> str:
     """Return a text with replacements for the characters that an encoding lacks."""
     try:
         text.encode(encoding)
@@ -117,7 +117,7 @@ def readable(text, encoding):
     return text.encode(encoding, "replace").decode(encoding)
 
 
-def encodable(character, encoding):
+def encodable(character: str, encoding: str) -> bool:
     try:
         character.encode(encoding)
     except UnicodeEncodeError:
@@ -125,14 +125,14 @@ def encodable(character, encoding):
     return True
 
 
-def silence(stream):
+def silence(stream) -> None:
     """Redirect a stream to /dev/null, so that flushing its buffer at exit raises no error."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
 
 
-def relative(text):
+def relative(text: str) -> str:
     """Return a text whose paths below the working folder are relative to it."""
     try:
         here = os.getcwd().rstrip("/") + "/"

@@ -3,8 +3,12 @@
 The messages are valid for callers in Python and for `--set`.
 """
 
+from __future__ import annotations
+
 import ast
 import inspect
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from graph import DiagramError, units
 from graph.names import suggestion
@@ -12,10 +16,14 @@ from graph.sha256 import sha256
 from runtime.base.errors import BadInput
 from runtime.live import patterns
 
+if TYPE_CHECKING:
+    from graph.block import Block
+    from graph.diagram import Diagram
+
 TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
-def share_out(file, settings):
+def share_out(file, settings: Sequence[tuple[str, str | float]]) -> None:
     """Assign each setting without a dot to `build`, `plant` or both: those with a parameter of that name.
 
     Raises BadInput.
@@ -49,7 +57,7 @@ def share_out(file, settings):
             target[name] = parse_like(parameter.default, name, text)
 
 
-def parse_like(default, name, text):
+def parse_like(default, name: str, text: str | float):
     """Convert a text to the type of a default: bool, int, float, str; other types are parsed as Python literals.
 
     A value that is not a text is returned unchanged.
@@ -78,7 +86,7 @@ def parse_like(default, name, text):
         return text
 
 
-def set_block_parameters(diagram, name, value):
+def set_block_parameters(diagram: Diagram, name: str, value: str | float):
     """Set "left/impedance.stiffness", or all matches of "*/impedance.stiffness", to a value or its text.
 
     Returns [(block, parameter, value before)]. Raises BadInput.
@@ -93,7 +101,7 @@ def set_block_parameters(diagram, name, value):
     return [set_block_parameter(diagram, each, value) for each in matching]
 
 
-def set_block_parameter(diagram, name, value):
+def set_block_parameter(diagram: Diagram, name: str, value: str | float):
     """Set "left/impedance.stiffness" to a value or its text.
 
     Returns (block, parameter, value before). Raises BadInput.
@@ -119,7 +127,7 @@ def set_block_parameter(diagram, name, value):
     return block, parameter, before
 
 
-def set_seeds(diagram, seed):
+def set_seeds(diagram: Diagram, seed: int):
     """Derive the seed of every noise source of a diagram from one number and the path of its block.
 
     Returns [(block, "seed", value before)].
@@ -127,16 +135,16 @@ def set_seeds(diagram, seed):
     return [set_block_parameter(diagram, f"{block.path}.seed", derived(seed, block.path)) for block in noise(diagram)]
 
 
-def noise(diagram):
+def noise(diagram: Diagram) -> list[Block]:
     return [block for block in diagram if "seed" in block.parameters]
 
 
-def derived(seed, path):
+def derived(seed: int, path: str) -> int:
     """Return the first 53 bits of the SHA-256 of "SEED:PATH" as an integer."""
     return int.from_bytes(sha256(f"{seed}:{path}".encode()).digest()[:7], "big") >> 3
 
 
-def restore(replaced):
+def restore(replaced: Sequence[tuple[Block, str, float]]) -> None:
     """Restore parameters to their previous values. replaced : as returned by the functions above"""
     for block, parameter, before in reversed(replaced):
         block.set(parameter, before)

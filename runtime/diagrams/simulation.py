@@ -1,6 +1,9 @@
 """Simulation of a robot without a rig: a plant on in-memory buses."""
 
+from __future__ import annotations
+
 from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
 
 from cext.bus.memory_bus import MemoryBus
 from cext.bus.timed_bus import TimedBus
@@ -9,6 +12,11 @@ from graph import Actuator, Device, Diagram, subsystem
 from runtime.base.errors import BadInput
 from runtime.diagrams.file import build_plant, compiled
 from runtime.diagrams.overrides import set_seeds
+
+if TYPE_CHECKING:
+    from cext.bus.memory_bus import BusEnd
+    from graph.schedule import Schedule
+    from runtime.diagrams.file import DiagramFile
 
 
 class Simulation:
@@ -25,7 +33,7 @@ class Simulation:
     program : the plant's Program, None for a robot without devices
     """
 
-    def __init__(self, file, robot, schedule, bitrate=None, seed=None):
+    def __init__(self, file, robot: Diagram, schedule, bitrate=None, seed: int | None = None) -> None:
         self.given = file is not None and file.has_plant
         self.diagram, self.plant, self.replaced = plant_of(file, robot, seed)
         self.substeps = substeps(robot, self.diagram) if self.diagram is not None else 1
@@ -42,12 +50,14 @@ class Simulation:
                 raise BadInput(f"the plant emulates a device on bus {unknown[0]!r}, but the robot's buses are {known}")
             self.program = Program(plant, [self.buses[name].device for name in plant.buses])
 
-    def ends(self):
+    def ends(self) -> list[BusEnd]:
         """Return the robot's end of each bus, in the schedule's order."""
         return [bus.host for bus in self.buses.values()]
 
 
-def plant_of(file, robot, seed=None):
+def plant_of(
+    file: DiagramFile | None, robot: Diagram, seed: int | None = None
+) -> tuple[Diagram | None, Schedule | None, list[Any]]:
     """Build and compile the plant of a robot. file, seed : as of Simulation
 
     Returns (Diagram, Schedule, replaced seeds); (None, None, []) for a robot without devices.
@@ -60,7 +70,7 @@ def plant_of(file, robot, seed=None):
     return diagram, compiled(given.path if given else robot.name, diagram), replaced
 
 
-def substeps(robot, plant):
+def substeps(robot: Diagram, plant: Diagram) -> int:
     ratio = plant.rate / robot.rate
     if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
         raise BadInput(
@@ -70,7 +80,7 @@ def substeps(robot, plant):
     return round(ratio)
 
 
-def default_plant(robot):
+def default_plant(robot: Diagram) -> Diagram | None:
     """Return a plant that emulates every device, each actuator on a free inertia; None for a robot without devices."""
     devices = [block for block in robot if isinstance(block, Device)]
     if not devices:

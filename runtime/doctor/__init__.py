@@ -10,14 +10,22 @@
 A check is a function of (machine, wants) that returns a Finding, a list of them, or None if it does not apply.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from runtime.doctor import kernel, power, python, user
 from runtime.machine import can, ports
 from runtime.machine.finding import UNKNOWN, Finding
 
+if TYPE_CHECKING:
+    from runtime.machine.finding import Wants
+    from runtime.machine.probe import Machine
+
 CHECKS = (*kernel.CHECKS, *power.CHECKS, *user.CHECKS, *can.CHECKS, *ports.CHECKS, *python.CHECKS)
 
 
-def examine(machine, wants):
+def examine(machine: Machine, wants: Wants) -> list[Finding]:
     """Return the findings of all checks. A check that raises on an unusual machine results in an unknown finding."""
     findings = []
     for check in CHECKS:

@@ -1,16 +1,23 @@
 """Checks of kernel and hardware: scheduling latency and clock source."""
 
+from __future__ import annotations
+
 import re
+from typing import TYPE_CHECKING
 
 from runtime.base.system import processors
 from runtime.machine.finding import BAD, OK, UNKNOWN, WORSE, Finding
 from runtime.machine.probe import JETSON, PI
 
+if TYPE_CHECKING:
+    from runtime.machine.finding import Wants
+    from runtime.machine.probe import Machine
+
 FAST_CLOCKS = {"tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "riscv_clocksource"}
 SHARE_MINIMUM = 0.9  # fraction of a period for real-time threads
 
 
-def preemption(machine, wants):
+def preemption(machine: Machine, wants: Wants) -> Finding:
     version = machine.read("/proc/version")
     name = "preemption"
     why = "the loop waits while the kernel works for another program"
@@ -33,7 +40,7 @@ def preemption(machine, wants):
     return Finding(name, UNKNOWN, "there is no /proc/version", why)
 
 
-def dynamic_model(machine):
+def dynamic_model(machine: Machine) -> str:
     """Return none, voluntary, full or lazy; "" if unknown."""
     chosen = re.search(r"\((\w+)\)", machine.read("/sys/kernel/debug/sched/preempt"))
     asked = re.search(r"\bpreempt=(\w+)", machine.read("/proc/cmdline"))
@@ -44,7 +51,7 @@ def dynamic_model(machine):
     return next((model for option, model in models.items() if machine.configured(option) == "y"), "")
 
 
-def patient(machine):
+def patient(machine: Machine) -> str:
     """Return how to install a PREEMPT_RT kernel on this machine."""
     if machine.kind == PI:
         return "sudo apt install linux-image-rpi-v8-rt, and kernel=kernel8_rt.img in config.txt"
@@ -57,7 +64,7 @@ def patient(machine):
     return "install a kernel with PREEMPT_RT"
 
 
-def real_time_share(machine, wants):
+def real_time_share(machine: Machine, wants: Wants) -> Finding:
     name, file = "real-time share", "/proc/sys/kernel/sched_rt_"
     runtime, period = machine.read(file + "runtime_us"), machine.read(file + "period_us")
     if not runtime:
@@ -80,7 +87,7 @@ def real_time_share(machine, wants):
     )
 
 
-def clock_source(machine, wants):
+def clock_source(machine: Machine, wants: Wants) -> Finding:
     folder = "/sys/devices/system/clocksource/clocksource0/"
     now, others = machine.read(folder + "current_clocksource"), machine.read(folder + "available_clocksource").split()
     if not now:
@@ -96,7 +103,7 @@ def clock_source(machine, wants):
     return Finding("clock source", WORSE, now, "every clock reading is a system call of a microsecond or more", cure)
 
 
-def word_size(machine, wants):
+def word_size(machine: Machine, wants: Wants) -> Finding:
     kernel, bits = machine.output("uname", "-m"), machine.output("getconf", "LONG_BIT")
     if not kernel or not bits:
         return Finding("word size", UNKNOWN, "neither uname nor getconf reports it")
@@ -113,7 +120,7 @@ def word_size(machine, wants):
     )
 
 
-def processors_there(machine, wants):
+def processors_there(machine: Machine, wants: Wants) -> Finding:
     online = len(processors(machine.read("/sys/devices/system/cpu/online")))
     isolated = sorted(processors(machine.read("/sys/devices/system/cpu/isolated")))
     if not online:
@@ -130,7 +137,7 @@ def processors_there(machine, wants):
     return Finding("processors", OK, f"{online}, " + (f"isolated: {which}" if isolated else "none isolated"))
 
 
-def hardware(machine, wants):
+def hardware(machine: Machine, wants: Wants) -> Finding:
     version, info = machine.read("/proc/version"), machine.read("/proc/cpuinfo")
     virtual = "a virtual machine" if re.search(r"^flags\s*:.*\bhypervisor\b", info, re.MULTILINE) else None
     if "microsoft" in version.lower():

@@ -1,11 +1,18 @@
 """Checks of power management: processor frequency, idle states and supply voltage."""
 
+from __future__ import annotations
+
 import re
+from typing import TYPE_CHECKING
 
 from runtime.base.system import CAP_IPC_LOCK, processors
 from runtime.machine.finding import BAD, OK, UNKNOWN, WORSE, Finding
 from runtime.machine.probe import JETSON, PI
 from runtime.machine.realtime import IDLE_DEVICE
+
+if TYPE_CHECKING:
+    from runtime.machine.finding import Wants
+    from runtime.machine.probe import Machine
 
 WAKE_LATENCY_LIMIT = 20  # µs
 CPU = "/sys/devices/system/cpu"
@@ -18,7 +25,7 @@ THROTTLED = {  # bit of get_throttled, set at present; 16 bits higher: set since
 }
 
 
-def governor(machine, wants):
+def governor(machine: Machine, wants: Wants) -> Finding:
     governors = [machine.read(name) for name in machine.glob(f"{CPU}/cpu[0-9]*/cpufreq/scaling_governor")]
     if not governors:
         return Finding("governor", OK, "the system does not control the frequency")
@@ -35,7 +42,7 @@ def governor(machine, wants):
     )
 
 
-def idle_states(machine, wants):
+def idle_states(machine: Machine, wants: Wants) -> Finding:
     """Check the deepest enabled idle state. `disable` is per state; `latency` is the maximum time to wake."""
     states = {}
     for name in machine.glob(f"{CPU}/cpu0/cpuidle/state*/latency"):
@@ -69,7 +76,7 @@ def idle_states(machine, wants):
     )
 
 
-def throttling(machine, wants):
+def throttling(machine: Machine, wants: Wants) -> Finding | None:
     """Check the firmware's throttling bits: of vcgencmd, or the file in /sys with the same number without 0x."""
     if machine.kind != PI:
         return None
@@ -90,7 +97,7 @@ def throttling(machine, wants):
     return Finding("throttling", OK, "never since the start")
 
 
-def power_mode(machine, wants):
+def power_mode(machine: Machine, wants: Wants) -> Finding | None:
     if machine.kind != JETSON:
         return None
     models = re.findall(r"<\s*POWER_MODEL\s+ID=(\d+)\s+NAME=(\S+)\s*>", machine.read("/etc/nvpmodel.conf"))
@@ -115,13 +122,13 @@ def power_mode(machine, wants):
     )
 
 
-def strength(mode):
+def strength(mode: str) -> float:
     """Return the power of a mode in W; infinity for MAXN, which has no limit."""
     watts = re.search(r"(\d+)W", mode)
     return float("inf") if mode.startswith("MAXN") else float(watts[1]) if watts else 0.0
 
 
-def clocks(machine, wants):
+def clocks(machine: Machine, wants: Wants) -> Finding | None:
     if machine.kind != JETSON:
         return None
     least, most = (machine.read(f"{CPU}/cpu0/cpufreq/scaling_{end}_freq") for end in ("min", "max"))
@@ -139,7 +146,7 @@ def clocks(machine, wants):
     )
 
 
-def swap(machine, wants):
+def swap(machine: Machine, wants: Wants) -> Finding:
     swaps = [line.split()[0] for line in machine.read("/proc/swaps").splitlines()[1:]]
     if not swaps:
         return Finding("swap", OK, "none")
@@ -156,7 +163,7 @@ def swap(machine, wants):
     )
 
 
-def interrupts(machine, wants):
+def interrupts(machine: Machine, wants: Wants) -> Finding:
     balanced, isolated = machine.runs("irqbalance"), processors(machine.read(f"{CPU}/isolated"))
     if balanced and isolated and "IRQBALANCE_BANNED" not in machine.read("/etc/default/irqbalance"):
         return Finding(

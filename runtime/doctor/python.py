@@ -1,16 +1,23 @@
 """Checks of the Python interpreter and the folder of recordings."""
 
+from __future__ import annotations
+
 import os
 import platform
 import sys
 import sysconfig
+from typing import TYPE_CHECKING
 
 from runtime.machine.finding import BAD, OK, WORSE, Finding
+
+if TYPE_CHECKING:
+    from runtime.machine.finding import Wants
+    from runtime.machine.probe import Machine
 
 FREE_SPACE_WORSE, FREE_SPACE_BAD = 2 << 30, 100 << 20  # bytes: an hour of 60 signals at 1000 Hz is 2 GB of CSV
 
 
-def python(machine, wants):
+def python(machine: Machine, wants: Wants) -> Finding:
     version = f"{platform.python_implementation()} {platform.python_version()}"
     kind = ", free-threaded" if sysconfig.get_config_var("Py_GIL_DISABLED") else ""
     if sysconfig.get_config_var("Py_DEBUG") or hasattr(sys, "gettotalrefcount"):
@@ -24,7 +31,7 @@ def python(machine, wants):
     return Finding("Python", OK, f"{version}{kind}, {64 if sys.maxsize > 2**32 else 32} bits")
 
 
-def recordings(machine, wants):
+def recordings(machine: Machine, wants: Wants) -> Finding:
     folder = os.path.abspath(os.path.expanduser(wants.folder))
     there = folder
     while not os.path.exists(there):

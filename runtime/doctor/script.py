@@ -4,12 +4,20 @@ The script consists of parts with a comment on the reason of each. Running it ag
 it writes its files below that folder, runs no commands, and needs no root.
 """
 
+from __future__ import annotations
+
 import re
 import shlex
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from runtime.machine.can import speed
 from runtime.machine.finding import OK
 from runtime.machine.realtime import GROUP, LIMITS_FILE
+
+if TYPE_CHECKING:
+    from runtime.machine.finding import Finding, Wants
+    from runtime.machine.probe import Machine
 
 HEAD = """\
 #!/bin/sh
@@ -57,7 +65,7 @@ config_line() {{
 FIRMWARE_CONFIG, OLDER_CONFIG = "/boot/firmware/config.txt", "/boot/config.txt"
 
 
-def script(machine, wants, findings, program):
+def script(machine: Machine, wants: Wants, findings: Sequence[Finding], program: str) -> list[str]:
     """Return the lines of the script. program : command that starts this program"""
     wanting = {}
     for finding in findings:
@@ -80,17 +88,17 @@ def script(machine, wants, findings, program):
     return "\n\n".join(part.strip("\n") for part in parts).split("\n")
 
 
-def one_line(text):
+def one_line(text: str) -> str:
     return re.sub(r"[^ -~]", " ", text)
 
 
-def reasons(findings):
+def reasons(findings: Sequence[Finding]) -> str:
     """Return the comment above a part."""
     seen = dict.fromkeys(f"# {finding.name}: {finding.found}; {finding.why}." for finding in findings)
     return "\n".join(re.sub(r"\s", " ", line) for line in seen) + "\n"
 
 
-def limits(wants, findings):
+def limits(wants: Wants, findings: Sequence[Finding]) -> str:
     return f'''
 if ! getent group {GROUP} >/dev/null; then run groupadd {GROUP}; fi
 run usermod -aG {GROUP} "$user"
@@ -106,7 +114,7 @@ run udevadm trigger --sysname-match=cpu_dma_latency
 '''
 
 
-def share(wants, findings):
+def share(wants: Wants, findings: Sequence[Finding]) -> str:
     runtime = "-1" if any(finding.subject == "-1" for finding in findings) else findings[0].subject
     return f"""
 put /etc/sysctl.d/90-tickwork.conf <<'END'
@@ -116,7 +124,7 @@ run sysctl -q -p /etc/sysctl.d/90-tickwork.conf
 """
 
 
-def governor(wants, findings):
+def governor(wants: Wants, findings: Sequence[Finding]) -> str:
     return """
 # On a desktop, power-profiles-daemon overrides this when it starts: powerprofilesctl set performance
 put /etc/tmpfiles.d/90-tickwork-governor.conf <<'END'
@@ -126,7 +134,7 @@ run systemd-tmpfiles --create /etc/tmpfiles.d/90-tickwork-governor.conf
 """
 
 
-def power_mode(wants, findings):
+def power_mode(wants: Wants, findings: Sequence[Finding]) -> str:
     mode = findings[0].subject
     return f"""
 # If it asks for a restart, the answer is no: restart later.
@@ -134,7 +142,7 @@ if ! nvpmodel -q 2>/dev/null | grep -qx {mode}; then echo no | run nvpmodel -m {
 """
 
 
-def clocks(wants, findings):
+def clocks(wants: Wants, findings: Sequence[Finding]) -> str:
     return """
 put /etc/systemd/system/tickwork-clocks.service <<'END'
 [Unit]
@@ -153,7 +161,7 @@ run systemctl enable --now tickwork-clocks.service
 """
 
 
-def modules(wants, findings):
+def modules(wants: Wants, findings: Sequence[Finding]) -> str:
     """Return the part for a Jetson's CAN modules. Pins: NVIDIA Jetson Linux Developer Guide, Controller Area Network"""
     return f"""
 # If no interface appears, or no frame is received, configure the pins for CAN: sudo /opt/nvidia/jetson-io/jetson-io.py
@@ -167,7 +175,7 @@ run modprobe -a can can_raw mttcan
 {can_files(wants, "can*")}"""
 
 
-def overlay(wants, findings):
+def overlay(wants: Wants, findings: Sequence[Finding]) -> str:
     """Return the part for a Raspberry Pi's CAN overlays.
 
     Source: boot/overlays/README of the Raspberry Pi firmware; crystals and pins: manufacturers of the HATs.
@@ -187,13 +195,13 @@ config_line 'dtparam=spi=on'
 {can_files(wants, "can*")}"""
 
 
-def can(wants, findings):
+def can(wants: Wants, findings: Sequence[Finding]) -> str:
     names = list(dict.fromkeys(finding.subject for finding in findings))
     downs = "\n".join(f"run ip link set {shlex.quote(name)} down" for name in names)
     return can_files(wants, " ".join(names), downs)
 
 
-def can_files(wants, names, downs=""):
+def can_files(wants: Wants, names: str, downs: str = "") -> str:
     """Return the files that configure CAN interfaces.
 
     A unit for systemd-networkd sets the bitrate and brings the interface up; a udev rule sets the queue length, which
@@ -231,13 +239,13 @@ run systemctl restart systemd-networkd
 """.replace("\n\nif !", "\nif !")
 
 
-def membership(wants, findings):
+def membership(wants: Wants, findings: Sequence[Finding]) -> str:
     groups = list(dict.fromkeys(finding.subject for finding in findings if finding.subject != "root"))
     lines = "\n".join(f'run usermod -aG {shlex.quote(group)} "$user"' for group in groups)
     return f"\n{lines}\n" if lines else ""
 
 
-def i2c(wants, findings):
+def i2c(wants: Wants, findings: Sequence[Finding]) -> str:
     if findings[0].subject != "root":
         return membership(wants, findings)
     return """
@@ -251,7 +259,7 @@ run udevadm trigger --subsystem-match=i2c-dev
 """
 
 
-def serial(wants, findings):
+def serial(wants: Wants, findings: Sequence[Finding]) -> str:
     if findings[0].subject != "root":
         return membership(wants, findings)
     return """
@@ -264,7 +272,7 @@ run udevadm trigger --subsystem-match=tty
 """
 
 
-def ftdi(wants, findings):
+def ftdi(wants: Wants, findings: Sequence[Finding]) -> str:
     return """
 put /etc/udev/rules.d/90-tickwork-ftdi.rules <<'END'
 ACTION=="add|change", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"
@@ -274,7 +282,7 @@ run udevadm trigger --subsystem-match=usb-serial
 """
 
 
-def modems(wants, findings):
+def modems(wants: Wants, findings: Sequence[Finding]) -> str:
     return """
 put /etc/udev/rules.d/90-tickwork-modems.rules <<'END'
 SUBSYSTEM=="tty", KERNEL=="ttyACM*|ttyUSB*", ENV{ID_MM_PORT_IGNORE}="1"
@@ -285,7 +293,7 @@ run systemctl try-restart ModemManager
 """
 
 
-def i2c_speed(wants, findings):
+def i2c_speed(wants: Wants, findings: Sequence[Finding]) -> str:
     return """
 config_line 'dtparam=i2c_arm_baudrate=400000'
 """

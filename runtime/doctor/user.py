@@ -1,14 +1,22 @@
 """Checks of the privileges of the user who runs the robot."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from runtime.base.system import CAP_IPC_LOCK, CAP_SYS_NICE, exhausted_group
 from runtime.machine.finding import OK, UNKNOWN, WORSE, Finding
 from runtime.machine.realtime import LIMITS_FILE, PRIORITY
+
+if TYPE_CHECKING:
+    from runtime.machine.finding import Wants
+    from runtime.machine.probe import Machine
 
 MEMORY_REQUIRED = 512 << 20  # bytes: a run with its libraries and its growth
 AGAIN = "then log in again"
 
 
-def rtprio(machine, wants):
+def rtprio(machine: Machine, wants: Wants) -> Finding:
     if machine.capable(CAP_SYS_NICE):
         return Finding("rtprio", OK, f"{machine.user} may use any priority")
     limit = machine.limit("Max realtime priority")
@@ -24,7 +32,7 @@ def rtprio(machine, wants):
     )
 
 
-def memlock(machine, wants):
+def memlock(machine: Machine, wants: Wants) -> Finding:
     if machine.capable(CAP_IPC_LOCK):
         return Finding("memlock", OK, f"{machine.user} may lock any amount of memory")
     limit = machine.limit("Max locked memory")
@@ -44,7 +52,7 @@ def memlock(machine, wants):
     )
 
 
-def control_group(machine, wants):
+def control_group(machine: Machine, wants: Wants) -> Finding | None:
     file = exhausted_group(machine.read)
     if file is None:
         return None
@@ -59,7 +67,7 @@ def control_group(machine, wants):
     )
 
 
-def groups(machine, wants):
+def groups(machine: Machine, wants: Wants) -> Finding:
     """Check the groups in effect, and those that only the next login adds."""
     if machine.user == "?":
         return Finding("groups", UNKNOWN, "`id` reports no user")

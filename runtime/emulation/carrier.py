@@ -15,7 +15,7 @@ REST = 1  # ms between reads of an interface that cannot be polled
 NAME = "tickwork-plant"
 
 
-def main(answers, control, lines, bell):
+def main(answers, control, lines, bell) -> None:
     """Run the process. Arguments are file descriptors: answer pipe, pidfd of the emulator, lines, bell."""
     ignore_signals()
     with open("/proc/self/comm", "w") as file:
@@ -36,7 +36,7 @@ def main(answers, control, lines, bell):
         wire.close()
 
 
-def carry(wires, lines, bell, control):
+def carry(wires, lines, bell, control) -> None:
     poll = select.poll()
     places = {wire.fileno(): wire for wire in wires if wire.fileno() is not None}
     for descriptor in (ORDERS, bell, control, *places):

@@ -1,16 +1,22 @@
 """Pseudo-terminals as the serial lines of a plant, in place of the ports of real sensors."""
 
+from __future__ import annotations
+
 import os
 import tty
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cext.lines.streams import Streams
 from graph import StreamDevice
 
+if TYPE_CHECKING:
+    from graph.schedule import Schedule
+
 SERIAL = ("serial", "dialogue")  # kinds of line that a pseudo-terminal can replace
 
 
-def on_terminals(robot, schedule):
+def on_terminals(robot, schedule: Schedule):
     """Return the names of the plant's buses that are serial lines. robot : Diagram; schedule : of the plant"""
     serial = {block.bus for block in robot if isinstance(block, StreamDevice) and block.line in SERIAL}
     return [name for name in schedule.buses if name in serial]
@@ -25,7 +31,7 @@ class PtyLines:
     paths : {name: path for the robot}
     """
 
-    def __init__(self, names, folder=None):
+    def __init__(self, names, folder=None) -> None:
         self.streams, self.lines, self.paths, self.kept, self.links = Streams(), {}, {}, [], []
         for name in names:
             master, slave = os.openpty()
@@ -38,18 +44,18 @@ class PtyLines:
                 self.link(Path(folder) / f"tty{name.replace('/', '_')}", name)
         self.streams.start()
 
-    def link(self, link, name):
+    def link(self, link, name: str) -> None:
         fresh = link.with_name(f".{link.name}.{os.getpid()}")
         fresh.symlink_to(self.paths[name])
         fresh.replace(link)  # a killed emulator may have left one
         self.paths[name] = str(link)
         self.links.append(link)
 
-    def end(self, name):
+    def end(self, name: str):
         """Return the BusEnd of a line."""
         return self.lines[name].end
 
-    def close(self):
+    def close(self) -> None:
         self.streams.end()
         for line in self.lines.values():
             line.close()

@@ -1,13 +1,20 @@
 """Real-time run of a plant on its buses until a signal, with a status line on the terminal."""
 
+from __future__ import annotations
+
 import threading
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 from cext.bus.timed_bus import SlowBus
 from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from runtime.console.stderr import Terminal
+
+if TYPE_CHECKING:
+    pass
 
 REFRESH = 0.2  # s
 RING_BYTES = 1 << 16  # of the ring, which has no reader
@@ -17,7 +24,7 @@ CATCH_UP_LIMIT = 100  # steps that run late after a delay
 class Service:
     """Plant in real time. schedule : of the plant; ends : of its buses; bitrate : bit/s limit, or None"""
 
-    def __init__(self, schedule, ends, bitrate=None):
+    def __init__(self, schedule, ends, bitrate=None) -> None:
         self.page = SharedState(RING_BYTES)
         self.slowed = [] if bitrate is None else [SlowBus(end, bitrate) for end in ends]
         ends = [slow.end for slow in self.slowed] or ends
@@ -35,7 +42,7 @@ class Service:
         return self.page.statistics()
 
     @contextmanager
-    def status_line(self):
+    def status_line(self) -> Iterator[Any]:
         """Show a status line on a terminal, from another thread, since the loop does not hold the GIL."""
         terminal, over = Terminal(), threading.Event()
 

@@ -5,11 +5,11 @@ from fnmatch import fnmatchcase
 from runtime.base.suggestions import suggestion
 
 
-def is_pattern(name):
+def is_pattern(name: str) -> bool:
     return any(character in name for character in "*?[")
 
 
-def matching(name, known):
+def matching(name: str, known) -> list[str]:
     """Return the names that match a name or pattern, in the order of `known`; `*` matches any characters with "/"."""
     return (
         [other for other in known if fnmatchcase(other, name)]
@@ -18,12 +18,12 @@ def matching(name, known):
     )
 
 
-def hint(name, known):
+def hint(name: str, known) -> str:
     """Return 'did you mean ...?' for a name or pattern without a match, or ''."""
     return suggestion(name, [*known, *shared(known)] if is_pattern(name) else known)
 
 
-def shared(known):
+def shared(known) -> dict[str, list[str]]:
     """Return {pattern: names} of parameters that several parts of a diagram share.
 
     '*/profile.scale' stands for left/profile.scale and right/profile.scale.

@@ -1,5 +1,7 @@
 """Runs on this machine: processes that have created a shared state, found by its file descriptor."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
 
@@ -8,7 +10,7 @@ from cext.safety.shared_state import SharedState
 MEMORY = "/memfd:tickwork"
 
 
-def page_of(pid):
+def page_of(pid: int) -> SharedState | None:
     """Return the SharedState that a process has created, None if it has none. Raises PermissionError."""
     try:
         entries = list(Path("/proc", str(pid), "fd").iterdir())
@@ -32,7 +34,7 @@ def page_of(pid):
     return None
 
 
-def runs():
+def runs() -> dict[int, SharedState]:
     """{pid: SharedState} of every run that this user may look at."""
     found = {}
     for name in os.listdir("/proc"):

@@ -1,8 +1,15 @@
 """Table of live parameters in a run's shared state, for `set` and for the keys, which have no diagram."""
 
+from __future__ import annotations
+
 import json
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cext.safety.shared_state import SharedState
+    from graph.schedule import Schedule
 
 STEPS = 20  # approximate number of key steps from bound to bound
 FINE = 10  # fine steps in a step
@@ -22,27 +29,27 @@ class Parameter:
     high: float
     slew: float
 
-    def plain(self, value):
+    def plain(self, value: float) -> float:
         """Return a value in the parameter's type."""
         return {"float": float, "int": int, "bool": bool}[self.dtype](value)
 
-    def written(self, value):
+    def written(self, value: float) -> str:
         """Return a value in the syntax of `--set`, exactly: '40.0', '3', 'true'."""
         return repr(self.plain(value)).lower()
 
-    def shown(self, value):
+    def shown(self, value: float) -> str:
         """Return a value with its unit for display: '40 N·m/rad'."""
         return f"{self.plain(value)}".lower() if self.dtype == "bool" else f"{value:.6g}" + self.behind
 
     @property
-    def behind(self):
+    def behind(self) -> str:
         return "" if self.unit in ("1", "any") else f" {self.unit}"
 
     @property
-    def bounds(self):
+    def bounds(self) -> str:
         return "false or true" if self.dtype == "bool" else f"{self.low:g} to {self.high:g}{self.behind}"
 
-    def stepped(self, value, steps):
+    def stepped(self, value: float, steps: int) -> float:
         """Return the value after a number of fine key steps, on whole steps and within the bounds.
 
         steps : 1 or -1, or FINE times that for a step of about a twentieth of the range, 1, 2 or 5 times a power of ten
@@ -62,7 +69,7 @@ class Parameter:
         return min(self.high, max(self.low, round(count * step, digits)))
 
 
-def nice(number):
+def nice(number: float) -> float:
     """Return the largest of 1, 2 and 5 times a power of ten that does not exceed a number; 0 for 0."""
     if not number > 0.0:
         return 0.0
@@ -70,7 +77,7 @@ def nice(number):
     return power * max(factor for factor in (1, 2, 5) if factor * power <= number * (1 + 1e-9))
 
 
-def describe(schedule):
+def describe(schedule: Schedule) -> tuple[int, bytes]:
     """What SharedState(live=...) wants of a schedule: (number of live parameters, bytes)."""
     parameters = [
         {
@@ -99,14 +106,14 @@ class Table:
     parameters: tuple
 
 
-def values(page, parameters):
+def values(page: SharedState, parameters: tuple[Parameter, ...]) -> list[tuple[float, float]]:
     """Return (value in the newest tick, target) of each live parameter."""
     return (
         [(parameter.built, parameter.built) for parameter in parameters] if page.state == "init" else page.live_values()
     )
 
 
-def read(page):
+def read(page: SharedState) -> Table:
     """Return the Table in a shared state; an empty one if there is none."""
     told = json.loads(page.live or b'{"name": "", "rate": 1.0, "parameters": []}')
     return Table(

@@ -1,9 +1,15 @@
 """Checks of CAN interfaces: up, at the configured bitrate, healthy, and with a long enough queue."""
 
+from __future__ import annotations
+
 import json
+from typing import TYPE_CHECKING, Any
 
 from runtime.machine.finding import BAD, OK, UNKNOWN, WORSE, Finding, Wants
 from runtime.machine.probe import JETSON, PI
+
+if TYPE_CHECKING:
+    from runtime.machine.probe import Machine
 
 ARPHRD_CAN = "280"
 QUEUE_MINIMUM = 64  # frames
@@ -14,7 +20,7 @@ STATES = {
 }
 
 
-def can_interfaces(machine, wants):
+def can_interfaces(machine: Machine, wants: Wants) -> list[Finding] | Finding:
     names = [name.split("/")[-2] for name in machine.glob("sys/class/net/*/type") if machine.read(name) == ARPHRD_CAN]
     if not names:
         return none(machine)
@@ -25,7 +31,7 @@ def can_interfaces(machine, wants):
     return [finding for name in names for finding in interface(machine, wants, name, links.get(name))]
 
 
-def none(machine):
+def none(machine: Machine) -> Finding:
     why = "actuators are controlled over CAN"
     if machine.kind == PI:
         return Finding(
@@ -48,7 +54,7 @@ def none(machine):
     return Finding("CAN", OK, "no interface; a simulation needs none")
 
 
-def interface(machine, wants, name, link):
+def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | None) -> list[Finding]:
     """Return the findings of one interface: one for each problem, or a single one without any."""
     driver = machine.target(f"/sys/class/net/{name}/device/driver")
     queue = int(machine.read(f"/sys/class/net/{name}/tx_queue_len") or 0)
@@ -114,7 +120,7 @@ def interface(machine, wants, name, link):
     return troubles or [Finding(name, OK, ", ".join(word for word in words if word))]
 
 
-def bring_up(name, bitrate, restart=Wants.restart, queue=Wants.queue):
+def bring_up(name: str, bitrate: float, restart: int = Wants.restart, queue: int = Wants.queue) -> str:
     """Return the commands that bring an interface up."""
     return (
         f"sudo ip link set {name} type can bitrate {bitrate} restart-ms {restart} && "
@@ -122,7 +128,7 @@ def bring_up(name, bitrate, restart=Wants.restart, queue=Wants.queue):
     )
 
 
-def speed(bitrate):
+def speed(bitrate: float) -> str:
     return f"{bitrate / 1e6:g} Mbit/s" if bitrate >= 1_000_000 else f"{bitrate / 1e3:g} kbit/s"
 
 

@@ -1,20 +1,29 @@
 """Checks of serial ports and I2C buses: present, permitted, and at full speed."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from runtime.machine.finding import BAD, OK, WORSE, Finding
 from runtime.machine.probe import PI
+
+if TYPE_CHECKING:
+    from runtime.machine.finding import Wants
+    from runtime.machine.probe import Device, Machine
 
 I2C_CLOCK_MINIMUM = 400_000  # Hz, for IMUs
 SERIAL = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyTHS*")
 
 
-def serial_ports(machine, wants):
+def serial_ports(machine: Machine, wants: Wants) -> Finding:
     ports = [port for port in machine.devices(*SERIAL) if port.group != "tty"]  # group tty: consoles
     if not ports:
         return Finding("serial ports", OK, "none")
     return permission(machine, "serial ports", ports, "serial")
 
 
-def serial_latency(machine, wants):
+def serial_latency(machine: Machine, wants: Wants) -> Finding | None:
     """Check the latency timer, in ms, that only FTDI chips have."""
     timers = {
         name.split("/")[-2]: machine.read(name) for name in machine.glob("sys/bus/usb-serial/devices/*/latency_timer")
@@ -35,7 +44,7 @@ def serial_latency(machine, wants):
     )
 
 
-def modem_manager(machine, wants):
+def modem_manager(machine: Machine, wants: Wants) -> Finding | None:
     if not machine.devices("ttyACM*", "ttyUSB*") or not machine.runs("ModemManager"):
         return None
     return Finding(
@@ -48,14 +57,14 @@ def modem_manager(machine, wants):
     )
 
 
-def i2c_buses(machine, wants):
+def i2c_buses(machine: Machine, wants: Wants) -> Finding:
     buses = machine.devices("i2c-*")
     if not buses:
         return Finding("I2C", OK, "none" + ("; enable it with sudo raspi-config" if machine.kind == PI else ""))
     return permission(machine, "I2C", buses, "i2c")
 
 
-def i2c_speed(machine, wants):
+def i2c_speed(machine: Machine, wants: Wants) -> Finding | None:
     """Check the I2C clock, which the device tree has as four bytes, big-endian.
 
     Only a Raspberry Pi has a fixed number for the bus of its header: 1.
@@ -76,7 +85,7 @@ def i2c_speed(machine, wants):
     )
 
 
-def permission(machine, name, devices, part):
+def permission(machine: Machine, name: str, devices: Sequence[Device], part: str) -> Finding:
     """Return a finding on devices that this user may or may not open."""
     refused = [device for device in devices if not device.usable]
     if not refused:

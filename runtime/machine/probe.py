@@ -5,6 +5,8 @@ command that a check may run, named by the command line with slashes as undersco
 `commands/id`, `commands/ls -l _dev`.
 """
 
+from __future__ import annotations
+
 import fnmatch
 import gzip
 import os
@@ -28,42 +30,42 @@ class Device:
 
 
 class Machine:
-    def __init__(self, root="/"):
+    def __init__(self, root: str | Path = "/") -> None:
         self.root = Path(root)
         self.here = self.root.resolve() == Path("/")
 
-    def path(self, name):
+    def path(self, name: str) -> Path:
         return self.root / name.lstrip("/")
 
-    def raw(self, name):
+    def raw(self, name: str) -> bytes:
         """Return the bytes of a file, b"" for an unreadable one."""
         try:
             return self.path(name).read_bytes()
         except OSError:
             return b""
 
-    def read(self, name):
+    def read(self, name: str) -> str:
         """Return the stripped text of a file, "" for an unreadable one."""
         return self.raw(name).decode("utf-8", "replace").strip("\0 \n\t")
 
-    def exists(self, name):
+    def exists(self, name: str) -> bool:
         return os.path.lexists(self.path(name))
 
-    def glob(self, pattern):
+    def glob(self, pattern: str) -> list[str]:
         """Return the names of matching files, with a leading slash, in numeric order."""
         names = [f"/{path.relative_to(self.root)}" for path in self.root.glob(pattern.lstrip("/"))]
         return sorted(
             names, key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
         )
 
-    def target(self, name):
+    def target(self, name: str) -> str:
         """Return the last part of a link's target, or ""."""
         try:
             return os.path.basename(os.readlink(self.path(name)))
         except OSError:
             return ""
 
-    def output(self, *words):
+    def output(self, *words: str) -> str:
         """Return the output of a command; "" if it is missing, fails, or exceeds COMMAND_TIMEOUT."""
         if not self.here:
             return self.read("commands/" + " ".join(words).replace("/", "_"))
@@ -82,7 +84,7 @@ class Machine:
             return ""
         return done.stdout.strip() if done.returncode == 0 else ""
 
-    def devices(self, *patterns):
+    def devices(self, *patterns: str) -> list[Device]:
         """Return the devices in /dev with matching names."""
         names = [
             (name, device)
@@ -106,7 +108,7 @@ class Machine:
                 found[name] = Device(name, group, usable)
         return dict(sorted(found.items()))
 
-    def permits(self, mode, owner, group):
+    def permits(self, mode: str, owner: str, group: str) -> bool:
         mine = [mode[6:8]] + [mode[3:5]] * (group in self.groups) + [mode[0:2]] * (owner == self.user)
         return self.root_user or "rw" in mine
 
@@ -115,21 +117,21 @@ class Machine:
         return self.output("id")
 
     @property
-    def user(self):
+    def user(self) -> str:
         """Name of the calling user."""
         match = re.match(r"uid=(\d+)(?:\(([^)]*)\))?", self._id)
         return (match[2] or match[1]) if match else "?"
 
     @property
-    def root_user(self):
+    def root_user(self) -> bool:
         return self._id.startswith("uid=0")
 
     @property
-    def groups(self):
+    def groups(self) -> list[str]:
         """Names of the groups of this session."""
         return re.findall(r"\d+\(([^)]*)\)", self._id.partition("groups=")[2])
 
-    def members(self, group):
+    def members(self, group: str) -> list[str] | None:
         """Return the members of a group, which the next login has; None if there is no such group."""
         for line in self.read("/etc/group").splitlines():
             name, _, _, members = (line.split(":") + [""] * 3)[:4]
@@ -138,30 +140,30 @@ class Machine:
         return None
 
     @property
-    def model(self):
+    def model(self) -> str:
         """Model name by its manufacturer, or ""."""
         maker, product = (self.read(f"/sys/class/dmi/id/{name}") for name in ("sys_vendor", "product_version"))
         product = product if re.search("[A-Za-z]{4}", product) else self.read("/sys/class/dmi/id/product_name")
         return self.read("/proc/device-tree/model") or " ".join(part for part in (maker, product) if part)
 
     @property
-    def kind(self):
+    def kind(self) -> str:
         compatible = self.read("/proc/device-tree/compatible")
         if "raspberrypi" in compatible or "Raspberry Pi" in self.model:
             return PI
         return JETSON if "nvidia,tegra" in compatible or self.exists("/etc/nv_tegra_release") else OTHER
 
     @property
-    def system(self):
+    def system(self) -> str:
         match = re.search(r'^PRETTY_NAME="?([^"\n]*)', self.read("/etc/os-release"), re.MULTILINE)
         return match[1] if match else "Linux"
 
     @property
-    def kernel(self):
+    def kernel(self) -> str:
         words = self.read("/proc/version").split()
         return words[2] if len(words) > 2 else ""
 
-    def configured(self, option):
+    def configured(self, option: str) -> str:
         """Return 'y' or 'm' for an option of the kernel, "" if it is off or unknown."""
         try:
             text = gzip.decompress(self.raw("/proc/config.gz")).decode()
@@ -171,11 +173,11 @@ class Machine:
         match = re.search(rf"^CONFIG_{option}=(\w+)$", text, re.MULTILINE)
         return match[1] if match else ""
 
-    def runs(self, program):
+    def runs(self, program: str) -> bool:
         """Return whether a process of this name runs."""
         return any(self.read(name) == program for name in self.glob("proc/[0-9]*/comm"))
 
-    def limit(self, title):
+    def limit(self, title: str) -> int | None:
         """Return a hard limit of this session by its name in /proc/self/limits; None for unlimited.
 
         Raises KeyError for an unknown name.
@@ -186,7 +188,7 @@ class Machine:
                 return None if hard == "unlimited" else int(hard)
         raise KeyError(title)
 
-    def capable(self, capability):
+    def capable(self, capability: int) -> bool:
         """Return whether processes of this session have a capability. capability : number in linux/capability.h"""
         match = re.search(r"^CapEff:\s*([0-9a-f]+)", self.read("/proc/self/status"), re.MULTILINE)
         return bool(match and int(match[1], 16) >> capability & 1)

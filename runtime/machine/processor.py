@@ -5,6 +5,8 @@ the reservation ends with the process.
 """
 
 import socket
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from runtime.base.system import read
 
@@ -19,7 +21,7 @@ class Processor:
     number : of the allocated processor
     """
 
-    def __init__(self, numbers):
+    def __init__(self, numbers: Sequence[int]) -> None:
         for number in numbers:
             self._name = socket.socket(socket.AF_UNIX)
             try:
@@ -31,11 +33,11 @@ class Processor:
                 return
         self.number = numbers[0]
 
-    def close(self):
+    def close(self) -> None:
         self._name.close()
 
 
-def fastest_first(numbers, text_of=read):
+def fastest_first(numbers: set[int], text_of: Callable[..., Any] = read) -> list[int]:
     """Return processors in order of preference: the last of the fastest first, since the first serves interrupts.
 
     text_of : function that reads a file of the machine, "" for an unreadable one

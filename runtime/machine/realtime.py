@@ -11,10 +11,13 @@ A real-time thread that never sleeps could lock up the machine. After SPIN secon
 an ordinary one and continues; `spun` reports this.
 """
 
+from __future__ import annotations
+
 import os
 import resource
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from cext.clock import realtime as native
 from runtime.base.system import (
@@ -30,6 +33,9 @@ from runtime.base.system import (
 from runtime.console.terminal import program
 from runtime.machine.memory import prefault
 from runtime.machine.processor import Processor, fastest_first
+
+if TYPE_CHECKING:
+    from posix import sched_param
 
 MODES = ("off", "try", "require")
 PRIORITY = 80  # below the kernel's own threads that must run (99), above its interrupt threads (50)
@@ -75,7 +81,7 @@ class Realtime:
     spun : whether the thread lost its priority because it did not sleep; valid after `release`
     """
 
-    def __init__(self, mode="off", priority=PRIORITY, cpu=None):
+    def __init__(self, mode: str = "off", priority: int = PRIORITY, cpu=None) -> None:
         if mode not in MODES or not 1 <= priority <= PRIORITY_LIMIT:
             raise ValueError(
                 f"expected a mode of {', '.join(MODES)} and a priority of 1 to {PRIORITY_LIMIT}, got {mode!r} and "
@@ -94,7 +100,7 @@ class Realtime:
     def __exit__(self, *exception):
         self.release()
 
-    def obtain(self):
+    def obtain(self) -> None:
         """Request all privileges for the calling thread and its process.
 
         Raises RealtimeRefused under "require", with nothing kept.
@@ -125,11 +131,11 @@ class Realtime:
                 "\n".join([f"--realtime require: not granted: {self._names()}; nothing was armed", *self._cures()])
             )
 
-    def release(self):
+    def release(self) -> None:
         """Restore the previous settings. A second call does nothing."""
         self._undo.close()
 
-    def lines(self):
+    def lines(self) -> list[Any]:
         """Return remarks for the operator before the run, or nothing."""
         if self.mode == "off":
             return []
@@ -146,7 +152,7 @@ class Realtime:
         lost = f"; LOST its priority: {SPIN:g} s without a sleep" if self.spun else ""
         return ", ".join(self.granted) + (f"; NOT granted: {self._names()}" if self.refused else "") + lost
 
-    def metadata(self):
+    def metadata(self) -> dict[str, Any]:
         """Return the metadata for the recording."""
         return {
             "mode": self.mode,
@@ -188,7 +194,7 @@ class Realtime:
         self.prefault()
         return "memory locked"
 
-    def prefault(self):
+    def prefault(self) -> None:
         """Bring in the memory that the loop uses, if memory is locked: again once all its objects exist."""
         if self.mode != "off":
             prefault()
@@ -293,7 +299,7 @@ class Realtime:
         return True
 
 
-def restore_scheduler(policy, parameters):
+def restore_scheduler(policy: int, parameters: sched_param) -> None:
     """Restore the scheduler. The reset-on-fork flag cannot be cleared without privilege, and then stays."""
     try:
         os.sched_setscheduler(0, policy, parameters)

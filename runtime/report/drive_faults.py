@@ -2,17 +2,23 @@
 what to do.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cext.schedule.program import Program
 
 
-def text(status, block, program):
+def text(status: str, block, program: Program) -> str | None:
     """The fault of an actuator, or None where `status` is none of these."""
     words = WORDS.get(status)
     row = next((row for row in program.watched if block is not None and row["device"] == block.path), None)
     return None if words is None or row is None else words(block, row["about"], row["value"], row["bound"])
 
 
-def acceleration(block, about, value, bound):
+def acceleration(block, about: str, value: float, bound: float) -> str:
     return (
         f"the joint goes on accelerating by more than its max_acceleration of {bound:g} rad/s² (up to {value:.0f} "
         "rad/s²): with stiffness or "
@@ -21,7 +27,7 @@ def acceleration(block, about, value, bound):
     )
 
 
-def excess_torque(block, about, value, bound):
+def excess_torque(block, about: str, value: float, bound: float) -> str:
     accuracy = block.watched().motion.accuracy
     return (
         f"the drive measures {value:.3g} N·m; its limit is {bound:.3g} N·m, and its measurement is trusted to "
@@ -30,7 +36,7 @@ def excess_torque(block, about, value, bound):
     )
 
 
-def over_travel(block, about, value, bound):
+def over_travel(block, about: str, value: float, bound: float) -> str:
     low, high = block.range
     return (
         f"position {value:.3f} rad is outside the joint's range of {low:g} to {high:g} rad. Find out why before "
@@ -38,14 +44,14 @@ def over_travel(block, about, value, bound):
     )
 
 
-def overspeed(block, about, value, bound):
+def overspeed(block, about: str, value: float, bound: float) -> str:
     return (
         f"velocity {value:.3g} rad/s is beyond {bound:.3g} "
         f"rad/s{'' if block.max_velocity else ', which max_velocity is by default'}"
     )
 
 
-def not_following(block, about, value, bound):
+def not_following(block, about: str, value: float, bound: float) -> str:
     return (
         f"the drive gives {value:.2g} N·m where {bound:.2g} N·m are commanded: it is disabled, as after a loss of "
         "its power, or at a limit "
@@ -53,7 +59,7 @@ def not_following(block, about, value, bound):
     )
 
 
-def scale_mismatch(block, about, value, bound):
+def scale_mismatch(block, about: str, value: float, bound: float) -> str:
     if about == "velocity":
         if value < 0.0:
             return (
@@ -76,7 +82,7 @@ def scale_mismatch(block, about, value, bound):
     )
 
 
-def wire_cure(block, value):
+def wire_cure(block, value: float) -> str:
     """What to set where a velocity is `value` times the position's rate."""
     if "wire_velocity" not in block.parameters or "current" in block.outputs:
         return f"the pole pairs or the gear of {block.spec.name} are not the drive's. Check the model's name"
@@ -88,7 +94,7 @@ def wire_cure(block, value):
     )
 
 
-def implausible(block, about, value, bound):
+def implausible(block, about: str, value: float, bound: float) -> str:
     if about == "temperature":
         return (
             f"implausible temperature {value:g} °C: the drive's sensor is broken, or it is not the model "

@@ -1,5 +1,13 @@
 """Failures of a run on a rig that still end in the safe stop of a bus, and the component that performs it."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from graph.device import Device
+
 GUARDIAN, WATCHDOG, RUN, DRIVES = (
     "the guardian",
     "the watchdog, then the guardian",
@@ -8,7 +16,7 @@ GUARDIAN, WATCHDOG, RUN, DRIVES = (
 )
 
 
-def coverage(devices, everything):
+def coverage(devices: Sequence[Device], everything: Sequence[Device]) -> list[dict[str, bool | str]]:
     """Return the failures of a run, as a list of {"failure", "covered", "by"}.
 
     The list is empty for a bus without anything to stop. `by` names the component that stops the drives, or the drives
@@ -34,11 +42,11 @@ def coverage(devices, everything):
     ]
 
 
-def moves(device):
+def moves(device: Device) -> bool:
     return bool(device.disable_frames() or device.zero_frames())
 
 
-def stops(device, everything):
+def stops(device, everything: Sequence[Device]) -> list[str]:
     """Return the mechanisms that stop a drive without the control process and the guardian.
 
     They are the drive's own time-out, or the charge pumps that hold its power.
@@ -47,20 +55,20 @@ def stops(device, everything):
     return own or [f"the charge pump {other.path!r}" for other in everything if other.holds_power_of(device)]
 
 
-def unstopped(devices, everything):
+def unstopped(devices, everything: Sequence[Device]) -> list[str]:
     """Return the paths of the drives that keep their last command after both processes have ended."""
     return [device.path for device in devices if moves(device) and not stops(device, everything)]
 
 
-def nothing_stops(paths):
+def nothing_stops(paths: Sequence[str]) -> str:
     return f"nothing stops {', '.join(paths)} after both processes have ended"
 
 
-def entry(failure, by, covered=True):
+def entry(failure: str, by: str, covered: bool = True) -> dict[str, bool | str]:
     return {"failure": failure, "covered": covered, "by": by}
 
 
-def in_words(coverage):
+def in_words(coverage: Sequence[dict[str, bool | str]]) -> tuple[str, str]:
     """Return (covered, not covered) as texts, '' for none. coverage : list that coverage() returns"""
     by = {}
     for each in coverage:

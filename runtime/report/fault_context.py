@@ -1,14 +1,21 @@
 """State before a fault: the newest ticks, and the last command and feedback of each actuator."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from graph import Actuator
 from graph.signal import Signal
 
+if TYPE_CHECKING:
+    from graph.diagram import Diagram
+
 TABLE_SIGNAL_LIMIT = 8  # signals in the table of the newest ticks
 
 
-def ticks(result, block):
+def ticks(result, block: Actuator | None) -> list[str]:
     """Return a table of the signals at a block over the newest ticks, ending with the fault.
 
     Without a block, the table has the signals of all actuators.
@@ -35,18 +42,18 @@ def ticks(result, block):
     return ["ticks before the fault:", *aligned(table)]
 
 
-def rejected(result, block):
+def rejected(result, block) -> str:
     """Return the malformed frames with a device's ID as text, '' for none."""
     malformed = result.control.malformed.get(block.path)
     return block.malformed_in_words(*malformed) if malformed else ""
 
 
-def instead(result, block):
+def instead(result, block: Actuator) -> str:
     """Return what a device that did not reply to arming sent instead, as text, '' for nothing."""
     return block.unready_in_words() if block.path in result.control.unready else rejected(result, block)
 
 
-def nearby(diagram, block):
+def nearby(diagram: Diagram, block: Actuator | None) -> Iterator[str]:
     """Yield the paths of a block's scalar inputs and outputs; without a block, those of every actuator."""
     blocks = [block] if block is not None else [each for each in diagram if isinstance(each, Actuator)]
     for each in blocks:
@@ -59,7 +66,7 @@ def nearby(diagram, block):
         )
 
 
-def actuators(result):
+def actuators(result) -> list[str]:
     """Return a table of each actuator's last command, last feedback and state."""
     table = [["actuator", "command", "feedback", "state"]]
     schedule, values, inputs = result.schedule, result.control.final, result.control.inputs
@@ -93,19 +100,19 @@ def actuators(result):
     return aligned(table) if len(table) > 1 else []
 
 
-def values_text(ports, values, suffix=""):
+def values_text(ports, values: dict[str, float], suffix: str = "") -> str:
     return ", ".join(
         f"{name.removesuffix(suffix).replace('_', ' ')} {number(value)} {ports[name].unit}"
         for name, value in values.items()
     )
 
 
-def absent(name, value):
+def absent(name: str, value: float) -> bool:
     """Return whether the replies of a drive do not contain a value."""
     return name == "temperature" and value != value
 
 
-def state_text(block, feedback, result):
+def state_text(block: Actuator, feedback: dict[str, float], result) -> str:
     """Return an actuator's state as text."""
     words = []
     if block.path in result.outcome.unanswered:
@@ -121,11 +128,11 @@ def state_text(block, feedback, result):
     return ", ".join(words)
 
 
-def number(value):
+def number(value: float) -> str:
     return format(value, ".4g") if math.isfinite(value) else str(float(value))
 
 
-def aligned(table):
+def aligned(table: Sequence[list[str]]) -> list[str]:
     """Return rows of cells as lines with aligned columns, numbers to the right."""
     widths = [max(len(row[place]) for row in table if place < len(row)) for place in range(max(map(len, table)))]
     numeric = {
@@ -141,7 +148,7 @@ def aligned(table):
     ]
 
 
-def is_number(cell):
+def is_number(cell: str) -> bool:
     try:
         float(cell)
     except ValueError:

@@ -1,11 +1,20 @@
 """Exceptions that Python blocks held without a fault, for the end of a run."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from cext.user_text import TEXT_LIMIT, within
 from runtime.console.styles import count, relative
 from runtime.diagrams.file import own_frames, words
 
+if TYPE_CHECKING:
+    from pathlib import Path
 
-def held(file, program, plant=None):
+    from cext.schedule.program import Program
+
+
+def held(file: Path, program: Program, plant: Program | None = None) -> list[Any]:
     """Return the held exceptions, one dict for each block that held any.
 
     Keys: block, count, first_tick, last (message of the last exception), at (its line, "file:line").

@@ -1,8 +1,15 @@
 """Ticks that the loop lost before a fault: a drive that seems silent may have replied to a stalled loop."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from cext.clock.stopwatch import MACHINE
 from runtime.console.styles import count
 from runtime.report.timing import micro
+
+if TYPE_CHECKING:
+    from types import SimpleNamespace
 
 REMEDY = "machine too busy, see --realtime"
 LOST_TICKS_MINIMUM = 2  # ticks lost among the newest rows; a single one is common and explains no fault
@@ -10,7 +17,7 @@ ARMING_WAIT_MINIMUM = 0.1  # s without a processor; arming may take 1 s
 EXPLAINED = ("silent", "no answer", "not following")  # faults that a stalled loop can cause
 
 
-def before_fault(result):
+def before_fault(result: SimpleNamespace) -> str:
     """Return text such as '; the loop had lost 20 ticks before that: ...' for a fault that lost ticks may explain.
 
     result : runtime.session.result.Result
@@ -38,7 +45,7 @@ def before_fault(result):
     return ""
 
 
-def cause(overruns, first):
+def cause(overruns: list[dict[str, float | str]], first) -> str:
     """Return what took the time of the ticks lost since tick `first`: the path of a block, or the machine.
 
     overruns : list of runtime.session.result.Result
@@ -47,14 +54,14 @@ def cause(overruns, first):
     return blamed(max(recent, key=lambda row: row["longest"], default=None))
 
 
-def blamed(row):
+def blamed(row: dict[str, float | str] | None) -> str:
     """Return what an overrun row blames: the path of a block, or the machine. row : None where there is none"""
     if row is None or row["name"] == MACHINE:
         return REMEDY
     return f"{row['name']} took {micro(row['longest'])} (tick {row['at_tick']})"
 
 
-def stall_before(result, first):
+def stall_before(result: SimpleNamespace, first: float) -> dict[str, float | str] | None:
     """Return the overrun row of the longest stall within the timeout of the device that failed, None for none.
 
     The newest rows are few: a reply may have been lost with ticks before them. first : tick of the oldest of them

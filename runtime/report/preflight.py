@@ -1,13 +1,21 @@
 """Pre-flight table: devices, buses, privileges of the guardian, and problems."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 from runtime.console.styles import count
 from runtime.report.failure_coverage import in_words
+
+if TYPE_CHECKING:
+    from runtime.console.styles import Console
 
 ASK = "press Enter to arm; space, q or Ctrl-C end the run without arming"
 ASK_AGAIN = "press Enter to check again; space, q or Ctrl-C end the run without arming"
 
 
-def text(event, console):
+def text(event: dict[str, Any], console: Console) -> list[str]:
     """Return the lines of the table. event : of Preflight; console : runtime.console.styles.Console"""
     lines = [console.bold("before arming"), *devices(event["devices"], console), *buses(event["buses"], console)]
     if event["guardian"]:
@@ -22,7 +30,7 @@ def text(event, console):
     return [*lines, console.bold(ASK_AGAIN if event["refused"] else ASK)] if event["confirm"] else lines
 
 
-def devices(rows, console):
+def devices(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
     heads = ("device", "bus and id", "answered", "age", "position", "velocity", "temperature", "fault")
     keys = (None, None, "answered", "age", "position", "velocity", "temperature", "fault")
     table = [cells(row) for row in rows]
@@ -41,7 +49,7 @@ def devices(rows, console):
     return lines
 
 
-def cells(row):
+def cells(row: dict[str, Any]) -> list[str]:
     def number(key, digits, unit):
         return "-" if row[key] is None else f"{row[key]:.{digits}f} {unit}"
 
@@ -61,7 +69,7 @@ def cells(row):
     ]
 
 
-def standing(row):
+def standing(row: dict[str, Any]) -> str:
     """Return the constant properties of a device: torque limit, own time-out, safe stop."""
     words = [] if row["limit"] is None else [f"limit {row['limit']:g} N·m"]
     if row["stop"] != "nothing to stop":
@@ -71,7 +79,7 @@ def standing(row):
     return "; ".join([*words, f"safe stop: {row['stop']}"])
 
 
-def buses(rows, console):
+def buses(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
     lines = []
     for bus in rows:
         load = f", load {bus['typical']:.0%}, {bus['worst']:.0%} at worst" if bus["typical"] is not None else ""
@@ -82,7 +90,7 @@ def buses(rows, console):
     return lines
 
 
-def covered(coverage, console, margin):
+def covered(coverage: Sequence[dict[str, bool | str]], console: Console, margin: str) -> list[str]:
     """Return two lines: the failures that a bus covers, and those that it does not."""
     yes, no = in_words(coverage)
     lines = console.hang(f"{margin}covered: ", yes, console.faint) if yes else []

@@ -1,5 +1,7 @@
 """Execution time of each block in a tick: a table with bars, and a plot."""
 
+from __future__ import annotations
+
 import sys
 from pathlib import Path
 
@@ -21,7 +23,7 @@ def rows_of(result):
     return tuple([row | {"share": row["total"] / busy} for row in rows] for rows in result.profile)
 
 
-def table(result, stamp):
+def table(result, stamp: float) -> list[str]:
     """Return the lines of the table. stamp : s that a clock reading takes, one of which is in every row"""
     robot, plant = rows_of(result)
     statistics = result.statistics
@@ -41,7 +43,7 @@ def table(result, stamp):
     return lines
 
 
-def listed(rows, title):
+def listed(rows, title) -> list[str]:
     width = max([len(title), *(len(row["name"]) for row in rows[:TABLE_ROW_LIMIT])])
     full = "█" if "utf" in (getattr(sys.stdout, "encoding", None) or "").lower() else "#"
     longest = max([row["share"] for row in rows], default=1.0)
@@ -62,7 +64,7 @@ def listed(rows, title):
     return lines
 
 
-def short(seconds):
+def short(seconds) -> str:
     """Return a duration with three digits, such as '45 ns', '1.25 µs' or '32 ms'."""
     for unit, size in (("ns", 1e-9), ("µs", 1e-6), ("ms", 1e-3)):
         if seconds < 999.5 * size:
@@ -70,7 +72,7 @@ def short(seconds):
     return f"{seconds:.3g} s"
 
 
-def picture(result, file):
+def picture(result, file: Path) -> Path:
     """Write a PNG with each block's share of the tick and its median, p99 and maximum time per call.
 
     Returns its path. Raises BadInput if the file cannot be written.
@@ -120,5 +122,5 @@ def picture(result, file):
     return Path(file)
 
 
-def kind_of(row):
+def kind_of(row) -> str:
     return row["kind"].partition(" ")[0]

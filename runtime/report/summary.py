@@ -1,7 +1,11 @@
 """Summary of a run: its last lines on the terminal, exit code and hints."""
 
+from __future__ import annotations
+
 import shlex
 import signal
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 from blocks.sinks import PlotJuggler
 from graph import Device
@@ -12,6 +16,11 @@ from runtime.recording.files import DELETED, INCOMPLETE
 from runtime.report.failure_coverage import nothing_stops, unstopped
 from runtime.report.held_exceptions import text as held_text
 from runtime.report.timing import spread, timing
+
+if TYPE_CHECKING:
+    from cext.schedule.outcome import Outcome
+    from graph.diagram import Diagram
+    from graph.schedule import Schedule
 
 REJECTED = {  # kinds of frames other than valid replies
     "foreign": "foreign",
@@ -24,14 +33,14 @@ REJECTED = {  # kinds of frames other than valid replies
 }
 
 
-def exit_code(outcome):
+def exit_code(outcome: Outcome) -> int:
     """Return 0, 3 after a fault, or 128 + the number of the signal that ended the run."""
     if outcome.faulted:
         return FAULT
     return 128 + outcome.signal if outcome.signal else OK
 
 
-def stopped(outcome):
+def stopped(outcome: Outcome) -> str | None:
     """Return which signal or key stopped the run, or None."""
     if outcome.stopped:
         return "stopped by the space bar"
@@ -41,7 +50,7 @@ def stopped(outcome):
     return f"stopped by {name}" + (" (Ctrl-C)" if name == "SIGINT" else "")
 
 
-def summary(result):
+def summary(result) -> list[str]:
     """Return the lines for standard output. result : runtime.session.result.Result"""
     schedule, statistics = result.schedule, result.statistics
     passed = statistics["ticks"] + statistics["missed"]
@@ -107,19 +116,19 @@ def summary(result):
     return rows
 
 
-def ticks_text(statistics, asked):
+def ticks_text(statistics: dict[str, Any], asked: int) -> str:
     of = f" of {asked}" if asked >= 0 else ""
     return f"{statistics['ticks']}{of} done, {statistics['missed']} missed; {statistics['dropped']} records dropped"
 
 
-def buses_text(buses, frames):
+def buses_text(buses: Sequence[str], frames: dict[str, int]) -> str:
     rejected = ", ".join(f"{frames[kind]} {words}" for kind, words in REJECTED.items() if frames.get(kind))
     return f"{', '.join(buses)}: {frames['sent']} frames sent, {frames['received']} received" + (
         f" ({rejected})" if rejected else ""
     )
 
 
-def watch_text(entry, rate):
+def watch_text(entry, rate) -> str:
     """Return what the drive monitor reported about one actuator, and for how long; "" for nothing."""
     reports = [
         f"{words} for {entry[key] / rate:.3g} s"
@@ -134,7 +143,7 @@ def watch_text(entry, rate):
     return f"{entry['device']}: {'; '.join(reports)}" if reports else ""
 
 
-def stride_text(stride):
+def stride_text(stride: dict[str, Any]) -> str:
     peak = f"peak torque {stride['peak_torque']:.1f} N·m"
     left_out = f" ({stride['left_out']} excluded)" if stride["left_out"] else ""
     if not stride["strides"]:
@@ -146,7 +155,7 @@ def stride_text(stride):
     )
 
 
-def stride_details(stride):
+def stride_details(stride: dict[str, Any]) -> Iterator[str]:
     """Yield the signals that the figures of a stride are computed from, and what no stride contains."""
     if stride["left_out"]:
         yield f"excluded: {left_out_text(stride)}"
@@ -155,7 +164,7 @@ def stride_details(stride):
     yield "; ".join([", ".join(signals_texts(stride)), *([f"not used: {', '.join(durations)}"] if durations else [])])
 
 
-def stop_text(outcome, schedule):
+def stop_text(outcome: Outcome, schedule: Schedule) -> str:
     stopped = [device.name for device in schedule.devices if device.zero or device.disable]
     if outcome.unconfirmed:
         return f"zero torque, then disable: NOT confirmed by {', '.join(outcome.unconfirmed)}"
@@ -164,18 +173,18 @@ def stop_text(outcome, schedule):
     return f"zero torque, then disable: confirmed by {', '.join(stopped)}"
 
 
-def left_over(diagram):
+def left_over(diagram: Diagram):
     """Return which drives only the control process and the guardian can stop, as text; "" for none."""
     devices = [block for block in diagram if isinstance(block, Device)]
     alone = unstopped(devices, devices)
     return f"{nothing_stops(alone)} (control process and guardian): see docs/rigs.md for what does" if alone else ""
 
 
-def note(file):
+def note(file: dict[str, str]) -> str:
     return f"({file['note']})" if file.get("note") else ""
 
 
-def hints(result, program):
+def hints(result, program: str) -> list[str]:
     """Return three commands to try next. program : command that starts this program"""
     name = shlex.quote(str(result.request.file))
     on_rig = "" if result.rig is None else f" --rig {shlex.quote(str(result.request.rig))}"
@@ -206,7 +215,7 @@ def hints(result, program):
     return ["try next", *(f"  {line}" for line in tries[:3])]
 
 
-def other_value(diagram):
+def other_value(diagram: Diagram) -> str | None:
     """Return a live parameter with another valid value, as 'left/profile.scale=0.5'; None without one."""
     for block in diagram:
         for name in block.parameters:

@@ -1,6 +1,10 @@
 """Text of a run's timing statistics, and parsing of the timing options."""
 
+from __future__ import annotations
+
 import re
+from collections.abc import Iterator
+from typing import Any
 
 from runtime.base.errors import BadInput
 
@@ -8,7 +12,7 @@ UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 SPIN_LIMIT = 1.0  # s
 
 
-def timing(result, passed):
+def timing(result, passed: int) -> Iterator[tuple[str, str]]:
     """Yield (label, text) of the timing, or of the speed in virtual time. passed : grid points"""
     statistics, rate = result.statistics, result.schedule.rate
     late = statistics["lateness"]
@@ -35,7 +39,7 @@ def timing(result, passed):
         yield "" if index else "overruns", overrun_text(row)
 
 
-def details(statistics):
+def details(statistics: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield (label, text) of the other statistics in real time."""
     if statistics["period"]["count"]:
         yield "period", f"off by {spread(statistics['period'])}"
@@ -53,7 +57,7 @@ def details(statistics):
         yield "spinning", f"before {statistics['spins']} of {statistics['ticks']} ticks, {statistics['sleeps']} sleeps"
 
 
-def spread(histogram):
+def spread(histogram: dict[str, float]) -> str:
     """Return the percentiles of a histogram as text."""
     return (
         f"{micro(histogram['p50'])} median, {micro(histogram['p99'])} p99, {micro(histogram['p99.9'])} p99.9, "
@@ -61,14 +65,14 @@ def spread(histogram):
     )
 
 
-def overrun_text(row):
+def overrun_text(row) -> str:
     """Return a row of cext.schedule.executor.Executor.overruns as text."""
     points = f"{row['missed']} grid point{'s' * (row['missed'] > 1)}"
     times = f", {row['times']} times" if row["times"] > 1 else ""
     return f"{points} lost to {row['name']}{times}: {micro(row['longest'])} max (tick {row['at_tick']})"
 
 
-def micro(seconds):
+def micro(seconds) -> str:
     if seconds < 1e-5:
         return f"{seconds * 1e6:.1f} µs"
     if seconds < 1e-3:
@@ -76,7 +80,7 @@ def micro(seconds):
     return f"{seconds * 1e3:.1f} ms"
 
 
-def overrun_policy(text):
+def overrun_policy(text: str) -> str:
     """Return the argument of --overrun unchanged. Raises BadInput if there is no such policy."""
     from cext.clock.overrun import Overrun
 
@@ -87,7 +91,7 @@ def overrun_policy(text):
     return text
 
 
-def spin_window(text):
+def spin_window(text: str) -> float:
     """Convert a duration with its unit to seconds, such as '50us' to 5e-5. Raises BadInput."""
     match = re.fullmatch(r"([0-9]*\.?[0-9]+)\s*(s|ms|us|µs|ns)", text)
     if not match:

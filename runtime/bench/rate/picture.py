@@ -1,5 +1,8 @@
 """Picture of the highest rate over the number of actuators, beside the limit of the bus and the results of a paper."""
 
+from collections.abc import Sequence
+from typing import BinaryIO
+
 from runtime.analysis import picture
 from runtime.analysis.picture import BLUE, INK, ORANGE
 
@@ -7,7 +10,7 @@ PAPER = {"Jetson": 470.0, "Raspberry Pi 3B+": 260.0}  # Hz, with eight actuators
 PAPER_COUNT = 8
 
 
-def draw(rows, title, file):
+def draw(rows: Sequence[tuple[int, float, float, float]], title: str, file: BinaryIO) -> None:
     """Draw the picture as a PNG.
 
     rows : (actuators, measured rate, rate at which the bus is full, the same with the worst stuffing), in Hz, None

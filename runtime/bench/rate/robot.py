@@ -1,13 +1,21 @@
 """The robot of the search: so many actuators on one bus, commanded zero torque."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
 from graph import Diagram
+
+if TYPE_CHECKING:
+    pass
 
 UNLIMITED = 1e12  # bit/s: the compiler is not to refuse what is to be tried
 CODES = 0.6  # of a code: where the driver truncates zero to the code below the middle, this is the one above
 ACTUATORS_LIMIT = 8
 
 
-def robot(make, ids, rate, upper=False):
+def robot(make: Callable[..., Any], ids, rate: float, upper: bool = False) -> Diagram:
     """The Diagram.
 
     make : (can_id) -> actuator
@@ -21,7 +29,7 @@ def robot(make, ids, rate, upper=False):
     return diagram
 
 
-def zero_from_above(block):
+def zero_from_above(block) -> dict[str, float]:
     position, velocity, _, _, torque = block.wire
     return {
         "position_command": CODES * 2.0 * position / 0xFFFF,
@@ -30,7 +38,7 @@ def zero_from_above(block):
     }
 
 
-def plant(diagram, rate):
+def plant(diagram: Diagram, rate: float) -> Diagram:
     """Its drives, emulated, held still. rate in Hz"""
     with Diagram("drives", rate=rate) as drives:
         for block in diagram:

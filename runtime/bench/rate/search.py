@@ -1,5 +1,7 @@
 """Bisection for the highest rate that passes."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 LOWEST_RATE, HIGHEST_RATE = 50.0, 9000.0  # Hz, of the paper
@@ -20,7 +22,7 @@ class Step:
     why: str = ""
 
     @property
-    def passed(self):
+    def passed(self) -> bool:
         """Every command was answered, and the loop was there for all but one in a hundred."""
         return (
             not self.why
@@ -30,7 +32,9 @@ class Step:
         )
 
 
-def highest(attempt, low=LOWEST_RATE, high=HIGHEST_RATE, resolution=RESOLUTION):
+def highest(
+    attempt, low: float = LOWEST_RATE, high: float = HIGHEST_RATE, resolution: float = RESOLUTION
+) -> tuple[float, list[Step]]:
     """(highest rate that passed, 0.0 if none did; every Step). attempt : gives the Step of a rate"""
     if not 0.0 < low < high or not resolution > 0.0:
         raise ValueError(f"a search goes up from {low!r} to {high!r} Hz, by {resolution!r} Hz at last")

@@ -1,6 +1,9 @@
 """`python -m runtime bench bus`."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -12,7 +15,7 @@ from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code."""
     parser = Parser(
         "bench bus",
@@ -72,7 +75,7 @@ def main(arguments):
     return OK
 
 
-def spread(values):
+def spread(values: np.ndarray) -> dict[str, float]:
     if not len(values):
         return dict.fromkeys(("p50", "p99", "max"), math.inf)
     return {
@@ -82,5 +85,5 @@ def spread(values):
     }
 
 
-def row(name, results):
+def row(name: str, results: dict[str, float]) -> str:
     return f"  {name:44}{results['p50']:9.2f}{results['p99']:9.2f}{results['max']:9.2f}"

@@ -1,5 +1,7 @@
 """`python -m runtime bench can`."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from runtime.base.errors import OK, BadInput
@@ -11,7 +13,7 @@ from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code."""
     parser = Parser(
         "bench can", "Measure the cost of eight drives per tick, and the answers lost from motors at 1000 Hz."

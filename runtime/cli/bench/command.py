@@ -1,5 +1,8 @@
 """`python -m runtime bench`: blocks and compiles, and `bench start`."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from pathlib import Path
 
 from runtime.base.errors import OK, BadInput
@@ -14,7 +17,7 @@ COMMANDS = {"bus": bus, "can": can, "clock": clock, "sensors": sensors, "views":
 KNEE_EXO = Path(__file__).parents[3] / "diagrams" / "knee_exo.py"
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code."""
     if arguments[:1] == ["start"]:
         return start_command(arguments[1:])
@@ -41,7 +44,7 @@ def main(arguments):
     return OK
 
 
-def tick_part(report, seconds, repeats):
+def tick_part(report: Report, seconds: float, repeats: int) -> None:
     from runtime.bench import blocks
 
     kinds = {"native blocks": blocks.NATIVE, "Python blocks": blocks.PYTHON}
@@ -54,7 +57,7 @@ def tick_part(report, seconds, repeats):
     report.goals += goals.of_blocks(rows)
 
 
-def compile_part(report):
+def compile_part(report: Report) -> None:
     from runtime.bench import blocks
 
     sizes = blocks.compiles()
@@ -74,7 +77,7 @@ def compile_part(report):
     report.goals += goals.of_compiles(sizes, exponent, n_log_n)
 
 
-def start_command(arguments):
+def start_command(arguments: Sequence[str]) -> int:
     from runtime.bench import starting
 
     parser = Parser("bench start", "Measure the time from the start of a process to its first tick, and its memory.")

@@ -1,9 +1,22 @@
 """Options that the commands of `bench` share."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from runtime.base.options import count, number
 
+if TYPE_CHECKING:
+    from runtime.cli.parsing import Parser
 
-def add_options(parser, seconds=None, repeats=None, realtime=False, seconds_limit=60.0):
+
+def add_options(
+    parser: Parser,
+    seconds: float | None = None,
+    repeats: int | None = None,
+    realtime: bool = False,
+    seconds_limit: float = 60.0,
+) -> None:
     """Add --json and optionally --seconds, --repeats and --realtime.
 
     seconds, repeats : default values, None to omit the option

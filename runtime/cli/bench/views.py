@@ -1,5 +1,6 @@
 """`python -m runtime bench views`."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from runtime.base.errors import OK
@@ -9,7 +10,7 @@ from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code."""
     parser = Parser("bench views", "Measure the lateness of the loop with all recorders and viewers, and with none.")
     add_options(parser, seconds=5.0, repeats=6, realtime=True)

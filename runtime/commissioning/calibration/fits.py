@@ -1,8 +1,16 @@
 """Bias, offset and matrix of a sensor, fitted to its measurements. Raises Unfit if data are missing."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from runtime.commissioning.calibration import stillness
+
+if TYPE_CHECKING:
+    from runtime.commissioning.calibration.stillness import Rest
 
 G = 9.80665  # m/s², standard
 SYMMETRIC_FIT_POSITIONS = 12  # positions from which the skew of the axes is fitted too (nine parameters)
@@ -17,7 +25,7 @@ class Unfit(Exception):
     """The measurements are not sufficient. The text names what is missing."""
 
 
-def gyroscope(rests):
+def gyroscope(rests: Sequence[Rest]) -> np.ndarray:
     """Return the bias in rad/s: the mean over all rests, weighted by their duration. rests : list of Rest"""
     total = sum(rest.seconds for rest in rests)
     if total < MIN_REST_TIME:
@@ -27,7 +35,7 @@ def gyroscope(rests):
     return np.average([rest.gyro for rest in rests], axis=0, weights=[rest.seconds for rest in rests])
 
 
-def accelerometer(rests):
+def accelerometer(rests: Sequence[Rest]) -> tuple[np.ndarray, np.ndarray]:
     """Return (offset in m/s², matrix): the least-squares fit of |matrix (measured − offset)| = g over all positions.
 
     Six positions determine three offsets and three scales. From SYMMETRIC_FIT_POSITIONS the matrix is symmetric. The
@@ -53,11 +61,11 @@ def accelerometer(rests):
     return offset, matrix
 
 
-def spheres(parameters, measured):
+def spheres(parameters: np.ndarray, measured: np.ndarray) -> np.ndarray:
     return np.linalg.norm((measured - parameters[:3]) @ matrix_of(parameters[3:]).T, axis=1) / G - 1.0
 
 
-def matrix_of(numbers):
+def matrix_of(numbers: np.ndarray) -> np.ndarray:
     """Return a symmetric matrix. numbers : diagonal, then optionally xy, xz, yz"""
     matrix = np.diag(numbers[:3])
     for value, (row, column) in zip(numbers[3:], ((0, 1), (0, 2), (1, 2))):
@@ -65,7 +73,7 @@ def matrix_of(numbers):
     return matrix
 
 
-def least_squares(residuals, start):
+def least_squares(residuals: Callable[..., Any], start: np.ndarray) -> np.ndarray:
     """Minimise by the Levenberg-Marquardt method. Returns the parameters. residuals : function of the parameters"""
     x, damping = np.array(start, float), 1e-3
     now = residuals(x)
@@ -88,7 +96,7 @@ def least_squares(residuals, start):
     return x
 
 
-def magnetometer(field):
+def magnetometer(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (offset in µT, matrix) that map the ellipsoid of the measurements to a sphere of equal volume.
 
     The ellipsoid is a least-squares quadric. The matrix is the symmetric root, without rotation.
@@ -123,7 +131,7 @@ def magnetometer(field):
     return offset, matrix
 
 
-def check_turns(field, turn):
+def check_turns(field: np.ndarray, turn: str) -> None:
     """Raise Unfit if the directions do not cover the sphere. field : (n, 3); turn : instruction for the message"""
     directions = field / np.linalg.norm(field, axis=1, keepdims=True)
     octants = len({tuple(row) for row in (directions > 0.0).tolist()})

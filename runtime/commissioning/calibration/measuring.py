@@ -3,8 +3,11 @@
 No other device is armed.
 """
 
+from __future__ import annotations
+
 import math
 from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +22,10 @@ from runtime.diagrams.file import compiled
 from runtime.diagrams.simulation import Simulation
 from runtime.recording.format import row_struct
 from runtime.rig.buses import RigBuses
+
+if TYPE_CHECKING:
+    from graph.block import Sink
+    from runtime.diagrams.file import DiagramFile
 
 PORTS = ("accel", "gyro", "mag")
 DURATION_LIMIT = 1200.0  # s
@@ -36,14 +43,14 @@ class Readings:
     mag : (m, 3) µT, each measurement of the magnetometer once
     """
 
-    def __init__(self, time, accel, gyro, mag):
+    def __init__(self, time: np.ndarray, accel: np.ndarray, gyro: np.ndarray, mag: np.ndarray) -> None:
         self.time, self.accel, self.gyro = time, accel, gyro
         fresh = (
             np.any(np.diff(mag, axis=0, prepend=np.nan) != 0.0, axis=1) & np.any(mag != 0.0, axis=1) if len(mag) else []
         )
         self.mag = mag[fresh]
 
-    def plus(self, later):
+    def plus(self, later: Readings) -> Readings:
         start = self.time[-1] + READING_GAP if len(self.time) else 0.0
         joined = Readings(
             np.concatenate([self.time, start + later.time]),
@@ -58,7 +65,7 @@ class Readings:
 NOTHING = Readings(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-def sensor_of(diagram, path=None):
+def sensor_of(diagram: Diagram, path: str | None = None) -> Device:
     """Return the sensor block to calibrate. Raises BadInput if there is none, or several without a path."""
     sensors = {
         block.path: block for block in diagram if isinstance(block, Device) and "calibration" in block.parameters
@@ -77,7 +84,7 @@ def sensor_of(diagram, path=None):
     return sensors[path]
 
 
-def simulated(file, diagram, sensor, seconds):
+def simulated(file: DiagramFile, diagram: Diagram, sensor: Device, seconds: float) -> Readings:
     """Return the Readings of a simulation in virtual time, whose plant turns the sensor. file : DiagramFile"""
     recorder = record(diagram, sensor)
     schedule = compiled(file.path, diagram)
@@ -96,7 +103,7 @@ class OnRig:
     Raises RigError if the rig cannot be opened. Call `read` any number of times inside the `with` block.
     """
 
-    def __init__(self, rig, sensor):
+    def __init__(self, rig, sensor) -> None:
         parameters = {name: getattr(sensor, name) for name in sensor.parameters}
         with (
             Diagram("calibration", rate=max(sensor.rate, 1.0) if hasattr(sensor, "rate") else 200.0) as diagram,
@@ -118,11 +125,11 @@ class OnRig:
     def __exit__(self, *exception):
         self.buses.close()
 
-    def read(self, seconds):
+    def read(self, seconds: float) -> Readings:
         return read(self.schedule, self.recorder, self.control, seconds)
 
 
-def record(diagram, sensor):
+def record(diagram: Diagram, sensor: Device) -> Sink:
     """Add a recorder of the sensor's three vectors to the diagram. Returns it."""
     with diagram:
         recorder = CsvRecorder(name="calibration_of_one_sensor")
@@ -130,7 +137,7 @@ def record(diagram, sensor):
     return recorder
 
 
-def read(schedule, recorder, control, seconds, **how):
+def read(schedule, recorder: Sink, control: Program, seconds: float, **how: Any) -> Readings:
     """Return the Readings of `seconds`. Raises BadInput if the sensor does not respond or stops responding."""
     if not 0.0 < seconds <= DURATION_LIMIT:
         raise BadInput(f"duration {seconds:g} s is out of range: it must be above 0 and at most {DURATION_LIMIT:g} s")

@@ -1,17 +1,26 @@
 """Plots before and after calibration: rates and gravity at rest, and the magnetic field along the three axes."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, BinaryIO
+
 import numpy as np
 from matplotlib.patches import Circle
 
 from runtime.analysis import picture
 from runtime.analysis.picture import BLUE, GREY, INK, ORANGE
 
+if TYPE_CHECKING:
+    from matplotlib.axes._axes import Axes
+
+    from runtime.commissioning.calibration.result import Result
+
 BEFORE, AFTER = ORANGE, BLUE
 PLANES = ((0, 1), (0, 2), (1, 2))
 PLANE_POINTS_LIMIT = 4000
 
 
-def draw(name, result, file):
+def draw(name: str, result: Result, file: BinaryIO) -> None:
     """Draw a calibration as a PNG.
 
     name : path of the sensor block
@@ -34,7 +43,7 @@ def draw(name, result, file):
     picture.save(figure, file)
 
 
-def set_titles(axis, title, x, y):
+def set_titles(axis: Axes, title: str, x: str, y: str) -> None:
     axis.set_title(title, fontsize=10, color=INK)
     axis.set_xlabel(x, color=INK, fontsize=9)
     axis.set_ylabel(y, color=INK, fontsize=9)
@@ -42,13 +51,13 @@ def set_titles(axis, title, x, y):
     axis.tick_params(colors=INK, labelsize=8, length=3)
 
 
-def note_missing(axis, why):
+def note_missing(axis: Axes, why: str) -> None:
     axis.annotate(
         why, xy=(0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9, wrap=True
     )
 
 
-def gyroscope(axis, result):
+def gyroscope(axis: Axes, result: Result) -> None:
     set_titles(axis, "gyroscope: rate at rest", "axis", "deg/s")
     axis.set_xticks(range(3), "xyz")
     axis.set_xlim(-0.6, 2.6)
@@ -64,7 +73,7 @@ def gyroscope(axis, result):
         note_missing(axis, "not calibrated")
 
 
-def accelerometer(axis, result):
+def accelerometer(axis: Axes, result: Result) -> None:
     set_titles(axis, "accelerometer: gravity in each position", "position", "m/s²")
     for gravity, colour in ((result.gravity, BEFORE), (result.gravity_after, AFTER)):
         if gravity is not None:
@@ -74,7 +83,7 @@ def accelerometer(axis, result):
         note_missing(axis, "not calibrated")
 
 
-def magnetometer(axis, result, plane):
+def magnetometer(axis: Axes, result: Result, plane: tuple[int, int]) -> None:
     names = ["xyz"[number] for number in plane]
     set_titles(axis, f"magnetometer, {names[0]} and {names[1]}", f"{names[0]} [µT]", f"{names[1]} [µT]")
     axis.set_aspect("equal", adjustable="datalim")

@@ -1,11 +1,17 @@
 """Result of a calibration of one IMU, with its figures before and after."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from blocks.imus.calibration import PARTS, Calibration
 from runtime.commissioning.calibration import fits, stillness
+
+if TYPE_CHECKING:
+    from runtime.commissioning.calibration.measuring import Readings
 
 
 @dataclass
@@ -34,12 +40,12 @@ class Result:
     standard_gravity: float = fits.G
 
     @property
-    def strength(self):
+    def strength(self) -> float:
         """Mean strength of the calibrated field, µT."""
         assert self.field_after is not None
         return float(np.linalg.norm(self.field_after, axis=1).mean())
 
-    def lines(self):
+    def lines(self) -> list[str]:
         """Return the lines of the report."""
         lines = []
         if self.rates_after is not None:
@@ -60,17 +66,17 @@ class Result:
         return lines + [f"  {part:<14} not calibrated: {why}" for part, why in self.missing.items()]
 
 
-def worst_rate(rates):
+def worst_rate(rates: np.ndarray) -> float:
     return float(np.degrees(np.abs(rates).max()))
 
 
-def spread(field):
+def spread(field: np.ndarray) -> float:
     """Return the standard deviation of the field strength divided by its mean."""
     strength = np.linalg.norm(field, axis=1)
     return float(strength.std() / strength.mean())
 
 
-def find(readings, parts=tuple(PARTS)):
+def find(readings: Readings, parts: tuple[str, ...] = tuple(PARTS)) -> Result:
     """Return the Result of calibration.measuring.Readings. parts : names of the parts to calibrate"""
     rests = stillness.rests(readings.time, readings.accel, readings.gyro)
     rates = np.array([rest.gyro for rest in rests]).reshape(-1, 3)
@@ -109,5 +115,5 @@ def find(readings, parts=tuple(PARTS)):
     return result
 
 
-def tuples(matrix):
+def tuples(matrix: np.ndarray):
     return tuple(tuple(row) for row in matrix.tolist())

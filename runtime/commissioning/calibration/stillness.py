@@ -1,5 +1,8 @@
 """Rest periods of an IMU, in which neither rate nor acceleration changes, and their positions."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +26,7 @@ class Rest:
     seconds: float
 
 
-def rests(time, accel, gyro):
+def rests(time: np.ndarray, accel: np.ndarray, gyro: np.ndarray) -> list[Rest]:
     """Return every Rest. Repeated positions are merged.
 
     time : (n,) s; accel, gyro : (n, 3) m/s² and rad/s
@@ -49,7 +52,7 @@ def rests(time, accel, gyro):
     return joined([piece for piece in pieces if np.abs(piece.gyro - median).max() < BIAS_DIFFERENCE_LIMIT])
 
 
-def joined(pieces):
+def joined(pieces: Sequence[Rest]) -> list[Rest]:
     """Merge windows of one position into one Rest, weighted by their durations."""
     groups = []
     for piece in pieces:
@@ -68,12 +71,12 @@ def joined(pieces):
     return merged
 
 
-def angle(a, b):
+def angle(a: np.ndarray, b: np.ndarray) -> float:
     norm = np.linalg.norm(a) * np.linalg.norm(b)
     return float(np.arccos(np.clip(a @ b / norm, -1.0, 1.0))) if norm > 0.0 else 0.0
 
 
-def faces(rests):
+def faces(rests: Sequence[Rest]) -> list[str]:
     """Return which of FACES pointed up, within 30°, in at least one rest. rests : list of Rest"""
     seen = set()
     for rest in rests:

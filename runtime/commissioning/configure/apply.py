@@ -1,12 +1,20 @@
 """Configuration of one drive by its device family, for the command `configure`."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from blocks.families import families
 from graph.dialogue import Rejected
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import refuse_company
 
+if TYPE_CHECKING:
+    from graph.family import Request
+    from runtime.commissioning.bus import ToolBus
 
-def check(request):
+
+def check(request: Request):
     """Raise BadInput if no family can carry out a graph.family.Request."""
     causes = []
     for family in families():
@@ -20,7 +28,7 @@ def check(request):
     raise BadInput(str(causes[0]))
 
 
-def carry_out(bus, request, yes):
+def carry_out(bus: ToolBus, request: Request, yes: bool) -> bool:
     """Carry out a request. Returns whether the operator confirmed everything. Raises BadInput if it fails.
 
     bus : ToolBus; request : graph.family.Request; yes : whether to skip the questions
