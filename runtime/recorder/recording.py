@@ -243,10 +243,11 @@ class Recording:
                 self.files.update(service.files)
         self.problems += self.backlog.finish()
         report = {"strides": []}
+        plan = {**self.plan, "stopped": bool(self.end and self.end.get("signal"))}
         for kind in dict.fromkeys(type(service) for _, service in self.services):
             together = [service for _, service in self.services if type(service) is kind]
             try:
-                result = kind.conclude(self.plan, together)
+                result = kind.conclude(plan, together)
             except Exception as error:
                 self.problems.append(f"{kind.__name__}: {reason(error)}")
                 continue

@@ -114,7 +114,10 @@ class Service:
 
     @classmethod
     def conclude(cls, plan, services):
-        """Make something of all closed services of this class. Returns a dict for the report; its "files" as above."""
+        """Summarize all closed services of this class. Returns a dict for the report; its "files" as above.
+
+        plan : as above, with "stopped": whether a signal has ended the run, which then has to end within 100 ms
+        """
         return {}
 
 

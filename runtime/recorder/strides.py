@@ -49,10 +49,14 @@ class StrideAverage(Service):
 
     @classmethod
     def conclude(cls, plan, services):
-        """Draw all legs in one picture. Returns `strides` for the report: a dict per leg in s, N·m, J, rad and W."""
+        """Draw all legs in one picture. Returns `strides` for the report: a dict per leg in s, N·m, J, rad and W.
+
+        Drawing takes a second or more. A run that a signal has ended therefore has no picture; `plot --strides` draws
+        the same.
+        """
         results = [service.result for service in services]
         walked = [result for result in results if result["strides"]]
-        if not walked or plan["folder"] is None:
+        if not walked or plan["folder"] is None or plan["stopped"]:
             return {"strides": results}
         from runtime.analysis.stride_picture import draw
 

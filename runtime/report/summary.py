@@ -200,6 +200,8 @@ def hints(result, program: str) -> list[str]:
         tries.append(f"record complete strides: {start} --duration 20")
     if picture:
         tries.append(f"view the average stride: {picture}")
+    elif log and any(stride["strides"] for stride in strides):
+        tries.append(f"plot the average stride: {program} plot {shlex.quote(log)} --strides")
     elif log:
         tries.append(f"plot the recording: {program} plot {shlex.quote(log)}")
     change = other_value(result.diagram)

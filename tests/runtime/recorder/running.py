@@ -68,16 +68,15 @@ def frame(time, identifier, data, *, sent=0, bus=0, flags=0):
     return RECORD_FRAME, FRAME.pack(time, identifier, len(data), flags, bus, sent, data)
 
 
-def record(plan, records, page=None):
-    """The records through a real recorder process. Returns its report."""
+def record(plan, records, page=None, ended_by=0):
+    """The records through a real recorder process. Returns its report. ended_by : number of the signal, 0 for none"""
     page = page or SharedState(1 << 20)
     recorder = RecorderProcess(page)
     recorder.configure(plan)
     for kind, payload in records:
         assert page.push(kind, payload)
-    page.push(
-        RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "culprit": None, "signal": 0, "tick": 0}).encode()
-    )
+    end = {"event": "end", "status": "ok", "culprit": None, "signal": ended_by, "tick": 0}
+    page.push(RECORD_EVENT, json.dumps(end).encode())
     page.close()
     return recorder.finish()
 

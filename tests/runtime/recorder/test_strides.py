@@ -140,9 +140,10 @@ def test_resampling_passes_over_samples_that_do_not_advance():
     assert curve[0] == pytest.approx(0.0) and curve[50] == pytest.approx(5.0) and curve[100] == pytest.approx(10.0)
 
 
-def both(folder, rows, **changed):
+def both(folder, rows, ended_by=0, **changed):
     sinks = [sink(STRIDES, f"{side}/stride_report", INPUTS, title="") for side in ("left", "right")]
-    return record(plan(folder, *sinks, name="gait", **changed), [row(tick, *values) for tick, *values in rows])
+    records = [row(tick, *values) for tick, *values in rows]
+    return record(plan(folder, *sinks, name="gait", **changed), records, ended_by=ended_by)
 
 
 def test_both_legs_make_one_picture(tmp_path):
@@ -153,6 +154,12 @@ def test_both_legs_make_one_picture(tmp_path):
     assert {"path": str(picture), "note": "the average stride of left and right"} in report["files"] and report[
         "problems"
     ] == []
+
+
+def test_run_that_a_signal_ends_reports_strides_and_draws_no_picture(tmp_path):
+    report = both(tmp_path, walk(5), ended_by=signal.SIGINT)
+    assert [leg["strides"] for leg in report["strides"]] == [4, 4] and report["problems"] == []
+    assert not list(tmp_path.glob("*.png"))
 
 
 def test_strides_restart_after_killed_writer_and_report_states_it():
