@@ -1,7 +1,19 @@
 """Runs a schedule on a rig or in simulation: life cycle, buses, recorder, command line."""
 
+from __future__ import annotations
 
-def load(path):
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Iterable, Mapping
+    from typing import Any
+
+    from graph import Diagram
+    from runtime.analysis.trial import Trial
+
+
+def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Any:
     """A recording, read back; or several, as one table. Needs NumPy and mcap, and nothing that was compiled.
 
     load("trial.mcap")          runtime.analysis.trial.Trial: `trial["left/knee.position"]` is an array over the ticks
@@ -15,7 +27,15 @@ def load(path):
     return load(path)
 
 
-def run(diagram, duration, *, settings=(), plant=None, seed=None, rate=None):
+def run(
+    diagram: str | os.PathLike[str] | Diagram | Callable[[], Diagram],
+    duration: float,
+    *,
+    settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
+    plant: Diagram | Callable[[Diagram], Diagram] | None = None,
+    seed: int | None = None,
+    rate: float | None = None,
+) -> Trial:
     """Run a diagram in virtual time in this process, and return its runtime.analysis.trial.Trial.
 
         trial = run("diagrams/knee_exo.py", duration=60, settings={"left/profile.scale": 0.5})
