@@ -335,7 +335,7 @@ class Param(Declaration, Generic[T]):
             except ValueError:
                 return self.check(text)
         if self.dtype is tuple:
-            raise ValueError("cannot be set from the command line")
+            raise ValueError("cannot be set as text")
         if not self.numeric:
             return self.check(text)
         value = units.parse_quantity(text, self.unit)

@@ -115,7 +115,8 @@ class Recording:
         """Gather the provenance and begin the services, while the control process continues."""
         self.about = provenance.gather(self.plan)
         if self.sidecar is not None:
-            write_json(self.sidecar, {"name": self.plan["name"], "ended": STILL_RECORDING, **self.about})
+            with suppress(OSError):  # a deleted folder or a full disk: `finish` reports it
+                write_json(self.sidecar, {"name": self.plan["name"], "ended": STILL_RECORDING, **self.about})
         for _, service in list(self.services):
             self.attempt(service, lambda: service.begin(self.about))
 

@@ -14,13 +14,10 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 from runtime.recording.format import row_struct
 
 if TYPE_CHECKING:
     from cext.safety.shared_state import SharedState
-
-METHODS = {RECORD_ROW: ("row", "every_signal"), RECORD_FRAME: ("frame",), RECORD_RECEIVED: ("received",)}
 
 
 class Service:
@@ -67,7 +64,11 @@ class Service:
 
         batch : cext.safety.ring_batch.Batch
         """
-        kinds = {kind for kind, methods in METHODS.items() if any(takes(self, method) for method in methods)}
+        # not at the top: `convert` writes CSV files without compiled modules
+        from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
+
+        methods = {RECORD_ROW: ("row", "every_signal"), RECORD_FRAME: ("frame",), RECORD_RECEIVED: ("received",)}
+        kinds = {kind for kind, names in methods.items() if any(takes(self, name) for name in names)}
         if not kinds:
             return
         unpack = row_struct(len(self.plan["signals"])).unpack

@@ -10,6 +10,7 @@ from blocks.recorders import CsvRecorder
 from cext.clock.stopwatch import names
 from graph import Actuator
 from graph.store import to_json
+from runtime.recorder import can_ask
 
 ROW_SECONDS = 2.5  # s of a run that the ring holds at least
 FRAME_BYTES = 88  # of a frame in the ring
@@ -44,9 +45,10 @@ def active_sinks(prepared):
 
 
 def needs_process(prepared):
-    """Return whether a run needs the recorder process: in real time, or for files or viewers."""
+    """Return whether a run needs the recorder process: in real time, for files or viewers, or for keys."""
     return (
         not prepared.request.fast
+        or can_ask()
         or records_files(prepared)
         or any(sink.block.service not in LOCAL_SERVICES for sink in active_sinks(prepared))
     )

@@ -102,7 +102,7 @@ TARGETS = (
     Target("cext/schedule/lifecycle.pyx", ("is_survived",), ("cext/waiting",), STOPS),
     Target(
         "runtime/guardian/stop.py",
-        ("__init__", "step", "hear", "is_reply"),
+        ("__init__", "step", "receive", "is_reply"),
         (),
         ("tests/runtime/guardian/test_safe_stop.py",),
     ),

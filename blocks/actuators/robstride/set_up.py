@@ -83,7 +83,7 @@ def set_up(request: Request) -> Dialogue:
     known = yield from drive.identities(drive.can_id)
     if len(known) > 1:
         raise Rejected(
-            f"{len(known)} drives have id {drive.can_id}: {' and '.join(known)}; take all but one off the bus"
+            f"{len(known)} drives have id {drive.can_id}: {' and '.join(known)}. Disconnect all but one"
         )
     if not known:
         return (yield from drive.absent())

@@ -171,7 +171,7 @@ def test_hold_exceptions_is_an_integer(wrong):
 
 
 def test_a_native_block_refuses_it():
-    with Diagram("robot", rate=100), pytest.raises(DiagramError, match="raises none"):
+    with Diagram("robot", rate=100), pytest.raises(DiagramError, match="does not run in Python"):
         Constant(1.0, hold_exceptions=3)
 
 

@@ -34,7 +34,7 @@ def record(command_line, *words):
 
 
 def test_a_recording_is_for_its_owner_alone(command_line):
-    record(command_line)
+    record(command_line, "--can-log")
     folder = command_line.folder / "recordings"
     assert mode(folder) == 0o700 and modes(folder) == {0o600}
     assert {path.suffix for path in folder.iterdir()} >= {".csv", ".mcap", ".json", ".log"}

@@ -79,7 +79,9 @@ def test_a_block_that_attacks_its_process_leaves_the_recording_alone(tmp_path, a
     expression, code, summary, error = ATTACKS[attack]
     path = knee(tmp_path, f"tick == 20 and ({expression}); return 1.0")
     path.write_text(path.read_text().replace("import math", "import math" + SETUP, 1))
-    process = finished(path, "--fast", "--duration", "1", "--record", "out", cwd=tmp_path, RUN_TAG=str(tmp_path))
+    # cold: the environment of a forked process, and its limits of memory, would be those of its server
+    words = (path, "--fast", "--duration", "1", "--record", "out")
+    process = finished(*words, cwd=tmp_path, cold=True, RUN_TAG=str(tmp_path))
     assert process.returncode == code, process.stderr
     assert summary in process.stdout and error in process.stderr, process.stdout + process.stderr
     assert "Traceback" not in process.stderr
