@@ -133,7 +133,7 @@ class Session:
             raise_if_interrupted()
             outcome = self.executor.run(self.prepared.ticks, **self.confirmation(), **self.rearming.options())
         finally:
-            with undisturbed(handler):
+            with undisturbed(handler, lasting=outcome is not None and outcome.signal != 0):
                 result = self.finish(outcome, time.monotonic() - began)
         assert result is not None  # without an outcome the executor has raised
         return result
@@ -257,14 +257,15 @@ def one_interrupt(page):
 
 
 @contextmanager
-def undisturbed(before):
+def undisturbed(before, lasting):
     """Ignore the ending signals: a second one tears neither the stop of the motors nor the end of a recording.
 
-    before : the handler of SIGINT that is there afterwards
+    before : the handler of SIGINT that is restored afterwards
+    lasting : whether they stay ignored, because one of them has ended the run: the summary is still to be printed
     """
     handlers = {number: signal.signal(number, signal.SIG_IGN) for number in ENDING_SIGNALS} | {signal.SIGINT: before}
     try:
         yield
     finally:
-        for number, handler in handlers.items():
+        for number, handler in () if lasting else handlers.items():
             signal.signal(number, handler)
