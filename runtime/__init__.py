@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+TYPE_CHECKING = False  # not from typing: a typing.py in the working folder could still hide it here
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterable, Mapping
@@ -14,13 +13,14 @@ if TYPE_CHECKING:
 
 
 def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Any:
-    """A recording, read back; or several, as one table. Needs NumPy and mcap, and nothing that was compiled.
+    """Load a recording, or several as one table. Needs NumPy and mcap, and no compiled module.
 
     load("trial.mcap")          runtime.analysis.trial.Trial: `trial["left/knee.position"]` is an array over the ticks
-    load("trials/*.mcap")       runtime.analysis.trials.Trials: all of them below each other, with the fields of each
-    trial
+    load("trials/*.mcap")       runtime.analysis.trials.Trials: one after the other, with the fields of each trial
 
-    path : of a file; a pattern; or a list of paths. BadInput where there is no such recording.
+    path : path of a file, a pattern, or a list of paths
+
+    Raises BadInput if there is no such recording.
     """
     from runtime.analysis.trials import load
 

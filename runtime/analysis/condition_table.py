@@ -97,7 +97,8 @@ def signals(a, b):
         for path in here.names
         if split(path)[0] == folder and path in here.signals and path in there.signals and here.dtype(path) == "float"
     ]
-    here.read(paths), there.read(paths)  # in one pass each
+    for trial in (here, there):
+        trial.read(paths)  # in one pass
     for path in paths:
         if path == a.signals["phase"]:
             continue
