@@ -82,9 +82,7 @@ def set_up(request: Request) -> Dialogue:
     drive = Drive(request.can_id)
     known = yield from drive.identities(drive.can_id)
     if len(known) > 1:
-        raise Rejected(
-            f"{len(known)} drives have id {drive.can_id}: {' and '.join(known)}. Disconnect all but one"
-        )
+        raise Rejected(f"{len(known)} drives have id {drive.can_id}: {' and '.join(known)}. Disconnect all but one")
     if not known:
         return (yield from drive.absent())
     drive.unique = known[0]
