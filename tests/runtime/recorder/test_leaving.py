@@ -80,11 +80,18 @@ def test_exec_in_block_leaves_no_recorder_or_guardian(tmp_path, rig):
     assert sidecar["ended"] == "the control process died" and sidecar["last_tick"] == 19
 
 
+def alive(process):
+    try:
+        return process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:  # ended after it was listed
+        return False
+
+
 def await_end_of_children(process):
     """Until a run has had children and has none any more."""
     run, seen, deadline = psutil.Process(process.pid), False, time.monotonic() + 60.0
     while time.monotonic() < deadline:
-        here = [child for child in run.children(recursive=True) if child.status() != psutil.STATUS_ZOMBIE]
+        here = [child for child in run.children(recursive=True) if alive(child)]
         if seen and not here:
             return
         seen = seen or run.name() == "sleep"
