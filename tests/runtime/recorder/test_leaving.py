@@ -54,7 +54,10 @@ def test_a_block_that_aborts_a_simulation_is_reported_with_its_signal(tmp_path, 
     path = knee(tmp_path, "import os; tick == 20 and os.abort(); return 1.0")
     process = finished(path, *options, "--duration", "5", cwd=tmp_path, timeout=20)
     assert process.returncode == -signal.SIGABRT
-    assert "tickwork recorder: the control process died of SIGABRT in law; 20 ticks were recorded" in process.stderr
+    died = "tickwork recorder: the control process died of SIGABRT in law; "
+    assert (
+        died in process.stderr and " ticks were recorded, the last is 19: " in process.stderr
+    )  # real time can skip some
     assert Files(tmp_path / "recordings").sidecar["ended"] == "the control process died"
 
 
