@@ -10,14 +10,10 @@ from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
 from cext.abi cimport Frame
 from cext.atomics cimport load_u64
 from cext.bus.bits cimport bits_of
-from cext.safety.shared_state cimport FRAME, PADDING, RECEIVED, ROW, Header, SharedLayout, SharedState, ring
+from cext.safety.shared_state cimport FRAME, PADDING, RECEIVED, ROW, Header, SharedLayout, SharedState, record_at
 
 cdef enum:
     BATCH_SIZE = 1 << 18                # bytes
-
-
-cdef inline Header *record_at(SharedLayout *layout, uint64_t place) noexcept nogil:
-    return <Header *>(ring(layout) + (place & (layout.capacity - 1)))
 
 
 cdef class Batch:

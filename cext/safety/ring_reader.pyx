@@ -8,11 +8,7 @@ from libc.string cimport memcpy, memset
 
 from cext.abi cimport FRAME_BYTES, Frame
 from cext.atomics cimport load_u64, store_u64
-from cext.safety.shared_state cimport FRAME, PADDING, RECEIVED, ROW, Header, SharedLayout, SharedState, ring
-
-
-cdef inline Header *record_at(SharedLayout *layout, uint64_t place) noexcept nogil:
-    return <Header *>(ring(layout) + (place & (layout.capacity - 1)))
+from cext.safety.shared_state cimport FRAME, PADDING, RECEIVED, ROW, Header, SharedLayout, SharedState, record_at
 
 
 def take(SharedState page, int columns):

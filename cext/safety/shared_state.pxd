@@ -90,6 +90,10 @@ cdef struct Shown:              # a live parameter, after the ring; the JSON fol
 cdef inline char *ring(SharedLayout *page) noexcept nogil:
     return <char *>page + sizeof(SharedLayout)
 
+cdef inline Header *record_at(SharedLayout *page, uint64_t place) noexcept nogil:
+    """Return the record of the ring at a head, tail or cursor."""
+    return <Header *>(ring(page) + (place & (page.capacity - 1)))
+
 cdef inline Shown *shown(SharedLayout *page) noexcept nogil:
     return <Shown *>(ring(page) + page.capacity)
 
@@ -99,28 +103,27 @@ cdef inline void *reserve(SharedLayout *page, uint32_t kind, uint32_t size) noex
     size : a multiple of 8. Nothing is visible before `commit`.
     """
     cdef uint64_t head = page.head
-    cdef uint64_t mask = page.capacity - 1
     cdef uint64_t free = page.capacity - (head - load_u64(&page.tail))
-    cdef uint64_t to_end = page.capacity - (head & mask)
+    cdef uint64_t to_end = page.capacity - (head & (page.capacity - 1))
     cdef uint64_t need = sizeof(Header) + size
     cdef Header *header
     if need > to_end:                       # a record never wraps: pad to the end and start over
         if need + to_end > free:
             return NULL
-        header = <Header *>(ring(page) + (head & mask))
+        header = record_at(page, head)
         header.kind = PADDING
         header.bytes = <uint32_t>(to_end - sizeof(Header))
         head += to_end
         store_u64(&page.head, head)
     elif need > free:
         return NULL
-    header = <Header *>(ring(page) + (head & mask))
+    header = record_at(page, head)
     header.kind = kind
     header.bytes = size
     return <char *>header + sizeof(Header)
 
 cdef inline void commit(SharedLayout *page) noexcept nogil:
-    cdef Header *header = <Header *>(ring(page) + (page.head & (page.capacity - 1)))
+    cdef Header *header = record_at(page, page.head)
     store_u64(&page.head, page.head + sizeof(Header) + header.bytes)
 
 cdef class SharedState:

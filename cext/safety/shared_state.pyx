@@ -114,7 +114,7 @@ cdef class SharedState:
         if self.cursor < page.tail:                     # another reader has taken records
             self.cursor = page.tail
         while self.cursor != head and len(records) < most and rows > 0:
-            header = <Header *>(ring(page) + (self.cursor & (page.capacity - 1)))
+            header = record_at(page, self.cursor)
             if header.kind != PADDING:
                 records.append((header.kind, (<char *>header + sizeof(Header))[:header.bytes]))
                 rows -= header.kind == ROW
