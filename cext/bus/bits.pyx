@@ -75,10 +75,3 @@ def frame_bits(uint32_t arbitration_id, bytes data, bint extended=False) -> tupl
     memcpy(frame.data, <const char *>data, len(data))
     counter = count_bits(&frame)
     return counter.bits, counter.stuffed
-
-
-def payload_bits(bytes payload not None) -> int:
-    """Return the bits on the wire of a frame in the ring, given as the bytes of a struct Frame."""
-    if len(payload) != sizeof(Frame):
-        raise ValueError("a frame has %d bytes, not %d" % (sizeof(Frame), len(payload)))
-    return bits_of(<const Frame *><const char *>payload)

@@ -1,7 +1,5 @@
 """Rows, frames and events of the messages of a chunk, as NumPy arrays."""
 
-from typing import Any
-
 import numpy as np
 
 from runtime.base.errors import BadInput
@@ -217,8 +215,3 @@ def flag(made, name, values):
         made["flags"] |= np.where(values, np.uint8(FD_FLAGS[name]), np.uint8(0))
     else:
         made[name] = values
-
-
-def tick_values(chunk, layout) -> Any:
-    """Return the ticks of a chunk as a structured array. Raises ValueError for messages of another size."""
-    return chunk.records(layout.tick, TICK)["body"]

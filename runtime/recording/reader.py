@@ -213,10 +213,6 @@ class Reader:
         for number, chunk in self.chunks(numbers):
             yield number, layout.frames(chunk, self.began, self.before[layout.tick][number])
 
-    def all_frames(self):
-        """Return every frame, as an array of FRAME."""
-        return self.retried(lambda: np.concatenate([NO_FRAMES, *(part for _, part in self.frames())]))
-
     def stream(self, with_frames=True):
         """Yield (rows as in a Batch, frames as an array of FRAME) of every chunk, in order.
 
