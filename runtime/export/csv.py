@@ -1,7 +1,6 @@
 """CSV export, byte for byte as the recorder writes it."""
 
 import numpy as np
-from msgspec.json import encode
 
 from runtime.recorder.csv import Lines, header
 from runtime.recording.ascii_units import ascii_name
@@ -15,29 +14,29 @@ def check(trial, kind):
 
 def write(trial, path, progress):
     columns = [{**signal, "ascii_unit": ascii_name(signal["unit"])} for signal in trial.signals.values()]
-    line, rate, done = Lines(columns).line, trial.about["rate"], 0
+    lines, rate, done = Lines(columns), trial.about["rate"], 0
     whole = [2 + index for index, column in enumerate(columns) if column["dtype"] != "float"]
     with open(path, "wb") as file:
         file.write(header(columns, ",").encode())
         for rows, _ in trial.batches(frames=False):
-            if text := quick(rows, rows[:, 0] / rate, whole):
-                file.write(text)
+            if table := exact(rows, rows[:, 0] / rate, whole):
+                file.write(lines.text(table))
             else:
                 ticks = rows[:, 0].astype(np.int64)
-                file.writelines(map(line, (ticks / rate).tolist(), ticks.tolist(), rows[:, 2:].tolist()))
+                file.writelines(map(lines.line, (ticks / rate).tolist(), ticks.tolist(), rows[:, 2:].tolist()))
             done += len(rows)
             progress(done / max(1, len(trial)))
 
 
-def quick(rows, times, whole):
-    """Return the lines of rows; b"" if they have values that JSON or an integer lacks.
+def exact(rows, times, whole):
+    """Return rows for Lines.text; [] if they have values that JSON or an integer lacks.
 
     rows : as in a Batch; whole : their columns with integers
     """
     if not len(rows) or not np.isfinite(rows[:, 2:]).all() or not (np.abs(rows[:, whole]) < INTEGER_LIMIT).all():
-        return b""
+        return []
     columns = [values.tolist() for values in rows.T]
     columns[0], columns[1] = times.tolist(), rows[:, 0].astype(np.int64).tolist()
     for column in whole:
         columns[column] = rows[:, column].astype(np.int64).tolist()
-    return encode(list(zip(*columns)))[2:-2].replace(b"],[", b"\n") + b"\n"
+    return list(zip(*columns))

@@ -17,7 +17,6 @@ ATTACHMENT_INDEX, STATISTICS = 10, 11
 DATA_END = 15
 KINDS = {*range(HEADER, DATA_END + 1), ROOM, STREAM}
 RECORD_LIMIT = 64 << 20  # bytes: an attachment
-COMPRESSIONS = (b"\3\0\0\0lz4", b"\4\0\0\0zstd")  # compressions, as the head of a chunk has them
 COMPRESSION_AT = 37  # bytes into a chunk's record
 
 
@@ -64,6 +63,11 @@ def read(kind, body):
     return getattr(records, kind).read(ReadDataStream(io.BytesIO(body)))
 
 
+def is_compressed(head, name):
+    """Return whether the head of a chunk has a compression. name : "zstd", "lz4" or "" for none"""
+    return head[COMPRESSION_AT:].startswith(len(name).to_bytes(4, "little") + name.encode())
+
+
 def compressed(head):
     """Return whether a chunk is compressed. head : the first 49 bytes of its record"""
-    return head[COMPRESSION_AT:].startswith(COMPRESSIONS)
+    return is_compressed(head, "lz4") or is_compressed(head, "zstd")

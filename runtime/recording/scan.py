@@ -21,7 +21,6 @@ from runtime.recording.records import (
     AN_INDEX,
     ATTACHMENT,
     CHANNEL,
-    COMPRESSION_AT,
     DAMAGE,
     DATA_END,
     FOOTER,
@@ -29,6 +28,7 @@ from runtime.recording.records import (
     MAGIC,
     RECORD_LIMIT,
     STATISTICS,
+    is_compressed,
     read,
 )
 from runtime.recording.zstd_stream import decode, is_torn
@@ -239,8 +239,3 @@ class Scan:
         if HEADER <= kind <= DATA_END and length < RECORD_LIMIT and self.good + HEAD.size + length >= self.size:
             return CUT
         return f"is damaged from byte {self.good} of {self.size} on: what stands before is read"
-
-
-def is_compressed(head, name):
-    """Return whether the head of a chunk has a compression. name : "zstd", "lz4" or "" for none"""
-    return head[COMPRESSION_AT:].startswith(len(name).to_bytes(4, "little") + name.encode())
