@@ -5,13 +5,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from runtime.analysis import picture
-from runtime.analysis.picture import GREY, INK, plain, short
+from runtime.analysis.condition_table import MINUS, deviation
+from runtime.analysis.picture import COLOURS, GREY, INK, plain, short
 from runtime.base.errors import BadInput
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # (Okabe and Ito 2008)
 ROWS = (("angle", "deg"), ("torque", "N·m"), ("power", "W"))
 LABEL_WIDTH = 60  # characters of a condition
-MINUS = str.maketrans("-", "−")
 
 
 def draw(conditions, file, kind):
@@ -33,7 +32,7 @@ def draw(conditions, file, kind):
         legs = [(number, legs[title]) for number, legs in enumerate(known) if title in legs]
         for row, (name, unit) in enumerate(ROWS):
             axis = axes[row][column]
-            dress(axis)
+            picture.gait_cycle(axis)
             toe_offs = {leg.toe_off for _, leg in legs}
             for number, leg in legs:
                 values = leg.curves(name)
@@ -60,7 +59,7 @@ def draw_signals(conditions, paths, file, kind):
     made = picture.figure(8.0, 1.4 + 2.2 * len(paths))
     axes = made.subplots(len(paths), 1, sharex=True, squeeze=False)[:, 0]
     for axis, path in zip(axes, paths):
-        dress(axis)
+        picture.gait_cycle(axis)
         counts = []
         for condition, colour in zip(conditions, COLOURS):
             values = condition.curves(path)
@@ -81,21 +80,9 @@ def check(conditions):
         raise BadInput(f"{len(conditions)} conditions: at most {len(COLOURS)} can be told apart in one picture")
 
 
-def dress(axis):
-    axis.axhline(0.0, color="#AAAAAA", linewidth=0.8, zorder=1)
-    axis.set_xlim(0, 100)
-    axis.set_xticks(range(0, 101, 20))
-    axis.margins(y=0.12)
-    picture.frame(axis)
-    axis.tick_params(colors=INK, labelsize=9, length=3)
-
-
 def plot(axis, values, colour):
-    """Plot the mean of curves with a band of one standard deviation. values : (strides, 101)"""
-    mean, sd = values.mean(axis=0), values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1])
-    cycle = np.linspace(0.0, 100.0, len(mean))
-    axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.2, linewidth=0, zorder=2)
-    axis.plot(cycle, mean, color=colour, linewidth=2.0, zorder=3)
+    """Plot mean and standard deviation of curves. values : (strides, 101)"""
+    picture.mean_and_sd(axis, values.mean(axis=0), deviation(values), colour)
 
 
 def heading(axis, title, legs, per_kg):

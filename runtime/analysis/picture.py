@@ -6,7 +6,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 INK, GREY, FAINT, AXIS = "#333333", "#666666", "#DDDDDD", "#888888"
-BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"  # distinct for colour-blind readers (Okabe and Ito 2008)
+# distinct for colour-blind readers (Okabe and Ito 2008)
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+BLUE, ORANGE, GREEN = COLOURS[:3]
 
 
 def figure(width, height, dpi=150):
@@ -23,6 +25,23 @@ def frame(axis):
     for side, spine in axis.spines.items():
         spine.set_visible(side in ("left", "bottom"))
         spine.set_color(AXIS)
+
+
+def gait_cycle(axis):
+    """Draw the frame of a plot over the gait cycle in %, and a line at zero."""
+    axis.axhline(0.0, color="#AAAAAA", linewidth=0.8, zorder=1)
+    axis.set_xlim(0, 100)
+    axis.set_xticks(range(0, 101, 20))
+    axis.margins(y=0.12)
+    frame(axis)
+    axis.tick_params(colors=INK, labelsize=9, length=3)
+
+
+def mean_and_sd(axis, mean, sd, colour):
+    """Plot a mean with a band of one standard deviation. mean, sd : arrays at 0, 1, ... 100 % of the stride"""
+    cycle = range(len(mean))
+    axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0, zorder=2)
+    axis.plot(cycle, mean, color=colour, linewidth=2.0, zorder=3)
 
 
 def plain(text):

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from runtime.analysis import picture
-from runtime.analysis.picture import GREY, INK, plain, short
+from runtime.analysis.picture import COLOURS, GREY, INK, plain, short
 from runtime.base.errors import BadInput
 from runtime.recording.grouping import CURVES, PLAIN, by_unit
 from runtime.recording.messages import split
@@ -18,8 +18,7 @@ LEVELS, CHARACTER = 3, 0.0085
 NAME_LIMIT = 44  # characters beside a plot
 FULL_SIZE_NAMES = 9  # names beside a plot in full size
 AXIS_LIMIT = 1e150  # larger values are not drawn
-# (Okabe and Ito 2008)
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#333333", "#999933")
+CURVE_COLOURS = (*COLOURS, "#333333", "#999933")
 FAULT, MARK = "#C1121F", "#0072B2"
 ROW, WIDTH = 1.9, 10.0  # inches
 
@@ -89,12 +88,12 @@ def over_time(trial, rows, title, file, kind, told=""):
             axis.plot(
                 trial.time,
                 drawable(values),
-                color=COLOURS[number % len(COLOURS)],
+                color=CURVE_COLOURS[number % len(CURVE_COLOURS)],
                 linewidth=1.2,
                 label=str(number),
                 drawstyle="steps-post" if steps else "default",
                 marker="" if len(trial) > 1 else "o",
-                linestyle="-" if number < len(COLOURS) else "--",
+                linestyle="-" if number < len(CURVE_COLOURS) else "--",
             )
         whole(axis, {trial.dtype(path) for path in paths})
         limits = {tuple(ends) for path, ends in trial.about.get("limits", {}).items() if path in paths}

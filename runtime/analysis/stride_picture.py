@@ -2,6 +2,7 @@
 
 from math import degrees
 
+import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -31,7 +32,9 @@ def draw(name, legs, file, kind="png"):
     for column, leg in enumerate(legs):
         for row, (curve, label, colour, convert) in enumerate(ROWS):
             axis = axes[row][column]
-            plot(axis, leg["curves"][curve], colour, convert)
+            mean, sd = (np.array([convert(value) for value in leg["curves"][curve][part]]) for part in ("mean", "sd"))
+            picture.gait_cycle(axis)
+            picture.mean_and_sd(axis, mean, sd, colour)
             if column == 0:
                 axis.set_ylabel(label, color=INK)
             if row == 0:
@@ -45,29 +48,6 @@ def draw(name, legs, file, kind="png"):
     ]
     made.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)
     picture.save(made, file, kind)
-
-
-def plot(axis, curve, colour, convert):
-    """Plot a mean with a band of one standard deviation."""
-    mean = [convert(value) for value in curve["mean"]]
-    sd = [convert(value) for value in curve["sd"]]
-    cycle = range(len(mean))
-    axis.axhline(0.0, color="#AAAAAA", linewidth=0.8, zorder=1)
-    axis.fill_between(
-        cycle,
-        [m - s for m, s in zip(mean, sd)],
-        [m + s for m, s in zip(mean, sd)],
-        color=colour,
-        alpha=0.25,
-        linewidth=0,
-        zorder=2,
-    )
-    axis.plot(cycle, mean, color=colour, linewidth=2.0, zorder=3)
-    axis.set_xlim(0, len(mean) - 1)
-    axis.set_xticks(range(0, 101, 20))
-    axis.margins(y=0.12)
-    picture.frame(axis)
-    axis.tick_params(colors=INK, labelsize=9, length=3)
 
 
 def title(axis, leg):
