@@ -12,7 +12,7 @@ TEXT_LIMIT = 0.02  # s for one text
 
 
 def text_of(value, limit=TEXT_LIMIT):
-    """Return str(value), or in parentheses why there is no text.
+    """Return str(value), or in parentheses the reason why it has none.
 
     limit : s
     """
@@ -20,7 +20,7 @@ def text_of(value, limit=TEXT_LIMIT):
 
 
 def repr_of(value):
-    """Return repr(value), or in parentheses why there is no text."""
+    """Return repr(value), or in parentheses the reason why it has none."""
     return bounded(lambda: repr(value), TEXT_LIMIT)
 
 

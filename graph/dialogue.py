@@ -73,7 +73,7 @@ class Confirm:
 def ask(frame: Frame, why: str, read: Reader, timeout: float = 0.1, attempts: int = 2) -> Dialogue:
     """Send a frame until it is answered; return read(identifier, is extended, data) of the first answer, or None.
 
-    read : returns None for a frame that is no answer; timeout : s to wait after each attempt
+    read : returns None for a frame that is not a reply; timeout : s to wait after each attempt
     """
     for _ in range(attempts):
         yield Send(frame, why)
