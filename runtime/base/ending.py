@@ -160,8 +160,9 @@ def leave(code) -> None:
 def flush_files() -> None:
     """Write what is in the buffers of every open file."""
     gc.unfreeze()  # the collector does not list what a run has frozen
-    for kind in (io.TextIOWrapper, io.BufferedWriter, io.BufferedRandom):
-        for file in gc.get_objects():
-            if type(file) is kind:
-                with suppress(Exception):
-                    file.flush()
+    kinds = (io.TextIOWrapper, io.BufferedWriter, io.BufferedRandom)
+    for file in sorted(
+        (file for file in gc.get_objects() if type(file) in kinds), key=lambda file: kinds.index(type(file))
+    ):
+        with suppress(Exception):
+            file.flush()

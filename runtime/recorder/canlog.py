@@ -32,7 +32,8 @@ class CanLog(Service):
 
     def open(self):
         self.on_can = on_can(self.plan)
-        self.file = WholeFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".can.log"))
+        stem = os.path.join(self.plan["folder"], self.plan["stem"])
+        self.file = WholeFile(*create(stem, ".can.log"), self.durable)
         self.files[self.file.path] = ""
         self.frames = 0
         self.began = None

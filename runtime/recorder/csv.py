@@ -38,7 +38,8 @@ class CsvWriter(Service):
             return
         stem = os.path.join(self.plan["folder"], name_of(parameters.get("file")) or self.plan["stem"])
         first = self.plan.get("part", 1) == 1  # later parts keep the file of part 1
-        self.file = WholeFile(*create(stem, ".csv", parameters.get("overwrite", False) and first))
+        path = create(stem, ".csv", parameters.get("overwrite", False) and first)
+        self.file = WholeFile(*path, self.durable)
         self.device_time, self.began = parameters.get("time") == "device" and not self.plan["virtual"], None
         self.files[self.file.path] = ""
         self.file.write(header(columns, delimiter))

@@ -39,7 +39,8 @@ class FlightLog(Service):
         return self.file.path
 
     def open(self):
-        self.file = WholeFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".mcap"))
+        stem = os.path.join(self.plan["folder"], self.plan["stem"])
+        self.file = WholeFile(*create(stem, ".mcap"), self.durable)
         claim(self.file.descriptor)
         self.files[self.file.path] = ""
         self.writer: Any = None

@@ -116,9 +116,12 @@ class Recording:
         self.about = provenance.gather(self.plan)
         if self.sidecar is not None:
             with suppress(OSError):  # a deleted folder or a full disk: `finish` reports it
-                write_json(self.sidecar, {"name": self.plan["name"], "ended": STILL_RECORDING, **self.about})
+                self.write_sidecar({"name": self.plan["name"], "ended": STILL_RECORDING, **self.about})
         for _, service in list(self.services):
             self.attempt(service, lambda: service.begin(self.about))
+
+    def write_sidecar(self, content):
+        write_json(self.sidecar, content, durable=not self.plan["virtual"])
 
     def take(self, records):
         """Pass records to the services. records : as cext.safety.ring_batch.read returns them"""
@@ -257,7 +260,7 @@ class Recording:
         report = {**describe(self, orphaned), **report}
         if self.sidecar is not None:
             try:
-                write_json(self.sidecar, report)
+                self.write_sidecar(report)
             except OSError as error:
                 self.problems.append(f"{self.sidecar}: {reason(error)}")
         return report

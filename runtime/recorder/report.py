@@ -84,8 +84,11 @@ def reason(error):
 PARTIAL = ".part"  # suffix of an incomplete file
 
 
-def write_json(path, content):
-    """Replace a JSON file atomically. NaN and infinities become null."""
+def write_json(path, content, durable=True):
+    """Replace a JSON file atomically. NaN and infinities become null.
+
+    durable : whether to wait for the disk
+    """
     import msgspec.json
 
     part = path + PARTIAL
@@ -93,7 +96,8 @@ def write_json(path, content):
         with open(part, "xb", opener=private) as file:
             file.write(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
             file.flush()
-            os.fsync(file.fileno())
+            if durable:
+                os.fsync(file.fileno())
         os.replace(part, path)
     finally:
         if os.path.exists(part):

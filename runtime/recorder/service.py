@@ -44,6 +44,11 @@ class Service:
         self.say = lambda line: None
         self.page: SharedState | None = None
 
+    @property
+    def durable(self) -> bool:
+        """Whether files wait for the disk when they are closed. A run in virtual time can be repeated instead."""
+        return not self.plan["virtual"]
+
     @classmethod
     def applies(cls, plan) -> bool:
         """Return whether a recording with this plan needs the service. Called for logs, which no Sink names."""

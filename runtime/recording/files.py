@@ -99,12 +99,15 @@ def claim(descriptor):
 class WholeFile:
     """File that is written in complete pieces, which are lines or records, and stay in memory until `flush`.
 
-    A flush passes the pieces to the kernel, where they outlive this process; `close` waits for the disk.
+    A flush passes the pieces to the kernel, where they outlive this process.
+
+    durable : whether `close` waits for the disk
     """
 
-    def __init__(self, path, descriptor):
+    def __init__(self, path, descriptor, durable=True):
         self.path = path
         self.descriptor: Any = descriptor
+        self.durable = durable
         self.pieces = []
         self.size = 0  # bytes of complete pieces in the file
         self.waiting = 0  # bytes in memory
@@ -143,13 +146,14 @@ class WholeFile:
             self.descriptor = None
 
     def close(self):
-        """Flush, wait for the disk and close. Does nothing if it is closed."""
+        """Flush and close, and wait for the disk if `durable`. Does nothing if it is closed."""
         if self.descriptor is None:
             return
         descriptor = self.descriptor
         try:
             self.flush()
-            os.fsync(descriptor)
+            if self.durable:
+                os.fsync(descriptor)
         finally:
             self.descriptor = None
             os.close(descriptor)

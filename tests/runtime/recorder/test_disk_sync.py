@@ -1,10 +1,15 @@
-"""The thread that writes files to the disk."""
+"""When a recorder waits for the disk, and the thread that writes files to it."""
 
 import os
 import time
 
+import pytest
+
+from cext.safety.shared_state import SharedState
 from runtime.recorder import disk_sync
 from runtime.recorder.disk_sync import DiskSync
+from runtime.recorder.recording import Recording
+from tests.runtime.recorder.running import CSV, columns, plan, sink
 
 
 def test_files_are_synced_once_a_period_until_it_is_stopped(tmp_path, monkeypatch):
@@ -21,3 +26,16 @@ def test_files_are_synced_once_a_period_until_it_is_stopped(tmp_path, monkeypatc
     count = len(synced)
     time.sleep(0.05)
     assert count >= 3 and len(synced) == count and set(synced) == {str(tmp_path / "a.mcap")}
+
+
+@pytest.mark.parametrize(("virtual", "waits"), [(False, {".csv", ".log", ".mcap", ".part"}), (True, set())])
+def test_the_end_waits_for_the_disk_in_real_time_alone(tmp_path, monkeypatch, virtual, waits):
+    synced = set()
+    monkeypatch.setattr(os, "fsync", lambda file: synced.add(os.path.splitext(os.readlink(f"/proc/self/fd/{file}"))[1]))
+    can = {"buses": ["legs"], "media": ["can"]}
+    page = SharedState(1 << 16)
+    recording = Recording(plan(tmp_path, sink(CSV, "a", columns("a.x m")), virtual=virtual, **can), page)
+    recording.open()
+    recording.begin()
+    assert recording.finish(orphaned=False)["problems"] == []
+    assert len(list(tmp_path.iterdir())) == 4 and synced == waits
