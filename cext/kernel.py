@@ -72,7 +72,7 @@ class Kernel:
         names = [item.name for item in self.items]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise ValueError(f"a kernel names {twice!r} twice: name each item once")
+            raise ValueError(f"the kernel lists item {twice!r} twice: list each item once")
 
     @property
     def names(self) -> list[str]:
@@ -83,7 +83,7 @@ class Kernel:
         """The same kernel for a block that calls items otherwise: `encode.renamed(command="velocity_command")`."""
         unknown = next((name for name in names if name not in self.names), None)
         if unknown is not None:
-            raise ValueError(f"the kernel has no item {unknown!r}: it has {', '.join(self.names)}")
+            raise ValueError(f"the kernel has no item {unknown!r}; its items are {', '.join(self.names)}")
         return Kernel(self.function, [item._replace(name=names.get(item.name, item.name)) for item in self.items])
 
     def __repr__(self):
@@ -98,7 +98,7 @@ def of_struct(fields: dict[str, Any], sizes: str) -> tuple[Item, ...]:
     stated = {item.name: item for item in map(parsed, sizes.split())}
     items = tuple(stated.pop(item.name, item) for item in named(fields))
     if stated:
-        raise ValueError(f"a size is stated of {', '.join(stated)}, which the struct does not have")
+        raise ValueError(f"sizes are given for items that the struct does not have: {', '.join(stated)}")
     return items
 
 
@@ -117,6 +117,6 @@ def parsed(word: str) -> Item:
     """The Item of a word such as "limits[7]". ValueError"""
     match = ITEM.fullmatch(word)
     if match is None or match[1] and (match[2] not in ("inputs", "outputs") or match[3]):
-        raise ValueError(f"{word!r} is not an item of a kernel: write a name, name[3], name[...], *inputs or *outputs")
+        raise ValueError(f"invalid kernel item {word!r}: write a name, name[3], name[...], *inputs or *outputs")
     size = 1 if match[3] is None else None if match[3] == "..." else int(match[3])
     return Item(match[2], size, bool(match[1]))

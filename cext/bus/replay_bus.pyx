@@ -58,14 +58,14 @@ cdef class ReplayBus:
         block = np.ascontiguousarray(frames, dtype=np.uint8)
         numbers = np.ascontiguousarray(drains, dtype=np.int64)
         if block.ndim != 2 or block.shape[1] != sizeof(Frame) or len(block) != len(numbers):
-            raise ValueError("frames of a block have the shape %r, not (%d, %d)" % (block.shape, len(numbers),
-                sizeof(Frame)))
+            raise ValueError("expected frames of the shape (%d, %d), got %r" % (len(numbers), sizeof(Frame),
+                block.shape))
         all = <const Frame *><uintptr_t>block.ctypes.data
         for index in range(len(numbers)):
             if all[index].length > FRAME_BYTES:
                 raise ValueError("a frame carries at most %d bytes, not %d" % (FRAME_BYTES, all[index].length))
         if (np.diff(numbers) < 0).any():
-            raise ValueError("the bus drains of a recording come in order")
+            raise ValueError("the bus drains of a recording must be in ascending order")
         self.buffer.first = numbers[0] if len(numbers) else 0
         ends = np.cumsum(np.bincount(numbers - self.buffer.first)) if len(numbers) else np.empty(0)
         ends = np.ascontiguousarray(ends, dtype=np.int64)
@@ -98,7 +98,7 @@ cdef class ReplayClock:
         lateness = np.ascontiguousarray(late, dtype=np.int64)
         newest = self.ticks[self.count - 1] if self.count else -1
         if points.shape != lateness.shape or points.ndim != 1 or (np.diff(points, prepend=newest) <= 0).any():
-            raise ValueError("ticks of a recording come in order, each with its lateness")
+            raise ValueError("the ticks of a recording must increase, and each must have a lateness")
         self.keep = points, lateness
         self.ticks = <const int64_t *><uintptr_t>points.ctypes.data
         self.late = <const int64_t *><uintptr_t>lateness.ctypes.data

@@ -20,12 +20,12 @@ cdef class DeadlineClock:
         if not 0.0 < rate <= 1e9:
             raise ValueError("the rate must be above 0 Hz and at most 1e9 Hz, as the grid is in ns, not %r" % rate)
         if spin < 0:
-            raise ValueError("the window in which to spin is 0 ns or more, not %d" % spin)
+            raise ValueError("the spin window must be 0 ns or more, not %d" % spin)
         from fractions import Fraction              # takes 9 ms, and other users of this module do not need it
 
         period = 10**9 / Fraction(repr(rate))
         if period >= 2**62:
-            raise ValueError("a period of %g s is longer than the clock can count" % (1.0 / rate))
+            raise ValueError("a period of %g s exceeds the range of the clock" % (1.0 / rate))
         self.rate, self.window, self.caught = rate, spin, signals.caught
         self.period = round(period)
         self.whole = period.numerator // period.denominator

@@ -69,7 +69,7 @@ def percentile(uint64_t[::1] counts, double share) -> float:
         seen += counts[bucket]
         if seen > 0 and seen >= wanted:
             return lower_edge(bucket + 1) * 1e-9
-    raise ValueError("there are no durations")
+    raise ValueError("the histogram is empty: it has no percentiles")
 
 
 def time_of_add(int64_t[::1] durations, int64_t rounds) -> float:

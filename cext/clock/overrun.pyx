@@ -8,7 +8,7 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
 NUMBER_LIMIT = 1000000
-POLICIES = "skip, catch-up:N, fault:N and fault:N/WINDOW"
+POLICIES = "skip, catch-up:N, fault:N or fault:N/WINDOW"
 
 
 @cython.final
@@ -29,15 +29,15 @@ cdef class Overrun:
             found = re.fullmatch(r"skip|(catch-up|fault):([1-9][0-9]{0,6})(?:/([1-9][0-9]{0,6}))?", word)
             kind, count, window = found.groups() if found else (None, None, None)
             if not found or (kind == "catch-up" and window) or max(int(count or 0), int(window or 0)) > NUMBER_LIMIT:
-                raise ValueError("there is no overrun policy %r: there are %s, with numbers from 1 to %d" % (word,
-                    POLICIES, NUMBER_LIMIT))
+                raise ValueError("unknown overrun policy %r: expected %s, with numbers from 1 to %d" % (word, POLICIES,
+                    NUMBER_LIMIT))
             if word == "skip" and len(given) > 1:
-                raise ValueError("the overrun policy skip stands alone; the others skip too, in the end")
+                raise ValueError("the overrun policy skip cannot be combined with others. Omit it: the others skip the remaining ticks")
             if window and int(count) > int(window):
-                raise ValueError("the overrun policy %s never comes true: more grid points than its window has" % word)
+                raise ValueError("the overrun policy %s can never apply: its number exceeds its window. Use fault:N/WINDOW with N <= WINDOW" % word)
             if (self.catch_up if kind == "catch-up" else self.in_window if window else self.in_a_row if kind
                     else 0) != 0:
-                raise ValueError("the overrun policy %s:... is given twice" % kind)
+                raise ValueError("the overrun policy %s was given twice" % kind)
             if window:
                 self.in_window, self.window = int(count), int(window)
             elif kind == "fault":

@@ -184,7 +184,7 @@ def watch_for_spinning() -> None:
     """
     cdef action install
     if watched:
-        raise OSError(errno.EBUSY, "a thread is watched already")
+        raise OSError(errno.EBUSY, "a thread is already being watched")
     memset(&install, 0, sizeof(action))
     install.sa_handler = on_spinning
     install.sa_flags = SA_RESTART

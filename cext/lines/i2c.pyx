@@ -145,7 +145,7 @@ cdef class I2cBus:
                     raise ValueError("an exchange has a number below 15, and at most %d steps of %d bytes"
                                      % (STEPS, READ_LIMIT))
                 if read + len(appended) > 64:
-                    raise ValueError("an answer has at most 64 bytes, not %d" % (read + len(appended)))
+                    raise ValueError("a reply has at most 64 bytes, not %d" % (read + len(appended)))
         if any(len(data) > BYTES for _, _, data, _ in set_up) or (check is not None and not 0 < len(check[1]) <= BYTES):
             raise ValueError("at most %d bytes are written in one step, or checked" % BYTES)
         if len(identity) > IDENTITIES:

@@ -103,7 +103,7 @@ cdef class Lines:
         self.memory = mmap.mmap(fd, 0)
         self.count = len(self.memory) // sizeof(LineLayout)
         if len(self.memory) != self.count * <Py_ssize_t>sizeof(LineLayout):
-            raise ValueError("file descriptor %d does not hold lines of this Tickwork" % fd)
+            raise ValueError("file descriptor %d has no rings of this version of Tickwork" % fd)
         PyObject_GetBuffer(self.memory, &buffer, PyBUF_WRITABLE)
         self.lines = <LineLayout *>buffer.buf
         PyBuffer_Release(&buffer)                  # self.memory keeps the mapping

@@ -13,8 +13,7 @@ from cext.posix cimport pthread_atfork
 
 cdef int32_t child = 0
 cdef const char *MESSAGE = (
-    b"tickwork: a block has forked and its child process returned into the loop: the child ends here, the run "
-    b"continues\n")
+    b"tickwork: a block forked, and its child process returned to the loop: the child was ended, the run continues\n")
 
 
 cdef void mark() noexcept nogil:

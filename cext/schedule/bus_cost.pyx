@@ -53,7 +53,7 @@ def time_of_ticks(BusEnd end, int own, int other, int frames, int rounds) -> tup
     for round in range(rounds):
         PyErr_CheckSignals()
         if sendmmsg(other, to_send.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL) != frames:
-            raise OSError("the other end cannot send")
+            raise OSError("the other end of the bus cannot send")
         began = monotonic()
         came = end.bus.receive(end.bus.context, taken, FRAMES_PER_TICK)
         end.bus.send(end.bus.context, taken, frames)
@@ -62,7 +62,7 @@ def time_of_ticks(BusEnd end, int own, int other, int frames, int rounds) -> tup
         if came != frames or recvmmsg(other, received.messages, FRAMES_PER_TICK, MSG_DONTWAIT, NULL) != frames:
             raise OSError("%d of %d frames arrived" % (came, frames))
         if sendmmsg(other, to_send.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL) != frames:
-            raise OSError("the other end cannot send")
+            raise OSError("the other end of the bus cannot send")
         prepare(&received, True)
         began = monotonic()
         came = recvmmsg(own, received.messages, FRAMES_PER_TICK, MSG_DONTWAIT, NULL)
@@ -102,7 +102,7 @@ def time_of_control(Program control, BusEnd other, answers, int rounds, double r
         for index in range(count):
             to_send[index].time = monotonic() - zero
         if other.bus.send(other.bus.context, to_send, count) != count:
-            raise OSError("the other end cannot send")
+            raise OSError("the other end of the bus cannot send")
         control.arena[TICK], control.arena[TIME] = round, round / rate
         began = monotonic()
         now = began - zero

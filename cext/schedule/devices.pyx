@@ -40,7 +40,7 @@ cdef class Devices:
 
     def __init__(self, schedule, ends, memory):
         if len(ends) != len(schedule.buses):
-            raise ValueError("the schedule has %d buses, but %d ends were given" % (len(schedule.buses), len(ends)))
+            raise ValueError("the schedule has %d buses, but %d bus ends were given" % (len(schedule.buses), len(ends)))
         self.schedule, self.memory, self.keep = schedule, memory, []
         self.arena = <double *><uintptr_t>memory.ctypes.data
         self.ends = list(ends)

@@ -100,7 +100,7 @@ cdef class Executor(Waiting):
         if guard > 0.0 and not virtual:
             control.devices.time_replies()
         if tape is not None and not virtual:
-            raise ValueError("a recorded run can only be repeated in virtual time")
+            raise ValueError("a recorded run can be replayed only in virtual time")
 
     def run(self, int64_t ticks=-1, *, double fade=FADE_IN / 1e9, double arming_timeout=ARMING_LIMIT / 1e9,
             double stopping_timeout=STOP_LIMIT / 1e9, answered=None,

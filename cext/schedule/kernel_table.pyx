@@ -24,7 +24,7 @@ def address(kernel, kind="kernel") -> int:
         try:
             return <uintptr_t>PyCapsule_GetPointer(kernel, name)
         except ValueError:
-            raise TypeError("the capsule of a native %s must be named %r: %r is not" % (kind, name.decode(),
+            raise TypeError("the capsule of a native %s must be named %r, got %r" % (kind, name.decode(),
                 kernel)) from None
     if isinstance(getattr(kernel, "address", None), int):
         return int(kernel.address)
@@ -32,7 +32,7 @@ def address(kernel, kind="kernel") -> int:
 
     arguments = 3 if kind == "kernel" else 4
     if not isinstance(kernel, ctypes._CFuncPtr):
-        raise TypeError("a native %s is a PyCapsule, a ctypes function or a Numba cfunc, not %r" % (kind, kernel))
+        raise TypeError("a native %s must be a PyCapsule, a ctypes function or a Numba cfunc, got %r" % (kind, kernel))
     if kernel.argtypes is not None and len(kernel.argtypes) != arguments:
         raise TypeError("a native %s takes %d arguments, but %r takes %d"
                         % (kind, arguments, kernel, len(kernel.argtypes)))

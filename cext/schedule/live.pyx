@@ -69,7 +69,7 @@ cdef class LiveTable:
             self.script[position].slew = slew
             letter.kind, letter.count, letter.parameters[0], letter.values[0] = SET, 1, index, value
             if self.check(&letter) != TAKEN:
-                raise ValueError("parameter %d cannot be %r" % (index, value))
+                raise ValueError("live parameter %d rejects the value %r" % (index, value))
 
     def reset(self) -> None:
         """Restore every parameter to its built value. Native ones are reset with the arena."""

@@ -41,7 +41,7 @@ cdef class Writer:
         changes : at most CHANGE_LIMIT pairs (index of the parameter, value), which take effect in one tick, all or none
         """
         if len(changes) > CHANGES:
-            raise ValueError("a letter takes at most %d changes, not %d" % (CHANGES, len(changes)))
+            raise ValueError("a request has at most %d changes, not %d" % (CHANGES, len(changes)))
         return self.post(SET, changes)
 
     def mark(self) -> int | None:

@@ -224,7 +224,7 @@ cdef class PythonStep:
         if type(value) is not np.ndarray or value.dtype is not FLOAT:
             value = np.asarray(value, dtype=FLOAT)
         if value.shape != view.shape:
-            raise ValueError("shape %s instead of the declared %s" % (value.shape, view.shape))
+            raise ValueError("expected shape %s, got %s" % (view.shape, value.shape))
         if value.flags.c_contiguous:
             PyObject_GetBuffer(value, &buffer, PyBUF_C_CONTIGUOUS)
             memmove(run, buffer.buf, buffer.len)
