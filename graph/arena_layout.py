@@ -96,8 +96,8 @@ def kernel_table(block: Any, kernel: Kernel, places: dict[str, tuple[int, int]])
         slot, length = places[name]
         if size != length and size is not None:
             raise TypeError(
-                f"{block.path}: a kernel of {type(block).__name__} takes {size} numbers of {name!r}, and it "
-                f"has {length}. Set memory of {size} numbers in prepare()"
+                f"{block.path}: a kernel of {type(block).__name__} requires {size} numbers in {name!r}, got {length}. "
+                f"Set memory of {size} numbers in prepare()"
             )
         slots.append(slot)
         sizes.append(length)

@@ -412,9 +412,9 @@ class Compilation:
                 and not block.medium == other.medium == "i2c"
             ):
                 what = (
-                    "a line of its own"
+                    "a separate line"
                     if block.medium == other.medium
-                    else (f"{block.medium}, and what is there is {other.medium}")
+                    else f"an interface of kind {block.medium}, but {other.path} uses {other.medium}"
                 )
                 self.report(
                     "TW013",
@@ -431,7 +431,7 @@ class Compilation:
                 f"{load.frames:g} frames per second use {load.typical:.0%} of bus {load.bus!r} at "
                 f"{load.bitrate / 1e6:g} Mbit/s, {load.worst:.0%} in the worst case"
             )
-            hint = f"lower the rate, or put some of its {len(there)} devices on another bus"
+            hint = f"lower the rate, or move some of its {len(there)} devices to another bus"
             if load.typical > 1.0:
                 self.report("TW016", what, there[0], hint=hint)
             elif load.worst > 0.7:
@@ -455,13 +455,18 @@ class Compilation:
     def check_always(self, block: Block) -> None:
         """Check that a block with `always` and its sources run in every tick."""
         if block.every != 1:
-            self.report("TW018", f"runs at every {block.every} ticks", block, hint="take it out of the slow subsystem")
+            self.report(
+                "TW018",
+                f"runs every {block.every} ticks, but must run in every tick",
+                block,
+                hint="move it out of the slow subsystem",
+            )
         if block.conditions:
             self.report(
                 "TW018",
-                f"rests while {names_of(block.conditions)} is false",
+                f"does not run while {names_of(block.conditions)} is false",
                 block,
-                hint="take it out of the subsystem",
+                hint="move it out of the subsystem",
             )
         for name in block.inputs:
             source = self.sources[block, name]
@@ -472,7 +477,7 @@ class Compilation:
                     block,
                     name,
                     self.where(block, name),
-                    f"take {source.block.path} out of the subsystem",
+                    f"move {source.block.path} out of the subsystem",
                 )
 
     def check_rates(self) -> None:
@@ -481,10 +486,10 @@ class Compilation:
             if isinstance(block, (Device, Sink)) and block.every != 1:
                 self.report(
                     "TW014",
-                    f"runs at every {block.every} ticks, and a "
-                    f"{'device' if isinstance(block, Device) else 'recorder'} runs at every tick",
+                    f"runs every {block.every} ticks, but a "
+                    f"{'device' if isinstance(block, Device) else 'recorder'} must run in every tick",
                     block,
-                    hint="take it out of the slow subsystem, and leave the blocks behind it there",
+                    hint="move it out of the slow subsystem; blocks that use its outputs may remain there",
                 )
             if block.always:
                 self.check_always(block)

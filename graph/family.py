@@ -249,7 +249,7 @@ class Family:
 
     def stop_query(self, block: Any) -> StopQuery:
         """Return the StopQuery of a block of this family. A family with drives defines it."""
-        raise TypeError(f"{type(block).__name__} is no drive of {self.name}")
+        raise TypeError(f"{type(block).__name__} is not a drive of the device family {self.name}")
 
     def check(self, request: Request) -> None:
         """Raise Rejected for a Request that no drive of this family supports. Sends nothing."""

@@ -77,8 +77,8 @@ class Signal:
             return self.operators.Select(self.operators.encoded(index), shape)(self)
         if isinstance(index, (slice, tuple)) or index is ...:
             raise TypeError(
-                f"{self.path} takes slices and several axes only where its shape is declared: name the "
-                "elements, as in [[0, 1]]"
+                f"{self.path}: slices and indices of several axes require a declared shape. List the elements "
+                "instead, as in [[0, 1]]"
             )
         return self.operators.Select(tuple(index) if isinstance(index, list) else index)(self)
 

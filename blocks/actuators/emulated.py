@@ -19,9 +19,9 @@ class Emulated:
     healthy.
     """
 
-    model = Param("", "1", "as for the actuator", required=True, dtype=str)
-    bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
-    can_id = Param(1, "1", "its id", min=1, max=255, fixed=True)
+    model = Param("", "1", "model in the vendor's spelling", required=True, dtype=str)
+    bus = Param("can", "1", "logical name of the CAN bus", dtype=str)
+    can_id = Param(1, "1", "CAN id of the drive", min=1, max=255, fixed=True)
     invert = Param(False, "1", "whether the joint turns opposite to the motor", fixed=True)
     offset = Param(
         0.0,
@@ -53,25 +53,25 @@ class Emulated:
     velocity = Input("rad/s", "velocity of the joint")
     temperature = Input("°C", "temperature of the drive", default=30.0)
     fault = Input("1", "reported error code", default=0, dtype=int)
-    silent = Input("1", "whether it executes commands without a reply", default=False, dtype=bool)
+    silent = Input("1", "whether the drive executes commands without a reply", default=False, dtype=bool)
     dropped = Input("1", "fraction of lost frames in both directions, 0 to 1", default=0.0)
-    wrong_id = Input("1", "id in replies instead of its own; 0 for its own", default=0, dtype=int)
+    wrong_id = Input("1", "id in replies instead of `can_id`; 0 for none", default=0, dtype=int)
     stuck_encoder = Input("1", "whether the encoder reading is frozen", default=False, dtype=bool)
     delay = Input("s", "delay of the replies", default=0.0)
     power_lost = Input(
         "1",
-        "whether it has no power; afterwards settings are lost and the reading is within one motor turn of zero",
+        "whether the supply is off; afterwards settings are lost and the reading is within one motor turn of zero",
         default=False,
         dtype=bool,
     )
     torque = Output("N·m", "torque at the joint")
-    enabled = Output("1", "whether it is enabled", dtype=bool)
+    enabled = Output("1", "whether the drive is enabled", dtype=bool)
     wire = Memory(0.0, "encoded half ranges at the joint: position, velocity, stiffness, damping, torque")
     command = Memory((0.0,) * 5, "position, velocity, stiffness, damping, torque of the last command")
     state = Memory(
         (0.0,) * 7,
-        "enabled, zero of the encoder, luck of frames, position of a stuck encoder, whether it is, time "
-        "of the last command, a motor turn",
+        "1 if enabled, zero of the encoder, random state, position of a stuck encoder, 1 if it is stuck, time of the "
+        "last command, motor turn at the joint",
     )
     outbox = Memory((0.0,) * (2 + ANSWERS * WORDS), "pending replies")
 

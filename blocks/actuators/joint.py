@@ -27,7 +27,7 @@ class Ranges:
     wire_position = Param(
         0.0,
         "rad",
-        "half the encoded range of position, if the firmware differs from the table; 0: the table's",
+        "half the encoded range of position, if the firmware differs from the table of the model; 0: the table's",
         min=0.0,
         fixed=True,
     )

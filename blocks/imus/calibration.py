@@ -59,10 +59,10 @@ class Calibration:
         try:
             content = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
-            raise ValueError(f"{path} is not TOML: {error}") from None
+            raise ValueError(f"{path}: invalid TOML: {error}") from None
         stranger = next((name for name in content if name not in (*PARTS, ABOUT)), None)
         if stranger is not None:
-            raise ValueError(f"{path}: [{stranger}] is no part of a calibration: {', '.join(PARTS)}")
+            raise ValueError(f"{path}: unknown table [{stranger}]: expected {', '.join(PARTS)}")
         return cls(
             accel_offset=vector(content, "accelerometer", "offset", path),
             accel_matrix=matrix(content, "accelerometer", path),
@@ -118,17 +118,17 @@ def is_number(x: float) -> bool:
 def table(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> dict[str, list[Any]]:
     found = content.get(part, {})
     if not isinstance(found, dict):
-        raise ValueError(f"{path}: {part} is a table, [{part}]")
+        raise ValueError(f"{path}: {part} must be a table: write [{part}]")
     stranger = next((name for name in found if name not in PARTS[part]), None)
     if stranger is not None:
-        raise ValueError(f"{path}: [{part}] has no {stranger!r}: {', '.join(PARTS[part])}")
+        raise ValueError(f"{path}: [{part}]: unknown key {stranger!r}: expected {', '.join(PARTS[part])}")
     return found
 
 
 def vector(content: dict[str, dict[str, Any]], part: str, name: str, path: str | Path) -> tuple[float, ...]:
     value = table(content, part, path).get(name, NOTHING)
     if not (isinstance(value, (list, tuple)) and len(value) == 3 and all(map(is_number, value))):
-        raise ValueError(f"{path}: [{part}] {name}: three finite numbers are wanted, got {value!r}")
+        raise ValueError(f"{path}: [{part}] {name}: expected three finite numbers, got {value!r}")
     return tuple(map(float, value))
 
 
@@ -140,7 +140,7 @@ def matrix(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> A
         and all(isinstance(row, (list, tuple)) and len(row) == 3 and all(map(is_number, row)) for row in value)
     )
     if not right:
-        raise ValueError(f"{path}: [{part}] matrix: three rows of three finite numbers are wanted, got {value!r}")
+        raise ValueError(f"{path}: [{part}] matrix: expected three rows of three finite numbers, got {value!r}")
     return tuple(tuple(map(float, row)) for row in value)
 
 

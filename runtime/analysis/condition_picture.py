@@ -77,7 +77,9 @@ def draw_signals(conditions, paths, file, kind):
 
 def check(conditions):
     if len(conditions) > len(COLOURS):
-        raise BadInput(f"{len(conditions)} conditions: at most {len(COLOURS)} can be told apart in one picture")
+        raise BadInput(
+            f"{len(conditions)} conditions: at most {len(COLOURS)} can be distinguished in one picture. Pass fewer"
+        )
 
 
 def plot(axis, values, colour):

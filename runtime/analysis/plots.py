@@ -53,7 +53,7 @@ def rows_of(trial, paths):
             )
     rows = [list(some)[first : first + CURVES] for some in kinds.values() for first in range(0, len(some), CURVES)]
     if len(rows) > PLOT_LIMIT:
-        raise BadInput(f"{sum(map(len, rows))} signals need {len(rows)} plots, more than {PLOT_LIMIT}: name fewer")
+        raise BadInput(f"{sum(map(len, rows))} signals need {len(rows)} plots, more than {PLOT_LIMIT}: select fewer")
     return rows
 
 

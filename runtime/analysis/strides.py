@@ -94,7 +94,7 @@ def phase_of(trial, path):
         where = f"subsystem {folder!r}" if folder else "the recording"
         what = f"has {len(gaits)} gait phases, {', '.join(gaits)}" if gaits else "has no gait phase"
         raise BadInput(
-            f"strides of {path}: {where} {what}: specify the begin of strides: "
+            f"strides of {path}: {where} {what}: specify the start of strides: "
             'events="left/gait_phase.phase" (in a command line --events left/gait_phase.phase), or '
             "times in s"
         )

@@ -114,7 +114,7 @@ class Trials:
                 known.setdefault(f"[{trial.unit(name)}]{elements}", label)
         if len(known) > 1:
             said = ", ".join(f"{what} in {where}" for what, where in known.items())
-            raise BadInput(f"{name} differs between trials: {said}; select trials with the same")
+            raise BadInput(f"{name} differs between trials: {said}. Load trials in which it is equal")
 
     def strides(self, path, events=None, points=101):
         """Return the strides of every trial in order, as (strides, points, ...).

@@ -19,7 +19,12 @@ TIME_LIMIT = 1e9  # s: 30 years
 
 
 def option(
-    *flags: str, default=MISSING, collect: Callable[..., Any] | None = None, group: str | None = None, **argument: Any
+    *flags: str,
+    default=MISSING,
+    collect: Callable[..., Any] | None = None,
+    group: str | None = None,
+    section: str | None = None,
+    **argument: Any,
 ) -> Any:
     """Declare a field of a dataclass that is an option of the command line.
 
@@ -27,9 +32,10 @@ def option(
     default : of the field and, where `collect` is None, of the option; a class, such as list, makes a new one each time
     collect : function from all texts of a repeated option to the value of the field
     group : name that options share which exclude each other
+    section : title under which the help of `run` lists the option
     argument : of ArgumentParser.add_argument: type, metavar, help and others
     """
-    metadata = {"flags": flags, "collect": collect, "group": group, "argument": argument}
+    metadata = {"flags": flags, "collect": collect, "group": group, "section": section, "argument": argument}
     if isinstance(default, type):
         return field(default_factory=default, metadata=metadata)
     return field(default=default, metadata=metadata)

@@ -94,7 +94,7 @@ def drives(channel: str, *identifiers: int):
     assert process.stdout is not None
     try:
         if process.stdout.readline() != "ready\n":
-            raise OSError("the drives did not begin: does this machine have multicast on loopback?")
+            raise OSError("the emulated drives did not start. Check that multicast works on the loopback interface")
         yield process
     finally:
         process.kill()
@@ -135,7 +135,7 @@ def trip(send: Callable[..., Any], answered: Callable[..., Any]) -> float:
     send()
     while not answered():
         if time.perf_counter() - began > 1.0:
-            raise OSError("a drive did not answer within a second")
+            raise OSError("a drive did not reply within 1 s")
     return time.perf_counter() - began
 
 
@@ -212,7 +212,7 @@ def one_kill(bus: BusABC, robot: Path, rig: Path) -> float:
     )
     try:
         if not listen(bus, PROCESS_START_TIMEOUT, under_torque):
-            raise OSError("the run that was to be killed did not begin")
+            raise OSError("the run under test did not start")
         time.sleep(random.uniform(0.02, 0.06))  # somewhere in a period
         while bus.recv(0) is not None:
             pass

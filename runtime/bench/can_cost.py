@@ -141,7 +141,7 @@ def motors(count):
         assert process.stdout is not None
         try:
             if process.stdout.readline() != "ready\n":
-                raise OSError("the motors did not begin")
+                raise OSError("the emulated motors did not start")
             yield [pair[0] for pair in pairs]
         finally:
             process.kill()
@@ -177,7 +177,7 @@ def our_chunk(schedule, sockets, ticks):
     program.count_from(STARTING)
     outcome = uninterrupted(Executor(program, RATE, page=page).run(ticks, fade=0.0))
     if outcome.status != "ok":
-        raise OSError(f"the motors ended: {outcome.status} at {outcome.culprit}")
+        raise OSError(f"the emulated motors ended: {outcome.status} at {outcome.culprit}")
     return sum(program.missed.values()), page.statistics()["missed"]
 
 

@@ -57,7 +57,7 @@ def one_death(commands: Callable[..., Any], robot: Path, rig: Path) -> float:
         deadline = time.monotonic() + bus.PROCESS_START_TIMEOUT
         while not any(data[:7] != b"\xff" * 7 and data != bus.COMMAND for _, _, data in commands(0.02)):
             if time.monotonic() > deadline or process.poll() is not None:
-                raise OSError("the run whose guardian was to be killed did not begin")
+                raise OSError("the run under test did not start")
         time.sleep(0.05)
         commands(0.0)
         killed = time.time()

@@ -91,4 +91,4 @@ def table(
         f"{row['times_native']:11.3g}"
         for name, row in rows.items()
     ]
-    return f"{'µs a tick: min':>16}{'median':>12}{'max':>12}{'ns a block':>13}{'x native':>11}", lines, rows
+    return f"{'µs per tick: min':>16}{'median':>12}{'max':>12}{'ns per block':>13}{'x native':>11}", lines, rows

@@ -76,8 +76,8 @@ def wait_for(child, look):
         if found:
             return found
         time.sleep(0.001)
-    complaint = child.stderr.read().decode().strip() if child.poll() is not None else f"nothing within {TIMEOUT:g} s"
-    raise BadInput(f"the run did not come to its first tick: {complaint}")
+    complaint = child.stderr.read().decode().strip() if child.poll() is not None else f"no output within {TIMEOUT:g} s"
+    raise BadInput(f"the run did not reach its first tick: {complaint}")
 
 
 def resident(pid):

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from runtime.commissioning.calibration.result import Result
 
 EPILOG = """\
+examples:
   calibrate diagrams/leg.py left/shank_imu --rig lab.toml
   calibrate diagrams/leg.py --only gyroscope --duration 10 --rig lab.toml
 

@@ -8,10 +8,12 @@ from runtime.console.terminal import tell
 from runtime.session.check import KEYS, check, report_lines
 from runtime.session.request import Request
 
+RIG = "check the robot of this rig file, such as lab.toml: its buses, devices and joints"
+
 
 def main(arguments: Sequence[str]) -> int:
     parser = Parser("check", "Compile a diagram and report on it. The exit code is 1 if it has an error.", KEYS)
-    add_options(parser, Request, "file", "rate", "settings", "rig")
+    add_options(parser, Request, "file", "rate", "settings", "rig", rig={"help": RIG})
     parser.add_argument("--json", action="store_true", help="print one JSON object with the keys below")
     options = parser.parse_args(arguments)
     report = check(options.file, options.settings, options.rate, options.rig)

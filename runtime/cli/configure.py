@@ -26,13 +26,14 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
 EPILOG = """\
-  configure 127 --channel can0 --set-id 3          give a new drive its id
-  configure 3 --channel can0 --zero --save         zero at the present position
-  configure 3 --channel can0 --read all            read every parameter
+examples:
+  configure 127 --channel can0 --set-id 3      set the id of a new drive
+  configure 3 --channel can0 --zero --save     zero at the present position
+  configure 3 --channel can0 --read all        read every parameter
   configure 3 --channel can0 --write limit_torque=10
-                                                   write one parameter
+                                               write one parameter
   configure --joint left/knee --rig lab.toml knee.py
-                                                   offset, sign and range to rig
+                                               measure offset, sign and range
 
 The command stops the drive and asks for confirmation before it changes anything. It does not change a running drive.
 Changes that are not saved are lost when the drive is switched off.

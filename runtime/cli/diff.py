@@ -15,9 +15,10 @@ from runtime.console.progress import Progress
 from runtime.console.terminal import tell
 
 EPILOG = """\
+examples:
   diff run.mcap replay.mcap
   diff without.mcap assisted.mcap --strides --last 20
-  diff trial.mcap trial.mcap --strides --between start "mark 1" --between "mark 1" end
+  diff a.mcap a.mcap --strides --between start "mark 1" --between "mark 1" end
 """
 
 

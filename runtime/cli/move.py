@@ -26,6 +26,7 @@ POSITION_DAMPING_PER_LIMIT = 0.4  # s/rad, default of --position
 VELOCITY_DAMPING_PER_LIMIT = 1.0  # s/rad, default of --velocity
 
 EPILOG = """\
+examples:
   move 3 --channel can0 --model {0} --torque 0.5
   move 3 --channel can0 --model {0} --position 0.3 --speed 0.2
   move 9 --rig lab.toml --bus legs --model {1} --velocity 1 --duration 3

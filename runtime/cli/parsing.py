@@ -51,12 +51,19 @@ class Parser(argparse.ArgumentParser):
         )
         self.name = name
         self.collected = {}  # {name of an option: function from its texts to its value}
-        self.groups = {}
+        self.groups: dict[str, Any] = {}
+        self.sections: dict[str | None, Any] = {None: self}
 
-    def group(self, name: str):
-        """Return the group of options that exclude each other under this name."""
+    def section(self, title: str | None):
+        """Return the group of options that the help lists under a title; the parser for None."""
+        if title not in self.sections:
+            self.sections[title] = self.add_argument_group(title)
+        return self.sections[title]
+
+    def group(self, name: str, section: str | None = None):
+        """Return the group of options that exclude each other under this name, in a section."""
         if name not in self.groups:
-            self.groups[name] = self.add_mutually_exclusive_group()
+            self.groups[name] = self.section(section).add_mutually_exclusive_group()
         return self.groups[name]
 
     def parse_args(self, arguments: Sequence[str], mixed: bool = False) -> Namespace:
@@ -85,22 +92,24 @@ class Parser(argparse.ArgumentParser):
         raise BadInput(f"{message} ({program()} {self.name} --help lists the options)")
 
 
-def add_options(parser: Parser, kind: type[Request], *names: str, **changes: Any) -> None:
+def add_options(parser: Parser, kind: type[Request], *names: str, in_sections: bool = False, **changes: Any) -> None:
     """Add options that the fields of a dataclass declare with runtime.base.options.option.
 
     names : of the fields
+    in_sections : whether the help lists the options by section
     changes : {name: arguments of add_argument that differ here}
     """
     for name in names:
         declared = kind.__dataclass_fields__[name]
         flags, collect, group, argument = (declared.metadata[key] for key in ("flags", "collect", "group", "argument"))
+        section = declared.metadata["section"] if in_sections else None
         if collect is not None:
             parser.collected[name] = collect
         if flags and declared.default is not MISSING and argument.get("action") != "store_true":
             argument = {"default": declared.default, **argument}
         if flags:
             argument = {"dest": name, **argument}
-        adder = parser.group(group) if group else parser
+        adder = parser.group(group, section) if group else parser.section(section)
         adder.add_argument(*(flags or [name]), **{**argument, **changes.get(name, {})})
 
 

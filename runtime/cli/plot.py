@@ -21,12 +21,14 @@ if TYPE_CHECKING:
     from runtime.analysis.trial import Trial
 
 EPILOG = """\
-  plot trial.mcap           one picture per subsystem, one plot per unit
+examples:
+  plot trial.mcap                one picture per subsystem, one plot per unit
+  plot trial.mcap left/knee      all signals of a block or subsystem
   plot trial.mcap left/knee.position left/knee.torque
-  plot trial.mcap left/knee  all signals of a block or subsystem
-  plot trial.mcap --strides  angle, assistance and power over the gait cycle
+  plot trial.mcap --strides      angle, torque and power over the gait cycle
   plot trial.mcap --strides left/knee.torque -o torque.svg
-  plot without.mcap assisted.mcap --strides  conditions in one picture
+  plot without.mcap assisted.mcap --strides
+                                 conditions in one picture
   plot trial.mcap --strides --between start "mark 1" --between "mark 1" end
 """
 
@@ -80,7 +82,7 @@ def stride_plots(trials, options):
     if options.signals:
         paths = [path for name in options.signals for path in alone(trials[0], name)]
         if len(paths) > PLOT_LIMIT:
-            raise BadInput(f"{len(paths)} signals need as many plots, more than {PLOT_LIMIT}: name fewer")
+            raise BadInput(f"{len(paths)} signals need as many plots, more than {PLOT_LIMIT}: select fewer")
         return [("strides", lambda file, kind: condition_picture.draw_signals(compared, paths, file, kind))]
     [first, *others] = compared
     if others or first.mass is not None:

@@ -23,6 +23,7 @@ DUMMY = [
 ]
 DUMMY_RATE = 200.0  # Hz of test data without a diagram
 EPILOG = """\
+examples:
   plotjuggler diagrams/knee_exo.py          write the layout knee_exo.xml
   plotjuggler diagrams/knee_exo.py --dummy  send its signals as sine waves
   plotjuggler --dummy 192.168.1.7:9870      send four sine waves

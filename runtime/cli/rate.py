@@ -135,7 +135,7 @@ def parse(arguments):
         type=number("--bitrate", "bit/s", 1e9),
         default=BITRATE,
         metavar="N",
-        help="bitrate of the simulated bus (default: 1e6)",
+        help="bitrate of the simulated bus in bit/s (default: 1e6)",
     )
     parser.add_argument(
         "--upper-zero",

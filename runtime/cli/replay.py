@@ -24,7 +24,9 @@ def main(arguments: Sequence[str]) -> int:
         help="run this diagram file (default: the recorded file if its content is unchanged, "
         "else the diagram in the recording)",
     )
-    parser.add_argument("--record", type=folder, metavar="DIR", help="keep the new recording in this folder")
+    parser.add_argument(
+        "--record", type=folder, metavar="DIR", help="write the new recording to this folder (default: it is not kept)"
+    )
     options = parser.parse_args(arguments)
     trial = opened(options.recording)
     source = source_of(trial, options.diagram)

@@ -60,7 +60,7 @@ def parse_run(arguments: Sequence[str]) -> Request:
     from runtime.session.request import Request
 
     parser = Parser("run", "Run a diagram: in simulation, or with --rig on hardware.")
-    add_options(parser, Request, *fields_of(Request))
+    add_options(parser, Request, *fields_of(Request), in_sections=True)
     request = instance(Request, parser.parse_args(arguments))
     request.check()
     return request

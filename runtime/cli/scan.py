@@ -46,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
         type=number("--listen", "seconds", TIME_LIMIT),
         default=1.0,
         metavar="S",
-        help="s to listen before the first query (default: 1, needed by drives in servo mode)",
+        help="seconds to listen before the first query (default: 1, required by drives in servo mode)",
     )
     parser.add_argument(
         "--write-rig", type=Path, metavar="FILE", help="write a rig file with the buses, and the devices as comments"

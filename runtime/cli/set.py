@@ -28,7 +28,7 @@ POLL_PERIOD = 0.001  # s
 
 def main(arguments: Sequence[str]) -> int:
     parser = Parser(
-        "set", "Change live parameters of a run, or list them. The exit code is 0 once the run has taken them."
+        "set", "Change live parameters of a run, or list them. The exit code is 0 if the run has applied them."
     )
     parser.add_argument("pid", metavar="PID", help="process number of the run")
     parser.add_argument(
@@ -137,7 +137,7 @@ def send(page: SharedState, run_table: Table, pid: int, changes):
             wait(page, pid, until, "its mailbox was full")
     while (answer := writer.answer(ticket)) is None:
         try:
-            wait(page, pid, until, "it did not take the change")
+            wait(page, pid, until, "it did not apply the change")
         except BadInput:
             if writer.withdraw(ticket):
                 raise

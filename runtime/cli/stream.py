@@ -22,6 +22,7 @@ from runtime.session.request import Request
 
 RATE_LIMIT = 500.0  # Hz; each query waits for its reply
 EPILOG = """\
+examples:
   stream actuator 3 --channel can0 --model {0}
   stream actuator 3 --channel can0 --plotjuggler 127.0.0.1:9870
   stream actuator 9 --rig lab.toml --bus legs --record recordings
@@ -47,7 +48,9 @@ def main(arguments: Sequence[str]):
             example_models()[0], "".join(f"  stream {name} 128 --channel can1 --bitrate 250000\n" for name in nodes)
         ),
     )
-    parser.add_argument("kind", metavar="actuator", help="the word actuator; for sensors see `stream imu --help`")
+    parser.add_argument(
+        "kind", metavar="actuator", help="the word actuator; for sensors see `stream imu --help`, `stream i2c --help`"
+    )
     parser.add_argument("can_id", metavar="ID", help="CAN id of the drive; `scan` lists those that respond")
     add_bus(parser)
     add_model(parser, "model of the actuator, such as {}; required for velocity and torque")

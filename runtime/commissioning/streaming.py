@@ -180,7 +180,7 @@ def stream(drive, name: str, rate, duration, folder=None, plotjuggler=None, reru
                 if now - shown >= (TERMINAL_INTERVAL if screen.interactive else LOG_INTERVAL):
                     shown = show(now, f"{now:8.1f} s  {drive.line(answer)}", screen)
             elif clock() - answered > SILENCE_TIMEOUT and now - shown >= LOG_INTERVAL:
-                shown = show(now, f"{now:8.1f} s  no answer for {clock() - answered:.0f} s", screen)
+                shown = show(now, f"{now:8.1f} s  no reply for {clock() - answered:.0f} s", screen)
             tick += 1
     except Interrupted:
         handled()

@@ -71,7 +71,7 @@ def real_time_share(machine: Machine, wants: Wants) -> Finding:
         return Finding(name, UNKNOWN, f"{file}runtime_us cannot be read")
     cure = "sudo sysctl -w kernel.sched_rt_runtime_us=950000"
     if runtime == "-1":
-        return Finding(name, OK, "unlimited; a run's own guard ends the priority of a loop that hangs")
+        return Finding(name, OK, "unlimited; a run removes the priority of a loop that hangs")
     share = int(runtime) / int(period or 1_000_000)
     if share == 0.0:
         return Finding(name, BAD, "none", "no thread may have real-time priority", cure, "share", "950000")

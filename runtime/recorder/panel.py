@@ -115,7 +115,7 @@ class Panel:
 
     def post(self, ticket, what, now):
         if ticket is None:
-            self.say("the loop has not taken the previous changes yet", now)
+            self.say("the loop has not applied the previous changes yet", now)
         else:
             self.waiting[ticket] = what
         return ticket

@@ -96,7 +96,7 @@ class Recording:
         for entry in [entry for entry in self.services if entry[0] == path]:
             self.services.remove(entry)
             self.files.update({file: files.INCOMPLETE for file in entry[1].files})
-        self.problems.append(f"{path} does not continue: {reason(error)}")
+        self.problems.append(f"{path} cannot be continued: {reason(error)}")
         self.sinks[path] = {"failed": self.problems[-1]}
 
     def say_later(self, line):

@@ -266,13 +266,10 @@ class Expander:
         size = chunk.uncompressed_size
         if size > min(CHUNK_LIMIT, self.left):
             limit = (
-                f"{CHUNK_LIMIT >> 20} MiB"
-                if size > CHUNK_LIMIT
-                else f"{self.limit >> 20} MiB for all of a file of this size"
+                f"{CHUNK_LIMIT >> 20} MiB" if size > CHUNK_LIMIT else f"{self.limit >> 20} MiB for a file of this size"
             )
             raise TooLarge(
-                f"has a compressed chunk that declares {size} bytes, and {limit} is the limit: what "
-                "stands before is read"
+                f"has a compressed chunk of {size} bytes, above the limit of {limit}, and is read up to there"
             )
         data = {"zstd": zstd, "lz4": lz4}[chunk.compression](chunk.data, size + 1)
         if len(data) != size:

@@ -17,7 +17,7 @@ def validate(path, about):
             "pip install --upgrade tickwork"
         )
     if not describes_signals(about):
-        raise BadInput(f"{path} is damaged: its about.json does not say which signals it has")
+        raise BadInput(f"{path} is damaged: its about.json does not list the signals")
 
 
 def describes_signals(about):

@@ -67,7 +67,7 @@ class Reader:
         except FileNotFoundError:
             raise BadInput(f"{path}: No such file or directory{nearby(path)}") from None
         except IsADirectoryError:
-            raise BadInput(f"{path} is a folder: name the recordings in it, as in {path / '*.mcap'}") from None
+            raise BadInput(f"{path} is a folder: pass the recordings in it, as in {path / '*.mcap'}") from None
         except OSError as error:
             raise BadInput(f"{path}: {error.strerror}") from None
         if contents.about is None:
@@ -124,15 +124,12 @@ class Reader:
         with open(self.path, "rb") as stream:
             mcap = stream.read(len(MAGIC)) == MAGIC
         if self.size == 0 or mcap and contents.library == LIBRARY:
-            return "was cut off before its first tick: there is nothing in it"
+            return "was truncated before its first tick and contains no data"
         if mcap:
-            return (
-                f"is an MCAP file of something else ({contents.library or 'it does not say what'}): only recordings "
-                "of Tickwork are read"
-            )
+            return f"is an MCAP file of another program ({contents.library or 'unknown'}): pass a recording of Tickwork"
         beside = self.path.parent / f"{self.path.stem}.mcap"
-        cure = f"{beside} is" if beside != self.path and beside.exists() else "name the .mcap file of the run"
-        return f"is no recording of Tickwork: {cure}"
+        cure = f"pass {beside}" if beside != self.path and beside.exists() else "pass the .mcap file of the run"
+        return f"is not a recording of Tickwork: {cure}"
 
     def chunks(self, numbers):
         """Yield (number, Messages) of chunks. Raises ValueError or LookupError at a damaged one."""

@@ -218,7 +218,8 @@ class Repair:
                 pass
             if self.good == 0:
                 raise RepairFailed(
-                    f"{self.path} was cut off before it began, or is not a recording: it contains nothing to repair"
+                    f"{self.path} was truncated before its first record, or is not a recording: it contains nothing "
+                    "to repair"
                 )
             if not self.over and not self.is_torn():
                 raise RepairFailed(

@@ -33,8 +33,8 @@ from runtime.recording.records import (
 )
 from runtime.recording.zstd_stream import decode, is_torn
 
-CUT = "is not complete: it was cut off, or is still being recorded"
-COMPLETED = "was cut off, and what there is of it was completed later"
+CUT = "is incomplete: it was truncated, or is still being recorded"
+COMPLETED = "was truncated, and was completed later up to the cut"
 WINDOW = 2 << 20  # bytes in which the end of messages without a chunk is searched
 HEAD_LIMIT = 128  # bytes of the head of a chunk
 
@@ -224,10 +224,10 @@ class Scan:
         if not contents.finished:
             return f"{path} {self.refused or self.matter()}"
         if self.unchecked is not None:
-            return f"{path} is damaged somewhere behind byte {self.unchecked}: a checksum is wrong"
+            return f"{path} is damaged after byte {self.unchecked}: wrong checksum"
         count = sum(self.counts.values())
         if self.written not in (None, count):
-            return f"{path} is damaged: {count} of its {self.written} messages can be read"
+            return f"{path} is damaged: {count} of its {self.written} messages are readable"
         return "" if contents.end is not None else f"{path} {COMPLETED}"
 
     def matter(self):
@@ -238,4 +238,4 @@ class Scan:
         kind, length = HEAD.unpack(head) if len(head) == HEAD.size else (HEADER, 0)
         if HEADER <= kind <= DATA_END and length < RECORD_LIMIT and self.good + HEAD.size + length >= self.size:
             return CUT
-        return f"is damaged from byte {self.good} of {self.size} on: what stands before is read"
+        return f"is damaged from byte {self.good} of {self.size} on and is read up to there"

@@ -107,7 +107,7 @@ def schedule(report, console):
             lines += console.hang(row, "while " + " and ".join(step["while"]) if step["while"] else "")
         if phase == "output" and plan["devices"]:
             lines += console.hang("  command  ", ", ".join(plan["devices"]))
-    lines.append(f"  record   {count(plan['recorded'], 'number')} a tick")
+    lines.append(f"  record   {count(plan['recorded'], 'number')} per tick")
     return [line.rstrip() for line in lines]
 
 

@@ -20,42 +20,39 @@ def text(status: str, block, program: Program) -> str | None:
 
 def acceleration(block, about: str, value: float, bound: float) -> str:
     return (
-        f"the joint goes on accelerating by more than its max_acceleration of {bound:g} rad/s² (up to {value:.0f} "
-        "rad/s²): with stiffness or "
-        "damping its limit rests on that. Find what hits or shakes it; raise max_acceleration where such motion is "
-        "meant"
+        f"the joint accelerates by up to {value:.0f} rad/s², more than its max_acceleration of {bound:g} rad/s², on "
+        "which its torque limit with stiffness or damping rests. Find the cause of the impact or vibration. If such "
+        "motion is intended, raise max_acceleration"
     )
 
 
 def excess_torque(block, about: str, value: float, bound: float) -> str:
     accuracy = block.watched().motion.accuracy
     return (
-        f"the drive measures {value:.3g} N·m; its limit is {bound:.3g} N·m, and its measurement is trusted to "
-        f"{accuracy:.2g} N·m. Compare "
-        f"wire_stiffness, wire_damping and wire_torque with the drive's firmware"
+        f"the drive measures {value:.3g} N·m, above its limit of {bound:.3g} N·m by more than the assumed accuracy of "
+        f"{accuracy:.2g} N·m. Compare wire_stiffness, wire_damping and wire_torque with the drive's firmware"
     )
 
 
 def over_travel(block, about: str, value: float, bound: float) -> str:
     low, high = block.range
     return (
-        f"position {value:.3f} rad is outside the joint's range of {low:g} to {high:g} rad. Find out why before "
-        "it is armed again"
+        f"position {value:.3f} rad is outside the joint's range of {low:g} to {high:g} rad. Find the cause before "
+        "you arm it again"
     )
 
 
 def overspeed(block, about: str, value: float, bound: float) -> str:
     return (
-        f"velocity {value:.3g} rad/s is beyond {bound:.3g} "
-        f"rad/s{'' if block.max_velocity else ', which max_velocity is by default'}"
+        f"velocity {value:.3g} rad/s exceeds max_velocity, {bound:.3g} rad/s"
+        f"{'' if block.max_velocity else ' by default'}"
     )
 
 
 def not_following(block, about: str, value: float, bound: float) -> str:
     return (
-        f"the drive gives {value:.2g} N·m where {bound:.2g} N·m are commanded: it is disabled, as after a loss of "
-        "its power, or at a limit "
-        f"of its own. Check its supply, and arm it again"
+        f"the drive outputs {value:.2g} N·m, but {bound:.2g} N·m are commanded: it was disabled, for instance by a "
+        "loss of power, or it has reached an internal limit. Check its supply, and arm it again"
     )
 
 
@@ -63,44 +60,42 @@ def scale_mismatch(block, about: str, value: float, bound: float) -> str:
     if about == "velocity":
         if value < 0.0:
             return (
-                "the reported velocity has the other sign than the position's rate: the drive's firmware is not "
-                "the one of its model's table"
+                "the reported velocity and the rate of the reported position have opposite signs: the drive's "
+                "firmware does not match the table of its model"
             )
         if not 0.01 < value < 100.0:
             still, moves = ("position", "velocity") if value > 1.0 else ("velocity", "position")
             return (
-                f"the reported {still} is constant while the reported {moves} shows motion: an "
-                "encoder, or the drive's firmware"
+                f"the reported {still} is constant while the reported {moves} changes. Check the encoder and the "
+                "drive's firmware"
             )
         cure = wire_cure(block, value)
-        return f"the reported velocity is {value:.3g} of the rate of the reported position: {cure}"
+        return f"the reported velocity is {value:.3g} times the rate of the reported position: {cure}"
     constant = " or the torque constant" if "current" in block.outputs else ""
     return (
-        f"the measured torque is {value:.3g} of what was sent: wire_torque, wire_stiffness, wire_damping{constant} "
-        f"of {block.spec.name} "
-        f"are not those of the drive's firmware. Compare them with its manual"
+        f"the measured torque is {value:.3g} times the commanded law: wire_torque, wire_stiffness, "
+        f"wire_damping{constant} of {block.spec.name} do not match the drive's firmware. Compare them with its manual"
     )
 
 
 def wire_cure(block, value: float) -> str:
     """What to set where a velocity is `value` times the position's rate."""
     if "wire_velocity" not in block.parameters or "current" in block.outputs:
-        return f"the pole pairs or the gear of {block.spec.name} are not the drive's. Check the model's name"
+        return f"the drive does not have the pole pairs or the gear of {block.spec.name}. Check the model's name"
     ratio = block.gear_ratio
     return (
         f"set wire_velocity={block.wire[1] * ratio / value:.4g}, or "
-        f"wire_position={block.wire[0] * ratio * value:.4g}, whichever is the "
-        f"range of the drive's firmware"
+        f"wire_position={block.wire[0] * ratio * value:.4g}, whichever is the range of the drive's firmware"
     )
 
 
 def implausible(block, about: str, value: float, bound: float) -> str:
     if about == "temperature":
         return (
-            f"implausible temperature {value:g} °C: the drive's sensor is broken, or it is not the model "
+            f"implausible temperature {value:g} °C: the drive's sensor is defective, or the drive is not a "
             f"{block.spec.name}"
         )
-    return f"it reports a {about} of {value if math.isfinite(value) else str(float(value))}, which is no measurement"
+    return f"the drive reports an impossible {about}, {value if math.isfinite(value) else str(float(value))}"
 
 
 WORDS = {

@@ -24,7 +24,7 @@ def timing(result, passed: int) -> Iterator[tuple[str, str]]:
             "speed",
             (
                 f"{passed / rate / result.seconds:.0f} times real time: "
-                f"{micro(statistics['busy'] / statistics['ticks'])} a tick"
+                f"{micro(statistics['busy'] / statistics['ticks'])} per tick"
                 + (f", {waited:.1f} s waiting for the recorder" if waited > 0.05 else "")
             ),
         )
@@ -32,7 +32,7 @@ def timing(result, passed: int) -> Iterator[tuple[str, str]]:
     yield "rate", f"{rate * statistics['ticks'] / passed:.2f} Hz held"
     yield "late by", spread(late)
     share, long = statistics["busy"] * rate / passed, statistics["execution"]["p99"]
-    yield "load", f"{100 * share:.2f} % of the time inside ticks, {micro(long)} a tick at p99"
+    yield "load", f"{100 * share:.2f} % of the time inside ticks, {micro(long)} per tick at p99"
     if statistics["caught_up"]:
         yield "caught up", f"{statistics['caught_up']} ticks ran late"
     for index, row in enumerate(result.overruns[:5]):

@@ -140,20 +140,20 @@ class Seen:
         if len(found) == 1:
             return self.open.pop(found[0]).port
         if not serial:
-            message = f"{where} names neither a serial number nor a port"
+            message = f"{where} has neither a serial number nor a port"
             raise Refused(RigProblem("TW127", message, f'write serial = "133931"; {self.words(device)}'))
         what = f"{len(found)} sensors have" if found else "no sensor has"
-        message = f'{where} serial = "{serial}": {what} this ending of the serial number'
+        message = f'{where} serial = "{serial}": {what} a serial number with this ending'
         raise Refused(RigProblem("TW127", message, self.words(device)))
 
     def words(self, device):
         seen = ", ".join(
             f"{sensor.about.serial} ({sensor.about.model}, {path})" for path, sensor in sorted(self.open.items())
         )
-        words = [f"seen: {seen}" if seen else f"no {device.sensor} was seen"]
+        words = [f"found: {seen}" if seen else f"no {device.sensor} was found"]
         words += [f"{trouble.message}: {trouble.hint}" for trouble in self.troubles]
         if self.silent:
-            words.append(f"no sensor answers on {', '.join(self.silent)}")
+            words.append(f"no sensor responds on {', '.join(self.silent)}")
         return "; ".join(words)
 
     def close(self):
@@ -174,8 +174,8 @@ def opened(device, port):
         line = Opened(let_go(port), path, path=ports.by_id(path), setup=tuple(messages), proof=about.proof())
     except NoReply:
         port.close()
-        message = f"{where}: no {device.sensor} answers at {wanted['baudrate']} bit/s"
-        hint = f"is that its port, and its supply on? With a real serial line: its baud rate; {device.remedy}"
+        message = f"{where}: no {device.sensor} responds at {wanted['baudrate']} bit/s"
+        hint = f"check the port, the supply and, on a hardware serial port, the baud rate; {device.remedy}"
         raise Refused(RigProblem("TW128", message, hint)) from None
     except Refused:
         port.close()
@@ -185,6 +185,6 @@ def opened(device, port):
         raise Refused(RigProblem("TW129", f"{where}: {rejected}", rejected.hint)) from None
     except (OSError, ValueError) as error:
         port.close()
-        raise Refused(RigProblem("TW128", f"{where}: {error}", "unplug it, and plug it in again")) from None
+        raise Refused(RigProblem("TW128", f"{where}: {error}", "unplug the sensor and plug it in again")) from None
     line.remarks = tuple(f"{path}: {about.model} {about.serial} {remark}" for remark in remarks)
     return line

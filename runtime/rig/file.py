@@ -101,7 +101,7 @@ def parse(path, text):
 
 def text_of(path):
     if path.is_dir():
-        raise RigError(path, [RigProblem("TW101", "is a folder", "name the file of a rig, such as lab.toml")])
+        raise RigError(path, [RigProblem("TW101", "is a folder", "pass a rig file, such as lab.toml")])
     try:
         return path.read_bytes().decode("utf-8").replace("\r\n", "\n")
     except FileNotFoundError:
@@ -236,6 +236,6 @@ def shared_channels(buses):
         if other is not bus:
             yield RigProblem(
                 "TW102",
-                f"[bus.{bus.name}] channel = {bus.channel!r} is also used by [bus.{other.name}] too",
+                f"[bus.{bus.name}] channel = {bus.channel!r} is also used by [bus.{other.name}]",
                 "use a separate interface, or put the devices that share a wire on one bus in the diagram",
             )

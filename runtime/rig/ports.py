@@ -51,7 +51,7 @@ def with_serial(device_path, digits):
     raise Refused(
         RigProblem(
             "TW127",
-            f'[device."{device_path}"] serial = "{digits}": {what} this ending of the serial number',
+            f'[device."{device_path}"] serial = "{digits}": {what} a serial number with this ending',
             f"found: {seen}",
         )
     )
@@ -71,7 +71,9 @@ def open_port(device_path, path, baudrate, timeout=0.0):
         raise Refused(in_words(device_path, path, error, baudrate)) from None
     except ValueError as error:
         raise Refused(
-            RigProblem("TW119", f"{device(device_path)}{path}: {error}", f"is {baudrate} bit/s supported by the port?")
+            RigProblem(
+                "TW119", f"{device(device_path)}{path}: {error}", f"check that the port supports {baudrate} bit/s"
+            )
         ) from None
 
 
@@ -95,7 +97,7 @@ def in_words(device_path, path, error, baudrate):
     return RigProblem(
         "TW119",
         f"{name}: {os.strerror(number) if number else error}",
-        f"is it plugged in, and does it take {baudrate} bit/s?",
+        f"check that the device is plugged in and that the port supports {baudrate} bit/s",
     )
 
 

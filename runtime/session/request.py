@@ -55,6 +55,9 @@ def poses(texts):
     return found
 
 
+HARDWARE, SIMULATION, OUTPUT, TIMING = "hardware", "simulation", "recording and viewers", "timing"
+
+
 @dataclass
 class Request:
     """The options of a run."""
@@ -62,6 +65,7 @@ class Request:
     file: Path = option(type=Path, metavar="FILE", help="a diagram file, such as diagrams/knee_exo.py")
     rig: Path | None = option(
         "--rig",
+        section=HARDWARE,
         default=None,
         type=Path,
         metavar="FILE",
@@ -92,10 +96,15 @@ class Request:
         help="stop after S seconds (default: Ctrl-C)",
     )
     fast: bool = option(
-        "--fast", default=False, action="store_true", help="virtual time: as fast as possible (needs --duration)"
+        "--fast",
+        section=SIMULATION,
+        default=False,
+        action="store_true",
+        help="virtual time: as fast as possible (needs --duration)",
     )
     seed: int | None = option(
         "--seed",
+        section=SIMULATION,
         default=None,
         type=count("--seed", 2**53, 0),
         metavar="N",
@@ -103,15 +112,19 @@ class Request:
     )
     record: Path | None = option(
         "--record",
+        section=OUTPUT,
         default=None,
         group="files",
         type=folder,
         metavar="DIR",
         help="folder of the recording (default: recordings)",
     )
-    no_record: bool = option("--no-record", default=False, group="files", action="store_true", help="write no files")
+    no_record: bool = option(
+        "--no-record", section=OUTPUT, default=False, group="files", action="store_true", help="write no files"
+    )
     compression: str = option(
         "--compression",
+        section=OUTPUT,
         default=COMPRESSION,
         type=compression,
         metavar="NAME",
@@ -120,12 +133,14 @@ class Request:
     )
     can_log: bool = option(
         "--can-log",
+        section=OUTPUT,
         default=False,
         action="store_true",
-        help="write a .can.log of the CAN frames, too; `convert --to candump` makes it later from the .mcap file",
+        help="also write a .can.log of the CAN frames; `convert --to candump` makes one from the .mcap file later",
     )
     trial: dict = option(
         "--trial",
+        section=OUTPUT,
         default=dict,
         collect=trial_fields,
         nargs="+",
@@ -134,6 +149,7 @@ class Request:
     )
     plotjuggler: tuple | None = option(
         "--plotjuggler",
+        section=OUTPUT,
         default=None,
         type=host_and_port,
         metavar="HOST:PORT",
@@ -141,6 +157,7 @@ class Request:
     )
     rerun: str | None = option(
         "--rerun",
+        section=OUTPUT,
         default=None,
         nargs="?",
         const="",
@@ -150,13 +167,15 @@ class Request:
     )
     realtime: str | None = option(
         "--realtime",
+        section=TIMING,
         default=None,
         choices=MODES,
-        help="request real-time priority, locked memory and processors that stay awake: try reports what is not "
-        "granted, require then does not start (default: try on a rig, off in simulation)",
+        help="request real-time priority, locked memory and processors without deep sleep: try reports denied "
+        "requests, require does not start if one is denied (default: try on a rig, off in simulation)",
     )
     priority: int | None = option(
         "--priority",
+        section=TIMING,
         default=None,
         type=count("--priority", PRIORITY_LIMIT),
         metavar="N",
@@ -164,15 +183,19 @@ class Request:
     )
     cpu: int | None = option(
         "--cpu",
+        section=TIMING,
         default=None,
         type=processor,
         metavar="N",
-        help="stay on this processor (default: the last isolated one; else, with real-time priority, one that no "
-        "other run uses)",
+        help="run on this processor (default: the last isolated one, or with real-time priority one that no other run "
+        "uses)",
     )
-    yes: bool = option("--yes", default=False, action="store_true", help="on a rig: arm without waiting for Enter")
+    yes: bool = option(
+        "--yes", section=HARDWARE, default=False, action="store_true", help="on a rig: arm without waiting for Enter"
+    )
     poses: dict = option(
         "--pose",
+        section=HARDWARE,
         default=dict,
         collect=poses,
         action="append",
@@ -188,6 +211,7 @@ class Request:
     )
     overrun: str = option(
         "--overrun",
+        section=TIMING,
         default="skip",
         type=overrun_policy,
         metavar="POLICY",
@@ -196,6 +220,7 @@ class Request:
     )
     spin: float = option(
         "--spin",
+        section=TIMING,
         default=0.0,
         type=spin_window,
         metavar="TIME",
@@ -203,13 +228,18 @@ class Request:
     )
     bitrate: float | None = option(
         "--bitrate",
+        section=SIMULATION,
         default=None,
         type=number("--bitrate", "bit/s", 1e9),
         metavar="N",
         help="bitrate of the simulated buses in bit/s; delays frames by the time of their bits (default: no delay)",
     )
     profile: bool = option(
-        "--profile", default=False, action="store_true", help="measure the time of every block and print it at the end"
+        "--profile",
+        section=TIMING,
+        default=False,
+        action="store_true",
+        help="measure the time of every block and print it at the end",
     )
     bench: bool = False  # on a rig: an actuator that moves no joint, so that its range is not required
 

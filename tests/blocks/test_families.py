@@ -118,7 +118,7 @@ def carried_out(dialogue, answers, permission=True):
         elif isinstance(step, Show):
             lines += step.lines
         else:
-            assert step == Confirm("change that")
+            assert step == Confirm("apply these changes")
             reply = permission
 
 
@@ -171,5 +171,5 @@ def test_an_id_without_a_drive_of_the_family_is_left_to_the_next():
 @pytest.mark.parametrize("request_", [Request(3, new_id=4), Request(3, reads=("all",)), Request(3, protocol="mit")])
 def test_unsupported_operation_is_rejected_before_sending(request_):
     [family] = [family for family in families() if family.name == "CubeMars"]
-    with pytest.raises(Rejected, match="CubeMars' own program"):
+    with pytest.raises(Rejected, match="CubeMars' software"):
         family.check(request_)

@@ -95,9 +95,9 @@ def test_emergency_stop_in_conditional_subsystem_is_refused():
             EmergencyStop(name="stop")(Truth([False]).y)
 
     [(code, message)] = complaint(lambda: in_a_part_that_is(every=4))
-    assert code == "TW018" and message == "runs at every 4 ticks"
+    assert code == "TW018" and message == "runs every 4 ticks, but must run in every tick"
     found = complaint(lambda: in_a_part_that_is(enabled=lambda on: on.y))
-    assert {code for code, _ in found} == {"TW018"} and "rests while on.y is false" in found[0][1]
+    assert {code for code, _ in found} == {"TW018"} and "does not run while on.y is false" in found[0][1]
 
     def wired_into_one():
         with subsystem("part", enabled=Truth([True], name="on").y):

@@ -91,5 +91,5 @@ def test_a_signal_is_neither_a_truth_nor_a_sequence_nor_divided_by_zero():
             signal / 0
         with pytest.raises(DiagramError, match="too many indices for array"):
             signal[:1]
-        with pytest.raises(TypeError, match="only where its shape is declared"):
+        with pytest.raises(TypeError, match="require a declared shape"):
             Gain()(signal)[:1]

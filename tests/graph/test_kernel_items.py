@@ -219,7 +219,7 @@ def test_memory_of_another_length_is_refused_when_the_diagram_is_compiled():
 
     with Diagram("d", rate=200) as diagram:
         Short(3.0, name="short")(player([1.0], "N·m"))
-    with pytest.raises(TypeError, match="short: a kernel of Short takes .* numbers of 'sums', and it has 1"):
+    with pytest.raises(TypeError, match="short: a kernel of Short requires .* numbers in 'sums', got 1"):
         compile(diagram)
 
 
@@ -303,17 +303,17 @@ def test_a_kernel_is_renamed_for_a_block_that_calls_its_items_otherwise():
         kernel = mathematics.gain.renamed(gain="share")
 
     assert Attenuator(0.25).step(8.0) == 2.0
-    with pytest.raises(ValueError, match="has no item 'factor': it has u, y, gain"):
+    with pytest.raises(ValueError, match="has no item 'factor'; its items are u, y, gain"):
         mathematics.gain.renamed(factor="share")
 
 
 @pytest.mark.parametrize(
     "items, message",
     [
-        ("u y u", "names 'u' twice"),
-        ("u y[2,3]", "'y\\[2,3\\]' is not an item"),
-        ("u *memory", "'\\*memory' is not an item"),
-        ("*inputs[3]", "is not an item"),
+        ("u y u", "lists item 'u' twice"),
+        ("u y[2,3]", "invalid kernel item 'y\\[2,3\\]'"),
+        ("u *memory", "invalid kernel item '\\*memory'"),
+        ("*inputs[3]", "invalid kernel item"),
     ],
 )
 def test_a_list_that_is_none_is_refused(items, message):

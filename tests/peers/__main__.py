@@ -64,7 +64,7 @@ def time_drives(ticks=400):
     _, through, _ = can_cost.native(10 * ticks)
     rows = {"Tickwork, native blocks": [ns * 1e-3 for ns in through], "python-can": python_can.measure(ticks)}
     print(
-        "", f"{f'{can_cost.DRIVES} drives over a socket':38}{'µs a tick: min':>16}{'median':>12}{'max':>12}", sep="\n"
+        "", f"{f'{can_cost.DRIVES} drives over a socket':38}{'µs per tick: min':>16}{'median':>12}{'max':>12}", sep="\n"
     )
     for name, times in rows.items():
         times = sorted(times)
@@ -73,7 +73,7 @@ def time_drives(ticks=400):
 
 def time_recording(ticks=20_000):
     """Print what a tick costs the recorder, and other writers of the same rows."""
-    print("", f"{'36 signals and 4 frames into files':38}{'µs a tick':>16}", sep="\n")
+    print("", f"{'36 signals and 4 frames into files':38}{'µs per tick':>16}", sep="\n")
     for name, microseconds in recording.measure(ticks).items():
         print(f"  {name:36}{microseconds:16.4g}")
 

@@ -18,24 +18,25 @@ class Boards:
     """Common parts of the emulated boards, copied one by one after the items of every emulated drive."""
 
     report_rate = Param(
-        0.0, "Hz", "rate of its reports; 0: it answers each command instead", min=0.0, max=500.0, fixed=True
+        0.0, "Hz", "rate of the reports; 0: one reply per command instead", min=0.0, max=500.0, fixed=True
     )
     torque_constant = Param(
-        0.0, "N·m/A", "torque constant at the actuator's output; 0: the table's", min=0.0, fixed=True, kernel=False
+        0.0, "N·m/A", "torque constant at the actuator's output; 0: the model's", min=0.0, fixed=True, kernel=False
     )
     pole_pairs = Param(
         0,
         "1",
-        "pole pairs of the motor, which scale the reported speed; 0: the table's",
+        "pole pairs of the motor, which scale the reported speed; 0: the model's",
         min=0,
         fixed=True,
         kernel=False,
     )
     scales = Memory((0.0,) * 3, "rad and rad/s per code of the status, N·m per ampere, at the joint")
-    board = Memory((0.0,) * 2, "whether it has force control, whether that mode must be entered")
+    board = Memory((0.0,) * 2, "1 if the board has force control, 1 if that mode must be entered")
     motion = Memory(
         (-1.0,) + (0.0,) * 8,
-        "kind of command, target, fastest, hardest, reference, torque, next report, echo, whether it was dead",
+        "kind of command, target, velocity limit, acceleration limit, reference, torque, time of the next report, "
+        "pending confirmation, 1 after a loss of power",
     )
 
 
@@ -86,7 +87,7 @@ class EmulatedCubeMarsServo(Emulated, Device):
     """
 
     report_rate = Param(
-        100.0, "Hz", "rate of its reports; 0: it answers each command instead", min=0.0, max=500.0, fixed=True
+        100.0, "Hz", "rate of the reports; 0: one reply per command instead", min=0.0, max=500.0, fixed=True
     )
     torque_constant, pole_pairs = Boards.torque_constant, Boards.pole_pairs
     scales, board, motion = Boards.scales, Boards.board, Boards.motion

@@ -117,7 +117,7 @@ def find(name: str) -> Model:
     motor, generation = split(name)
     if generation.startswith("3") or any(plain(only) == motor for only in ONLY_V3):
         raise ValueError(
-            f"{name} has a V3.0 board, which speaks another protocol than V1 and V2: use CubeMarsV3, or "
+            f"{name} has a V3.0 board, whose protocol differs from V1 and V2: use CubeMarsV3, or "
             "CubeMarsServo in servo mode"
         )
     for short, full in AMBIGUOUS.items():

@@ -82,7 +82,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     )
     duty_limit = Param(0.1, "1", "largest duty in the mode duty", above=0.0, max=1.0, fixed=True, kernel=False)
     torque_constant = Param(
-        0.0, "N·m/A", "torque constant at the actuator's output; 0: the table's", min=0.0, fixed=True, kernel=False
+        0.0, "N·m/A", "torque constant at the actuator's output; 0: the model's", min=0.0, fixed=True, kernel=False
     )
     report_rate = Param(
         100.0,

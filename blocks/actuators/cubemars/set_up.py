@@ -27,10 +27,9 @@ ZERO_TOLERANCE = 0.02  # rad
 QUERY_TIME = 0.25  # s: a drive in servo mode reports at 1 Hz to 500 Hz, mostly at 50 or more
 SILENT_TIME = 1.5  # s after which a drive in MIT mode answers again
 VENDOR_PROGRAM = (
-    "it is a CubeMars, whose id, mode and limits are set in CubeMars' own program alone (--zero works on the bus, by "
-    "its id): connect its serial port with the vendor's R-Link "
-    "adapter, open the program's page of the drive's CAN settings, write the id there, and store it; MIT or servo "
-    "mode is chosen there"
+    "the id, mode and limits of a CubeMars can be set only with CubeMars' software; over CAN only --zero is available. "
+    "Connect the drive's serial port with the vendor's R-Link adapter, set the id and the mode (MIT or servo) on the "
+    "page of CAN settings, and save them"
 )
 
 
@@ -55,16 +54,14 @@ def set_up(request: Request) -> Dialogue:
         return None
     family, in_mit_mode = target.answer.family, target.answer.family == queries.MIT
     if in_mit_mode and request.save:
-        raise Rejected(
-            f"--save: id {request.can_id} is a CubeMars in MIT mode, which has no frame to save; leave it out"
-        )
+        raise Rejected(f"--save: id {request.can_id} is a CubeMars in MIT mode, which has no save command. Omit --save")
     yield from refuse_running(target, request.can_id)
-    kept = "and it is kept when its power goes" if request.save else "until its power goes"
+    kept = "permanently" if request.save else "until the power is removed"
     if in_mit_mode:
-        kept = "whether it is kept when its power goes depends on the firmware; check it with `scan`"
+        kept = "permanently or until the power is removed, depending on the firmware: run `scan` after a power cycle"
     position = target.answer.position
     yield Show((f"id {request.can_id}, {family}", f"  position: {position:.4f} rad -> 0 rad, {kept}"))
-    if not (yield Confirm("change that")):
+    if not (yield Confirm("apply these changes")):
         return True
     yield Send(target.frame, "set zero")
     yield Listen(QUERY_TIME)
@@ -110,12 +107,12 @@ def refuse_running(target: Target, can_id: int) -> Dialogue:
     first, again = target.answer, (yield from target.query())
     if again is None:
         raise Rejected(
-            f"id {can_id} has not answered a second time: whether it runs is not known, so nothing was changed"
+            f"id {can_id} did not reply a second time, so it may be moving; nothing was changed. Run the command again"
         )
     current = max((abs(current) for current in (first.current, again.current) if current is not None), default=0.0)
     if not abs(again.position - first.position) < STILL_TOLERANCE or not current < frames.QUIET:
         holding = f", {current:.2f} A" if current else ""
         raise Rejected(
-            f"id {can_id} runs (from {first.position:.3f} to {again.position:.3f} rad{holding}): stop what drives it "
-            "first; nothing was changed"
+            f"id {can_id} is running (from {first.position:.3f} to {again.position:.3f} rad{holding}); nothing was "
+            "changed. End the program that commands it first"
         )

@@ -28,7 +28,7 @@ class Reporting:
     report_rate = Param(
         0.0,
         "Hz",
-        "rate of the drive's reports, as set with the vendor's tool; 0: it answers each command instead",
+        "rate of the drive's reports, as set with the vendor's tool; 0: one reply per command instead",
         min=0.0,
         max=500.0,
         fixed=True,

@@ -23,7 +23,7 @@ class EmulatedRobStride(Emulated, Device):
     `EmulatedRobStride.of(robot["left/knee"])` emulates the drive of a robot's block.
     """
 
-    can_id = Param(127, "1", "its id", min=1, max=127, fixed=True)
+    can_id = Param(127, "1", "CAN id of the drive", min=1, max=127, fixed=True)
     trip_temperature = Param(
         None, "°C", "temperature of the over-temperature fault; the model's by default", dtype=float, fixed=True
     )
@@ -32,15 +32,16 @@ class EmulatedRobStride(Emulated, Device):
     firmware = Param(
         "", "1", "firmware version, as in 0.3.1.41; by default the oldest with a time-out in MIT mode", dtype=str
     )
-    gains = Param((), "1", '(name, value) of parameters that this one has otherwise, as in (("loc_kp", 40.0),)')
+    gains = Param((), "1", '(name, value) of parameters that differ from the defaults, as in (("loc_kp", 40.0),)')
 
     registers = Memory((0.0,) * 64, "values of the parameters 0x7000 to 0x703F")
-    defaults = Memory((0.0,) * 64, "the same after power on")
+    defaults = Memory((0.0,) * 64, "values of these parameters after power-on")
     memory_of_drive = Memory(
-        (0.0,) * 6, "host, faults latched, faults reported, whether it reports, when next, torque constant"
+        (0.0,) * 6,
+        "host id, latched faults, reported faults, 1 while reporting, time of the next report, torque constant",
     )
 
-    identity = Memory((0.0,) * 14, "bytes of its unique number and of its firmware, whether it is a CyberGear")
+    identity = Memory((0.0,) * 14, "bytes of the unique number and of the firmware version, 1 for a CyberGear")
 
     find = staticmethod(models.find)
     kernel = kernels.drive
@@ -76,7 +77,7 @@ class EmulatedRobStride(Emulated, Device):
         for name, value in self.gains:
             parameter = parameters.find(name)
             if not parameter.writable or (is_cybergear and not parameter.cybergear):
-                raise ValueError(f"gains: {parameter.name} is not a parameter of {self.spec.name} that can be set")
+                raise ValueError(f"gains: {parameter.name} is not a writable parameter of {self.spec.name}")
             values[parameter.index] = float(value)
         return values
 
@@ -85,14 +86,14 @@ class EmulatedRobStride(Emulated, Device):
 
         text = self.unique or hashlib.blake2b(f"{self.spec.name} {self.can_id}".encode(), digest_size=8).hexdigest()
         if not re.fullmatch("[0-9A-Fa-f]{16}", text):
-            raise ValueError(f"unique is 16 hex digits, got {text!r}")
+            raise ValueError(f"unique must have 16 hex digits, got {text!r}")
         return tuple(map(float, bytes.fromhex(text)))
 
     def firmware_bytes(self) -> tuple[float, ...]:
         text = self.firmware or models.MIT_FIRMWARE.get(self.spec.name, "0")
         parts = [int(part) if part.isdigit() else -1 for part in text.split(".")]
         if len(parts) > 5 or not all(0 <= part <= 255 for part in parts):
-            raise ValueError(f"firmware is at most five numbers up to 255, as in 0.3.1.41, got {text!r}")
+            raise ValueError(f"firmware must be at most five numbers from 0 to 255, as in 0.3.1.41, got {text!r}")
         return tuple(map(float, parts + [0] * (5 - len(parts))))
 
     def addresses(self) -> list[tuple[int, bool]]:

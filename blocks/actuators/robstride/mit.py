@@ -163,11 +163,11 @@ class EmulatedRobStrideMIT(Emulated, Device):
 
     can_id = Param(127, "1", "its id", min=1, max=127, fixed=True)
     host_id = Param(0xFD, "1", "id of its replies", min=0, max=255, fixed=True)
-    parameters_known = Param(True, "1", "whether its firmware reads and writes parameters", fixed=True, kernel=False)
+    parameters_known = Param(True, "1", "whether the firmware reads and writes parameters", fixed=True, kernel=False)
 
     registers = Memory((0.0,) * 64, "parameters 0x7000 to 0x703F, four raw bytes each")
-    latched = Memory(0.0, "faults until they are cleared")
-    too_old = Memory(0.0, "whether its firmware has no parameters")
+    latched = Memory(0.0, "latched faults")
+    too_old = Memory(0.0, "1 if the firmware has no parameters")
 
     find = staticmethod(find)
     kernel = kernels.drive

@@ -23,7 +23,7 @@ POSITION_MODES = ("position", "csp")
 COMMANDS = {
     "position": Input("rad", "position command, reached with velocity_limit and acceleration"),
     "velocity": Input("rad/s", "velocity command"),
-    "current": Input("A", "current of the motor, peak of a phase, in the direction of the joint"),
+    "current": Input("A", "current of the motor, amplitude of a phase, in the direction of the joint"),
 }
 SENT = {
     "position": Output("rad", "position command after quantisation"),
@@ -68,14 +68,16 @@ class RobStride(Joint, Actuator):
         fixed=True,
     )
 
-    warning = Output("1", "warnings that the drive reported last, as bits", dtype=int)
-    state = Memory((0.0,) * 3, "whether it has run, replies since it stopped, reported faults")
+    warning = Output("1", "warnings of the newest fault report, as bits", dtype=int)
+    state = Memory((0.0,) * 3, "1 once the drive has run, replies since it stopped, reported faults")
     written = Memory(
-        (0.0,) * 5, "index of the command, its scale, whether the offset moves it, index and value of the current limit"
+        (0.0,) * 5,
+        "index of the command, its scale, 1 if the offset applies to it, index and value of the current limit",
     )
 
     timeout_read = Memory(
-        (0.0,) * 3, "whether the drive has returned its time-out, how often another one, counts that were written"
+        (0.0,) * 3,
+        "1 once the drive has returned the time-out, number of other values returned, written value in counts",
     )
 
     hardware = (*Joint.hardware, "host_id")

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 MAX_VELOCITY, MAX_CURRENT = 0.1, 0.3  # rad/s and A of a drive at rest
 IDENTITY_TIME = 0.08  # s in which every drive with an id answers
 ZERO_TOLERANCE = 0.01  # rad
-# of the MIT protocol: to the private one, from the next power on
+# frame of the MIT protocol that selects the private protocol from the next power-on
 SWITCH_BACK = b"\xff\xff\xff\xff\xff\xff\x00\xfd"
-POWER_CYCLE = "it takes effect when its power has been off: then look with `scan`"
+POWER_CYCLE = "it takes effect at the next power-on. Then run `scan`"
 
 
 def check(request: Request) -> None:
@@ -32,7 +32,7 @@ def check(request: Request) -> None:
     reads(request)
     writes(request)
     if request.protocol not in (None, *queries.PROTOCOLS):
-        hint = suggestion(request.protocol, queries.PROTOCOLS) or f"there are {', '.join(queries.PROTOCOLS)}"
+        hint = suggestion(request.protocol, queries.PROTOCOLS) or f"expected {', '.join(queries.PROTOCOLS)}"
         raise Rejected(f"--protocol {request.protocol}: {hint}")
 
 
@@ -52,16 +52,16 @@ def writes(request: Request) -> list[tuple[Parameter, float]]:
             raise Rejected(f"--write {text}: expected NAME=VALUE, as in limit_torque=10")
         parameter = named(name.strip(), "--write")
         if not parameter.writable:
-            raise Rejected(
-                f"--write {name}: it is {parameter.meaning}, which is measured or commanded, and is not set up"
-            )
+            raise Rejected(f"--write {name}: {parameter.meaning} is measured or commanded and cannot be configured")
         try:
             number = float(value)
             if not math.isfinite(number) or (parameter.is_whole() and number != int(number)):
                 raise ValueError
             queries.write(parameter, number, 1)
         except (ValueError, OverflowError, struct.error):
-            kind = "a whole number that fits it" if parameter.is_whole() else f"a number ({parameter.unit})"
+            kind = (
+                "an integer in the range of the parameter" if parameter.is_whole() else f"a number ({parameter.unit})"
+            )
             raise Rejected(f"--write {text}: expected {kind}") from None
         found.append((parameter, number))
     return found
@@ -94,8 +94,8 @@ def switch_back(can_id: int) -> Dialogue:
     """Send a drive in the MIT protocol back to the private one; None where none answers in that."""
     if (yield from in_mit_mode(can_id)) is None:
         return None
-    yield Show((f"  id {can_id}: protocol: mit -> private, from its next power on",))
-    if not (yield Confirm("change that")):
+    yield Show((f"  id {can_id}: protocol: mit -> private, from the next power-on",))
+    if not (yield Confirm("apply these changes")):
         return True
     yield Send((can_id, False, SWITCH_BACK), "set protocol")
     yield Listen(0.1)
@@ -127,8 +127,8 @@ class Drive:
         if (yield from in_mit_mode(self.can_id, attempts=1)) is None:
             return None
         raise Rejected(
-            f"id {self.can_id} speaks RobStride's MIT protocol, and is set up in its private one: --protocol private, "
-            "then its power off and on"
+            f"id {self.can_id} uses RobStride's MIT protocol and can be configured only in the private one. Run "
+            "configure with --protocol private, then cycle its power"
         )
 
     def read(self, name: str) -> Dialogue:
@@ -151,7 +151,7 @@ class Drive:
             before[parameter.name] = yield from self.read(parameter.name)
         position = (yield from self.read("mechPos")) if request.zero else None
         yield Show(tuple(self.planned(request, wanted, before, position)))
-        if not (yield Confirm("change that")):
+        if not (yield Confirm("apply these changes")):
             return True
         done = []
         for parameter, value in wanted:
@@ -171,12 +171,14 @@ class Drive:
         velocity, current = (yield from self.read("mechVel")), (yield from self.read("iqf"))
         if velocity is None:
             raise Rejected(
-                f"id {self.can_id} does not report its velocity: whether it runs is not known, so nothing was changed"
+                f"id {self.can_id} does not report its velocity, so it may be moving; nothing was changed. Run the "
+                "command again"
             )
         if not abs(velocity) < MAX_VELOCITY or (current is not None and not abs(current) < MAX_CURRENT):
             holding = "" if current is None else f", {current:.2f} A"
             raise Rejected(
-                f"id {self.can_id} runs ({velocity:.2f} rad/s{holding}): stop what drives it first; nothing was changed"
+                f"id {self.can_id} is running ({velocity:.2f} rad/s{holding}); nothing was changed. End the program "
+                "that commands it first"
             )
 
     def stop(self) -> Dialogue:
@@ -201,7 +203,9 @@ class Drive:
                 self.need_robstride(f"--write {parameter.name}, which a CyberGear does not have")
         new = request.new_id
         if new and ((yield from self.identities(new)) or (yield from self.is_taken(new))):
-            raise Rejected(f"id {new} is on the bus already: {self.can_id} keeps its own; nothing was changed")
+            raise Rejected(
+                f"id {new} is already in use on the bus; id {self.can_id} was not changed. Choose another id"
+            )
 
     def is_taken(self, can_id: int) -> Dialogue:
         """Return whether any drive in MIT mode has an id."""
@@ -214,9 +218,9 @@ class Drive:
     def need_robstride(self, what: str) -> None:
         if not self.is_robstride:
             raise Rejected(
-                f"{what}: id {self.can_id} has not reported a RobStride's firmware, so it may be a CyberGear, to which "
-                "such frames mean other things (to save: another baud rate); nothing was changed. For a RobStride with "
-                "old firmware use the vendor's program"
+                f"{what}: id {self.can_id} did not report the firmware of a RobStride, so it may be a CyberGear, which "
+                "interprets such frames differently (--save would set another baud rate); nothing was changed. For a "
+                "RobStride with old firmware, use the vendor's software"
             )
 
     def planned(
@@ -236,8 +240,8 @@ class Drive:
             for parameter, value in wanted
         ]
         lines += [f"  position: {now(position, parameters.PARAMETERS['mechPos'])} -> 0 rad"] * bool(request.zero)
-        lines += ["  saved: it is kept when its power goes"] * bool(request.save)
-        lines += [f"  protocol: private -> {request.protocol}, from its next power on"] * bool(request.protocol)
+        lines += ["  saved permanently"] * bool(request.save)
+        lines += [f"  protocol: private -> {request.protocol}, from the next power-on"] * bool(request.protocol)
         lines += [f"  id: {self.can_id} -> {request.new_id}"] * bool(request.new_id)
         return lines
 
@@ -249,7 +253,7 @@ class Drive:
         if same(parameter, value, after):
             yield Show((f"done: {parameter.name} is {text}",))
             return True
-        yield Show((f"NOT done: {parameter.name} is {text}, and not {parameter.text(value)}",))
+        yield Show((f"NOT done: {parameter.name} is {text} instead of {parameter.text(value)}",))
         return False
 
     def zero(self) -> Dialogue:
@@ -264,7 +268,9 @@ class Drive:
     def save(self) -> Dialogue:
         read = queries.feedback_of(self.can_id)
         answer = yield from ask(queries.save(self.can_id), "save", read, timeout=0.5, attempts=1)
-        silent = "saved, but the drive did not answer: turn its power off and on, and read again"
+        silent = (
+            "NOT confirmed: the drive did not reply to the save command. Cycle its power and read the parameters again"
+        )
         yield Show(("done: saved" if answer else silent,))
         return answer is not None
 
@@ -279,7 +285,7 @@ class Drive:
         yield Listen(0.2)
         after = yield from self.identities(new)
         confirmed = after == [self.unique] and not (yield from self.identities(self.can_id))
-        silent = f"NOT done: as id {new} answers {' and '.join(after) or 'no drive'}; look with `scan`"
+        silent = f"NOT done: {' and '.join(after) or 'no drive'} responds as id {new}. Run `scan`"
         yield Show((f"done: id {self.can_id} is now {new}, unique {self.unique}" if confirmed else silent,))
         return confirmed
 

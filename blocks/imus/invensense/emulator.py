@@ -21,22 +21,22 @@ class _Emulated(I2cDevice):
     gyro_range = InvenSense.parameters["gyro_range"]
     magnetometer = InvenSense.parameters["magnetometer"]
 
-    accel = Input("m/s²", "specific force along its axes", shape=(3,), default=(0.0, 0.0, GRAVITY))
-    gyro = Input("rad/s", "angular rate about its axes", shape=(3,), default=(0.0, 0.0, 0.0))
+    accel = Input("m/s²", "specific force along the axes of the chip", shape=(3,), default=(0.0, 0.0, GRAVITY))
+    gyro = Input("rad/s", "angular rate about the axes of the chip", shape=(3,), default=(0.0, 0.0, 0.0))
     mag = Input("µT", "magnetic field, along the axes of the accelerometer", shape=(3,), default=FIELD)
-    temperature = Input("°C", "of the chip", default=30.0)
-    silent = Input("1", "it answers nothing", default=False, dtype=bool)
-    stuck = Input("1", "it answers the same bytes again and again", default=False, dtype=bool)
-    wrong_address = Input("1", "address in replies instead of its own; 0 for its own", default=0, dtype=int)
+    temperature = Input("°C", "temperature of the chip", default=30.0)
+    silent = Input("1", "whether the chip sends no reply", default=False, dtype=bool)
+    stuck = Input("1", "whether every reply repeats the same bytes", default=False, dtype=bool)
+    wrong_address = Input("1", "address used instead of `address`; 0 for none", default=0, dtype=int)
     mag_overflow = Input(
-        "1", "whether its magnetometer reports that the field is too strong", default=False, dtype=bool
+        "1", "whether the magnetometer reports that the field exceeds its range", default=False, dtype=bool
     )
-    mag_not_ready = Input("1", "its magnetometer has nothing new", default=False, dtype=bool)
+    mag_not_ready = Input("1", "whether the magnetometer has no new sample", default=False, dtype=bool)
 
-    identity = Memory(0.0, "place and address")
-    scales = Memory((0.0,) * 3, "m/s², rad/s and µT of a code")
+    identity = Memory(0.0, "bus segment and address")
+    scales = Memory((0.0,) * 3, "m/s², rad/s and µT per code")
     periods: Memory = Memory(
-        (0.0,) * 3, "s between answers of the burst and of the magnetometer, 0 for never; whether they are one"
+        (0.0,) * 3, "period in s of the replies and of the magnetometer's, 0 for never; 1 if both are one reply"
     )
     fuses = Memory((128.0,) * 3, "factory adjustment of the magnetometer")
     state = Memory((0.0,) * 7, "times of the next replies, and the values repeated while stuck")
@@ -66,7 +66,11 @@ class EmulatedMPU9250(_Emulated):
     """
 
     adjustment = Param(
-        tuple(UNADJUSTED), "1", "the three bytes of its magnetometer's fuses, ASA", dtype=tuple, fixed=True
+        tuple(UNADJUSTED),
+        "1",
+        "factory adjustment (ASA) of the magnetometer: three bytes, one per axis",
+        dtype=tuple,
+        fixed=True,
     )
 
     bypass = Bypass.bypass
@@ -77,7 +81,7 @@ class EmulatedMPU9250(_Emulated):
     def configure(self) -> None:
         super().configure()
         if len(self.adjustment) != 3 or not all(isinstance(byte, int) and 0 <= byte <= 255 for byte in self.adjustment):
-            raise ValueError(f"adjustment: three bytes are wanted, got {self.adjustment!r}")
+            raise ValueError(f"adjustment: expected three integers from 0 to 255, got {self.adjustment!r}")
         self.fuses = tuple(map(float, self.adjustment))
         self.periods = (*self.periods[:2], float(self.magnetometer and not self.bypass))
 

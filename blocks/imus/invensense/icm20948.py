@@ -25,13 +25,21 @@ MAG_BYTES = 9  # ST1, three axes, one without meaning, ST2
 
 
 class ICM20948(InvenSense):
-    """An ICM-20948 on I2C: accelerometer, gyroscope, and the magnetometer AK09916, 0.15 µT a code.   (DS-000189 1.5)
+    """ICM-20948 on I2C: accelerometer, gyroscope and the magnetometer AK09916.   (DS-000189 1.5)
 
-    Its magnetometer points the other way in y and z; `mag` has the accelerometer's axes. Two on one piece of bus, 0x68
-    and 0x69, have their magnetometers at the same address: put one behind a multiplexer, or read it without.
+    The y and z axes of the magnetometer are opposite to those of the accelerometer; `mag` has the axes of the
+    accelerometer. mag = raw · 0.15 µT. The magnetometers of two IMUs on one bus segment, 0x68 and 0x69, have the same
+    address: connect one IMU behind a multiplexer, or set `magnetometer=False` for it.
     """
 
-    low_pass = Param(51, "Hz", "of gyroscope and accelerometer", choices=tuple(LOW_PASSES), fixed=True, kernel=False)
+    low_pass = Param(
+        51,
+        "Hz",
+        "cut-off of the low-pass of gyroscope and accelerometer",
+        choices=tuple(LOW_PASSES),
+        fixed=True,
+        kernel=False,
+    )
 
     kind = "ICM-20948"
     decode = kernels.icm_decode
@@ -41,12 +49,12 @@ class ICM20948(InvenSense):
         return (Identity(WHO_AM_I, {0xEA: "ICM-20948"}),)
 
     def release(self) -> tuple[Write, Write]:
-        """Its magnetometer leaves the bus to that of another, which may be set up first."""
+        """Disconnect the magnetometer from the bus, so that another with the same address can be configured."""
         return Write(BANK, b"\x00"), Write(INTERRUPT_PINS, b"\x00")
 
     def set_up(self) -> tuple[Write, ...]:
         code = LOW_PASSES[self.low_pass] << 3 | FILTERED
-        divider = max(0, min(255, int(INTERNAL_RATE / self.rate) - 1))  # it measures at least as often as it is read
+        divider = max(0, min(255, int(INTERNAL_RATE / self.rate) - 1))  # samples at least as often as it is read
         values = (
             (BANK, 0x00, 0.0),
             (POWER, RESET, 0.1),
@@ -76,8 +84,8 @@ class ICM20948(InvenSense):
         found = read(MAG_WHO_AM_I, 1, self.mag_address)[0]
         if found != 0x09:
             raise ValueError(
-                f"its magnetometer answers {found:#04x} instead of 0x09 of an AK09916; "
-                "magnetometer=False reads the rest"
+                f"its magnetometer identifies itself as {found:#04x} instead of 0x09 (AK09916). To read the other "
+                "sensors only, set magnetometer=False"
             )
 
     def check(self) -> tuple[int, bytes]:

@@ -34,31 +34,37 @@ MAG_BYTES = 8  # ST1, three axes, ST2
 
 
 class MPU9250(InvenSense):
-    """An MPU-9250 or MPU-9255 on I2C: accelerometer, gyroscope, and the magnetometer AK8963 with its factory
-    adjustment.
+    """MPU-9250 or MPU-9255 on I2C: accelerometer, gyroscope and the magnetometer AK8963.
 
-    mag = raw · 4912/32760 · ((ASA − 128)/256 + 1) µT, turned into the accelerometer's axes. (RM-MPU-9250A-00 1.6,
-    AK8963 MS1356-E-02) Two on one piece of bus, 0x68 and 0x69, have their magnetometers at one address: with
-    `bypass=False` each reads its own by itself.
+    mag = raw · 4912/32760 · ((ASA − 128)/256 + 1) µT with the factory adjustment ASA, in the axes of the accelerometer.
+    (RM-MPU-9250A-00 1.6, AK8963 MS1356-E-02) The magnetometers of two IMUs on one bus segment, 0x68 and 0x69, have the
+    same address: with `bypass=False` each IMU reads its own.
     """
 
-    low_pass = Param(41, "Hz", "of gyroscope and accelerometer", choices=tuple(LOW_PASSES), fixed=True, kernel=False)
+    low_pass = Param(
+        41,
+        "Hz",
+        "cut-off of the low-pass of gyroscope and accelerometer",
+        choices=tuple(LOW_PASSES),
+        fixed=True,
+        kernel=False,
+    )
 
     bypass = Bypass.bypass
 
     kind = "MPU-9250"
     decode = kernels.mpu_decode
     mag_scale = AK8963_SCALE
-    adjustment = UNADJUSTED  # of the magnetometer, once it has been asked
+    adjustment = UNADJUSTED  # of the magnetometer, once it has been read
 
     def release(self) -> tuple[Write, ...]:
-        """Its magnetometer leaves the bus to that of another, which may be set up first."""
+        """Disconnect the magnetometer from the bus, so that another with the same address can be configured."""
         return (Write(INTERRUPT_PINS, b"\x00"),)
 
     def settings(self) -> bytes:
         """Registers from SAMPLE_RATE_DIVIDER on: divider, low-pass, gyroscope, accelerometer, its low-pass."""
         code = LOW_PASSES[self.low_pass]
-        divider = max(0, min(255, int(INTERNAL_RATE / self.rate) - 1))  # it measures at least as often as it is read
+        divider = max(0, min(255, int(INTERNAL_RATE / self.rate) - 1))  # samples at least as often as it is read
         return bytes(
             (divider, code, GYRO_RANGES.index(self.gyro_range) << 3, ACCEL_RANGES.index(self.accel_range) << 3, code)
         )
@@ -84,7 +90,7 @@ class MPU9250(InvenSense):
         return tuple(writes)
 
     def asks_by_itself(self) -> tuple[Write, ...]:
-        """The way past it is closed, and at each of its samples it reads what `rounds` then finds behind the burst."""
+        """Return the writes after which the chip reads the magnetometer at each sample, behind its own data."""
         if self.bypass:
             return ()
         values = (
@@ -101,7 +107,7 @@ class MPU9250(InvenSense):
         return Write(register, bytes((value,)), wait, self.mag_address)
 
     def learn(self, read: Callable[..., Any], write: Callable[..., Any]) -> None:
-        """The factory adjustment stands in fuses, which are read in a mode of their own."""
+        """Read the factory adjustment from the fuses, which requires a separate mode."""
         if not self.magnetometer:
             return
         if not self.bypass:
@@ -110,7 +116,8 @@ class MPU9250(InvenSense):
         found = read(MAG_WHO_AM_I, 1, self.mag_address)[0]
         if found != 0x48:
             raise ValueError(
-                f"its magnetometer answers {found:#04x} instead of 0x48 of an AK8963; magnetometer=False reads the rest"
+                f"its magnetometer identifies itself as {found:#04x} instead of 0x48 (AK8963). To read the other "
+                "sensors only, set magnetometer=False"
             )
         write(self.mag_write(MAG_CONTROL, MAG_POWER_DOWN, 0.001))
         write(self.mag_write(MAG_CONTROL, MAG_FUSES, 0.001))

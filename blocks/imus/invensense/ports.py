@@ -12,55 +12,61 @@ from blocks.imus.calibration import Calibration
 from graph import Interval, Memory, Output, Param
 
 FULL = 32768.0  # codes of the range
-ACCEL_RANGES, GYRO_RANGES = (2, 4, 8, 16), (250, 500, 1000, 2000)  # g and °/s; the place is the code
+ACCEL_RANGES, GYRO_RANGES = (2, 4, 8, 16), (250, 500, 1000, 2000)  # g and °/s; the index is the code
 MAG_RATE = 100.0  # Hz, the fastest of both magnetometers
 AK8963_SCALE, AK09916_SCALE = 4912.0 / 32760.0, 0.15  # µT of a code of either magnetometer
 UNADJUSTED = b"\x80\x80\x80"  # factory adjustment of an AK8963 that changes nothing
 
 
 class InvenSense(I2cDevice):
-    """Ports and parameters of an IMU with a burst of accelerometer, gyroscope and temperature, and a magnetometer
-    beside it.
-    """
+    """Ports and parameters of an IMU whose magnetometer is read separately from its other sensors."""
 
     abstract = True
     address = Param(
-        0x68, "1", "its address: 0x69 where its pin AD0 is high", min=0x08, max=0x77, fixed=True, kernel=False
+        0x68,
+        "1",
+        "I2C address: 0x68 with pin AD0 low, 0x69 with pin AD0 high",
+        min=0x08,
+        max=0x77,
+        fixed=True,
+        kernel=False,
     )
     rate = Param(
         200.0,
         "Hz",
-        "at which it is read; the magnetometer at 100 Hz at most",
+        "sampling rate; the magnetometer is read at up to 100 Hz",
         above=0.0,
         max=1000.0,
         fixed=True,
         kernel=False,
     )
-    accel_range = Param(8, "1", "g that it measures at most", choices=ACCEL_RANGES, fixed=True, kernel=False)
-    gyro_range = Param(1000, "1", "°/s that it measures at most", choices=GYRO_RANGES, fixed=True, kernel=False)
-    magnetometer = Param(True, "1", "whether its magnetometer is read", fixed=True, kernel=False)
+    accel_range = Param(8, "1", "full-scale acceleration in g", choices=ACCEL_RANGES, fixed=True, kernel=False)
+    gyro_range = Param(1000, "1", "full-scale angular rate in °/s", choices=GYRO_RANGES, fixed=True, kernel=False)
+    magnetometer = Param(True, "1", "whether the magnetometer is read", fixed=True, kernel=False)
     calibration = Param(
-        "", "1", "TOML file that `calibrate` has written for this sensor; empty for none", dtype=str, file=True
+        "", "1", "path of the TOML file that `calibrate` wrote for this sensor; empty for none", dtype=str, file=True
     )
 
     accel = Output("m/s²", "specific force: +g upwards at rest", shape=(3,))
     gyro = Output("rad/s", "angular rate", shape=(3,))
     mag = Output("µT", "magnetic field, along the axes of the accelerometer", shape=(3,))
-    temperature = Output("°C", "of the chip")
-    age = Output("s", "since accel and gyro were measured")
-    mag_age = Output("s", "from the magnetometer's newest measurement to that of accel and gyro")
-    mag_overflow = Output("1", "whether the field is too strong; mag keeps its last value", dtype=bool)
-    repeated = Output(
-        "1", "answers in a row that were the same as the one before, to the last bit: a sensor that is stuck", dtype=int
+    temperature = Output("°C", "temperature of the chip")
+    age = Output("s", "time since accel and gyro were measured")
+    mag_age = Output("s", "time from the newest magnetometer sample to the newest sample of accel and gyro")
+    mag_overflow = Output(
+        "1", "whether the field exceeds the range of the magnetometer; mag then keeps its last value", dtype=bool
     )
-    errors = Output("1", "transfers that have failed since the run began", dtype=int)
+    repeated = Output(
+        "1", "number of consecutive replies equal to the one before, bit for bit, as from a stuck sensor", dtype=int
+    )
+    errors = Output("1", "number of transfers that failed since the start of the run", dtype=int)
 
-    identity = Memory(0.0, "place and address")
-    scales = Memory((0.0,) * 3, "m/s², rad/s and µT of a code")
-    accel_map = Memory((0.0,) * 12, "matrix, and what is taken away before it")
-    gyro_bias = Memory((0.0,) * 3, "rad/s that is taken away")
-    mag_map = Memory((0.0,) * 12, "matrix, and what is taken away before it")
-    seen = Memory((0.0,) * 4, "the newest burst, whether there is one, when the magnetometer measured")
+    identity = Memory(0.0, "bus segment and address")
+    scales = Memory((0.0,) * 3, "m/s², rad/s and µT per code")
+    accel_map = Memory((0.0,) * 12, "calibration: matrix, and the offset subtracted before it")
+    gyro_bias = Memory((0.0,) * 3, "gyroscope bias in rad/s")
+    mag_map = Memory((0.0,) * 12, "calibration: matrix, and the offset subtracted before it")
+    seen = Memory((0.0,) * 4, "time of the newest sample, 1 if there is one, time of the newest magnetometer sample")
 
     hardware = (*I2cDevice.hardware, "calibration")
     known_addresses = (0x68, 0x69)
@@ -109,12 +115,13 @@ class InvenSense(I2cDevice):
 
 
 class Bypass:
-    """Parameter of an MPU-9250 that its block and its emulator take over."""
+    """Parameter of an MPU-9250, shared by its block and its emulator."""
 
     bypass = Param(
         True,
         "1",
-        "whether the bus reads the magnetometer directly; otherwise the chip reads it, as two on one piece of bus need",
+        "whether the magnetometer is read directly from the bus; False: the chip reads it, as required for two IMUs on "
+        "one bus segment",
         fixed=True,
         kernel=False,
     )

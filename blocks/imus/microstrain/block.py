@@ -35,14 +35,14 @@ class MicroStrain(StreamDevice):
     baudrate = Param(
         115200,
         "1",
-        "baud rate of a real serial line, bit/s; no effect on USB",
+        "baud rate of a hardware serial port in bit/s; no effect on USB",
         min=9600,
         max=4_000_000,
         fixed=True,
         kernel=False,
     )
     rate = Param(
-        200.0, "Hz", "rate of the samples: the base rate divided by a whole number", above=0.0, max=1000.0, fixed=True
+        200.0, "Hz", "rate of the samples: the base rate divided by an integer", above=0.0, max=1000.0, fixed=True
     )
     channels = Param(
         STANDARD,
@@ -74,7 +74,9 @@ class MicroStrain(StreamDevice):
     )
     tare_at_start = Param(False, "1", "whether to tare with the first samples; arming waits for them", fixed=True)
     tare_time = Param(0.5, "s", "averaging time of a tare", min=0.0, max=60.0, fixed=True)
-    timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
+    timeout = Param(
+        0.1, "s", "time without a sample after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True
+    )
 
     tare = Input(
         "1", "on a rising edge, the mean attitude of the next `tare_time` becomes zero", default=False, dtype=bool
@@ -93,12 +95,12 @@ class MicroStrain(StreamDevice):
     temperature = Output("°C", "mean temperature of the sensor")
     age = Output("s", "time since the newest sample arrived")
     sample_time = Output("s", "sampling time of the newest sample, on the clock of the run")
-    clock_drift = Output("1", "relative amount by which its clock is slower than the computer's")
+    clock_drift = Output("1", "relative slowness of the sensor's clock")
     measured_rate = Output("Hz", "number of samples received in the previous second")
     packets = Output("1", "number of data packets received", dtype=int)
     corrupt = Output("1", "number of packets with a wrong checksum", dtype=int)
-    lost = Output("1", "number of samples that are missing by its clock", dtype=int)
-    valid = Output("1", "whether the filter marks its newest values as valid", dtype=bool)
+    lost = Output("1", "number of samples missing according to the sensor's clock", dtype=int)
+    valid = Output("1", "whether the filter marks the newest values as valid", dtype=bool)
     tared = Output("1", "whether the sensor is tared", dtype=bool)
     tare_attitude = Output("1", "attitude of the tare, w first", shape=(4,))
     connected = Output("1", "whether the line is connected", dtype=bool)

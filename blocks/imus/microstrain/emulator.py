@@ -25,42 +25,47 @@ class EmulatedMicroStrain(Device):
     most 256 bytes per tick of the plant.
     """
 
-    bus = Param("imu", "1", "logical name of its line", dtype=str)
-    model = Param("3DM-GX5-25", "1", f"one of {', '.join(models.MODELS)}", dtype=str)
+    bus = Param("imu", "1", "logical name of the line", dtype=str)
+    model = Param("3DM-GX5-25", "1", f"model: {', '.join(models.MODELS)}", dtype=str)
     serial = Param("133931", "1", "serial number", dtype=str)
     rate = Param(200.0, "Hz", "rate of the samples", above=0.0, max=1000.0, fixed=True)
-    channels = Param(("accel", "gyro", "mag", "quaternion", "temperature"), "1", "as for the sensor", dtype=tuple)
-    attitude = Param("filter", "1", "as for the sensor", dtype=str, choices=("filter", "sensor"))
-    streaming_at_start = Param(True, "1", "whether it streams before it is set up", fixed=True)
-    clock_error = Param(
-        0.0, "1", "relative amount by which its clock is slower than the computer's", min=-0.01, max=0.01, fixed=True
+    channels = Param(
+        ("accel", "gyro", "mag", "quaternion", "temperature"),
+        "1",
+        "requested channels, as for MicroStrain",
+        dtype=tuple,
     )
-    clock_start = Param(1000.0, "s", "time of its clock at the start", min=0.0, fixed=True)
+    attitude = Param(
+        "filter", "1", "source of quaternion and euler, as for MicroStrain", dtype=str, choices=("filter", "sensor")
+    )
+    streaming_at_start = Param(True, "1", "whether the sensor streams before it is configured", fixed=True)
+    clock_error = Param(0.0, "1", "relative slowness of the sensor's clock", min=-0.01, max=0.01, fixed=True)
+    clock_start = Param(1000.0, "s", "time of the sensor's clock at the start", min=0.0, fixed=True)
     seed = Param(1, "1", "seed of lost and corrupted data", min=1, max=1_000_000, fixed=True)
 
     accel = Input("m/s²", "specific force", shape=(3,), default=(0.0, 0.0, -STANDARD_GRAVITY))
     gyro = Input("rad/s", "angular rate", shape=(3,), default=(0.0, 0.0, 0.0))
     mag = Input("µT", "magnetic field", shape=(3,), default=(20.0, 0.0, 45.0))
-    quaternion = Input("1", "attitude against north, east, down, w first", shape=(4,), default=(1.0, 0.0, 0.0, 0.0))
+    quaternion = Input("1", "attitude relative to north, east, down, w first", shape=(4,), default=(1.0, 0.0, 0.0, 0.0))
     temperature = Input("°C", "temperature of the sensor", default=30.0)
-    silent = Input("1", "whether it sends nothing", default=False, dtype=bool)
+    silent = Input("1", "whether the sensor sends nothing", default=False, dtype=bool)
     garbage = Input("1", "mean number of random bytes before a packet", default=0.0)
     dropped = Input("1", "fraction of lost bytes, 0 to 1", default=0.0)
     flipped = Input("1", "fraction of packets with a wrong bit, 0 to 1", default=0.0)
     skipped = Input("1", "fraction of packets that are not sent, 0 to 1", default=0.0)
-    not_a_number = Input("1", "whether its values are NaN", default=False, dtype=bool)
-    uninitialised = Input("1", "whether its filter marks no value as valid", default=False, dtype=bool)
-    disconnected = Input("1", "whether its cable is unplugged", default=False, dtype=bool)
-    streaming = Output("1", "whether it streams", dtype=bool)
-    heading = Output("1", "heading source of its filter: 0 none, 1 its magnetometer", dtype=int)
-    cutoff = Output("Hz", "cut-off of its low-pass")
-    sent = Output("1", "number of data packets", dtype=int)
+    not_a_number = Input("1", "whether all values are NaN", default=False, dtype=bool)
+    uninitialised = Input("1", "whether the filter marks all values as invalid", default=False, dtype=bool)
+    disconnected = Input("1", "whether the cable is unplugged", default=False, dtype=bool)
+    streaming = Output("1", "whether the sensor streams", dtype=bool)
+    heading = Output("1", "heading source of the filter: 0 none, 1 magnetometer", dtype=int)
+    cutoff = Output("Hz", "cut-off of the low-pass")
+    sent = Output("1", "number of data packets sent", dtype=int)
 
-    about = Memory(0.0, "bytes of its device information")
-    known = Memory(0.0, "its commands and its data")
-    settings = Memory((0.0,) * 5, "base rate, generation, error and start of its clock, seed")
-    power_on = Memory(0.0, "its formats, and whether it streams")
-    state = Memory((0.0,) * kernels.state_doubles, "its settings, and bytes that wait to be sent")
+    about = Memory(0.0, "bytes of the device information")
+    known = Memory(0.0, "descriptors of the supported commands and data")
+    settings = Memory((0.0,) * 5, "base rate, generation, error and start of the clock, seed")
+    power_on = Memory(0.0, "formats, and 1 for each set that streams")
+    state = Memory((0.0,) * kernels.state_doubles, "settings, and bytes to be sent")
 
     medium = "stream"
     decode = kernels.decode
@@ -79,7 +84,7 @@ class EmulatedMicroStrain(Device):
         spec = self.spec = models.find(self.model)
         divided = spec.base_rate / self.rate
         if abs(divided - round(divided)) > 1e-6:
-            raise ValueError(f"rate must be {spec.base_rate:g} Hz divided by a whole number, got {self.rate:g} Hz")
+            raise ValueError(f"rate must be {spec.base_rate:g} Hz divided by an integer, got {self.rate:g} Hz")
         texts = (spec.name, spec.number, f"{spec.number[:4]}.{self.serial}", "", "5g, 300dps")
         data = (1106).to_bytes(2, "big") + b"".join(text[:INFO].rjust(INFO).encode("ascii") for text in texts)
         self.about, self.known = tuple(map(float, data)), tuple(map(float, spec.known))

@@ -51,5 +51,5 @@ MODELS = {
 def find(name: str) -> Model:
     """The Model of that name. ValueError"""
     if name not in MODELS:
-        raise ValueError(suggestion(name, MODELS) or f"there are {', '.join(MODELS)}, got {name!r}")
+        raise ValueError(suggestion(name, MODELS) or f"expected one of {', '.join(MODELS)}, got {name!r}")
     return MODELS[name]

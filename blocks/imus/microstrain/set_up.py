@@ -30,7 +30,7 @@ HEADING, MEASUREMENT, MAGNETIC_FIELD = 0x0D18, 0x0D50, 0x8006
 INVALID_PARAMETER = 3  # of an acknowledgement
 MAGNETOMETER_HEADING, MAGNETOMETER_MEASUREMENT = 1, 4
 NEW_LOW_PASS, OLD_LOW_PASS = 0x0C54, 0x0C50
-VENDOR_PROGRAM = "its own program, SensorConnect, shows which settings it accepts"
+VENDOR_PROGRAM = "MicroStrain's program SensorConnect shows which settings the sensor accepts"
 
 
 def set_up(device: Any) -> Iterator[Exchange]:
@@ -58,8 +58,8 @@ class SetUp:
             self.remarks.append(f"has no {', '.join(lacking)}: those outputs are NaN")
         if not any(formats.values()):
             self.refuse(
-                f"it has none of {', '.join(field.name for field in self.device.fields)}",
-                "ask for what it has: channels=...",
+                f"it supports none of {', '.join(field.name for field in self.device.fields)}",
+                "select supported ones: channels=...",
             )
         for descriptor_set, fields in formats.items():
             if self.has_set(descriptor_set):
@@ -110,7 +110,7 @@ class SetUp:
         )
 
     def decimation(self, descriptor_set: int) -> Iterator[Exchange]:
-        """Return the whole number by which the base rate is divided. Rejected where it would not be whole"""
+        """Return the integer by which the base rate is divided. Raises Rejected if it is not an integer."""
         if self.newer and GENERIC_BASE_RATE in self.known:
             reply = yield from self.ask(mip.command(mip.COMMAND_3DM, 0x0E, "B", descriptor_set), "its base rate")
             [base] = struct.unpack(">H", reply[0x8E][1:3])
@@ -122,8 +122,8 @@ class SetUp:
         if ratio < 1.0 - 1e-6 or abs(ratio - round(ratio)) > 1e-6:
             near = sorted({base / divisor for divisor in (int(ratio) or 1, int(ratio) + 1)}, reverse=True)
             self.refuse(
-                f"{self.device.rate:g} Hz is not its base rate, {base} Hz, divided by a whole number",
-                f"take {' or '.join(f'{rate:g}' for rate in near)} Hz",
+                f"rate {self.device.rate:g} Hz is not its base rate, {base} Hz, divided by an integer",
+                f"set rate to {' or '.join(f'{rate:g}' for rate in near)} Hz",
             )
         return round(ratio)
 
@@ -132,10 +132,10 @@ class SetUp:
             return
         magnetic = self.device.heading == "magnetometer"
         if magnetic and (MAGNETIC_FIELD not in self.known or not {HEADING, MEASUREMENT} & set(self.known)):
-            why = "no magnetometer" if MAGNETIC_FIELD not in self.known else "no command for that"
+            why = "no magnetometer" if MAGNETIC_FIELD not in self.known else "no command to enable one"
             self.refuse(
-                f"its filter cannot take its heading from a magnetometer: it has {why}",
-                'leave `heading` out, or give it "none"',
+                f"its filter cannot use a magnetometer for the heading: it has {why}",
+                'omit `heading`, or set it to "none"',
             )
         if HEADING in self.known:
             yield from self.apply(
@@ -145,7 +145,7 @@ class SetUp:
         elif MEASUREMENT in self.known:
             yield from self.measure(magnetic)
         else:
-            self.remarks.append("has no command for its heading source: it stays as it is")
+            self.remarks.append("has no command for its heading source, which remains unchanged")
 
     def measure(self, magnetic: bool) -> Iterator[Exchange]:
         """Set whether the filter of the newer generation uses the magnetometer, as in MicroStrain's own examples.
@@ -180,7 +180,7 @@ class SetUp:
                     f"the low-pass of {name}",
                 )
             else:
-                self.remarks.append("has no command for its low-pass: it stays as it is")
+                self.remarks.append("has no command for its low-pass, which remains unchanged")
                 return
 
     def apply(self, packet: bytes, what: str) -> Iterator[Exchange]:

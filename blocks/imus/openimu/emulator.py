@@ -20,26 +20,22 @@ class EmulatedOpenImu(Device):
     a robot's block.
     """
 
-    bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
+    bus = Param("can", "1", "logical name of the CAN bus", dtype=str)
     address = Param(128, "1", "source address", min=128, max=247, fixed=True)
-    model = Param(
-        "300RI", "1", "model; the 335RI has no magnetometer, and rounds its codes", choices=("300RI", "335RI")
-    )
-    rounds = Param(
-        False, "1", "whether codes are rounded instead of truncated, by default as the model does", fixed=True
-    )
+    model = Param("300RI", "1", "model; a 335RI has no magnetometer, and rounds codes", choices=("300RI", "335RI"))
+    rounds = Param(False, "1", "whether codes are rounded instead of truncated; set by the model", fixed=True)
 
     accel = Input("m/s²", "specific force", shape=(3,), default=(0.0, 0.0, -G))
     gyro = Input("rad/s", "angular rate", shape=(3,), default=(0.0, 0.0, 0.0))
     mag = Input("µT", "magnetic field", shape=(3,), default=(20.0, 0.0, 43.0))
-    roll = Input("rad", "about x", default=0.0)
-    pitch = Input("rad", "about y", default=0.0)
-    silent = Input("1", "whether it accepts settings but sends nothing", default=False, dtype=bool)
+    roll = Input("rad", "angle about x", default=0.0)
+    pitch = Input("rad", "angle about y", default=0.0)
+    silent = Input("1", "whether the unit accepts settings but sends nothing", default=False, dtype=bool)
     dropped = Input("1", "fraction of lost frames in both directions, 0 to 1", default=0.0)
     power_lost = Input(
-        "1", "whether it has no power; afterwards it has the settings of delivery", default=False, dtype=bool
+        "1", "whether the supply is off; afterwards the unit has its factory settings", default=False, dtype=bool
     )
-    stored = Memory((0.0,) * 6, "divider, packets, behaviour, orientation, filters at power on")
+    stored = Memory((0.0,) * 6, "divider, packets, behaviour, orientation, filters at power-on")
     state = Memory(
         (0.0,) * 11,
         "present settings; pending replies, time of the next packets, random state, loss of power, serial number",

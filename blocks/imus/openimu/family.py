@@ -39,7 +39,7 @@ class OpenImuFamily(Family):
             {
                 "model": ("model", "model of the unit"),
                 "axes": ("axes", "frame of the outputs"),
-                "keep-settings": ("told", "write no settings, and use the unit's present axes"),
+                "keep-settings": ("told", "write no settings, and keep the present axes of the unit"),
             },
             channels,
             set_up,

@@ -33,7 +33,7 @@ class OpenImu(Device):
     (Aceinna, OpenIMU300RI and OpenIMU335RI, CAN messages.)
     """
 
-    bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
+    bus = Param("can", "1", "logical name of the CAN bus", dtype=str)
     address = Param(128, "1", "source address set in the unit", min=128, max=247, fixed=True)
     model = Param("300RI", "1", "model of the unit; the 335RI has no magnetometer", choices=("300RI", "335RI"))
     rate = Param(100.0, "Hz", "rate of the samples", choices=tuple(frames.RATES), fixed=True, kernel=False)
@@ -100,14 +100,19 @@ class OpenImu(Device):
     )
     bitrate = Param(250_000.0, "1/s", "bitrate set in the unit, bit/s", above=0.0, fixed=True, kernel=False)
     timeout = Param(
-        0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False
+        0.1,
+        "s",
+        "time without a sample after which the run ends in the safe stop; 0 for never",
+        min=0.0,
+        fixed=True,
+        kernel=False,
     )
 
     accel = Output("m/s²", "specific force", shape=(3,))
     gyro = Output("rad/s", "angular rate", shape=(3,))
     mag = Output("µT", "magnetic field", shape=(3,))
-    roll = Output("rad", "about x", circle=(-math.pi, math.pi))
-    pitch = Output("rad", "about y")
+    roll = Output("rad", "angle about x", circle=(-math.pi, math.pi))
+    pitch = Output("rad", "angle about y")
     age = Output("s", "time since the newest complete sample")
     settings = Output(
         "1",
@@ -117,14 +122,13 @@ class OpenImu(Device):
     invalid = Output("1", "number of values that the unit marked as errors or not available", dtype=int)
     wanted = Memory(
         (0.0,) * 11,
-        "divider, packets, behaviour, its mask, orientation, filters, sign of y and z, "
-        "settings that must be returned, "
-        "s of silence after which it must return them again, whether it is a 335RI",
+        "divider, packets, behaviour, its mask, orientation, filters, sign of y and z, settings that the unit must "
+        "return, s of silence after which it must return them again, 1 for a 335RI",
     )
     set_up = Memory((), "frames that write and read the settings: identifier, length and eight bytes of each")
     state = Memory(
         (0.0,) * 4,
-        "packets since the last complete sample, whether a frame was received, next frame to send, time of the last",
+        "packets since the last complete sample, 1 once a frame was received, next frame to send, time of the last",
     )
 
     decode = kernels.decode
@@ -134,13 +138,13 @@ class OpenImu(Device):
     def configure(self) -> None:
         if 0.0 < self.timeout < 2.5 / self.rate:
             raise ValueError(
-                f"timeout {self.timeout:g} s is shorter than 2.5 samples at {self.rate:g} Hz: give "
-                f"{2.5 / self.rate:g} or more"
+                f"timeout {self.timeout:g} s is shorter than 2.5 samples at {self.rate:g} Hz: set "
+                f"timeout={2.5 / self.rate:g} or more"
             )
         has_field = self.field and self.model == "300RI"
         newer = self.model == "335RI"
         if not newer and (self.high_resolution or self.slope_sensor == 1):
-            raise ValueError("a 300RI has neither slope sensor 1 nor packets of high resolution: those are a 335RI's")
+            raise ValueError("slope_sensor=1 and high_resolution=True require model='335RI', got '300RI'")
         fine, plain = (
             frames.SENDS_FINE_RATE | frames.SENDS_FINE_ACCELERATION,
             frames.SENDS_RATE | frames.SENDS_ACCELERATION,

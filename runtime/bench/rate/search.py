@@ -37,7 +37,9 @@ def highest(
 ) -> tuple[float, list[Step]]:
     """(highest rate that passed, 0.0 if none did; every Step). attempt : gives the Step of a rate"""
     if not 0.0 < low < high or not resolution > 0.0:
-        raise ValueError(f"a search goes up from {low!r} to {high!r} Hz, by {resolution!r} Hz at last")
+        raise ValueError(
+            f"expected 0 < low < high and resolution > 0, got low={low!r}, high={high!r}, resolution={resolution!r} Hz"
+        )
     steps = [attempt(low)]
     if not steps[0].passed:
         return 0.0, steps

@@ -16,7 +16,7 @@ from runtime.cli.parsing import Parser
 def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code."""
     parser = Parser(
-        "bench can", "Measure the cost of eight drives per tick, and the answers lost from motors at 1000 Hz."
+        "bench can", "Measure the cost of eight drives per tick, and the replies lost from motors at 1000 Hz."
     )
     parser.add_argument(
         "--rounds",

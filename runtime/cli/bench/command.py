@@ -27,9 +27,9 @@ def main(arguments: Sequence[str]) -> int:
         "bench",
         "Measure the cost of native and Python blocks per tick, and the time of a compile, on this machine.",
         "bench start [FILE]  start-up time and memory\n"
-        "bench clock         lateness of the loop, compared with a C loop that only sleeps\n"
-        "bench bus           cost of a bus and of the guardian, and time from kill -9 to the stop frames\n"
-        "bench can           cost of eight drives per tick, and answers lost at 1000 Hz\n"
+        "bench clock         lateness of the loop, compared with a C loop\n"
+        "bench bus           cost of a bus and of the guardian, stop time after kill -9\n"
+        "bench can           cost of eight drives per tick, and replies lost at 1000 Hz\n"
         "bench sensors       cost of eight inertial sensors on serial lines\n"
         "bench views         lateness of the loop with every recorder and viewer on",
     )

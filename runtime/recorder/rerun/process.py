@@ -183,7 +183,7 @@ class Feed:
         if self.process is not None and self.process.poll() is not None:
             raise Gone("the server has ended" if self.mortal else "the viewer was closed")
         if self.watched is not None and not self.answers(*self.watched):
-            raise Gone(f"{self.where} no longer answers")
+            raise Gone(f"{self.where} no longer responds")
 
     def flush(self):
         try:
@@ -193,7 +193,7 @@ class Feed:
             raise Gone(
                 f"cannot write {self.path}: check whether the disk is full"
                 if self.path
-                else f"{self.where} no longer takes data"
+                else f"{self.where} no longer accepts data"
             ) from None
 
     def finish(self):

@@ -41,15 +41,15 @@ def meet(host, port, timeout=PREFACE_TIMEOUT):
             line.sendall(PREFACE)
             reply = line.recv(4)
     except ConnectionRefusedError:
-        raise ViewerFailed(f"no viewer of Rerun answers on {host} port {port}") from None
+        raise ViewerFailed(f"no Rerun viewer responds on {host} port {port}") from None
     except socket.gaierror as error:
         raise ViewerFailed(f"unknown host {host!r} ({error.strerror})") from None
     except TimeoutError:
         reply = b""
     except OSError as error:
-        raise ViewerFailed(f"no viewer of Rerun answers on {host} port {port} ({error.strerror})") from None
+        raise ViewerFailed(f"no Rerun viewer responds on {host} port {port} ({error.strerror})") from None
     if reply[3:] != bytes([SETTINGS_FRAME]):
-        raise ViewerFailed(f"the process that listens on {host} port {port} is not a viewer of Rerun")
+        raise ViewerFailed(f"the process that listens on {host} port {port} is not a Rerun viewer")
 
 
 def free(address, port):
@@ -126,7 +126,7 @@ def await_port(process, host, port, doubt):
     deadline = time.monotonic() + START_TIMEOUT
     while not answers(host, port):
         if process.poll() is not None:
-            raise ViewerFailed(f"Rerun ended at once (code {process.returncode}): {doubt}")
+            raise ViewerFailed(f"Rerun's viewer exited immediately (code {process.returncode}): {doubt}")
         if time.monotonic() > deadline:
             process.kill()
             raise ViewerFailed(f"Rerun's viewer does not respond on {host} port {port}")

@@ -55,7 +55,7 @@ def test_a_name_of_two_generations_is_refused_and_both_are_named(short, full):
 )
 def test_boards_of_the_third_generation_are_refused_by_name(name):
     for block in (CubeMars, EmulatedCubeMars):
-        with pytest.raises(DiagramError, match="another protocol than V1 and V2: use CubeMarsV3"):
+        with pytest.raises(DiagramError, match="whose protocol differs from V1 and V2: use CubeMarsV3"):
             block(name)
 
 

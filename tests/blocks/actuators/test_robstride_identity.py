@@ -125,7 +125,7 @@ def test_drive_gains_can_be_read_and_written():
     )
     write(other, SPD_KP, 2.5)
     assert value(other, SPD_KP) == 2.5
-    with pytest.raises(DiagramError, match="mechPos is not a parameter of RS03 that can be set"):
+    with pytest.raises(DiagramError, match="mechPos is not a writable parameter of RS03"):
         EmulatedRobStride("RS03", gains=(("mechPos", 1.0),))
 
 

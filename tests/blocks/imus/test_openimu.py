@@ -249,7 +249,9 @@ def test_bus_load_includes_traffic_of_unit():
 
 
 def test_a_timeout_shorter_than_its_samples_is_refused():
-    with pytest.raises(DiagramError, match="timeout 0.1 s is shorter than 2.5 samples at 10 Hz: give 0.25 or more"):
+    with pytest.raises(
+        DiagramError, match="timeout 0.1 s is shorter than 2.5 samples at 10 Hz: set timeout=0.25 or more"
+    ):
         OpenImu(rate=10.0)
 
 
@@ -337,5 +339,5 @@ def test_a_unit_is_set_to_high_resolution_and_measures_so():
 
 def test_a_300ri_has_none_of_it():
     for more in ({"high_resolution": True}, {"slope": True, "slope_sensor": 1}):
-        with pytest.raises(DiagramError, match="those are a 335RI's"):
+        with pytest.raises(DiagramError, match="require model='335RI'"):
             robot(**more)

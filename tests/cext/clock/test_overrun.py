@@ -142,15 +142,15 @@ def test_a_run_of_native_blocks_is_named_by_its_ends_and_by_one_with_a_profile()
 
 
 WORDS = {
-    "": "there is no overrun policy ''",
-    "skipp": "there is no overrun policy 'skipp'",
+    "": "unknown overrun policy ''",
+    "skipp": "unknown overrun policy 'skipp'",
     "catch-up": "with numbers from 1 to 1000000",
-    "catch-up:0": "skip, catch-up:N, fault:N and fault:N/WINDOW",
-    "catch-up:3/5": "there is no",
-    "fault:-1": "there is no",
-    "fault:1000001": "there is no",
-    "fault:5/4": "never comes true",
-    "skip,fault:3": "stands alone",
+    "catch-up:0": "skip, catch-up:N, fault:N or fault:N/WINDOW",
+    "catch-up:3/5": "unknown",
+    "fault:-1": "unknown",
+    "fault:1000001": "unknown",
+    "fault:5/4": "can never apply",
+    "skip,fault:3": "cannot be combined",
     "fault:3,fault:4": "given twice",
     "catch-up:3,catch-up:3": "given twice",
 }

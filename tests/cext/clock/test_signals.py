@@ -189,8 +189,7 @@ def test_a_block_that_forks_and_returns_leaves_one_run():
         timeout=60,
     )
     assert done.stdout.count("statistics") == 1 and done.stderr == (
-        "tickwork: a block has forked and its child process returned into the loop: the child ends here, the run "
-        "continues\n"
+        "tickwork: a block forked, and its child process returned to the loop: the child was ended, the run continues\n"
     )
     told = json.loads(done.stdout)
     assert told["status"] == "ok" and len(told["ticks"]) + told["statistics"]["missed"] == 100 and stopped_safely(told)

@@ -122,5 +122,5 @@ def test_invalid_arguments_are_refused(lines, tmp_path):
     with open(tmp_path / "page", "w+b") as file:
         file.write(bytes(1000))
         file.flush()
-        with pytest.raises(ValueError, match="does not hold lines"):
+        with pytest.raises(ValueError, match="has no rings"):
             Lines(fd=file.fileno())

@@ -213,7 +213,7 @@ def test_all_of_a_block_or_a_subsystem_is_drawn_where_that_is_named(command_line
     rows = plots.rows_of(trial, ["left/crowd", "left/knee", "left/crowd.x3"])
     assert [path for paths in rows for path in paths] == [f"left/{text.split()[0]}" for text in (*CROWD, *JOINTS[:4])]
     assert sorted(map(len, rows)) == [1, 1, 1, 1, 2, 12]  # a plot a unit, and no plot too full
-    with pytest.raises(BadInput, match="need 102 plots, more than 100: name fewer"):
+    with pytest.raises(BadInput, match="need 102 plots, more than 100: select fewer"):
         plots.rows_of(many(trial, 1213), ["many"])
     told = command_line.refused("plot", crowded, "left/crow")
     assert told.startswith("crowd.mcap has no signal 'left/crow': did you mean 'left/crowd.x")

@@ -286,5 +286,5 @@ def test_every_extra_is_declared():
 
 def test_stride_start_is_required_without_gait_phase(tmp_path):
     found = runtime.load(recorded(tmp_path, [(0, 1.0), (1, 2.0)], signals=("right/knee.position rad",)))
-    with pytest.raises(BadInput, match="subsystem 'right' has no gait phase: specify the begin of strides"):
+    with pytest.raises(BadInput, match="subsystem 'right' has no gait phase: specify the start of strides"):
         found.strides("right/knee.position")

@@ -64,7 +64,7 @@ def test_numbers_of_two_units_or_shapes_are_not_one_column(folder):
     with pytest.raises(
         BadInput,
         match=r"^knee.angle differs between trials: \[rad\] in S01/walk, \[deg\] in "
-        r"S02/walk; select",
+        r"S02/walk\. Load",
     ):
         trials["knee.angle"]
     with pytest.raises(

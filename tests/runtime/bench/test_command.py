@@ -72,7 +72,7 @@ def test_starting_refuses_a_file_that_does_not_exist(command_line):
 def test_a_start_that_fails_says_why(command_line, tmp_path):
     (tmp_path / "broken.py").write_text("raise SystemExit('not today')\n")
     code, _, err = command_line("bench", "start", str(tmp_path / "broken.py"), "--repeats", "1")
-    assert code == BAD_INPUT and "the run did not come to its first tick: " in err and "broken.py" in err
+    assert code == BAD_INPUT and "the run did not reach its first tick: " in err and "broken.py" in err
 
 
 def test_growth_is_the_exponent_between_two_sizes():

@@ -143,7 +143,7 @@ def test_models_of_preemption(look, changes, found):
 @pytest.mark.parametrize(
     "runtime, verdict, found",
     [
-        ("-1", OK, "unlimited; a run's own guard ends the priority of a loop that hangs"),
+        ("-1", OK, "unlimited; a run removes the priority of a loop that hangs"),
         ("0", BAD, "none"),
         ("500000", WORSE, "50 % of the time"),
     ],

@@ -377,12 +377,12 @@ def test_file_that_is_not_a_recording_is_reported_with_remedy(command_line, reco
         writer.start(library="rosbag2")
         writer.finish()
     for name, told in (
-        ("trial.csv", "trial.csv is no recording of Tickwork: trial.mcap is"),
-        ("empty.mcap", "empty.mcap was cut off before its first tick: there is nothing in it"),
-        ("head.mcap", "head.mcap was cut off before its first tick: there is nothing in it"),
-        ("other.mcap", "other.mcap is an MCAP file of something else (rosbag2): only recordings of Tickwork are read"),
+        ("trial.csv", "trial.csv is not a recording of Tickwork: pass trial.mcap"),
+        ("empty.mcap", "empty.mcap was truncated before its first tick and contains no data"),
+        ("head.mcap", "head.mcap was truncated before its first tick and contains no data"),
+        ("other.mcap", "other.mcap is an MCAP file of another program (rosbag2): pass a recording of Tickwork"),
         ("trail.mcap", "trail.mcap: No such file or directory: did you mean trial.mcap?"),
-        (".", ". is a folder: name the recordings in it, as in *.mcap"),
+        (".", ". is a folder: pass the recordings in it, as in *.mcap"),
     ):
         assert command_line.refused("convert", name, "--to", "csv") == told
 
@@ -392,7 +392,7 @@ def test_file_that_is_not_a_recording_is_reported_with_remedy(command_line, reco
     [
         (lambda whole, at: whole[:at] + whole[at + 5 :], "is damaged from byte"),
         (lambda whole, at: whole[:at] + b"\xff" * 30 + whole[at:], "is damaged from byte"),
-        (lambda whole, at: whole[:at], "is not complete: it was cut off, or is still being recorded"),
+        (lambda whole, at: whole[:at], "is incomplete: it was truncated, or is still being recorded"),
     ],
 )
 def test_truncated_file_is_converted_up_to_the_cut_and_reported(command_line, recording, damage, told):

@@ -35,7 +35,7 @@ while True:
 """,
 }
 BUTTON = "from blocks.safety import EStopHeartbeat; EStopHeartbeat(name='button', timeout=1.0)"
-LOAD = re.compile(r"  load +[\d.]+ % of the time inside ticks, ([\d.]+) (µs|ms) a tick at p99")
+LOAD = re.compile(r"  load +[\d.]+ % of the time inside ticks, ([\d.]+) (µs|ms) per tick at p99")
 
 
 class Babbler:

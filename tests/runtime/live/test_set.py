@@ -154,7 +154,7 @@ def test_stopped_process_drops_change(tmp_path, command_line, monkeypatch):
         page = page_of(process.pid)
         process.send_signal(signal.SIGSTOP)
         said = command_line.refused("set", process.pid, "spring.damping=2")
-        assert said.startswith(f"process {process.pid}: it did not take the change within 0.2 s") and said.endswith(
+        assert said.startswith(f"process {process.pid}: it did not apply the change within 0.2 s") and said.endswith(
             "nothing was changed"
         )
         process.send_signal(signal.SIGCONT)

@@ -36,5 +36,5 @@ def test_a_recording_that_is_cut_anywhere_opens_to_its_last_flushed_tick(tmp_pat
         Repair(str(path)).finish()
         assert runtime.load(path).rows.tobytes() == trial.rows.tobytes()
     path.write_bytes(data[: sizes[0] // 8])
-    with pytest.raises(BadInput, match="cut off before its first tick"):
+    with pytest.raises(BadInput, match="truncated before its first tick"):
         runtime.load(path)

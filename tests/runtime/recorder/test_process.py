@@ -422,7 +422,7 @@ def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_r
     report = recorder.finish()
     assert report["problems"] == [
         "the writer of part 1 died (SIGKILL); part 2 continues the recording; no record was lost",
-        "once does not continue: ValueError: it was there once",
+        "once cannot be continued: ValueError: it was there once",
     ]
     assert ticks_of(tmp_path / "out" / "bench_1.csv", tmp_path / "out" / "bench_1_part2.csv") == list(range(100))
     assert Trial(tmp_path / "out" / "bench_1.mcap").tick.tolist() == list(range(100))

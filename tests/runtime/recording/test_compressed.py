@@ -100,18 +100,18 @@ def test_any_damage_in_a_compressed_chunk_ends_the_reading_before_it(recording, 
         assert trial.complete == (len(trial) == len(whole))
         if at >= begin + 60 and not trial.complete:  # some bits may differ, and the same comes out of it
             assert trial.trouble == (
-                f"{recording} is damaged from byte {begin} of {len(data)} on: what stands before is read"
+                f"{recording} is damaged from byte {begin} of {len(data)} on and is read up to there"
             )
             reported += 1
     assert reported > 50
     recording.write_bytes(data[:begin] + b"\x46" + data[begin + 1 :])  # a record of a kind that readers skip
     trial = runtime.load(recording)
-    assert not trial.complete and " is damaged: " in trial.trouble and " messages can be read" in trial.trouble
+    assert not trial.complete and " is damaged: " in trial.trouble and " messages are readable" in trial.trouble
     recording.write_bytes(data[: begin + 100] + data[begin + 104 :])
     code, out, err = command_line("convert", recording, "--to", "csv")
     assert code == OK and f"leg.mcap is damaged from byte {begin} of " in err and "Traceback" not in err
     recording.write_bytes(data[: end - 5])
-    assert "is not complete: it was cut off" in runtime.load(recording).trouble
+    assert "is incomplete: it was truncated" in runtime.load(recording).trouble
 
 
 def test_chunks_of_a_small_file_that_expand_without_end_are_refused_in_bounded_memory(command_line):
@@ -143,7 +143,7 @@ def test_chunks_of_a_small_file_that_expand_without_end_are_refused_in_bounded_m
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment(), capture_output=True, text=True)
     trouble, peak = done.stdout.splitlines()
-    assert "and 16 MiB for all of a file of this size is the limit" in trouble
+    assert "above the limit of 16 MiB for a file of this size" in trouble
     assert int(peak) < 256 << 10, f"{peak} KiB of memory {done.stderr}"
 
 
@@ -163,9 +163,9 @@ def test_a_chunk_may_expand_to_no_more_than_it_declares_and_its_file_to_a_hundre
             uncompressed_size=size if declared is None else declared,
         )
 
-    with pytest.raises(TooLarge, match="declares 67108865 bytes, and 64 MiB is the limit"):
+    with pytest.raises(TooLarge, match="chunk of 67108865 bytes, above the limit of 64 MiB"):
         Expander(1 << 40).expand(chunk(10, 64 * MEBIBYTE + 1))
-    with pytest.raises(TooLarge, match="16 MiB for all of a file of this size is the limit"):
+    with pytest.raises(TooLarge, match="the limit of 16 MiB for a file of this size"):
         Expander(98_000).expand(chunk(10, 16 * MEBIBYTE + 1))
     with pytest.raises(ValueError, match="^101 bytes instead of 100$"):
         Expander(98_000).expand(chunk(32 * MEBIBYTE, 100))
@@ -185,6 +185,5 @@ def test_oversized_recording_is_refused_with_reason(recording, command_line):
     recording.write_bytes(data)
     _, _, err = command_line("convert", recording, "--to", "csv")
     assert (
-        "leg.mcap has a compressed chunk that declares 3221225472 bytes, and 64 MiB is the limit: what stands "
-        "before is read"
+        "leg.mcap has a compressed chunk of 3221225472 bytes, above the limit of 64 MiB, and is read up to there"
     ) in err

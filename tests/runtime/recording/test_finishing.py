@@ -94,7 +94,7 @@ def test_one_that_was_cut_off_becomes_a_file_beside_it_that_viewers_open(command
     cut.write_bytes(unfinished(cut.read_bytes())[:-2500])
     before, data = runtime.load(cut), cut.read_bytes()
     [path], err = converted(command_line, "leg.mcap", "--to", "mcap")
-    assert err.startswith("tickwork: leg.mcap is not complete: it was cut off") and cut.read_bytes() == data
+    assert err.startswith("tickwork: leg.mcap is incomplete: it was truncated") and cut.read_bytes() == data
     assert content(runtime.load(path)) == content(before) and not runtime.load(path).complete
     assert [name for name, _, _ in indexed(path)].count("/tickwork/tick") == len(before) > 5
     [same], err = converted(command_line, "leg.mcap", "--to", "mcap", "--in-place")
@@ -104,7 +104,7 @@ def test_one_that_was_cut_off_becomes_a_file_beside_it_that_viewers_open(command
     assert (
         again == cut
         and cut.read_bytes() == path.read_bytes()
-        and ("was cut off, and what there is of it was completed later") in err
+        and ("was truncated, and was completed later up to the cut") in err
     )
 
 
@@ -120,7 +120,7 @@ def test_after_kill_9_of_everything_the_file_becomes_whole(command_line):
     before = runtime.load(path)
     assert len(before) > 100 and not before.complete
     [whole], err = converted(command_line, path, "--to", "mcap")
-    assert "is not complete: it was cut off" in err and content(runtime.load(whole)) == content(before)
+    assert "is incomplete: it was truncated" in err and content(runtime.load(whole)) == content(before)
     assert [name for name, _, _ in indexed(whole)].count("/tickwork/tick") == len(before)
     [same], err = converted(command_line, path, "--to", "mcap", "--in-place")
     assert same.read_bytes() == whole.read_bytes()
@@ -219,8 +219,8 @@ def test_recording_without_signal_metadata_is_reported(command_line):
     path = part(command_line.folder, "a", range(3))
     data = path.read_bytes()
     for old, new, told in (
-        (b'"path"', b'"pith"', "its about.json does not say which signals it has"),
-        (b"left/knee", b"left\\nkne", "its about.json does not say which signals it has"),  # another line, of JSON
+        (b'"path"', b'"pith"', "its about.json does not list the signals"),
+        (b"left/knee", b"left\\nkne", "its about.json does not list the signals"),  # another line, of JSON
         (b"left/knee", b"lift/knee", "its rows do not match the signals in its about.json"),
     ):
         path.write_bytes(data.replace(old, new, 1))

@@ -115,7 +115,7 @@ def test_damaged_chunk_ends_the_recording_before_it_and_is_reported(path, tmp_pa
     assert 0 < len(values) == len(trial) == len(trial.tick) < TICKS and not trial.complete
     assert np.array_equal(values, whole["leg0/block.x1"][: len(values)])
     place = f"byte {index.chunk_start_offset} of {copy.stat().st_size}"
-    assert trial.trouble == f"{copy} is damaged from {place} on: what stands before is read"
+    assert trial.trouble == f"{copy} is damaged from {place} on and is read up to there"
     checked = runtime.load(copy)
     assert not checked.complete and len(checked) == len(trial), "asking is enough"
     assert sum(len(rows) for rows, _ in runtime.load(copy).batches()) == len(trial)
@@ -127,7 +127,7 @@ def test_unfinished_file_opens_up_to_its_last_flush(path, tmp_path, loads):
     copy.write_bytes(data[: last.chunk_start_offset + last.chunk_length // 2])
     trial, whole = runtime.load(copy), runtime.load(path)
     assert loads == [], "the chunks before the last one are not read"
-    assert 0 < len(trial) < TICKS and "is not complete: it was cut off" in trial.trouble
+    assert 0 < len(trial) < TICKS and "is incomplete: it was truncated" in trial.trouble
     assert np.array_equal(trial.rows, whole.rows[: len(trial)])
 
 

@@ -41,8 +41,8 @@ def plant(robot):
 SAID = {
     "acceleration": (
         {"motion": "0.0, 6.0 * math.sin(120.0 * t)", "commands": "damping_command=0.2"},
-        r"the joint goes on accelerating by more than its max_acceleration of 500 rad/s² \(up to [5-7]\d\d rad/s²\): "
-        r".* raise max_acceleration where",
+        r"the joint accelerates by up to [5-7]\d\d rad/s², more than its max_acceleration of 500 rad/s², on which "
+        r".* raise max_acceleration",
     ),
     "excess torque": (
         {
@@ -50,31 +50,29 @@ SAID = {
             "commands": "position_command=0.1, stiffness_command=10.0",
             "emulator": "wire_stiffness=5e3",
         },
-        r"the drive measures -18 N·m; its limit is 9 N·m, and its measurement is trusted to 1.8 N·m. Compare "
+        r"the drive measures -18 N·m, above its limit of 9 N·m by more than the assumed accuracy of 1.8 N·m. Compare "
         r"wire_stiffness, wire_damping and",
     ),
     "over-travel": (
         {"motion": "t, 1.0", "parameters": "range=(-0.1, 0.5)"},
-        r"position 0.55\d rad is outside the joint's range of -0.1 to 0.5 rad\. Find out why before it is armed again",
+        r"position 0.55\d rad is outside the joint's range of -0.1 to 0.5 rad\. Find the cause before you arm it",
     ),
     "overspeed": (
         {"motion": "0.0, 40.0 * t", "parameters": "max_velocity=10.0"},
-        r"velocity 10.\d rad/s is beyond "
-        r"10 rad/s",
+        r"velocity 10.\d rad/s exceeds max_velocity, 10 rad/s",
     ),
     "overspeed by default": (
         {"motion": "0.0, 40.0 * t", "model": "AK80-64"},
-        r"velocity 8 rad/s is beyond 7.96 rad/s, which max_velocity "
-        r"is by default",
+        r"velocity 8 rad/s exceeds max_velocity, 7.96 rad/s by default",
     ),
     "not following": (
         {"commands": "torque_command=3.0", "faults": ", power_lost=joint.dead"},
-        r"the drive gives 0.\d+ N·m where \d.\d+ N·m are commanded: it is disabled, as after a loss of its power, or "
-        r"at a limit of its own",
+        r"the drive outputs 0.\d+ N·m, but \d.\d+ N·m are commanded: it was disabled, for instance by a loss of power, "
+        r"or it has reached an internal limit",
     ),
     "scale mismatch": (
         {"motion": "0.5 * math.sin(5.0 * t), 2.5 * math.cos(5.0 * t)", "emulator": "wire_velocity=25.64"},
-        r"the reported velocity is 1.95 of the rate of the reported position: set wire_velocity=25.6\d?, or "
+        r"the reported velocity is 1.95 times the rate of the reported position: set wire_velocity=25.6\d?, or "
         r"wire_position=24.\d+, whichever is the range",
     ),
     "scale mismatch of a board V3.0": (
@@ -84,8 +82,8 @@ SAID = {
             "motion": "0.5 * math.sin(5.0 * t), 2.5 * math.cos(5.0 * t)",
             "emulator": "pole_pairs=14",
         },
-        r"the reported velocity is 0.66\d of the rate of the reported position: the pole pairs or the gear of "
-        r"AK80-9-V3.0 are not the drive's",
+        r"the reported velocity is 0.66\d times the rate of the reported position: the drive does not have the pole "
+        r"pairs or the gear of AK80-9-V3.0",
     ),
     "scale mismatch of torque": (
         {
@@ -94,12 +92,12 @@ SAID = {
             "commands": "torque_command=3.0",
             "emulator": "torque_constant=0.945",
         },
-        r"the measured torque is 0.60\d of what was sent: wire_torque, wire_stiffness, wire_damping or the torque "
-        r"constant of AK80-9-V3.0 are not",
+        r"the measured torque is 0.60\d times the commanded law: wire_torque, wire_stiffness, wire_damping or the "
+        r"torque constant of AK80-9-V3.0 do not match",
     ),
     "scale mismatch of a stuck encoder": (
         {"motion": "0.0, 2.0"},
-        "the reported position is constant while the reported velocity shows motion: an encoder, or the",
+        "the reported position is constant while the reported velocity changes. Check the encoder",
     ),
     "implausible": (
         {
@@ -107,7 +105,7 @@ SAID = {
             "model": "RS02",
             "faults": ', temperature=StepSource(before=30.0, after=-100.0, time=0.2, unit="°C")()',
         },
-        r"implausible temperature -100 °C: the drive's sensor is broken, or it is not the model RS02",
+        r"implausible temperature -100 °C: the drive's sensor is defective, or the drive is not a RS02",
     ),
 }
 

@@ -32,7 +32,7 @@ def test_a_window_without_one_is_refused(command_line, text, complaint):
 
 def test_an_overrun_policy_that_there_is_not_is_refused_with_those_that_there_are(command_line):
     assert command_line.refused(KNEE_EXO, "--overrun", "catchup:3") == (
-        "--overrun catchup:3: there is no overrun policy 'catchup:3': there are skip, catch-up:N, fault:N and "
+        "--overrun catchup:3: unknown overrun policy 'catchup:3': expected skip, catch-up:N, fault:N or "
         "fault:N/WINDOW, "
         "with numbers from 1 to 1000000"
     )

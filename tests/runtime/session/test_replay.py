@@ -372,7 +372,7 @@ def test_what_is_no_recording_is_refused(command_line, tmp_path):
     assert command_line.refused("replay", "nowhere.mcap") == "nowhere.mcap: No such file or directory"
     (command_line.folder / "text.mcap").write_text("hello")
     assert command_line.refused("replay", "text.mcap") == (
-        "text.mcap is no recording of Tickwork: name the .mcap file of the run"
+        "text.mcap is not a recording of Tickwork: pass the .mcap file of the run"
     )
 
 

@@ -10,7 +10,7 @@ class GaitDrive(Actuator):
     """The laboratory's drive: it gives `torque_command`, within `limit`, once it is enabled."""
 
     model = Param("", "1", "GD-10 or GD-30", required=True, dtype=str)
-    bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
+    bus = Param("can", "1", "logical name of the CAN bus", dtype=str)
     can_id = Param(1, "1", "id set in the drive", min=1, max=127, fixed=True)
     limit = Param(None, "N·m", "largest command at the joint; the rated torque by default", dtype=float, fixed=True)
     gear_ratio = Param(1.0, "1", "gear behind the drive: motor angle over joint angle", above=0.0, fixed=True)

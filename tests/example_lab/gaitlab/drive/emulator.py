@@ -12,7 +12,7 @@ class EmulatedGaitDrive(Device):
     """
 
     model = Param("GD-10", "1", "name of the model", dtype=str)
-    bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
+    bus = Param("can", "1", "logical name of the CAN bus", dtype=str)
     can_id = Param(1, "1", "its id", min=1, max=127, fixed=True)
     gear_ratio = Param(1.0, "1", "gear behind the drive: motor angle over joint angle", above=0.0, fixed=True)
 
@@ -20,7 +20,7 @@ class EmulatedGaitDrive(Device):
     velocity = Input("rad/s", "velocity of the joint")
     fault = Input("1", "error code that it reports", default=0, dtype=int)
     torque = Output("N·m", "torque at the joint")
-    state = Memory((0.0,) * 5, "its id, whether it is enabled, torque command, zero of the encoder, answers owed")
+    state = Memory((0.0,) * 5, "CAN id, 1 if enabled, torque command, zero of the encoder, pending replies")
 
     feedthrough = ("fault",)
     kernel = kernels.drive

@@ -60,7 +60,7 @@ class GaitLab(Family):
         yield Show((f"  position: {before.position:.3f} rad -> 0 rad",) * request.zero)
         if request.new_id and (yield from ask(disable(request.new_id), "disable", reader(request.new_id))) is not None:
             raise Rejected(f"id {request.new_id} is on the bus already; nothing was changed")
-        if not (yield Confirm("change that")):
+        if not (yield Confirm("apply these changes")):
             return True
         if request.zero:
             yield Send(protocol.frame(protocol.ZERO, can_id), "set zero")

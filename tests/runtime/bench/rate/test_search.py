@@ -31,5 +31,5 @@ def test_a_step_passes_only_where_everything_was_answered_and_the_loop_was_there
 
 
 def test_a_search_goes_up():
-    with pytest.raises(ValueError, match="a search goes up"):
+    with pytest.raises(ValueError, match="expected 0 < low < high"):
         highest(bus_of(1.0), 100.0, 50.0)
