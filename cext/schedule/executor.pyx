@@ -140,11 +140,9 @@ cdef class Executor(Waiting):
         self.journal.clear()
         switching = sys.getswitchinterval()
         collecting = gc.isenabled()
-        frozen = gc.get_freeze_count()                             # objects that the caller has frozen stay frozen
         if not self.hosted:
             sys.setswitchinterval(min(switching, SWITCH))
             gc.collect()
-            gc.freeze()
             gc.disable()
         begin_run()
         self.signals.take()
@@ -190,8 +188,6 @@ cdef class Executor(Waiting):
             self.signals.give_back()
             if not self.hosted:
                 sys.setswitchinterval(switching)
-                if not frozen:
-                    gc.unfreeze()
                 if collecting:
                     gc.enable()
         error = self.journal.error or (self.tape.error if self.tape is not None else None)

@@ -159,7 +159,7 @@ def leave(code) -> None:
 
 def flush_files() -> None:
     """Write what is in the buffers of every open file."""
-    gc.unfreeze()  # the collector does not list what a run has frozen
+    gc.unfreeze()  # the collector does not list frozen objects
     kinds = (io.TextIOWrapper, io.BufferedWriter, io.BufferedRandom)
     for file in sorted(
         (file for file in gc.get_objects() if type(file) in kinds), key=lambda file: kinds.index(type(file))

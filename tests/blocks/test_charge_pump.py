@@ -301,7 +301,7 @@ def test_while_the_operator_reads_the_table_the_relay_holds():
     "what", ["an exception", "an emergency stop", "the fence of another process", "NaN", "the end"]
 )
 def test_no_pulse_follows_the_fence_whatever_ends_the_run(what):
-    page = SharedState(1 << 24)
+    page = SharedState(1 << 21)
     law = {"an exception": torn, "the fence of another process": page.raise_fence}.get(what, lambda: None)
 
     def more():

@@ -54,7 +54,7 @@ class Rig:
     options : of the Executor
     """
 
-    def __init__(self, robot, plant=None, *, page=1 << 24, virtual=True, record=True, **options):
+    def __init__(self, robot, plant=None, *, page=1 << 21, virtual=True, record=True, **options):
         if record and not any(isinstance(block, CsvRecorder) for block in robot):
             with robot:
                 CsvRecorder()

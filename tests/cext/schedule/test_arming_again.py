@@ -269,7 +269,7 @@ def test_another_process_that_fences_while_it_waits_ends_the_run_for_good():
 
 
 def test_while_it_waits_it_shows_that_it_lives_and_looks_whether_its_guardian_does():
-    beats, page = [], SharedState(1 << 24)
+    beats, page = [], SharedState(1 << 21)
 
     def live():
         beats.append(page.beat)

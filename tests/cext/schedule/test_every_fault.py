@@ -317,7 +317,7 @@ def build(fault):
                 **{name: signals[name] for name in signals if name not in drive}
             )
         thief = fault.plant() if fault.plant is not None else None
-    page = SharedState(1 << 24)
+    page = SharedState(1 << 21)
     page.look_after(time.monotonic_ns())
     rig = Rig(robot, plant, page=page, guard=30.0 if fault.guard else 0.0)
     if acts is not None:
