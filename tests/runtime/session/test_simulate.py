@@ -259,6 +259,7 @@ def test_nothing_is_left_behind_and_nothing_printed(tmp_path, monkeypatch, capfd
     process = psutil.Process()
 
     def state():
+        gc.collect()
         descriptors = len(os.listdir("/proc/self/fd"))
         return (
             descriptors,
@@ -271,7 +272,6 @@ def test_nothing_is_left_behind_and_nothing_printed(tmp_path, monkeypatch, capfd
     before = state()
     for _ in range(5):
         runtime.run(KNEE_EXO, 1)
-    gc.collect()
     assert state() == before
     assert list(tmp_path.iterdir()) == [] and capfd.readouterr() == ("", "")
 
