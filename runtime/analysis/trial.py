@@ -56,7 +56,7 @@ class Trial:
         self._file: Any = Recording(self.path, lambda part: Reader(part, progress))
         self._recording: Any = self._file  # None if the values are not those of the file
         self._first, self._last = 0, None  # rows of the recording
-        self._columns = {}  # {place: values} of signals that were read
+        self._columns = {}  # {place: (array of signals that were read, its column)}
         self._diagram = self._recording.diagram
         self.parts, self.seams = self._recording.paths, self._recording.seams
         self._describe(self._recording.about)
@@ -157,32 +157,56 @@ class Trial:
 
     def _read(self, places):
         """Read and keep the ticks and the values of signals; all of them as the rows. Returns the cached attributes."""
-        ticks, values = self._recording.rows(places, self._first, self._last)
-        if len(ticks) != len(self.__dict__.get("tick", ticks)):  # damage was found
+        read = self._recording.rows(places, self._first, self._last)
+        if len(read.tick) != len(self.__dict__.get("tick", read.tick)):  # the file is damaged
             self._forget()
         for name in ("tick", "time", "lateness"):
-            self.__dict__.setdefault(name, np.ascontiguousarray(ticks[name]))
+            self.__dict__.setdefault(name, getattr(read, name))
         if len(places) == len(self.signals):
-            self.__dict__["rows"] = values
-        self._columns.update((place, values[:, column]) for column, place in enumerate(places))
+            self.__dict__["rows"] = read.values
+        self._columns.update((place, (read.values, column)) for column, place in enumerate(places))
         return self.__dict__
 
-    def values(self, places) -> np.ndarray:
-        """Return the values of signals as a float64 array (ticks, places). places : in the row"""
-        if "rows" in self.__dict__:
-            return self.rows[:, places]
-        missing = [place for place in places if place not in self._columns]
-        if missing:
+    def _keep(self, places):
+        """Read those signals that were not read yet."""
+        missing = [place for place in dict.fromkeys(places) if place not in self._columns]
+        if missing and "rows" not in self.__dict__:
             self._read(missing)
-        if "rows" in self.__dict__:
-            return self.rows[:, places]
-        return np.column_stack([self._columns[place] for place in places] or [np.empty((len(self), 0))])
+
+    def values(self, places) -> np.ndarray:
+        """Return the values of signals as a float64 array (ticks, places). places : in the row
+
+        The array may share its memory with this Trial: copy it before changing it.
+        """
+        self._keep(places)
+        whole = self.__dict__.get("rows")
+        columns = [(whole, place) if whole is not None else self._columns[place] for place in places]
+        if not columns:
+            return np.empty((len(self), 0))
+        source, first = columns[0]
+        if all(array is source and column == first + step for step, (array, column) in enumerate(columns)):
+            return source[:, first : first + len(columns)]
+        return np.column_stack([array[:, column] for array, column in columns])
 
     def read(self, paths) -> dict[str, np.ndarray]:
-        """Return {path: array} of several signals, read in one pass. Raises KeyError."""
+        """Return {path: array} of several signals, read in one pass. Shapes and types as of `trial[path]`.
+
+        The arrays are read-only, since they share their memory with this Trial. Raises KeyError.
+        """
         paths = list(paths)
-        self.values([place for path in paths for place in self.find(path)[0]])
-        return {path: self[path] for path in paths}
+        self._keep([place for path in paths for place in self.find(path)[0]])
+        arrays = {path: self._typed(path) for path in paths}
+        for array in arrays.values():
+            array.flags.writeable = False
+        return arrays
+
+    def _typed(self, path) -> np.ndarray:
+        """Return a signal in its shape and type, which may share its memory with this Trial."""
+        places, shape = self.find(path)
+        values = self.values(places)
+        values = values[:, 0] if shape == () else values.reshape(-1, *shape)
+        kind = DTYPES.get(self.dtype(path), np.float64)
+        return values if kind is np.float64 or not holds(kind, values) else values.astype(kind)
 
     def between(self, start: float, stop: float) -> "Trial":
         """Return the part of this Trial from one time up to another, without reading the rest.
@@ -257,11 +281,7 @@ class Trial:
         An int or bool with values that its type lacks (NaN, infinities, 2⁶³ and larger) is float64, as recorded. Raises
         KeyError with a suggestion for an unknown name.
         """
-        places, shape = self.find(path)
-        values = self.values(places)
-        values = values[:, 0] if shape == () else values.reshape(-1, *shape)
-        kind = DTYPES.get(self.dtype(path), np.float64)
-        return values if kind is np.float64 or not holds(kind, values) else values.astype(kind)
+        return self._typed(path).copy()
 
     def __len__(self) -> int:
         if self._recording is None or "tick" in self.__dict__:

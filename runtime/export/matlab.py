@@ -35,9 +35,8 @@ def write(trial, path, progress):
     values, units, paths, fields = Struct(OWN), Struct(OWN), Struct(OWN), Struct()
     for name, value in trial.fields.items():
         fields.put([name], value)
-    trial.read(trial.names)  # in one pass
-    for name in trial.names:
-        for tree, leaf in ((values, trial[name]), (units, ascii_name(trial.unit(name))), (paths, name)):
+    for name, samples in trial.read(trial.names).items():
+        for tree, leaf in ((values, samples), (units, ascii_name(trial.unit(name))), (paths, name)):
             tree.put(re.split(r"[/.]", name), leaf)
     made = {
         **values.content,

@@ -1,5 +1,7 @@
 """Batch: a stretch of a recording, as NumPy arrays."""
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +30,26 @@ FRAME = np.dtype(
 NO_FRAMES = np.zeros(0, dtype=FRAME)
 
 
+class Rows(NamedTuple):
+    """Rows of a recording with some of its signals.
+
+    tick : int64 (rows,)
+    time, lateness : float64 (rows,), in s
+    values : float64 (rows, signals); each signal is contiguous in memory
+    """
+
+    tick: np.ndarray
+    time: np.ndarray
+    lateness: np.ndarray
+    values: np.ndarray
+
+    @classmethod
+    def empty(cls, count: int, signals: int) -> Rows:
+        """Return rows that are not filled."""
+        values = np.empty((signals, count)).T
+        return cls(np.empty(count, dtype=np.int64), np.empty(count), np.empty(count), values)
+
+
 class Batch(NamedTuple):
     """Stretch of a recording.
 
@@ -40,7 +62,7 @@ class Batch(NamedTuple):
     frames: np.ndarray
 
 
-def payloads(frames):
+def payloads(frames: np.ndarray) -> list[bytes]:
     """Return the struct Frame of each frame, as [bytes]."""
     data = np.ascontiguousarray(frames).view("u1").reshape(-1, FRAME.itemsize)[:, -FRAME_STRUCT.size :]
     return [row.tobytes() for row in data]

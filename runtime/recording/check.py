@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from runtime.recording.chunks import NONE, windows
+from runtime.recording.chunks import NONE, gathered
 from runtime.recording.columns import HEADS, Damaged
 from runtime.recording.mcap_file import MESSAGE_REST
 
@@ -38,7 +38,7 @@ class Check:
         times = {}
         for channel, kind in layout.rows.items():
             offsets = chunk.offsets.get(channel, NONE)
-            heads = windows(chunk.data, offsets, HEADS.itemsize).view(HEADS)[:, 0]
+            heads = gathered(chunk.data, offsets, HEADS)
             wrong = heads["length"] != MESSAGE_REST + kind.itemsize
             if wrong.any():
                 if wrong[0] and channel not in self.begun:

@@ -4,6 +4,8 @@ A recording is untrusted: a few kilobytes can declare, and expand to, gigabytes.
 limit, whatever they declare, and an index is used only if it describes the records of its chunk.
 """
 
+from __future__ import annotations
+
 import os
 import zlib
 from dataclasses import dataclass, field
@@ -28,6 +30,7 @@ MESSAGE_HEAD = [
     ("log_time", "<i8"),
     ("publish_time", "<i8"),
 ]
+BEGIN = np.dtype([("kind", "u1"), ("length", "<u8"), ("channel", "<u2")])  # of a message record
 PLACE = np.dtype([("log_time", "<u8"), ("offset", "<u8")])  # of a message, in an index
 
 
@@ -36,7 +39,7 @@ class TooLarge(ValueError):
 
 
 class Stored(NamedTuple):
-    """The stored bytes of a chunk, with the field names of mcap.records.Chunk."""
+    """Stored bytes of a chunk, with the field names of mcap.records.Chunk."""
 
     compression: str
     data: Any
@@ -49,8 +52,9 @@ class Chunk:
     """Place of a chunk in a file, or of messages that were not completed to one.
 
     at : position of its record
-    begin, length : position and size of its messages as they are stored
+    begin, length : position and size of its messages as they are stored, in bytes
     compression : "", "zstd", "lz4", or STREAM
+    size : of its messages, in bytes
     end : position at which its message indices end
     counts : {channel: number of messages}
     headless : whether it has no head of a chunk
@@ -61,6 +65,7 @@ class Chunk:
     begin: int
     length: int
     compression: str
+    size: int
     end: int
     counts: dict[int, int] = field(default_factory=dict)
     headless: bool = False
@@ -76,19 +81,25 @@ class Messages(NamedTuple):
     others : [(kind, bytes)] of its schemas and channels
     """
 
-    data: Any
-    offsets: dict[int, Any]
+    data: np.ndarray
+    offsets: dict[int, np.ndarray]
     end: int
     others: list[tuple[int, bytes]]
 
-    def records(self, channel, body) -> Any:
-        """Return the message records of a channel as a structured array. body : NumPy dtype of their content
+    def bodies(self, channel: int, kind: np.dtype) -> Any:
+        """Return the contents of the messages of a channel as a structured array.
 
-        Raises ValueError if one has another size.
+        kind : dtype of the content
+
+        Raises ValueError if a message has another size.
         """
-        return records(self.data, self.offsets.get(channel, NONE), [*MESSAGE_HEAD, ("body", body)])
+        record = np.dtype([*MESSAGE_HEAD, ("body", kind)])
+        found = gathered(self.data, self.offsets.get(channel, NONE), record)
+        if np.any(found["length"] != record.itemsize - HEAD.size):
+            raise ValueError("a row of another size")
+        return found["body"]
 
-    def until(self, limit):
+    def until(self, limit: int) -> Messages:
         """Return the messages that begin before a position."""
         kept = {channel: offsets[offsets < limit] for channel, offsets in self.offsets.items()}
         return self._replace(offsets=kept)
@@ -97,25 +108,23 @@ class Messages(NamedTuple):
 NONE = np.zeros(0, dtype=np.int64)
 
 
-def windows(data, offsets, size) -> Any:
-    """Return `size` bytes from each offset, as an array (offsets, size). Raises ValueError outside the data."""
+def gathered(data: np.ndarray, offsets: np.ndarray, kind: np.dtype) -> Any:
+    """Return the structures that begin at offsets of an array of bytes.
+
+    kind : their dtype
+
+    Raises ValueError if one is not inside the data.
+    """
     if not len(offsets):
-        return np.empty((0, size), dtype=np.uint8)
-    if int(offsets.min()) < 0 or int(offsets.max()) + size > len(data):
+        return np.zeros(0, dtype=kind)
+    if int(offsets.min()) < 0 or int(offsets.max()) + kind.itemsize > len(data):
         raise ValueError("a record longer than its chunk")
-    return np.lib.stride_tricks.as_strided(data, (len(data) - size + 1, size), (1, 1))[offsets]
+    # as void, which NumPy copies as a whole and not field by field
+    places = len(data) - kind.itemsize + 1
+    return np.ndarray(places, f"V{kind.itemsize}", data, strides=(1,))[offsets].view(kind)
 
 
-def records(data, offsets, fields) -> Any:
-    """Return records of a fixed size as a structured array. Raises ValueError if one is shorter or longer."""
-    kind = np.dtype(fields)
-    found = windows(data, offsets, kind.itemsize).view(kind)[:, 0]
-    if np.any(found["length"] != kind.itemsize - HEAD.size):
-        raise ValueError("a row of another size")
-    return found
-
-
-def head_of(data):
+def head_of(data: Any) -> tuple[int, str, int, int, int]:
     """Return (bytes of the head, compression, size and checksum of the messages, stored bytes) of a chunk's record.
 
     Raises ValueError.
@@ -131,27 +140,24 @@ def head_of(data):
     return head, compression, size, checksum, stored
 
 
-def load(descriptor, chunk, expander):
-    """Read the messages of a chunk.
+def load(descriptor: int, chunk: Chunk) -> Messages:
+    """Read the messages of a chunk. Several threads can do so at a time.
 
     descriptor : of the file
-    expander : Expander
 
-    Raises ValueError, LookupError or TooLarge if it is damaged.
+    Raises ValueError or LookupError if the chunk is damaged.
     """
     raw = memoryview(os.pread(descriptor, chunk.end - chunk.at, chunk.at))
     stored, indices = raw[chunk.begin - chunk.at :][: chunk.length], raw[chunk.begin - chunk.at + chunk.length :]
     if chunk.compression == STREAM:
-        plain = decode(bytes(stored), min(CHUNK_LIMIT, expander.left)).data
+        plain = decode(bytes(stored), chunk.size).data
     elif chunk.headless:
         plain = stored
     else:
         head, compression, size, checksum, length = head_of(raw)
-        if (chunk.at + head, length, compression) != (chunk.begin, chunk.length, chunk.compression):
+        if (chunk.at + head, length, compression, size) != (chunk.begin, chunk.length, chunk.compression, chunk.size):
             raise ValueError("a head that differs from the index")
-        plain = expander.expand(Stored(compression, stored, size, checksum)) if compression else stored
-        if not compression and (size != length or checksum not in (0, zlib.crc32(plain))):
-            raise ValueError("a wrong checksum")
+        plain = expand(Stored(compression, stored, size, checksum))
     data = np.frombuffer(plain, dtype=np.uint8)
     offsets = indexed(data, indices) if len(indices) else None
     messages = Messages(data, offsets, len(data), []) if offsets is not None else walked(plain)
@@ -201,13 +207,13 @@ def walk_all(stream, at):
             yield place, kind, data
 
 
-def indexed(data, indices):
+def indexed(data: np.ndarray, indices: memoryview) -> dict[int, np.ndarray] | None:
     """Return {channel: offsets} of message indices, or None if they do not describe exactly these messages.
 
     data : array of bytes
     indices : bytes of the MessageIndex records
     """
-    at, total, found = 0, 0, {}
+    at, found = 0, {}
     while at + INDEX.size <= len(indices):
         kind, length, channel, size = INDEX.unpack_from(indices, at)
         at += INDEX.size
@@ -215,16 +221,18 @@ def indexed(data, indices):
             return None
         if at + size > len(indices):
             return None
-        offsets = np.frombuffer(indices, PLACE, size // PLACE.itemsize, at)["offset"].astype(np.int64)
+        found[channel] = np.frombuffer(indices, PLACE, size // PLACE.itemsize, at)["offset"].astype(np.int64)
+        if np.any(found[channel][1:] <= found[channel][:-1]):
+            return None
         at += size
-        found[channel] = offsets
-        try:
-            heads = windows(data, offsets, MESSAGE.size).view(np.dtype(MESSAGE_HEAD))[:, 0]
-        except ValueError:
-            return None
-        if np.any((heads["kind"] != A_MESSAGE) | (heads["channel"] != channel)) or np.any(np.diff(offsets) <= 0):
-            return None
-        total += int(heads["length"].astype(np.int64).sum()) + HEAD.size * len(offsets)
+    try:
+        heads = gathered(data, np.concatenate([NONE, *found.values()]), BEGIN)
+    except ValueError:
+        return None
+    channels = np.repeat(np.array([*found], dtype="<u2"), [len(offsets) for offsets in found.values()])
+    if np.any(heads["kind"] != A_MESSAGE) or np.any(heads["channel"] != channels):
+        return None
+    total = int(heads["length"].astype(np.int64).sum()) + HEAD.size * len(heads)
     return found if total == len(data) else None
 
 
@@ -258,12 +266,11 @@ def walked(plain, only_messages=False):
 class Expander:
     """Expansion of chunks with a limit for all of a file. size : bytes of the file"""
 
-    def __init__(self, size):
+    def __init__(self, size: int) -> None:
         self.left = self.limit = max(FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT * size)
 
-    def expand(self, chunk):
-        """Return the records of a Stored chunk. Raises ValueError or LookupError for a damaged one; TooLarge"""
-        size = chunk.uncompressed_size
+    def admit(self, size: int) -> None:
+        """Count a chunk that expands to `size` bytes. Raises TooLarge if it exceeds a limit."""
         if size > min(CHUNK_LIMIT, self.left):
             limit = (
                 f"{CHUNK_LIMIT >> 20} MiB" if size > CHUNK_LIMIT else f"{self.limit >> 20} MiB for a file of this size"
@@ -271,30 +278,45 @@ class Expander:
             raise TooLarge(
                 f"has a compressed chunk of {size} bytes, above the limit of {limit}, and is read up to there"
             )
-        data = {"zstd": zstd, "lz4": lz4}[chunk.compression](chunk.data, size + 1)
-        if len(data) != size:
-            raise ValueError(f"{len(data)} bytes instead of {size}")
-        if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-            raise ValueError("a wrong checksum")
         self.left -= size
-        return data
+
+    def expand(self, chunk: Stored) -> Any:
+        """Count and expand a chunk. Returns and raises as the function `expand`, and raises TooLarge."""
+        self.admit(chunk.uncompressed_size)
+        return expand(chunk)
 
 
-def zstd(data, most):
-    """Return at most so many bytes of what a zstd frame expands to. Raises ValueError."""
+def expand(chunk: Stored) -> Any:
+    """Return the records of a chunk as bytes. Raises ValueError or LookupError if it is damaged."""
+    size = chunk.uncompressed_size
+    data = {"": bare, "zstd": zstd, "lz4": lz4}[chunk.compression](chunk.data, size + 1)
+    if len(data) != size:
+        raise ValueError(f"{len(data)} bytes instead of {size}")
+    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError("a wrong checksum")
+    return data
+
+
+def bare(data: Any, limit: int) -> Any:
+    """Return data that is not compressed."""
+    return data
+
+
+def zstd(data: Any, limit: int) -> bytes:
+    """Return at most `limit` bytes of the content of a zstd frame. Raises ValueError."""
     import zstandard
 
     try:
-        return zstandard.ZstdDecompressor(max_window_size=CHUNK_LIMIT).stream_reader(data).read(most)
+        return zstandard.ZstdDecompressor(max_window_size=CHUNK_LIMIT).stream_reader(data).read(limit)
     except zstandard.ZstdError as error:
         raise ValueError(str(error)) from None
 
 
-def lz4(data, most):
-    """Return at most so many bytes of what an LZ4 frame expands to. Raises ValueError."""
+def lz4(data: Any, limit: int) -> bytes:
+    """Return at most `limit` bytes of the content of an LZ4 frame. Raises ValueError."""
     import lz4.frame
 
     try:
-        return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most)
+        return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=limit)
     except (RuntimeError, EOFError) as error:
         raise ValueError(str(error)) from None

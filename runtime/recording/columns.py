@@ -5,7 +5,7 @@ import numpy as np
 from runtime.base.errors import BadInput
 from runtime.recording import messages
 from runtime.recording.batches import FRAME
-from runtime.recording.chunks import MESSAGE_HEAD, NONE, windows
+from runtime.recording.chunks import MESSAGE_HEAD, NONE, gathered
 from runtime.recording.format import FD_FLAGS, ID_FLAGS
 from runtime.recording.json_text import parsed_json
 from runtime.recording.mcap_file import HEAD, MESSAGE
@@ -120,7 +120,7 @@ def frames_of_format_1(data, offsets, began):
 
     Returns (array of FRAME, offset of the message of each, number that orders those of all buses). Raises Damaged.
     """
-    heads = windows(data, offsets, MESSAGE.size).view(HEADS)[:, 0]
+    heads = gathered(data, offsets, HEADS)
     ends = offsets + HEAD.size + heads["length"].astype(np.int64)
     made, fields = decoded(data, offsets, offsets + MESSAGE.size, ends, messages.FRAME_V1)
     made["time"], made["drain"] = heads["log_time"] - began, heads["sequence"]
@@ -130,7 +130,7 @@ def frames_of_format_1(data, offsets, began):
 
 def frames_of_format_2(data, offsets, began):
     """Decode messages with the frames of one bus drain each. Result as that of frames_of_format_1."""
-    heads = windows(data, offsets, MESSAGE.size).view(HEADS)[:, 0]
+    heads = gathered(data, offsets, HEADS)
     ends = offsets + HEAD.size + heads["length"].astype(np.int64)
     at = offsets + MESSAGE.size
     wrong = data.take(at, mode="clip") != DRAINED_TAG

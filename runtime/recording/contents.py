@@ -125,6 +125,7 @@ def chunk_of(index):
         index.chunk_start_offset + head,
         index.compressed_size,
         index.compression,
+        index.uncompressed_size,
         end + index.message_index_length,
         counts,
     )

@@ -3,16 +3,17 @@
 Part 2 of `trial.mcap` is `trial_part2.mcap` beside it, and so on. Together they hold every tick once.
 """
 
+from __future__ import annotations
+
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from runtime.base.errors import BadInput
-from runtime.recording.batches import NO_FRAMES, Batch
-from runtime.recording.columns import TICK
+from runtime.recording.batches import NO_FRAMES, Batch, Rows
 
 PART = re.compile(r"(.+)_part(\d+)")
 
@@ -159,20 +160,18 @@ class Recording:
             if number == 0 or event["event"] != "begin" or all(map(is_unbegun, self.readers[:number]))
         ]
 
-    def rows(self, places, first=0, last=None) -> tuple[Any, np.ndarray]:
+    def rows(self, places: Sequence[int], first: int = 0, last: int | None = None) -> Rows:
         """Read rows. Arguments and result as those of Reader.rows."""
         length = len(self)
         last = length if last is None else min(last, length)
         if len(self.readers) == 1:
             return self.readers[0].rows(places, first, last)
-        starts, ticks, values = self.starts(), [np.zeros(0, dtype=TICK)], [np.empty((0, len(places)))]
+        starts, parts = self.starts(), [Rows.empty(0, len(places))]
         for reader, begin, end in zip(self.readers, starts, starts[1:]):
             low, high = max(first, begin), min(last, end)
             if low < high:
-                part = reader.rows(places, low - begin, high - begin)
-                ticks.append(part[0])
-                values.append(part[1])
-        return np.concatenate(ticks), np.concatenate(values)
+                parts.append(reader.rows(places, low - begin, high - begin))
+        return Rows(*map(np.concatenate, zip(*parts)))
 
     def row_from(self, name, value):
         """Return the number of the first row whose tick or time is `value` or more. name : "tick" or "time" """
@@ -207,7 +206,7 @@ class Recording:
 
     def frames_of(self, number):
         """Yield the frames of the chunks of a part."""
-        for _, frames in self.readers[number].frames():
+        for frames in self.readers[number].frames():
             yield self.adjusted(number, frames)
 
     def last_frames(self, count):
@@ -215,17 +214,17 @@ class Recording:
         for number in reversed(range(count)):
             reader = self.readers[number]
             for chunk in reversed(reader.with_messages(reader.layout.buses)):
-                for _, frames in reader.frames([chunk]):
+                for frames in reader.frames([chunk]):
                     yield self.adjusted(number, frames)
 
     def seam(self, number, second):
         """Return the Seam of a part. A recorder that was stopped before it was killed leaves rows that it has, too."""
         rows = beyond = self.starts(number)[-1]
         if len(second):
-            beyond = self.row_before(number, int(second.rows([], 0, 1)[0]["tick"][0]), rows)
+            beyond = self.row_before(number, int(second.rows([], 0, 1).tick[0]), rows)
         since = None
         if beyond < rows:
-            first = next((frames for _, frames in second.frames() if len(frames)), None)
+            first = next((frames for frames in second.frames() if len(frames)), None)
             since = None if first is None else second.began + int(first["time"][0])
         self.seams.append(Seam(beyond, since, 0, 0))  # while the frames before it are read
         drained = next((int(frames["drained"][-1]) for frames in self.last_frames(number) if len(frames)), 0)
@@ -248,7 +247,7 @@ class Recording:
         rows : before the part
         """
         here = difference(self.last_frames(number), last=True)
-        there = difference((frames for _, frames in second.frames()), last=False)
+        there = difference(second.frames(), last=False)
         if here is None or there is None:
             return max((int(frames["drain"].max()) for frames in self.last_frames(number) if len(frames)), default=0)
         return here + rows - there

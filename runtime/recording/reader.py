@@ -1,33 +1,41 @@
-"""Reader: one file of a recording, of which only the chunks that are asked for are read.
+"""Reader: one file of a recording, of which only the required chunks are read.
 
-Opening reads the summary of a complete file, or scans any other one for its chunks. Checksums and messages are checked
-when a chunk is read. A file that was cut off, or is damaged, is read up to there. Anything else is refused with one
-line that says what it is.
+Opening reads the summary of a complete file, or scans any other file for its chunks. Checksums and messages are checked
+when a chunk is read. A file that was cut off, or is damaged, is read up to there. Any other file is rejected with a
+message that names its content.
 """
+
+from __future__ import annotations
 
 import difflib
 import os
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
-from runtime.recording.batches import NO_FRAMES
-from runtime.recording.chunks import FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT, Expander, load
-from runtime.recording.columns import TICK, Layout
-from runtime.recording.contents import summarised
+from runtime.recording import read_ahead
+from runtime.recording.batches import NO_FRAMES, Rows
+from runtime.recording.chunks import FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT, Expander, Messages, load
+from runtime.recording.columns import Layout
+from runtime.recording.contents import Contents, summarised
 from runtime.recording.metadata import validate
 from runtime.recording.records import DAMAGE, LIBRARY, MAGIC
 from runtime.recording.scan import Scan
 
+FRAMES_GROWTH = 4  # size of decoded frames, as a multiple of that of their messages
+Result = TypeVar("Result")
+
 
 @dataclass(frozen=True)
 class Recorded:
-    """A CAN frame.
+    """CAN frame.
 
     time : ns since the start of the run
     drain : number of the bus drain that returned or preceded it, from 1; 0 before the first
@@ -57,7 +65,7 @@ class Reader:
     Raises BadInput if the file is not a recording, or one of a newer Tickwork.
     """
 
-    def __init__(self, path, progress):
+    def __init__(self, path: Path, progress: Callable[[float], None]) -> None:
         need("mcap.stream_reader", "reading a recording")
         self.path, self.checked = path, False
         try:
@@ -78,49 +86,57 @@ class Reader:
         if len(self) * self.row_size > max(FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT * self.size):
             self.check(progress)
 
-    def take(self, contents):
-        """Use the contents of the file."""
+    def take(self, contents: Contents) -> None:
+        """Use these contents of the file."""
         self.contents = contents
         self.layout = Layout(self.path, contents.about, contents.topics)
         self.about, self.end, self.diagram = contents.about, contents.end, contents.diagram
         self.row_size = sum(kind.itemsize for kind in self.layout.rows.values())
+        channels: list[Any] = [*self.layout.rows, self.layout.events, *self.layout.buses]
         # {channel: number of messages before each chunk, and in all}
         self.before = {
             channel: list(accumulate((chunk.counts.get(channel, 0) for chunk in contents.chunks), initial=0))
-            for channel in (*self.layout.rows, self.layout.events, *self.layout.buses)
+            for channel in channels
         }
         self.__dict__.pop("events", None)
         self.__dict__.pop("began", None)
 
-    def __len__(self):
+    def __len__(self) -> int:
         """Return the number of complete rows."""
         return min((self.before[channel][-1] for channel in self.layout.rows), default=0)
 
-    def check(self, progress=lambda share: None):
-        """Check every message of the file, once. Raises BadInput if it is no recording."""
-        if not self.checked:
-            self.checked = True
-            with open(self.path, "rb", buffering=0) as stream:
-                contents = Scan(stream, os.fstat(stream.fileno()).st_size, True, progress).contents
-            if contents.about is None:
-                raise BadInput(f"{self.path} {self.what_else(contents)}")
-            began, known = self.__dict__.get("began"), len(self)
-            self.take(contents)
-            if began is not None:
-                self.began = began
-            return len(self) != known
-        return False
+    def check(self, progress: Callable[[float], None] = lambda share: None) -> bool:
+        """Check every message of the file, once.
+
+        progress : called with the fraction that has been checked
+
+        Returns whether the number of rows has changed. Raises BadInput if the file is not a recording.
+        """
+        if self.checked:
+            return False
+        self.checked = True
+        with open(self.path, "rb", buffering=0) as stream:
+            contents = Scan(stream, os.fstat(stream.fileno()).st_size, True, progress).contents
+        if contents.about is None:
+            raise BadInput(f"{self.path} {self.what_else(contents)}")
+        began, known = self.__dict__.get("began"), len(self)
+        self.take(contents)
+        if began is not None:
+            self.began = began
+        return len(self) != known
 
     @property
-    def trouble(self):
+    def trouble(self) -> str:
+        """Problem with the file, in one line; "" without one."""
         return self.contents.trouble
 
     @property
-    def finished(self):
+    def finished(self) -> bool:
+        """Whether the recorder has completed the file."""
         return self.contents.finished
 
-    def what_else(self, contents):
-        """Return what a file is that is not a recording."""
+    def what_else(self, contents: Contents) -> str:
+        """Return the problem with a file that is not a recording, as the end of a sentence."""
         with open(self.path, "rb") as stream:
             mcap = stream.read(len(MAGIC)) == MAGIC
         if self.size == 0 or mcap and contents.library == LIBRARY:
@@ -131,14 +147,32 @@ class Reader:
         cure = f"pass {beside}" if beside != self.path and beside.exists() else "pass the .mcap file of the run"
         return f"is not a recording of Tickwork: {cure}"
 
-    def chunks(self, numbers):
-        """Yield (number, Messages) of chunks. Raises ValueError or LookupError at a damaged one."""
-        with open(self.path, "rb", buffering=0) as stream:
-            expander = Expander(self.size)
-            for number in numbers:
-                yield number, load(stream.fileno(), self.contents.chunks[number], expander)
+    def ahead(
+        self, work: Callable[[int, Messages], Result], numbers: Iterable[int], growth: int = 1
+    ) -> Iterator[Result]:
+        """Yield the result of work(number, Messages) for chunks, in order, while threads work on the next chunks.
 
-    def with_messages(self, channels, first=0, last=None):
+        growth : size of a result, as a multiple of that of the messages
+
+        Raises ValueError or LookupError at a damaged chunk, or before.
+        """
+        chunks = self.contents.chunks
+        with open(self.path, "rb", buffering=0) as stream:
+            yield from read_ahead.ahead(
+                lambda number: work(number, load(stream.fileno(), chunks[number])),
+                self.admitted(numbers),
+                lambda number: growth * chunks[number].size,
+            )
+
+    def admitted(self, numbers: Iterable[int]) -> Iterator[int]:
+        """Yield the numbers of chunks. Raises TooLarge at one that exceeds the limit on what the file expands to."""
+        expander = Expander(self.size)
+        for number in numbers:
+            if self.contents.chunks[number].compression:
+                expander.admit(self.contents.chunks[number].size)
+            yield number
+
+    def with_messages(self, channels: Iterable[int], first: int = 0, last: int | None = None) -> list[int]:
         """Return the numbers of the chunks with messages of channels, of the rows from `first` to `last`."""
         return [
             number
@@ -152,124 +186,136 @@ class Reader:
             )
         ]
 
-    def retried(self, read):
+    def retried(self, read: Callable[[], Result]) -> Result:
         """Return the result of a function that reads chunks; if one is damaged, check the file and read up to there."""
         try:
             return read()
         except (OSError, BadInput):
             raise
         except DAMAGE:
-            if self.checked:
-                raise BadInput(f"{self.path} has changed while it was read") from None
-            self.check()
+            self.check_once()
             return read()
 
-    def rows(self, places, first=0, last=None) -> tuple[Any, np.ndarray]:
+    def check_once(self) -> None:
+        """Check the file, in which a damaged chunk was read. Raises BadInput if it has been checked before."""
+        if self.checked:
+            raise BadInput(f"{self.path} has changed while it was read") from None
+        self.check()
+
+    def rows(self, places: Iterable[int], first: int = 0, last: int | None = None) -> Rows:
         """Read rows.
 
         places : of the signals
         first, last : rows; by default all
-
-        Returns (ticks as an array with the fields "tick", "time" and "lateness" in s, float64 array (rows, places)).
         """
         return self.retried(lambda: self._rows(list(places), first, last))
 
-    def _rows(self, places, first, last) -> tuple[Any, np.ndarray]:
+    def _rows(self, places: list[int], first: int, last: int | None) -> Rows:
         last = len(self) if last is None else min(last, len(self))
-        count = max(0, last - first)
-        ticks, values = np.zeros(count, dtype=TICK), np.empty((count, len(places)))
+        rows, layout = Rows.empty(max(0, last - first), len(places)), self.layout
         columns = {place: column for column, place in enumerate(places)}
-        layout = self.layout
-        wanted = {
-            channel: [(columns[place], str(place)) for place in subsystem.columns if place in columns]
+        fields = {
+            channel: [(rows.values[:, columns[place]], str(place)) for place in subsystem.columns if place in columns]
             for channel, subsystem in layout.subsystems.items()
         }
-        wanted = {channel: fields for channel, fields in wanted.items() if fields}
-        channels = [] if layout.tick is None else [layout.tick, *wanted]
-        for number, chunk in self.chunks(self.with_messages(channels, first, last)):
-            for channel in channels:
+        fields = {channel: targets for channel, targets in fields.items() if targets}
+        if layout.tick is not None:
+            fields[layout.tick] = [(getattr(rows, name), name) for name in ("tick", "time", "lateness")]
+
+        def fill(number: int, chunk: Messages) -> None:
+            for channel, targets in fields.items():
                 begin, end = self.before[channel][number : number + 2]
                 low, high = max(begin, first), min(end, last)
                 if low >= high:
                     continue
-                found = chunk.records(channel, layout.rows[channel])["body"]
-                if len(found) != end - begin:
+                bodies = chunk.bodies(channel, layout.rows[channel])
+                if len(bodies) != end - begin:
                     raise ValueError("an index with another number of messages")
-                found = found[low - begin : high - begin]
-                if channel == layout.tick:
-                    ticks[low - first : high - first] = found
-                else:
-                    for column, name in wanted[channel]:
-                        values[low - first : high - first, column] = found[name]
-        return ticks, values
+                for target, name in targets:
+                    target[low - first : high - first] = bodies[name][low - begin : high - begin]
 
-    def frames(self, numbers=None):
-        """Yield (number of the chunk, frames of the chunk as an array of FRAME)."""
-        layout = self.layout
-        numbers = self.with_messages(layout.buses) if numbers is None else numbers
-        for number, chunk in self.chunks(numbers):
-            yield number, layout.frames(chunk, self.began, self.before[layout.tick][number])
+        for _ in self.ahead(fill, self.with_messages(fields, first, last)):
+            pass
+        return rows
 
-    def stream(self, with_frames=True):
+    def frames(self, numbers: Iterable[int] | None = None) -> Iterator[np.ndarray]:
+        """Yield the frames of chunks as arrays of FRAME. numbers : of the chunks; by default all with frames"""
+        numbers, decode = self.with_messages(self.layout.buses) if numbers is None else numbers, self.decoder()
+        yield from self.ahead(decode, numbers, FRAMES_GROWTH)
+
+    def decoder(self) -> Callable[[int, Messages], np.ndarray]:
+        """Return the function that decodes the frames of a chunk."""
+        began, layout, before = self.began, self.layout, self.before[self.layout.tick]
+        return lambda number, chunk: layout.frames(chunk, began, before[number])
+
+    def stream(self, with_frames: bool = True) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield (rows as in a Batch, frames as an array of FRAME) of every chunk, in order.
 
-        A row whose messages are in several chunks comes with the last of them.
+        A row whose messages are in several chunks is yielded with the last of them.
 
         with_frames : whether the frames are read; else there are none
         """
-        number, layout = 0, self.layout
-        open_rows: dict[int, Any] = {channel: np.zeros(0, dtype=kind) for channel, kind in layout.rows.items()}
-        width = 2 + len(self.about["signals"])
+        number, width = 0, 2 + len(self.about["signals"])
+        open_rows: dict[int, Any] = {channel: np.zeros(0, dtype=kind) for channel, kind in self.layout.rows.items()}
+
+        source = None
         while number < len(self.contents.chunks):
             try:
-                [(_, chunk)] = self.chunks([number])
-                found = {channel: chunk.records(channel, kind)["body"] for channel, kind in layout.rows.items()}
-                frames = NO_FRAMES
-                if layout.buses and with_frames:
-                    frames = layout.frames(chunk, self.began, self.before[layout.tick][number])
-            except OSError:
+                source = source or self.decoded(number, with_frames)
+                parts, frames = next(source)
+            except (OSError, BadInput):
                 raise
             except DAMAGE:
-                if self.checked:
-                    raise BadInput(f"{self.path} has changed while it was read") from None
-                self.check()
-                layout = self.layout
+                self.check_once()
+                source = None
                 continue
             number += 1
-            open_rows = {channel: np.concatenate((open_rows[channel], part)) for channel, part in found.items()}
+            open_rows = {channel: np.concatenate((open_rows[channel], part)) for channel, part in parts.items()}
             count = min(map(len, open_rows.values()), default=0)
             rows = np.empty((count, width))
             for channel, part in open_rows.items():
-                if channel == layout.tick:
+                if channel == self.layout.tick:
                     rows[:, 0], rows[:, 1] = part["tick"][:count], part["lateness"][:count]
                 else:
-                    for place in layout.subsystems[channel].columns:
+                    for place in self.layout.subsystems[channel].columns:
                         rows[:, 2 + place] = part[str(place)][:count]
             open_rows = {channel: part[count:] for channel, part in open_rows.items()}
             yield rows, frames
 
-    @cached_property
-    def events(self):
-        """Events: [dict]."""
+    def decoded(self, first: int, with_frames: bool) -> Iterator[tuple[dict[int, Any], Any]]:
+        """Return ({channel: contents of its messages}, frames) of each chunk from the first. Arguments as of stream"""
+        frames = self.decoder() if self.layout.buses and with_frames else lambda number, chunk: NO_FRAMES
 
-        def read():
+        def decode(number: int, chunk: Messages) -> tuple[dict[int, Any], Any]:
+            parts = {channel: chunk.bodies(channel, kind) for channel, kind in self.layout.rows.items()}
+            return parts, frames(number, chunk)
+
+        return self.ahead(decode, range(first, len(self.contents.chunks)), FRAMES_GROWTH)
+
+    @cached_property
+    def events(self) -> list[dict[str, Any]]:
+        """Events, as dicts."""
+
+        def read() -> list[dict[str, Any]]:
             numbers = [] if self.layout.events is None else self.with_messages([self.layout.events])
-            return [event for _, chunk in self.chunks(numbers) for event in self.layout.events_of(chunk)]
+            chunks = self.ahead(lambda _, chunk: self.layout.events_of(chunk), numbers)
+            return [event for events in chunks for event in events]
 
         return self.retried(read)
 
     @cached_property
-    def began(self):
+    def began(self) -> int:
+        """Time of the start of the run, in ns of the file."""
         return next((event["wall"] for event in self.events if event["event"] == "begin"), 0)
 
-    def row_from(self, name, value):
+    def row_from(self, name: str, value: float) -> int:
         """Return the number of the first row whose tick or time is `value` or more. name : "tick" or "time" """
         low, high = 0, len(self)
         while low < high:
             middle = (low + high) // 2
             number = np.searchsorted(self.before[self.layout.tick], middle, side="right") - 1
             begin, end = self.before[self.layout.tick][number : number + 2]
-            ticks = self.rows([], begin, min(end, len(self)))[0][name]
+            ticks = getattr(self.rows([], begin, min(end, len(self))), name)
             place = int(np.searchsorted(ticks, value))
             if place == 0:
                 high = begin
@@ -280,7 +326,7 @@ class Reader:
         return low
 
 
-def nearby(path):
+def nearby(path: Path) -> str:
     """Return a suggestion for the name of a file that does not exist."""
     try:
         names = sorted(name for name in os.listdir(path.parent) if name.endswith(".mcap"))

@@ -133,12 +133,12 @@ class Scan:
             return self.loose(at, at + CHUNK_HEAD.size)
         if end > self.size:
             return self.stream(at) if is_compressed(raw, ZSTD) else None
-        head, compression, _, _, stored = head_of(raw)
+        head, compression, expanded, _, stored = head_of(raw)
         counts, after = self.indices(end)
         following = self.bytes_at(after, HEAD.size)
         if len(following) < HEAD.size or after + HEAD.size + HEAD.unpack(following)[1] > self.size:
             counts = {}  # an index may be missing
-        chunk = Chunk(at, at + head, stored, compression, after, counts)
+        chunk = Chunk(at, at + head, stored, compression, expanded, after, counts)
         try:
             self.add(chunk)
         except ValueError:
@@ -158,7 +158,10 @@ class Scan:
         counts, after = self.indices(end) if ended else ({}, end)
         self.is_cut = not ended and is_torn(frame[ends[-1][0] :])
         if content:
-            self.add(Chunk(at, begin, end - begin, STREAM_OF_ZSTD, after, counts, headless=True), walked(content))
+            self.add(
+                Chunk(at, begin, end - begin, STREAM_OF_ZSTD, len(content), after, counts, headless=True),
+                walked(content),
+            )
         if not ended:
             self.good = end
         return after if ended else None
@@ -177,7 +180,7 @@ class Scan:
         if not found.end:
             return begin if begin > at else None
         counts, after = self.indices(end)
-        chunk = Chunk(at, begin, found.end, "", after, counts, headless=True)
+        chunk = Chunk(at, begin, found.end, "", found.end, after, counts, headless=True)
         self.add(chunk, found)
         return None if chunk.limit is not None else after
 
@@ -196,7 +199,10 @@ class Scan:
         """Add a chunk, read if necessary. found : its messages, if they have been read"""
         contents = self.contents
         if self.deep or found is not None or not chunk.counts or not chunk.counts.keys() <= contents.topics.keys():
-            found = load(self.descriptor, chunk, self.expander) if found is None else found
+            if found is None:
+                if chunk.compression:
+                    self.expander.admit(chunk.size)
+                found = load(self.descriptor, chunk)
             for kind, body in found.others:
                 if kind == CHANNEL:
                     self.take(kind, body)

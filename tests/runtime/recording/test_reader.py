@@ -36,9 +36,9 @@ def loads(monkeypatch):
     """Positions of the chunks that are read."""
     positions, load = [], reader.load
 
-    def counted(descriptor, chunk, expander):
+    def counted(descriptor, chunk):
         positions.append(chunk.at)
-        return load(descriptor, chunk, expander)
+        return load(descriptor, chunk)
 
     monkeypatch.setattr(reader, "load", counted)
     return positions
@@ -62,7 +62,7 @@ def test_opening_reads_no_chunk_and_a_signal_reads_each_chunk_once(path, loads):
     trial = runtime.load(path)
     assert len(trial) == TICKS and len(trial.signals) == SIGNALS and loads == []
     assert trial["leg1/block.x40"].tolist() == [tick + 0.4 for tick in range(TICKS)]
-    assert loads == [index.chunk_start_offset for index in chunk_indexes(path)] and len(loads) > 3
+    assert sorted(loads) == [index.chunk_start_offset for index in chunk_indexes(path)] and len(loads) > 3
     assert trial.time[-1] == (TICKS - 1) / 200 and trial["leg1/block.x40"][7] == 7.4
     assert len(loads) == len(set(loads)), "what was read is kept"
 
@@ -72,6 +72,18 @@ def test_several_signals_are_read_in_one_pass(path, loads):
     values = trial.read(["leg0/block.x3", "leg1/block.x59"])
     assert values["leg1/block.x59"][100] == 100.59 and values["leg0/block.x3"][100] == 100.03
     assert trial["leg0/block.x3"][-1] == TICKS - 1 + 0.03 and len(loads) == len(chunk_indexes(path))
+
+
+def test_arrays_of_read_are_parts_of_one_allocation_and_read_only(path):
+    trial = runtime.load(path)
+    values = trial.read(trial.names)
+    own = trial["leg1/block.x40"]
+    for array in values.values():
+        assert array.flags.c_contiguous and np.shares_memory(array, trial.rows)
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+    own -= own[0]
+    assert own[7] == 7.0 and trial["leg1/block.x40"][7] == values["leg1/block.x40"][7] == 7.4
 
 
 def test_interval_is_read_without_the_rest(path, loads):
