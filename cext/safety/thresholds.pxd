@@ -4,102 +4,104 @@ The loop, the watchdog, the guardian and the recorder use these names and have n
 """
 
 cpdef enum:
-    # ns: between rounds of zero torque and disable in a safe stop; one period of the run where that is shorter
+    # ns: period of the rounds of zero torque and disable in a safe stop; one period of the run if that is shorter
     STOP_ROUND = 5000000
-    # ns: the same, at the fastest rates
+    # ns: shortest such period
     STOP_ROUND_MINIMUM = 100000
-    # ns: between frames of damping in a safe stop; longer where a slow bus cannot carry them
+    # ns: period of the damping frames in a safe stop; longer on a bus that is too slow for it
     STOP_DAMP_ROUND = 2000000
-    # ns: of a safe stop, after the damping; then the drives that have not confirmed are reported
+    # ns: duration of a safe stop, after the damping; then drives that have not confirmed are reported
     STOP_LIMIT = 200000000
 
-    # periods: that one tick may work before the watchdog stops the motors
+    # periods: duration of one tick after which the watchdog stops the motors
     HANG_PERIODS = 3
-    # ns: that one tick may always work
+    # ns: duration of one tick that the watchdog always allows
     HANG_MINIMUM = 15000000
-    # ns: between signals that break off a Python step that hangs
+    # ns: period of the signals that interrupt a hanging Python step
     HANG_SIGNAL_PERIOD = 20000000
-    # ns: the same, once the safe stop is over
+    # ns: period of these signals after the safe stop
     HANG_SIGNAL_PERIOD_STOPPED = 100000000
-    # ns: after the stop of a block that hangs; if it still hangs, the guardian reports that only Ctrl-C ends the run
+    # ns: time after the stop at which the guardian reports that a block still hangs and that only Ctrl-C ends the
+    #     run
     HANG_REPORT_DELAY = 300000000
-    # ns: between the watchdog's attempts to take the buses from a tick that hangs
+    # ns: period of the watchdog's attempts to take over the buses from a tick that hangs
     BUS_TAKEOVER_PERIOD = 1000000
 
-    # periods: without a tick before the guardian stops the motors; also for blocks to start after arming
+    # periods: time without a tick, or for the start of the blocks, after which the guardian stops the motors
     LOOP_STALL_PERIODS = 5
-    # ns: without a tick that the guardian always allows; also for blocks to start
+    # ns: time without a tick, or for the start of the blocks, that the guardian always allows
     LOOP_STALL_MINIMUM = 40000000
 
-    # ns: between the guardian's looks at the loop, at most
+    # ns: longest period of the guardian's checks of the loop
     GUARDIAN_LOOK_PERIOD = 5000000
-    # ns: without a look of the guardian before the loop ends the run
+    # ns: time without a check by the guardian after which the loop ends the run
     GUARDIAN_SILENCE = 100000000
-    # ns: in which a guardian that runs has looked at least once more
+    # ns: time within which a running guardian has checked at least once more
     GUARDIAN_LOOK_LIMIT = 50000000
-    # ns: without a look of the guardian before the recorder reports that it is dead
+    # ns: time without a check by the guardian after which the recorder reports its death
     GUARDIAN_DEATH = 200000000
-    # ns: for a guardian that the run has killed to be gone, before the run sends in its place
+    # ns: time for a killed guardian to end before the run sends the stop frames itself
     GUARDIAN_KILL_LIMIT = 20000000
-    # ns: for the guardian of a dead run to release its buses
+    # ns: time for the guardian of a dead run to release the buses
     BUS_LOCK_RELEASE_LIMIT = 1000000000
 
-    # ns: in which every device must have answered
+    # ns: time within which every device must respond during arming
     ARMING_LIMIT = 1000000000
-    # ns: in which a drive must have answered its disable before a run may be armed again
+    # ns: time within which a drive must reply to a disable before a run can be armed again
     DISABLE_CONFIRM_LIMIT = 100000000
-    # ns: over which commands grow to their full size after arming
+    # ns: time in which commands rise to their full value after arming
     FADE_IN = 500000000
 
-    # ticks: in virtual time between installations of the handlers of signals that end a run; in real time each tick
-    #     with a Python step
+    # ticks: interval, in virtual time, at which the handlers of signals that end a run are installed again; in real
+    #     time, each tick with a Python step
     SIGNAL_HANDLER_PERIOD = 64
 
-    # ticks: in a row with a full transmit queue, which end the run
+    # ticks: consecutive ticks with a full transmit queue that end the run
     TX_QUEUE_FULL_LIMIT = 10
-    # failures: in a row of an interface of python-can, which end the run
+    # failures: consecutive failures of an interface of python-can that end the run
     INTERFACE_FAILURE_LIMIT = 100
 
-    # °C: at or below which a drive's temperature is not one: its sensor is broken
+    # °C: temperature at or below which a drive's sensor is considered broken
     TEMPERATURE_MINIMUM = -40
-    # ns: over which a joint's acceleration is held against its max_acceleration, and over every shorter span of
-    #     replies
+    # ns: longest span of replies over which a joint's acceleration is compared with max_acceleration; shorter spans
+    #     are compared too
     ACCELERATION_WINDOW = 15000000
-    # replies: that this window has at least
+    # replies: fewest replies in that window
     ACCELERATION_WINDOW_REPLIES = 3
-    # mrad/s: of a velocity's noise, as it is measured, that are allowed for in its change
+    # mrad/s: largest noise of a measured velocity that is allowed for in its change
     ACCELERATION_NOISE_LIMIT = 1200
-    # ns: over which stiffness and damping return, once no span is beyond max_acceleration
+    # ns: time in which stiffness and damping return after the acceleration is within max_acceleration again
     ACCELERATION_GAINS_RETURN = 100000000
-    # ns: beyond max_acceleration that end the run; calm takes a quarter of its length away
+    # ns: time beyond max_acceleration that ends the run; a quarter of the time within it is subtracted
     ACCELERATION_FAULT = 50000000
-    # periods: the same, at the least
+    # periods: shortest such time
     ACCELERATION_FAULT_PERIODS = 6
-    # mrad: outside the range of a joint that end the run
+    # mrad: distance outside the range of a joint that ends the run
     TRAVEL_MARGIN = 50
-    # replies: in a row beyond max_velocity that end the run
+    # replies: consecutive replies beyond max_velocity that end the run
     OVERSPEED_REPLIES = 3
-    # %: of the peak torque, to which a drive's measured torque is trusted: an assumption
+    # %: assumed accuracy of a drive's measured torque, of its peak torque
     TORQUE_ACCURACY = 10
-    # ns: of torque beyond limit and accuracy that end the run
+    # ns: time with a torque beyond limit and accuracy that ends the run
     EXCESS_TORQUE = 20000000
-    # replies: the same, at the least
+    # replies: fewest replies in that time
     EXCESS_TORQUE_REPLIES = 4
-    # ns: time constant of the means of the torque commanded and measured
+    # ns: time constant of the means of the commanded and the measured torque
     FOLLOWING_MEAN = 60000000
-    # %: of the rated torque, above which a drive must follow what is commanded
+    # %: commanded torque, of the rated torque, above which a drive must follow
     FOLLOWING_COMMANDED = 10
-    # %: of the torque commanded, below which a drive does not follow
+    # %: measured torque, of the commanded torque, below which a drive does not follow
     FOLLOWING_MEASURED = 20
-    # ns: without following that end the run
+    # ns: time without following that ends the run
     FOLLOWING_FAULT = 50000000
-    # replies: the same, at the least
+    # replies: fewest replies in that time
     FOLLOWING_FAULT_REPLIES = 4
-    # ns: of motion, or of torque, over which two measurements of one thing are compared
+    # ns: duration of motion or torque over which two measurements of one quantity are compared
     SCALE_TIME = 1000000000
-    # %: by which velocity and position may differ, and torque and current: what is 10 % off is found
+    # %: permitted difference of velocity from the rate of position, and of torque from current; a difference of 10
+    #     % is detected
     SCALE_TOLERANCE = 8
-    # %: by which a torque in the wire's own unit may differ from the law that was sent
+    # %: permitted difference of a torque in the unit of the wire from the commanded law
     SCALE_TOLERANCE_WIRE_TORQUE = 30
-    # mrad/s: above which a joint moves, for that comparison
+    # mrad/s: speed above which a joint counts as moving in that comparison
     SCALE_SPEED_MINIMUM = 500

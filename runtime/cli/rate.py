@@ -48,15 +48,14 @@ def main(arguments):
 
         rig = read(options.rig)
         if len(rig.buses) != 1:
-            raise BadInput(f"{options.rig}: expected one bus, of the actuators, got {len(rig.buses)}")
+            raise BadInput(f"{options.rig}: expected one bus, with the actuators, got {len(rig.buses)}")
     make = maker(options, "can" if rig is None else next(iter(rig.buses)))
     bitrate = options.bitrate if rig is None else next(iter(rig.buses.values())).bitrate
     where = f"in virtual time, at {bitrate / 1e6:g} Mbit/s" if rig is None else f"on {options.rig}"
     tell(
         [
-            f"{options.model}, zero torque, {where}: {options.low:g} to {options.high:g} Hz to {options.resolution:g} "
-            "Hz, "
-            f"steps of {options.seconds:g} s, every missing or late reply is counted",
+            f"{options.model}, zero torque, {where}: {options.low:g} to {options.high:g} Hz, resolution "
+            f"{options.resolution:g} Hz, {options.seconds:g} s per step",
             f"{'actuators':>9}{'highest rate':>16}{'bus full at':>14}{'worst stuffing':>16}{'tried':>8}",
         ]
     )
