@@ -17,6 +17,8 @@ Each spread includes two codes of position and velocity, of the feedback and of 
 
 from libc.math cimport copysign, fabs, fmax, fmin, isfinite
 
+from cext.abi cimport NOT_FINITE, OK, OUT_OF_LIMITS
+
 cdef struct Law:                # as commanded, then as sent
     double position             # θ₀, rad
     double velocity             # ω₀, rad/s
@@ -38,6 +40,28 @@ cdef struct Known:              # data from which a frame is computed
     double velocity_step
     double stiffness_step
     double damping_step
+
+
+cdef inline int accept(Law *law, const double *limits, double share, bint *limited) noexcept nogil:
+    """Check the five commands, and limit their torque. Returns OK or the reason for rejection.
+
+    limits : half ranges of position, velocity, stiffness, damping and torque, then the torque limit of the drive
+    share : permitted fraction of stiffness, damping and torque, from 0 to 1
+    limited : receives whether the torque was limited
+    """
+    if not (isfinite(law.position) and isfinite(law.velocity) and isfinite(law.stiffness) and isfinite(law.damping)
+            and isfinite(law.torque)):
+        return NOT_FINITE
+    if (not -limits[0] <= law.position <= limits[0] or not -limits[1] <= law.velocity <= limits[1]
+            or not 0.0 <= law.stiffness <= limits[2] or not 0.0 <= law.damping <= limits[3]
+            or not -limits[4] <= law.torque <= limits[4]):
+        return OUT_OF_LIMITS
+    if not (0.0 <= share <= 1.0 and limits[5] >= 0.0):
+        return OUT_OF_LIMITS    # with NaN it would be full torque
+    limited[0] = fabs(law.torque) > limits[5]
+    if limited[0]:
+        law.torque = copysign(limits[5], law.torque)
+    return OK
 
 
 cdef inline double quotient(double room, double need) noexcept nogil:

@@ -4,12 +4,11 @@ A command has 64 bits: p16 v12 kp12 kd12 t12, most significant bit first. `wire`
 this order.
 """
 
-from libc.math cimport copysign, fabs, isfinite
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
-from cext.abi cimport AUTHORITY, NOT_FINITE, OK, OUT_OF_LIMITS, PERIOD, Frame
-from cext.kernels.devices.drive_law cimport Known, Law, keep_inside
+from cext.abi cimport AUTHORITY, OK, PERIOD, Frame
+from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
 
 cdef struct Mit:                # of blocks.actuators.joint.Joint; each family's struct contains it
@@ -85,21 +84,13 @@ cdef inline int quantise(
     cdef double share = arena[AUTHORITY]
     cdef Law law
     cdef bint limited
+    cdef int status
     law.position, law.velocity, law.torque = (
         arena[at.position_command], arena[at.velocity_command], arena[at.torque_command])
     law.stiffness, law.damping = arena[at.stiffness_command], arena[at.damping_command]
-    if not (isfinite(law.position) and isfinite(law.velocity) and isfinite(law.stiffness) and isfinite(law.damping)
-            and isfinite(law.torque)):
-        return NOT_FINITE
-    if (not -limits[0] <= law.position <= limits[0] or not -limits[1] <= law.velocity <= limits[1]
-            or not 0.0 <= law.stiffness <= limits[2] or not 0.0 <= law.damping <= limits[3]
-            or not -limits[4] <= law.torque <= limits[4]):
-        return OUT_OF_LIMITS
-    if not (0.0 <= share <= 1.0 and limits[5] >= 0.0):
-        return OUT_OF_LIMITS    # with NaN it would be full torque
-    limited = fabs(law.torque) > limits[5]
-    if limited:
-        law.torque = copysign(limits[5], law.torque)
+    status = accept(&law, limits, share, &limited)
+    if status != OK:
+        return status
     if law.stiffness > 0.0 or law.damping > 0.0:
         limited |= limit_law(arena, at, position_step, velocity_step, &law)
     arena[at.limited] += limited

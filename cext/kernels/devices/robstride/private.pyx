@@ -14,15 +14,15 @@
 RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1.
 """
 
-from libc.math cimport copysign, fabs, isfinite
+from libc.math cimport isfinite
 from libc.stdint cimport int16_t, int32_t, uint8_t, uint16_t, uint32_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    AUTHORITY, COMMANDED, EXTENDED, FOREIGN, ID_MASK, ITEMS, MALFORMED, NOTED, NOT_FINITE, OUT_OF_LIMITS, PERIOD,
+    AUTHORITY, COMMANDED, EXTENDED, FOREIGN, ID_MASK, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, OUT_OF_LIMITS, PERIOD,
     TAKEN, Frame, decode_t, encode_t, export_decode, export_encode, items,
 )
-from cext.kernels.devices.drive_law cimport Known, Law, keep_inside
+from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
 
 cdef enum:
@@ -177,21 +177,14 @@ cdef int operation_encode(double *arena, const Operation *at, const Operation *s
     cdef double share = arena[AUTHORITY]
     cdef Law law
     cdef bint limited
+    cdef int status
     cdef uint32_t code
     law.position, law.velocity, law.torque = (
         arena[at.position_command], arena[at.velocity_command], arena[at.torque_command])
     law.stiffness, law.damping = arena[at.stiffness_command], arena[at.damping_command]
-    if not (isfinite(law.position) and isfinite(law.velocity) and isfinite(law.stiffness) and isfinite(law.damping)
-            and isfinite(law.torque)):
-        return -NOT_FINITE
-    if (not -limits[0] <= law.position <= limits[0] or not -limits[1] <= law.velocity <= limits[1]
-            or not 0.0 <= law.stiffness <= limits[2] or not 0.0 <= law.damping <= limits[3]
-            or not -limits[4] <= law.torque <= limits[4]
-            or not (0.0 <= share <= 1.0 and limits[5] >= 0.0)):
-        return -OUT_OF_LIMITS   # with NaN it would be full torque
-    limited = fabs(law.torque) > limits[5]
-    if limited:
-        law.torque = copysign(limits[5], law.torque)
+    status = accept(&law, limits, share, &limited)
+    if status != OK:
+        return -status
     if law.stiffness > 0.0 or law.damping > 0.0:
         limited |= limit_law(arena, at, &law)
     arena[at.limited] += limited
