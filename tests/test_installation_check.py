@@ -232,6 +232,7 @@ def test_old_python_parses_entry_files_and_reports_required_version(monkeypatch)
         "__main__.py",
         "base/__init__.py",
         "base/installation_check.py",
+        "base/ending.py",
         "base/working_folder.py",
     ):
         ast.parse((ROOT / "runtime" / name).read_text(), feature_version=(3, 6))

@@ -1,5 +1,7 @@
 """Child processes of a run, which receive orders on standard input and answer with lines of JSON."""
 
+from __future__ import annotations
+
 import json
 import os
 import select
@@ -7,7 +9,6 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from typing import Any
 
 _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 
@@ -41,7 +42,7 @@ class ChildProcess:
         places = ",".join(map(str, (their_answers, control, *numbers)))
         path = [os.path.abspath(entry) for entry in sys.path]
         try:
-            self._child: Any = subprocess.Popen(
+            self._child = subprocess.Popen(
                 [sys.executable, "-c", _BOOT, module, _ROOT, places, *path],
                 stdin=subprocess.PIPE,
                 pass_fds=(their_answers, control, *descriptors),
@@ -51,7 +52,9 @@ class ChildProcess:
             os.close(their_answers)
             os.close(control)
         self.pid = self._child.pid
-        self._answers, self._heard = answers, b""
+        self._answers, self._received = answers, b""
+        assert self._child.stdin is not None
+        self._orders = self._child.stdin
 
     def keep_to(self, processors: set[int]) -> None:
         """Restrict the child and its descendants to processors. Does nothing if it has ended or may not run there."""
@@ -59,7 +62,7 @@ class ChildProcess:
             for thread in self._threads():
                 os.sched_setaffinity(thread, processors)
 
-    def bring_to(self, processors) -> None:
+    def bring_to(self, processors: set[int]) -> None:
         """Move the child to processors without restricting it, so that a real-time thread can yield to another."""
         with suppress(OSError):
             for thread in self._threads():
@@ -82,17 +85,22 @@ class ChildProcess:
     def _threads(self):
         return map(int, os.listdir(f"/proc/{self.pid}/task"))
 
+    def _send(self, order):
+        """Write bytes to the standard input of the child. Raises BrokenPipeError if it has ended."""
+        self._orders.write(order)
+        self._orders.flush()
+
     def _answer(self, timeout):
         """Return the next line of JSON; None if the child ended without one. Raises TimeoutError."""
         deadline = time.monotonic() + timeout
         poll = select.poll()
         poll.register(self._answers, select.POLLIN)
-        while b"\n" not in self._heard:
+        while b"\n" not in self._received:
             if not poll.poll(max(0.0, deadline - time.monotonic()) * 1e3):
                 raise TimeoutError
             data = os.read(self._answers, 1 << 16)
             if not data:
                 return None
-            self._heard += data
-        line, _, self._heard = self._heard.partition(b"\n")
+            self._received += data
+        line, _, self._received = self._received.partition(b"\n")
         return json.loads(line)

@@ -10,8 +10,6 @@ handled, and `as_interrupt` replaces what surfaces instead.
 This file must parse on Python 3.6 or newer.
 """
 
-from __future__ import annotations
-
 import atexit
 import gc
 import io
@@ -19,11 +17,13 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from typing import NoReturn
+
     from cext.schedule.outcome import Outcome
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1)
@@ -37,7 +37,7 @@ class Interrupted(BaseException):
     It is no KeyboardInterrupt, after which `subprocess` waits 250 ms for a child.
     """
 
-    def __init__(self, number) -> None:
+    def __init__(self, number: int) -> None:
         super().__init__(number)
         self.number = number
 
@@ -50,9 +50,7 @@ def leave_on_signals() -> None:
 
 
 def raise_on_signals() -> None:
-    """Let the signals of leave_on_signals raise Interrupted from now on, so that `finally` and `with` are carried
-    out.
-    """
+    """Raise Interrupted at a signal of `leave_on_signals` from now on, so that `finally` and `with` are carried out."""
     for number in ENDING_SIGNALS:
         if signal.getsignal(number) is _leave:
             signal.signal(number, _interrupt)
@@ -65,8 +63,8 @@ def _leave(number, frame):
     os._exit(128 + number)
 
 
-def stopped_by(number):
-    """Return what a command reports that a signal has ended. number : of the signal"""
+def stopped_by(number: int) -> str:
+    """Return the message of a command that a signal has ended. number : of the signal"""
     name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
     return f"stopped by {name}; nothing is armed"
 
@@ -111,7 +109,7 @@ def handled() -> None:
 
 
 @contextmanager
-def as_interrupt() -> Iterator[None]:
+def as_interrupt() -> "Iterator[None]":
     """Raise Interrupted at the end of a `with` block in which a signal has arrived that is not handled yet, in place
     of any other exception.
     """
@@ -127,21 +125,21 @@ def ignore_signals() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def uninterrupted(outcome: Outcome) -> Outcome:
-    """Return a cext.schedule.executor.Outcome; raise Interrupted if a signal has ended its run."""
+def uninterrupted(outcome: "Outcome") -> "Outcome":
+    """Return the outcome of a run; raise Interrupted if a signal has ended it."""
     if outcome.signal:
         raise Interrupted(outcome.signal)
     return outcome
 
 
-def leave(code) -> None:
+def leave(code: int) -> "NoReturn":
     """End the process with an exit code, without the interpreter's own ending.
 
     The interpreter's ending takes 50 ms to free all objects, and waits indefinitely for threads of user code. Exit
     handlers are called, and files that user code has left open are flushed. A signal meanwhile ends the process.
     """
 
-    def leave_now(number=0, frame=None):
+    def leave_now(number=0, frame=None) -> "NoReturn":
         os._exit(code)
 
     for number in ENDING_SIGNALS:

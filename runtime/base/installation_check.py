@@ -37,25 +37,27 @@ TO_READ = {module: NEEDS[module] for module in ("matplotlib", "mcap", "msgspec",
 LOADED_LATER = ("decimal", "fractions", "getpass", "json", "shlex", "subprocess", "sysconfig", "tomllib")
 
 
-def problem(command: str = "", folder=None):
-    """Return one line on what prevents a command from starting, and its remedy; None if nothing does.
+def problem(command: str = "", folder: "str | None" = None) -> "str | None":
+    """Return one line on a problem that prevents the start of a command, with its remedy; None without a problem.
 
+    command : first word of the command line, such as "run"
     folder : the working folder, if `python -m` has put it on the path
     """
     if command in READING:
-        return old_python() or missing(TO_READ)
-    return old_python() or shadowed_package(folder) or unbuilt() or missing()
+        return _old_python() or _missing(TO_READ)
+    return _old_python() or _shadowed_package(folder) or _unbuilt() or _missing()
 
 
-def old_python():
+def _old_python():
+    """Return a message on a Python that is older than OLDEST_PYTHON."""
     if sys.version_info[:2] < OLDEST_PYTHON:
         return "this is Python %d.%d, and %d.%d or newer is needed: %s" % (
-            sys.version_info[:2] + OLDEST_PYTHON + (remedy(),)
+            sys.version_info[:2] + OLDEST_PYTHON + (_remedy(),)
         )
     return None
 
 
-def shadowed_package(folder=None):
+def _shadowed_package(folder=None):
     """Return a message on a package that another folder shadows, since `blocks` and `graph` are common names."""
     for name in ("cext", "graph", "blocks"):
         place = folder if folder and working_folder.namesake(folder, [name]) else place_of(name)
@@ -71,7 +73,7 @@ def shadowed_package(folder=None):
     return None
 
 
-def namesake(folder):
+def namesake(folder: "str | None") -> "str | None":
     """Return a message on a file of the working folder with the name of a library in use.
 
     It does not shadow the library, but the diagram may have intended to import it.
@@ -94,7 +96,7 @@ def namesake(folder):
     return None
 
 
-def place_of(name: str):
+def place_of(name: str) -> "str | None":
     """Return the folder of a top-level package or module, with links resolved; None if there is none."""
     spec = find_spec(name)
     if spec is None:
@@ -103,7 +105,7 @@ def place_of(name: str):
     return os.path.realpath(os.path.dirname(where)) if where else None
 
 
-def unbuilt():
+def _unbuilt():
     """Return a message on compiled modules that are missing for this Python.
 
     An installed Tickwork has no sources and counts as built.
@@ -112,29 +114,31 @@ def unbuilt():
     if all(any(source.with_suffix(suffix).exists() for suffix in EXTENSION_SUFFIXES) for source in sources):
         return None
     elsewhere = any((HERE / "cext").rglob("*.so"))
-    return "%s is not built%s: %s" % (HERE, " for Python %d.%d" % sys.version_info[:2] if elsewhere else "", remedy())
+    return "%s is not built%s: %s" % (HERE, " for Python %d.%d" % sys.version_info[:2] if elsewhere else "", _remedy())
 
 
-def there(module):
+def _is_importable(module):
+    """Return whether Python finds a module; does not import it."""
     try:
         return find_spec(module) is not None
     except ModuleNotFoundError:  # its package is missing
         return False
 
 
-def missing(needs=NEEDS):
-    absent = [distribution for module, distribution in needs.items() if not there(module)]
+def _missing(needs=NEEDS):
+    """Return a message on libraries that are not installed. needs : {module: distribution}"""
+    absent = [distribution for module, distribution in needs.items() if not _is_importable(module)]
     if not absent:
         return None
     return "%s %s missing in %s: %s" % (
         ", ".join(absent),
         "is" if len(absent) == 1 else "are",
         sys.executable,
-        remedy(),
+        _remedy(),
     )
 
 
-def explain(error):
+def explain(error: ImportError) -> str:
     """Return one line on an ImportError of a library or of outdated compiled modules. Raises all others again.
 
     error : ImportError of importing `runtime.cli.main`
@@ -146,14 +150,15 @@ def explain(error):
     if culprit == "cext":
         return "the compiled modules do not match their sources (%s): %s" % (
             first_line,
-            "run `make build`" if is_clone() else remedy(),
+            "run `make build`" if _is_clone() else _remedy(),
         )
-    return "%s cannot be imported (%s): %s" % (culprit or "a library", first_line, remedy())
+    return "%s cannot be imported (%s): %s" % (culprit or "a library", first_line, _remedy())
 
 
-def remedy():
+def _remedy():
+    """Return the command that repairs this installation."""
     environment = HERE / ".venv" / "bin" / "activate"
-    if not is_clone():
+    if not _is_clone():
         return "run `pip install --force-reinstall tickwork`"
     if environment.exists() and os.path.realpath(sys.prefix) != os.path.realpath(str(HERE / ".venv")):
         path = os.path.relpath(str(environment)) if Path.cwd() == HERE else environment
@@ -161,5 +166,6 @@ def remedy():
     return "run `make run`"
 
 
-def is_clone():
+def _is_clone():
+    """Return whether this is a checkout of the sources, in contrast to an installed package."""
     return (HERE / "Makefile").exists()

@@ -1,8 +1,15 @@
 """Optional libraries: the purpose of each, and how to install it."""
 
+from __future__ import annotations
+
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from runtime.base.errors import BadInput
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
 
 # module: the extra that installs it
 EXTRAS = {"pandas": "tables", "pyarrow": "parquet", "scipy": "matlab", "rerun": "rerun"}
@@ -12,10 +19,10 @@ class MissingExtra(BadInput, ImportError):
     """Missing optional library. The text names the library, its purpose, and the command that installs it."""
 
 
-def need(module, purpose):
+def need(module: str, purpose: str) -> ModuleType:
     """Import a module of an optional library, such as "pyarrow.parquet". Raises MissingExtra.
 
-    purpose : what needs it, as the begin of a sentence: "a Parquet file"
+    purpose : what needs it, as the beginning of a sentence: "a Parquet file"
     """
     try:
         return import_module(module)

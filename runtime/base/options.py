@@ -20,7 +20,7 @@ TIME_LIMIT = 1e9  # s: 30 years
 
 def option(
     *flags: str,
-    default=MISSING,
+    default: Any = MISSING,
     collect: Callable[..., Any] | None = None,
     group: str | None = None,
     section: str | None = None,
@@ -41,7 +41,14 @@ def option(
     return field(default=default, metadata=metadata)
 
 
-def number(option: str, unit: str, most: float = math.inf) -> Callable[..., Any]:
+def number(option: str, unit: str, maximum: float = math.inf) -> Callable[[str], float]:
+    """Return a converter of texts to numbers above 0. It raises BadInput.
+
+    option : its name for messages
+    unit : of the number
+    maximum : largest number, in that unit
+    """
+
     def parse(text):
         try:
             value = float(text)
@@ -49,25 +56,31 @@ def number(option: str, unit: str, most: float = math.inf) -> Callable[..., Any]
             value = math.nan
         if not 0.0 < value < math.inf:
             raise BadInput(f"{option} {text}: expected a number of {unit} above 0")
-        if value > most:
-            raise BadInput(f"{option} {text}: at most {most:g} {unit}")
+        if value > maximum:
+            raise BadInput(f"{option} {text}: at most {maximum:g} {unit}")
         return value
 
     return parse
 
 
-def count(option: str, most: float = math.inf, least: int = 1) -> Callable[..., Any]:
+def count(option: str, maximum: float = math.inf, minimum: int = 1) -> Callable[[str], int]:
+    """Return a converter of texts to whole numbers from `minimum` to `maximum`. It raises BadInput.
+
+    option : its name for messages
+    """
+
     def parse(text):
-        if not text.isdecimal() or int(text) < least:
-            raise BadInput(f"{option} {text}: expected a whole number, {least} or more")
-        if int(text) > most:
-            raise BadInput(f"{option} {text}: at most {most}")
+        if not text.isdecimal() or int(text) < minimum:
+            raise BadInput(f"{option} {text}: expected a whole number, {minimum} or more")
+        if int(text) > maximum:
+            raise BadInput(f"{option} {text}: at most {maximum}")
         return int(text)
 
     return parse
 
 
-def processor(text: str):
+def processor(text: str) -> int:
+    """Convert the text of `--cpu` to the number of a processor of this machine. Raises BadInput."""
     here = os.sysconf("SC_NPROCESSORS_CONF")
     if not text.isdecimal() or int(text) >= here:
         raise BadInput(f"--cpu {text}: expected the number of a processor; this machine has 0 to {here - 1}")
@@ -75,13 +88,17 @@ def processor(text: str):
 
 
 def folder(text: str) -> Path:
+    """Convert the text of `--record` to a path; a leading ~ is the home folder. Raises BadInput for an empty text."""
     if not text:
         raise BadInput("--record: expected a folder, got an empty text")
     return Path(text).expanduser()
 
 
 def trial_fields(texts: Sequence[str]) -> dict[str, str]:
-    """Return the fields of a trial as a dict of texts."""
+    """Return the fields of a trial as {name: value}. texts : such as "subject=S03"
+
+    Raises BadInput for a text that is not NAME=VALUE, and for a name that is given twice.
+    """
     fields = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -94,13 +111,18 @@ def trial_fields(texts: Sequence[str]) -> dict[str, str]:
 
 
 def settings(words: Sequence[str], option: str = "--set ") -> list[tuple[str, str]]:
-    """Return pairs (name, text) of NAME=VALUE words. @FILE reads the lines of a file; a line that starts with `#` and
-    a space is a comment.
+    """Return the pairs (name, value) of NAME=VALUE words, as texts.
+
+    @FILE reads the lines of a file; a line that starts with `#` and a space is a comment.
+
+    option : its name for messages, with a space behind it
+
+    Raises BadInput for an unreadable file or a word of another form.
     """
     pairs = []
     for word in words:
         if not word.startswith("@"):
-            pairs.append(setting(word, f"{option}{word}", option))
+            pairs.append(_setting(word, f"{option}{word}", option))
             continue
         try:
             lines = Path(word[1:]).expanduser().read_text(encoding="utf-8").splitlines()
@@ -109,14 +131,14 @@ def settings(words: Sequence[str], option: str = "--set ") -> list[tuple[str, st
                 f"{option}{word}: cannot read the file: {getattr(error, 'strerror', None) or error}"
             ) from None
         pairs += [
-            setting(line, f"{word[1:]}:{number}: {line}", option)
+            _setting(line, f"{word[1:]}:{number}: {line}", option)
             for number, line in enumerate(map(str.strip, lines), 1)
             if line and line != "#" and not line.startswith("# ")
         ]
     return pairs
 
 
-def setting(text: str, shown: str, option: str) -> tuple[str, str]:
+def _setting(text: str, shown: str, option: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise BadInput(f"{shown}: expected NAME=VALUE, as in {option}left/impedance.stiffness=40")
@@ -124,6 +146,7 @@ def setting(text: str, shown: str, option: str) -> tuple[str, str]:
 
 
 def host_and_port(text: str) -> tuple[str, int]:
+    """Convert the text of `--plotjuggler` to (host, port); port 9870 by default. Raises BadInput."""
     host, colon, port = text.rpartition(":")
     if not colon:
         host, port = text, "9870"

@@ -1,10 +1,16 @@
 """Plug-ins: objects of ours by name, and those of installed packages by entry point."""
 
+from __future__ import annotations
+
 from importlib import import_module
 from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
 
 
 class Plugins:
@@ -14,17 +20,17 @@ class Plugins:
     own : {name: "module" or "module:attribute"} of ours, which need no installed distribution and cannot be replaced
     """
 
-    def __init__(self, group, own):
+    def __init__(self, group: str, own: Mapping[str, str]) -> None:
         self.group, self.own = group, own
 
-    def __iter__(self):
-        """Names of all plug-ins, ours first."""
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names of all plug-ins, ours first."""
         return iter(dict.fromkeys([*self.own, *sorted(point.name for point in entry_points(group=self.group))]))
 
-    def load(self, name):
+    def load(self, name: str) -> Any:
         """Import a plug-in by its name, or by "module:attribute".
 
-        Raises BadInput where no installed package has the name; ImportError or AttributeError from its module.
+        Raises BadInput if no installed package has the name; ImportError or AttributeError from its module.
         """
         if name in self.own or ":" in name:
             module, _, attribute = self.own.get(name, name).partition(":")

@@ -3,10 +3,16 @@
 Imports nothing of graph, whose graph.names has the same function, so that it works without compiled modules.
 """
 
+from __future__ import annotations
+
 import difflib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 
-def suggestion(word: str, known) -> str:
+def suggestion(word: str, known: Iterable[str]) -> str:
     """Return 'did you mean ...?' for a misspelt word, or ''."""
     near = difflib.get_close_matches(str(word), list(known), n=1)
     return f"did you mean {near[0]!r}?" if near else ""

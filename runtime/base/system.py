@@ -9,7 +9,6 @@ import resource
 import signal
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23  # linux/capability.h
@@ -21,12 +20,15 @@ def end_with_parent() -> None:
 
 
 def processor_wait() -> float:
-    """Return s for which this thread was ready to run and had no processor; 0.0 where the kernel does not count."""
+    """Return the time in s for which this thread was ready to run and had no processor.
+
+    0.0 if the kernel does not count it.
+    """
     fields = read("/proc/thread-self/schedstat").split()
     return int(fields[1]) * 1e-9 if len(fields) > 1 else 0.0
 
 
-def maps(pid, descriptor):
+def maps(pid: int, descriptor: int) -> bool:
     """Return whether a process has mapped the file of a descriptor of this process.
 
     After an exec, the process keeps its number, but not the mapping.
@@ -38,7 +40,8 @@ def maps(pid, descriptor):
     return False
 
 
-def user():
+def user() -> str:
+    """Return the name of this process's account, or # and its number if it has none, as in a container."""
     try:
         return pwd.getpwuid(os.getuid()).pw_name
     except KeyError:
@@ -53,32 +56,33 @@ def capable(capability: int) -> bool:
     return False
 
 
-def address_space():
+def address_space() -> int:
     """Return the bytes of address space of this process."""
     return int(read("/proc/self/statm").split()[0]) * resource.getpagesize()
 
 
 def stack_limit() -> int:
+    """Return the size limit of the main thread's stack in bytes; 8 MiB if it is unlimited."""
     soft = resource.getrlimit(resource.RLIMIT_STACK)[0]
     return 8 << 20 if soft == resource.RLIM_INFINITY else soft
 
 
-def isolated_processors() -> set[Any]:
+def isolated_processors() -> set[int]:
     """Return the numbers of the isolated processors (isolcpus=)."""
     return processors(read("/sys/devices/system/cpu/isolated"))
 
 
 def processors(text: str) -> set[int]:
     """Return the numbers in the kernel's list format: {0, 2, 3} for "0,2-3"."""
-    found = set()
+    numbers = set()
     for part in text.strip().split(","):
         first, _, last = part.partition("-")
         if first.isdigit():
-            found |= set(range(int(first), int(last or first) + 1))
-    return found
+            numbers |= set(range(int(first), int(last or first) + 1))
+    return numbers
 
 
-def exhausted_group(text_of: Callable[..., Any] | None = None) -> str | None:
+def exhausted_group(text_of: Callable[[str], str] | None = None) -> str | None:
     """Return the file that denies the control group of this session any real-time budget; None if none is found.
 
     text_of : function that reads a file of the machine, "" for an unreadable one; of this machine by default

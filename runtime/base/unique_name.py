@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from itertools import count
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
-def unique(name: str, is_taken, length_limit: int | None = None) -> str | None:
+def unique(name: str, is_taken: Callable[[str], bool], length_limit: int | None = None) -> str | None:
     """Return the name, or else the first of name_2, name_3, ... that is not taken.
 
     is_taken : function of a name

@@ -8,7 +8,7 @@ import os
 import sys
 
 
-def move_back():
+def move_back() -> "str | None":
     """Move the working folder from the head of the path to its end, so that its files shadow no library.
 
     Returns the folder, or None if it was not at the head. A diagram's own modules are still found at the end. The
@@ -34,7 +34,7 @@ def move_back():
     return folder
 
 
-def namesake(folder, modules):
+def namesake(folder: str, modules: "list[str]") -> "str | None":
     """Return the path of a file or package in a folder with the name of one of these modules; None for none."""
     for module in modules:
         for name in (module + ".py", os.path.join(module, "__init__.py")):

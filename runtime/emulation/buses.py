@@ -155,8 +155,7 @@ class Carrier(ChildProcess):
     def configure(self, plan):
         """Open the buses. Returns {name: reason of a failure}; raises BadInput if the process does not respond."""
         with suppress(BrokenPipeError):
-            self._child.stdin.write(json.dumps(plan).encode() + b"\n")
-            self._child.stdin.flush()
+            self._send(json.dumps(plan).encode() + b"\n")
         try:
             answer = self._answer(READY_TIMEOUT)
         except TimeoutError:
@@ -171,7 +170,7 @@ class Carrier(ChildProcess):
 
     def close(self):
         with suppress(OSError):
-            self._child.stdin.close()
+            self._orders.close()
         self._child.kill()
         self._child.wait()
         os.close(self._answers)

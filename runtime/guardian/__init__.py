@@ -86,8 +86,7 @@ class GuardianProcess(ChildProcess):
         """Send the plan and wait until every bus is open. Raises GuardianError, with nothing left open."""
         self._plan = plan
         try:
-            self._child.stdin.write(json.dumps(plan).encode() + b"\n")
-            self._child.stdin.flush()
+            self._send(json.dumps(plan).encode() + b"\n")
             import_interfaces(plan["buses"])  # in advance, since `take_over` must be fast
             answer = self._answer(READY_TIMEOUT)
         except BrokenPipeError:
@@ -110,8 +109,7 @@ class GuardianProcess(ChildProcess):
         died : how the process ended, if it ended early
         """
         try:
-            self._child.stdin.write(b"release\n")
-            self._child.stdin.flush()
+            self._send(b"release\n")
             answer = self._answer(LEAVE_TIMEOUT)
         except (OSError, TimeoutError):
             answer = None
@@ -120,11 +118,11 @@ class GuardianProcess(ChildProcess):
 
     def kill(self, grace=0.0):
         """End the process, by force after `grace` s, and return how it ended."""
-        if self._child.stdin.closed:
+        if self._orders.closed:
             return ending(self._child.returncode)
         self._page.let_go()
         try:
-            self._child.stdin.close()
+            self._orders.close()
         except OSError:
             pass
         try:

@@ -90,8 +90,7 @@ class RecorderProcess(ChildProcess):
         self._planned = True
         order = json.dumps({**plan, "sinks": sinks}).encode() + b"\n"
         try:
-            self._child.stdin.write(order)
-            self._child.stdin.flush()
+            self._send(order)
             answer = self._answer(READY_TIMEOUT)
         except BrokenPipeError:
             answer = None
@@ -157,8 +156,7 @@ class RecorderProcess(ChildProcess):
         if not self._planned:  # no file was created yet
             self._child.kill()
         with suppress(OSError):  # it has ended already
-            self._child.stdin.write(b"abandon\n")
-            self._child.stdin.flush()
+            self._send(b"abandon\n")
         with suppress(OSError):
             os.killpg(self.pid, signal.SIGTERM)  # while it opens files it reads no order
         self._end(ABANDON_TIMEOUT)
@@ -186,7 +184,7 @@ class RecorderProcess(ChildProcess):
         if not self._over:
             self._over = True
             try:
-                self._child.stdin.close()
+                self._orders.close()
             except OSError:
                 pass
             try:

@@ -252,7 +252,7 @@ class Names:
         beside : function of the name, whose result must be unused, too, and is taken: fields and nested messages share
             a name space
         """
-        name = unique(identifier(text), lambda candidate: {candidate, beside(candidate)} & self.taken)
+        name = unique(identifier(text), lambda candidate: bool({candidate, beside(candidate)} & self.taken))
         self.taken |= {name, beside(name)}
         return name
 

@@ -53,7 +53,7 @@ class Feeder(ChildProcess):
 
     def end(self):
         os.close(self._answers)
-        self._child.stdin.close()
+        self._orders.close()
         if self._child.poll() is None:
             self._child.kill()
         self._child.wait()
