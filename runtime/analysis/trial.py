@@ -11,6 +11,7 @@ standby recorders continued.
 
 import copy
 import re
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from runtime.base.suggestions import suggestion
-from runtime.recording.batches import NO_FRAMES, Batch, payloads
+from runtime.recording.batches import NO_FRAMES, Batch, Rows, payloads
 from runtime.recording.parts import Recording
 from runtime.recording.reader import Reader, Recorded
 
@@ -229,6 +230,26 @@ class Trial:
         made._first, made._last = (min(max(row, low), high) for row in rows)
         made._forget()
         return made
+
+    def row_groups(self, count, places=None) -> Iterator[Rows]:
+        """Yield the rows as runtime.recording.batches.Rows, in order, without keeping them.
+
+        count : of the ticks in a group, at most
+        places : of the signals in the row; by default all
+        """
+        places = range(len(self.signals)) if places is None else places
+        done = 0
+        while done < len(self):
+            if self._recording is None:
+                part = slice(done, done + count)
+                group = Rows(self.tick[part], self.time[part], self.lateness[part], self.rows[part, places])
+            else:
+                first = self._first + done
+                group = self._recording.rows(places, first, min(first + count, self._first + len(self)))
+            if not len(group.tick):  # the file is damaged
+                return
+            done += len(group.tick)
+            yield group
 
     def batches(self, frames=True):
         """Yield the recording as runtime.recording.batches.Batch, in order, in constant memory.
