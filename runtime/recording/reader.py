@@ -22,6 +22,7 @@ from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.recording import read_ahead
 from runtime.recording.batches import NO_FRAMES, Rows
+from runtime.recording.check import Check
 from runtime.recording.chunks import FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT, Expander, Messages, load
 from runtime.recording.columns import Layout
 from runtime.recording.contents import Contents, summarised
@@ -115,15 +116,36 @@ class Reader:
         if self.checked:
             return False
         self.checked = True
-        with open(self.path, "rb", buffering=0) as stream:
-            contents = Scan(stream, os.fstat(stream.fileno()).st_size, True, progress).contents
-        if contents.about is None:
-            raise BadInput(f"{self.path} {self.what_else(contents)}")
         began, known = self.__dict__.get("began"), len(self)
-        self.take(contents)
+        self.scan(False, lambda share: None)
+        if not self.is_valid(progress):
+            self.scan(True, progress)
         if began is not None:
             self.began = began
         return len(self) != known
+
+    def scan(self, deep: bool, progress: Callable[[float], None]) -> None:
+        """Use the contents that a scan of the file finds. deep : whether it checks every message"""
+        with open(self.path, "rb", buffering=0) as stream:
+            contents = Scan(stream, os.fstat(stream.fileno()).st_size, deep, progress).contents
+        if contents.about is None:
+            raise BadInput(f"{self.path} {self.what_else(contents)}")
+        self.take(contents)
+
+    def is_valid(self, progress: Callable[[float], None]) -> bool:
+        """Return whether every message of every chunk is valid."""
+        chunks, check = self.contents.chunks, Check(self.layout, {})
+        try:
+            for number, messages in enumerate(self.ahead(lambda _, messages: messages, range(len(chunks)))):
+                progress(number / len(chunks))
+                counts = {channel: len(offsets) for channel, offsets in messages.offsets.items()}
+                if counts != chunks[number].counts or check.first_damaged(messages) is not None:
+                    return False
+        except (OSError, BadInput):
+            raise
+        except DAMAGE:
+            return False
+        return True
 
     @property
     def trouble(self) -> str:
