@@ -28,6 +28,7 @@ class StreamDevice(Device):
     sensor = "device"  # name in messages
     usb_vendors = ()  # USB vendor ids of its ports; ports of serial adapters are tried as well
     remedy = ""  # usual baud rates, shown if the device does not respond
+    message_bytes = 0  # size of the messages that an emulator on a line of kind "net" sends
     encode = no_io.send_nothing
 
     def __init_subclass__(cls, **options):

@@ -31,9 +31,14 @@ def plan_of(block: Any) -> tuple[float, ...]:
     )
 
 
+def frame_bytes(block: Any) -> int:
+    """Return the number of bytes of a frame."""
+    return 18 + 2 * block.rows * block.columns
+
+
 def frame_doubles(block: Any) -> int:
     """Return the number of doubles that hold the bytes of a frame."""
-    return (18 + 2 * block.rows * block.columns + 7) // 8
+    return (frame_bytes(block) + 7) // 8
 
 
 class Insole(StreamDevice):
@@ -184,6 +189,7 @@ class EmulatedInsole(StreamDevice):
     def configure(self) -> None:
         super().configure()
         self.plan, self.waiting = plan_of(self), (0.0,) * frame_doubles(self)
+        self.message_bytes = frame_bytes(self)
 
 
 class FootContact(Block):

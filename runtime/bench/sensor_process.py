@@ -6,7 +6,7 @@ import sys
 
 from blocks.families import benchmark
 from graph import Diagram, compile
-from runtime.emulation.lines import PtyLines
+from runtime.emulation.lines import EmulatedLines
 from runtime.emulation.serving import Service
 
 
@@ -19,7 +19,7 @@ def main(folder, rate, *serials):
         for serial in serials:
             benchmark("stream").emulator(bus=serial, serial=serial, streaming_at_start=False, name=f"imu_{serial}")
     schedule = compile(plant)
-    lines = PtyLines(schedule.buses, folder)
+    lines = EmulatedLines(schedule.buses, folder)
     service = Service(schedule, [lines.end(name) for name in schedule.buses])
     print("ready", flush=True)
     service.run()

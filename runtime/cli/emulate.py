@@ -14,31 +14,39 @@ DANGER = "a real drive would interpret emulated replies as commands, and move"
 def main(arguments):
     """Run the command. Returns the exit code; Ctrl-C is a regular end."""
     options = parse(arguments)
+    from graph import StreamDevice
     from runtime.diagrams.file import load
     from runtime.diagrams.simulation import plant_of
     from runtime.emulation.buses import PlantBuses
-    from runtime.emulation.lines import PtyLines, on_terminals
+    from runtime.emulation.lines import NETWORK, SERIAL, EmulatedLines, lines_of
+    from runtime.emulation.network_senders import NetworkSender
     from runtime.emulation.serving import Service
     from runtime.rig import read
 
     rig = read(options.rig)
     file, robot = load(options.file, options.settings, rig)
     diagram, schedule, _ = plant_of(file, robot)
-    if schedule is None or not schedule.buses:
+    if diagram is None or schedule is None or not schedule.buses:
         raise BadInput(f"{options.file}: {robot.name} has no device on a bus that can be emulated")
-    terminals = on_terminals(robot, schedule)
-    missing = next((name for name in schedule.buses if name not in rig.buses and name not in terminals), None)
+    terminals, networks = lines_of(robot, schedule, SERIAL), lines_of(robot, schedule, (NETWORK,))
+    on_lines = {**terminals, **networks}
+    missing = next((name for name in schedule.buses if name not in rig.buses and name not in on_lines), None)
     if missing is not None:
         raise BadInput(
             f"{options.rig}: the plant emulates a device on bus {missing!r}, but the rig has no [bus.{missing}]"
         )
-    buses = PlantBuses(rig, [name for name in schedule.buses if name not in terminals])
-    lines = PtyLines(terminals, options.lines)
+    buses = PlantBuses(rig, [name for name in schedule.buses if name not in on_lines])
+    emulators = {block.bus: block for block in diagram if isinstance(block, StreamDevice)}
+    senders = {
+        name: NetworkSender(**device.opening(), message_bytes=emulators[name].message_bytes)
+        for name, device in networks.items()
+    }
+    lines = EmulatedLines(terminals, options.lines, senders)
     try:
         complain(buses.remarks)
         consent(buses.real, options.yes)
         tell(introduction(options, diagram, schedule, rig, file.has_plant, lines))
-        ends = dict(zip(buses.names, buses.ends())) | {name: lines.end(name) for name in terminals}
+        ends = dict(zip(buses.names, buses.ends())) | {name: lines.end(name) for name in on_lines}
         service = Service(schedule, [ends[name] for name in schedule.buses], options.bitrate)
         outcome = service.run(options.duration)
         if outcome.faulted:
@@ -105,11 +113,13 @@ def introduction(options, diagram, schedule, rig, given, serial):
     lines = [f"{schedule.name}: {kind}, at {schedule.rate:g} Hz"]
     for index, name in enumerate(schedule.buses):
         here = [diagram[device.name] for device in schedule.devices if device.bus == index]
-        lines.append(
-            f"  {name:<12}terminal {serial.paths[name]}"
-            if name in serial.paths
-            else f"  {name:<12}{rig.buses[name].interface} {rig.buses[name].channel}"
-        )
+        if name in serial.paths:
+            place = f"terminal {serial.paths[name]}"
+        elif name in serial.senders:
+            place = serial.senders[name].description
+        else:
+            place = f"{rig.buses[name].interface} {rig.buses[name].channel}"
+        lines.append(f"  {name:<12}{place}")
         lines += [f"    {title(block)}" for block in here]
     variable = f"TICKWORK_PORTS={':'.join(serial.paths.values())} " if serial.paths else ""
     return [*lines, f"in another terminal: {variable}{program()} {options.file} --rig {options.rig}", "Ctrl-C ends it"]

@@ -1,38 +1,47 @@
-"""Pseudo-terminals as the serial lines of a plant, in place of the ports of real sensors."""
+"""Lines of a plant, in place of those of real sensors: pseudo-terminals for serial ports, senders for networks."""
 
 from __future__ import annotations
 
 import os
 import tty
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cext.lines.streams import Streams
 from graph import StreamDevice
+from runtime.emulation.network_senders import NetworkSender
 
 if TYPE_CHECKING:
+    from graph import Diagram
     from graph.schedule import Schedule
 
 SERIAL = ("serial", "dialogue")  # kinds of line that a pseudo-terminal can replace
+NETWORK = "net"  # kind of line that a sender can replace
 
 
-def on_terminals(robot, schedule: Schedule):
-    """Return the names of the plant's buses that are serial lines. robot : Diagram; schedule : of the plant"""
-    serial = {block.bus for block in robot if isinstance(block, StreamDevice) and block.line in SERIAL}
-    return [name for name in schedule.buses if name in serial]
+def lines_of(robot: Diagram, schedule: Schedule, kinds: tuple[str, ...]) -> dict[str, StreamDevice]:
+    """Return {name: StreamDevice of `robot`} of those buses of the plant that are lines of these kinds.
+
+    schedule : of the plant
+    """
+    devices = {block.bus: block for block in robot if isinstance(block, StreamDevice) and block.line in kinds}
+    return {name: devices[name] for name in schedule.buses if name in devices}
 
 
-class PtyLines:
-    """Pseudo-terminals of lines.
+class EmulatedLines:
+    """Pseudo-terminals and network senders of lines.
 
-    names : of the lines
+    names : of the serial lines
     folder : of links to the terminals, with the same names at every start, or None
+    senders : {name: NetworkSender} of the network lines, which `close` ends
 
-    paths : {name: path for the robot}
+    paths : {name: path of the terminal, for the robot}
     """
 
-    def __init__(self, names, folder=None) -> None:
+    def __init__(self, names: Iterable[str], folder: Path | None = None, senders: dict | None = None) -> None:
         self.streams, self.lines, self.paths, self.kept, self.links = Streams(), {}, {}, [], []
+        self.senders: dict[str, NetworkSender] = senders or {}
         for name in names:
             master, slave = os.openpty()
             tty.setraw(slave)
@@ -42,6 +51,8 @@ class PtyLines:
             os.close(master)
             if folder is not None:
                 self.link(Path(folder) / f"tty{name.replace('/', '_')}", name)
+        for name, sender in self.senders.items():
+            self.lines[name] = self.streams.add(sender.source.fileno(), name)
         self.streams.start()
 
     def link(self, link, name: str) -> None:
@@ -59,6 +70,8 @@ class PtyLines:
         self.streams.end()
         for line in self.lines.values():
             line.close()
+        for sender in self.senders.values():
+            sender.close()
         for link in self.links:
             link.unlink(missing_ok=True)
         for descriptor in self.kept:

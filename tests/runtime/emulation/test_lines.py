@@ -7,9 +7,10 @@ import signal
 
 import pytest
 
-from runtime.base.errors import OK
+from runtime.base.errors import BAD_INPUT, OK
 from tests.runtime.emulation.test_emulate import read_until
 from tests.runtime.rig.test_sensor_runs import RIG, ROBOT
+from tests.runtime.rig.test_udp import free_port
 from tests.runtime.runs import Files, finished, started, write
 
 pytestmark = pytest.mark.paced
@@ -43,6 +44,52 @@ def test_a_robots_sensors_are_found_by_their_serial_numbers_and_stream(tmp_path)
         plant.kill()
         plant.communicate()
     assert (plant.returncode, err) == (OK, "") and not list((tmp_path / "ports").iterdir())
+
+
+FEET = """
+from blocks.recorders import CsvRecorder
+from blocks.sensors import Insole
+from graph import Diagram
+
+
+def build():
+    with Diagram("feet", rate=200) as diagram:
+        Insole(name="left", bus="left", side="left", address="127.0.0.1:{udp}")
+        Insole(name="right", bus="right", side="right", transport="tcp", address="127.0.0.1:{tcp}")
+        CsvRecorder()
+    return diagram
+
+
+def plant(robot):
+    with Diagram("plant", rate=1000) as plant:
+        robot["left"].emulator(name="left")(force=700.0, centre=(0.1, 0.0))
+        robot["right"].emulator(name="right")(force=300.0, centre=(0.2, 0.0))
+    return plant
+"""
+
+
+def test_insoles_send_datagrams_and_serve_a_connection(tmp_path):
+    udp, tcp = free_port(), free_port()
+    robot = write(tmp_path, FEET.format(udp=udp, tcp=tcp), "robot.py")
+    rig = write(tmp_path, "", "lab.toml")
+    plant = started("emulate", robot, "--rig", rig, cwd=tmp_path)
+    try:
+        introduction = "".join(read_until(plant.stdout, "Ctrl-C ends it"))
+        assert f"udp 127.0.0.1:{udp}" in introduction and f"tcp 127.0.0.1:{tcp}" in introduction
+        run = finished(robot, "--rig", rig, "--yes", "--duration", "0.3", "--record", "out", cwd=tmp_path)
+        second = finished("emulate", robot, "--rig", rig, cwd=tmp_path)
+        plant.send_signal(signal.SIGINT)
+        _, err = plant.communicate(timeout=10)
+    finally:
+        plant.kill()
+        plant.communicate()
+    assert run.returncode == OK, run.stderr
+    table = Files(tmp_path / "out").table
+    for side, force in (("left", 700.0), ("right", 300.0)):
+        assert table[f"{side}.force [N]"][-1] == pytest.approx(force, rel=1e-4)
+        assert table[f"{side}.corrupt"][-1] == 0
+    assert second.returncode == BAD_INPUT and f"tcp 127.0.0.1:{tcp}: Address already in use" in second.stderr
+    assert "Traceback" not in err + second.stderr
 
 
 POWERED = """

@@ -9,7 +9,7 @@ import sys
 
 from blocks.imus import EmulatedMicroStrain
 from graph import Diagram, compile
-from runtime.emulation.lines import PtyLines
+from runtime.emulation.lines import EmulatedLines
 from runtime.emulation.serving import Service
 
 
@@ -21,7 +21,7 @@ def main(folder, rate, *sensors):
                 bus=serial, serial=serial, model=model or "3DM-GX5-25", streaming_at_start=False, name=f"imu_{serial}"
             )
     schedule = compile(plant)
-    lines = PtyLines(schedule.buses, folder)
+    lines = EmulatedLines(schedule.buses, folder)
     service = Service(schedule, [lines.end(name) for name in schedule.buses])
     print("ready", flush=True)
     service.run()
