@@ -9,7 +9,8 @@ class CsvRecorder(Sink):
     Columns are named by block path and port, with the unit in ASCII.
 
     `record` selects the signals of the whole recording, also in its MCAP file: CsvRecorder(record="*/knee, imu.accel").
-    A viewer without connections shows these signals, too.
+    A viewer without connections shows these signals, too. With every=4 it records every fourth tick. Several recorders
+    record different signals at different rates.
     """
 
     record = Param(
@@ -34,7 +35,7 @@ class CsvRecorder(Sink):
     )
     file = Param("", "1", "file name without extension; the diagram's name and the time by default")
 
-    service, writes_files = "csv", True
+    service, writes_files, accepts_every = "csv", True, True
 
 
 class StrideReport(Sink):

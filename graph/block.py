@@ -386,6 +386,7 @@ class Sink(Block):
     variadic = True
     service: str = ""  # name of the service in the entry-point group "tickwork.sinks", or "module:class"
     writes_files: bool = False  # whether a run with this sink is recorded in files
+    accepts_every: bool = False  # whether it takes the samples of every n-th tick only, with every=n
 
     def is_active(self, virtual: bool) -> bool:
         """Return whether this sink receives a run. virtual : whether the run is in virtual time"""

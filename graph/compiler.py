@@ -483,11 +483,11 @@ class Compilation:
     def check_rates(self) -> None:
         self.holds = []
         for block in self.blocks:
-            if isinstance(block, (Device, Sink)) and block.every != 1:
+            if block.every != 1 and (isinstance(block, Device) or isinstance(block, Sink) and not block.accepts_every):
                 self.report(
                     "TW014",
                     f"runs every {block.every} ticks, but a "
-                    f"{'device' if isinstance(block, Device) else 'recorder'} must run in every tick",
+                    f"{'device' if isinstance(block, Device) else 'viewer'} must run in every tick",
                     block,
                     hint="move it out of the slow subsystem; blocks that use its outputs may remain there",
                 )

@@ -98,13 +98,14 @@ class SignalPlace:
 
 @dataclass(frozen=True)
 class Column:
-    """One recorded number: its index in the row, and its header."""
+    """One recorded number: its index in the row, its header, and the ticks from one recorded sample to the next."""
 
     index: int
     path: str
     dtype: str
     unit: str
     circle: tuple = ()
+    every: int = 1
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 """Encoder of rows and frames to MCAP message records, as runtime.recording.messages describes them.
 
 A row is a copy of a template for each subsystem, with its doubles filled in. The frames of one bus drain and one bus
-are one message, which a row, the next drain or an event ends.
+are one message, which a row, the next drain, an event or a flush ends.
 """
 
 from libc.math cimport rint
@@ -67,7 +67,8 @@ cdef class Encoder:
     """Encoder of the messages of a recording.
 
     rate : Hz, of the ticks
-    rows : [(channel, body of a message as bytes, [(position of a double in the body, its index in a row)])]
+    rows : [(channel, body of a message as bytes, [(position of a double in the body, its index in a row)], every)];
+        only rows whose tick is a multiple of `every` have the message
     tick : channel of the end of a row
     buses : channel of each bus
 
@@ -79,14 +80,16 @@ cdef class Encoder:
     cdef list templates
     cdef list fields                # for each template positions and columns, as bytes of uint32
     cdef list numbers
+    cdef list periods               # for each template its period in ticks
     cdef list buses
     cdef int tick
     cdef Buffer out
     cdef Buffer *index              # by channel: log time and position in the chunk, in turn
-    cdef Buffer *groups             # by bus: frames since the last row, drain or event
+    cdef Buffer *groups             # by bus: frames since the last row, drain, event or flush
     cdef int channels
     cdef int bus_count
-    cdef uint32_t order
+    cdef uint32_t order             # of the next frame, among those since the last row or drain
+    cdef bint grouped               # whether a group has a frame
     cdef int64_t group_time
     cdef int64_t drained
     cdef int64_t wall
@@ -96,10 +99,12 @@ cdef class Encoder:
 
     def __cinit__(self, double rate, list rows, int tick, list buses):
         self.rate, self.tick, self.buses = rate, tick, buses
-        self.templates = [body for _, body, _ in rows]
-        self.numbers = [channel for channel, _, _ in rows]
+        self.templates = [body for _, body, _, _ in rows]
+        self.numbers = [channel for channel, _, _, _ in rows]
+        self.periods = [every for _, _, _, every in rows]
         self.fields = [
-            b"".join(at.to_bytes(4, "little") + column.to_bytes(4, "little") for at, column in fields) for _, _, fields in rows
+            b"".join(at.to_bytes(4, "little") + column.to_bytes(4, "little") for at, column in fields)
+            for _, _, fields, _ in rows
         ]
         self.bus_count = len(buses)
         self.channels = 1 + max([tick] + self.numbers + buses)
@@ -152,8 +157,11 @@ cdef class Encoder:
         cdef char *body
         cdef bytes template, places
         cdef Py_ssize_t place, count
-        self.add_frames(base)
-        for number, template, places in zip(self.numbers, self.templates, self.fields):
+        cdef int64_t every
+        self.end_order(base)
+        for number, template, places, every in zip(self.numbers, self.templates, self.fields, self.periods):
+            if tick % every != 0:
+                continue
             body = self.begin(number, sequence, at, len(template), base)
             memcpy(body, PyBytes_AS_STRING(template), len(template))
             fields = <const uint32_t *>PyBytes_AS_STRING(places)
@@ -182,7 +190,8 @@ cdef class Encoder:
         for place in range(7):
             count += flags[place]
         size = 9 + 5 + 2 * count + 2 + length + (5 if self.bus_count > 1 else 0)
-        if self.order == 0:
+        if not self.grouped:
+            self.grouped = True
             self.group_time = self.drained if self.drain > 0 else frame.time
         out = grow(&self.groups[frame.bus], 2 + size)
         out[0], out[1], out[2] = BYTES_2, <char>size, FIXED64_1
@@ -205,11 +214,11 @@ cdef class Encoder:
         return 0
 
     cdef int add_frames(self, size_t base) except -1:
-        """Append the messages of the frames since the last row, drain or event."""
+        """Append the messages of the frames since the last row, drain, event or flush."""
         cdef int bus
         cdef char *body
         cdef Buffer *group
-        if self.order == 0:
+        if not self.grouped:
             return 0
         for bus in range(self.bus_count):
             group = &self.groups[bus]
@@ -219,6 +228,12 @@ cdef class Encoder:
                 memcpy(body + 1, &self.drained, 8)
                 memcpy(body + 9, group.data, group.size)
                 group.size = 0
+        self.grouped = False
+        return 0
+
+    cdef int end_order(self, size_t base) except -1:
+        """Append the messages of the frames before a row or a drain, after which their order begins anew."""
+        self.add_frames(base)
         self.order = 0
         return 0
 
@@ -243,7 +258,7 @@ cdef class Encoder:
                 if (<Frame *>payload).bus < self.bus_count:
                     self.add_frame(<Frame *>payload)
             elif header.kind == RECEIVED:
-                self.add_frames(base)
+                self.end_order(base)
                 memcpy(&self.drained, payload, 8)
                 self.drain += 1
             start += sizeof(Header) + header.bytes
@@ -252,7 +267,7 @@ cdef class Encoder:
         return start
 
     def end_group(self, size_t base):
-        """Encode the frames since the last row or drain. base : as for `encode`"""
+        """Encode the frames since the last row, drain, event or flush. base : as for `encode`"""
         self.add_frames(base)
 
     def take(self) -> tuple[bytes, dict[int, bytes]]:

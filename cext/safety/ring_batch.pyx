@@ -71,8 +71,8 @@ cdef class Batch:
             at += sizeof(Header) + header.bytes
         return -1
 
-    def table(self, double rate, list columns, list whole) -> list[list[float]]:
-        """Return a list for each row: time in s, tick, the values of columns.
+    def table(self, double rate, list columns, list whole, int64_t every=1) -> list[list[float]]:
+        """Return a list for each row whose tick is a multiple of `every`: time in s, tick, the values of columns.
 
         rate : Hz
         columns : indices of signals
@@ -87,12 +87,16 @@ cdef class Batch:
             header = <Header *>(PyBytes_AS_STRING(self.records) + at)
             if header.kind == ROW:
                 row = <double *>(<char *>header + sizeof(Header))
+                at += sizeof(Header) + header.bytes
+                if <int64_t>row[0] % every != 0:
+                    continue
                 cells = [row[0] / rate, <int64_t>row[0]]
                 for place in range(count):
                     value = row[2 + <Py_ssize_t>columns[place]]
                     cells.append(int(value) if whole[place] and isfinite(value) else value)
                 table.append(cells)
-            at += sizeof(Header) + header.bytes
+            else:
+                at += sizeof(Header) + header.bytes
         return table
 
     def add_traffic(self, list frames, list bits, bint count_bits):

@@ -1,5 +1,6 @@
 """Comparison of two recordings, signal by signal and tick by tick."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of one signal over the common ticks.
+    """Difference of one signal over the ticks in which both recordings have it.
 
     ticks : number of ticks with different bits; all NaN count as equal
     first : the first such tick, with both values
@@ -61,6 +62,9 @@ class Comparer:
         self.only_here = [path for path in here if path not in places]
         self.only_there = [path for path in there if path not in here]
         self.paths, self.ticks = list(self.signals), 0
+        steps = [math.lcm(signal.get("every", 1), there[path].get("every", 1)) for path, signal in self.signals.items()]
+        self.steps = np.array(steps, dtype=np.int64)  # ticks from one common sample of a signal to the next
+        self.compared = np.zeros(len(steps), dtype=np.int64)  # samples of each signal
         self.found = {}  # {path: [ticks, first, here, there, largest, sum of squares]} of the signals that differ
 
     def add(self, ticks, here, there):
@@ -71,6 +75,11 @@ class Comparer:
         """
         a, b = np.ascontiguousarray(here[:, self.here]), np.ascontiguousarray(there[:, self.there])
         differs = (a.view(np.int64) != b.view(np.int64)) & ~(np.isnan(a) & np.isnan(b))
+        for step in np.unique(self.steps):
+            common = ticks % step == 0
+            self.compared[self.steps == step] += int(common.sum())
+            if step > 1:
+                differs[np.ix_(~common, self.steps == step)] = False
         self.ticks += len(ticks)
         for column in np.flatnonzero(differs.any(axis=0)):
             where = differs[:, column]
@@ -91,10 +100,11 @@ class Comparer:
         order : paths in the order of the tick, if known, so that causes precede effects
         here, there : number of ticks of either recording
         """
+        samples = dict(zip(self.paths, self.compared.tolist()))
         rank = {path: number for number, path in enumerate(order)}
         differences = [
             Difference(
-                path, self.signals[path]["unit"], count, first, a, b, largest, float(np.sqrt(squares / self.ticks))
+                path, self.signals[path]["unit"], count, first, a, b, largest, float(np.sqrt(squares / samples[path]))
             )
             for path, (count, first, a, b, largest, squares) in self.found.items()
         ]

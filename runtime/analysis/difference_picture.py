@@ -1,5 +1,7 @@
 """Differences of two recordings as a table and as a plot: `python -m runtime diff A B`."""
 
+import math
+
 import numpy as np
 
 TABLE_ROW_LIMIT = 20
@@ -42,13 +44,14 @@ def draw(file, kind, here, there, comparison):
     from runtime.analysis import picture
     from runtime.analysis.picture import plain
 
-    _, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
-    time = here.time[mine]
+    ticks, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
     chosen = rank(comparison)[:PLOT_SIGNAL_LIMIT]
     figure = picture.figure(12.0, 1.2 + 1.8 * len(chosen), dpi=120)
     rows = figure.subplots(len(chosen), 2, squeeze=False, width_ratios=(3, 2))
     for (near, far), d in zip(rows, chosen):
-        a, b = here[d.path][mine].astype(float), there[d.path][others].astype(float)
+        both = ticks % math.lcm(here.every(d.path), there.every(d.path)) == 0
+        time = here.time[mine[both]]
+        a, b = here.column(d.path)[mine[both]].astype(float), there.column(d.path)[others[both]].astype(float)
         with np.errstate(invalid="ignore", over="ignore"):
             difference = b - a
         centre = time[np.argmax(np.nan_to_num(np.abs(difference), nan=np.inf))]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from runtime.analysis.average_stride import INPUTS, AverageStride, Stride
+from runtime.analysis.resample import at_ticks
 from runtime.analysis.strides import beginnings, interval, phase_of
 from runtime.base.errors import BadInput
 from runtime.recording.messages import split
@@ -55,7 +56,7 @@ def measured(trial, events=None, between=None, last=None):
         except BadInput as error:  # this joint has no gait phase, but another may have
             refused = refused or error
             continue
-        columns = (phase, walking, *(trial[signals[name]][rows] for name in CURVES_OF))
+        columns = (phase, walking, *(at_ticks(trial, signals[name])[rows] for name in CURVES_OF))
         samples = np.column_stack([column.astype(float) for column in columns])
         ticks, time = trial.tick[rows], trial.time[rows]
         chosen = (time >= begin) & (time <= end)
@@ -120,11 +121,12 @@ def gait(trial, signals, events):
         if "phase" not in signals:
             signals["phase"], walking = phase_of(trial, signals["angle"])
             signals |= {} if walking is None else {"walking": walking}
-        return everything, trial[signals["phase"]], trial[signals["walking"]] if "walking" in signals else ones
+        walking = at_ticks(trial, signals["walking"]) if "walking" in signals else ones
+        return everything, at_ticks(trial, signals["phase"]), walking
     signals.pop("walking", None)
     signals["phase"] = events if isinstance(events, str) else "given times"
     if isinstance(events, str) and trial[events].ndim == 1 and trial[events].dtype == float:
-        return everything, trial[events], ones
+        return everything, at_ticks(trial, events), ones
     return phase_between(
         trial,
         beginnings(trial, events) if isinstance(events, str) else np.sort(np.asarray(events, dtype=float).ravel()),

@@ -8,6 +8,7 @@ from matplotlib.ticker import MaxNLocator
 
 from runtime.analysis import picture
 from runtime.analysis.picture import COLOURS, GREY, INK, plain, short
+from runtime.analysis.resample import at_ticks
 from runtime.base.errors import BadInput
 from runtime.recording.grouping import CURVES, PLAIN, by_unit
 from runtime.recording.messages import split
@@ -86,13 +87,13 @@ def over_time(trial, rows, title, file, kind, told=""):
             values = trial[path]
             steps = values.dtype != float
             axis.plot(
-                trial.time,
+                trial.time_of(path),
                 drawable(values),
                 color=CURVE_COLOURS[number % len(CURVE_COLOURS)],
                 linewidth=1.2,
                 label=str(number),
                 drawstyle="steps-post" if steps else "default",
-                marker="" if len(trial) > 1 else "o",
+                marker="" if len(values) > 1 else "o",
                 linestyle="-" if number < len(CURVE_COLOURS) else "--",
             )
         whole(axis, {trial.dtype(path) for path in paths})
@@ -155,12 +156,13 @@ def troubles(axis, trial):
 def faulty(trial):
     """Return [(path, first row, last row)] of the intervals in which a device reports a fault code."""
     paths = [path for path in trial.names if split(path)[2] == "fault" and trial.find(path)[1] == ()]
-    return [(path, *ends) for path, values in trial.read(paths).items() for ends in spells(values != 0)]
+    trial.read(paths)  # in one pass
+    return [(path, *ends) for path in paths for ends in spells(at_ticks(trial, path) != 0)]
 
 
 def codes(trial):
     """Return [(s, text, colour)] of the fault codes, at the begin of each."""
-    return [(trial.time[first], f"{path}: {trial[path][first]:g}", FAULT) for path, first, _ in faulty(trial)]
+    return [(trial.time[first], f"{path}: {at_ticks(trial, path)[first]:g}", FAULT) for path, first, _ in faulty(trial)]
 
 
 def name_troubles(axis, trial):

@@ -28,19 +28,40 @@ def resampled(trial, rate):
             "into this machine's memory"
         )
     made = copy.copy(trial)
-    made._recording, values = None, trial.rows
+    made._recording = None
+    trial.rows  # all signals in one pass
     made.tick = np.arange(int(first), int(last) + 1)
     made.time = made.tick / rate
-    made.about = {**trial.about, "rate": float(rate)}
+    made.signals = {path: {**signal, "every": 1} for path, signal in trial.signals.items()}
+    made.about = {**trial.about, "rate": float(rate), "signals": list(made.signals.values())}
     made.lateness = np.full(len(made.tick), np.nan)
     made.rows = np.empty((len(made.tick), len(trial.signals)))
     at = np.clip(made.time, trial.time[0], trial.time[-1])
     for path in trial.names:
         places, shape = trial.find(path)
-        made.rows[:, places] = interpolate(kind_of(trial, path), trial.time, values[:, places], at)
+        made.rows[:, places] = over_times(trial, path, at)
     made.frames = []
     made.events = [at_rate(event, trial.about["rate"], rate) for event in trial.events]
     return made
+
+
+def over_times(trial, path, at):
+    """Return a signal at other times, from its samples, as (times, elements); NaN without a sample.
+
+    at : s; before the first sample and after the last one, the signal is that sample
+    """
+    samples, times = trial.samples(path), trial.time_of(path)
+    if not len(samples):
+        return np.full((len(at), samples.shape[1]), np.nan)
+    return interpolate(kind_of(trial, path), times, samples, np.clip(at, times[0], times[-1]))
+
+
+def at_ticks(trial, path):
+    """Return a signal over the ticks, interpolated if it was recorded at a lower rate. Type as of Trial[path]."""
+    samples = trial[path]
+    if trial.every(path) == 1:
+        return samples
+    return over_times(trial, path, trial.time).reshape(-1, *samples.shape[1:]).astype(samples.dtype)
 
 
 def at_rate(event, old, new):
@@ -61,9 +82,8 @@ def kind_of(trial, path):
         return "held"
     if circle := trial.row_of(path).get("circle"):
         return tuple(circle)
-    places, shape = trial.find(path)
-    if shape == (4,) and (
-        path.rpartition(".")[2] == QUATERNION or trial.unit(path) == "1" and turns(trial.values(places))
+    if trial.find(path)[1] == (4,) and (
+        path.rpartition(".")[2] == QUATERNION or trial.unit(path) == "1" and turns(trial.samples(path))
     ):
         return "turning"
     return "straight"

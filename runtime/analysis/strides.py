@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from runtime.analysis.average_stride import STRIDE_LIMIT, STRIDE_MINIMUM, WRAP
-from runtime.analysis.resample import interpolate, kind_of
+from runtime.analysis.resample import at_ticks, over_times
 from runtime.base.errors import BadInput
 
 
@@ -21,9 +21,7 @@ def over(trial, path, spans, points=101):
     if not len(spans):
         return np.empty((0, points, len(places)))
     at = spans[:, :1] + np.linspace(0.0, 1.0, points) * (spans[:, 1:] - spans[:, :1])
-    return interpolate(kind_of(trial, path), trial.time, trial.values(places), at.ravel()).reshape(
-        len(spans), points, len(places)
-    )
+    return over_times(trial, path, at.ravel()).reshape(len(spans), points, len(places))
 
 
 def moment(trial, text):
@@ -71,7 +69,7 @@ def bounds(trial, path, events=None, between=None, last=None):
         return spans[:0]
     good &= (spans[:, 0] >= trial.time[0]) & (spans[:, 1] <= trial.time[-1])
     near = 0.5 / trial.about["rate"]
-    walks = None if walking is None else trial[walking] == 1
+    walks = None if walking is None else at_ticks(trial, walking) == 1
     for index in np.flatnonzero(good):
         within = slice(*np.searchsorted(trial.time, (spans[index, 0] - near, spans[index, 1] + near)))
         good[index] = np.all(np.diff(trial.tick[within]) == 1) and (walks is None or bool(np.all(walks[within])))
@@ -104,7 +102,7 @@ def phase_of(trial, path):
 
 def beginnings(trial, path):
     """Return the times in s at which strides begin, from a bool or a gait phase. path : of the signal"""
-    values = trial[path]
+    values = at_ticks(trial, path)
     if values.ndim != 1:
         raise BadInput(f"events={path!r} has {values.shape[1]} elements: strides begin with a bool or a gait phase")
     if values.dtype == bool:

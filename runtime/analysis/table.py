@@ -7,6 +7,7 @@ def table(trial):
     """Return the DataFrame that Trial.table describes. Raises MissingExtra."""
     pandas = need("pandas", "a table")
     signals = trial.read(trial.signals)
+    signals |= {path: trial.column(path) for path in trial.signals if trial.every(path) > 1}
     columns = {"tick": trial.tick, **signals}
     made = pandas.DataFrame(columns, index=pandas.Index(trial.time, name="time"))
     made.attrs.update(units={path: entry["unit"] for path, entry in trial.signals.items()}, fields=trial.fields)

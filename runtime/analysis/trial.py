@@ -4,6 +4,7 @@
     trial["left/knee.position"]     # array over the ticks
     trial.unit("left/knee.position")        # "rad"
     trial.time                      # s
+    trial.time_of("left/knee.position")     # s, of its samples, if it was recorded at a lower rate
 
 A truncated or damaged file is read up to the last complete row; `complete` is then False. It includes the parts that
 standby recorders continued.
@@ -37,8 +38,8 @@ def split(path: str) -> tuple[str, str]:
 class Trial:
     """Recording. What is asked for is read from its file then, and kept.
 
-    signals : {path: {"index", "path", "dtype", "unit", "circle"}}, in the order of the row
-    rows : (ticks, signals) array of doubles
+    signals : {path: {"index", "path", "dtype", "unit", "circle", "every"}}, in the order of the row
+    rows : (ticks, signals) array of doubles; a signal is NaN in ticks in which it was not recorded
     tick, time, lateness : arrays over the rows; s
     frames : [Recorded], in order
     events : [dict]
@@ -79,6 +80,9 @@ class Trial:
         made._describe(about)
         made.tick = rows[:, 0].astype(np.int64)
         made.time, made.lateness, made.rows = made.tick / about["rate"], rows[:, 1], rows[:, 2:]
+        for place, signal in enumerate(about["signals"]):
+            if (every := signal.get("every", 1)) > 1:
+                made.rows[made.tick % every != 0, place] = np.nan
         return made
 
     def _describe(self, about):
@@ -202,9 +206,8 @@ class Trial:
         return arrays
 
     def _typed(self, path) -> np.ndarray:
-        """Return a signal in its shape and type, which may share its memory with this Trial."""
-        places, shape = self.find(path)
-        values = self.values(places)
+        """Return the samples of a signal in their shape and type, which may share their memory with this Trial."""
+        values, shape = self.samples(path), self.find(path)[1]
         values = values[:, 0] if shape == () else values.reshape(-1, *shape)
         kind = DTYPES.get(self.dtype(path), np.float64)
         return values if kind is np.float64 or not holds(kind, values) else values.astype(kind)
@@ -297,12 +300,37 @@ class Trial:
         )
 
     def __getitem__(self, path: str) -> np.ndarray:
-        """Return a signal over the ticks, as (ticks,), or (ticks, ...) for a vector; float64, int64 or bool.
+        """Return the samples of a signal, as (samples,), or (samples, ...) for a vector; float64, int64 or bool.
 
-        An int or bool with values that its type lacks (NaN, infinities, 2⁶³ and larger) is float64, as recorded. Raises
-        KeyError with a suggestion for an unknown name.
+        There is one sample per tick, or those of `time_of` if the signal was recorded at a lower rate. An int or bool
+        with values that its type lacks (NaN, infinities, 2⁶³ and larger) is float64, as recorded. Raises KeyError with
+        a suggestion for an unknown name.
         """
-        return self._typed(path).copy()
+        values = self._typed(path)
+        return values.copy() if self.every(path) == 1 else values
+
+    def every(self, path: str) -> int:
+        """Return the ticks from one sample of a signal to the next; their numbers are multiples of it."""
+        return self.row_of(path).get("every", 1)
+
+    def samples(self, path: str) -> np.ndarray:
+        """Return the samples of a signal as a float64 array (samples, elements). Raises KeyError."""
+        values = self.values(self.find(path)[0])
+        every = self.every(path)
+        return values if every == 1 else values[self.tick % every == 0]
+
+    def time_of(self, path: str) -> np.ndarray:
+        """Return the times of the samples of a signal, in s. Raises KeyError."""
+        every = self.every(path)
+        return self.time if every == 1 else self.time[self.tick % every == 0]
+
+    def column(self, path: str) -> np.ndarray:
+        """Return a signal over the ticks, with NaN in those in which it was not recorded. Raises KeyError."""
+        if self.every(path) == 1:
+            return self[path]
+        places, shape = self.find(path)
+        values = self.values(places)
+        return (values[:, 0] if shape == () else values.reshape(-1, *shape)).copy()
 
     def __len__(self) -> int:
         if self._recording is None or "tick" in self.__dict__:

@@ -82,8 +82,8 @@ class Trials:
     def __getitem__(self, name):
         """Return the Trial of a number, or a column over all rows: a signal, a field, "trial", "tick" or "time".
 
-        A signal that a trial lacks is NaN there, and a field "". Raises KeyError if no trial has it, and BadInput if it
-        has different units or shapes.
+        A signal that a trial or a tick lacks is NaN there, and a field "". Raises KeyError if no trial has it, and
+        BadInput if it has different units or shapes.
         """
         if not isinstance(name, str):
             return self.trials[name]
@@ -157,6 +157,6 @@ def labels(paths):
 
 def signal(trial, name):
     try:
-        return trial[name]
+        return trial.column(name)
     except KeyError:
         return None

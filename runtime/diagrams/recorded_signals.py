@@ -1,5 +1,6 @@
-"""The signals that a run records: those that the parameter `record` of its recorders selects."""
+"""The signals that a run records: those that its recorders select, at their rates."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -11,24 +12,32 @@ from runtime.recording.signal_selection import select
 def select_recorded(schedule: Schedule) -> Schedule:
     """Return a Schedule without the columns that no sink takes. Raises BadInput for a name without a signal.
 
-    A recorder with the parameter `record` takes the columns that it selects. Sinks without connections take what the
-    recorders take.
+    A recorder takes the columns that its parameter `record` selects, at every n-th tick if it has `every=n`. Sinks
+    without connections take what the recorders take; the connected signals of other sinks are recorded at every tick.
+    A signal that several sinks take is recorded at the ticks of all of them.
     """
     numbers = sum(place.size for place in schedule.signals.values())
-    selected = {sink.block: selection(sink) for sink in schedule.sinks if getattr(sink.block, "record", "")}
-    if not selected:
+    recorders = [sink for sink in schedule.sinks if "record" in sink.block.parameters]
+    if not any(sink.block.record or sink.block.every > 1 for sink in recorders):
         return schedule
+    selected = {sink.block: selection(sink) for sink in recorders}
     taken = set().union(*selected.values())
     sinks: list[tuple[Any, list[Any]]] = []
+    every: dict[int, int] = {}  # {column: ticks from one sample to the next}
     for sink in schedule.sinks:
-        own = selected.get(sink.block, taken if len(sink.columns) == numbers else None)
-        sinks.append((sink, [column for column in sink.columns if own is None or column.index in own]))
-    kept = sorted({column.index for _, columns in sinks for column in columns})
+        follows = sink.block not in selected and len(sink.columns) == numbers
+        own = selected.get(sink.block, taken if follows else None)
+        columns = [column for column in sink.columns if own is None or column.index in own]
+        sinks.append((sink, columns))
+        period = sink.block.every if sink.block in selected else 1
+        for column in () if follows else columns:
+            every[column.index] = math.gcd(every.get(column.index, 0), period)
+    kept = sorted(every)
     index = {old: new for new, old in enumerate(kept)}
     return replace(
         schedule,
         columns=schedule.columns[kept],
-        recorded=[replace(schedule.recorded[old], index=index[old]) for old in kept],
+        recorded=[replace(schedule.recorded[old], index=index[old], every=every[old]) for old in kept],
         sinks=[
             replace(sink, columns=tuple(replace(column, index=index[column.index]) for column in columns))
             for sink, columns in sinks
@@ -38,6 +47,8 @@ def select_recorded(schedule: Schedule) -> Schedule:
 
 def selection(sink: Any) -> set[int]:
     """Return the indices in the row of the columns that a recorder selects."""
+    if not sink.block.record:
+        return {column.index for column in sink.columns}
     try:
         places = select([vars(column) for column in sink.columns], sink.block.record)
     except BadInput as error:

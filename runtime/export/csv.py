@@ -1,4 +1,9 @@
-"""CSV export, byte for byte as the recorder writes it."""
+"""CSV export, byte for byte as the recorder writes it. Ticks in which no signal was recorded have no line.
+
+A signal is nan in lines without it.
+"""
+
+import math
 
 import numpy as np
 
@@ -18,13 +23,15 @@ def write(trial, path, progress):
     whole = [2 + index for index, column in enumerate(columns) if column["dtype"] != "float"]
     with open(path, "wb") as file:
         file.write(header(columns, ",").encode())
-        for rows, _ in trial.batches(frames=False):
+        every = math.gcd(*(signal.get("every", 1) for signal in columns)) or 1
+        for complete, _ in trial.batches(frames=False):
+            rows = complete[complete[:, 0] % every == 0]
             if table := exact(rows, rows[:, 0] / rate, whole):
                 file.write(lines.text(table))
             else:
                 ticks = rows[:, 0].astype(np.int64)
                 file.writelines(map(lines.line, (ticks / rate).tolist(), ticks.tolist(), rows[:, 2:].tolist()))
-            done += len(rows)
+            done += len(complete)
             progress(done / max(1, len(trial)))
 
 

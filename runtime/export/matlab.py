@@ -36,6 +36,7 @@ def write(trial, path, progress):
     for name, value in trial.fields.items():
         fields.put([name], value)
     for name, samples in trial.read(trial.names).items():
+        samples = samples if trial.every(name) == 1 else trial.column(name)
         for tree, leaf in ((values, samples), (units, ascii_name(trial.unit(name))), (paths, name)):
             tree.put(re.split(r"[/.]", name), leaf)
     made = {

@@ -99,8 +99,8 @@ def coordinates(trial):
 
 
 def write(trial, path, progress):
-    """Write the file, with missing rows filled in by Trial.resample."""
-    if missed(trial):
+    """Write the file, with missing rows and samples filled in by Trial.resample."""
+    if missed(trial) or any(trial.every(name) > 1 for name in trial.signals):
         trial = trial.resample(trial.about["rate"])
     paths = coordinates(trial) if path.endswith(".mot") else list(trial.signals)
     places, rate, done = [2 + trial.places[name] for name in paths], trial.about["rate"], 0

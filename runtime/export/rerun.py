@@ -1,4 +1,4 @@
-"""Rerun export, with the layout in the file."""
+"""Rerun export, with the layout in the file. Signals that were recorded at a lower rate are held in between."""
 
 import os
 
@@ -28,9 +28,13 @@ def write(trial, path, progress):
     recording.save(path, default_blueprint=blueprint(scene))
     recording.send_recording_name(trial.path.stem)
     stream = Stream(recording, scene, about["rate"])
-    done = 0
+    done, newest = 0, np.full(2 + len(trial.signals), np.nan)
+    thinned = [2 + place for path, place in trial.places.items() if trial.every(path) > 1]
     for rows, _ in trial.batches(frames=False):
         if len(rows):
+            for column in thinned:
+                hold(rows[:, column], newest[column])
+            newest = rows[-1].copy()
             stream.rows(rows[:, 0].astype(np.int64), rows[:, 0] / about["rate"], np.ascontiguousarray(rows[:, 2:]))
         done += len(rows)
         progress(done / max(1, len(trial)))
@@ -41,3 +45,10 @@ def write(trial, path, progress):
     except RuntimeError as error:
         raise BadInput(f"cannot write {path.replace('.part.rrd', '.rrd')}: {error}; is the disk full?") from None
     recording.disconnect()
+
+
+def hold(values, before):
+    """Replace NaN by the value in front of it, as a viewer shows it. before : value in front of the first one"""
+    known = np.flatnonzero(~np.isnan(values))
+    places = np.searchsorted(known, np.arange(len(values)), side="right")
+    values[:] = np.concatenate(([before], values[known]))[places]

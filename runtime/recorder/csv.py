@@ -28,7 +28,7 @@ class CsvWriter(Service):
         parameters, columns = self.sink["parameters"], self.sink["columns"]
         delimiter = parameters.get("delimiter", ",")
         self.flush_rows = parameters.get("flush_rows", 200)
-        self.rows = 0
+        self.rows, self.every = 0, self.sink.get("every", 1)
         self.gate = place_of(parameters.get("during"), columns)
         self.lines = Lines(columns, delimiter)
         self.columns = [column["index"] for column in columns]
@@ -48,7 +48,7 @@ class CsvWriter(Service):
     def records(self, batch):
         if self.file is None or not batch.rows:
             return
-        rows = batch.table(float(self.plan["rate"]), self.columns, self.whole)
+        rows = batch.table(float(self.plan["rate"]), self.columns, self.whole, self.every)
         if self.gate is not None:
             rows = [row for row in rows if row[2 + self.gate] > 0.0]  # NaN is not true
         if self.device_time and rows:

@@ -1,10 +1,11 @@
 """The flight log: one MCAP file with everything of a run, for PlotJuggler, Foxglove, Rerun and replays.
 
     /left, /right, ...      one message per subsystem and tick, with its recorded signals as doubles
+    /left_every_4, ...      the same, at every fourth tick: signals that are recorded at a lower rate
     /tickwork/tick          last message of a tick: number, time and lateness in s
     /tickwork/can/legs, ... one message per bus drain and bus, with the frames received in it and those sent after it,
                             in the order in which the control process handled them; `sequence` is the number of the
-                            drain. A row or an event ends the message; frames that follow are in another one
+                            drain. A row, an event or a flush ends the message; frames that follow are in another
     /tickwork/events        other events: the start by both clocks, live changes, marks, the end
 
 Times in ns are the wall clock at the start of the run plus the monotonic clock since; in virtual time they begin at 0.
@@ -24,9 +25,13 @@ from runtime.recording.files import WholeFile, claim, create
 from runtime.recording.mcap_file import CHUNK, ZSTD, McapFile
 from runtime.recording.records import LIBRARY
 
-FORMAT_VERSION = "2"
 ROW_HEAD = 2  # numbers before the signals of a row
 JSON_MEDIA_TYPE = "application/json"
+
+
+def version(signals):
+    """Return the format of a recording: "3" if signals have periods, which readers of format "2" do not expect."""
+    return "3" if any(signal.get("every", 1) > 1 for signal in signals) else "2"
 
 
 class FlightLog(Service):
@@ -57,15 +62,15 @@ class FlightLog(Service):
             "about.json",
             JSON_MEDIA_TYPE,
             json.dumps(
-                {**about, "format": FORMAT_VERSION, "signals": self.plan["signals"]}, ensure_ascii=False
+                {**about, "format": version(self.plan["signals"]), "signals": self.plan["signals"]}, ensure_ascii=False
             ).encode(),
         )
-        columns = [(place, signal["path"]) for place, signal in enumerate(self.plan["signals"])]
         templates = []
-        for subsystem in messages.subsystems(self.plan["name"], columns):
+        for subsystem in messages.subsystems(self.plan["name"], self.plan["signals"]):
             body, places = subsystem.template()
             channel = writer.channel(subsystem.topic, *subsystem.descriptor())
-            templates.append((channel, body, [(place, ROW_HEAD + column) for place, column in places]))
+            places = [(place, ROW_HEAD + column) for place, column in places]
+            templates.append((channel, body, places, subsystem.every))
         own_tick, _, own_event, _ = messages.OWN
         tick = writer.channel(messages.ROW_END, *messages.simple(own_tick, messages.TICK))
         buses = [writer.channel(messages.BUS + bus, *messages.frames_descriptor()) for bus in self.plan["buses"]]

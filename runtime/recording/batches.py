@@ -35,7 +35,7 @@ class Rows(NamedTuple):
 
     tick : int64 (rows,)
     time, lateness : float64 (rows,), in s
-    values : float64 (rows, signals); each signal is contiguous in memory
+    values : float64 (rows, signals); each signal is contiguous in memory, and NaN in rows without it
     """
 
     tick: np.ndarray
@@ -45,8 +45,8 @@ class Rows(NamedTuple):
 
     @classmethod
     def empty(cls, count: int, signals: int) -> Rows:
-        """Return rows that are not filled."""
-        values = np.empty((signals, count)).T
+        """Return rows that are not filled, without any signal."""
+        values = np.full((signals, count), np.nan).T
         return cls(np.empty(count, dtype=np.int64), np.empty(count), np.empty(count), values)
 
 

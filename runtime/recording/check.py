@@ -3,7 +3,7 @@
 import numpy as np
 
 from runtime.recording.chunks import NONE, gathered
-from runtime.recording.columns import HEADS, Damaged
+from runtime.recording.columns import HEADS, TICK, Damaged
 from runtime.recording.mcap_file import MESSAGE_REST
 
 NO_TIMES = np.zeros(0, dtype=np.int64)
@@ -22,8 +22,9 @@ class Check:
         # log times of rows and ticks without counterpart, of the subsystems that begin with the same row as the ticks
         self.open = {
             channel: (NO_TIMES, NO_TIMES)
-            for channel in layout.subsystems
+            for channel, subsystem in layout.subsystems.items()
             if before.get(channel, 0) == before.get(layout.tick, 0)
+            and (subsystem.every == 1 or channel not in self.begun)
         }
 
     def first_damaged(self, chunk):
@@ -48,7 +49,8 @@ class Check:
                 self.begun.add(channel)
             times[channel] = heads["log_time"]
         for channel in self.open:
-            bad += self.lonely(chunk, channel, times)
+            if layout.subsystems[channel].every == 1 or not bad:  # the others need the number of each tick
+                bad += self.lonely(chunk, channel, times)
         for content in (lambda: layout.frames(chunk, 0, 0), lambda: layout.events_of(chunk)):
             try:
                 content()
@@ -59,11 +61,15 @@ class Check:
     def lonely(self, chunk, channel, times):
         """Return [offset of the first tick whose time is not that of its row in a subsystem]."""
         rows, ticks = self.open[channel]
-        before = len(ticks)
-        rows, ticks = np.concatenate((rows, times[channel])), np.concatenate((ticks, times[self.layout.tick]))
+        before, every = len(ticks), self.layout.subsystems[channel].every
+        times_of_ticks, offsets = times[self.layout.tick], chunk.offsets.get(self.layout.tick, NONE)
+        if every > 1:
+            recorded = chunk.bodies(self.layout.tick, TICK)["tick"] % every == 0
+            times_of_ticks, offsets = times_of_ticks[recorded], offsets[recorded]
+        rows, ticks = np.concatenate((rows, times[channel])), np.concatenate((ticks, times_of_ticks))
         both = min(len(rows), len(ticks))
         differ = rows[:both] != ticks[:both]
         self.open[channel] = rows[both:], ticks[both:]
         if not differ.any():
             return []
-        return [chunk.offsets[self.layout.tick][max(0, int(np.argmax(differ)) - before)]]
+        return [offsets[max(0, int(np.argmax(differ)) - before)]]

@@ -87,7 +87,11 @@ class Messages(NamedTuple):
     others: list[tuple[int, bytes]]
 
     def bodies(self, channel: int, kind: np.dtype) -> Any:
-        """Return the contents of the messages of a channel as a structured array.
+        """Return the contents of the messages of a channel as a structured array. Arguments, errors: see `records`"""
+        return self.records(channel, kind)["body"]
+
+    def records(self, channel: int, kind: np.dtype) -> Any:
+        """Return the messages of a channel as a structured array: the fields of MESSAGE_HEAD and "body".
 
         kind : dtype of the content
 
@@ -97,7 +101,7 @@ class Messages(NamedTuple):
         found = gathered(self.data, self.offsets.get(channel, NONE), record)
         if np.any(found["length"] != record.itemsize - HEAD.size):
             raise ValueError("a row of another size")
-        return found["body"]
+        return found
 
     def until(self, limit: int) -> Messages:
         """Return the messages that begin before a position."""

@@ -34,6 +34,7 @@ class Layout:
 
     rows : {channel: dtype of a message}, of the subsystems and of the tick
     subsystems : {channel: Subsystem}
+    complete : channels of `rows` with a message in every row
     tick, events : channels; None if the file has none
     buses : {channel: index of the bus}
 
@@ -54,12 +55,15 @@ class Layout:
         if self.tick is None:
             return
         self.rows[self.tick] = TICK
-        paths = [(index, signal["path"]) for index, signal in enumerate(about["signals"])]
-        for subsystem in messages.subsystems(about["name"], paths):
+        for subsystem in messages.subsystems(about["name"], about["signals"]):
             if subsystem.topic not in channels:
                 raise self.mismatch()
             channel = channels[subsystem.topic]
             self.subsystems[channel], self.rows[channel] = subsystem, subsystem.dtype()
+
+    @property
+    def complete(self):
+        return [channel for channel in self.rows if channel == self.tick or self.subsystems[channel].every == 1]
 
     def mismatch(self):
         return BadInput(f"{self.path} is damaged: its rows do not match the signals in its about.json")

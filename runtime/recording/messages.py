@@ -2,6 +2,7 @@
 
 A row consists of one message per subsystem, which contains a message per block with a double per signal, `repeated` for
 the elements of an array. Every such message has a fixed size, so that its prefix bytes and doubles are a template.
+Signals that are recorded at every n-th tick are a message of their own, which only rows of these ticks have.
 
 The frames of one bus drain and one bus are one message CanFrames: the time of the drain, then every frame received in
 it or sent after it, until the next drain or row. Recordings of format 1 have one message CanFrame per frame.
@@ -135,10 +136,11 @@ class Subsystem:
     topic : "/left", or "/" and the diagram's name for blocks in none
     columns : indices of its signals among those of a row
     messages : Names of other messages, since viewers identify a message by its name
+    every : ticks from one message to the next; they are multiples of it
     """
 
-    def __init__(self, topic: str, columns: Any, messages: Any) -> None:
-        self.topic = topic
+    def __init__(self, topic: str, columns: Any, messages: Any, every: int = 1) -> None:
+        self.topic, self.every = topic, every
         self.name = messages.free(topic.strip("/").replace("/", "_"))
         self.columns = [index for index, _ in columns]
         self.blocks = []  # (message name, [(field name, elements)])
@@ -213,19 +215,28 @@ class Subsystem:
         return descriptor(self.name, outer, nested)
 
 
-def subsystems(name, columns):
-    """Return the Subsystems of the columns (index, path) of a row, in order of their first column.
+def subsystems(name, signals):
+    """Return the Subsystems of the signals of a row, in order of their first signal.
+
+    A subsystem whose signals have different periods has one for each: "/left", then "/left_every_4".
 
     name : of the diagram
+    signals : [{"path", "every" in ticks (default: 1)}], in the order of the row
     """
-    grouped = {}
-    for index, path in columns:
-        grouped.setdefault(split(path)[0] or name, []).append((index, path))
-    taken = Names(OWN)
-    return [
-        Subsystem(topic_of(folder), sorted(own, key=lambda column: split(column[1])[1]), taken)
-        for folder, own in grouped.items()
-    ]
+    grouped: dict[str, dict[int, list]] = {}
+    for index, signal in enumerate(signals):
+        periods = grouped.setdefault(split(signal["path"])[0] or name, {})
+        periods.setdefault(signal.get("every", 1), []).append((index, signal["path"]))
+    taken, topics = Names(OWN), {topic_of(folder) for folder in grouped}
+    made = []
+    for folder, periods in grouped.items():
+        for every, own in sorted(periods.items()):
+            topic = topic_of(folder)
+            if every > min(periods):
+                topic = str(unique(f"{topic}_every_{every}", topics.__contains__))
+                topics.add(topic)
+            made.append(Subsystem(topic, sorted(own, key=lambda column: split(column[1])[1]), taken, every))
+    return made
 
 
 def topic_of(folder):

@@ -4,7 +4,7 @@ import re
 
 from runtime.base.errors import BadInput
 
-FORMATS = ("1", "2")
+FORMATS = ("1", "2", "3")
 LINE_BREAKING = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # in a name: would begin another line on a terminal
 
 
@@ -30,8 +30,9 @@ def describes_signals(about):
         ]
         return (
             all(isinstance(text, str) and not LINE_BREAKING.search(text) for text in texts)
+            and all(type(signal.get("every", 1)) is int and signal.get("every", 1) > 0 for signal in about["signals"])
             and about["rate"] > 0
             and isinstance(about["metadata"], dict)
         )
-    except (LookupError, TypeError):
+    except (LookupError, TypeError, AttributeError):
         return False

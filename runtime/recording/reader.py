@@ -23,7 +23,7 @@ from runtime.base.optional_dependencies import need
 from runtime.recording import read_ahead
 from runtime.recording.batches import NO_FRAMES, Rows
 from runtime.recording.check import Check
-from runtime.recording.chunks import FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT, Expander, Messages, load
+from runtime.recording.chunks import FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT, MESSAGE_HEAD, Expander, Messages, load
 from runtime.recording.columns import Layout
 from runtime.recording.contents import Contents, summarised
 from runtime.recording.metadata import validate
@@ -104,7 +104,7 @@ class Reader:
 
     def __len__(self) -> int:
         """Return the number of complete rows."""
-        return min((self.before[channel][-1] for channel in self.layout.rows), default=0)
+        return min((self.before[channel][-1] for channel in self.layout.complete), default=0)
 
     def check(self, progress: Callable[[float], None] = lambda share: None) -> bool:
         """Check every message of the file, once.
@@ -244,7 +244,12 @@ class Reader:
         if layout.tick is not None:
             fields[layout.tick] = [(getattr(rows, name), name) for name in ("tick", "time", "lateness")]
 
-        def fill(number: int, chunk: Messages) -> None:
+        partial = {channel: fields.pop(channel) for channel in [*fields] if channel not in layout.complete}
+        numbers: Iterable[int] = self.with_messages(fields, first, last)
+        if partial and numbers:  # the messages are in front of the tick of their row, at most one chunk before it
+            numbers = range(max(0, min(numbers) - 1), max(numbers) + 1)
+
+        def fill(number: int, chunk: Messages) -> dict[int, Any]:
             for channel, targets in fields.items():
                 begin, end = self.before[channel][number : number + 2]
                 low, high = max(begin, first), min(end, last)
@@ -255,9 +260,14 @@ class Reader:
                     raise ValueError("an index with another number of messages")
                 for target, name in targets:
                     target[low - first : high - first] = bodies[name][low - begin : high - begin]
+            return {channel: chunk.records(channel, layout.rows[channel]) for channel in partial}
 
-        for _ in self.ahead(fill, self.with_messages(fields, first, last)):
-            pass
+        samples = list(self.ahead(fill, numbers))
+        for channel, targets in partial.items() if len(rows.tick) else ():
+            for records in (found[channel] for found in samples):
+                at, bodies = placed(records, rows.tick)
+                for target, name in targets:
+                    target[at] = bodies[name]
         return rows
 
     def frames(self, numbers: Iterable[int] | None = None) -> Iterator[np.ndarray]:
@@ -277,9 +287,10 @@ class Reader:
 
         with_frames : whether the frames are read; else there are none
         """
-        number, width = 0, 2 + len(self.about["signals"])
-        open_rows: dict[int, Any] = {channel: np.zeros(0, dtype=kind) for channel, kind in self.layout.rows.items()}
-
+        number = 0
+        open_rows: dict[int, Any] = {
+            channel: np.zeros(0, dtype=[*MESSAGE_HEAD, ("body", kind)]) for channel, kind in self.layout.rows.items()
+        }
         source = None
         while number < len(self.contents.chunks):
             try:
@@ -293,23 +304,34 @@ class Reader:
                 continue
             number += 1
             open_rows = {channel: np.concatenate((open_rows[channel], part)) for channel, part in parts.items()}
-            count = min(map(len, open_rows.values()), default=0)
-            rows = np.empty((count, width))
-            for channel, part in open_rows.items():
-                if channel == self.layout.tick:
-                    rows[:, 0], rows[:, 1] = part["tick"][:count], part["lateness"][:count]
-                else:
-                    for place in self.layout.subsystems[channel].columns:
-                        rows[:, 2 + place] = part[str(place)][:count]
-            open_rows = {channel: part[count:] for channel, part in open_rows.items()}
-            yield rows, frames
+            yield self.complete_rows(open_rows), frames
+
+    def complete_rows(self, messages: dict[int, Any]) -> np.ndarray:
+        """Remove complete rows from messages and return them, as in a Batch. messages : {channel: records}"""
+        layout = self.layout
+        count = min((len(messages[channel]) for channel in layout.complete), default=0)
+        rows = np.full((count, 2 + len(self.about["signals"])), np.nan)
+        channels: list[Any] = [layout.tick, *layout.subsystems]  # the ticks first
+        for channel in channels if count else ():
+            records = messages[channel]
+            if channel in layout.complete:
+                places, bodies = slice(None), records["body"][:count]
+            else:
+                places, bodies = placed(records, rows[:, 0].astype(np.int64))
+            messages[channel] = records[len(bodies) :]
+            if channel == layout.tick:
+                rows[:, 0], rows[:, 1] = bodies["tick"], bodies["lateness"]
+            else:
+                for signal in layout.subsystems[channel].columns:
+                    rows[places, 2 + signal] = bodies[str(signal)]
+        return rows
 
     def decoded(self, first: int, with_frames: bool) -> Iterator[tuple[dict[int, Any], Any]]:
-        """Return ({channel: contents of its messages}, frames) of each chunk from the first. Arguments as of stream"""
+        """Return ({channel: message records}, frames) of each chunk from the first. Arguments as of stream"""
         frames = self.decoder() if self.layout.buses and with_frames else lambda number, chunk: NO_FRAMES
 
         def decode(number: int, chunk: Messages) -> tuple[dict[int, Any], Any]:
-            parts = {channel: chunk.bodies(channel, kind) for channel, kind in self.layout.rows.items()}
+            parts = {channel: chunk.records(channel, kind) for channel, kind in self.layout.rows.items()}
             return parts, frames(number, chunk)
 
         return self.ahead(decode, range(first, len(self.contents.chunks)), FRAMES_GROWTH)
@@ -346,6 +368,17 @@ class Reader:
             else:
                 return begin + place
         return low
+
+
+def placed(records: Any, ticks: np.ndarray) -> tuple[np.ndarray, Any]:
+    """Return (rows, contents) of those message records that belong to rows.
+
+    records : their `sequence` has the low 32 bits of a tick
+    ticks : of the rows, at least one
+    """
+    numbers = ticks[0] + (records["sequence"].astype(np.int64) - ticks[0]) % 2**32
+    own = numbers <= ticks[-1]
+    return np.searchsorted(ticks, numbers[own]), records["body"][own]
 
 
 def nearby(path: Path) -> str:

@@ -68,6 +68,7 @@ def plan(prepared, realtime):
             "path": sink.block.path,
             "parameters": {name: getattr(sink.block, name) for name in sink.block.parameters},
             "columns": [vars(column) for column in sink.columns],
+            "every": sink.block.every,
             "wanted": request.plotjuggler is not None,
         }
         for sink in active_sinks(prepared)

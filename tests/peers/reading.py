@@ -30,9 +30,8 @@ def mcap_signal(path, folder):
     from mcap.reader import make_reader
 
     about = runtime.load(path).about
-    columns = [(place, signal["path"]) for place, signal in enumerate(about["signals"])]
-    subsystem = next(item for item in messages.subsystems(about["name"], columns) if item.topic == TOPIC)
-    place = subsystem.dtype().fields[str([name for _, name in columns].index(SIGNAL))][1]
+    subsystem = next(item for item in messages.subsystems(about["name"], about["signals"]) if item.topic == TOPIC)
+    place = subsystem.dtype().fields[str([signal["path"] for signal in about["signals"]].index(SIGNAL))][1]
     with open(path, "rb") as file:
         content = make_reader(file).iter_messages(topics=[TOPIC], log_time_order=False)
         return np.array([np.frombuffer(message.data, "<f8", 1, place)[0] for _, _, message in content])

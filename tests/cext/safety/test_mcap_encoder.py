@@ -7,10 +7,13 @@ from cext.safety.mcap_encoder import Encoder
 from cext.safety.ring_batch import Batch
 from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 from runtime.recording import messages
+from runtime.recording.chunks import walked
+from runtime.recording.columns import Layout
 from runtime.recording.format import Frame, row_struct
 from runtime.recording.mcap_file import MESSAGE, MESSAGE_REST
 
 PATHS = ["left/knee.position", "left/imu.gyro[0]", "left/imu.gyro[1]", "right/knee.position", "wave.y"]
+SIGNALS = [{"path": path, "every": every} for path, every in zip(PATHS, (1, 3, 3, 1, 7))]
 RATE, WALL, FIRST_TICK = 300.0, 1_700_000_000_000_000_000, 12_345
 TICK, BUSES = 9, (5, 7)
 PLACE = Struct("=QQ")
@@ -65,6 +68,8 @@ class Oracle:
         tick, lateness, *values = row_struct(len(PATHS)).unpack(payload)
         at = WALL + FIRST_TICK + round(tick / RATE * 1e9)
         for channel, subsystem in enumerate(self.subsystems, 1):
+            if tick % subsystem.every:
+                continue
             body = subsystem.encode([values[place] for place in subsystem.columns])
             self.messages.append(message(channel, at, body, int(tick)))
         self.messages.append(message(TICK, at, messages.tick(int(tick), tick / RATE, lateness), int(tick)))
@@ -78,14 +83,15 @@ class Oracle:
 
 def encoder(subsystems, buses):
     rows = [
-        (channel, body, [(place, 2 + column) for place, column in places])
-        for channel, (body, places) in enumerate((subsystem.template() for subsystem in subsystems), 1)
+        (channel, body, [(place, 2 + column) for place, column in places], subsystem.every)
+        for channel, subsystem in enumerate(subsystems, 1)
+        for body, places in [subsystem.template()]
     ]
     return Encoder(RATE, rows, TICK, list(BUSES[:buses]))
 
 
 def test_messages_and_their_index_are_those_of_python():
-    subsystems = messages.subsystems("robot", list(enumerate(PATHS)))
+    subsystems = messages.subsystems("robot", SIGNALS)
     for seed, buses in ((1, 1), (2, 2), (3, 2)):
         native, oracle, data, places = encoder(subsystems, buses), Oracle(subsystems, buses), b"", {}
         made = records(seed, buses)
@@ -114,6 +120,23 @@ def test_messages_and_their_index_are_those_of_python():
             at += len(record)
         assert places == expected
         assert native.row_count == 60 and native.frame_count == sum(kind == RECORD_FRAME for kind, _ in made)
+
+
+def test_frames_of_two_buses_keep_their_order_across_a_flush_within_a_drain():
+    def frame(number, bus):
+        flags = (False, False, False, False, False, False, False)
+        return RECORD_FRAME, Frame(number, number, *flags, bus, b"").pack()
+
+    topics = {TICK: messages.ROW_END, 5: f"{messages.BUS}legs", 7: f"{messages.BUS}arms"}
+    about = {"format": "2", "name": "robot", "rate": RATE, "buses": ["legs", "arms"], "signals": []}
+    native, drained = Encoder(RATE, [], TICK, [5, 7]), (RECORD_RECEIVED, bytes(8))
+    data = b""
+    for group in ([drained, frame(0, 0), frame(1, 0)], [frame(2, 1), frame(3, 1)], [frame(4, 0), frame(5, 1)]):
+        native.encode(Batch(group), 0, len(data), 1 << 20, 0, 0)
+        native.end_group(len(data))  # a flush
+        data += native.take()[0]
+    frames = Layout("trial.mcap", about, topics).frames(walked(data), 0, 0)
+    assert list(frames["id"]) == [0, 1, 2, 3, 4, 5]
 
 
 def test_a_batch_counts_what_it_holds_and_lists_its_rows():
