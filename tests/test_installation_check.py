@@ -74,7 +74,7 @@ def test_a_package_beside_the_diagram_with_the_name_of_a_library_is_named(instal
     assert_one_line(python(*RUN, "wave.py", cwd=lab, path=installed), " json/__init__.py has the name")
 
 
-def test_a_diagram_may_bear_the_name_of_a_module_that_no_run_uses(installed, lab):
+def test_a_diagram_may_have_the_name_of_an_unused_module(installed, lab):
     (lab / "wave.py").write_text(WAVE)
     (lab / "sunau.py").write_text("raise SystemExit(0)\n")
     process = python(*RUN, "wave.py", "--fast", "--duration", "1", "--no-record", cwd=lab, path=installed)
@@ -89,7 +89,7 @@ def test_a_diagram_imports_a_module_of_the_working_folder(installed, lab):
     assert process.returncode == 0, process.stderr
 
 
-def test_a_file_in_the_clone_hides_no_module_of_python(tmp_path):
+def test_a_file_in_the_clone_shadows_no_standard_module(tmp_path):
     copy_packages(tmp_path)
     (tmp_path / "signal.py").write_text("raise SystemExit(0)\n")
     assert_one_line(python(*RUN, "diagrams/knee_exo.py", cwd=tmp_path), " signal.py has the name")
@@ -172,14 +172,14 @@ def test_build_for_another_python_is_reported(tmp_path):
     )
 
 
-def test_one_module_that_was_not_built_is_enough(tmp_path):
+def test_one_missing_compiled_module_is_reported(tmp_path):
     copy_packages(tmp_path)
     (tmp_path / "Makefile").touch()
     (tmp_path / "cext" / "kernels" / "new.pyx").touch()
     assert_one_line(python(*RUN, cwd=tmp_path), "not built", "`make run`")
 
 
-def test_a_python_without_the_dependencies_is_sent_to_the_environment(tmp_path):
+def test_missing_dependencies_are_reported_with_the_environment(tmp_path):
     copy_packages(tmp_path)
     (tmp_path / "Makefile").touch()
     assert_one_line(python("-S", *RUN, cwd=tmp_path), "numpy", "networkx", "are missing", "`make run`")
@@ -213,7 +213,7 @@ def test_internal_error_is_not_hidden(tmp_path):
     assert process.returncode == 1 and "Traceback" in process.stderr and "no_such_name" in process.stderr
 
 
-def test_what_is_looked_for_is_what_the_project_depends_on():
+def test_checked_packages_are_the_declared_dependencies():
     requirements = [requirement.partition(";") for requirement in PYPROJECT["project"]["dependencies"]]
     assert {marker.strip() for _, _, marker in requirements} == {"", "python_version < '3.11'"}
     declared = {canonical(name) for name, _, marker in requirements if not marker or sys.version_info < (3, 11)}
@@ -240,7 +240,7 @@ def test_old_python_parses_entry_files_and_reports_required_version(monkeypatch)
     assert "Python 3.9, and 3.10 or newer is needed" in installation_check.problem()
 
 
-def test_the_first_files_import_nothing_of_tickwork():
+def test_entry_files_import_nothing_of_tickwork():
     process = python("-c", "import sys, runtime.base.installation_check; print(*sys.modules)", cwd=ROOT)
     loaded = set(process.stdout.split())
     assert "runtime.base.installation_check" in loaded

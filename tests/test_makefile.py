@@ -54,14 +54,14 @@ def bare_path(tmp_path_factory):
     return folder
 
 
-def test_make_without_python_prints_how_to_install_it(clone, bare_path):
+def test_make_without_python_prints_the_install_command(clone, bare_path):
     process = make("run", cwd=clone, PATH=str(bare_path))
     assert process.returncode != 0
     [line] = told(process)
     assert line.startswith("Python is missing") and "apt install python3 python3-venv" in line
 
 
-def test_make_without_compiler_prints_how_to_install_one(clone, bare_path):
+def test_make_without_compiler_prints_the_install_command(clone, bare_path):
     (bare_path / "python3").symlink_to(sys.executable)
     process = make("test", cwd=clone, PATH=str(bare_path))
     assert process.returncode != 0

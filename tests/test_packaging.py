@@ -146,7 +146,7 @@ def room_of(name):
 
 
 @pytest.mark.parametrize("package", ORDER)
-def test_rooms_import_only_rooms_before_them(package):
+def test_folders_import_only_folders_above_them(package):
     order = ORDER[package]
     found = []
     for path in sorted((ROOT / package).rglob("*")):
@@ -161,7 +161,7 @@ def test_rooms_import_only_rooms_before_them(package):
 
 
 @pytest.mark.parametrize("package", ORDER)
-def test_every_folder_has_its_place_in_the_order(package):
+def test_every_folder_is_in_the_documented_order(package):
     folders = {path.name for path in (ROOT / package).iterdir() if (path / "__init__.py").exists()}
     assert folders == set(ORDER[package])
 
@@ -201,7 +201,7 @@ def test_every_folder_with_sources_is_a_package_and_in_the_wheel():
         assert any(fnmatch(name, pattern) for pattern in included), f"{name} is not in the wheel"
 
 
-def test_the_wheel_takes_no_folder_but_the_four():
+def test_the_wheel_contains_only_the_four_packages():
     included = PYPROJECT["tool"]["setuptools"]["packages"]["find"]["include"]
     for name in ("tests", "tests.graph", "diagrams", "docs", "blocksmith", "graphics", "build"):
         assert not any(fnmatch(name, pattern) for pattern in included), name
@@ -226,7 +226,7 @@ def test_every_folder_of_tests_is_a_package():
         )
 
 
-def test_no_file_names_a_place_on_somebodys_machine():
+def test_no_file_contains_an_absolute_path_of_a_machine():
     place = re.compile(rb"(?<![\w.~-])/(?:%s)/" % b"|".join([b"work", b"root", b"home", b"Users"]))
     found = []
     for path in tracked():

@@ -63,7 +63,7 @@ def test_the_modules_in_the_wheel_have_no_debug_symbols(archives):
     assert modules and [name for name, data in modules.items() if b".debug_info" in data or b".symtab" in data] == []
 
 
-def test_the_source_archive_has_all_a_builder_needs(archives):
+def test_the_source_archive_builds(archives):
     names = set(archives[1])
     assert sources(".py") | sources(".pyx") | sources(".pxd") <= names
     assert {

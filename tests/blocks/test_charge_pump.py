@@ -45,7 +45,7 @@ def message(number):
 # Frames
 
 
-def test_on_a_gpio_line_every_frame_is_the_other_level():
+def test_on_a_gpio_line_every_frame_toggles_the_level():
     pump = Wired(ChargePump)
     said = []
     for _ in range(600):
@@ -99,7 +99,7 @@ def test_ineffective_relay_settings_are_refused(rate, parameters, words):
 # The relay
 
 
-def test_the_relay_holds_for_its_time_after_each_change_and_no_level_alone_holds_it():
+def test_the_relay_holds_only_for_its_time_after_each_level_change():
     relay = Wired(EmulatedChargePump, hold=0.1)
 
     def holds_after(seconds, data=None):
@@ -114,7 +114,7 @@ def test_the_relay_holds_for_its_time_after_each_change_and_no_level_alone_holds
     assert (holds_after(0.09), holds_after(0.02), relay["changes"]) == (1.0, 0.0, 2.0)
 
 
-def test_a_message_counts_once_however_it_is_cut_and_a_broken_one_does_not():
+def test_a_split_message_counts_once_and_a_corrupt_one_not_at_all():
     relay = Wired(EmulatedChargePump, messages=1)
     stream = b"".join(map(message, (255, 0, 0, 1)))
     for byte in stream:
@@ -165,7 +165,7 @@ int main() {                                    // each line of the input: at wh
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs a C++ compiler")
-def test_the_sketch_of_the_docs_toggles_its_pin_for_each_new_number_alone_and_drops_it_in_silence(tmp_path):
+def test_the_documented_sketch_toggles_its_pin_only_for_new_numbers(tmp_path):
     """Its own text, compiled with the few functions of an Arduino that it calls."""
     (tmp_path / "Arduino.h").write_text(ARDUINO)
     (tmp_path / "sketch.ino").write_text((ROOT / "docs/sketches/charge_pump.ino").read_text())
@@ -200,7 +200,7 @@ def test_the_sketch_of_the_docs_toggles_its_pin_for_each_new_number_alone_and_dr
 
 @given(chunks=st.lists(st.binary(max_size=64), max_size=8), number=st.integers(0, 255))
 @settings(max_examples=100, deadline=None)
-def test_behind_any_garbage_the_emulated_microcontroller_takes_the_next_message(chunks, number):
+def test_the_emulated_microcontroller_accepts_the_next_message_after_garbage(chunks, number):
     relay = Wired.again(MESSAGES)
     for chunk in chunks:
         relay.hear(BYTES, chunk)
@@ -277,7 +277,7 @@ def assert_toggled(found, missing=0):
     assert gaps.count(2 * PERIOD) == missing and gaps.count(PERIOD) == len(gaps) - missing
 
 
-def test_drives_behind_the_relay_get_power_first_and_are_armed_then():
+def test_drives_are_armed_after_the_relay_has_closed():
     rig = rig_of()
     assert rig.run(100).status == "ok"
     first_command = next(frame for frame in rig.frames if frame.sent and frame.id == 1)
@@ -289,7 +289,7 @@ def test_drives_behind_the_relay_get_power_first_and_are_armed_then():
     assert len(rig.commands()) == 100
 
 
-def test_while_the_operator_reads_the_table_the_relay_holds():
+def test_the_relay_holds_during_confirmation():
     rig = rig_of()
     seen = []
     outcome = rig.run(20, answered=lambda: seen.append(rig.page.state), confirm=False)
@@ -300,7 +300,7 @@ def test_while_the_operator_reads_the_table_the_relay_holds():
 @pytest.mark.parametrize(
     "what", ["an exception", "an emergency stop", "the fence of another process", "NaN", "the end"]
 )
-def test_no_pulse_follows_the_fence_whatever_ends_the_run(what):
+def test_no_pulse_follows_the_fence_after_any_end_of_the_run(what):
     page = SharedState(1 << 21)
     law = {"an exception": torn, "the fence of another process": page.raise_fence}.get(what, lambda: None)
 
@@ -327,7 +327,7 @@ def test_no_pulse_follows_the_fence_whatever_ends_the_run(what):
     assert rig.page.fenced and rig.page.state == "safe"
 
 
-def test_a_device_that_does_not_answer_ends_the_toggling_with_the_arming():
+def test_the_line_stops_toggling_when_arming_fails():
     rig = rig_of(plant=False)
     outcome = rig.run(10, arming_timeout=0.1)
     assert outcome.status == "no answer"
@@ -336,7 +336,7 @@ def test_a_device_that_does_not_answer_ends_the_toggling_with_the_arming():
     assert found[-1][0] < stop_of(rig) and round(found[-1][0] * 1e-9, 3) == pytest.approx(START_UP + 0.1, abs=0.006)
 
 
-def test_a_damped_joint_keeps_its_power_until_it_is_disabled_and_no_longer():
+def test_the_relay_stays_closed_until_a_damped_joint_is_disabled():
     rig = rig_of(torn, safe_stop="damp", stop_time=0.3)
     outcome = rig.run(100)
     assert outcome.status == "exception" and outcome.unconfirmed == ()
@@ -346,7 +346,7 @@ def test_a_damped_joint_keeps_its_power_until_it_is_disabled_and_no_longer():
     assert_toggled(found, missing=1)  # the tick that raised
 
 
-def test_a_safe_stop_pulls_no_relay_in_that_may_have_dropped():
+def test_a_safe_stop_does_not_close_an_open_relay():
     """In real time: a tick takes longer than the relay holds, and then raises."""
 
     def late():
@@ -378,7 +378,7 @@ def test_lost_line_ends_run_at_once():
 # What it covers
 
 
-def test_the_drives_that_it_protects_are_covered_when_both_processes_or_the_power_go(tmp_path):
+def test_protected_drives_are_covered_for_loss_of_both_processes_and_power(tmp_path):
     with Diagram("robot", rate=RATE):
         left, right = (
             CubeMars("AK80-9", bus=f"{side}_leg", can_id=1, name=f"{side}_knee") for side in ("left", "right")
@@ -415,7 +415,7 @@ with Diagram("robot", rate=200) as diagram:
     assert f"{both} (the charge pump 'pump')" in out and "not covered" not in out
 
 
-def test_the_loss_and_the_return_of_the_line():
+def test_loss_and_return_of_the_line_are_detected():
     pump = Wired(ChargePump)
     assert pump.hear(LOST, b"") == NOTED and pump["fault"] == 1.0
     assert pump.hear(BACK, b"") == NOTED and pump["fault"] == 0.0

@@ -63,7 +63,7 @@ def test_parameters_of_an_impedance_are_refused(parameters, said):
     shares=st.lists(st.floats(0.0, 1.0), min_size=5, max_size=5),
 )
 @settings(max_examples=200, deadline=None)
-def test_an_impedance_stays_in_its_range_whatever_its_gains_become(ends, shares):
+def test_an_impedance_stays_in_its_range_for_all_live_gains(ends, shares):
     spring = Impedance()
     spans = {n: Interval(*sorted(ends[i : i + 2])) for n, i in (("position", 0), ("velocity", 2), ("equilibrium", 4))}
     spring.stiffness, spring.damping = 150.0 * shares[3], 10.0 * shares[4]
@@ -135,7 +135,7 @@ def test_a_profile_is_smooth_everywhere_also_across_the_end_of_the_stride(points
         assert abs((right - here) - (here - left)) / h < 1e-3 * steepest
 
 
-def test_a_profile_repeats_stride_after_stride_and_takes_phases_beyond_it():
+def test_a_profile_is_periodic_in_the_phase():
     """Within 1e-9 N·m: a phase of 7.3 is not exactly 0.3 more than 7."""
     inside = profile(ASSISTANCE, PHASES[:-1])
     for stride in (-3, -1, 1, 7):
@@ -184,7 +184,7 @@ def test_nan_passes_a_profile_and_is_not_held(enable):
         (((math.nan, 1.0), (0.5, 0.0)), "must be finite"),
     ],
 )
-def test_points_that_are_no_profile_are_refused(points, said):
+def test_invalid_profile_points_are_rejected(points, said):
     with pytest.raises(DiagramError, match=f"torque_profile: .*{said}"):
         TorqueProfile(points)
 
@@ -195,11 +195,11 @@ def test_scale_outside_zero_to_one_is_refused(scale):
         TorqueProfile(ASSISTANCE, scale=scale)
 
 
-def test_a_list_of_points_serves_as_well():
+def test_a_list_of_points_is_accepted():
     assert TorqueProfile([list(point) for point in ASSISTANCE]).step(0.14) == -9.0
 
 
-def test_an_angle_is_no_phase():
+def test_an_angle_is_not_accepted_as_a_phase():
     with Diagram("wrong", rate=100) as diagram:
         TorqueProfile(ASSISTANCE)(player([0.0], "rad"))
     with pytest.raises(DiagramError, match="torque_profile.phase: expected 1, got rad"):

@@ -69,7 +69,7 @@ def test_unplugged_device_or_missed_event_releases_controls(pad):
 
 @given(data=st.binary(max_size=64), kind=st.integers(0, 5))
 @settings(max_examples=150, deadline=None)
-def test_any_bytes_are_taken_or_refused(data, kind, pad):
+def test_any_bytes_are_accepted_or_rejected(data, kind, pad):
     wired = pad()
     answer = wired.hear(kind, data)
     assert answer == (NOTED if kind in (LOST, BACK) else TAKEN if kind == BYTES and len(data) % 24 == 0 else MALFORMED)

@@ -12,7 +12,7 @@ from tests.blocks.running import both_ways, player, run
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (2, 2)])
-def test_a_delay_gives_the_input_of_the_tick_before(shape):
+def test_a_unit_delay_returns_the_input_of_the_previous_tick(shape):
     u = np.random.default_rng(8).normal(size=(20, *shape))
     y = both_ways(lambda: UnitDelay(initial=-4.0), u=u)["y"]
     assert np.array_equal(y[1:], u[:-1]) and np.all(y[0] == -4.0)
@@ -23,7 +23,7 @@ def test_a_delay_returns_nan_one_tick_later_and_no_longer():
     assert np.array_equal(y, [0.0, 1.0, math.nan, 2.0], equal_nan=True)
 
 
-def test_a_delay_closes_a_loop_which_then_counts():
+def test_a_delay_closes_a_loop_that_counts():
     with Diagram("counter", rate=100) as diagram:
         delay = UnitDelay(initial=10.0, name="delay")
         total = Sum("++", name="total")
@@ -32,7 +32,7 @@ def test_a_delay_closes_a_loop_which_then_counts():
     assert run(diagram, 5)["delay.y"].tolist() == [10.0, 11.0, 12.0, 13.0, 14.0], "and starts over in the next run"
 
 
-def test_a_chain_of_delays_is_that_many_ticks_long_in_whatever_order_it_was_made():
+def test_a_chain_of_delays_has_its_length_in_any_order_of_construction():
     with Diagram("chain", rate=100) as diagram:
         last, first, middle = UnitDelay(name="a"), UnitDelay(name="b"), UnitDelay(name="c")
         last(middle.y)
@@ -49,7 +49,7 @@ def test_a_loop_without_a_delay_does_not_compile():
         compile(diagram)
 
 
-def test_a_delay_holds_its_input_and_where_it_began():
+def test_the_range_of_a_delay_contains_its_input_and_initial_value():
     assert UnitDelay(initial=5.0).output_range(u=Interval(-1.0, 1.0)) == Interval(-1.0, 5.0)
 
 

@@ -79,7 +79,7 @@ def examples(request, recording):
     return EXAMPLES.get(request.param) or getattr(LIBRARY[request.param], "examples", ({},))
 
 
-def test_the_library_has_the_blocks_of_the_first_exoskeleton():
+def test_the_library_contains_the_blocks_of_the_exoskeletons():
     assert set(LIBRARY) >= {
         "Butterworth",
         "CsvRecorder",
@@ -105,7 +105,7 @@ def test_the_library_has_the_blocks_of_the_first_exoskeleton():
 
 
 @pytest.mark.parametrize("name, examples", [(name, name) for name in LIBRARY], indirect=["examples"])
-def test_a_block_keeps_the_rules_of_the_conformance_test(name, examples):
+def test_a_block_passes_the_conformance_test(name, examples):
     kind = LIBRARY[name]
     if issubclass(kind, (Device, Sink)) or kind.always:  # a step of an emergency stop is a fault
         for parameters in examples:

@@ -74,7 +74,7 @@ def test_model_is_selected_by_name_and_option(plugged):
         ("GL40", "no device family that is installed has a model 'GL40'; blocks --actuators lists them"),
     ],
 )
-def test_the_family_that_a_name_resembles_states_the_cause(name, cause):
+def test_the_most_similar_family_reports_the_cause(name, cause):
     with pytest.raises(ValueError) as refused:
         find_model(name)
     assert str(refused.value).startswith(cause)
@@ -91,7 +91,7 @@ def test_every_actuator_block_has_a_family_that_can_query_it():
             assert frame is not None and read(0x7FF, False, b"") is None
 
 
-def test_a_family_with_drives_and_without_their_stop_query_is_refused_when_it_is_made():
+def test_a_family_with_drives_requires_a_stop_query():
     drives = next(family.drives for family in families() if family.drives)
     with pytest.raises(TypeError, match=r"Incomplete has drives: define stop_query\(self, block\)"):
         type("Incomplete", (Family,), {"drives": drives})
@@ -161,7 +161,7 @@ def test_write_requires_permission():
     assert done is True and frames.SET_ZERO not in [identifier >> 24 for identifier, _, _ in sent]
 
 
-def test_an_id_without_a_drive_of_the_family_is_left_to_the_next():
+def test_an_id_without_a_drive_of_the_family_is_passed_to_the_next():
     for family in families():
         if family.drives:
             done, sent, lines = carried_out(family.set_up(Request(7, zero=True)), robstride({}))

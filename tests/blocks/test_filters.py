@@ -85,7 +85,7 @@ def test_a_robot_that_has_been_armed_starts_its_filters_at_the_present_measureme
     assert np.abs(y - scipy_filtered(order, 20.0, u, start=u[0])).max() < 1e-9 and abs(y[0] - u[0]) < 1e-12
 
 
-def test_each_element_of_a_vector_is_filtered_alone():
+def test_each_element_of_a_vector_is_filtered_separately():
     u = np.random.default_rng(4).normal(size=(100, 3))
     u[0] = 0.0
     y = both_ways(lambda: Butterworth(order=5, cutoff=10.0), u=u)["y"]
@@ -100,7 +100,7 @@ def test_filter_starts_at_zero_outside_a_robot():
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_nan_passes_and_stays_until_the_reset_and_no_longer(bad):
+def test_nan_persists_only_until_the_reset(bad):
     u = noise(50)
     with Diagram("nan", rate=RATE):
         block = Butterworth(order=3, cutoff=20.0)
@@ -111,7 +111,7 @@ def test_nan_passes_and_stays_until_the_reset_and_no_longer(bad):
     assert np.array_equal(by_hand(block, 50, u=u)["y"], before)
 
 
-def test_nan_in_one_element_leaves_the_others_alone():
+def test_nan_in_one_element_does_not_affect_the_others():
     u = np.ones((10, 2))
     u[0], u[3, 0] = 0.0, math.nan
     y = both_ways(lambda: Butterworth(order=2, cutoff=20.0), u=u)["y"]
@@ -138,7 +138,7 @@ def test_parameters_out_of_bounds_are_refused(parameters, said):
 
 
 @pytest.mark.parametrize("cutoff", [100.0, 150.0, math.inf])
-def test_a_cutoff_beyond_half_the_rate_is_refused_with_the_rate_it_needs(cutoff):
+def test_a_cutoff_above_half_the_rate_is_rejected_with_the_required_rate(cutoff):
     with Diagram("slow", rate=RATE) as diagram:
         block = Butterworth(order=2, cutoff=cutoff)
         said = f"a cutoff of {cutoff:g} Hz requires a rate above {2 * cutoff:g} Hz, got 200 Hz"

@@ -25,7 +25,7 @@ ONE_INPUT = [
 
 
 @given(anything, anything)
-def test_a_quotient_is_the_one_of_ieee_754_but_that_by_infinity_is_nan_and_not_zero(a, b):
+def test_division_follows_ieee_754_but_division_by_infinity_is_nan(a, b):
     with np.errstate(all="ignore"):
         assert np.array_equal(Divide().step(a, b), math.nan if math.isinf(b) else np.divide(a, b), equal_nan=True)
 
@@ -50,7 +50,7 @@ def test_min_and_max_of_five(values):
 
 @pytest.mark.parametrize("place", range(3))
 @pytest.mark.parametrize("kind", [Min, Max])
-def test_a_nan_at_any_place_passes_min_and_max(kind, place):
+def test_a_nan_in_any_position_passes_min_and_max(kind, place):
     values = [1.0, 2.0, 3.0]
     values[place] = math.nan
     assert math.isnan(kind(3).step(*values))
@@ -89,7 +89,7 @@ def test_a_polynomial_is_that_of_numpy(coefficients, u):
 
 
 @pytest.mark.parametrize("block", ONE_INPUT, ids=lambda block: type(block).__name__)
-def test_nan_passes_without_delay_and_leaves_no_trace(block):
+def test_nan_passes_without_delay_and_is_not_stored(block):
     assert block.step(2.0) == block.step(2.0)
     assert math.isnan(block.step(math.nan))
     assert not math.isnan(block.step(2.0))
@@ -134,7 +134,7 @@ def test_a_conversion_is_one_multiplication_and_one_addition(u):
     assert UnitConversion("degC", "K").step(u) == factor * u + offset
 
 
-def test_a_conversion_has_the_units_it_names():
+def test_a_conversion_has_its_declared_units():
     with Diagram("d", rate=100) as diagram:
         angle = Constant(90.0, unit="deg", name="angle")()
         UnitConversion("deg", "rad", name="conversion")(angle)
@@ -194,7 +194,7 @@ def test_a_polynomial_stays_in_its_range(data, coefficients):
 @given(
     data=st.data(), pair=st.sampled_from([("deg", "rad"), ("degC", "K"), ("K", "degC"), ("h", "ms"), ("rpm", "rad/s")])
 )
-def test_a_conversion_reaches_both_ends_of_its_range_and_no_further(data, pair):
+def test_a_conversion_covers_exactly_its_range(data, pair):
     keeps_its_range(data, UnitConversion(*pair))
     block = UnitConversion(*pair)
     low, high = sorted((data.draw(finite), data.draw(finite)))

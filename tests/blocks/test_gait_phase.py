@@ -83,19 +83,19 @@ def agrees_with_the_oracle(angle, velocity, **parameters):
     return found
 
 
-def test_stepped_by_hand_it_is_the_block_of_a_diagram():
+def test_stepping_a_block_equals_running_it_in_a_diagram():
     angle, velocity = walk(5.0)
     assert both_ways(GaitPhase, angle=angle, velocity=velocity)["walking"].any()
 
 
-def test_it_agrees_with_the_oracle_on_a_walk_that_slows_down_and_stops_and_begins_again():
+def test_gait_phase_equals_the_oracle_on_a_walk_with_a_pause():
     pieces = [walk(7.0, 1.1), walk(8.0, 1.45), (np.full(700, 0.1), np.zeros(700)), walk(6.0, 0.9)]
     found = agrees_with_the_oracle(*(np.concatenate([piece[i] for piece in pieces]) for i in (0, 1)))
     assert found["strides"][-1] > 15 and 0.3 < found["walking"].mean() < 0.9
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_it_agrees_with_the_oracle_on_knees_that_move_at_random(seed):
+def test_gait_phase_equals_the_oracle_on_random_knee_motion(seed):
     random = np.random.default_rng(seed)
     velocity = np.convolve(random.normal(0.0, 1.0, 4000), np.ones(40) / 5.0, "same")
     angle = 0.5 + 0.6 * np.sin(np.cumsum(velocity) / RATE * 3.0)
@@ -114,7 +114,7 @@ def test_walking_is_detected_at_third_event():
 
 
 @pytest.mark.parametrize("stride_time", [0.8, 1.0, 1.1, 1.4, 2.0])
-def test_its_phase_is_that_of_the_walking_model(stride_time):
+def test_phase_equals_that_of_the_walking_model(stride_time):
     """Within 1.5 % of a stride, of which 0.5 % is a tick: the model's knee passes 40° at 61.7 % of it, where 62 % is
     expected.
     """
@@ -126,7 +126,7 @@ def test_its_phase_is_that_of_the_walking_model(stride_time):
     assert found["strides"][-1] == pytest.approx(12.0 / stride_time, abs=1.0)
 
 
-def test_it_stops_one_and_a_half_strides_after_the_last_event_and_starts_over():
+def test_gait_phase_restarts_one_and_a_half_strides_after_the_last_event():
     """Standing for 2 s is no stride of 2 s: the phase is right again from the third event of the new walk on."""
     going, standing = walk(6.0), (np.full(400, 0.05), np.zeros(400))
     found = estimate(*(np.concatenate([going[i], standing[i], going[i]]) for i in (0, 1)))
@@ -141,7 +141,7 @@ def test_it_stops_one_and_a_half_strides_after_the_last_event_and_starts_over():
     assert np.abs(unlike(found["phase"][resumed:], phase[resumed - len(going[0]) - 400 :])).max() < 0.015
 
 
-def test_bending_the_knee_while_sitting_is_no_walking():
+def test_bending_the_knee_while_sitting_does_not_count_as_walking():
     """Swings faster than the shortest stride, and slower than the longest, never give a phase."""
     t = np.arange(0.0, 12.0, 1.0 / RATE)
     for period in (0.5, 3.0):
@@ -150,7 +150,7 @@ def test_bending_the_knee_while_sitting_is_no_walking():
         assert found["strides"][-1] > 3 and not found["walking"].any() and not found["phase"].any()
 
 
-def test_a_knee_that_trembles_about_the_threshold_counts_one_event_a_stride():
+def test_a_knee_that_oscillates_about_the_threshold_counts_one_event_per_stride():
     angle, velocity = walk(12.0)
     tremble = 0.05 * np.sin(2.0 * np.pi * 12.0 * np.arange(len(angle)) / RATE)
     found = estimate(angle + tremble, velocity + np.gradient(tremble, 1.0 / RATE))

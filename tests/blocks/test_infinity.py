@@ -56,7 +56,7 @@ def outputs_after(kind, parameters, seed, name, element, value):
 
 @pytest.mark.parametrize("kind, parameters", list(cases()))
 @pytest.mark.parametrize("value", [math.inf, -math.inf])
-def test_an_infinite_input_shows_or_is_not_used(kind, parameters, value):
+def test_an_infinite_input_makes_every_dependent_output_non_finite(kind, parameters, value):
     for seed in range(6):
         block = Drive(kind, parameters, seed).block
         for name, port in block.inputs.items():
@@ -74,7 +74,7 @@ def test_an_infinite_input_shows_or_is_not_used(kind, parameters, value):
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.__name__ in DECISIONS])
-def test_a_decision_gives_truths_alone(kind):
+def test_logic_outputs_are_bool(kind):
     assert all(port.dtype == "bool" for port in kind.outputs.values())
 
 

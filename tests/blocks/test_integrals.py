@@ -22,7 +22,7 @@ NOISE = np.random.default_rng(14).normal(0.0, 2.0, 400)
 
 
 @pytest.mark.parametrize("samples", [1, 2, 7, 399, 1000])
-def test_a_delay_gives_back_what_came_n_ticks_ago(samples):
+def test_a_delay_returns_the_input_of_n_ticks_ago(samples):
     y = play(lambda: Delay(samples, initial=-3.0), RATE, u=NOISE)["y"]
     assert np.array_equal(y, np.r_[np.full(samples, -3.0), NOISE][: len(NOISE)])
     rows = NOISE.reshape(200, 2)
@@ -30,7 +30,7 @@ def test_a_delay_gives_back_what_came_n_ticks_ago(samples):
     assert np.array_equal(y, np.vstack([np.zeros((samples, 2)), rows])[:200])
 
 
-def test_delays_in_a_row_add_up_and_close_loops():
+def test_consecutive_delays_add_up_and_close_loops():
     with Diagram("ring", rate=RATE) as diagram:
         first, second, third = Delay(2, initial=1.0), UnitDelay(), Delay(3)
         first(third.y), second(first.y), third(Gain(2.0)(second.y))
@@ -111,7 +111,7 @@ def test_an_integrator_by_forward_differences_closes_a_loop():
     assert np.abs(y - (1.0 - DT) ** np.arange(300)).max() < 1e-13
 
 
-def test_nan_stays_in_an_integral_until_it_restarts_and_passes_from_the_restart_input():
+def test_nan_persists_in_an_integral_until_a_restart():
     for method in ("forward", "backward", "trapezoidal"):
         block = made(Integrator, method=method, rate=RATE)
         seen = []
@@ -160,7 +160,7 @@ def test_an_integral_with_live_limits_stays_in_its_range(u, steps):
 
 
 @pytest.mark.parametrize("time_constant", [0.0, 0.01, 1.0])
-def test_a_derivative_is_its_filter(time_constant):
+def test_a_derivative_equals_its_filter_equation(time_constant):
     """(1 - 1/z) / ((τ + dt) - τ/z), started at its first input."""
     u = np.r_[0.0, NOISE]
     y = play(lambda: Derivative(time_constant), RATE, u=u)["y"]
@@ -168,7 +168,7 @@ def test_a_derivative_is_its_filter(time_constant):
     assert np.abs(y - wanted).max() < 1e-10 * max(1.0, np.abs(wanted).max())
 
 
-def test_a_derivative_does_not_kick_at_the_start_and_finds_the_slope_of_a_ramp():
+def test_a_derivative_starts_at_zero_and_measures_the_slope_of_a_ramp():
     y = play(lambda: Derivative(0.02), RATE, u=7.0 + 3.0 * np.arange(200) * DT)["y"]
     assert y[0] == 0.0 and abs(y[-1] - 3.0) < 1e-4 and np.all(np.diff(y) >= -1e-12)
 
@@ -196,7 +196,7 @@ def test_the_worst_input_brings_a_slope_near_its_range():
     assert Derivative().output_range(u=Interval(-1.0, 1.0)) == Interval(), "without a rate nothing is known"
 
 
-def test_units_follow_time():
+def test_derivative_and_integrator_units_include_the_second():
     with Diagram("units", rate=RATE) as diagram:
         velocity = Derivative()(StepSource()())
         Integrator()(velocity)

@@ -64,7 +64,7 @@ def test_an_admittance_without_a_spring_has_no_range():
     )
 
 
-def test_a_torque_has_no_direct_feedthrough_and_nan_stays_until_the_reset():
+def test_the_torque_has_no_direct_feedthrough_and_nan_persists_until_the_reset():
     block = made(Admittance)
     assert block.step_inputs() == ["equilibrium"]
     block.step(0.0, 0.0), block.update(math.nan, 0.0)
@@ -73,7 +73,7 @@ def test_a_torque_has_no_direct_feedthrough_and_nan_stays_until_the_reset():
     assert block.step(0.0, 0.7) == (0.7, 0.0)
 
 
-def test_feed_forward_is_its_formula_to_the_bit():
+def test_feed_forward_equals_its_formula_bit_for_bit():
     velocity, acceleration = NOISE[:300], NOISE[300:]
     found = play(lambda: FeedForward(0.3, 0.8, 1.5, 0.4), RATE, velocity=velocity, acceleration=acceleration)["torque"]
     assert np.array_equal(found, 0.3 * acceleration + 0.8 * velocity + 1.5 * np.clip(velocity / 0.4, -1.0, 1.0))

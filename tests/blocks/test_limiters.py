@@ -44,14 +44,14 @@ NOISE = np.r_[0.0, np.random.default_rng(5).normal(0.0, 20.0, 300)]
 @pytest.mark.parametrize(
     "limit, slew", [(12.0, 200.0), (12.0, math.inf), (0.0, 10.0), (9.0, 0.0), (1e-300, 1e9), (5.0, 1e4)]
 )
-def test_the_torque_limiter_is_the_oracle_to_the_bit(limit, slew):
+def test_the_torque_limiter_equals_the_oracle_bit_for_bit(limit, slew):
     y = both_ways(lambda: TorqueLimiter(limit=limit, slew=slew), torque=NOISE)["limited"]
     assert np.array_equal(y, limited(NOISE, limit, slew))
 
 
 @given(u=st.lists(anything, min_size=1, max_size=40), limit=sizes, slew=st.one_of(sizes, st.just(math.inf)))
 @settings(max_examples=200, deadline=None)
-def test_a_limited_torque_never_passes_its_limit_nor_its_slew_and_what_is_not_finite_becomes_nan(u, limit, slew):
+def test_a_torque_limiter_bounds_torque_and_slew_and_maps_non_finite_input_to_nan(u, limit, slew):
     """The bound holds exactly; the change within one rounding of the sum that makes it."""
     block = made(TorqueLimiter, limit=limit, slew=slew)
     previous, most = 0.0, slew / RATE
@@ -77,7 +77,7 @@ def test_torque_limiter_maps_non_finite_input_to_nan_and_does_not_hold_it():
     assert np.array_equal(y, [0.0, 0.5, math.nan, math.nan, 1.0, math.nan, math.nan, 1.0, 1.5], equal_nan=True)
 
 
-def test_a_limit_lowered_while_running_holds_at_once():
+def test_a_limit_lowered_during_the_run_applies_at_once():
     block = made(TorqueLimiter, limit=Live(12.0, max=15.0), slew=200.0)
     assert block.output_range(torque=Interval()) == Interval(-15.0, 15.0)
     for _ in range(12):
@@ -103,7 +103,7 @@ def test_infinite_slew_rate_disables_limit():
     assert made(TorqueLimiter, limit=5.0, slew=math.inf).output_slew == math.inf
 
 
-def test_a_live_limit_takes_its_slew_along():
+def test_the_default_slew_follows_a_live_limit():
     block = made(TorqueLimiter, limit=Live(4.0, max=10.0))
     assert block.output_slew == 200.0
     steps = []
@@ -132,7 +132,7 @@ def test_parameters_of_a_torque_limiter_are_refused(parameters, said):
 
 @given(u=st.lists(anything, min_size=1, max_size=10), ends=st.tuples(finite, finite))
 @settings(max_examples=200, deadline=None)
-def test_a_saturation_clips_and_returns_nan_for_what_is_not_finite(u, ends):
+def test_a_saturation_clips_and_returns_nan_for_non_finite_input(u, ends):
     lower, upper = min(ends), max(ends)
     block = made(Saturation, lower=lower, upper=upper)
     y = by_hand(block, len(u), u=u)["y"]
@@ -157,7 +157,7 @@ def test_saturation_range_contains_output_for_input_outside_limits(bounds, share
     assert block.output_range(u=Interval(low, high)) in Interval(lower, upper)
 
 
-def test_the_range_of_a_saturation_with_live_bounds_holds_all_that_they_may_become():
+def test_the_range_of_a_saturation_covers_its_live_bounds():
     block = made(Saturation, lower=Live(-1.0, min=-2.0, max=4.0), upper=Live(5.0, min=3.0, max=6.0))
     for lower in (-2.0, 0.0, 4.0):
         for upper in (3.0, 5.0, 6.0):
@@ -193,7 +193,7 @@ def test_a_slew_rate_stays_between_zero_and_its_input():
     assert block.output_range(u=Interval(-3.0, -2.0)) == Interval(-3.0, 0.0)
 
 
-def test_a_slew_rate_begins_at_its_input_when_it_is_armed_unless_that_is_no_number():
+def test_a_slew_rate_starts_at_its_finite_input_when_armed():
     block = made(SlewRate, rate=200.0)
     settle(block, u=5.0)
     assert block.step(9.0) == 6.0

@@ -54,7 +54,7 @@ def test_a_transfer_function_in_z_is_scipys_filter(b, a):
         ((2.0,), (1.0, 0.0)),
     ],
 )
-def test_a_transfer_function_in_s_is_what_scipy_makes_of_it_by_tustin(b, a):
+def test_a_transfer_function_in_s_equals_scipys_tustin_discretisation(b, a):
     y = play(lambda: TransferFunction(b, a, "s"), RATE, u=NOISE)["y"]
     numerator, denominator, _ = signal.cont2discrete((b, a), 1.0 / RATE, "bilinear")
     wanted = signal.lfilter(numerator[0], denominator, NOISE)
@@ -63,7 +63,7 @@ def test_a_transfer_function_in_s_is_what_scipy_makes_of_it_by_tustin(b, a):
 
 @given(st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=5), st.floats(1e-3, 1.0))
 @settings(deadline=None)
-def test_tustin_keeps_the_value_of_a_polynomial(coefficients, dt):
+def test_tustins_transform_preserves_polynomial_values(coefficients, dt):
     """p(s) (z + 1)^n at s = 2/dt (z - 1)/(z + 1), within rounding."""
     z, degree = 0.7, len(coefficients) - 1
     s = 2.0 / dt * (z - 1.0) / (z + 1.0)
@@ -127,20 +127,20 @@ def test_arming_starts_filter_in_steady_state(make, gain):
 
 
 @pytest.mark.parametrize("a", [(1.0, -1.0), (1.0, -1.9, 0.9), (1.0, -1.7, 0.7000000000000001)])
-def test_an_integrator_starts_at_zero_also_where_rounding_hides_that_it_is_one(a):
+def test_an_integrating_transfer_function_starts_at_zero_despite_rounding(a):
     assert delays_at_rest((0.0,) * (len(a) - 1) + (1.0,), a) == [0.0] * (len(a) - 1)
     block = made(StateSpace, ((1.0,),), ((1.0,),), ((1.0,),))
     settle(block, u=9.0)
     assert block.step(9.0) == 0.0
 
 
-def test_a_start_that_is_given_holds_also_when_armed():
+def test_a_given_start_also_applies_when_armed():
     block = made(StateSpace, ((0.5,),), ((1.0,),), ((1.0,),), (), (7.0,))
     settle(block, u=1.0)
     assert block.step(1.0) == 7.0
 
 
-def test_the_state_at_rest_is_exact_to_one_rounding():
+def test_the_steady_state_is_exact_to_one_rounding():
     for matrix, column in ((((0.999999, 1e-6), (0.0, 0.999999)), ((1.0,), (1.0,))), (A, B)):
         found = state_at_rest(np.array(matrix), np.array(column))
         wanted = np.linalg.solve(np.eye(len(matrix)) - matrix, column)
@@ -161,7 +161,7 @@ def test_zero_order_hold_is_scipys_matrix_exponential(K, B_, M, dt):
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_non_finite_input_while_arming_leaves_no_trace(bad):
+def test_non_finite_input_while_arming_is_not_held(bad):
     for make in (
         lambda: TransferFunction((0.5, 0.1), (1.0, -0.5)),
         lambda: StateSpace(((0.5,),), ((1.0,),), ((1.0,),)),
@@ -172,7 +172,7 @@ def test_non_finite_input_while_arming_leaves_no_trace(bad):
         assert block.step(1.0) == fresh.step(1.0)
 
 
-def test_nan_stays_until_the_reset():
+def test_nan_persists_until_the_reset():
     for block in (
         made(TransferFunction, (0.5, 0.1), (1.0, -0.5)),
         made(TransferFunction, (0.5,), (1.0, -0.5)),

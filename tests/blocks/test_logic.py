@@ -39,7 +39,7 @@ def steps(block, *signals):
 
 @pytest.mark.parametrize("relation", RELATIONS)
 @given(a=anything | st.integers(-2, 2).map(float), b=anything | st.integers(-2, 2).map(float))
-def test_a_comparison_is_that_of_python(relation, a, b):
+def test_a_comparison_equals_pythons(relation, a, b):
     assert Compare(relation).step(a, b) is RELATIONS[relation](a, b)
 
 
@@ -73,17 +73,17 @@ def test_truth_tables(kind, rule, count):
 @pytest.mark.parametrize("kind", [And, Or, Xor])
 @pytest.mark.parametrize("place", range(3))
 @pytest.mark.parametrize("others", [0.0, 1.0])
-def test_a_nan_at_any_place_passes_whatever_the_others_are(kind, place, others):
+def test_a_nan_in_any_position_passes(kind, place, others):
     values = [others] * 3
     values[place] = NAN
     assert math.isnan(kind(3).step(*values))
 
 
-def test_not():
+def test_logical_not():
     assert Not().step(True) is False and Not().step(False) is True and math.isnan(Not().step(NAN))
 
 
-def test_a_torque_is_not_a_truth():
+def test_a_torque_cannot_be_connected_to_a_bool():
     with Diagram("d", rate=100) as diagram:
         Not()(Constant(1.0, unit="N·m")())
     with pytest.raises(DiagramError, match="expected 1, got N·m"):
@@ -101,7 +101,7 @@ SIGNAL = [1, 1, 0, 0, 1, NAN, 1, NAN, 0, 0]
         ("both", [0, 0, 1, 0, 1, NAN, 0, NAN, 1, 0]),
     ],
 )
-def test_edges_last_one_tick_and_a_nan_is_not_remembered(kind, wanted):
+def test_edges_last_one_tick_and_nan_is_not_stored(kind, wanted):
     assert same(steps(Edge(kind), SIGNAL), wanted)
 
 
@@ -115,7 +115,7 @@ def test_anything_but_zero_is_true():
     assert Debounce(0.0).step(3.0) is True and Latch().step(7.0, 0.0) is True
 
 
-def test_a_latch_remembers_and_off_wins():
+def test_a_latch_holds_and_off_has_priority():
     on = [0, 1, 0, 0, 1, 1, 0, NAN, 0, 0]
     off = [0, 0, 0, 1, 0, 1, 0, 0, NAN, 0]
     assert same(steps(Latch(), on, off), [0, 1, 1, 0, 1, 0, 0, NAN, NAN, 0])
@@ -149,7 +149,7 @@ def test_pulse_shorter_than_debounce_time_is_suppressed(u, ticks, rate):
     assert steps(block, u) == debounced(u, ticks)
 
 
-def test_after_a_nan_the_wait_of_a_debounce_begins_anew():
+def test_nan_restarts_the_wait_of_a_debounce():
     block = Debounce(0.2)
     block.dt = 0.1
     assert same(steps(block, [0, 1, 1, NAN, 1, 1, 1, 1]), [0, 0, 0, NAN, 0, 0, 1, 1])
@@ -174,7 +174,7 @@ def test_a_counter_counts_rising_edges_and_clear_wins():
     assert same(steps(Counter(), u, clear), [0, 0, 1, 1, 1, 2, NAN, 2, 2, 0, NAN, 1])
 
 
-def test_a_counter_is_a_whole_number_that_a_selector_takes():
+def test_a_selector_accepts_the_integer_of_a_counter():
     with Diagram("d", rate=10) as diagram:
         pulse = Compare(">")(Pulse(period=0.4)(), 0.5)
         Selector(3, name="chosen")(Counter(name="counter")(pulse), 10.0, 20.0, 30.0)
@@ -208,7 +208,7 @@ def test_a_switch_shows_the_nan_of_the_one_that_is_chosen_only():
     assert Switch().step(True, np.array([1.0, 2.0]), np.array([3.0, 4.0])).tolist() == [1.0, 2.0]
 
 
-def test_a_selector_counts_from_zero_and_has_nothing_beyond_its_inputs():
+def test_a_selector_counts_from_zero_and_is_nan_out_of_range():
     block = Selector(3)
     assert [block.step(index, 10.0, 11.0, 12.0) for index in (0, 1, 2, 1.75)] == [10.0, 11.0, 12.0, 11.0]
     for index in (-1, 3, 1e300, -math.inf, math.inf, NAN):

@@ -69,7 +69,7 @@ def test_nan_at_any_input_of_a_sum_passes():
 
 
 @pytest.mark.parametrize("signs", ["", "+*", "1", "+ -", "plus"])
-def test_signs_that_are_none_are_refused(signs):
+def test_invalid_signs_are_rejected(signs):
     with pytest.raises(DiagramError, match="signs must be one [+] or - for each"):
         Sum(signs)
 

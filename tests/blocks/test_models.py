@@ -93,7 +93,7 @@ def test_limb_outputs_current_state_and_may_close_a_loop():
     assert not np.any(found["velocity"][:5]) and found["velocity"][5] > 0.0
 
 
-def test_nan_in_the_torque_of_a_limb_shows():
+def test_nan_torque_of_a_limb_appears_in_its_outputs():
     found = both_ways(Limb, rate=RATE, torque=np.array([0.0, math.nan, 0.0, 0.0]))
     assert np.isnan(found["position"][2:]).all() and not np.isnan(found["position"][:2]).any()
 
@@ -128,7 +128,7 @@ def test_a_walking_knee_flexes_a_little_in_stance_and_much_in_swing():
 
 
 @pytest.mark.parametrize("stride_time, start", [(1.1, 0.0), (0.8, 0.5), (1.7, 0.25)])
-def test_the_derivatives_of_a_walking_knee_are_its_derivatives(stride_time, start):
+def test_velocity_and_acceleration_of_a_walking_knee_are_derivatives_of_its_angle(stride_time, start):
     """Central differences at 20 kHz, within 1e-5 of the largest."""
     found = both_ways(lambda: WalkingKnee(stride_time, start), rate=20000, ticks=2000)
     for value, derivative in (("angle", "velocity"), ("velocity", "acceleration")):
@@ -195,7 +195,7 @@ def test_a_recording_passes_through_its_samples_and_halfway_between_them(tmp_pat
     assert knee.at_start == angle[0] == knee.angles[0]
 
 
-def test_a_recording_repeats_without_a_hitch(tmp_path):
+def test_a_repeated_recording_has_no_jump(tmp_path):
     """Cut in the last two seconds where it goes on as it began: a tone that does not fit its file runs on over the
     seam.
     """
@@ -287,7 +287,7 @@ def test_file_and_column_are_required():
 
 
 @pytest.mark.parametrize("leg", ["lt", "rt"])
-def test_a_recorded_person_walks_on_over_the_seam(leg):
+def test_a_recorded_walk_continues_over_the_seam(leg):
     """Strides, from one rise through 40° to the next, over two rounds of the file: 1.09 to 1.16 s, also the one with
     the seam in it.
     """
@@ -300,7 +300,7 @@ def test_a_recorded_person_walks_on_over_the_seam(leg):
     assert np.abs(found["velocity"]).max() < 10.0, "rad/s"
 
 
-def test_both_legs_of_a_recorded_person_stay_in_step():
+def test_both_legs_of_a_recorded_walk_stay_in_phase():
     """Both are cut within 20 ms of each other, so that they are as far apart in the second round as in the first."""
     file = str(shared("gait/healthy_young.csv"))
     with Diagram("legs", rate=200):

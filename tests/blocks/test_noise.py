@@ -22,7 +22,7 @@ def bits(tick, seed):
 
 
 @pytest.mark.parametrize("seed", [0, 1, 7, 2**53])
-def test_the_numbers_are_those_of_numpy(seed):
+def test_polynomial_values_equal_numpys(seed):
     uniform, gaussian = UniformNoise(0.0, 1.0, seed), GaussianNoise(0.0, 1.0, seed)
     for tick in (0, 1, 2, 1000, 2**40):
         a, b = bits(tick, seed)
@@ -55,7 +55,7 @@ def test_mean_and_deviation_scale_the_noise():
         (lambda: UniformNoise(-1.0, 4.0, seed=11, name="noise"), "uniform", (-1.0, 5.0)),
     ],
 )
-def test_the_distribution_is_right_and_neighbours_do_not_hang_together(make, distribution, parameters):
+def test_noise_has_the_right_distribution_without_correlation(make, distribution, parameters):
     """Kolmogorov and Smirnov over 20,000 ticks of one seed, p above 0.01; correlation of neighbours within four
     standard errors.
     """

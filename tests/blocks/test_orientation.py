@@ -69,7 +69,7 @@ def test_a_turn_in_closed_form_is_followed(kind, start):
 
 
 @pytest.mark.parametrize("kind", FILTERS.values(), ids=FILTERS)
-def test_the_quaternion_has_w_first_and_turns_the_body_into_a_world_with_z_up(kind):
+def test_the_quaternion_has_w_first_and_rotates_body_axes_to_a_z_up_world(kind):
     """A body on its right side: its y points down, which the accelerometer shows as −g on it."""
     with Diagram("filter", RATE):
         block = kind()
@@ -79,7 +79,7 @@ def test_the_quaternion_has_w_first_and_turns_the_body_into_a_world_with_z_up(ki
 
 
 @pytest.mark.parametrize("kind", FILTERS.values(), ids=FILTERS)
-def test_without_a_field_the_tilt_is_right_and_the_heading_is_the_gyroscopes(kind):
+def test_without_a_field_the_tilt_is_correct_and_the_heading_is_integrated(kind):
     turn = (0.7, -1.1, 1.9)
     true = steady_turn(10.0, turn, Rotation.from_euler("ZYX", (0.0, 0.3, -0.2)))
     found, _ = filtered(kind, measured(true, turn, field=False))
@@ -116,7 +116,7 @@ def test_a_wrong_start_is_corrected(kind):
 
 
 @pytest.mark.parametrize("kind", FILTERS.values(), ids=FILTERS)
-def test_nan_shows_and_is_not_remembered(kind):
+def test_nan_appears_and_is_not_stored(kind):
     true = steady_turn(2.0, (0.5, 0.2, -0.3), Rotation.identity())
     inputs = {name: np.array(values) for name, values in measured(true, (0.5, 0.2, -0.3)).items()}
     inputs["accel"][100] = math.nan
@@ -161,7 +161,7 @@ def at_rest(rotation):
 
 
 @pytest.mark.parametrize("field", [False, True])
-def test_all_are_where_imufusion_is_after_a_motion_with_noise(field):
+def test_filters_agree_with_imufusion_after_a_noisy_motion(field):
     """Half a minute of turns about three axes, with the noise of a cheap IMU: within a degree of the truth, as it
     is.
     """

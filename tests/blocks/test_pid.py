@@ -43,7 +43,7 @@ def law(r, y, kp=0.0, ki=0.0, kd=0.0, tf=0.0, b=1.0, c=0.0):
         ),
     ],
 )
-def test_between_its_limits_each_is_a_sum_of_filters(make, gains):
+def test_between_its_limits_each_controller_is_a_sum_of_filters(make, gains):
     """Within 1e-11 of the largest command."""
     u = play(make, RATE, reference=REFERENCE, measurement=MEASUREMENT)["command"]
     wanted = law(REFERENCE, MEASUREMENT, **gains)
@@ -87,7 +87,7 @@ def oracle(r, y, manual, by_hand, kp, ki, kd, tf, b, c, lower, upper, tracking):
         ("back-calculation", 1e-4, 1e-4),
     ],
 )
-def test_at_its_limits_and_by_hand_it_is_the_oracle_to_the_bit(anti_windup, tracking_time, tracking):
+def test_at_its_limits_and_in_manual_mode_pid_equals_the_oracle_bit_for_bit(anti_windup, tracking_time, tracking):
     manual = np.arange(401) % 90 > 70
     by_hand = 3.0 * np.sin(0.1 * np.arange(401))
     u = play(
@@ -127,7 +127,7 @@ def test_without_limits_a_loop_reaches_its_set_point_and_with_anti_windup_it_bar
     assert wound_up.max() > 1.15
 
 
-def test_the_way_back_from_manual_has_no_bump():
+def test_the_transfer_from_manual_mode_is_bumpless():
     """The first command of the controller differs from the last by hand by one step of the integral, and no more."""
     ticks = 100
     manual = np.arange(ticks) < 60
@@ -142,7 +142,7 @@ def test_the_way_back_from_manual_has_no_bump():
     assert np.all(u[:60] == 4.25) and abs(u[60] - 4.25 - 10.0 * DT * 0.6) < 1e-12
 
 
-def test_a_command_by_hand_is_clipped_and_the_integral_does_not_wind_up_meanwhile():
+def test_a_manual_command_is_clipped_without_integral_windup():
     u = play(
         lambda: PI(0.0, 10.0, lower=-1.0, upper=1.0),
         RATE,
@@ -185,7 +185,7 @@ def test_nan_passes_and_is_not_held(kind):
 
 @given(data=st.data(), anti_windup=st.sampled_from(["clamping", "back-calculation"]))
 @settings(max_examples=100, deadline=None)
-def test_no_input_brings_a_command_beyond_its_limits_or_leaves_a_nan_behind(data, anti_windup):
+def test_no_input_drives_a_command_beyond_its_limits_or_stores_nan(data, anti_windup):
     wild = st.one_of(st.floats(-1e308, 1e308), st.sampled_from([math.inf, -math.inf, math.nan, 0.0, 1e-308]))
     lower, upper = sorted(data.draw(st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))))
     block = made(PID, 2.0, 3.0, 0.1, 0.01, lower=lower, upper=upper, anti_windup=anti_windup)
@@ -219,12 +219,12 @@ def test_the_worst_input_comes_near_the_range_of_pd():
     assert found.high - 1e-6 < u[-1] <= found.high
 
 
-def test_limits_that_are_live_count_with_all_they_may_become():
+def test_the_proof_uses_the_whole_range_of_live_limits():
     block = made(PI, 1.0, 1.0, lower=Live(-1.0, min=-4.0, max=0.0), upper=Live(1.0, min=-1.0, max=3.0))
     assert block.output_range() == Interval(-4.0, 3.0)
 
 
-def test_each_element_of_a_vector_is_controlled_alone():
+def test_each_element_of_a_vector_is_controlled_separately():
     r, y = REFERENCE[:399].reshape(133, 3), MEASUREMENT[:399].reshape(133, 3)
     together = play(lambda: PID(3.0, 20.0, 0.1, lower=-2.0, upper=2.0), RATE, reference=r, measurement=y)["command"]
     for column in range(3):

@@ -102,7 +102,7 @@ def test_a_column_is_played_by_its_times_with_the_unit_of_its_header():
     assert set(y[41:]) == {y[40]}
 
 
-def test_a_column_without_a_unit_may_be_given_one_but_not_another():
+def test_a_unit_can_be_set_only_for_a_column_without_one():
     assert Playback(STRIDE, "phase", unit="%").output_units() == {"y": "%"}
     assert Playback(STRIDE, "phase").output_units() == {"y": "any"}
     assert Playback(STRIDE, "left/knee.torque", unit="N·m").output_units() == {"y": "N·m"}
@@ -112,7 +112,7 @@ def test_a_column_without_a_unit_may_be_given_one_but_not_another():
         Playback(STRIDE, "left/knee.position", unit="deg")
 
 
-def test_nan_in_file_plays_as_nan_and_leaves_no_trace():
+def test_nan_in_a_file_plays_as_nan_and_is_not_held():
     y = trace(lambda name: Playback(STRIDE, "left/knee.torque", name=name), 100, rate=100)
     assert np.flatnonzero(np.isnan(y)).tolist() == list(range(46, 55)), (
         "the torque at 0.50 s is NaN, those at 0.45 and 0.55 s are not"
@@ -159,7 +159,7 @@ def test_a_file_that_does_not_exist_is_refused():
         Playback("nowhere.csv", "u")
 
 
-def test_fifty_seconds_of_recorded_walking_play_back_sample_by_sample():
+def test_recorded_walking_plays_back_sample_by_sample():
     """Needs ../shared: 200 Hz, angles in deg."""
     file = str(shared("gait/healthy_young.csv"))
     rows = np.genfromtxt(file, delimiter=",", names=True)

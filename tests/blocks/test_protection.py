@@ -73,7 +73,7 @@ def test_power_is_bounded_to_one_rounding_and_nothing_else_is_touched(torque, ve
         assert abs(y) * abs(velocity) <= power * (1.0 + 4e-16) + 5e-324 and (y > 0.0) == (torque > 0.0)
 
 
-def test_the_power_of_each_joint_is_bounded_alone():
+def test_the_power_of_each_joint_is_bounded_separately():
     y = play(
         lambda: PowerLimiter(10.0), torque=np.full((2, 3), 6.0), velocity=np.array([[1.0, 2.0, -5.0], [4.0, 0.0, 1.0]])
     )["limited"]
@@ -112,7 +112,7 @@ def stopped(torque, position, velocity, lower=-0.5, upper=1.5, K=80.0, B=2.0):
     return torque
 
 
-def test_a_soft_stop_pushes_back_and_damps_only_what_moves_outward():
+def test_a_soft_stop_damps_outward_motion_only():
     random = np.random.default_rng(19)
     torque, position, velocity = (
         random.normal(0.0, 5.0, 500),
@@ -123,7 +123,7 @@ def test_a_soft_stop_pushes_back_and_damps_only_what_moves_outward():
     assert np.array_equal(y, [stopped(*values) for values in zip(torque, position, velocity)])
 
 
-def test_at_its_end_itself_a_soft_stop_does_nothing_yet():
+def test_a_soft_stop_is_zero_at_the_end_of_its_range():
     block = made(SoftStop, -0.5, 1.5, 80.0, 2.0)
     assert block.step(3.0, 1.5, 4.0) == block.step(3.0, -0.5, -4.0) == 3.0
 
@@ -199,12 +199,12 @@ def test_rms_limit_saturates_after_window_fills():
     assert np.abs(np.diff(y[:4000])).max() < 0.1, "torque is taken back, not cut"
 
 
-def test_without_a_fade_it_gives_all_there_is_and_then_nothing():
+def test_without_a_fade_the_rms_limiter_uses_the_whole_budget_at_once():
     y = play(lambda: RMSTorqueLimiter(3.0, window=0.1, fade=0.0), torque=np.full(60, 100.0))["limited"]
     assert abs(y[0] - 3.0 * math.sqrt(20.0)) < 1e-9 and np.abs(y[1:20]).max() < 1e-4 and abs(y[20] - y[0]) < 1e-9
 
 
-def test_a_limit_of_a_few_millinewton_metres_is_one_too():
+def test_a_limit_of_a_few_millinewton_metres_is_accepted():
     y = play(lambda: RMSTorqueLimiter(0.05, window=0.1, fade=0.0), torque=np.full(21, 0.2))["limited"]
     assert (
         y[0] == 0.2
@@ -214,14 +214,14 @@ def test_a_limit_of_a_few_millinewton_metres_is_one_too():
     )
 
 
-def test_nan_passes_an_rms_limit_and_weighs_nothing_in_its_window():
+def test_nan_passes_an_rms_limiter_and_is_not_stored():
     y = play(lambda: RMSTorqueLimiter(0.5, window=0.05, fade=0.0), torque=np.array([0.3, math.nan, math.nan, 9.0]))[
         "limited"
     ]
     assert y[0] == 0.3 and np.isnan(y[1:3]).all() and abs(y[3] - math.sqrt(10.0 * 0.25 - 0.09)) < 1e-9
 
 
-def test_what_rounding_loses_of_a_long_window_is_not_lost_to_what_it_still_allows():
+def test_rounding_does_not_reduce_the_budget_of_a_long_rms_window():
     """1999 torques that leave 1e-9 of 2000 N²·m²: a sum that forgets its roundings is off by a hundredth of that."""
     length = 2000
     torque = np.random.default_rng(21).uniform(0.2, 1.7, length)
@@ -255,7 +255,7 @@ def test_rms_never_exceeds_limit_for_any_command(u, limit, length, fade):
     assert rms_over_windows(out, length) <= limit
 
 
-def test_the_bound_holds_over_a_million_ticks_of_bursts():
+def test_the_rms_bound_holds_over_a_million_ticks_of_bursts():
     random = np.random.default_rng(20)
     torque = np.repeat(random.normal(0.0, 12.0, 5000), 200) * np.repeat(random.random(100) < 0.6, 10000)
     y = play(lambda: RMSTorqueLimiter(9.0, window=5.0, fade=0.2), torque=torque)["limited"]
@@ -273,7 +273,7 @@ def test_range_is_allowance_of_empty_window_within_command():
     assert live.output_range(torque=Interval()) == block.output_range(torque=Interval())
 
 
-def test_a_limit_lowered_while_running_takes_torque_back_until_the_window_has_passed():
+def test_a_lowered_rms_limit_reduces_torque_until_the_window_has_passed():
     block = made(RMSTorqueLimiter, 9.0, window=1.0, fade=0.05)
     for _ in range(400):
         block.step(9.0)
@@ -282,7 +282,7 @@ def test_a_limit_lowered_while_running_takes_torque_back_until_the_window_has_pa
     assert out[0] == 0.0 and rms_over_windows(out[200:], 200) <= 3.0
 
 
-def test_through_ticks_that_were_missed_the_last_torque_counts():
+def test_during_missed_ticks_the_last_torque_counts():
     block = made(RMSTorqueLimiter, 3.0, window=0.1, fade=0.0)
     steady = made(RMSTorqueLimiter, 3.0, window=0.1, fade=0.0)
     block.step(4.0)
@@ -302,7 +302,7 @@ def test_through_ticks_that_were_missed_the_last_torque_counts():
     assert block.step(100.0) == steady.step(100.0)
 
 
-def test_rms_limits_that_make_no_sense_are_refused():
+def test_invalid_rms_limits_are_rejected():
     for parameters, said in (
         ({"limit": 9.0, "window": 1.0, "fade": 2.0}, "fade, 2 s, must not exceed the window, 1 s"),
         ({}, "limit is missing"),
@@ -315,7 +315,7 @@ def test_rms_limits_that_make_no_sense_are_refused():
 # Temperature
 
 
-def test_torque_is_taken_back_in_a_straight_line_as_the_motor_gets_hot():
+def test_torque_decreases_linearly_with_motor_temperature():
     temperature = np.array([20.0, 80.0, 85.0, 90.0, 99.0, 100.0, 150.0, math.nan, -math.inf, math.inf])
     y = play(lambda: TemperatureDerating(80.0, 100.0), torque=np.full(10, -8.0), temperature=temperature)["derated"]
     assert np.allclose(

@@ -45,7 +45,7 @@ def test_a_product_turns_by_the_second_first(p, q):
     assert same_rotation(QuaternionMultiply().step(unit_p, unit_q), w_first(scipys(p) * scipys(q)), 1e-14)
 
 
-def test_the_units_multiply_as_hamilton_carved_them():
+def test_quaternion_units_multiply_by_hamiltons_rules():
     one, i, j, k = np.eye(4)
     product = QuaternionMultiply()
     for a, b, wanted in (
@@ -62,7 +62,7 @@ def test_the_units_multiply_as_hamilton_carved_them():
 
 
 @given(elements)
-def test_the_conjugate_turns_back(q):
+def test_the_conjugate_is_the_inverse_rotation(q):
     assert np.array_equal(QuaternionConjugate().step(q), q * [1.0, -1.0, -1.0, -1.0])
     unit = q / np.linalg.norm(q)
     assert QuaternionMultiply().step(unit, QuaternionConjugate().step(unit)) == pytest.approx(
@@ -83,7 +83,7 @@ def test_a_quarter_turn_about_z_takes_x_to_y():
 
 
 @pytest.mark.parametrize("scale", [1e-320, 1e-200, 3.0, 1e200, 1e308])
-def test_the_size_of_a_quaternion_does_not_matter(scale):
+def test_quaternions_are_normalised(scale):
     q, v = np.array([1.0, -0.5, 0.25, 0.75]), np.array([1.0, 2.0, 3.0])
     within = 1e-13 if scale > 1e-300 else 1e-3  # a subnormal number has few digits
     assert RotateVector().step(scale * q, v) == pytest.approx(RotateVector().step(q, v), rel=within)
@@ -118,7 +118,7 @@ def test_euler_angles_are_those_of_scipy(q):
 
 
 @given(angles, angles, st.sampled_from([-math.pi / 2, math.pi / 2]))
-def test_at_the_gimbal_lock_roll_is_zero_and_the_rotation_is_the_same(yaw, roll, pitch):
+def test_at_gimbal_lock_roll_is_zero_and_the_rotation_is_equal(yaw, roll, pitch):
     """Within 1e-7: where yaw and roll are one turn, the angles still are those of the quaternion."""
     q = QuaternionFromEuler().step(yaw, pitch, roll)
     found = QuaternionToEuler().step(q)
@@ -189,7 +189,7 @@ def test_a_turned_vector_is_bounded_by_its_length():
     assert (found.low, found.high) == pytest.approx((-2.0 * math.sqrt(3.0), 2.0 * math.sqrt(3.0)), rel=1e-13)
 
 
-def test_a_turn_that_overflows_on_its_way_proves_nothing():
+def test_a_rotation_that_overflows_has_no_proved_range():
     huge, q = 1e308, np.array([1.0, 1.0, 1.0, 1.0])
     assert not np.all(np.isfinite(RotateVector().step(q, np.array([huge, -huge, huge]))))
     assert RotateVector().output_range(Interval(-1.0, 1.0), Interval(-huge, huge)) == Interval()

@@ -20,7 +20,7 @@ def columns(sink):
 
 
 @pytest.mark.parametrize("kind", [CsvRecorder, PlotJuggler])
-def test_without_wires_a_sink_takes_every_port(kind):
+def test_without_connections_a_sink_receives_every_port(kind):
     assert columns(lambda a, b: kind()) == ["a.y", "player.y[0]", "player.y[1]"]
 
 

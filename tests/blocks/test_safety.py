@@ -75,7 +75,7 @@ def test_any_of_several_stops_ends_run():
     assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "second", 9)
 
 
-def test_of_a_vector_one_element_is_enough():
+def test_one_pressed_element_of_a_vector_is_sufficient():
     rig = robot_with(lambda: EmergencyStop()(Compare(">")(stack(Number([0.0]).y, Number([0.0] * 5 + [1.0]).y), 0.5)))
     outcome = rig.run(50)
     assert (outcome.status, outcome.tick) == ("e-stop", 5)
@@ -178,7 +178,7 @@ def test_press_ends_run_in_its_tick_before_commands_are_sent():
     assert len(rig.commands()) == outcome.tick and ends_in_the_safe_stop(rig)
 
 
-def test_a_button_that_falls_silent_ends_the_run_after_its_timeout():
+def test_a_silent_button_ends_the_run_after_its_timeout():
     rig = heartbeat_rig(silent=from_then_on, timeout=0.15)
     outcome = rig.run(400)
     assert (outcome.status, outcome.culprit) == ("silent", "button")
@@ -195,7 +195,7 @@ def test_missing_button_prevents_arming():
     }
 
 
-def test_a_button_that_is_pressed_while_arming_keeps_every_command_back():
+def test_a_press_while_arming_blocks_every_command():
     rig = heartbeat_rig(pressed=lambda: True)
     outcome = rig.run(10)
     assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "button", -1) and rig.commands() == []
@@ -285,7 +285,7 @@ def test_frames_of_another_length_change_nothing_and_are_counted(data):
     )
 
 
-def test_frames_of_other_ids_are_not_its_business():
+def test_frames_of_other_ids_are_ignored():
     outcome, rig = heard({20: [(0x122, b"\x00\x00"), (0x123, None)]})
     assert outcome.status == "ok" and rig.statistics()["frames"]["foreign"] == 1
 
@@ -316,7 +316,7 @@ def test_a_timeout_of_never_is_refused():
         EStopHeartbeat(timeout=0.0)
 
 
-def test_the_guardian_has_nothing_to_stop_there():
+def test_an_estop_heartbeat_has_no_stop_frames():
     with Diagram("robot", rate=RATE):
         button = EStopHeartbeat()
     assert button.zero_frames() == button.disable_frames() == button.enable_frames() == [] and math.isfinite(

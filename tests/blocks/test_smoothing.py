@@ -67,7 +67,7 @@ def test_a_median_is_that_of_the_last_inputs_and_scipys_behind_the_start(samples
     assert np.array_equal(y[2 * half :], centred[half : len(u) - half])
 
 
-def test_a_single_outlier_leaves_no_trace_and_an_edge_stays_an_edge():
+def test_a_median_removes_a_single_outlier_and_keeps_edges():
     u = np.array([1.0, 1.0, 1.0, 99.0, 1.0, 1.0, 5.0, 5.0, 5.0])
     assert play(lambda: Median(3), RATE, u=u)["y"].tolist() == [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 5.0, 5.0]
 

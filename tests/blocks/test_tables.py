@@ -22,7 +22,7 @@ GRID = ((1.0, 2.0, -3.0, 0.5), (4.0, 0.0, 1.0, 2.0), (-2.0, 5.0, 0.0, 1.0))
 
 
 @given(sensible | anything)
-def test_a_curve_that_clamps_is_that_of_numpy(u):
+def test_a_clamped_curve_equals_numpys(u):
     wanted = np.interp(u, X, Y) if math.isfinite(u) else NAN
     assert LookupTable1D(X, Y).step(u) == pytest.approx(wanted, rel=1e-14, abs=1e-14, nan_ok=True)
 
@@ -42,7 +42,7 @@ def test_a_curve_passes_through_its_points_exactly(beyond):
 
 
 @pytest.mark.parametrize("beyond", ["clamp", "extrapolate", "error"])
-def test_nan_passes_alone(beyond):
+def test_nan_affects_only_its_element(beyond):
     y = LookupTable1D(X, Y, beyond).step(np.array([0.0, NAN, 1.0]))
     assert [math.isnan(element) for element in y] == [False, True, False]
     block = LookupTable2D(ROWS, COLUMNS, GRID, beyond)
@@ -80,7 +80,7 @@ def test_beyond_the_ends_the_run_ends_in_a_fault_on_request():
             block.step(row, column)
 
 
-def test_the_output_has_the_unit_it_is_given():
+def test_the_output_has_the_given_unit():
     with Diagram("d", rate=10) as diagram:
         LookupTable1D(X, Y, unit="N*m", name="curve")(Ramp(1.0, unit="rad")())
         LookupTable2D(unit="N*m", name="surface")(

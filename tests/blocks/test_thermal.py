@@ -34,7 +34,7 @@ def oracle(torque, ambient, loss, start=None, cw=16.3, rw=1.07, cc=512.0, rc=1.9
     return np.array(out)
 
 
-def test_result_equals_oracle_bit_for_bit():
+def test_result_equals_the_oracle_bit_for_bit():
     random = np.random.default_rng(21)
     torque, ambient = random.normal(0.0, 12.0, 2000), 20.0 + random.normal(0.0, 1.0, 2000)
     for start in (None, 55.0):
@@ -43,7 +43,7 @@ def test_result_equals_oracle_bit_for_bit():
         assert np.array_equal(found["winding"], wanted[:, 0]) and np.array_equal(found["case"], wanted[:, 1])
 
 
-def test_heating_up_follows_the_exact_solution():
+def test_heating_follows_the_exact_solution():
     """Ten minutes at a constant torque, copper included, against the matrix exponential: within 0.02 K of a rise of 34
     K at 200 Hz.
     """
@@ -94,7 +94,7 @@ def test_a_peak_torque_heats_the_winding_long_before_the_case():
     rate=st.sampled_from([0.01, 1.0, 200.0]),
 )
 @settings(max_examples=100, deadline=None)
-def test_no_torque_brings_it_out_of_its_range(data, loss, start, rate):
+def test_a_thermal_model_stays_in_its_range_for_any_torque(data, loss, start, rate):
     torque, ambient = (
         sorted(data.draw(st.tuples(values, values))) for values in (st.floats(-12.0, 12.0), st.floats(-20.0, 45.0))
     )
@@ -106,7 +106,7 @@ def test_no_torque_brings_it_out_of_its_range(data, loss, start, rate):
         block.update(*values)
 
 
-def test_the_range_is_where_the_largest_torque_leads_in_the_end():
+def test_the_range_of_a_thermal_model_is_its_steady_state_at_the_largest_torque():
     found = made(ThermalModel, rated=9.0).output_range(torque=Interval(-9.0, 4.0), ambient=Interval(20.0, 25.0))
     assert abs(found.high - 100.0) < 1e-3 and abs(found.low - 20.0) < 1e-3
     hot = made(ThermalModel, rated=9.0, start=130.0).output_range(
@@ -131,7 +131,7 @@ def test_thermal_model_starts_at_initial_or_first_finite_ambient_temperature():
     assert block.step(0.0, 30.0) == (30.0, 30.0)
 
 
-def test_missed_ticks_heat_too():
+def test_missed_ticks_count_in_the_thermal_model():
     block, steady = (made(ThermalModel, rated=9.0) for _ in range(2))
     for each in (block, steady):
         each.step(18.0), each.update(18.0)

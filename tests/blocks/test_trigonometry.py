@@ -43,7 +43,7 @@ def test_angles_in_all_four_quadrants(opposite, adjacent, wanted):
 
 
 @pytest.mark.parametrize("kind", FUNCTIONS, ids=lambda kind: kind.__name__)
-def test_vectors_go_element_by_element_and_nan_passes_alone(kind):
+def test_vectors_are_processed_elementwise_and_nan_affects_one_element(kind):
     y = kind().step(np.array([0.5, math.nan, -0.25]))
     assert [math.isnan(element) for element in y] == [False, True, False]
     assert y[2] == kind().step(-0.25)

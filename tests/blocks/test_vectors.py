@@ -30,7 +30,7 @@ def test_vectors_and_scalars_join_end_to_end():
     assert joined.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 
 
-def test_elements_are_taken_by_number_from_the_end_too():
+def test_negative_indices_select_from_the_end():
     u = np.array([10.0, 11.0, 12.0, 13.0])
     assert Select(1).step(u) == 11.0 and Select(-1).step(u) == 13.0
     assert Select((2, 0, -1, 2)).step(u).tolist() == [12.0, 10.0, 13.0, 12.0]
@@ -38,7 +38,7 @@ def test_elements_are_taken_by_number_from_the_end_too():
     assert Select((1, 3)).step(u.reshape(2, 2)).tolist() == [11.0, 13.0]
 
 
-def test_shapes_and_units_go_along_the_wires():
+def test_shapes_and_units_propagate_along_connections():
     with Diagram("d", rate=100) as diagram:
         force = Stack(3, name="force")(*(Constant(x, unit="N")() for x in (1.0, 2.0, 2.0)))
         lever = Stack(3, name="lever")(*(Constant(x, unit="m")() for x in (0.0, 0.0, 0.5)))
@@ -92,7 +92,7 @@ def test_a_matrix_of_one_row_gives_a_scalar_and_a_row_in_a_row_a_vector():
 
 
 @pytest.mark.parametrize("make", [Norm, Dot, Cross, lambda: MatrixGain(((1.0, 0.0, 2.0), (0.0, 3.0, 0.0)))])
-def test_nan_passes_and_leaves_no_trace(make):
+def test_nan_passes_and_is_not_stored(make):
     block = make()
     sound, broken = np.array([1.0, 2.0, 3.0]), np.array([1.0, math.nan, 3.0])
     count = len(block.inputs)
@@ -122,7 +122,7 @@ def test_wrong_parameters_are_refused(make, said):
         make()
 
 
-def test_a_select_is_numbered_with_numpys_integers_too():
+def test_selection_accepts_numpy_integers():
     assert Select(np.int64(1)).step(np.array([1.0, 2.0])) == 2.0
 
 

@@ -41,7 +41,7 @@ def test_every_source_declares_unit_and_refuses_invalid_one(kind):
         kind(unit="newton")
 
 
-def test_a_live_constant_is_proved_over_all_it_may_become():
+def test_a_live_constant_is_proved_over_its_live_range():
     assert Constant(Live(1.0, min=-2.0, max=3.0)).output_range() == Interval(-2.0, 3.0)
 
 
@@ -55,7 +55,7 @@ def test_a_ramp_is_level_before_and_after():
 
 @pytest.mark.parametrize("method", ["linear", "logarithmic"])
 @pytest.mark.parametrize("start, stop", [(0.5, 20.0), (20.0, 0.5), (3.0, 3.0)])
-def test_a_chirp_is_that_of_scipy(method, start, stop):
+def test_a_chirp_equals_scipys(method, start, stop):
     """Within 1e-9 of its amplitude over the sweep: SciPy's is a cosine."""
     t = np.arange(1000) / 200.0
     y = trace(lambda name: Chirp(2.0, start, stop, 5.0, method=method, phase=0.25, bias=0.5, name=name), 1000)

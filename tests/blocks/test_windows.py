@@ -74,7 +74,7 @@ def test_extremes_of_a_window_are_exact_over_a_million_samples(million, length):
 
 @given(u=st.lists(MIXED, min_size=1, max_size=60), length=st.integers(1, 12))
 @settings(max_examples=150, deadline=None)
-def test_until_the_window_is_full_it_is_over_what_there_is(u, length):
+def test_a_window_that_is_not_full_uses_the_samples_so_far(u, length):
     blocks = [made(kind, length / RATE, rate=RATE) for kind in (MovingAverage, MovingRMS, MovingMaximum, MovingMinimum)]
     for k, x in enumerate(u):
         mean, rms, largest, smallest = (block.step(x) for block in blocks)
@@ -128,7 +128,7 @@ def test_ranges_are_tight():
     assert abs(MovingRMS().output_range(u=Interval(-3.0, -2.0)).low - 2.0) < 1e-8
 
 
-def test_a_large_sample_that_has_left_leaves_nothing_behind():
+def test_a_large_sample_outside_the_window_has_no_effect():
     """1e15 comes and goes; what remains is the mean of ones, exactly."""
     u = np.ones(500)
     u[100] = 1e15
@@ -157,6 +157,6 @@ def test_the_window_is_the_nearest_whole_number_of_samples():
         (0.0, "window: must be above 0.0 s"),
     ],
 )
-def test_a_window_that_cannot_be_is_refused(window, said):
+def test_an_invalid_averaging_window_is_rejected(window, said):
     with pytest.raises((DiagramError, ValueError), match=said):
         made(MovingAverage, window).step(0.0)

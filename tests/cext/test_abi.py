@@ -76,7 +76,7 @@ def expected(values, leak=0.25):
 @pytest.mark.parametrize(
     "kernel", [leaky, new_capsule(ctypes.cast(leaky, ctypes.c_void_p), SIGNATURE, None)], ids=["ctypes", "capsule"]
 )
-def test_a_kernel_from_outside_runs_in_a_diagram(kernel):
+def test_an_external_kernel_runs_in_a_diagram(kernel):
     class Foreign(Leaky):
         """The same, by each way of handing it over."""
 
@@ -87,7 +87,7 @@ def test_a_kernel_from_outside_runs_in_a_diagram(kernel):
     assert outcome.status == "ok" and rig["f.y"].tolist() == expected(rig["s.y"].tolist())
 
 
-def test_a_kernel_from_outside_runs_by_hand():
+def test_an_external_kernel_runs_in_a_single_step():
     leak = Leaky(0.5)
     assert [leak.step(1.0) for _ in range(3)] == [0.5, 0.75, 0.875]
     leak.reset()
@@ -102,7 +102,7 @@ def total(arena, slots, sizes):
     return 0
 
 
-def test_a_kernel_from_outside_takes_any_number_of_inputs():
+def test_an_external_kernel_accepts_any_number_of_inputs():
     class Total(Block):
         """The weighted sum of the elements that stand first."""
 
@@ -164,7 +164,7 @@ def test_invalid_kernel_is_refused_before_run(kernel, complaint):
         Program(compile(diagram))
 
 
-def test_a_kernel_is_no_decoder():
+def test_a_kernel_is_not_accepted_as_a_decoder():
     with pytest.raises(TypeError, match="a native decode must be named"):
         address(mathematics.gain, "decode")
     with pytest.raises(TypeError, match="a native encode takes 4 arguments"):

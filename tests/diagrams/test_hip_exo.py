@@ -47,7 +47,7 @@ def test_assistance_power_is_positive(walked, side):
     assert power.mean() > 2.0 and power.clip(max=0.0).sum() > -0.02 * power.clip(min=0.0).sum()
 
 
-def test_what_helps_one_hip_forward_helps_the_other_back(walked):
+def test_the_hips_are_assisted_in_opposite_directions(walked):
     left, right = (steady(walked, f"{side}/torque_limiter.limited") for side in SIDES)
     np.testing.assert_allclose(left, -right, atol=1e-12)
     assert 2.0 < np.max(np.abs(left)) <= 6.0

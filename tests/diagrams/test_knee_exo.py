@@ -39,7 +39,7 @@ def lag(a, b, longest):
     return max(range(longest), key=lambda shift: np.mean(a[: len(a) - longest] * b[shift : len(b) - longest + shift]))
 
 
-def test_the_file_can_be_read_at_a_glance():
+def test_the_written_rig_file_is_readable():
     lines = KNEE_EXO.read_text().splitlines()
     assert len(lines) <= 80 and max(map(len, lines)) <= 140
 
@@ -67,7 +67,7 @@ def test_run_ends_without_fault(walked):
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_the_knee_moves_like_a_knee(walked, side):
+def test_the_recorded_knee_moves_in_a_human_range(walked, side):
     """Flexion of 60 to 70° in swing, nearly straight at heel strike, never beyond; angular velocity below 10 rad/s.
     (Winter 1991)
     """
@@ -101,7 +101,7 @@ def test_the_torque_never_changes_faster_than_the_limiter_allows(walked, side):
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_what_is_sent_is_what_was_let_through_after_the_fade(walked, side):
+def test_sent_torque_equals_the_limited_torque_after_fade_in(walked, side):
     share = np.minimum(walked.time / FADE, 1.0)
     sent = walked[f"{side}/knee.torque_sent"]
     assert np.max(np.abs(sent - share * walked[f"{side}/torque_limiter.limited"])) <= TORQUE_STEP
@@ -110,7 +110,7 @@ def test_what_is_sent_is_what_was_let_through_after_the_fade(walked, side):
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_it_helps_at_the_right_moments(walked, side):
+def test_assistance_acts_in_the_right_gait_phases(walked, side):
     """Extends the knee as it loads, bends it into swing, holds the shank back before heel strike."""
     phase, torque = (steady(walked, f"{side}/{path}") for path in ("gait_phase.phase", "knee.torque"))
     velocity = steady(walked, f"{side}/knee.velocity")
@@ -134,7 +134,7 @@ def test_no_assistance_before_first_stride_estimate(walked):
         np.testing.assert_array_equal(walked[f"{side}/sum.y"][unknown], walked[f"{side}/damper.torque"][unknown])
 
 
-def test_assistance_scales_the_profile_and_no_more(walked):
+def test_assistance_scales_only_the_profile(walked):
     half, none = walk(assistance=0.5)[0], walk(assistance=0)[0]
     for side in SIDES:
         full_peak, half_peak = (np.abs(steady(r, f"{side}/profile.torque")).max() for r in (walked, half))
@@ -151,7 +151,7 @@ def test_stride_time_is_estimated(walked):
 
 
 @pytest.mark.parametrize("rate", [100.0, 400.0])
-def test_another_rate_walks_the_same_walk(walked, rate):
+def test_a_recorded_walk_is_the_same_at_another_rate(walked, rate):
     recording, _ = walk(rate=rate)
     assert recording.outcome.status == "ok"
     for side in SIDES:

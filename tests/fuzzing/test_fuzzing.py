@@ -78,7 +78,7 @@ def test_no_input_crashes_a_parser(name, laboratory, capsys):
         ),
     ],
 )
-def test_an_error_that_is_put_in_is_found(name, file, before, after, told, laboratory):
+def test_a_planted_error_is_detected(name, file, before, after, told, laboratory):
     """A checksum of one byte, good packets lost to false headers, a buffer that is too small, a cast, and bytes that
     are none of a frame.
     """

@@ -72,7 +72,7 @@ def test_a_sum_of_different_units_is_a_mismatch_at_the_users_line():
     assert (found.code, found.where) == ("TW002", at) and "N·m" in found.message and "rad/s" in found.message
 
 
-def test_a_unit_of_another_dimension_is_refused_where_it_is_asked_for():
+def test_a_conversion_to_another_dimension_is_rejected_at_its_line():
     with Diagram("d", rate=10) as diagram:
         Constant(3.0, unit="N·m", name="torque")().to("rad")
         at = here(-1)

@@ -47,7 +47,7 @@ def recorded(signal_of, ticks=3):
     return np.stack([found[name] for name in names], axis=1).reshape(ticks, *shape)
 
 
-def test_a_matrix_goes_through_native_and_python_blocks():
+def test_a_matrix_passes_native_and_python_blocks():
     found = recorded(lambda: Gain(2.0)(Reversed()(Source()() + Source()())))
     assert np.array_equal(found, [4.0 * (MATRIX[::-1] + tick) for tick in range(3)])
     assert recorded(lambda: Exponential(1.0)(Source()())).shape == (3, 2, 3)
@@ -87,7 +87,7 @@ def test_an_index_beyond_is_refused_where_it_is_written(index, words):
             Source()()[index]
 
 
-def test_an_index_goes_through_json():
+def test_an_index_round_trips_through_json():
     with Diagram("d", rate=100) as diagram:
         source = stack(stack(1.0, 2.0), stack(3.0, 4.0))
         Stack(3, shape=(2,), name="all")(source[1, :], source[[1, 0], 0], source[:, 1])
@@ -131,7 +131,7 @@ def test_a_python_block_that_broadcasts_receives_a_float():
     )
 
 
-def test_elsewhere_a_scalar_signal_and_a_vector_are_refused_and_the_scalar_is_blamed():
+def test_scalar_and_vector_signals_do_not_mix_without_broadcast():
     for swap in (False, True):
         with Diagram("d", rate=100) as diagram:
             signals = [Constant(1.0, name="one")(), Stack(3, name="three")(1.0, 2.0, 3.0)]
@@ -142,7 +142,7 @@ def test_elsewhere_a_scalar_signal_and_a_vector_are_refused_and_the_scalar_is_bl
         assert found.message == "expected shape (3,), got () from one.y"
 
 
-def test_scalars_do_not_hide_the_shape_that_comes_round_a_loop():
+def test_the_shape_in_a_loop_is_found_despite_scalars():
     from blocks.discrete import UnitDelay
 
     with Diagram("d", rate=100) as diagram:

@@ -115,12 +115,12 @@ def test_a_live_parameter_needs_both_bounds():
         Param(1.0, "1", min=0.0, live=True)
 
 
-def test_a_unit_that_is_none_is_refused_where_it_is_declared():
+def test_an_invalid_unit_is_rejected_at_its_declaration():
     with pytest.raises(ValueError, match="'newton' in 'newton' is not a unit"):
         Input("newton")
 
 
-def test_a_step_takes_inputs_and_the_clock_and_nothing_else():
+def test_a_step_accepts_only_inputs_and_the_clock():
     with pytest.raises(TypeError, match=r"Odd.step takes 'w', which is neither an input \(u\) nor one of t, tick, dt"):
 
         class Odd(Block):
@@ -142,7 +142,7 @@ def test_a_step_takes_inputs_and_the_clock_and_nothing_else():
                 return u
 
 
-def test_an_update_is_held_to_the_same():
+def test_an_exception_in_update_is_held_like_one_in_step():
     with pytest.raises(TypeError, match=r"Odd.update takes 'w', which is neither an input \(none\)"):
 
         class Odd(Block):
@@ -174,13 +174,13 @@ def test_a_misspelt_port_is_missed_as_python_misses_it_and_no_attribute_of_a_blo
 
 
 @pytest.mark.parametrize("word", ["path", "width", "dt", "kernel", "inputs", "name", "every", "reset", "diagram"])
-def test_a_word_of_the_language_cannot_name_a_port_or_parameter(word):
+def test_a_reserved_word_cannot_name_a_port_or_parameter(word):
     for declaration in (Param(1.0), Input("1"), Output("1"), Memory(0.0)):
         with pytest.raises(TypeError, match=f"Taken: '{word}' is reserved"):
             type("Taken", (Block,), {word: declaration})
 
 
-def test_a_step_of_any_number_of_inputs_takes_them_all_in_their_order():
+def test_a_step_with_any_number_of_inputs_receives_them_in_order():
     class Most(Block):
         """The largest of its inputs."""
 
@@ -195,7 +195,7 @@ def test_a_step_of_any_number_of_inputs_takes_them_all_in_their_order():
     assert Most().step_inputs() == ["t", "a", "b", "c"]
 
 
-def test_a_decorated_step_is_seen_through():
+def test_the_signature_of_a_decorated_step_is_used():
     def logged(step):
         @functools.wraps(step)
         def wrapper(*arguments):
@@ -302,7 +302,7 @@ def test_blocks_share_no_state_with_others_of_their_class():
     assert first.weights == [1.0, -1.0] and second.weights == [1.0, 1.0, 1.0]
 
 
-def test_a_filter_that_the_rate_cannot_carry_is_reported_at_compile_with_every_other():
+def test_all_filters_above_the_nyquist_frequency_are_reported_at_compile():
     with Diagram("d", rate=30) as diagram:
         Butterworth(cutoff=20.0, name="a")(1.0)
         at = here(-1)

@@ -81,7 +81,7 @@ CONSTANTS = [0.0, 1, True, -2.5, math.nan, math.inf, [1.0, 2.0, 3.0], [1.0], np.
 
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.data())
-def test_a_diagram_compiles_and_runs_or_is_refused_in_words(data):
+def test_a_random_diagram_compiles_and_runs_or_is_rejected_with_reason(data):
     made = data.draw(st.lists(st.sampled_from(range(len(KINDS))), min_size=1, max_size=12))
     with Diagram("chaos", rate=100) as diagram:
         with subsystem("half", every=data.draw(st.sampled_from([1, 1, 2]))):

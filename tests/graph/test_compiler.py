@@ -116,7 +116,7 @@ def test_two_drives_with_one_id_on_one_bus_name_each_other():
     assert found.message == f"shares CAN id 3 on bus 'legs' with a, made at {first}" and "can_id" in found.hint
 
 
-def test_an_id_is_shared_also_with_a_device_of_another_make():
+def test_an_id_shared_with_another_family_is_reported():
     class OtherDrive(CubeMars):
         """A lab's own driver, in a module of its own."""
 
@@ -175,7 +175,7 @@ def test_every_loop_is_reported_and_only_the_shortest_cycle_of_each():
     assert found[0].message.endswith("left/a.y -> left/b.u, left/b.y -> left/a.u1") and "right/a" in found[1].message
 
 
-def test_a_delay_opens_a_loop_and_so_does_an_input_that_a_step_does_not_take():
+def test_delays_and_inputs_without_feedthrough_open_a_loop():
     class Integrator(Block):
         """State from update alone: no feedthrough."""
 
@@ -240,7 +240,7 @@ def test_types_only_widen_along_a_wire():
     assert (fifth.path, fifth.message) == ("fifth", "expected bool, got 2.0")
 
 
-def test_a_block_that_computes_nothing_is_reported():
+def test_a_block_without_a_step_is_reported():
     class Idle(Block):
         """Has ports and no step."""
 
@@ -265,7 +265,7 @@ def test_a_block_that_computes_nothing_is_reported():
     assert (only.code, only.path) == ("TW015", "only_updates")
 
 
-def test_eight_different_mistakes_give_eight_diagnostics():
+def test_eight_different_errors_give_eight_diagnostics():
     with Diagram("d", rate=100) as diagram:
         knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee")
         CubeMars("AK10-9-V2.0", can_id=1, name="shared")(torque_command=0.0)
@@ -309,7 +309,7 @@ def test_a_block_that_enables_a_subsystem_is_used():
     assert [warning.path for warning in compile(diagram).warnings] == ["assist/lonely"]
 
 
-def test_a_sink_that_is_wired_takes_its_signals_with_their_labels_and_no_others():
+def test_a_connected_sink_receives_only_its_signals_with_labels():
     with Diagram("d", rate=100) as diagram:
         sine = Sine().y
         Gain()(sine)
@@ -341,7 +341,7 @@ def test_an_empty_diagram_compiles():
     assert schedule.output == [] and schedule.signals == {} and schedule.gil_sections == 0
 
 
-def test_errors_are_in_the_order_of_the_file():
+def test_errors_are_listed_in_file_order():
     with Diagram("d", rate=100) as diagram:
         Sum("++", name="z")(1.0)
         CubeMars("AK80-9", name="m")
@@ -370,7 +370,7 @@ def test_parameters_of_native_blocks_have_their_slot():
     assert set(schedule.parameters) == {"left/impedance.stiffness", "left/impedance.damping"}
 
 
-def test_python_steps_are_adjacent_so_that_the_gil_is_taken_once():
+def test_adjacent_python_steps_share_one_acquisition_of_the_gil():
     class Half(Block):
         """A Python block."""
 
@@ -386,7 +386,7 @@ def test_python_steps_are_adjacent_so_that_the_gil_is_taken_once():
     assert compile(diagram).gil_sections == 2
 
 
-def test_slow_blocks_are_adjacent_after_what_they_need():
+def test_slow_blocks_are_adjacent_after_their_sources():
     with Diagram("d", rate=100) as diagram:
         signal = Sine().y
         Gain(every=4, name="slow")(Gain(every=2, name="half")(Gain(name="fast")(signal)))
@@ -444,7 +444,7 @@ def test_memory_of_any_length_is_placed():
     assert compile(diagram).items["buffered"]["buffer"][1] == 50
 
 
-def test_a_sink_with_inputs_of_its_own_must_be_wired():
+def test_a_sink_with_required_inputs_must_be_connected():
     class Gauge(Sink):
         """Shows an angle."""
 
@@ -458,7 +458,7 @@ def test_a_sink_with_inputs_of_its_own_must_be_wired():
 
 
 @pytest.mark.parametrize("collecting", [True, False])
-def test_the_garbage_collector_rests_while_compiling_and_is_then_as_it_was(collecting):
+def test_garbage_collection_is_off_during_compile_and_restored(collecting):
     seen = []
 
     class Watcher(Block):

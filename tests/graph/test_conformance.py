@@ -21,11 +21,11 @@ class Sound(Block):
         return self.gain * u
 
 
-def test_a_sound_block_passes():
+def test_a_correct_block_passes_the_conformance_test():
     assert check_block(Sound) == 9
 
 
-def test_a_range_that_depends_on_the_width_is_asked_for_the_width_it_is_tried_with():
+def test_the_conformance_test_sets_the_width_before_output_range():
     class Total(Block):
         """The sum of a vector."""
 
@@ -203,6 +203,6 @@ class Clipper(Sound):
         return Interval(-1.0, 1.0)
 
 
-def test_a_block_that_clips_an_infinity_is_refused():
+def test_a_block_that_clips_an_infinity_fails_the_check():
     with pytest.raises(AssertionError, match="Clipper hides an infinity: its outputs are {'y': 1.0}"):
         check_block(Clipper)

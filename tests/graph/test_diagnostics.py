@@ -7,7 +7,7 @@ import graph
 from graph.diagnostics import CODES, Diagnostic, DiagramError, Location
 
 
-def test_a_diagnostic_reads_as_one_line_and_its_cure():
+def test_a_diagnostic_prints_one_line_and_its_remedy():
     found = Diagnostic(
         "TW002", "expected rad, got N·m from left/sum.y", "left/gain", "u", Location("knee.py", 12), "convert it first"
     )
@@ -18,7 +18,7 @@ def test_a_diagnostic_reads_as_one_line_and_its_cure():
     assert found.title == "unit mismatch"
 
 
-def test_a_diagnostic_without_place_block_or_cure_reads_well_too():
+def test_a_diagnostic_without_location_block_and_remedy_prints_one_line():
     assert str(Diagnostic("TW010", "the rate must be above 0 Hz")) == (
         "error TW010 wrong parameter: the rate must be above 0 Hz"
     )

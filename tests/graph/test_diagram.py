@@ -25,7 +25,7 @@ def test_a_rate_is_a_number_above_zero(rate):
     assert found.where.file == refusal.__code__.co_filename
 
 
-def test_a_rate_that_no_float_holds_is_refused_in_one_short_line():
+def test_an_overflowing_rate_is_rejected_in_one_short_line():
     message = refusal(Diagram, "d", 10**400).message
     assert message == "the rate must be a number above 0 Hz and at most 1e+09 Hz, got 10000000000000000000..."
 
@@ -48,7 +48,7 @@ def test_subsystems_make_paths_and_end_with_their_with():
     assert diagram["left/knee/g"] is inner and len(diagram) == 3
 
 
-def test_fifty_subsystems_deep_is_a_path_like_any_other():
+def test_fifty_nested_subsystems_form_a_path():
     with Diagram("d", rate=100) as diagram, ExitStack() as scopes:
         for depth in range(50):
             scopes.enter_context(subsystem(f"level{depth}"))
@@ -79,7 +79,7 @@ def test_a_name_is_short_enough_for_a_file():
 
 
 @pytest.mark.parametrize("bus", ["le/gs", "le\x1bgs"])
-def test_the_name_of_a_bus_is_checked_as_that_of_a_block_is(bus):
+def test_bus_names_are_checked_like_block_names(bus):
     with Diagram("d", rate=100) as diagram:
         CubeMars("AK80-9", bus=bus, name="knee")
     found = complaints(diagram)[0]
@@ -156,7 +156,7 @@ def test_a_diagram_may_be_left_and_entered_again_also_within_another():
     assert Gain().diagram is None
 
 
-def test_an_exception_in_a_with_leaves_no_scope_behind():
+def test_an_exception_in_a_with_statement_closes_its_scope():
     with pytest.raises(RuntimeError):
         with Diagram("d", rate=100):
             with subsystem("left"):
@@ -173,7 +173,7 @@ def test_a_value_other_than_a_signal_or_number_is_rejected(source):
     assert found.message == f"{source!r} is neither a signal nor a number"
 
 
-def test_a_block_in_place_of_its_output_is_not_wired():
+def test_a_block_used_in_place_of_its_output_is_reported():
     with Diagram("d", rate=100):
         found = refusal(Gain(), CubeMars("AK80-9"))
     assert (
@@ -182,7 +182,7 @@ def test_a_block_in_place_of_its_output_is_not_wired():
     )
 
 
-def test_several_outputs_where_one_is_wanted_are_reported_by_name():
+def test_a_block_with_several_outputs_requires_one_by_name():
     with Diagram("d", rate=100):
         phase = GaitPhase()(0.0, 0.0)
         found = refusal(Gain(), phase)
@@ -196,7 +196,7 @@ def test_outputs_are_returned_by_position_and_by_name():
     assert outputs.phase is phase and walking.path == "gait_phase.walking" and walking.declaration.dtype == "bool"
 
 
-def test_a_number_is_no_recording():
+def test_a_number_cannot_be_recorded():
     with Diagram("d", rate=100):
         assert refusal(CsvRecorder(), 1.0).code == "TW012"
 
@@ -209,14 +209,14 @@ def test_a_signal_has_no_value_before_the_diagram_runs():
                 pass
 
 
-def test_a_block_that_does_not_exist_is_missed_with_a_suggestion():
+def test_an_unknown_block_is_reported_with_a_suggestion():
     with Diagram("d", rate=100) as diagram:
         Gain(name="assist")
     with pytest.raises(KeyError, match="d has no block 'asist': did you mean 'assist'"):
         diagram["asist"]
 
 
-def test_functions_compose_diagrams_and_the_line_is_the_functions():
+def test_diagrams_from_functions_report_the_line_in_the_function():
     def leg(side):
         with subsystem(side):
             return Sum("++")(Sine().y)

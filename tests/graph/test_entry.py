@@ -29,7 +29,7 @@ def started(path, *arguments):
     return python(path.name, *arguments, cwd=path.parent, path=ROOT)
 
 
-def test_a_file_that_calls_main_runs_by_itself_with_the_options_of_a_run(wave):
+def test_a_file_that_calls_main_accepts_the_options_of_run(wave):
     process = started(wave, "--fast", "--duration", "1")
     assert (process.returncode, process.stderr) == (0, "") and "wave: 1 s at 100 Hz" in process.stdout
     [recording] = (wave.parent / "recordings").glob("*.csv")
@@ -57,7 +57,7 @@ def test_a_file_with_build_calls_main_without_a_diagram(wave):
     assert (process.returncode, process.stderr) == (0, "") and "wave: 1 s at 50 Hz" in process.stdout
 
 
-def test_main_refuses_a_diagram_that_the_command_line_would_not_find(wave):
+def test_main_rejects_a_diagram_without_the_expected_name(wave):
     wave.write_text(WAVE.replace("as diagram", "as another").replace("main(diagram)", "main(another)"))
     process = started(wave, "--fast", "--duration", "1")
     assert (
@@ -70,7 +70,7 @@ def test_main_does_nothing_in_a_module_that_is_imported():
 
 
 @pytest.mark.parametrize("name", ["json", "runtime"])
-def test_a_file_beside_it_takes_the_place_of_no_module_of_a_run(name, wave):
+def test_a_file_beside_the_diagram_shadows_no_module(name, wave):
     (wave.parent / f"{name}.py").write_text("raise SystemExit(0)\n")
     process = started(wave, "--fast", "--duration", "1", "--no-record")
     if name == "json":

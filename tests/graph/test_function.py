@@ -24,7 +24,7 @@ def polar(
     return math.hypot(x, y) if t >= 0 else math.nan, math.atan2(y, x)
 
 
-def test_the_signature_is_the_declaration():
+def test_the_signature_of_a_function_declares_its_block():
     assert spring(stiffness=2.0).step(3.0) == -6.0
     assert (
         list(spring.inputs) == ["angle"] and spring.inputs["angle"].unit == "rad" and spring.outputs["y"].unit == "N·m"
@@ -32,7 +32,7 @@ def test_the_signature_is_the_declaration():
     assert polar().step(3.0, 4.0, 0.0) == (5.0, math.atan2(4.0, 3.0))
 
 
-def test_a_function_block_keeps_what_every_block_keeps():
+def test_a_function_block_passes_the_conformance_test():
     assert check_block(spring) == check_block(polar) == 9
 
 

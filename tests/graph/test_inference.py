@@ -110,7 +110,7 @@ def test_a_unit_mismatch_is_found_behind_a_chain_of_any_blocks():
     assert "expected N·m, got rad from unit_delay_12.y" in found.message
 
 
-def test_two_units_do_not_meet_in_a_sum():
+def test_signals_in_different_units_cannot_be_added():
     with Diagram("d", rate=100) as diagram:
         total = Sum("++", name="total")
         total(Angle().angle, Torque().torque)
@@ -140,7 +140,7 @@ def test_a_loop_whose_gain_has_a_unit_terminates_and_is_a_mismatch():
     assert found.message == "expected rad, got s·rad from unit_delay.y"
 
 
-def test_a_loop_with_nothing_but_any_in_it_stays_any():
+def test_a_loop_of_any_ports_remains_any():
     with Diagram("d", rate=100) as diagram:
         delay = UnitDelay()
         delay(Gain(0.5)(Sum("++")(delay.y, 1.0)))

@@ -24,7 +24,7 @@ def holds(interval, value):
 
 
 @given(intervals_with_members(), intervals_with_members())
-def test_sum_difference_and_product_hold_what_floating_point_makes(first, second):
+def test_intervals_contain_floating_point_sums_differences_and_products(first, second):
     (a, x), (b, y) = first, second
     assert holds(a + b, x + y)
     assert holds(a - b, x - y)
@@ -41,12 +41,12 @@ def test_a_union_holds_both_and_a_clip_into_an_interval_lands_in_the_intersectio
     assert a & b in a
 
 
-def test_a_clip_of_what_lies_wholly_outside_is_the_nearer_end_of_the_clip():
+def test_clipping_an_interval_outside_the_limits_gives_the_nearer_limit():
     assert Interval(-1.0, 1.0) & Interval(5.0, 6.0) == Interval.point(1.0)
     assert Interval(20.0, 30.0) & Interval(5.0, 6.0) == Interval.point(20.0)
 
 
-def test_infinities_that_cancel_leave_everything():
+def test_cancelling_infinities_give_an_unbounded_interval():
     assert Interval.point(math.inf) + EVERYTHING == EVERYTHING
     assert Interval.point(math.inf) - Interval.point(math.inf) == EVERYTHING
     assert Interval.point(0.0) * EVERYTHING == Interval.point(0.0)
@@ -57,7 +57,7 @@ def test_ends_are_rounded_outward():
     assert total.low < 0.1 + 0.2 < total.high and total.high - total.low < 1e-15
 
 
-def test_nan_is_everything_and_an_empty_interval_is_refused():
+def test_nan_gives_an_unbounded_interval_and_an_empty_one_is_rejected():
     assert Interval.point(math.nan) == EVERYTHING
     with pytest.raises(ValueError, match="an interval from 2.0 to 1.0 is empty"):
         Interval(2.0, 1.0)

@@ -71,7 +71,7 @@ def test_a_subclass_with_more_items_computes_as_its_base(base, parameters, input
     assert outputs(kind) == outputs(base)
 
 
-def test_an_input_more_shifts_nothing_either():
+def test_an_additional_input_shifts_no_slot():
     kind = a_subclass(TorqueLimiter, velocity=Input("rad/s", "of the joint", default=0.0))()
     assert [kind(5.0, 1e6).step(torque) for torque in (3.0, 9.0)] == [3.0, 5.0]
 
@@ -97,7 +97,7 @@ def test_a_base_class_with_its_own_items_may_be_first_or_last():
         assert a_subclass(*bases)()(limit=2.0, slew=1e6).step(9.0) == 2.0
 
 
-def test_blocks_with_any_number_of_inputs_take_more_outputs_parameters_and_memory():
+def test_variadic_blocks_accept_additional_outputs_parameters_and_memory():
     extra = {name: MORE[name] for name in ("mass", "factor", "peak", "note")}
     assert a_subclass(Max, **extra)()(3).step(1.0, 5.0, 2.0)[0] == 5.0
     machine = a_subclass(StateMachine, **extra)()
@@ -109,7 +109,7 @@ def test_blocks_with_any_number_of_inputs_take_more_outputs_parameters_and_memor
     assert table["ours.y"].tolist() == table["theirs.y"].tolist() == [0.0, 1.5, 1.5, 1.5]
 
 
-def test_a_drive_with_more_items_sends_and_reads_the_same_frames():
+def test_a_subclass_of_a_drive_sends_and_reads_the_same_frames():
     more = {name: MORE[name] for name in ("factor", "peak", "note")}
     drives = [Wired(kind, "AK80-9", can_id=3) for kind in (CubeMars, a_subclass(CubeMars, **more)())]
     frames = [drive.say(torque_command=2.5, stiffness_command=10.0) for drive in drives]
@@ -119,7 +119,7 @@ def test_a_drive_with_more_items_sends_and_reads_the_same_frames():
     assert drives[0]["position"] == drives[1]["position"] != 0.0
 
 
-def test_the_limit_of_a_subclass_with_a_parameter_more_holds():
+def test_a_subclass_with_another_parameter_keeps_its_limit():
     class Rated(RMSTorqueLimiter):
         """Bounds the root mean square of a torque for a wearer of some mass."""
 
@@ -179,7 +179,7 @@ def test_an_item_that_is_missing_is_refused_with_class_kernel_item_and_remedy():
         ),
     ],
 )
-def test_an_item_that_is_declared_otherwise_is_refused(body, problem):
+def test_an_item_with_another_shape_is_rejected(body, problem):
     text = refusal(a_subclass(RMSTorqueLimiter, **body))
     assert f"WearerLimiter.kernel {problem}" in text and text.endswith(
         "or give the class a kernel that does not need it"
@@ -257,7 +257,7 @@ def test_a_step_in_python_replaces_the_kernels_and_may_have_any_items():
     assert compile(diagram).settle == [] and run(diagram, 2)["filter.y"].tolist() == [2.0, 4.0]
 
 
-def test_a_class_without_a_kernel_may_not_choose_one_for_its_instances_alone():
+def test_a_class_that_selects_a_kernel_in_configure_must_name_one():
     class Secret(Block):
         """A block whose kernel is nowhere to be seen."""
 
@@ -293,7 +293,7 @@ def test_a_kernel_of_cython_names_the_fields_of_its_struct_and_those_of_the_stru
     assert CubeMars.decode.names[-1] == "reply"
 
 
-def test_a_kernel_is_renamed_for_a_block_that_calls_its_items_otherwise():
+def test_a_kernel_can_be_renamed_for_a_block_with_other_names():
     class Attenuator(Block):
         """y = share u."""
 
@@ -316,6 +316,6 @@ def test_a_kernel_is_renamed_for_a_block_that_calls_its_items_otherwise():
         ("*inputs[3]", "invalid kernel item"),
     ],
 )
-def test_a_list_that_is_none_is_refused(items, message):
+def test_an_invalid_list_of_items_is_rejected(items, message):
     with pytest.raises(ValueError, match=message):
         Kernel(None, items)

@@ -43,7 +43,7 @@ def ends(interval):
     return interval.low, interval.high
 
 
-def test_a_saturation_in_a_loop_bounds_every_delay_of_it_whatever_they_are_called():
+def test_a_saturation_in_a_loop_bounds_every_delay_in_it():
     for names in ("abcdef", "fedcba", "cafebd"):
         with Diagram("d", RATE) as diagram:
             delays = [UnitDelay(initial=7.0 if name == "c" else 0.0, name=name) for name in names]
@@ -57,7 +57,7 @@ def test_a_saturation_in_a_loop_bounds_every_delay_of_it_whatever_they_are_calle
         }
 
 
-def test_a_value_that_is_sampled_and_held_by_a_loop_stays_among_those_that_were_sampled():
+def test_a_sample_and_hold_loop_stays_in_the_range_of_its_samples():
     with Diagram("d", RATE) as diagram:
         held = UnitDelay(initial=4.0, name="held")
         sampled = Switch(name="sampled")(Compare(">")(Sine()(), 0.0), Constant(3.0)(), held.y)
@@ -65,7 +65,7 @@ def test_a_value_that_is_sampled_and_held_by_a_loop_stays_among_those_that_were_
     assert proved(diagram)["sampled.y"] == Interval(3.0, 4.0)
 
 
-def test_the_largest_so_far_is_bounded_where_its_input_is():
+def test_a_running_maximum_has_the_bounds_of_its_input_and_initial_value():
     with Diagram("d", RATE) as diagram:
         before = UnitDelay(initial=-1.0, name="before")
         before(Max(name="peak")(before.y, Sine(2.0)()))
@@ -79,7 +79,7 @@ def test_an_integrator_with_limits_bounds_the_loop_that_it_closes():
     assert proved(diagram)["angle.y"] == Interval(-1.0, 3.0)
 
 
-def test_what_grows_without_end_is_unbounded_on_that_side_alone():
+def test_a_growing_loop_is_unbounded_on_that_side_only():
     with Diagram("d", RATE) as diagram:
         total = UnitDelay(initial=2.0, name="total")
         total(Sum("++", name="more")(total.y, Saturation(0.0, 1.0)(Sine()())))
@@ -95,7 +95,7 @@ def test_a_limit_in_one_loop_bounds_the_loops_behind_it_and_not_the_one_before()
     assert found["free.y"] == EVERYTHING and found["bounded.y"] == Interval(-1.0, 1.0)
 
 
-def test_the_outputs_of_a_state_machine_bound_the_loop_that_goes_through_its_inputs():
+def test_outputs_of_a_state_machine_bound_a_loop_through_its_inputs():
     with Diagram("d", RATE) as diagram:
         before = UnitDelay(name="before")
         machine = StateMachine(
@@ -120,7 +120,7 @@ def test_a_loop_at_a_slower_rate_is_proved_as_any_other():
     assert found["slow/delay.y"] == Interval(0.0, 2.0) and ends(found["fast.y"]) == close(0.0, 4.0)
 
 
-def test_a_block_that_declares_nothing_leaves_its_loop_unbounded():
+def test_a_block_without_a_declared_range_leaves_its_loop_unbounded():
     class Silent(Block):
         """Promises nothing."""
 
@@ -136,7 +136,7 @@ def test_a_block_that_declares_nothing_leaves_its_loop_unbounded():
     assert proved(diagram)["delay.y"] == EVERYTHING
 
 
-def test_in_a_diagram_that_is_one_great_loop_every_block_is_asked_a_bounded_number_of_times():
+def test_interval_propagation_in_one_large_loop_is_bounded():
     def questions(count):
         asked = []
 
@@ -259,7 +259,7 @@ OPEN = {"delay", "delays", "free integrator", "lag", "state space"}
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(st.data())
-def test_no_signal_of_a_random_diagram_with_loops_leaves_what_was_proved(data):
+def test_no_signal_of_a_random_diagram_with_loops_leaves_its_proved_range(data):
     draw = data.draw
     kinds = ["wild", *draw(st.lists(st.sampled_from(sorted(KINDS)), min_size=2, max_size=11))]
     with Diagram("random", RATE) as diagram:

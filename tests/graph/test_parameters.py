@@ -23,7 +23,7 @@ def test_a_live_parameter_is_narrowed_where_a_proof_rests_on_it():
     assert proof.interval == Interval(-15.0, 15.0)
 
 
-def test_a_live_parameter_counts_with_its_largest_value():
+def test_the_proof_uses_the_largest_value_of_a_live_parameter():
     with Diagram("d", rate=200) as diagram:
         knee = CubeMars("AK10-9-V2.0", name="knee")
         knee(torque_command=TorqueLimiter(limit=Live(12.0, max=18.5))(knee.torque))
@@ -146,7 +146,7 @@ def test_a_parameter_that_text_cannot_set_is_reported_with_a_hint(name, text, me
     ) and limiter.limit == 12.0
 
 
-def test_a_parameter_in_the_unit_of_its_blocks_wires_takes_no_other():
+def test_a_parameter_in_the_unit_of_its_signals_accepts_no_other_unit():
     saturation = Saturation(-1.0, 1.0, name="s")
     found = refusal(saturation.set, "upper", "60 deg")
     assert found.message == (
@@ -162,14 +162,14 @@ def test_a_value_that_a_block_cannot_be_configured_with_is_reported_at_the_block
     assert (found.message, found.where) == ("lower, 2, must not exceed upper, 1", at)
 
 
-def test_a_value_that_the_rate_cannot_carry_is_reported_at_the_compile():
+def test_a_value_invalid_at_the_rate_is_reported_at_compile():
     with Diagram("d", rate=100) as diagram:
         Butterworth(cutoff=10.0, name="f")(1.0)
     diagram["f"].set("cutoff", "60 Hz")
     assert complaint(diagram).message == "a cutoff of 60 Hz requires a rate above 120 Hz, got 100 Hz"
 
 
-def test_another_rate_is_taken_at_the_compile():
+def test_another_rate_applies_at_compile():
     with Diagram("d", rate=100) as diagram:
         Butterworth(cutoff=10.0, name="f")(1.0)
     slow = compile(diagram)

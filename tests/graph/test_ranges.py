@@ -26,7 +26,7 @@ def proof(diagram, port="torque_command"):
     return found
 
 
-def test_a_limiter_that_comes_last_proves_everything():
+def test_a_limiter_at_the_end_proves_the_command():
     with Diagram("d", rate=200) as diagram:
         knee = drive()
         knee(torque_command=TorqueLimiter(limit=12.0)(Impedance()(knee.position, knee.velocity)))
@@ -61,7 +61,7 @@ def test_a_gain_behind_the_limiter_fails():
     assert found.hint == "put a limiter last, as in knee(torque_command=TorqueLimiter(limit=18)(...))"
 
 
-def test_a_gain_that_shrinks_passes():
+def test_a_gain_below_one_after_the_limiter_passes():
     with Diagram("d", rate=200) as diagram:
         knee = drive()
         knee(torque_command=Gain(-0.5)(TorqueLimiter(limit=30.0)(knee.torque)))
@@ -92,7 +92,7 @@ def test_an_impedance_alone_fails_because_a_live_stiffness_may_become_its_maximu
     assert found.code == "TW007" and "impedance.torque can reach [-2375, 2375] N·m" in found.message
 
 
-def test_a_live_parameter_counts_with_all_it_may_become():
+def test_the_proof_uses_the_whole_range_of_a_live_parameter():
     class LiveGain(Gain):
         """A gain that may be turned while running."""
 
@@ -109,7 +109,7 @@ def test_a_live_parameter_counts_with_all_it_may_become():
 
 
 @pytest.mark.parametrize("constant", [math.nan, math.inf, -math.inf, 18.1, -18.1, 1e308])
-def test_a_constant_command_that_is_no_torque_fails(constant):
+def test_an_invalid_constant_torque_fails(constant):
     with Diagram("d", rate=200) as diagram:
         knee = drive()
         knee(torque_command=constant)
@@ -156,14 +156,14 @@ def test_infinities_wired_as_numbers_do_not_stop_the_proof():
     assert complaint(diagram).code == "TW007"
 
 
-def test_a_saturation_that_its_input_never_meets_gives_its_own_end_and_not_the_inputs():
+def test_the_range_of_a_saturation_outside_its_input_is_its_limit():
     with Diagram("d", rate=200) as diagram:
         knee = drive()
         knee(torque_command=Saturation(20.0, 30.0)(Saturation(5.0, 6.0)(knee.torque)))
     assert "can reach [20, 20]" in complaint(diagram).message
 
 
-def test_a_delay_in_a_loop_is_as_bounded_as_what_feeds_it():
+def test_a_delay_in_a_loop_has_the_bounds_of_its_input():
     with Diagram("d", rate=200) as diagram:
         knee, delay = drive(), UnitDelay(name="delay")
         delay(TorqueLimiter(limit=6.0)(Sum("++")(delay.y, knee.torque)))
@@ -172,7 +172,7 @@ def test_a_delay_in_a_loop_is_as_bounded_as_what_feeds_it():
     assert found.holds and found.interval.high == pytest.approx(12.0)
 
 
-def test_a_delay_counts_its_initial_value():
+def test_the_range_of_a_delay_includes_its_initial_value():
     with Diagram("d", rate=200) as diagram:
         knee = drive()
         knee(torque_command=UnitDelay(initial=40.0)(TorqueLimiter(limit=6.0)(knee.torque)))
@@ -188,14 +188,14 @@ def test_an_accumulating_loop_is_never_bounded():
     assert complaint(diagram).code == "TW007"
 
 
-def test_a_slew_rate_keeps_what_it_follows_and_its_zero():
+def test_the_range_of_a_slew_rate_contains_its_input_and_zero():
     with Diagram("d", rate=200) as diagram:
         knee = drive()
         knee(torque_command=SlewRate(5.0)(Saturation(3.0, 6.0)(knee.torque)))
     assert proof(diagram).interval == Interval(0.0, 6.0)
 
 
-def test_a_python_block_is_bounded_by_what_its_output_declares():
+def test_a_python_block_has_the_declared_range_of_its_output():
     class Feedforward(Block):
         """Promises a range."""
 
@@ -220,7 +220,7 @@ def test_a_python_block_is_bounded_by_what_its_output_declares():
     assert complaint(with_block(Unbounded)).message.startswith("unbounded.torque is unbounded")
 
 
-def test_a_range_within_what_the_port_declares_counts():
+def test_a_computed_range_narrows_the_declared_one():
     class Narrow(Block):
         """A native block with a promise of both kinds."""
 

@@ -160,7 +160,7 @@ def test_a_condition_that_is_nan_disables():
     assert not trace(diagram, 3)["assist/held.y"].any()
 
 
-def test_the_range_of_a_held_block_holds_the_zero_before_it_ran():
+def test_the_range_of_a_slow_block_contains_its_initial_zero():
     with Diagram("d", rate=100) as diagram:
         with subsystem("assist", enabled=StepSource()()):
             held = Gain()(StepSource(5.0, 6.0)())
@@ -176,7 +176,7 @@ def test_the_range_of_a_held_block_holds_the_zero_before_it_ran():
     assert compilation.ranges[Signal(held.block, "y")] == Interval(0.0, 6.0)
 
 
-def test_a_command_that_may_be_held_is_warned_of():
+def test_a_command_that_may_be_held_causes_a_warning():
     with Diagram("d", rate=100) as diagram:
         with subsystem("assist", enabled=StepSource()()):
             torque = TorqueLimiter(limit=5.0)(1.0)
@@ -195,7 +195,7 @@ def test_a_condition_is_a_scalar_signal():
         assert refusal(subsystem, "assist", enabled=1.0).code == "TW012"
 
 
-def test_a_condition_that_depends_on_what_it_enables_is_a_loop():
+def test_a_condition_that_depends_on_its_own_subsystem_is_a_loop():
     with Diagram("d", rate=100) as diagram:
         source = Gain(name="condition")
         with subsystem("assist", enabled=source.y):

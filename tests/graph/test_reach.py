@@ -56,7 +56,7 @@ def test_degrees_typed_as_radians_do_not_compile_and_the_message_suggests_deg():
     assert found(spring(deg(30))) == []
 
 
-def test_it_is_reported_at_the_line_of_the_wire():
+def test_setpoint_out_of_reach_is_reported_at_the_line_of_the_connection():
     with Diagram("robot", rate=200) as diagram:
         knee = CubeMars("AK80-9", name="knee")
         spring = Impedance()
@@ -111,7 +111,7 @@ def test_a_source_that_leaves_the_drives_reach_is_an_error(wired, said):
     assert (severity, at) == ("error", "spring.equilibrium") and said in message and "did you mean deg(3" in hint
 
 
-def test_a_course_that_leaves_the_joints_range_for_a_part_is_a_warning_and_for_good_an_error():
+def test_a_setpoint_partly_outside_the_range_is_a_warning_and_always_outside_an_error():
     assert [f[0] for f in found(lambda knee: spring(Sine(0.5, bias=1.8, unit="rad")())(knee), range=KNEE)] == [
         "warning"
     ]
@@ -119,7 +119,7 @@ def test_a_course_that_leaves_the_joints_range_for_a_part_is_a_warning_and_for_g
     assert found(lambda knee: spring(Sine(0.5, bias=1.0, unit="rad")())(knee), range=KNEE) == []
 
 
-def test_live_bounds_that_allow_what_is_out_of_reach_are_a_warning():
+def test_live_bounds_out_of_reach_are_a_warning():
     [(severity, _, message, _)] = found(
         lambda knee: spring(Constant(Live(0.5, min=0.0, max=100.0), unit="rad", name="angle")())(knee)
     )
@@ -152,7 +152,7 @@ def test_the_reference_of_a_controller_in_any_unit_counts_where_it_makes_a_torqu
     assert severity == "error" and hint == "120 rad/s is 6875°/s: did you mean deg(120)?"
 
 
-def test_a_difference_made_by_hand_is_compared_as_well():
+def test_a_manually_built_difference_is_checked():
     assert [
         f[:2] for f in found(lambda knee: Gain(20.0, unit="N·m/rad")(Sum("+-", name="error")(30.0, knee.position)))
     ] == [("error", "error.u1")]
@@ -176,7 +176,7 @@ def test_a_difference_made_by_hand_is_compared_as_well():
         lambda knee: Impedance(stiffness=150.0)(knee.position, knee.velocity, 1.0),
     ],
 )
-def test_what_is_done_for_a_reason_is_left_alone(build):
+def test_plausible_setpoints_are_not_reported(build):
     for limits in ((), KNEE):
 
         def made(knee):
@@ -237,7 +237,7 @@ def test_an_equilibrium_that_becomes_a_position_command_is_compared():
     assert [f[:2] for f in found(build)] == [("error", "soft.equilibrium")]
 
 
-def test_a_drive_in_servo_mode_takes_many_turns_and_is_asked_whether_they_are_degrees():
+def test_a_large_position_command_in_servo_mode_suggests_degrees():
     def build(knee):
         knee(position_command=45.0)
 

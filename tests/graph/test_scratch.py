@@ -18,7 +18,7 @@ from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Kernel, Output, compile
 
 
-def test_inputs_go_by_place_by_name_and_by_default():
+def test_inputs_are_given_by_position_name_or_default():
     impedance = Impedance(stiffness=10.0, damping=1.0)
     assert impedance.step(0.5, 1.0) == impedance.step(velocity=1.0, position=0.5) == -6.0
     assert impedance.step(0.5, 1.0, equilibrium=0.5) == -1.0
@@ -40,7 +40,7 @@ def test_a_parameter_changed_by_hand_counts_at_the_next_step():
     assert gain.step(1.0) == 3.0
 
 
-def test_vectors_go_in_and_come_out_as_arrays_of_their_own():
+def test_vectors_are_passed_as_separate_arrays():
     gain = Gain(2.0)
     first = gain.step([1.0, 2.0, 3.0])
     second = gain.step(np.zeros(3))
@@ -49,7 +49,7 @@ def test_vectors_go_in_and_come_out_as_arrays_of_their_own():
     assert Product().step([[1.0, 2.0], [3.0, 4.0]], np.full((2, 2), 2.0)).tolist() == [[2.0, 4.0], [6.0, 8.0]]
 
 
-def test_another_shape_than_the_first_is_refused_until_the_next_reset():
+def test_an_output_cannot_change_its_shape_before_the_next_reset():
     gain = Gain(2.0)
     gain.step([1.0, 2.0])
     with pytest.raises(ValueError):
@@ -58,7 +58,7 @@ def test_another_shape_than_the_first_is_refused_until_the_next_reset():
     assert gain.step([1.0, 2.0, 3.0]).tolist() == [2.0, 4.0, 6.0]
 
 
-def test_reset_takes_a_native_block_back_to_its_start():
+def test_reset_restores_the_initial_state_of_a_native_block():
     with Diagram("d", rate=100):
         filter = Butterworth(cutoff=5.0)
     first = [filter.step(1.0) for _ in range(5)]
@@ -66,7 +66,7 @@ def test_reset_takes_a_native_block_back_to_its_start():
     assert [filter.step(1.0) for _ in range(5)] == first and first[0] < first[-1]
 
 
-def test_a_block_that_needs_a_rate_asks_for_one():
+def test_a_block_without_a_sampling_period_is_reported():
     with pytest.raises(TypeError, match="butterworth needs a sampling period"):
         Butterworth(cutoff=5.0).step(1.0)
 
@@ -80,7 +80,7 @@ def test_outputs_come_in_their_types():
     )
 
 
-def test_nan_stays_nan():
+def test_nan_returns_nan():
     assert math.isnan(Gain().step(math.nan)) and math.isnan(TorqueLimiter(limit=1.0).step(math.nan))
 
 
@@ -91,7 +91,7 @@ def test_a_delay_moves_at_its_update():
     assert delay.step(0.0) == 3.0
 
 
-def test_a_device_and_a_block_without_a_step_have_nothing_to_compute():
+def test_devices_and_blocks_without_a_step_cannot_be_stepped():
     class Idle(Block):
         """No step."""
 
@@ -118,7 +118,7 @@ def test_a_kernel_that_refuses_is_reported():
         Refuses().step()
 
 
-def test_by_hand_and_in_a_diagram_are_bit_for_bit_the_same():
+def test_stepping_and_running_give_identical_bits():
     with Diagram("d", rate=125) as diagram:
         sine = Sine(amplitude=2.0, frequency=3.0, name="sine")
         SlewRate(7.0, name="slew")(Butterworth(order=3, cutoff=11.0, name="filter")(sine.y))

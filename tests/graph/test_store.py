@@ -99,7 +99,7 @@ def test_a_local_block_is_written_with_its_source_and_not_loaded_unless_trusted(
     assert to_json(from_json(text, trust=(__name__,))) == text
 
 
-def test_a_newer_format_is_refused_in_words():
+def test_a_newer_format_is_rejected_with_reason():
     data = json.loads(to_json(knee())) | {"format": 2}
     with pytest.raises(DiagramError) as refused:
         from_json(json.dumps(data))
@@ -120,7 +120,7 @@ def test_a_missing_library_is_named_with_the_line_that_installs_it():
     assert problem.code == "TW031" and problem.hint == "pip install gait-lab==1.2"
 
 
-def test_a_name_that_is_no_block_is_not_imported_as_one():
+def test_only_blocks_are_loaded_by_name():
     data = json.loads(to_json(knee()))
     for name in ("graph.store:from_json", "blocks.filters:NoSuch", "graph.block:Live"):
         data["blocks"][0]["type"] = name
@@ -167,7 +167,7 @@ def test_the_hash_covers_the_bounds_of_live_parameters_and_not_their_values():
     assert hashed(30.0) != hashed(Live(30.0, max=50.0))
 
 
-def test_a_module_that_no_library_brings_is_not_suggested_to_pip():
+def test_a_local_module_is_not_suggested_to_pip():
     text = json.dumps({**json.loads(to_json(knee())), "libraries": {}}).replace("graph.arithmetic:", "os:")
     [found] = pytest.raises(DiagramError, from_json, text).value.diagnostics
     assert found.code == "TW031" and "pip" not in found.hint and "trust=('os',)" in found.hint

@@ -44,7 +44,7 @@ class PeakHold(Block):
         return self.peak
 
 
-def test_peak_hold_lets_nan_pass_and_forgets_it():
+def test_peak_hold_passes_nan_and_does_not_store_it():
     hold = PeakHold()
     assert hold.step(1.0) == 1.0 and math.isnan(hold.step(math.nan)) and hold.step(0.5) == 1.0
 

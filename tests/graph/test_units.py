@@ -44,7 +44,7 @@ def test_accepted_spellings_are_stored_as_one(spelling, unit):
 
 
 @pytest.mark.parametrize("text", ["", "newton", "N m", "rad/", "/s", "3", "N*", "m^1.5", "*", "°F", None, 3])
-def test_what_is_no_unit_is_refused(text):
+def test_invalid_units_are_rejected(text):
     with pytest.raises((ValueError, TypeError), match="is not a unit|a unit is a string"):
         canonical(text)
 
@@ -66,7 +66,7 @@ def test_a_quotient_undoes_a_product(a, b):
     assert parse(canonical(a)) == parse(a)
 
 
-def test_any_takes_part_in_no_product():
+def test_any_unit_is_not_part_of_a_product():
     assert multiply("any", "rad") == divide("rad", "any") == "any"
 
 
@@ -86,14 +86,14 @@ def test_any_takes_part_in_no_product():
         (2.0, "rad", "rad", 2.0),
     ],
 )
-def test_values_convert_when_asked(value, source, target, result):
+def test_values_convert_on_request(value, source, target, result):
     assert convert(value, source, target) == pytest.approx(result, rel=1e-12)
 
 
 @pytest.mark.parametrize(
     "source, target", [("N·m", "rad"), ("rad", "1"), ("any", "rad"), ("rad", "any"), ("N·m/rad", "N·m")]
 )
-def test_what_measures_something_else_does_not_convert(source, target):
+def test_units_of_different_dimensions_do_not_convert(source, target):
     with pytest.raises(ValueError, match="convert"):
         convert(1.0, source, target)
 
@@ -115,7 +115,7 @@ def test_what_measures_something_else_does_not_convert(source, target):
         ("7", None, 7.0),
     ],
 )
-def test_quantities_are_read_in_the_unit_that_is_wanted(text, unit, value):
+def test_quantities_are_converted_to_the_target_unit(text, unit, value):
     assert parse_quantity(text, unit) == pytest.approx(value, rel=1e-12)
 
 
@@ -131,7 +131,7 @@ def test_quantities_are_read_in_the_unit_that_is_wanted(text, unit, value):
         ("0x10", "1", "not a unit"),
     ],
 )
-def test_what_is_no_quantity_is_refused(text, unit, complaint):
+def test_invalid_quantities_are_rejected(text, unit, complaint):
     with pytest.raises(ValueError, match=complaint):
         parse_quantity(text, unit)
 

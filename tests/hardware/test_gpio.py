@@ -151,7 +151,7 @@ def test_edges_are_counted_and_timed_by_the_kernel(chip):
     assert (rig["button.rises"][-1], rig["button.falls"][-1], rig["button.on"][-1]) == (1.0, 0.0, 1.0)
 
 
-def test_a_pulse_is_on_the_line_at_tick_0_and_when_it_is_asked_for(chip):
+def test_a_pulse_is_on_the_line_at_tick_0_and_on_request(chip):
     with Diagram("robot", rate=50) as robot:
         SyncOut(name="sync", duration=0.2, **at(chip, "SYNC"))(pulse=player([False] * 40 + [True, False], "1", bool))
     rig, seen = RealLines(robot), []
@@ -232,7 +232,7 @@ def watch(chip, name, seconds, seen):
         time.sleep(0.002)
 
 
-def test_a_charge_pump_toggles_its_line_in_arming_and_in_every_tick_and_not_after(chip):
+def test_a_charge_pump_toggles_its_line_only_while_arming_and_in_every_tick(chip):
     with Diagram("robot", rate=20) as robot:
         ChargePump(name="pump", hold=0.5, start_up=0.5, **at(chip, "SYNC"))
     rig, seen = RealLines(robot), []
@@ -245,7 +245,7 @@ def test_a_charge_pump_toggles_its_line_in_arming_and_in_every_tick_and_not_afte
     assert len([when for when in found if when > ended + 0.1]) <= 1  # the line is let go
 
 
-def test_after_kill_9_the_line_of_a_charge_pump_stands_still(chip):
+def test_after_kill_9_the_line_of_a_charge_pump_is_constant(chip):
     seen, after = [], []
     child = os.fork()
     if child == 0:  # a run of its own; only a signal ends it
@@ -264,7 +264,7 @@ def test_after_kill_9_the_line_of_a_charge_pump_stands_still(chip):
     assert len(edges(after)) <= 1  # the line is let go
 
 
-def test_the_guardian_changes_the_level_of_a_line_by_itself(chip):
+def test_the_guardian_toggles_the_level_of_a_line(chip):
     lines = StreamLines([ChargePump(name="pump", **at(chip, "SYNC"))])
     line = lines.lines["pump"][1]
     relay = Relay({"descriptor": line.fileno(), "gpio": True, "frames": ["01", "00"], "hold": 0.1}, 0)

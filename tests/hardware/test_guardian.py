@@ -112,7 +112,7 @@ def test_a_block_that_hangs(run):
 @pytest.mark.parametrize(
     "change, words", [(("set", "vcan9", "down"), "vcan9 went down"), (("del", "vcan9"), "vcan9 disappeared")]
 )
-def test_an_interface_that_goes_away_stops_the_drive_of_the_other(tmp_path, spare, change, words):  # noqa: F811  (a fixture)
+def test_a_lost_interface_stops_the_drives_of_the_other(tmp_path, spare, change, words):  # noqa: F811  (a fixture)
     rig = write(
         tmp_path,
         "".join(

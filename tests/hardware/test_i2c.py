@@ -116,7 +116,7 @@ def test_every_sensor_is_set_up_and_read_through_the_kernel(stub, converting):
     assert stub.read_byte_data(NAU, 0x01) == 0x2F and stub.read_byte_data(ICM, 0x14) == 3 << 3 | 1 | 1 << 1
 
 
-def test_a_wrong_address_names_those_that_answer(stub):
+def test_a_wrong_address_lists_the_responding_ones(stub):
     with Diagram("robot", rate=50):
         insole = ADS1115(name="insole", bus="imus", address=0x49)
     with pytest.raises(SeveralRefused, match="TW128.*address 0x49: no reply") as refused:
@@ -124,7 +124,7 @@ def test_a_wrong_address_names_those_that_answer(stub):
     assert "0x0c, 0x2a, 0x48, 0x68, 0x69, 0x70 reply" in str(refused.value)
 
 
-def test_the_thread_of_a_bus_sees_settings_that_are_lost(stub):
+def test_the_bus_thread_detects_lost_settings(stub):
     """The stub forgets nothing by itself: somebody else writes its register, as a moment without power would."""
     with Diagram("robot", rate=50):
         imu = MPU9250(name="imu", bus="imus", rate=50.0)

@@ -150,7 +150,7 @@ def test_a_run_from_the_command_line_records_every_sensor(wires, tmp_path):
     assert files.table["tick"][-1] == 49 and wires.counts["combined"] > 40
 
 
-def test_a_stream_shows_those_that_are_named(wires, tmp_path):
+def test_stream_shows_the_named_sensors(wires, tmp_path):
     done = finished(
         "stream",
         "i2c",
@@ -180,7 +180,7 @@ def test_a_stream_shows_those_that_are_named(wires, tmp_path):
     )
 
 
-def test_a_chip_that_acknowledges_nothing_is_lost_alone_and_set_up_when_it_is_back(wires, interface):
+def test_a_chip_without_acknowledgement_is_lost_alone_and_configured_on_return(wires, interface):
     until(lambda devices: all(told["answers"] > 2 for told in devices.values()), interface)
     wires.behave(THIGH, absent=True)
     until(lambda devices: devices["thigh"]["state"] == "lost", interface)
@@ -207,7 +207,7 @@ def test_a_chip_that_acknowledges_nothing_is_lost_alone_and_set_up_when_it_is_ba
     assert wires.registers(THIGH, 0x31, inner=True) == b"\x08"
 
 
-def test_a_multiplexer_that_has_lost_its_channel_is_set_again(wires, interface):
+def test_a_multiplexer_that_lost_its_channel_is_switched_again(wires, interface):
     until(lambda devices: all(told["answers"] > 2 for told in devices.values()), interface)
     wires.behave(MUX, absent=True)
     until(lambda devices: all(devices[name]["state"] == "lost" for name in ("shank", "thigh", "foot")), interface)
@@ -224,7 +224,7 @@ def test_a_multiplexer_that_has_lost_its_channel_is_set_again(wires, interface):
     )
 
 
-def test_one_that_reads_its_magnetometer_by_itself_is_set_up_again_with_that(wires, interface):
+def test_a_reconnected_imu_reads_its_internal_magnetometer_again(wires, interface):
     until(lambda devices: devices["trunk"]["answers"] > 2, interface)
     wires.behave(TRUNK, reset=True)  # a moment without supply, between two questions
     until(lambda devices: devices["trunk"]["failures"] > 0, interface)
@@ -234,7 +234,7 @@ def test_one_that_reads_its_magnetometer_by_itself_is_set_up_again_with_that(wir
     assert wires.registers(TRUNK, 0x0A, inner=True) == b"\x16"
 
 
-def test_a_chip_that_hangs_is_given_up_after_30_ms_and_returns(wires, interface):
+def test_a_hanging_chip_is_abandoned_after_30_ms_and_recovers(wires, interface):
     until(lambda devices: all(told["answers"] > 2 for told in devices.values()), interface)
     wires.behave(TRUNK, stuck=0.5)
     until(lambda devices: devices["trunk"]["state"] == "lost", interface)
@@ -252,7 +252,7 @@ def test_a_chip_that_hangs_is_given_up_after_30_ms_and_returns(wires, interface)
     assert time.monotonic() - began < 0.5  # of an exchange, not of the chip
 
 
-def test_a_failed_set_up_is_explained(wires):
+def test_a_rejected_setting_is_reported_with_its_reason(wires):
     with Diagram("robot", rate=50):
         wrong = MPU9250(name="imu", bus="imus", address=0x68)
         hung = ICM20948(name="thigh", bus="imus", mux=0x70, channel=1)

@@ -128,7 +128,7 @@ def test_a_rig_without_replies_reports_the_ids_received_instead(rig, tmp_path):
     assert "1 frames were received, 1 of them with an unknown ID (unknown IDs on legs: 181)" in err
 
 
-def test_a_bus_that_goes_off_ends_the_run_with_the_cure(rig, tmp_path):
+def test_bus_off_ends_the_run_with_a_remedy(rig, tmp_path):
     with Drives(MOTORS), Node() as controller:
         process = started(KNEE_EXO, "--rig", rig, "--yes", "--rate", "50", "--no-record", cwd=tmp_path)
         frames = []

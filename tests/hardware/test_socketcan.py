@@ -74,7 +74,7 @@ def refused(channel, fd=False):
 # Starting
 
 
-def test_an_interface_that_is_missing_is_reported_with_the_lines_that_make_it():
+def test_a_missing_interface_is_reported_with_the_commands_that_create_it():
     trouble = refused("vcan7")
     assert trouble.code == "TW112" and trouble.hint.endswith(
         "sudo ip link add vcan7 type vcan && sudo ip link set vcan7 up"
@@ -83,19 +83,19 @@ def test_an_interface_that_is_missing_is_reported_with_the_lines_that_make_it():
     assert trouble.code == "TW112" and trouble.hint == "did you mean 'vcan0'?"
 
 
-def test_an_interface_that_is_no_can_is_reported():
+def test_a_network_interface_without_can_is_reported():
     assert (refused("lo").code, refused("lo").message) == ("TW113", "[bus.legs] lo is not a CAN interface")
 
 
 @needs_own_kernel
-def test_an_interface_that_is_down_is_reported_with_the_line_that_takes_it_up(spare):
+def test_an_interface_that_is_down_is_reported_with_the_command_that_brings_it_up(spare):
     ip("set", spare, "down")
     trouble = refused(spare)
     assert (trouble.code, trouble.hint) == ("TW114", "sudo ip link set vcan9 up")
 
 
 @needs_own_kernel
-def test_an_interface_without_fd_is_reported(spare):
+def test_an_interface_without_can_fd_is_reported(spare):
     ip("set", spare, "down")
     ip("set", spare, "mtu", "16")
     ip("set", spare, "up")
@@ -140,7 +140,7 @@ def test_own_frames_are_received_by_other_nodes_only():
         assert [frame[:3] for frame in bus.heard()] == [(127, False, NOTHING)]  # on a virtual bus that may be a drive
 
 
-def test_on_a_real_interface_what_this_machine_sends_is_an_echo_whatever_it_looks_like():
+def test_frames_sent_by_this_machine_on_a_real_interface_are_echoes():
     with Opened(shared=False) as bus, Node() as guardian:
         guardian.send(127, NOTHING)
         bus.can.end.send(127, NOTHING)
@@ -160,7 +160,7 @@ def test_frames_for_other_nodes_are_filtered_and_counted_with_their_ids():
         assert count == 302 and ids[:2] == ["300", "301"]
 
 
-def test_a_device_that_takes_anything_has_no_filter():
+def test_a_device_without_acceptance_filters_receives_every_frame():
     with Opened(listens=None) as bus, Node() as node:
         node.send(0x555, b"x")
         node.send(EXTENDED | 0x18FF0080, b"y")
@@ -168,7 +168,7 @@ def test_a_device_that_takes_anything_has_no_filter():
         assert bus.interface.strangers is None
 
 
-def test_fd_is_off_unless_it_is_asked_for():
+def test_can_fd_is_off_unless_requested():
     with (
         Opened(listens=None) as classic,
         Opened(listens=None, fd=True) as flexible,
@@ -247,7 +247,7 @@ def jammed():
 
 
 @needs_own_kernel
-def test_a_queue_of_the_kernel_that_stays_full_is_counted_and_then_a_failure_in_words(jammed):
+def test_a_kernel_queue_that_stays_full_is_counted_and_then_reported(jammed):
     name, drain = jammed
     with Opened(name) as bus, Node(name) as other:
         sent = 0
@@ -272,7 +272,7 @@ def test_a_queue_of_the_kernel_that_stays_full_is_counted_and_then_a_failure_in_
 
 
 @needs_own_kernel
-def test_a_queue_of_the_kernel_that_is_emptied_goes_on(jammed):
+def test_a_drained_kernel_queue_continues_to_send(jammed):
     name, drain = jammed
     with Opened(name) as bus:
         while bus.can.end.send(127, NOTHING):
@@ -304,7 +304,7 @@ def test_error_frames_come_through_the_filter():
         (("del", "vcan9"), errno.ENODEV, "vcan9 disappeared"),
     ],
 )
-def test_an_interface_that_goes_away_is_a_failure_in_words(spare, change, number, words):
+def test_a_lost_interface_is_reported_as_a_failure(spare, change, number, words):
     with Opened(spare) as bus:
         assert bus.can.end.send(127, NOTHING)
         ip(*change)

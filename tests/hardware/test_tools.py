@@ -15,7 +15,7 @@ from tests.runtime.runs import finished
 pytestmark = [needs_vcan, pytest.mark.soak]
 
 
-def test_without_a_rig_every_interface_is_looked_at_and_nothing_is_armed(tmp_path):
+def test_without_a_rig_every_interface_is_scanned_and_nothing_is_armed(tmp_path):
     drive = Mit(3, position=0.5)
     with Nodes("vcan0", drive, Private(9), OpenImu()):
         process = finished("scan", "--json", "--listen", "0.3", "--ids", "1-20", cwd=tmp_path)
@@ -59,7 +59,7 @@ def test_error_frames_and_silence_are_reported_as_the_bitrate(tmp_path):
 
 
 @needs_own_kernel
-def test_an_interface_that_is_down_is_reported_with_its_cure(tmp_path):
+def test_an_interface_that_is_down_is_reported_with_its_remedy(tmp_path):
     ip("set", "vcan0", "down")
     try:
         process = finished("scan", "--channel", "vcan0", cwd=tmp_path)

@@ -27,7 +27,7 @@ cdef int limit(double x, bint on) noexcept nogil:
 '''
 
 
-def test_a_mutant_differs_from_its_source_in_one_small_error_of_the_function_that_was_named():
+def test_a_mutant_differs_from_its_source_in_one_error_of_the_named_function():
     found = mutants("a.pyx", SOURCE, ["limit"])
     assert [(mutant.line, mutant.before, mutant.after) for mutant in found] == [
         (8, "cdef double high = 2.0      # 5 > 4", "cdef double high = 3.0      # 5 > 4"),
@@ -46,13 +46,13 @@ def test_a_function_that_does_not_exist_is_an_error():
         mutants("a.pyx", SOURCE, ["limits"])
 
 
-def test_a_sample_has_some_of_every_file_first_and_another_seed_another_order():
+def test_a_sample_covers_every_file_first_in_an_order_given_by_the_seed():
     chosen = sampled(1)
     assert {mutant.file for _, mutant in chosen[: len(TARGETS)]} == {target.file for target in TARGETS}
     assert sampled(1) == chosen != sampled(2) and len(chosen) == len(all_mutants())
 
 
-def test_every_mutant_that_is_known_to_be_no_different_is_still_one():
+def test_every_listed_equivalent_mutant_still_exists():
     names = {
         mutant.name
         for target in TARGETS

@@ -38,7 +38,7 @@ def test_the_diagrams_have_the_sizes_that_the_peers_were_measured_with():
     ]
 
 
-def test_a_contender_with_other_results_is_not_timed():
+def test_a_benchmark_with_wrong_results_is_not_timed():
     class Half(PlainPython):
         name = "half"
 
@@ -50,7 +50,7 @@ def test_a_contender_with_other_results_is_not_timed():
         check(Half(NETLISTS[0]), PlainPython(NETLISTS[0]))
 
 
-def test_nan_is_a_disagreement():
+def test_nan_fails_the_comparison_of_benchmarks():
     class Broken(PlainPython):
         def advance(self, ticks):
             super().advance(ticks)
@@ -60,7 +60,7 @@ def test_nan_is_a_disagreement():
         check(Broken(NETLISTS[0]), PlainPython(NETLISTS[0]))
 
 
-def test_without_a_compiler_straight_c_is_left_out(monkeypatch):
+def test_without_a_compiler_the_c_benchmark_is_omitted(monkeypatch):
     monkeypatch.setenv("CC", "false")
     with pytest.raises(NoCompiler, match="false fails"):
         StraightC(NETLISTS[0])
@@ -87,7 +87,7 @@ def test_python_can_sends_the_bytes_that_the_native_driver_sends():
     assert len(times) == 3 and min(times) > 0.0
 
 
-def test_python_can_raises_when_an_answer_is_lost(monkeypatch):
+def test_python_can_raises_an_exception_when_a_reply_is_lost(monkeypatch):
     monkeypatch.setattr(python_can, "ANSWER_TIMEOUT", 0.05)
     with ends() as (own, _), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unconnected:
         unconnected.bind(("127.0.0.1", 0))

@@ -18,12 +18,12 @@ PAGE = (ROOT / "docs" / "actuators.md").read_text()
 KNEE, PLANT, BOARD = python_of(PAGE)
 
 
-def test_links_lead_somewhere():
+def test_links_have_targets():
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", PAGE):
         assert (ROOT / "docs" / target).exists(), target
 
 
-def test_the_pages_joint_runs_with_either_actuator(tmp_path):
+def test_the_joint_of_the_page_runs_with_either_actuator(tmp_path):
     line, other = re.search(r"    knee = (.*?)          # or (.*)", KNEE).groups()
     for name, text in (("one.py", KNEE), ("other.py", KNEE.replace(line, other))):
         write(tmp_path, text, name)
@@ -42,14 +42,14 @@ def test_the_knee_exoskeleton_swaps_its_actuator_by_one_line(tmp_path):
     assert process.returncode == OK and "confirmed by left/knee, right/knee" in process.stdout, process.stderr
 
 
-def test_the_pages_plant_ends_the_run(tmp_path):
+def test_the_plant_of_the_page_ends_the_run(tmp_path):
     write(tmp_path, KNEE + "\n\n" + PLANT, "deaf.py")
     process = finished("deaf.py", "--fast", "--duration", "2", "--no-record", cwd=tmp_path)
     assert process.returncode == FAULT and "knee" in process.stderr, process.stderr
 
 
 @pytest.mark.skipif(shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler")
-def test_the_pages_driver_board_compiles_runs_and_is_proved(tmp_path):
+def test_the_driver_board_of_the_page_compiles_runs_and_is_proved(tmp_path):
     [kernels] = re.findall(r"^```cython\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
     path = write(tmp_path, kernels, "board_kernels.pyx")
     compiled = subprocess.run(

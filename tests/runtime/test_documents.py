@@ -52,7 +52,7 @@ def sample(tmp_path):
     return write(tmp_path, python_of(README)[0], "knee.py")
 
 
-def test_the_readmes_diagram_prints_what_the_readme_shows(sample):
+def test_the_readme_shows_the_output_of_its_diagram(sample):
     process = finished("knee.py", "--duration", "0.5", cwd=sample.parent)
     assert (process.returncode, process.stderr) == (OK, "")
     shown = shown_after(README, "Saved as `knee.py`")
@@ -67,7 +67,7 @@ def test_the_readmes_diagram_runs_by_itself(sample):
     assert (process.returncode, process.stderr) == (OK, "") and "knee: 1 s at 200 Hz" in process.stdout
 
 
-def test_without_the_limiter_it_prints_the_error_that_the_readme_shows(sample):
+def test_without_the_limiter_the_error_of_the_readme_is_printed(sample):
     write(
         sample.parent,
         sample.read_text().replace("TorqueLimiter(limit=12.0, slew=200.0)(torque)", "torque"),
@@ -129,7 +129,7 @@ def test_commands_of_the_pages_run(tmp_path):
     assert re.fullmatch(r"hold_.*\.csv: at 0\.995 s the knee was at 0\.\d\d rad\n", reader.stdout), reader.stderr
 
 
-def test_what_the_page_of_recordings_shows_is_what_happens(tmp_path):
+def test_examples_of_the_recordings_page_have_the_documented_output(tmp_path):
     write(tmp_path, python_of(RUNNING)[0], "hold.py")
     for _ in range(2):
         assert finished("hold.py", "--fast", "--duration", "1", "--trial", "subject=S03", cwd=tmp_path).returncode == OK
@@ -169,7 +169,7 @@ def test_what_the_page_of_recordings_shows_is_what_happens(tmp_path):
         assert process.returncode == OK, f"{words}: {process.stderr}"
 
 
-def test_the_pages_set_prints_what_the_page_shows(tmp_path):
+def test_set_prints_the_output_of_the_page(tmp_path):
     write(tmp_path, python_of(RUNNING)[0], "hold.py")
     shown = shown_after(RUNNING, "From another shell")
     commands = [number for number, line in enumerate(shown) if line.startswith("$ ")]
@@ -225,6 +225,6 @@ def test_the_native_block_of_the_page_compiles_and_runs(tmp_path):
         "docs/subjects_data.md",
     ],
 )
-def test_links_lead_somewhere(page):
+def test_links_have_targets(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / page).read_text()):
         assert ((ROOT / page).parent / target).exists(), target

@@ -76,7 +76,7 @@ def test_any_band_is_stable_and_has_the_gain_of_its_formula(order, edges, passes
 
 
 @pytest.mark.parametrize("frequency, q", [(50.0, 30.0), (60.0, 5.0), (1.0, 0.5), (490.0, 100.0)])
-def test_a_notch_filters_as_scipy_does_and_takes_its_frequency_away(frequency, q):
+def test_a_notch_equals_scipys_and_removes_its_frequency(frequency, q):
     y = play(lambda: Notch(frequency, q), RATE, u=NOISE)["y"]
     wanted = signal.lfilter(*signal.iirnotch(frequency, q, RATE), NOISE)
     assert np.abs(y - wanted).max() < 1e-11 * np.abs(wanted).max()
@@ -84,7 +84,7 @@ def test_a_notch_filters_as_scipy_does_and_takes_its_frequency_away(frequency, q
     assert np.abs(play(lambda: Notch(frequency, q), RATE, u=hum)["y"][-1000:]).max() < 1e-6
 
 
-def test_a_cascade_takes_the_sections_of_scipy():
+def test_a_cascade_accepts_scipys_sections():
     sos = signal.ellip(6, 0.5, 60.0, (5.0, 60.0), "bandpass", fs=RATE, output="sos")
     y = play(lambda: BiquadCascade(sos), RATE, u=NOISE)["y"]
     assert np.abs(y - signal.sosfilt(sos, NOISE)).max() < 1e-11
@@ -96,7 +96,7 @@ def test_a_cascade_takes_the_sections_of_scipy():
     "btype, cutoff, rest",
     [("lowpass", 6.0, 1.0), ("highpass", 6.0, 0.0), ("bandpass", (4.0, 9.0), 0.0), ("bandstop", (4.0, 9.0), 1.0)],
 )
-def test_a_settled_filter_stays_where_its_input_leads(btype, cutoff, rest):
+def test_a_settled_filter_stays_at_its_steady_state(btype, cutoff, rest):
     """As SciPy's sosfilt_zi has it: within 1e-12 for a thousand ticks."""
     block = made(Butterworth, 3, cutoff, btype, rate=RATE)
     settle(block, u=0.8)
@@ -108,7 +108,7 @@ def test_a_settled_filter_stays_where_its_input_leads(btype, cutoff, rest):
     assert np.abs(found - wanted).max() < 1e-10
 
 
-def test_a_section_that_integrates_starts_at_zero_also_where_rounding_hides_that_it_does():
+def test_an_integrating_section_starts_at_zero_despite_rounding():
     assert (
         at_rest([(1.0, 0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, -1.9, 0.9), (1.0, 0.0, 0.0, -1.7, 0.7000000000000001)])
         == [0.0] * 9
@@ -118,7 +118,7 @@ def test_a_section_that_integrates_starts_at_zero_also_where_rounding_hides_that
     assert block.step(5.0) == 5.0 and block.output_range(u=Interval(-1.0, 1.0)) == Interval()
 
 
-def test_each_element_of_a_vector_is_filtered_alone():
+def test_each_element_of_a_vector_is_filtered_separately():
     u = NOISE.reshape(200, 3)
     y = play(lambda: Butterworth(2, (5.0, 50.0), "bandpass"), RATE, u=u)["y"]
     for column in range(3):
@@ -144,7 +144,7 @@ def test_each_element_of_a_vector_is_filtered_alone():
         ({"btype": "notch"}, "btype: must be one of lowpass, highpass"),
     ],
 )
-def test_a_butterworth_that_makes_no_sense_is_refused(parameters, said):
+def test_invalid_butterworth_parameters_are_rejected(parameters, said):
     with pytest.raises(DiagramError, match=said):
         Butterworth(**parameters)
 
@@ -170,7 +170,7 @@ def test_frequency_above_nyquist_is_refused(make, said):
 @pytest.mark.parametrize(
     "rows", [(), ((1.0, 2.0),), ((1.0, 0.0, 0.0, 0.0, 0.0, 0.0),), ((1.0, 0.0, 0.0, 1.0, 0.0, math.nan),)]
 )
-def test_a_cascade_of_what_are_no_sections_is_refused(rows):
+def test_invalid_sections_of_a_cascade_are_rejected(rows):
     with pytest.raises(DiagramError, match="sos: expected rows of six finite numbers"):
         BiquadCascade(rows)
 

@@ -76,7 +76,7 @@ def test_no_input_leaves_the_range_from_zero_or_from_a_settled_start(name, data)
 @pytest.mark.parametrize(
     "order, cutoff, rate", [(2, 0.01, 200.0), (8, 2.0, 1000.0), (4, 0.1, 200.0), (1, 0.001, 100.0)]
 )
-def test_a_settled_start_at_full_scale_stays_inside_though_the_poles_lie_near_one(order, cutoff, rate):
+def test_a_settled_start_at_full_scale_stays_in_range_with_poles_near_one(order, cutoff, rate):
     """Rounding errors persist for many steps here: the bound must allow for them."""
     found = made(Butterworth, order, cutoff, rate=rate).output_range(u=Interval(-1.0, 1.0))
     assert found.high < 1.7
@@ -142,7 +142,7 @@ def test_unstable_or_slow_filter_has_no_range(a):
     assert made(TransferFunction, (1.0,), a).output_range(u=Interval(-1.0, 1.0)) == Interval()
 
 
-def test_a_filter_that_cannot_be_summed_up_in_the_work_allowed_has_no_range():
+def test_a_filter_with_a_too_long_impulse_response_has_no_range():
     A, E, C = np.array([[0.999999]]), np.ones((1, 1)), np.ones((1, 1))
     assert impulse_sums(A, E, C, work=1e6) is None
     positive, negative, highest, lowest, states, steps = impulse_sums(A, E, C)

@@ -99,7 +99,7 @@ def test_a_command_that_is_not_finite_ends_the_run_before_its_frame(field, bad):
     } == {NOTHING, DISABLE}
 
 
-def test_a_block_that_lied_about_its_range_ends_the_run_before_its_frame():
+def test_an_output_outside_its_declared_range_ends_the_run_before_the_frame():
     recording, station = alone(20, {5: {"torque": 18.0001}})
     assert (
         recording.outcome.status == "out of limits"
@@ -124,7 +124,7 @@ BETWEEN = {
 
 
 @pytest.mark.parametrize("between", BETWEEN)
-def test_nan_is_a_fault_also_behind(between):
+def test_nan_is_a_fault_also_after_a_limiter(between):
     with Diagram("behind", rate=200) as diagram:
         drive, source, station = CubeMars("AK80-9", name="drive", timeout=0.0), Script(), Station()
         drive(torque_command=BETWEEN[between](source.torque))
@@ -172,7 +172,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("what", [*NOT_FOR_US, *BROKEN])
-def test_frames_that_are_no_reply_change_nothing_and_are_counted(what):
+def test_frames_that_are_not_replies_change_nothing_and_are_counted(what):
     frame = (NOT_FOR_US | BROKEN)[what]
     recording, _ = alone(12, script={3: [(1, answer(1, **HEARD))], 6: [frame, frame]})
     assert recording.outcome.status == "ok"
@@ -200,7 +200,7 @@ def test_reply_is_accepted_from_id_0_and_drive_id(identifier):
 
 
 @pytest.mark.parametrize("invert, offset", [(False, 0.0), (True, 0.0), (False, 0.4), (True, 0.4), (True, -2.0)])
-def test_feedback_is_mirrored_and_moved_as_the_joint_is_mounted(invert, offset):
+def test_feedback_follows_invert_and_offset(invert, offset):
     """Joint position = ± motor position - offset; joint velocity and torque = ± the motor's."""
     recording, _ = alone(6, script={2: [(1, answer(1, **HEARD))]}, invert=invert, offset=offset)
     sign = -1.0 if invert else 1.0
@@ -209,7 +209,7 @@ def test_feedback_is_mirrored_and_moved_as_the_joint_is_mounted(invert, offset):
     assert abs(recording["drive.torque"][3] - sign * HEARD["torque"]) < 36.0 / 4095
 
 
-def test_two_drives_on_one_bus_never_mix():
+def test_two_drives_share_a_bus_without_interference():
     """Replies of both in every order, from their own ids and from 0: each block decodes its own motor, always the
     newest.
     """
@@ -291,7 +291,7 @@ def test_a_fault_in_the_error_byte_ends_the_run_in_the_safe_stop():
         assert {data for _, _, data in station.rest[-2:]} == {NOTHING, DISABLE} and len(station.heard) == 4
 
 
-def test_a_drive_that_falls_silent_ends_the_run_once_its_timeout_has_passed():
+def test_a_silent_drive_ends_the_run_once_its_timeout_has_passed():
     script = {tick: [(1, answer(1))] for tick in range(10)}
     recording, _ = alone(100, script=script, timeout=0.1)
     assert (recording.outcome.status, recording.outcome.culprit) == ("silent", "drive")

@@ -127,7 +127,7 @@ def test_a_spring_in_the_drive_neither_makes_nor_loses_energy():
     assert np.abs(energy / energy[0] - 1.0).max() < 0.03
 
 
-def test_the_work_of_the_drive_is_what_the_limb_holds_and_what_friction_took():
+def test_work_of_the_drive_equals_energy_of_the_limb_plus_friction():
     """W = ∫ τ ω dt against I ω² / 2 + ∫ d ω² dt: within 2 % of the work, trapezoids at 500 Hz on coded signals."""
     friction = 0.05
     with Diagram("work", rate=RATE) as robot:
@@ -170,7 +170,7 @@ def test_arming_enables_drive_and_safe_stop_disables_it():
     assert recording.statistics["frames"]["foreign"] == recording.statistics["frames"]["malformed"] == 0
 
 
-def test_a_plant_that_blows_up_ends_the_run_and_names_the_drive():
+def test_a_diverging_plant_ends_the_run_and_names_the_drive():
     with Diagram("robot", rate=RATE) as robot:
         CubeMars("AK80-9", name="drive")(torque_command=0.0)
     with Diagram("broken", rate=RATE) as plant:

@@ -198,7 +198,7 @@ def test_only_three_frames_of_all_ones_are_special(last):
 
 @pytest.mark.parametrize("port", ["position", "velocity"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_plant_that_has_blown_up_has_no_answer(port, bad):
+def test_a_diverged_plant_sends_no_reply(port, bad):
     """A code cannot represent NaN: the run ends with a fault that names the emulated drive, instead of −12.5 rad."""
     wired = emulated()
     wired.hear(1, NOTHING)

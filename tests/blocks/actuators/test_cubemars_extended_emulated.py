@@ -99,7 +99,7 @@ def test_drive_replies_to_each_command_or_reports_periodically():
     assert reports == list(range(0, 100, 5))
 
 
-def test_force_control_needs_no_enable_unless_it_does():
+def test_force_control_sends_enable_only_if_configured():
     wired = board()
     assert torque(wired) == 0.0 and wired["enabled"] == 0.0
     told(wired, 8, force(torque=5.0))
@@ -115,7 +115,7 @@ def test_force_control_needs_no_enable_unless_it_does():
     assert torque(wired) == pytest.approx(5.0, abs=0.01)
 
 
-def test_a_disable_takes_the_torque_and_is_confirmed_in_the_next_report_alone():
+def test_a_disable_removes_the_torque_and_only_the_next_report_confirms_it():
     wired = board()
     told(wired, 8, force(torque=5.0))
     wired.step()
@@ -180,7 +180,7 @@ def test_servo_mode_gives_the_torque_of_its_commands(kind, model):
     assert torque(wired, velocity=0.0) == 0.0
 
 
-def test_a_speed_limit_on_the_way_is_in_tens():
+def test_speed_limits_of_position_moves_are_in_units_of_ten():
     wired = board()
     turns = 30.0 / math.pi * 9 * 21
     # 1000 and 10 000 electrical revolutions a minute (a second)
@@ -263,7 +263,7 @@ def test_boards_v1_and_v2_ignore_force_control_and_disable():
 
 @pytest.mark.parametrize("port", ["position", "velocity", "temperature"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_plant_that_has_blown_up_has_no_answer(port, bad):
+def test_a_diverged_plant_sends_no_reply(port, bad):
     wired = board()
     told(wired, 8, force())
     assert wired.say(**{port: bad}) == NOT_FINITE

@@ -80,7 +80,7 @@ def test_torque_accelerates_free_inertia_and_is_measured_as_current(model, mount
     assert np.abs(recording["drive.position"][1:] - t**2 / INERTIA).max() < slack
 
 
-def test_in_a_closed_loop_a_joint_that_is_driven_hard_never_feels_more_than_its_limit():
+def test_closed_loop_torque_under_hard_motion_stays_within_the_limit():
     with Diagram("robot", rate=RATE) as robot:
         drive = CubeMarsV3("AK80-9-V3.0", name="drive", limit=4.0, report_rate=500.0)
         drive(position_command=Sine(amplitude=1.5, frequency=2.0)(), stiffness_command=200.0, damping_command=2.0)
@@ -133,7 +133,7 @@ def test_every_servo_mode_follows_its_command(mode, model, mounting):
 
 
 @pytest.mark.parametrize("brake, stands", [(0.0, False), (2.0, True)])
-def test_a_brake_takes_the_speed_of_a_joint_and_holds_it_against_what_it_can(brake, stands):
+def test_a_brake_slows_a_joint_and_holds_it_up_to_its_torque(brake, stands):
     """A spring of 5 N·m/rad, bent by 0.5 rad, against 1.89 N·m: it swings with 5 rad/s, or creeps as the emulated brake
     gives way.
     """
@@ -201,7 +201,7 @@ def test_arming_and_the_safe_stop_are_the_frames_of_the_manual_and_are_confirmed
         assert damping == [(EXTENDED | 2 << 8 | 9, (1000).to_bytes(4, "big"))]
 
 
-def test_damping_is_that_of_the_joint_and_nothing_else():
+def test_emulated_damping_acts_at_the_joint_only():
     for ratio in (1.0, 2.0):
         drive = CubeMarsV3("AK60-6-V3.0", safe_stop="damp", stop_damping=2.0, gear_ratio=ratio)
         [(_, _, data)] = drive.damped_stop().bands[0][1]
@@ -277,7 +277,7 @@ def with_chatter(robot, plant, chatter):
 @pytest.mark.parametrize(
     "current, error", [(c, e) for c in range(-40, 41) for e in (0, 3, 0x77)] + [(9000, 0), (-9000, 0), (9000, 0x77)]
 )
-def test_the_guardian_takes_for_a_confirmation_what_the_loop_does(current, error):
+def test_guardian_and_loop_accept_the_same_confirmations(current, error):
     """The patterns of `replies` against the kernel's rule: a current within ± 0.32 A, or the answer to a disable."""
     identifier, data = reference.status(1, position=-20000, current=current, error=error)
     taken = [
@@ -370,7 +370,7 @@ def test_power_cycled_drive_is_reported_and_disabled(report_rate):
     assert witness.seen[-1][1:] == (False, 0.0)
 
 
-def test_frames_that_get_lost_now_and_then_do_not_end_a_run():
+def test_occasionally_lost_frames_do_not_end_a_run():
     with Diagram("robot", rate=RATE) as robot:
         CubeMarsV3("AK80-9-V3.0", name="drive")(torque_command=0.01)
     with Diagram("plant", rate=RATE * SUBSTEPS) as plant:
@@ -416,7 +416,7 @@ def joint_of(drive):
 
 @pytest.mark.parametrize("kind, model", [(CubeMarsV3, "AK80-9-V3.0"), (CubeMarsServo, "AK80-9")])
 @pytest.mark.parametrize("number, length", [(0, 4), (1, 4), (3, 4), (5, 1), (6, 8), (8, 8), (15, 0), (16, 8)])
-def test_foreign_command_is_a_fault_whatever_its_content(kind, model, number, length):
+def test_a_foreign_command_with_any_content_is_a_fault(kind, model, number, length):
     outcome = strange(kind, model, (reference.identifier(number, 1), bytes(length)))
     assert (outcome.status, outcome.culprit, outcome.tick) == ("foreign command", "drive", 21)
 
@@ -429,7 +429,7 @@ def test_frame_for_other_device_is_not_a_command(frame):
     assert strange(CubeMarsV3, "AK80-9-V3.0", frame).status == "ok"
 
 
-def test_two_drives_of_one_id_do_not_share_a_bus_and_others_do():
+def test_two_drives_on_a_bus_need_different_ids():
     def two(first, second):
         with Diagram("robot", rate=200) as robot:
             CubeMarsV3("AK80-9-V3.0", can_id=first, name="one")(torque_command=0.5)

@@ -69,7 +69,7 @@ def boards():
 
 
 @pytest.mark.parametrize("source", FORCE)
-def test_force_control_is_that_of_others(boards, source):
+def test_force_control_equals_other_implementations(boards, source):
     tried = 0
     for entry in entries("cubemars_v3_force_command"):
         if author(entry["source"]) != source:
@@ -136,7 +136,7 @@ def commanded(entry):
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_commands_of_servo_mode_are_those_of_others(servo, mode):
+def test_commands_of_servo_mode_equal_those_of_other_implementations(servo, mode):
     sources = set()
     for entry in entries("cubemars_servo_command"):
         if entry["mode"] != mode or "description" in entry["inputs"]:
@@ -206,7 +206,7 @@ def test_the_origin_is_one_byte():
     assert tried >= 6
 
 
-def test_a_status_is_read_as_others_read_it():
+def test_a_status_is_decoded_as_by_other_implementations():
     wired = Wired(CubeMarsV3, "AK80-9-V3.0", can_id=104)
     wired.arena[AUTHORITY] = 0.0
     turns = float(reference.turns(MODELS["AK80-9-V3.0"]))

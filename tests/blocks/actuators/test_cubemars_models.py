@@ -53,7 +53,7 @@ def test_a_name_of_two_generations_is_refused_and_both_are_named(short, full):
         "akh70-48",
     ],
 )
-def test_boards_of_the_third_generation_are_refused_by_name(name):
+def test_v3_boards_are_rejected_by_name(name):
     for block in (CubeMars, EmulatedCubeMars):
         with pytest.raises(DiagramError, match="whose protocol differs from V1 and V2: use CubeMarsV3"):
             block(name)
@@ -94,14 +94,14 @@ def test_the_wire_ranges_are_those_of_the_specification():
         assert (model.wire_velocity, model.wire_torque) == (row["v_rad_s"], row["t_nm"]), name
 
 
-def test_the_ratings_are_those_of_the_specification():
+def test_the_ratings_equal_the_specification():
     table = specifications("cubemars_ratings")["models"]
     for name, model in MODELS.items():
         row = table[name.replace("-V", " V")]
         assert (model.rated, model.peak, model.gear) == (row[0], row[1], row[7]), name
 
 
-def test_rated_peak_and_wire_torque_rise_and_are_three_facts():
+def test_rated_peak_and_encoded_torque_increase_and_are_separate_values():
     for model in MODELS.values():
         assert 0.0 < model.rated < model.peak <= model.wire_torque, model
     at_peak = [name for name, model in MODELS.items() if model.peak == model.wire_torque]
@@ -205,7 +205,7 @@ def test_two_drives_with_one_id_on_one_bus_do_not_compile():
         compile(diagram)
 
 
-def test_the_emulator_is_made_from_the_drive_it_plays():
+def test_the_emulator_takes_the_parameters_of_its_drive():
     with Diagram("robot", rate=200):
         drive = CubeMars("ak10-9-v2.0", bus="legs", can_id=7, invert=True, offset=-0.3)
     with Diagram("plant", rate=1000):

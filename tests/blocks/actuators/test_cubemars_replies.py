@@ -34,7 +34,7 @@ def test_a_short_reply_has_motion_and_no_temperature_and_no_error(length, identi
 
 @pytest.mark.parametrize("expected", [6, 7, 8])
 @pytest.mark.parametrize("length", range(10))
-def test_only_the_length_that_was_given_is_read(expected, length):
+def test_only_the_given_length_is_read(expected, length):
     wired = Wired(CubeMars, "AK80-9", can_id=1, reply=expected)
     before = wired.arena.copy()
     answer = wired.hear(1, (reply() + b"\0\0")[:length])
@@ -44,7 +44,7 @@ def test_only_the_length_that_was_given_is_read(expected, length):
 
 
 @pytest.mark.parametrize("length", [6, 7, 8])
-def test_the_emulated_drive_answers_with_as_many_bytes(length):
+def test_the_emulated_drive_replies_with_the_configured_length(length):
     wired = Wired(EmulatedCubeMars, "AK80-9", can_id=1, reply=length)
     wired["position"] = 1.25
     assert wired.hear(1, ENABLE) == TAKEN and wired.hear(1, NOTHING) == TAKEN
@@ -69,7 +69,7 @@ def test_short_replies_are_decoded_if_reply_parameter_selects_them(length):
 
 
 @pytest.mark.parametrize("length", [6, 7])
-def test_replies_of_another_length_are_counted_and_named(length):
+def test_replies_of_another_length_are_counted_and_reported(length):
     walk = robot()
     rig = Rig(walk, plant_of(walk, reply=length))
     outcome = rig.run(50, arming_timeout=0.5)
@@ -111,7 +111,7 @@ def answering(answers):
     return rig, walk["knee"]
 
 
-def test_a_drive_that_answers_with_another_id_is_not_another_controller():
+def test_a_reply_with_another_id_is_not_a_foreign_command():
     rig, knee = answering(lambda tick: [reply(5, error=0)])
     outcome = rig.run(50, arming_timeout=0.5)
     assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",))
@@ -121,7 +121,7 @@ def test_a_drive_that_answers_with_another_id_is_not_another_controller():
     )
 
 
-def test_a_drive_that_changes_its_id_while_running_falls_silent():
+def test_a_drive_that_changes_its_id_times_out():
     rig, _ = answering(lambda tick: [reply(1 if tick < 60 else 5, error=0)])
     outcome = rig.run(100)
     assert (outcome.status, outcome.culprit) == ("silent", "knee") and rig.control.malformed["knee"][1] == 5

@@ -43,7 +43,7 @@ def value_of(data):
     ratio=st.sampled_from([1.0, 2.0, 0.7]),
 )
 @settings(max_examples=600, deadline=None)
-def test_a_command_is_the_references_truncated_towards_zero(data, model, mode, invert, offset, ratio):
+def test_a_command_equals_the_references_truncated_towards_zero(data, model, mode, invert, offset, ratio):
     """The whole number is the exact one without its fraction; where doubles round across a whole number, the next
     one.
     """
@@ -124,7 +124,7 @@ def test_command_beyond_limit_or_nan_makes_no_frame(mode):
     share=st.floats(0.0, 1.0),
 )
 @settings(max_examples=200, deadline=None)
-def test_no_number_wraps_around_even_where_a_limit_has_been_spoilt(mode, x, limit, position, share):
+def test_codes_never_wrap_even_with_a_corrupt_limit(mode, x, limit, position, share):
     one = drive("AK80-64", mode)
     (name,) = one.block.inputs
     one["limits"], one["position"], one.arena[AUTHORITY] = [-limit, limit, 1.0], position, share
@@ -138,7 +138,7 @@ def test_no_number_wraps_around_even_where_a_limit_has_been_spoilt(mode, x, limi
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_commands_fade_in_and_a_position_from_where_the_joint_is(mode):
+def test_commands_fade_in_and_positions_start_from_the_present_one(mode):
     one = drive("AK70-10", mode, offset=0.2)
     (name,), command = one.block.inputs, one["limits"][1] / 2
     one["position"] = 0.75
@@ -158,7 +158,7 @@ def test_derating_by_watch_reduces_current(mode):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_on_the_way_to_a_position_speed_and_acceleration_are_tenths_and_never_more_than_allowed(model):
+def test_position_moves_encode_speed_and_acceleration_in_tenths_within_limits(model):
     one = drive(model, "position_velocity")
     [(_, said)] = one.say(position_command=0.1)
     speed, acceleration = (int.from_bytes(said[i : i + 2], "big", signed=True) for i in (4, 6))
@@ -168,7 +168,7 @@ def test_on_the_way_to_a_position_speed_and_acceleration_are_tenths_and_never_mo
     )
 
 
-def test_a_manuals_example_is_as_it_is_printed():
+def test_an_example_of_the_manual_is_reproduced():
     """1000° at 10000 and 10000: 00989680 03E8 03E8; -4 A: FFFFF060; 5000: 00001388; 0.2: 00004E20; 600°: 005B8D80."""
     turns = float(reference.turns(MODELS["AK80-9"]))
     one = drive("AK80-9", "position_velocity", velocity_limit=10_000.1 / turns, acceleration=10_000.1 / turns)
@@ -192,7 +192,7 @@ def test_a_manuals_example_is_as_it_is_printed():
     invert=st.booleans(),
 )
 @settings(max_examples=300, deadline=None)
-def test_a_status_is_read_as_the_reference_reads_it(model, mode, codes, temperature, error, invert):
+def test_a_status_is_decoded_as_by_the_reference(model, mode, codes, temperature, error, invert):
     one = drive(model, mode, invert=invert, offset=0.4)
     one.arena[AUTHORITY] = 0.0
     frame = reference.status(7, *codes, temperature, error)
@@ -216,7 +216,7 @@ def test_a_status_is_read_as_the_reference_reads_it(model, mode, codes, temperat
     mode=st.sampled_from(MODES),
 )
 @settings(max_examples=400, deadline=None)
-def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, length, mode):
+def test_any_frame_changes_only_the_feedback(identifier, data, length, mode):
     one = drive("AK80-9", mode)
     before = one.arena.copy()
     answer = one.hear(identifier, data, length)

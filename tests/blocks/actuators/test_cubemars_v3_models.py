@@ -53,7 +53,7 @@ def test_unsupported_model_is_refused_with_the_right_block(name, said):
         CubeMarsV3(name)
 
 
-def test_blocks_of_servo_mode_take_the_names_of_both_tables():
+def test_blocks_of_servo_mode_accept_the_names_of_both_tables():
     for name in (*models.MODELS, *MODELS):
         wanted = (models.MODELS | MODELS)[name]
         assert models_v3.find_in_servo_mode(name) is wanted
@@ -93,7 +93,7 @@ def test_the_ratings_and_pole_pairs_are_those_of_the_specification():
         assert (model.rated_rms_current, model.peak_rms_current) == (row[2], row[3]), model.name
 
 
-def test_the_stores_current_is_rms_and_the_constant_is_per_ampere_of_amplitude():
+def test_product_page_currents_are_rms_and_constants_per_amplitude():
     """rated torque / Kt / √2 over the store's current: 0.975 on average, from 0.905 (AK10-9) to 1.089 (AK60-39).
     Without √2 it is 1.28 to 1.54.
     """
@@ -110,7 +110,7 @@ def test_the_stores_current_is_rms_and_the_constant_is_per_ampere_of_amplitude()
         assert peak == pytest.approx(0.91, abs=0.1), model.name
 
 
-def test_the_constant_of_boards_v1_and_v2_is_per_ampere_of_the_store():
+def test_the_torque_constant_of_boards_v1_and_v2_is_per_rms_ampere():
     """Without √2 rated torque / Kt over the store's current is 0.92 on average, from 0.79 (AK80-64) to 1.01 (AK45-36):
     the kind of both is the same.
     """
@@ -124,7 +124,7 @@ def test_the_constant_of_boards_v1_and_v2_is_per_ampere_of_the_store():
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_the_limit_is_rated_peak_or_a_torque_and_never_beyond_the_wire(name):
+def test_the_limit_is_rated_peak_or_a_torque_within_the_encoded_range(name):
     model = MODELS[name]
     if model.rated is None:
         for limit in ("rated", "peak", True, None):

@@ -108,7 +108,7 @@ def test_a_mirrored_drive_is_commanded_mirrored(invert):
         assert abs(codes[name] - (1.0 + sign * x / end) * (2**bits - 1) / 2) <= 1.0, name
 
 
-def test_everything_at_its_top_is_not_what_some_boards_take_for_enable():
+def test_the_largest_command_is_not_the_enable_frame_of_other_boards():
     drive = unlimited("AK80-9-V3.0")  # whose wire ends where its limit does
     limits = drive["limits"]
     [(_, said)] = drive.say(**{f"{name}_command": x for name, x in zip(FIELDS, limits)})
@@ -152,7 +152,7 @@ def test_a_command_past_its_limit_makes_no_frame(model):
     error=st.integers(0, 255),
 )
 @settings(max_examples=300, deadline=None)
-def test_a_status_is_read_as_the_reference_reads_it(data, model, invert, offset, ratio, codes, temperature, error):
+def test_a_status_is_decoded_as_by_the_reference(data, model, invert, offset, ratio, codes, temperature, error):
     """Within 1e-12 of the range. Every value is inside what the block promises; 0x77 is no error of a drive that is not
     commanded.
     """
@@ -198,7 +198,7 @@ def test_status_range_exceeds_command_range():
         *(((reference.identifier(kind, 7), bytes(8)), COMMANDED) for kind in (0, 1, 2, 3, 4, 5, 6, 8, 15, 16)),
     ],
 )
-def test_frames_that_are_no_status_change_no_measurement(frame, answer):
+def test_frames_without_status_change_no_measurement(frame, answer):
     drive = Wired.again(DRIVES["AK70-9"])
     drive.arena[AUTHORITY] = 0.0
     before = drive.arena.copy()
@@ -234,7 +234,7 @@ def test_commanded_drive_that_reports_disable_or_power_loss_faults_until_rearmed
     length=st.integers(0, 255),
 )
 @settings(max_examples=500, deadline=None)
-def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, length):
+def test_any_frame_changes_only_the_feedback(identifier, data, length):
     drive = Wired.again(DRIVES["AKE90-8"])
     before = drive.arena.copy()
     answer = drive.hear(identifier, data, length)
@@ -254,7 +254,7 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
 
 @given(data=st.data(), model=st.sampled_from(sorted(MODELS)), share=st.sampled_from([1.0, 0.3, 0.05]))
 @settings(max_examples=400, deadline=None)
-def test_the_law_is_inside_the_limit_over_every_motion_until_a_late_next_frame(data, model, share):
+def test_the_law_stays_within_the_limit_over_every_motion_until_a_late_frame(data, model, share):
     """Of the received feedback, which is coarser than a command: the joint is within one of its codes."""
     drive = Wired.again(DRIVES[model])
     drive.arena[PERIOD_SLOT] = PERIOD

@@ -124,7 +124,7 @@ def compared(entry, drives):
     return reference.codes_of(bytes.fromhex(entry["frame"]["data_hex"])), reference.codes_of(data), at_top
 
 
-def test_dfki_sends_our_bytes(drives):
+def test_dfki_implementation_sends_the_same_bytes(drives):
     """Equal, mirrored where the library mirrors. Where the ranges differ, scaling may round to the neighbouring
     code.
     """
@@ -155,7 +155,7 @@ def test_manual_formula_differs_by_one_code_and_wraps_at_top(drives, source):
                 assert theirs[name] - mine[name] in ((0, 1, 2) if carried else (0, 1)), (name, entry)
 
 
-def test_enable_disable_and_zero_are_what_the_others_send():
+def test_enable_disable_and_zero_frames_equal_other_implementations():
     special = {"enter": ENABLE, "exit": DISABLE, "zero": SET_ZERO}
     for entry in entries("cubemars_mit_special"):
         wanted = (
@@ -182,7 +182,7 @@ def stated(entry):
 @pytest.mark.parametrize(
     "source, tolerance", [("dfki", 1e-12), ("EP", 1e-12), ("TM", 1e-12), ("AKM", 1e-12), ("LR", 2e-7)]
 )
-def test_replies_mean_the_same_to_us_and_to_the_others(drives, source, tolerance):
+def test_replies_are_decoded_as_by_other_implementations(drives, source, tolerance):
     """In shares of the range, as libraries differ in ranges: 1e-12 for doubles, 2e-7 for LR, which computes in single
     precision.
     """
@@ -202,7 +202,7 @@ def test_replies_mean_the_same_to_us_and_to_the_others(drives, source, tolerance
             assert decoded["fault"] == wired["fault"] == entry["raw"]["err"]
 
 
-def test_our_emulated_drive_understands_commands_as_mit_firmware_does():
+def test_the_emulated_drive_decodes_commands_like_mit_firmware():
     """The compiled firmware decodes in single precision: 2e-7 of the range."""
     drives = {}
     for entry in entries("mit_command_as_seen_by_firmware"):
@@ -221,7 +221,7 @@ def test_our_emulated_drive_understands_commands_as_mit_firmware_does():
             assert abs(entry["decoded"][INPUTS[name]] - understood[name]) < 2e-7 * half, (name, entry)
 
 
-def test_our_emulated_drive_answers_as_mit_firmware_does():
+def test_the_emulated_drive_replies_like_mit_firmware():
     """Six bytes are common to both, then comes a voltage there, temperature and error here: equal."""
     for entry in entries("mit_reply_encode_katz"):
         model, given = ours(entry["model"]), entry["inputs"]

@@ -51,7 +51,7 @@ def same_codes(data, ranges, fields):
 
 
 @models
-def test_every_code_of_twelve_bits_is_what_the_middle_of_its_interval_encodes_to(model):
+def test_every_12_bit_code_is_that_of_the_middle_of_its_interval(model):
     ranges = RANGES[model]
     for k in range(4095):
         codes = {
@@ -68,7 +68,7 @@ def test_every_code_of_twelve_bits_is_what_the_middle_of_its_interval_encodes_to
         assert reference.codes_of(say(DRIVES[model], **fields)) == {"position": 0x7FFF, **codes}
 
 
-def test_every_code_of_position_is_what_the_middle_of_its_interval_encodes_to():
+def test_every_position_code_is_that_of_the_middle_of_its_interval():
     wired = DRIVES["AK80-9"]
     for code in range(65535):
         wired["position_command"] = -12.5 + (code + 0.5) * 25.0 / 65535
@@ -105,13 +105,13 @@ def test_both_ends_of_every_range_have_the_first_and_the_last_code(model):
 
 
 @models
-def test_nothing_commanded_has_the_codes_just_below_the_middle(model):
+def test_zero_command_has_the_codes_just_below_the_middle(model):
     for zero in (0.0, -0.0, 5e-324, -5e-324):
         assert say(DRIVES[model], **dict.fromkeys(("position", "velocity", "torque"), zero)).hex() == "7fff7ff0000007ff"
 
 
 @models
-def test_beyond_a_range_the_code_stays_at_its_end_and_never_wraps(model):
+def test_a_value_beyond_its_range_saturates_and_never_wraps(model):
     wired = drive(model)
     # no command reaches the wire like this: the last line of defence alone
     wired["limits"] = [*(wired["wire"] * 1e6), math.inf, 1.0]
@@ -193,7 +193,7 @@ def test_the_ends_of_a_reply_are_the_ends_of_the_ranges_exactly():
     authority=st.floats(0.0, 1.0),
 )
 @settings(max_examples=300, deadline=None)
-def test_a_command_is_mirrored_moved_and_faded_before_it_is_encoded(data, model, invert, offset, authority):
+def test_invert_offset_and_fade_in_apply_before_encoding(data, model, invert, offset, authority):
     """Motor position = ± (joint position + offset), velocity and torque = ± the joint's; what fades in is torque,
     stiffness and damping.
     """
@@ -226,7 +226,7 @@ def test_a_torque_of_the_whole_limit_is_not_counted_as_limited_and_one_above_it_
         assert wired["limited"] == counted
 
 
-def test_a_share_that_is_not_between_nothing_and_all_is_no_command():
+def test_a_fade_in_share_outside_0_to_1_makes_no_frame():
     wired = drive("AK80-9")
     for share in (math.nan, -1e-9, 1.0000001, math.inf):
         wired.arena[AUTHORITY] = share

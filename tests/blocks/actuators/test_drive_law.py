@@ -121,7 +121,7 @@ def test_random_motion_within_assumption_meets_at_most_the_limit(name, mounted):
 
 @given(data=st.data(), name=st.sampled_from(sorted(KINDS)), mounted=st.booleans())
 @settings(max_examples=400, deadline=None)
-def test_whatever_is_commanded_the_law_holds_the_limit_over_every_motion_until_a_late_next_frame(data, name, mounted):
+def test_any_command_stays_within_the_limit_over_every_motion_until_a_late_frame(data, name, mounted):
     drive = observed(name, data.draw(st.sampled_from([100, 200, 500, 1000]), label="rate"), mounted)
     limit = drive.limit * data.draw(st.floats(0.01, 1.0), label="share of the peak")
     acceleration = data.draw(st.sampled_from([1.0, 50.0, 500.0, 5000.0]), label="acceleration")
@@ -147,7 +147,7 @@ def test_whatever_is_commanded_the_law_holds_the_limit_over_every_motion_until_a
     assert law[2] <= allowed * commands["stiffness"] + 1e-9 and law[3] <= allowed * commands["damping"] + 1e-9
 
 
-def test_truncated_gains_that_pull_against_each_other_hold_back_less_and_that_is_in_the_bound():
+def test_the_bound_includes_the_truncation_of_opposing_gains():
     """RS03: a code of stiffness is 1.22 N·m/rad. A spring of 250 N·m, 5 rad from its rest, and a damper of 250 N·m
     leave nothing as they are wanted; as codes they leave 6 N·m.
     """
@@ -158,7 +158,7 @@ def test_truncated_gains_that_pull_against_each_other_hold_back_less_and_that_is
         assert worst(law, 0.0, 0.0, 0.0, drive.period, 1.0) <= 4.0 + drive.torque_code
 
 
-def test_in_a_closed_loop_a_joint_that_is_driven_hard_never_feels_more_than_its_limit():
+def test_closed_loop_torque_under_hard_motion_stays_within_the_limit():
     with Diagram("robot", rate=200) as robot:
         knee = CubeMars("AK80-9", name="knee", limit=4.0)
         knee(position_command=Sine(amplitude=1.5, frequency=2.0)(), stiffness_command=200.0, damping_command=2.0)
@@ -267,7 +267,7 @@ def test_torque_error_on_recorded_gait_is_within_3_percent_of_limit(joint):
         )
 
 
-def test_without_the_limit_in_the_way_the_law_is_sent_unchanged():
+def test_within_the_limit_the_law_is_sent_unchanged():
     drive = observed("AK80-9")
     drive.hear(0.1, 0.2, drive.period)
     law = drive.law(position=0.0, velocity=0.5, stiffness=20.0, damping=0.5, torque=1.0)
@@ -281,7 +281,7 @@ def test_a_stiff_spring_far_from_its_rest_pulls_with_the_limit_and_it_counts():
     assert torque_of(law, 1.0, 0.0) == pytest.approx(-9.0, abs=0.01) and drive.wired["limited"] == 1.0
 
 
-def test_a_feedforward_at_the_limit_leaves_no_gain_where_the_spring_pulls_the_same_way():
+def test_feed_forward_at_the_limit_removes_gains_that_add_to_it():
     drive = observed("AK80-9", limit=9.0)
     drive.hear(1.0, 0.0, drive.period)
     assert drive.law(position=0.0, stiffness=100.0, damping=1.0, torque=-9.0)[2:] == pytest.approx(
@@ -291,7 +291,7 @@ def test_a_feedforward_at_the_limit_leaves_no_gain_where_the_spring_pulls_the_sa
     assert torque_of(against, 1.0, 0.0) == pytest.approx(-3.0, abs=0.1), "9 N·m less 0.3 rad of 40 N·m/rad"
 
 
-def test_damping_is_what_a_frame_can_carry():
+def test_stop_damping_is_limited_to_the_encoded_range():
     """2 limit / (a Δ) = 2 · 9 / (500 · 0.015) = 2.4 of 5 N·m·s/rad, in the torque; at rest the gain is half of that."""
     drive = observed("AK80-9", limit=9.0)
     drive.hear(0.0, 2.0, drive.period)
@@ -393,7 +393,7 @@ def test_lowered_limit_clips_torque_without_refusing_it(torque):
     "age, kept",
     [(2.0, True), (2.0 + 1e-7, True), (2.0 + 5e-7, False), (2.1, False), (math.inf, False), (math.nan, False)],
 )
-def test_on_feedback_older_than_two_ticks_there_is_the_feed_forward_alone(age, kept):
+def test_feedback_older_than_two_ticks_leaves_only_feed_forward(age, kept):
     drive = observed("AK80-9", limit=9.0)
     drive.hear(0.2, 0.0, age * drive.period)
     law = drive.law(stiffness=10.0, damping=0.2, torque=3.0)
@@ -406,7 +406,7 @@ def test_on_feedback_older_than_two_ticks_there_is_the_feed_forward_alone(age, k
 @pytest.mark.parametrize("name", KINDS)
 @pytest.mark.parametrize("end", ["position", "velocity"])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_at_the_ends_of_the_ranges_of_position_and_velocity_there_is_torque_alone(name, end, sign):
+def test_at_the_ends_of_the_encoded_ranges_only_torque_is_commanded(name, end, sign):
     """A code at its end may stand for anything beyond. With damping the wanted torque, as it is inside the ranges."""
     drive = observed(name, limit=5.0)
     position, velocity = (
@@ -440,7 +440,7 @@ def test_invalid_max_acceleration_is_refused(acceleration):
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("what", ["position", "velocity"])
-def test_nan_feedback_leaves_only_feed_forward(what, bad):
+def test_with_nan_feedback_only_feed_forward_is_sent(what, bad):
     drive = observed("AK80-9")
     drive.wired[what] = bad
     assert drive.law(stiffness=20.0, damping=1.0, torque=3.0)[2:] == pytest.approx([0.0, 0.0, 3.0], abs=36.0 / 4095)

@@ -50,18 +50,18 @@ def test_a_joint_of_half_the_smallest_inertia_chatters():
     )
 
 
-def test_usable_damping_is_what_the_limit_carries_over_three_periods():
+def test_usable_damping_follows_from_the_limit_over_three_periods():
     assert law().usable_damping == pytest.approx(2.0 * 9.0 / (500.0 * 0.015)) == pytest.approx(2.4)
 
 
 @pytest.mark.parametrize("rate, time", [(200.0, 0.045), (1000.0, 0.045), (100.0, 0.055)])
-def test_a_stall_lasts_until_the_guardian_has_looked(rate, time):
+def test_a_stall_lasts_until_the_guardian_has_checked(rate, time):
     assert law(rate=rate).stall_time == pytest.approx(time)
 
 
 @pytest.mark.parametrize("stiffness, damping", [(30.0, 1.0), (300.0, 0.0), (0.0, 2.0), (100.0, 5.0)])
 @pytest.mark.parametrize("motion", [125.0, 500.0])
-def test_no_frame_of_a_stalled_loop_reaches_more_than_the_figure(stiffness, damping, motion):
+def test_torque_of_a_stalled_loop_stays_within_the_reported_figure(stiffness, damping, motion):
     figures = law(12.0, 500.0, 200.0, stiffness, damping)
     drive, random = observed("AK10-9", 200, limit=12.0), np.random.default_rng(3)
     after = np.linspace(0.005, 0.005 + figures.stall_time, 12)
@@ -85,7 +85,7 @@ def test_the_stall_torque_of_a_knee_is_bounded_by_the_limit_and_the_acceleration
     assert figures.stall_torque(500.0) / 12.0 == pytest.approx(4.75, abs=0.1)
 
 
-def test_the_figures_of_the_documentation_are_the_codes():
+def test_documented_rates_follow_from_the_frame_bits():
     page = (Path(__file__).parents[3] / "docs" / "actuators.md").read_text()
     knee = Law(12.0, 500.0, 0.005, Interval.point(30.0), Interval.point(1.0))
     assert f"{law().usable_damping:.1f} N·m·s/rad for 9 N·m, 500 rad/s² and 200 Hz" in page
@@ -104,7 +104,7 @@ def test_the_figures_of_the_documentation_are_the_codes():
     "kind, model", [(CubeMars, "AK80-9"), (CubeMarsV3, "AK10-9-V3.0"), (RobStride, "RS02"), (RobStrideMIT, "RS02")]
 )
 @pytest.mark.parametrize("stiffness, damping", [(0.0, 0.0), (5.0, 0.0), (0.0, 0.1)])
-def test_torque_alone_is_proved_and_stiffness_or_damping_rests_on_the_assumption(kind, model, stiffness, damping):
+def test_pure_torque_is_proved_and_gains_rest_on_the_assumption(kind, model, stiffness, damping):
     drive = kind(model, max_acceleration=300.0)
     commands = {name: NOTHING for name in drive.inputs}
     bound = drive.torque_bound(
@@ -136,7 +136,7 @@ def test_torque_alone_is_proved_and_stiffness_or_damping_rests_on_the_assumption
         (lambda: CubeMarsServo("AK80-9", mode="position_velocity"), "none"),
     ],
 )
-def test_a_loop_inside_the_drive_is_never_called_proved(drive, kind):
+def test_a_loop_inside_the_drive_is_never_reported_as_proved(drive, kind):
     drive = drive()
     bound = drive.torque_bound({name: Interval.point(0.1) for name in drive.inputs}, 0.005)
     assert bound.kind == kind and (bound.kind == "proved") == (bound.holds == "")

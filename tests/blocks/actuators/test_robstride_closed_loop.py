@@ -157,7 +157,7 @@ def test_torque_in_other_modes_fades_in_within_limit(mode, command):
     assert torque.max() > 5.0 and np.all(np.abs(torque[1:]) <= 20.0 * share[:-1] + 0.01)
 
 
-def test_swapping_the_actuator_leaves_the_joint_where_it_was():
+def test_swapping_the_actuator_keeps_the_joint_position():
     """The same knee with three boards: positions under a torque that swings agree within 2 % of their range.
 
     A code of torque in twelve bits, truncated, is 0.09 rad of 4.2 after a second on this inertia.
@@ -218,7 +218,7 @@ def test_drive_faults_end_run_and_torque(kind, model, fault):
 
 @pytest.mark.parametrize("fault", ["wrong_id"])
 @pytest.mark.parametrize("kind, model", [(RobStride, "RS03"), (RobStrideMIT, "RS03"), (CubeMars, "AK80-9")])
-def test_a_drive_that_answers_with_another_id_has_not_answered(kind, model, fault):
+def test_a_reply_with_another_id_does_not_count_as_a_reply(kind, model, fault):
     recording, drive = played(kind, model, 10, plant={"wrong_id": lambda: 9})
     assert recording.outcome.status == "no answer" and recording.outcome.unanswered == ("drive",)
 
@@ -234,7 +234,7 @@ def test_stuck_encoder_reports_no_motion(kind, model):
 
 
 @pytest.mark.parametrize("kind, model", [(RobStride, "RS03"), (RobStrideMIT, "RS03"), (CubeMars, "AK80-9")])
-def test_frames_that_get_lost_now_and_then_do_not_end_a_run(kind, model):
+def test_occasionally_lost_frames_do_not_end_a_run(kind, model):
     recording, drive = played(kind, model, 1000, {"torque_command": 0.01}, plant={"dropped": lambda: 0.05})
     assert recording.outcome.status == "ok" and 0.004 < recording["drive.age"].max() < 0.05
     lost = 1000 - recording.statistics["frames"]["received"]

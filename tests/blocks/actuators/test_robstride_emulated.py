@@ -143,7 +143,7 @@ def test_run_mode_changes_only_while_stopped():
     assert read(wired, 0x7005)[1] == b"\5\0\0\0", "4 and 9 are no modes"
 
 
-def test_parameters_are_read_back_as_they_were_written_and_what_is_measured_cannot_be():
+def test_written_parameters_read_back_and_measured_ones_are_read_only():
     wired = emulated("RS02", gear_ratio=2.0)
     for index, value in ((0x700B, 6.5), (0x7016, -1.25), (0x7017, 3.5), (0x7018, 7.0), (0x701E, 12.5), (0x7022, 4.0)):
         write(wired, index, value)
@@ -174,7 +174,7 @@ def test_parameters_are_read_back_as_they_were_written_and_what_is_measured_cann
         (0x7016, -9.0, 1, -0.25 * 5.0),
     ],
 )
-def test_the_other_modes_have_the_laws_that_are_written_down(index, value, mode, wanted):
+def test_other_modes_follow_their_documented_laws(index, value, mode, wanted):
     """At rest at zero: A times the constant; 5 N·m·s/rad of speed; 30 rad/s a radian, no faster than 0.5 (CSP) or 0.25
     (PP) rad/s.
     """
@@ -192,7 +192,7 @@ def test_the_other_modes_have_the_laws_that_are_written_down(index, value, mode,
         assert torque(wired) == 0.0, "limit_cur of nothing is no torque"
 
 
-def test_enabling_starts_from_where_the_joint_is():
+def test_commands_start_from_the_present_position():
     wired = emulated("RS03")
     for index, number in ((0x7005, 5), (0x7017, 5.0), (0x7016, 3.0)):
         write(wired, index, number)
@@ -304,9 +304,7 @@ def test_foreign_or_malformed_frames_are_ignored_without_reply(identifier, data,
     to_us=st.booleans(),
 )
 @settings(max_examples=80, deadline=None)
-def test_no_frame_at_all_makes_torque_in_a_drive_that_is_stopped_or_torque_beyond_its_peak(
-    identifier, kind, data, length, to_us
-):
+def test_no_frame_causes_torque_in_a_stopped_drive_or_beyond_the_peak(identifier, kind, data, length, to_us):
     wired = Wired.again(BASE)
     if to_us:
         identifier = reference.identifier(kind, identifier >> 8 & 0xFFFF, 127)
@@ -324,7 +322,7 @@ BASE = emulated()
 
 @pytest.mark.parametrize("port", ["position", "velocity"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_plant_that_has_blown_up_has_no_answer(port, bad):
+def test_a_diverged_plant_sends_no_reply(port, bad):
     for wired, frame in ((emulated(), ENABLE), (Wired(EmulatedRobStrideMIT, "RS03"), (127, mit.ENABLE))):
         wired.hear(*frame)
         assert wired.say(**{port: bad}) == NOT_FINITE
@@ -333,7 +331,7 @@ def test_a_plant_that_has_blown_up_has_no_answer(port, bad):
 # The MIT protocol
 
 
-def test_in_mit_mode_it_answers_from_the_hosts_id_without_a_fault():
+def test_in_mit_mode_replies_come_from_the_host_id_without_a_fault():
     limits = RANGES["RS03"]
     wired = Wired(EmulatedRobStrideMIT, "RS03", can_id=3, host_id=0xFB)
     wired["temperature"] = 41.5
@@ -362,7 +360,7 @@ def test_in_mit_mode_it_answers_from_the_hosts_id_without_a_fault():
 
 
 @pytest.mark.parametrize("tail", ["fffd", "fffe", "fffb", "fff8", "fff9", "01fa", "02fd", "0301", "02fc"])
-def test_frames_that_set_a_drive_up_are_no_commands(tail):
+def test_set_up_frames_are_not_foreign_commands(tail):
     wired = Wired(EmulatedRobStrideMIT, "RS03")
     wired.hear(127, mit.ENABLE)
     wired.hear(127, bytes([255] * 6) + bytes.fromhex(tail))

@@ -71,7 +71,7 @@ def test_a_unique_number_of_another_form_is_refused(unique):
         EmulatedRobStride("RS03", unique=unique)
 
 
-def test_a_new_id_holds_at_once_and_is_answered_with_the_unique_number():
+def test_a_new_id_applies_at_once_and_returns_the_unique_number():
     wired = emulated(unique="1122334455667788")
     assert ask(wired, queries.set_id(127, 9)) == [(9 << 8 | 0xFE, bytes.fromhex("1122334455667788"))]
     assert ask(wired, queries.get_id(127), taken=FOREIGN) == []
@@ -82,11 +82,11 @@ def test_a_new_id_holds_at_once_and_is_answered_with_the_unique_number():
 
 
 @pytest.mark.parametrize("new", [0, 128, 255])
-def test_an_id_that_no_drive_can_have_is_not_taken(new):
+def test_an_impossible_id_is_not_accepted(new):
     assert ask(emulated(), queries.set_id(127, new))[0][0] == 127 << 8 | 0xFE
 
 
-def test_a_frame_of_another_library_sets_the_id():
+def test_a_set_id_frame_of_another_library_is_accepted():
     told = [
         entry
         for entry in entries("robstride_other_types")
@@ -130,7 +130,7 @@ def test_drive_gains_can_be_read_and_written():
 
 
 @pytest.mark.parametrize("saved", [False, True])
-def test_without_power_it_keeps_what_was_saved(saved):
+def test_saved_settings_survive_a_power_loss(saved):
     wired = emulated()
     before = value(wired, LOC_KP)
     for index, number in ((LOC_KP, 12.0), (CAN_TIMEOUT, 2000), (RUN_MODE, 3)):

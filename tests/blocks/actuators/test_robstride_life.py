@@ -97,7 +97,7 @@ def test_arming_configures_and_enables_and_safe_stop_disables(mode, substeps):
 
 
 @pytest.mark.parametrize("kind", [1, 3, 4, 6, 7, 18])
-def test_foreign_command_is_a_fault_at_any_torque(kind):
+def test_a_foreign_command_is_a_fault_at_any_torque(kind):
     """Operation control has its torque in the identifier: it need not be a frame that we ever send."""
     rig, _, watcher = lived(
         lambda: rig.buses["can"].device.send(reference.identifier(kind, 0x4321, 127) & 0x1FFFFFFF, bytes(8), True)
@@ -120,7 +120,7 @@ def test_frame_for_other_device_is_not_a_command(identifier, extended):
     assert rig.run(50).status == "ok"
 
 
-def test_without_a_guardian_a_strange_command_is_only_counted():
+def test_without_a_guardian_a_foreign_command_is_only_counted():
     rig, _, _ = lived(
         lambda: rig.buses["can"].device.send(reference.identifier(1, 1, 127) & 0x1FFFFFFF, bytes(8), True), guard=0.0
     )
@@ -156,7 +156,7 @@ def test_a_drive_that_reports_a_fault_ends_the_run(code):
     assert (outcome.status, outcome.culprit) == ("device fault", "drive") and 19 <= outcome.tick <= 22
 
 
-def test_two_drives_and_two_protocols_share_a_bus_and_never_mix():
+def test_two_protocols_share_a_bus_without_interference():
     with Diagram("robot", rate=200) as robot:
         drives = [
             RobStride("RS03", can_id=3, name="hip"),

@@ -53,7 +53,7 @@ def test_commands_encode_as_reference_and_decode_within_one_code(data, model):
 
 
 @models
-def test_no_command_begins_with_six_bytes_of_ones(model):
+def test_no_command_starts_with_six_bytes_of_ones(model):
     """Those set a drive up: they enable and disable it, and change its id, its protocol, its host."""
     limits = RANGES[model]
     top = {name: limits[name][1] for name in FIELDS}
@@ -66,7 +66,7 @@ def test_no_command_begins_with_six_bytes_of_ones(model):
 
 
 @models
-def test_both_ends_and_beyond_never_wrap_and_what_is_no_number_is_refused(model):
+def test_values_beyond_the_range_never_wrap_and_nan_is_rejected(model):
     limits, wired = RANGES[model], drive(model)
     wired["limits"] = wired["limits"] * 1e6  # no command reaches the wire like this: the last line of defence alone
     for name, bits in reference.FIELDS:
@@ -109,13 +109,13 @@ def test_a_reply_is_decoded_as_the_reference_does(data, model, temperature):
         (0xFD, b"\x7f", MALFORMED),
     ],
 )
-def test_drives_share_the_hosts_id_and_none_takes_what_is_anothers_or_broken(identifier, data, answer):
+def test_drives_with_one_host_id_ignore_foreign_and_corrupt_frames(identifier, data, answer):
     wired = Wired.again(DRIVES["RS03"])
     before = wired.arena.copy()
     assert wired.hear(identifier, data) == answer and wired.arena.tobytes() == before.tobytes()
 
 
-def test_arming_disables_chooses_operation_and_enables_and_the_cybergear_has_no_such_protocol():
+def test_arming_disables_selects_operation_and_enables():
     block = RobStrideMIT("RS03", can_id=5)
     to_drive = [data for identifier, _, data in block.enable_frames() if identifier == 5]
     assert (

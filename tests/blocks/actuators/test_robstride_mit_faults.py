@@ -53,7 +53,7 @@ def test_arming_verifies_timeout_and_queries_faults_before_enable():
     assert (plain.own_timeout, plain.ready, RobStrideMIT("RS03").own_timeout) == (None, None, 0.1)
 
 
-def test_a_time_out_that_three_ticks_outlast_is_refused():
+def test_a_time_out_shorter_than_three_ticks_is_rejected():
     with pytest.raises(DiagramError, match="shorter than three ticks"), Diagram("robot", rate=20) as robot:
         RobStrideMIT("RS03", name="knee")(torque_command=0.0)
         from graph import compile
@@ -61,7 +61,7 @@ def test_a_time_out_that_three_ticks_outlast_is_refused():
         compile(robot)
 
 
-def test_the_faults_come_behind_the_answer_to_the_read_and_are_no_motion():
+def test_fault_replies_follow_the_read_and_are_not_motion():
     wired = drive()
     assert wired.hear(0xFD, REST) == TAKEN
     before = wired["position"]
@@ -84,7 +84,7 @@ def test_the_faults_come_behind_the_answer_to_the_read_and_are_no_motion():
         (1 << 16, "little", 1 << 16),
     ],
 )
-def test_a_word_is_read_in_the_order_in_which_its_bits_exist(word, order, read):
+def test_fault_words_are_decoded_from_the_lowest_bit(word, order, read):
     wired = drive()
     wired.hear(0x305, WRITTEN)
     assert wired.hear(0xFD, faults(word, order)) == ANSWERED and wired["fault"] == read
@@ -128,7 +128,7 @@ def test_fault_query_replaces_one_command_per_second():
     assert [tick for tick, data in enumerate(said) if data == QUESTION] == [200, 400, 600, 800, 1000]
 
 
-def test_a_question_waits_until_no_reply_is_owed():
+def test_a_query_waits_until_no_reply_is_pending():
     wired = armed()
     assert QUESTION not in ticks(wired, 199) + ticks(wired, 1, answer=False, first=199) + ticks(
         wired, 40, answer=False, first=200
@@ -138,7 +138,7 @@ def test_a_question_waits_until_no_reply_is_owed():
     assert ticks(wired, 1, first=240) == [QUESTION]
 
 
-def test_a_reply_that_was_lost_puts_the_question_off_by_fifty_ticks_at_most():
+def test_a_lost_reply_delays_the_query_by_at_most_50_ticks():
     wired = armed()
     ticks(wired, 190)
     ticks(wired, 1, answer=False, first=190)
@@ -155,7 +155,7 @@ def test_no_query_is_sent_before_torque_is_enabled():
     assert QUESTION not in ticks(wired, 300)
 
 
-def test_a_command_that_is_not_finite_is_refused_in_the_tick_of_a_question_too():
+def test_a_non_finite_command_is_rejected_also_in_the_tick_of_a_query():
     wired = armed()
     ticks(wired, 200)
     wired.arena[TIME] = 1.0
@@ -171,7 +171,7 @@ def test_query_leaves_reported_command_unchanged():
     assert data == QUESTION and (wired["torque_sent"], wired["sent"].tolist()) == before
 
 
-def test_the_command_before_a_question_has_gains_for_a_longer_time():
+def test_the_command_before_a_query_has_gains_for_two_periods():
     """It stays in force for two periods. With the longer one the law is scaled further down, and never up."""
     wired = armed()
     gains = []
@@ -188,7 +188,7 @@ def test_the_command_before_a_question_has_gains_for_a_longer_time():
     )
 
 
-def test_an_answer_that_is_lost_or_late_is_never_taken_for_motion():
+def test_a_lost_or_late_query_reply_is_never_decoded_as_motion():
     wired = armed()
     ticks(wired, 200)
     assert ticks(wired, 1, first=200, answer=False) == [QUESTION]

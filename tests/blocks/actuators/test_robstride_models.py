@@ -108,7 +108,7 @@ def test_behind_a_gear_all_limits_and_ranges_are_those_of_the_joint(kind, model,
         ("current", "current_command", 20.0 * math.sqrt(2.0) / 2.36),
     ],
 )
-def test_another_mode_has_one_command_with_a_limit_that_is_proved(mode, name, limit):
+def test_every_other_mode_has_one_command_with_a_proved_limit(mode, name, limit):
     drive = RobStride("RS03", mode=mode, offset=0.5, velocity_limit=3.0)
     assert (
         list(drive.inputs) == [name]
@@ -174,7 +174,7 @@ def test_arming_stops_drive_sets_mode_limits_and_timeout_and_enables_last(model,
 @pytest.mark.parametrize(
     "limit, ratio, motor", [("rated", 1.0, 6.0), ("peak", 1.0, 17.0), ("peak", 4.0, 17.0), (10.0, 4.0, 2.5)]
 )
-def test_arming_gives_the_drive_its_torque_limit_as_a_second_layer(limit, ratio, motor):
+def test_arming_writes_the_torque_limit_to_the_drive(limit, ratio, motor):
     assert told(RobStride("RS02", limit=limit, gear_ratio=ratio))[1][0x700B] == pytest.approx(motor), "N·m at the motor"
 
 
@@ -240,7 +240,7 @@ def test_a_time_out_shorter_than_two_ticks_is_refused():
         ({"model": "CyberGear", "active_reporting": True}, "has no periodic reports"),
     ],
 )
-def test_a_parameter_that_will_not_do_is_refused_with_its_name_value_and_bound(parameters, said):
+def test_an_invalid_parameter_is_rejected_with_name_value_and_bound(parameters, said):
     with pytest.raises(DiagramError, match=said):
         RobStride(**{"model": "RS03", **parameters})
 
@@ -257,7 +257,7 @@ def test_diagram_round_trips_through_json(mode, name):
     assert [steps.enable for steps in compile(again).devices] == [tuple(drive.enable_frames())]
 
 
-def test_a_parameter_set_before_the_compile_takes_its_mode_and_model_along():
+def test_a_parameter_set_before_compile_reconfigures_the_block():
     with Diagram("set", rate=200) as diagram:
         drive = RobStride("RS03", mode="csp", name="drive")
         drive.set("mode", "operation")
@@ -283,7 +283,7 @@ def test_two_drives_with_one_id_on_one_bus_do_not_compile_and_a_cubemars_with_th
                 compile(diagram)
 
 
-def test_the_emulator_is_made_from_the_drive_it_plays():
+def test_the_emulator_takes_the_parameters_of_its_drive():
     with Diagram("robot", rate=200):
         drive = RobStride("robstride04", bus="legs", can_id=7, invert=True, offset=-0.3, gear_ratio=1.5)
     with Diagram("plant", rate=1000):
@@ -313,7 +313,7 @@ def test_swapping_one_actuator_for_another_changes_one_line():
         compile(diagram)
 
 
-def test_a_stop_confirms_itself_by_feedback_and_nothing_else():
+def test_only_feedback_confirms_a_stop():
     ((wanted, mask, extended, begin),) = RobStride("RS03", can_id=9).replies()
     limits = reference.ranges(MODELS["RS03"])
     assert extended and begin == b""

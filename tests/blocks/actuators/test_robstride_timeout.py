@@ -33,7 +33,7 @@ def test_arming_writes_the_time_out_and_reads_it_back_before_it_enables():
     assert RobStride("CyberGear").ready is RobStride("RS03", can_timeout=0.0).ready is None
 
 
-def test_the_drive_is_ready_once_it_has_returned_what_was_written():
+def test_a_drive_is_ready_once_it_has_returned_the_written_values():
     wired = Wired(RobStride, "RS03")
     assert wired.hear(*read_reply(2000, index=0x7029)) == NOTED and wired["timeout_read"][0] == 0.0
     assert wired.hear(*read_reply(2000)) == NOTED and wired["timeout_read"][0] == 1.0 and wired["fault"] == 0

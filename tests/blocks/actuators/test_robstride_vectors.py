@@ -95,7 +95,7 @@ def test_reference_implementations_send_same_codes_in_their_ranges(drives, sourc
             assert abs(theirs[name] - mine[name]) <= tolerance, (name, entry)
 
 
-def test_the_manuals_ranges_are_ours():
+def test_encoded_ranges_equal_the_manuals():
     for entry in of("manual", "robstride_operation_command"):
         found = MODELS[entry["model"]]
         assert all(entry["limits"][key] == getattr(found, f"wire_{name}") for name, key in LIMITS.items()), entry
@@ -109,7 +109,7 @@ def test_stiffness_and_damping_of_the_large_models_follow_the_manual_and_not_epi
     assert all((MODELS[name].wire_stiffness, MODELS[name].wire_damping) == (5000.0, 100.0) for name in wrong)
 
 
-def test_pycybergear_puts_its_host_where_torque_belongs(drives):
+def test_pycybergear_sends_its_host_id_in_the_torque_field(drives):
     for entry in of("PCG", "robstride_operation_command"):
         theirs, mine = compared(entry, drives)
         if within(entry):
@@ -119,7 +119,7 @@ def test_pycybergear_puts_its_host_where_torque_belongs(drives):
         assert theirs["torque"] <= 255, "full torque backwards, whatever was asked"
 
 
-def test_tonys_bytes_are_the_wrong_way_round(drives):
+def test_tonys_implementation_swaps_the_bytes_of_each_field(drives):
     for entry in of("TONY", "robstride_operation_command"):
         if within(entry):
             theirs, mine = compared(entry, drives)
@@ -132,7 +132,7 @@ def test_tonys_bytes_are_the_wrong_way_round(drives):
 @pytest.mark.parametrize(
     "source, tolerance", [("manual", 1e-12), ("EP", 1e-12), ("PCG", 1e-12), ("RD", 4e-5), ("RSV", 1e-6), ("RP", 1e-12)]
 )
-def test_replies_mean_the_same_to_us_and_to_the_others(drives, source, tolerance):
+def test_replies_are_decoded_as_by_other_implementations(drives, source, tolerance):
     """In shares of the range, as libraries differ in ranges. RSV is single precision, RD has 0x7FFF where 65535 / 2
     belongs.
     """
@@ -192,7 +192,7 @@ def test_frames_of_other_types_match_reference():
     assert made > 20
 
 
-def test_fault_reports_are_read_as_the_manual_lists_their_bits():
+def test_fault_reports_are_decoded_as_listed_in_the_manual():
     for entry in entries("robstride_fault_type21"):
         wired = Wired(RobStride, "RS03")
         wired.hear(entry["frame"]["arbitration_id"] | EXTENDED, bytes.fromhex(entry["frame"]["data_hex"]))
@@ -211,7 +211,7 @@ def test_values_of_parameters_are_little_endian():
             assert written == data, "what is read is what would be written"
 
 
-def test_the_vendors_mit_frames_are_ours():
+def test_mit_frames_equal_the_vendors():
     """Its sample asks positions within ± 12.5 and clamps; single precision: at most one code off. Its FC with a mode
     chooses the mode.
     """
@@ -247,7 +247,7 @@ def test_the_vendors_mit_frames_are_ours():
     assert seen > 40
 
 
-def test_the_table_of_models_is_that_of_the_specification():
+def test_the_model_table_equals_the_specification():
     table = specifications("robstride")["models"]
     assert {name.split()[0] for name in table} == set(MODELS)
     for name, row in table.items():

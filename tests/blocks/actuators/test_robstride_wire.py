@@ -76,7 +76,7 @@ def test_commands_encode_as_reference_and_decode_within_one_code(data, model):
 
 
 @models
-def test_every_code_is_what_the_middle_of_its_interval_encodes_to(model):
+def test_every_code_is_that_of_the_middle_of_its_interval(model):
     """Every field at once, each on its own way through the codes: all of them in nine models."""
     wired, ranges = DRIVES[model], RANGES[model]
     for k in range(sorted(MODELS).index(model), 65535, len(MODELS)):
@@ -107,7 +107,7 @@ def test_both_ends_of_every_range_have_the_first_and_the_last_code_and_beyond_no
 
 
 @models
-def test_nothing_commanded_is_the_zero_frame_of_arming(model):
+def test_zero_command_equals_the_zero_frame_of_arming(model):
     wired = DRIVES[model]
     ((identifier, extended, data),) = wired.block.zero_frames()
     assert extended and say(wired) == (identifier | EXTENDED, data)
@@ -148,9 +148,7 @@ def test_a_command_past_its_limit_is_refused_and_makes_no_frame(model):
     authority=st.floats(0.0, 1.0),
 )
 @settings(max_examples=50, deadline=None)
-def test_a_command_is_mirrored_moved_geared_and_faded_before_it_is_encoded(
-    data, model, invert, offset, ratio, authority
-):
+def test_invert_offset_gear_and_fade_in_apply_before_encoding(data, model, invert, offset, ratio, authority):
     """At the motor: ± (joint position + offset) r, velocity r, torque / r, stiffness / r², damping / r²; within one
     code.
     """
@@ -249,7 +247,7 @@ def test_invalid_gain_scale_makes_no_frame(mode, share):
     assert wired.say() == OUT_OF_LIMITS
 
 
-def test_a_drive_that_has_stopped_by_itself_is_a_fault_and_one_that_does_not_run_yet_has_not_answered():
+def test_a_drive_that_stops_by_itself_is_a_fault_only_after_it_has_run():
     ranges = RANGES["RS03"]
     wired = Wired(RobStride, "RS03")
     stopped, running = reference.reply(ranges, 127, mode=0), reference.reply(ranges, 127, mode=2)

@@ -33,7 +33,7 @@ def assert_gains_and_torque(wired, gains, torque):
 
 @drives
 @pytest.mark.parametrize("parameters", [{}, {"invert": True, "offset": 0.7}, {"gear_ratio": 2.0}])
-def test_the_law_that_a_frame_carries_is_remembered_at_the_joint(kind, model, parameters):
+def test_the_law_of_the_last_frame_is_stored_at_the_joint(kind, model, parameters):
     wired = drive(kind, model, **parameters)
     assert wired["sent"].tolist() == [0.0] * 5, "nothing has been sent yet"
     wired.say(**{f"{name}_command": value for name, value in COMMAND.items()})
@@ -48,7 +48,7 @@ def test_the_law_that_a_frame_carries_is_remembered_at_the_joint(kind, model, pa
 
 
 @drives
-def test_fade_in_and_a_refusal_show_in_what_is_remembered(kind, model):
+def test_fade_in_and_rejection_appear_in_the_stored_law(kind, model):
     wired = drive(kind, model)
     wired.arena[6] = 0.5
     wired.say(**{f"{name}_command": value for name, value in COMMAND.items()})
@@ -66,7 +66,7 @@ def test_a_lowered_share_of_gains_leaves_the_feed_forward_torque(kind, model, al
     assert_gains_and_torque(wired, allowed, 1.0)
 
 
-def test_a_mode_in_which_the_drive_closes_another_loop_sends_no_law():
+def test_a_mode_without_the_law_sends_no_gains():
     wired = Wired(RobStride, "RS03", mode="current")
     wired.say(current_command=2.0)
     assert wired["sent"].tolist() == [0.0] * 5

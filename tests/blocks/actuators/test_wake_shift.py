@@ -39,7 +39,7 @@ def test_every_model_states_a_turn_of_its_motor(table):
 
 
 @pytest.mark.parametrize("kind, emulated, model", DRIVES)
-def test_behind_a_gear_it_is_that_share_and_a_unit_may_have_another(kind, emulated, model):
+def test_a_gear_divides_the_wake_shift_and_a_unit_may_have_another(kind, emulated, model):
     for parameters, shift in (
         ({"gear_ratio": 2.0}, kind(model).spec.wake_shift / 2.0),
         ({"wake_shift": 0.0}, 0.0),
@@ -87,7 +87,7 @@ def test_drive_reports_shifted_angle_after_wake_up():
     assert told() == pytest.approx(1.0 - 2.0 * math.pi / 9, abs=4e-4)
 
 
-def test_a_drive_may_be_off_from_the_start_and_one_with_a_second_encoder_never_is():
+def test_emulated_reading_is_off_by_turns_unless_the_drive_has_a_second_encoder():
     assert EmulatedCubeMars("AK10-9-V2.0", turns=2).state[1] == pytest.approx(-4.0 * math.pi / 9)
     wired = Wired(EmulatedCubeMars, "AK10-9-V2.0", can_id=1, wake_shift=0.0)
     wired.step(position=3.0, velocity=0.0, power_lost=True)

@@ -97,7 +97,7 @@ def test_the_lowest_code_stays_negative(mpu):
     assert list(np.sign(mpu["mag"])) == [-1.0, -1.0, 1.0]
 
 
-def test_the_bytes_of_an_icm_20948_are_in_another_order(icm):
+def test_icm_20948_bytes_have_their_own_order(icm):
     """Accelerometer, gyroscope, temperature; its magnetometer points the other way in y and z, 0.15 µT a code."""
     assert icm.hear(identifier(0), int16s((8192, -8192, 4096, 6550, -655, 65, 3339), "big")) == TAKEN
     assert icm["accel"] == pytest.approx([G, -G, G / 2], rel=1e-15)
@@ -109,7 +109,7 @@ def test_the_bytes_of_an_icm_20948_are_in_another_order(icm):
     assert icm["mag_overflow"] == 1.0 and icm["mag"] == pytest.approx([15.0, 30.0, -45.0], rel=1e-14)
 
 
-def test_a_magnetometer_without_news_changes_nothing(mpu):
+def test_a_magnetometer_without_new_data_changes_nothing(mpu):
     mpu.hear(identifier(1), mag_frame((100, 200, 300)))
     before = mpu["mag"]
     assert mpu.hear(identifier(1), mag_frame((9, 9, 9), st1=0x00)) == NOTED
@@ -131,7 +131,7 @@ def test_a_magnetometer_in_14_bits_has_lost_its_settings(mpu):
     assert mpu.hear(identifier(1), mag_frame((100, 200, 300), st2=0x00)) == MALFORMED and list(mpu["mag"]) == [0.0] * 3
 
 
-def test_the_age_of_the_magnetometer_is_counted_at_each_burst(mpu):
+def test_the_age_of_the_magnetometer_is_updated_at_each_sample(mpu):
     frames = (
         (0.010, 1, mag_frame((1, 2, 3))),
         (0.015, 0, bytes(14)),
@@ -143,7 +143,7 @@ def test_the_age_of_the_magnetometer_is_counted_at_each_burst(mpu):
     assert mpu["mag_age"] == pytest.approx(0.025, abs=1e-12)
 
 
-def test_answers_that_repeat_to_the_last_bit_are_counted(mpu):
+def test_identical_replies_are_counted(mpu):
     for count, data in enumerate([bytes(14)] * 4):
         mpu.hear(identifier(0), data)
         assert mpu["repeated"] == count
@@ -158,7 +158,7 @@ def test_read_failures_are_reported_and_do_not_count_as_reply(mpu):
 
 @given(number=st.integers(0, 0xFFFFFFFF), data=st.binary(max_size=64))
 @settings(max_examples=400, deadline=None)
-def test_any_frame_leaves_finite_numbers_within_what_is_promised(mpus, icms, number, data):
+def test_any_frame_leaves_finite_outputs_within_the_declared_range(mpus, icms, number, data):
     for wired in (Wired.again(mpus[8, 1000]), Wired.again(icms)):
         for identity in (number, identifier(number % 16)):
             before = wired.arena.copy()
@@ -181,7 +181,7 @@ def test_any_frame_leaves_finite_numbers_within_what_is_promised(mpus, icms, num
         identifier(0) | 0x40000000,
     ],
 )
-def test_the_answer_of_another_is_not_taken(mpu, number):
+def test_a_reply_of_another_device_is_not_accepted(mpu, number):
     assert mpu.hear(number, bytes(14)) == FOREIGN
 
 
@@ -213,7 +213,7 @@ def test_the_registers_of_an_mpu_9250():
 
 
 @pytest.mark.parametrize("rate, divider", [(1000.0, 0), (999.0, 0), (500.0, 1), (333.0, 2), (200.0, 4), (1.0, 255)])
-def test_it_measures_at_least_as_often_as_it_is_read(rate, divider):
+def test_imu_samples_at_least_as_often_as_it_is_read(rate, divider):
     assert MPU9250(rate=rate).settings()[0] == divider
 
 
@@ -380,7 +380,7 @@ def test_bytes_follow_register_layout():
     ]
 
 
-def test_a_plant_that_has_blown_up_has_no_answer():
+def test_a_diverged_plant_sends_no_reply():
     played = block_of(EmulatedMPU9250, {})
     played["accel"] = (math.nan, 0.0, 0.0)
     assert played.say() == NOT_FINITE
@@ -418,7 +418,7 @@ def played(ticks, kind=MPU9250, fault=None, source=From, end=math.inf, **inputs)
 
 
 @pytest.mark.parametrize("kind", [MPU9250, ICM20948])
-def test_in_a_simulation_it_measures_gravity_and_is_new_in_every_tick(kind):
+def test_a_simulated_imu_measures_gravity_in_every_tick(kind):
     record = played(40, kind)
     assert record["imu.accel[2]"][5:] == pytest.approx(G, abs=0.5 * 8 * G / 32768)  # half a code
     assert record["imu.mag[0]"][10:] == pytest.approx(20.0, abs=0.08) and max(record["imu.age"][2:]) <= 0.005 + 1e-9
@@ -460,7 +460,7 @@ def test_stuck_sensor_is_detected_by_repeated_replies():
     assert len(set(record["imu.gyro[0]"][22:40])) == 1 and record["imu.age"][39] < 0.006
 
 
-def test_a_magnet_beside_it_overflows_its_magnetometer():
+def test_a_strong_field_overflows_the_magnetometer():
     record = played(60, fault="mag_overflow", end=0.2)
     assert record["imu.mag_overflow"][30] == 1.0 and record["imu.mag_overflow"][55] == 0.0
     assert record["imu.mag_age"][39] > 0.08 and record["imu.age"][39] < 0.006
@@ -468,7 +468,7 @@ def test_a_magnet_beside_it_overflows_its_magnetometer():
     assert strong["imu.mag_overflow"][-1] == 1.0
 
 
-def test_a_magnetometer_that_is_never_ready_grows_old_alone():
+def test_only_the_age_of_the_magnetometer_grows_if_it_is_never_ready():
     record = played(60, fault="mag_not_ready")
     assert record["imu.mag_age"][-1] > 0.15 and record["imu.age"][-1] < 0.006
 

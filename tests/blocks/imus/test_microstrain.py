@@ -92,7 +92,7 @@ def test_unrequested_channels_are_nan_and_extra_channels_have_ports():
     )
 
 
-def test_an_unknown_channel_is_refused_with_those_that_there_are():
+def test_an_unknown_channel_is_rejected_with_the_known_ones():
     with (
         Diagram("robot", rate=RATE),
         pytest.raises(DiagramError, match="channels must be among accel, gyro, mag.*got 'acel'"),
@@ -122,7 +122,7 @@ def test_sensor_that_is_not_awaited_is_tared_during_run():
     assert not walk["imu.tared"][before].any() and walk["imu.tared"][after].all()
 
 
-def test_a_tare_that_takes_longer_than_arming_waits_is_refused():
+def test_a_tare_longer_than_the_arming_limit_is_rejected():
     with Diagram("robot", rate=RATE), pytest.raises(DiagramError, match="tare_time must be at most 0.8 s"):
         MicroStrain(tare_at_start=True, tare_time=2.0)
 
@@ -132,7 +132,7 @@ def test_first_tick_uses_sample_received_while_arming():
     assert vector(walk, "accel", 3)[0] == pytest.approx([1.0, 2.0, 3.0]) and walk["imu.quaternion[0]"][0] == 1.0
 
 
-def test_a_tare_on_its_input_counts_from_where_it_rises():
+def test_a_tare_starts_at_the_rising_edge_of_its_input():
     ticks = 400
     angles = np.where(np.arange(5 * ticks) < 5 * 200, 0.2, 0.5)  # tared at 0.2 rad, turned to 0.5 rad later
     path = np.array([turned(angle, (0.0, 0.0, 1.0)) for angle in angles])
@@ -191,20 +191,20 @@ def test_unplug_and_reconnect_are_detected():
     assert walk["imu.lost"][-1] == pytest.approx(2 * 60, abs=2)  # of both sets, as its clock tells
 
 
-def test_samples_that_never_arrived_are_counted_one_by_one():
+def test_missing_samples_are_counted():
     walk = simulate(2000, device={"attitude": "sensor"}, faults={"skipped": 0.1})
     assert walk["imu.lost"][-1] == pytest.approx(2000 - walk["imu.packets"][-1], abs=2)
     assert 150 < walk["imu.lost"][-1] < 250  # 200 on the mean, 13 the standard deviation
 
 
-def test_packets_with_a_wrong_bit_are_counted_and_none_is_believed():
+def test_packets_with_a_wrong_bit_are_counted_and_discarded():
     walk = simulate(1000, faults={"flipped": 0.2}, accel=(0.0, 0.0, -9.8), quaternion=(1.0, 0.0, 0.0, 0.0))
     assert walk["imu.corrupt"][-1] > 200
     assert set(np.round(walk["imu.accel[2]"][5:], 5)) == {-9.8} and set(walk["imu.quaternion[0]"][5:]) == {1.0}
 
 
 @pytest.mark.parametrize("faults", [{"garbage": 20.0}, {"dropped": 0.002}])
-def test_garbage_and_lost_bytes_cost_the_packets_that_they_hit_and_no_others(faults):
+def test_garbage_and_lost_bytes_affect_only_their_packets(faults):
     walk = simulate(2000, device={"channels": ("gyro",)}, faults=faults, gyro=(0.1, 0.2, 0.3))
     sent = 2000  # 34 bytes each, with the time
     hit = sent * (1.0 - (1.0 - faults.get("dropped", 0.0)) ** 34)
@@ -274,7 +274,7 @@ def test_packet_with_inconsistent_field_lengths_is_rejected():
     assert np.isnan(sensor["gyro"]).all()
 
 
-def test_after_a_stall_the_newest_sample_is_what_is_used():
+def test_after_a_stall_the_newest_sample_is_used():
     """Nine hundred frames wait when the first tick comes; a drain of 64 would leave it 0.8 s behind."""
     with Diagram("robot", rate=RATE) as robot:
         MicroStrain(name="imu", timeout=0.0, channels=("gyro",))
@@ -288,7 +288,7 @@ def test_after_a_stall_the_newest_sample_is_what_is_used():
     assert walk["imu.gyro[0]"][0] == 899.0
 
 
-def test_two_on_one_line_are_refused():
+def test_two_sensors_on_one_line_are_rejected():
     with Diagram("robot", rate=RATE) as robot:
         MicroStrain(name="a", bus="x")
         MicroStrain(name="b", bus="x")
@@ -301,7 +301,7 @@ def test_two_on_one_line_are_refused():
         compile(robot)
 
 
-def test_its_line_is_named_after_its_path():
+def test_line_is_named_after_the_path_of_the_sensor():
     from graph import subsystem
 
     with Diagram("robot", rate=RATE) as robot:

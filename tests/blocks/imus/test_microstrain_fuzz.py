@@ -94,7 +94,7 @@ def test_parser_resynchronises_after_noise(noise, chunk):
     st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=40)), max_size=6),
     st.sampled_from((0x80, 0x82, 0xA0, 0xFF)),
 )
-def test_fields_of_any_length_are_survived(fields, descriptor_set):
+def test_fields_of_any_length_are_parsed(fields, descriptor_set):
     """Right checksums around anything: known descriptors with too few bytes, unknown ones, none."""
     payload = b"".join(bytes((len(data) + 2, descriptor)) + data for descriptor, data in fields)
     head = mip.SYNC + bytes((descriptor_set, len(payload))) + payload

@@ -26,7 +26,7 @@ def ask(wired, descriptor_set, descriptor, *data):
     return code, fields
 
 
-def test_the_heading_source_is_read_as_it_was_written():
+def test_the_heading_source_reads_back():
     wired = sensor()
     for source in (1, 0):
         assert ask(wired, 0x0D, 0x18, mip.WRITE, source) == (OK, [])
@@ -34,7 +34,7 @@ def test_the_heading_source_is_read_as_it_was_written():
     assert ask(wired, 0x0D, 0x18, mip.WRITE) == (INVALID, []) and ask(wired, 0x0D, 0x18) == (INVALID, [])
 
 
-def test_the_low_pass_of_each_field_is_read_as_it_was_written():
+def test_the_low_pass_of_each_field_reads_back():
     wired = sensor()
     assert ask(wired, 0x0C, 0x50, mip.WRITE, 0x04, 1, 1, 0x01, 0x2C, 0) == (OK, [])
     assert ask(wired, 0x0C, 0x50, mip.READ, 0x04) == (OK, [(0x8B, bytes([0x04, 1, 1, 0x01, 0x2C, 0]))])
@@ -57,7 +57,7 @@ def test_a_read_of_no_field_and_a_write_that_is_too_short_are_refused(data):
     assert ask(sensor(), 0x0C, 0x50, *data) == (INVALID, [])
 
 
-def test_a_newer_sensor_answers_with_the_set_and_a_float():
+def test_a_newer_sensor_replies_with_the_set_and_a_float():
     wired = sensor("3DM-CV7-AHRS")
     assert ask(wired, 0x0C, 0x54, mip.WRITE, 0x80, 0x05, 1, 1, 0x42, 0x20, 0, 0) == (OK, [])
     assert ask(wired, 0x0C, 0x54, mip.READ, 0x80, 0x05) == (OK, [(0xD4, bytes([0x80, 0x05, 1, 1, 0x42, 0x20, 0, 0]))])

@@ -94,7 +94,7 @@ def check(found, wanted, key, entry):
 
 
 @pytest.mark.parametrize("prefix, attitude, table", [("imu data", "sensor", SENSOR), ("filter data", "filter", FILTER)])
-def test_every_field_of_every_packet_is_what_the_vendor_put_in(prefix, attitude, table):
+def test_every_field_of_every_packet_equals_the_vendors_value(prefix, attitude, table):
     fields = 0
     for entry in DATA:
         if not entry["name"].startswith(prefix):
@@ -169,7 +169,7 @@ def test_commands_are_byte_for_byte_those_of_the_vendors_libraries():
     assert {name: theirs[name] for name in ours} == ours
 
 
-def test_the_device_information_is_read_as_the_vendor_has_it():
+def test_device_information_is_decoded_as_by_the_vendor():
     from blocks.imus.microstrain.queries import Information
 
     [entry] = [entry for entry in PACKETS if entry["name"].startswith("device info reply")]

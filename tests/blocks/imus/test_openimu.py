@@ -82,7 +82,7 @@ def test_arming_configures_axes_of_factory_unit_to_right_handed_frame():
             assert np.isnan(vector(recording, "mag")).all()
 
 
-def test_the_stock_axes_are_not_one_frame_which_is_why():
+def test_the_factory_axes_are_not_one_frame():
     """The same unit, read without configuration: no rotation brings acceleration and angular rate back together."""
     unit = Wired(EmulatedOpenImu)
     sent = np.eye(3)
@@ -179,7 +179,7 @@ def test_settings_are_verified_again_after_long_silence():
     assert (together(200, {"silent": silent})["imu.settings"] == 31.0).all()
 
 
-def test_a_long_arming_takes_nothing_back():
+def test_the_reset_after_a_long_arming_keeps_settings_and_samples():
     """What blocks remember is reset when it is over: that is no silence, and no first sample."""
     silent = np.zeros(2000, bool)
     silent[:400] = True
@@ -199,7 +199,7 @@ def test_drives_and_a_unit_as_delivered_on_one_bus_are_refused():
         assert {d.code for d in examine(diagram).errors} == codes
 
 
-def test_a_sample_is_whole_before_it_counts(listener):
+def test_an_incomplete_sample_does_not_count(listener):
     wired = listener(128)
     rest = bytes.fromhex("007d007d007d0000")
     answers = [
@@ -216,7 +216,7 @@ def test_a_sample_is_whole_before_it_counts(listener):
     assert answers == [NOTED, NOTED, NOTED, NOTED, TAKEN, NOTED]
 
 
-def test_values_that_are_marked_as_missing_are_counted(listener):
+def test_values_marked_as_missing_are_counted(listener):
     wired = listener(128)
     wired.hear(identifier(frames.ANGULAR_RATE), b"\xff\xff\x00\x7d\x00\xfe\x00\x00")
     wired.hear(identifier(frames.ACCELERATION), b"\xff\xfd\x00\x7d\x00\x7d\x00\x00")
@@ -225,7 +225,7 @@ def test_values_that_are_marked_as_missing_are_counted(listener):
 
 @given(name=st.integers(0, 0xFFFFFFFF), data=st.binary(max_size=64), address=st.integers(128, 247))
 @settings(max_examples=300, deadline=None)
-def test_any_frame_is_taken_or_left_and_what_is_measured_stays_in_its_range(name, data, address, listener):
+def test_any_frame_leaves_measurements_in_range(name, data, address, listener):
     wired = listener(address)
     before = wired.arena.copy()
     answer = wired.hear(name, data)
@@ -298,7 +298,7 @@ def fine(**more):
     return Wired.again(MADE[key])
 
 
-def test_slope_sensor_1_has_500_codes_a_degree_and_reaches_64():
+def test_slope_sensor_1_has_500_codes_per_degree_up_to_64_degrees():
     wired = fine()
     for pitch, roll in ((32000, 32000), (0, 64000), (42000, 12345)):
         wired.hear(
@@ -313,7 +313,7 @@ def test_slope_sensor_1_has_500_codes_a_degree_and_reaches_64():
     assert wired["invalid"] == 2.0
 
 
-def test_all_three_together_are_a_sample_and_a_field_is_none_of_it():
+def test_a_sample_is_complete_with_three_packets_without_the_field():
     wired = fine()
     assert (
         wired.hear(identifier(frames.FINE_RATE), bytes(8)) == wired.hear(identifier(frames.SLOPE_1), bytes(8)) == NOTED
@@ -326,7 +326,7 @@ def test_all_three_together_are_a_sample_and_a_field_is_none_of_it():
     assert np.isnan(wired["mag"]).all() and wired.hear(identifier(frames.FINE_ACCELERATION), bytes(8)) == TAKEN
 
 
-def test_a_unit_is_set_to_high_resolution_and_measures_so():
+def test_a_unit_in_high_resolution_mode_sends_fine_codes():
     given = {"accel": (3.0011, -2.0049, -9.0), "gyro": (0.5003, 1.5, -1.0), "pitch": 0.2, "roll": -0.1}
     recording = together(60, given, model="335RI", high_resolution=True, slope=True, slope_sensor=1)
     assert recording.outcome.status == "ok" and recording["imu.settings"][-1] >= 7.0
@@ -337,7 +337,7 @@ def test_a_unit_is_set_to_high_resolution_and_measures_so():
     )
 
 
-def test_a_300ri_has_none_of_it():
+def test_openimu_300ri_rejects_settings_of_the_335ri():
     for more in ({"high_resolution": True}, {"slope": True, "slope_sensor": 1}):
         with pytest.raises(DiagramError, match="require model='335RI'"):
             robot(**more)

@@ -40,7 +40,7 @@ def frame_of(entry):
 
 
 @pytest.mark.parametrize("kind", sorted({entry["kind"] for entry in READ}))
-def test_frames_of_the_firmware_are_read_as_the_vendor_documents_them(kind, listener):  # noqa: F811  (a fixture)
+def test_frames_of_the_firmware_are_decoded_as_documented(kind, listener):  # noqa: F811  (a fixture)
     """m/s², °/s, ° and G, the same to the last but some digits of a double."""
     group = next(group for name, group in GROUPS.items() if kind.startswith(name))
     for entry in (entry for entry in READ if entry["kind"] == kind):
@@ -54,7 +54,7 @@ def test_frames_of_the_firmware_are_read_as_the_vendor_documents_them(kind, list
         assert outputs(wired, group) == pytest.approx(entry["decoded"][key], rel=1e-12, abs=1e-9)
 
 
-def test_the_angular_rate_is_the_vendors_and_not_that_of_epically_powerful(listener):  # noqa: F811  (a fixture)
+def test_the_angular_rate_has_the_vendors_scale(listener):  # noqa: F811  (a fixture)
     """It reads them with 1/81 °/s and an offset of 400: rest is −4.94 °/s there, and every change of rate is 128/81 =
     1.58 times too large.
     """
@@ -91,7 +91,7 @@ def test_settings_are_the_frames_that_others_send():
         assert mine[2] in (data, data + b"\0")  # a high byte of the packet type, which is 0
 
 
-def test_the_emulated_unit_sends_what_its_firmware_does_truncated_as_there():
+def test_the_emulated_unit_truncates_like_the_firmware():
     """Six bytes: what is behind them are merits and a latency."""
     inputs = {"acceleration": ("accel_m_s2", "accel", 1.0), "angular rate": ("rate_deg_s", "gyro", math.pi / 180.0)}
     units = {model: Wired(EmulatedOpenImu, model=model) for model in ("300RI", "335RI")}

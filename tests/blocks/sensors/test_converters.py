@@ -37,7 +37,7 @@ def amplifier(amplifiers):
     return Wired.again(amplifiers)
 
 
-def test_it_is_configured_as_by_another_implementation_and_its_code_reads_the_same(converters):
+def test_configuration_and_codes_match_another_implementation(converters):
     """Bytes alike; volts to 1e-12 of the range, which is what another order of the same operations may change."""
     seen = 0
     for entry in entries("peripherals"):
@@ -81,7 +81,7 @@ def test_conversion_with_other_configuration_is_discarded(converters, configurat
     assert all(wired[f"a{k}"] == 0.0 for k in range(4))
 
 
-def test_each_conversion_is_read_when_the_slowest_clock_has_finished_it_and_the_next_begins_then():
+def test_each_conversion_is_read_after_its_longest_duration():
     """860 a second at 90 % of the clock, and 50 µs to wake up."""
     converter = ADS1115(channels=("a0", "a2_a3"))
     (cycle,) = converter.rounds()
@@ -171,7 +171,7 @@ def test_the_registers_of_an_nau7802():
 
 @given(number=st.integers(0, 0xFFFFFFFF), data=st.binary(max_size=64), transfer=st.integers(0, 15))
 @settings(max_examples=400, deadline=None)
-def test_any_frame_leaves_finite_numbers_within_what_is_promised(converters, amplifiers, number, data, transfer):
+def test_any_frame_leaves_finite_outputs_within_the_declared_range(converters, amplifiers, number, data, transfer):
     for wired, address in ((Wired.again(converters[2.048]), 0x48), (Wired.again(amplifiers), 0x2A)):
         for identity in (number, identifier(transfer, address)):
             before = wired.arena.copy()

@@ -52,7 +52,7 @@ def errors(fresh, seconds, *, rate=100, drift=0.0, start=0.0, tick=1e-6, modulus
 
 
 @pytest.mark.parametrize("drift", [0.0, 80e-6, -200e-6])
-def test_map_follows_drifting_device_clock(drift, microcontrollers):
+def test_clock_map_follows_a_drifting_device_clock(drift, microcontrollers):
     found, told = errors(microcontrollers, 25, drift=drift)
     assert told == pytest.approx(drift, abs=2e-5)
     assert all(-1e-4 < error < DELAY + 5e-4 for error in found[500:])  # though packets come up to 20 ms late
@@ -99,7 +99,7 @@ def test_stopped_or_nan_clock_is_ignored(microcontrollers):
         assert hear(wired, 0, count, 2.0, "d") == pytest.approx(2.0)
 
 
-def test_without_a_clock_a_packet_was_made_when_it_arrived():
+def test_without_a_device_clock_sample_time_is_the_arrival_time():
     wired = Wired(Microcontroller, fields=(("force", "float32", "N"),))
     wired.hear(0, packet(1, struct.pack("<f", 1.0)), time=1_500_000_000)
     assert wired["sample_time"] == 1.5 and wired["clock_drift"] == 0.0
@@ -127,6 +127,6 @@ def test_insole_sends_microseconds_if_configured():
         ((("t", "int8", "s", -1.0),), "t", "cannot be the clock"),
     ],
 )
-def test_field_that_is_not_a_clock_is_refused_with_reason(fields, clock, words):
+def test_a_field_that_cannot_be_a_clock_is_rejected_with_reason(fields, clock, words):
     with pytest.raises(DiagramError, match=words):
         Microcontroller(fields=fields, clock=clock)

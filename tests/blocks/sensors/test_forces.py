@@ -19,7 +19,7 @@ def test_a_load_cell_is_tared_with_the_mean_of_its_first_samples():
     assert record["cell.force"][25:] == pytest.approx([100.0] * 15, rel=1e-12)
 
 
-def test_a_load_cell_is_tared_on_an_edge_and_no_tare_takes_in_nan():
+def test_a_load_cell_is_tared_on_an_edge_without_nan_samples():
     cell = LoadCell(capacity=10.0, at_capacity=2.0, zero=0.5, tare_at_start=False, tare_time=0.02)
     cell.dt = 0.01
     cell.prepare(0.01)
@@ -39,7 +39,7 @@ def test_a_force_sensitive_resistor_is_a_conductance():
     assert fsr.step(3.3)[0] == 100.0 and fsr.step(3.4)[0] == 100.0 and fsr.step(3.2999999)[0] == 100.0
 
 
-def test_contact_has_a_hysteresis_and_nan_leaves_it_as_it_was():
+def test_contact_has_hysteresis_and_nan_does_not_change_it():
     fsr = FSR(press=5.0, release=3.0)
 
     def voltage(force):

@@ -85,7 +85,7 @@ def test_force_centre_and_regions_are_the_sums_over_the_cells(insole, cut):
     assert wired["dead"] == 7.0 and sum(wired["regions"]) == pytest.approx(force)
 
 
-def test_x_is_forward_from_the_heel_and_y_to_the_left(insole):
+def test_centre_of_pressure_has_x_forward_and_y_left(insole):
     wired = insole()
     for row, column, centre in (
         (0, 4, (LENGTH / ROWS / 2, 0.0)),
@@ -99,7 +99,7 @@ def test_x_is_forward_from_the_heel_and_y_to_the_left(insole):
     assert np.isnan(wired["centre"]).all() and wired["force"] == 0.0
 
 
-def test_frames_that_are_missing_broken_or_of_the_other_foot(insole):
+def test_missing_corrupt_and_foreign_insole_frames_are_counted(insole):
     wired, pressures = insole(), random_pressures(2)
     hear(wired, frame(65535, pressures) + frame(2, pressures))
     assert counts(wired) == (2, 2, 0)
@@ -130,7 +130,7 @@ def test_valid_frame_after_garbage_is_parsed(garbage, cut, insole):
 
 @given(data=st.binary(max_size=3000), cut=st.integers(1, 64))
 @settings(max_examples=100, deadline=None)
-def test_noise_is_no_frame(data, cut, insole):
+def test_noise_is_not_decoded_as_a_frame(data, cut, insole):
     wired = insole()
     hear(wired, data, cut)
     assert wired["received"] == 0.0
@@ -168,7 +168,7 @@ def test_a_walk_shows_its_force_its_centre_and_its_steps():
     assert rolled == pytest.approx(0.17 / 0.66, rel=0.02)  # m/s, from heel to toes
 
 
-def test_the_emulated_insole_keeps_force_and_centre():
+def test_the_emulated_insole_preserves_force_and_centre():
     unit, wired = Wired(EmulatedInsole), Wired(Insole)
     for number, centre in enumerate([(0.1, 0.0), (0.15, 0.008), (0.2, -0.01)]):
         unit["force"], unit["centre"] = 700.0, centre
@@ -180,7 +180,7 @@ def test_the_emulated_insole_keeps_force_and_centre():
     assert counts(wired) == (3, 0, 0)
 
 
-def test_a_foot_is_down_with_hysteresis_and_strikes_with_its_heel_or_does_not():
+def test_foot_contact_has_hysteresis_and_detects_heel_strikes():
     force = np.array([0, 49, 51, 40, 29, 60, 0, 0, 60, 60, 60, 0.0])
     heel = np.array([0, 49, 51, 40, 29, 60, 0, 0, 10, 10, 10, 0.0])
     with Diagram("steps", 100):

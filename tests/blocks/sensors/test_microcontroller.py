@@ -133,7 +133,7 @@ def test_every_type_round_trips_for_any_chunk_split(data, declared, counter, cut
     form=st.sampled_from(["cobs", "lines"]),
 )
 @settings(max_examples=60, deadline=None)
-def test_the_emulated_one_sends_what_is_read_rounded_as_its_types_are(data, values, form):
+def test_the_emulated_microcontroller_rounds_inputs_to_their_types(data, values, form):
     unit, wired = (
         Wired(EmulatedMicrocontroller, fields=FORCE, format=form),
         Wired(Microcontroller, fields=FORCE, format=form),
@@ -237,7 +237,7 @@ def test_line_with_lost_first_digits_is_discarded(gap, parser):
 
 @given(text=st.binary(max_size=200), cut=st.integers(1, 64))
 @settings(max_examples=150, deadline=None)
-def test_any_text_between_lines_is_got_over(text, cut, parser):
+def test_text_between_lines_is_skipped(text, cut, parser):
     wired = parser(("force", "float32"), format="lines", counter=False)
     hear(wired, b"\n" + text + b"\n4.25\n", cut)
     assert wired["force"] == 4.25
@@ -269,7 +269,7 @@ def test_in_simulation_its_bytes_are_parsed_as_on_a_rig(form):
     assert recording["teensy.lost"][-1] == recording["teensy.corrupt"][-1] == 0.0
 
 
-def test_faults_of_the_emulated_one_are_seen():
+def test_faults_of_the_emulated_sensor_are_detected():
     recording = together(400, dropped=0.2, broken=0.1)
     received, lost, corrupt = (recording[f"teensy.{name}"][-1] for name in ("received", "lost", "corrupt"))
     assert (
@@ -283,7 +283,7 @@ def test_faults_of_the_emulated_one_are_seen():
     assert recording.outcome.status == "silent" and recording.outcome.culprit == "teensy"
 
 
-def test_over_a_pty_that_pyserial_opened(tmp_path):
+def test_a_microcontroller_is_read_over_a_pty_opened_by_pyserial(tmp_path):
     """As on a rig: its port is opened and started, and the native thread reads it."""
     master, slave = os.openpty()
     block = robot(port=os.ttyname(slave), start="go\n")["teensy"]
@@ -338,7 +338,7 @@ MAIN = '\n#include "sketch.ino"\nint main() { setup(); for (int i = 0; i < 300; 
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs a C++ compiler")
-def test_the_sketch_of_the_docs_sends_what_the_block_reads(tmp_path):
+def test_the_documented_sketch_sends_packets_for_the_block(tmp_path):
     """Its own text, compiled with the few functions of an Arduino that it calls."""
     text = (ROOT / "docs/sketches/microcontroller.ino").read_text()
     (tmp_path / "Arduino.h").write_text(ARDUINO)

@@ -43,7 +43,7 @@ def crc_by_division(bits):
 
 
 @given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8), st.booleans())
-def test_it_agrees_with_the_definition_and_never_leaves_its_bounds(identifier, data, extended):
+def test_frame_bits_equal_the_definition_and_stay_within_bounds(identifier, data, extended):
     if extended:
         number = f"{identifier:029b}"
         head = f"0{number[:11]}11{number[11:]}000"
@@ -57,7 +57,7 @@ def test_it_agrees_with_the_definition_and_never_leaves_its_bounds(identifier, d
     assert total - stuffed == least and total <= budget(len(data), extended)[1]
 
 
-def test_zero_torque_of_ours_and_of_epically_powerful_takes_nearly_the_same():
+def test_both_zero_torque_codes_take_nearly_equal_time():
     """Theirs takes 125 bits on the fact sheet's ids; ours has one code less of position, and its runs elsewhere."""
     theirs, ours = (
         [frame_bits(can_id, bytes.fromhex(data))[0] for can_id in range(1, 9)]

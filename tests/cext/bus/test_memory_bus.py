@@ -11,7 +11,7 @@ from graph import Diagram, compile
 from tests.cext.rigs import Rig
 
 
-def test_frames_pass_both_ways_and_each_end_receives_only_the_other():
+def test_each_bus_end_receives_only_frames_of_the_other():
     bus = MemoryBus()
     assert bus.host.send(1, b"\x01\x02", time=5) and bus.device.send(0x12345, b"", extended=True)
     assert bus.device.receive() == [(1, False, b"\x01\x02", 5)] and bus.host.receive() == [(0x12345, True, b"", 0)]
@@ -50,7 +50,7 @@ def test_sent_frames_arrive_once_in_order(actions):
     assert heard == {"host": sent["device"], "device": sent["host"]}
 
 
-def test_ends_outlive_the_name_of_their_bus():
+def test_bus_ends_keep_their_bus_alive():
     end = MemoryBus().host
     assert end.send(1, b"x") and end.receive() == []
 

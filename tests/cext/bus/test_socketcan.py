@@ -81,7 +81,7 @@ class Wire:
 # Frames
 
 
-def test_frames_go_both_ways_as_the_kernel_has_them():
+def test_frames_pass_both_ways_through_the_kernel():
     wire = Wire()
     assert wire.end.send(0x123, b"\x01\x02\x03") and wire.end.send(0x12345, b"12345678", extended=True)
     assert wire.said() == [(0x123, b"\x01\x02\x03"), (EXTENDED | 0x12345, b"12345678")]
@@ -137,7 +137,7 @@ def test_fd_length_beyond_64_is_invalid():
     assert [len(frame[2]) for frame in wire.heard()] == [64] and wire.can.counts["corrupt"] == 2
 
 
-def test_an_end_outlives_the_name_of_its_bus():
+def test_a_bus_end_keeps_its_bus_alive():
     wire = Wire()
     end = wire.end
     del wire.can
@@ -161,7 +161,7 @@ def test_a_frame_has_the_time_at_which_it_arrived_not_that_at_which_it_was_read(
     assert [frame[3] for frame in wire.heard()] == pytest.approx(sent, abs=2e6)  # ns; 5 ms lie between them
 
 
-def test_no_frame_is_older_than_the_reading_before_and_none_is_from_the_future():
+def test_frame_times_lie_between_the_previous_and_the_present_read():
     wire = Wire()
     wire.can.begin(began := time.monotonic_ns())
     for number in range(50):
@@ -181,7 +181,7 @@ def test_frame_received_before_run_start_has_time_zero():
     assert at == 0
 
 
-def test_without_a_stamp_a_frame_is_of_the_moment_at_which_it_is_read():
+def test_a_frame_without_a_time_stamp_has_the_time_of_reading():
     wire = Wire()
     wire.can.begin(began := time.monotonic_ns())
     for stamped in (False, True):
@@ -223,7 +223,7 @@ def test_queue_full_beyond_limit_is_reported_once_as_failure():
     assert wire.can.trouble is None and wire.can.counts["refused"] == 0
 
 
-def test_a_queue_with_room_in_between_is_no_failure():
+def test_a_temporarily_full_queue_is_not_a_failure():
     wire = Wire(patience=3)
     for _ in range(5):
         while wire.end.send(1, b""):
@@ -388,7 +388,7 @@ def test_failed_bus_does_not_block_confirmed_stop_of_others():
     assert robot.sent(1)[-2:] == STOP and robot.sent(1).count(DISABLE) >= 1
 
 
-def test_a_bus_that_can_never_be_read_does_not_keep_the_others_from_a_confirmed_stop():
+def test_an_unreadable_bus_does_not_prevent_a_confirmed_stop_on_other_buses():
     robot = Robot(2, far=(2,))
     with open(os.devnull) as nothing:
         os.dup2(nothing.fileno(), robot.wires["bus1"].near.fileno())
@@ -397,7 +397,7 @@ def test_a_bus_that_can_never_be_read_does_not_keep_the_others_from_a_confirmed_
     assert robot.wires["bus1"].can.trouble == errno.ENOTSOCK
 
 
-def test_another_run_over_the_same_bus_begins_anew():
+def test_a_second_run_over_the_same_bus_starts_fresh():
     robot = Robot()
     wire = robot.wires["bus1"]
     for frame in (error_frame(BUS_OFF), classic(1, ANSWER), classic(9)):  # that came before anything was asked
@@ -430,7 +430,7 @@ wire.send({classic(1, ANSWER)!r})
 """
 
 
-def test_a_babbling_node_does_not_hold_a_tick():
+def test_a_node_that_floods_the_bus_does_not_delay_a_tick():
     robot = Robot(far=())
     with far_end(robot, BABBLING_SCRIPT):
         outcome = robot.run(60)

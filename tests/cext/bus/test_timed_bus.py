@@ -37,7 +37,7 @@ def test_at_half_the_bitrate_it_takes_twice_as_long():
     assert bus.device.receive()[0][3] == 2 * microseconds(1, b"")
 
 
-def test_frames_that_wait_go_one_behind_the_other():
+def test_queued_frames_are_sent_in_order():
     bus = TimedBus(1e6)
     for number in (3, 2, 1):
         bus.host.send(number, b"\x55")
@@ -72,7 +72,7 @@ def test_a_standard_frame_beats_an_extended_one_of_the_same_first_bits():
     ]
 
 
-def test_what_is_given_at_an_instant_takes_part_in_its_arbitration():
+def test_frames_sent_at_one_instant_take_part_in_its_arbitration():
     bus = TimedBus(1e6)
     bus.host.send(2, b"", time=1000)
     bus.host.advance(1000)
@@ -81,7 +81,7 @@ def test_what_is_given_at_an_instant_takes_part_in_its_arbitration():
     assert bus.host.receive()[0][3] < bus.device.receive()[0][3]
 
 
-def test_a_queue_has_an_end_and_counts():
+def test_a_queue_is_bounded_and_counts_rejected_frames():
     bus = TimedBus(1e6)
     assert [bus.host.send(1, b"") for _ in range(1030)] == [True] * 1024 + [False] * 6 and bus.dropped == 6
     with pytest.raises(ValueError, match="bitrate must be above 0"):

@@ -68,7 +68,7 @@ def real_time(diagram, ticks):
     return rig, outcome, time.monotonic() - began
 
 
-def test_ticks_and_missed_make_up_the_grid_and_time_is_tick_by_rate():
+def test_ticks_and_missed_ticks_cover_the_grid():
     with Diagram("d", rate=RATE) as diagram:
         Busy(name="b")
     rig, outcome, passed = real_time(diagram, 100)
@@ -99,7 +99,7 @@ def test_a_long_block_makes_the_tick_jump_and_the_phase_is_kept():
     assert statistics["execution"]["max"] >= 0.0325
 
 
-def test_a_stall_is_counted_whole_in_the_lateness_and_in_the_period():
+def test_a_stall_counts_fully_in_lateness_and_period():
     with Diagram("d", rate=RATE) as diagram:
         Clock(name="clock")
         Busy(20, 0.0525, name="b")
@@ -113,7 +113,7 @@ def test_a_stall_is_counted_whole_in_the_lateness_and_in_the_period():
     assert statistics["lateness"]["max"] >= 0.0525 - PERIOD - 1e-6 and rig["clock.lateness"][after] < PERIOD + 1e-6
 
 
-def test_a_run_that_is_run_again_has_the_lateness_that_it_had():
+def test_a_replayed_run_has_the_recorded_lateness():
     with Diagram("d", rate=RATE) as diagram:
         Gain(2.0, name="g")(1.0)
     ticks, late = [0, 1, 2, 13, 14], [10_000, 20_000, 30_000, 2_600_000, 40_000]
@@ -135,7 +135,7 @@ def test_every_grid_point_is_counted_when_the_run_ends_inside_a_skip():
     assert outcome.tick == rig.tick[-1] == diagram["b"].held
 
 
-def test_no_burst_follows_a_stall():
+def test_a_stall_is_not_followed_by_a_burst():
     with Diagram("d", rate=RATE) as diagram:
         Busy(10, 0.1, name="b")
     rig, _, _ = real_time(diagram, 50)
@@ -213,7 +213,7 @@ def test_the_grid_of_an_odd_rate_does_not_drift(rate):
     assert rig["b.passed"].tolist() == [1 / rate] * 1000
 
 
-def test_a_run_needs_no_page():
+def test_a_run_needs_no_shared_state():
     with Diagram("d", rate=RATE) as diagram:
         Count(name="c")(1.0)
     program = Program(compile(diagram))
@@ -232,7 +232,7 @@ def test_a_robot_in_real_time_arms_runs_and_stops_on_its_grid():
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf"), 2e9])
-def test_a_rate_that_no_clock_has_is_refused(rate):
+def test_an_impossible_rate_is_rejected(rate):
     schedule = compile(Diagram("d", rate=1))
     with pytest.raises(ValueError, match="the rate must be above 0 Hz"):
         Executor(Program(schedule), rate)

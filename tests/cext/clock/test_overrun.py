@@ -79,7 +79,7 @@ def test_overrun_while_encoding_names_the_device():
     assert (outcome.status, outcome.culprit) == ("overrun", "encoding")
 
 
-def test_too_long_a_block_is_a_fault_that_names_it_and_is_followed_by_the_stop_frames_within_two_ticks():
+def test_an_overrun_fault_names_the_block_and_stop_frames_follow_within_two_ticks():
     rig = robot(0.11, {10}, overrun="fault:3")  # five periods and a half
     outcome = rig.run(100)
     statistics = rig.statistics()
@@ -92,7 +92,7 @@ def test_too_long_a_block_is_a_fault_that_names_it_and_is_followed_by_the_stop_f
     assert last.time < stop.time and due <= stop.time <= due + 2 * PERIOD * 1e9
 
 
-def test_fewer_than_that_are_skipped():
+def test_fewer_missed_ticks_than_the_fault_limit_are_skipped():
     rig = robot(0.05, {10}, overrun="fault:9")
     outcome = rig.run(30)
     assert outcome.status == "ok" and 1 <= rig.statistics()["missed"] < 9 + 9
@@ -117,7 +117,7 @@ def test_late_ticks_catch_up_with_their_own_time_and_rest_is_skipped():
     assert rig.time.tolist() == [tick / RATE for tick in ticks]
 
 
-def test_a_catch_up_that_suffices_misses_nothing():
+def test_a_sufficient_catch_up_misses_no_tick():
     rig = robot(0.05, {10}, overrun="catch-up:1000")
     rig.run(30)
     statistics = rig.statistics()
@@ -133,7 +133,7 @@ def test_slowest_block_is_identified_without_profile():
     assert blamed["slow"]["at_tick"] in (10, 20) and not {"before", "after", "knee"} & set(blamed)
 
 
-def test_a_run_of_native_blocks_is_named_by_its_ends_and_by_one_with_a_profile():
+def test_consecutive_native_blocks_are_reported_by_their_ends_and_by_one_with_a_profile():
     with Diagram("d", rate=RATE) as diagram:
         Gain(2.0, name="last")(Gain(2.0, name="first")(1.0))
     for profile, name in ((False, "first to last"), (True, "first")):

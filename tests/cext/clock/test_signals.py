@@ -155,7 +155,7 @@ def test_second_signal_does_not_shorten_safe_stop():
     )
 
 
-def test_a_signal_of_someone_elses_neither_ends_the_run_nor_shortens_a_tick():
+def test_an_unrelated_signal_neither_ends_the_run_nor_shortens_a_tick():
     told = robot(*[sends(signal.SIGUSR2)] * 5, ticks=100)
     assert (
         told["signal"] == 0
@@ -166,7 +166,7 @@ def test_a_signal_of_someone_elses_neither_ends_the_run_nor_shortens_a_tick():
     assert signal.SIGUSR2 in told["during"] + told["after"]
 
 
-def test_a_block_that_ignores_every_signal_cannot_keep_the_run_from_ending():
+def test_a_block_that_ignores_signals_cannot_prevent_the_end_of_the_run():
     def twice(child):
         child.send_signal(signal.SIGINT)  # the first may fall into the step itself
         time.sleep(0.05)
@@ -176,7 +176,7 @@ def test_a_block_that_ignores_every_signal_cannot_keep_the_run_from_ending():
     assert told["status"] == "ok" and told["signal"] == signal.SIGINT and stopped_safely(told)
 
 
-def test_a_block_that_forks_and_returns_leaves_one_run():
+def test_a_forked_child_that_returns_to_the_loop_is_ended():
     page = SharedState(1 << 22)
     done = subprocess.run(
         [sys.executable, "-c", ROBOT, str(page.fd), "100", "forking"],

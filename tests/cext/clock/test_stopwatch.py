@@ -82,7 +82,7 @@ def native_blocks():
         (native_blocks, 0),
     ],
 )
-def test_the_gil_is_taken_once_for_all_python_neighbours_and_not_at_all_while_they_rest(build, taken):
+def test_the_gil_is_acquired_once_for_adjacent_python_steps_and_never_while_they_are_disabled(build, taken):
     with Diagram("d", rate=RATE) as diagram:
         build()
     rig = Rig(diagram)
@@ -129,7 +129,7 @@ def test_other_python_threads_hand_over_the_gil_within_a_tenth_of_a_millisecond_
     assert rig["looks.interval"] == pytest.approx([1e-4]) and before > 1e-3 and sys.getswitchinterval() == before
 
 
-def test_every_histogram_of_a_run_counts_what_it_should():
+def test_every_histogram_of_a_run_counts_its_events():
     def law(knee):
         return TorqueLimiter(limit=5.0)(Passes(name="a")(Gain(2.0)(Passes(name="b")(knee.torque))))
 
@@ -211,7 +211,7 @@ def test_a_profile_changes_no_signal():
 
 
 @pytest.mark.parametrize("spin, slept, spun", [(0.0, True, False), (0.002, True, True), (1.0, False, True)])
-def test_within_its_window_before_a_deadline_the_loop_spins_instead_of_sleeping(spin, slept, spun):
+def test_the_loop_spins_within_the_window_before_a_deadline(spin, slept, spun):
     with Diagram("d", rate=RATE) as diagram:
         Gain(2.0, name="a")(1.0)
     rig = Rig(diagram, virtual=False, spin=spin)

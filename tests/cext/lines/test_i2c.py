@@ -95,7 +95,7 @@ def test_each_read_sequence_has_its_own_period():
         ((0x70, 0x71), [(0x70, 1), (0x70, 4), (0x71, 0), (0x71, 2)], 4),  # and the other one is closed
     ],
 )
-def test_a_round_takes_the_fewest_switches_of_channels(muxes, channels, least):
+def test_a_round_uses_the_fewest_channel_switches(muxes, channels, least):
     """Where n channels of one are in use, n - 1 in a round: each begins with the one that is open. Two devices a
     channel, and one before.
     """
@@ -125,7 +125,7 @@ def test_a_round_takes_the_fewest_switches_of_channels(muxes, channels, least):
     assert len({frame[0] for frame in frames}) == 2 * len(channels) + 1
 
 
-def test_a_device_behind_a_closed_channel_is_never_read_from_another():
+def test_a_device_behind_a_closed_channel_is_not_read_through_another():
     """A multiplexer that does not answer: its devices fail, the one on the bus itself goes on."""
     wires = MemoryI2c()
     wires.add(0x2A)
@@ -158,7 +158,7 @@ def test_silent_device_is_lost_and_set_up_again_on_return(imu):
     bus.stop()
 
 
-def test_one_failure_alone_is_checked_and_not_set_up_again(imu):
+def test_after_one_failure_a_device_is_checked_but_not_configured_again(imu):
     wires, number, bus = imu
     bus.start()
     wait(lambda: bus.counts["devices"][0]["answers"] > 3)
@@ -224,7 +224,7 @@ def test_other_devices_are_read_while_one_starts_up():
     bus.stop()
 
 
-def test_conversions_are_one_after_the_other_and_each_has_its_time():
+def test_conversions_are_sequential_and_have_their_own_times():
     """Registers of two bytes: what was converted is read with what it was converted with, then the next begins."""
     wires = MemoryI2c()
     number = wires.add(0x48, wide=True)
@@ -265,7 +265,7 @@ def test_failures_are_counted_from_the_beginning_of_the_run(imu):
     bus.stop()
 
 
-def test_a_tick_that_stood_still_finds_the_newest():
+def test_a_delayed_tick_reads_the_newest_sample():
     wires = MemoryI2c()
     number = wires.add(IMU)
     bus = I2cBus(wires)
@@ -312,7 +312,7 @@ def test_chips_in_memory_are_reached_as_on_a_wire():
         assert wires.exchange_bytes(IMU, 0x75, count=1)[0] == wanted
 
 
-def test_another_kind_of_chip_in_the_place_of_one_that_was_lost_is_rejected():
+def test_another_kind_of_chip_after_a_loss_is_rejected():
     wires = MemoryI2c()
     number = wires.add(IMU)
     ready(wires, number)

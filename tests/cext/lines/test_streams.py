@@ -74,7 +74,7 @@ def test_bytes_read_before_run_are_discarded(streams):
     assert heard(stream, 6) == b"within" and stream.end.receive() == []
 
 
-def test_after_a_stall_the_newest_is_there_and_the_rest_is_counted(streams):
+def test_after_a_stall_the_newest_sample_is_used_and_the_others_are_counted(streams):
     here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     stream = streams.add(here.fileno())
     streams.start()
@@ -98,7 +98,7 @@ def test_a_frame_holds_whole_records(streams):
     assert [len(data) for _, _, data, _ in stream.end.receive()] == [48, 48, 24]
 
 
-def test_an_empty_datagram_is_no_end(streams):
+def test_an_empty_datagram_does_not_close_the_line(streams):
     here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     stream = streams.add(here.fileno())
     streams.start()
@@ -162,7 +162,7 @@ def test_unplug_and_reconnect_are_reported_and_settings_restored(streams, tmp_pa
     os.close(slave)
 
 
-def test_a_line_without_a_path_stays_away_and_the_others_are_read(streams):
+def test_a_line_that_does_not_return_does_not_affect_the_others(streams):
     (one, far), (two, near) = socket.socketpair(), socket.socketpair()
     lost, kept = streams.add(one.fileno(), "a"), streams.add(two.fileno(), "b")
     one.close()
@@ -173,7 +173,7 @@ def test_a_line_without_a_path_stays_away_and_the_others_are_read(streams):
     assert heard(kept, 10) == b"still here"
 
 
-def test_a_thread_that_has_nothing_to_read_costs_nothing(streams):
+def test_an_idle_reader_thread_uses_little_processor_time(streams):
     master, slave, path = raw_pty()
     streams.add(slave, path=path)
     streams.start()
@@ -290,7 +290,7 @@ def test_unanswered_connection_delays_no_other_line(streams, bridge):
         one.close()
 
 
-def test_attempts_to_connect_become_rarer(streams, bridge):
+def test_connection_attempts_become_less_frequent(streams, bridge):
     """0.1, 0.2, 0.4 and 0.8 s after it was lost: who waits again after 0.5 s is not found before."""
     here = socket.create_connection(("127.0.0.1", bridge.port))
     stream = streams.add(here.fileno(), "insole", reconnects=True)

@@ -32,7 +32,7 @@ def test_frames_pass_ring_in_order(lines):
     assert Line(lines, 0).end.receive() == []
 
 
-def test_the_rings_go_round_and_round(lines):
+def test_rings_wrap_around_repeatedly(lines):
     line = Line(lines, 0)
     for start in range(0, 10 * ROOM, 100):
         for number in range(start, start + 100):
@@ -85,7 +85,7 @@ def test_frame_received_before_run_start_has_time_zero(lines):
     assert line.end.receive() == [(STANDARD, False, b"early", 0)]
 
 
-def test_each_send_rings_the_bell(lines):
+def test_each_send_signals_the_eventfd(lines):
     bell = os.eventfd(0, os.EFD_NONBLOCK)
     line = Line(lines, 0, bell)
     line.end.send(STANDARD, b"1")

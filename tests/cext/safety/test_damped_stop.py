@@ -133,7 +133,7 @@ def moved(motion):
     return joint
 
 
-def test_a_limb_at_8_rad_per_s_is_damped_inside_the_limit_of_5_newton_metres():
+def test_a_limb_at_8_rad_per_s_is_damped_within_5_newton_metres():
     torque, velocity = stopped(free)
     assert np.abs(velocity[0]) == pytest.approx(8.0)
     assert np.abs(torque).max() <= LIMIT + CODE
@@ -145,13 +145,13 @@ def test_a_limb_at_8_rad_per_s_is_damped_inside_the_limit_of_5_newton_metres():
 
 @pytest.mark.parametrize("rate", [100, 200, 1000])
 @pytest.mark.parametrize("frequency, peak", [(0.5, 45.0), (2.0, 30.0), (5.0, 15.9), (20.0, 3.9)])
-def test_a_joint_that_is_moved_within_its_acceleration_feels_no_more_than_the_limit(rate, frequency, peak):
+def test_motion_within_max_acceleration_meets_at_most_the_limit(rate, frequency, peak):
     motion = lambda t: peak * math.sin(2.0 * math.pi * frequency * t + 0.7)  # noqa: E731
     torque, velocity = stopped(moved(motion), rate=rate, substeps=4000 // rate)
     assert np.abs(torque).max() <= LIMIT + CODE and (torque * velocity <= 0.05).all()
 
 
-def test_a_drive_that_answers_no_more_is_damped_inside_the_limit_at_every_speed():
+def test_a_silent_drive_is_damped_within_the_limit_at_every_speed():
     torque, velocity = stopped(moved(lambda t: 50.0 * math.sin(9.0 * t)), silent=True)
     assert np.abs(torque).max() <= LIMIT + CODE
     torque, velocity = stopped(free, silent=True)

@@ -75,7 +75,7 @@ def test_one_drive_is_damped_for_its_time_and_then_disabled_while_the_other_is_d
     assert rig.page.fenced and rig.page.state == "safe"
 
 
-def test_a_damped_limb_stops_and_a_disabled_one_swings_on():
+def test_a_damped_limb_stops_and_a_disabled_one_continues_to_swing():
     speeds = {}
     for how in ("damp", "disable"):
         with Diagram("robot", rate=200) as robot:
@@ -136,7 +136,7 @@ def test_damping_ends_on_time_without_replies():
 @pytest.mark.parametrize(
     "wrong", [{"safe_stop": "brake"}, {"stop_damping": 0.0}, {"stop_damping": 5.1}, {"stop_time": 6.0}]
 )
-def test_a_stop_that_cannot_be_is_refused(wrong):
+def test_invalid_safe_stop_parameters_are_rejected(wrong):
     with pytest.raises(DiagramError, match=next(iter(wrong))), Diagram("robot", rate=200):
         CubeMars("AK10-9-V2.0", **wrong)(torque_command=0.0)
 

@@ -59,7 +59,7 @@ def test_a_warning_is_announced_once_by_its_name():
         ("CyberGear", 1 << 2, ["under-voltage (bit 2)"]),
     ],
 )
-def test_several_are_announced_one_a_tick(model, mask, words):
+def test_several_warnings_are_announced_one_per_tick(model, mask, words):
     _, events = warned(model, {100: mask})
     family = "CyberGear" if model == "CyberGear" else "RobStride"
     assert [event["what"] for event in events] == [f"{family} warning: {each}" for each in words]

@@ -83,7 +83,7 @@ def test_saturate_lowers_limit_to_rated_torque_near_rated_rms():
     assert rig.control.watched[0]["rms_ticks"] == int((rms > 0.9 * RATED).sum()) and rig["knee.limited"][-1] > 0
 
 
-def test_throttle_takes_more_back():
+def test_throttle_reduces_torque_further():
     rig, outcome = watched(rms_mode="throttle")
     assert outcome.status == "ok" and rig["knee.rms_torque"].max() < 1.1 * RATED
     assert rig["knee.torque_sent"][rig.tick < RATE].min() < 0.6 * RATED
@@ -123,7 +123,7 @@ def test_warming_drive_is_reported_derated_then_ends_run():
     ]
 
 
-def test_stiffness_and_damping_are_held_inside_what_is_left_of_the_limit():
+def test_stiffness_and_damping_stay_within_the_remaining_limit():
     with Diagram("robot", rate=RATE) as robot:
         knee = CubeMars("AK80-9", name="knee", limit="peak")
         knee(position_command=1.0, stiffness_command=100.0)
@@ -153,6 +153,6 @@ def test_derating_lowers_current_in_modes_without_torque():
     "wrong",
     [{"warning_temperature": 90.0}, {"derating_temperature": 100.0}, {"rms_mode": "shout"}, {"rms_window": 0.0}],
 )
-def test_a_watch_that_cannot_be_is_refused(wrong):
+def test_invalid_monitoring_parameters_are_rejected(wrong):
     with pytest.raises(DiagramError, match=next(iter(wrong))), Diagram("robot", rate=RATE):
         CubeMars("AK80-9", **wrong)(torque_command=0.0)

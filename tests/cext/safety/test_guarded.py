@@ -95,13 +95,13 @@ def test_a_guardian_that_dies_ends_the_run_at_the_next_tick():
     another.let_go()
 
 
-def test_a_guardian_that_looks_no_more_ends_the_run_as_well():
+def test_a_guardian_that_stops_checking_ends_the_run():
     rig = guarded(lambda: time.sleep(2.0 * GUARD))
     outcome = rig.run(200)
     assert (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig)
 
 
-def test_where_the_guardian_carried_the_frames_the_loop_tries_once_and_leaves_the_rest_to_its_caller():
+def test_without_its_guardian_the_loop_sends_one_round_of_stop_frames():
     rig = guarded(lambda: rig.page.look_after(0), carried=True)
     rig.run(200)
     assert rig.sent()[-2:] == [NOTHING, DISABLE] and rig.sent().count(DISABLE) == 1
@@ -112,7 +112,7 @@ def test_a_run_without_a_guardian_does_not_look_for_one():
     assert rig.run(50).status == "ok"
 
 
-def test_each_tick_shows_that_the_loop_is_alive():
+def test_each_tick_updates_the_heartbeat_of_the_loop():
     beats = []
     rig = guarded(lambda: beats.append((rig.page.beat, time.monotonic_ns())))
     before = time.monotonic_ns()
@@ -128,7 +128,7 @@ def test_fence_raised_within_tick_blocks_its_frames():
 
 
 @pytest.mark.parametrize("data", [ENABLE, NOTHING, bytes.fromhex("ffff7ff0000007ff")])
-def test_a_command_that_we_did_not_send_is_a_fault_before_the_next_of_ours(data):
+def test_a_foreign_command_is_a_fault_before_the_next_own_command(data):
     rig = guarded(lambda: rig.buses["can"].device.send(1, data))
     outcome = rig.run(200)
     assert (outcome.status, outcome.culprit, outcome.tick) == ("foreign command", "knee", 21)
@@ -147,12 +147,12 @@ def test_a_command_that_we_did_not_send_is_a_fault_before_the_next_of_ours(data)
         (1, b"\1" + NOTHING[1:], False),  # a reply
     ],
 )
-def test_other_frames_are_no_commands(identifier, data, extended):
+def test_other_frames_are_not_foreign_commands(identifier, data, extended):
     rig = guarded(lambda: rig.buses["can"].device.send(identifier, data, extended))
     assert rig.run(50).status == "ok"
 
 
-def test_behind_the_fence_a_command_is_the_guardians():
+def test_after_the_fence_commands_are_those_of_the_guardian():
     def fence():
         rig.page.raise_fence()
         rig.buses["can"].device.send(1, DISABLE)
@@ -161,6 +161,6 @@ def test_behind_the_fence_a_command_is_the_guardians():
     assert rig.run(50).status == "fenced"
 
 
-def test_without_a_guardian_a_strange_command_is_only_counted():
+def test_without_a_guardian_a_foreign_command_is_only_counted():
     rig = guarded(lambda: rig.buses["can"].device.send(1, ENABLE), guard=0.0)
     assert rig.run(50).status == "ok" and rig.statistics()["frames"]["malformed"] == 1

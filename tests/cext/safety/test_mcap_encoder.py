@@ -139,7 +139,7 @@ def test_frames_of_two_buses_keep_their_order_across_a_flush_within_a_drain():
     assert list(frames["id"]) == [0, 1, 2, 3, 4, 5]
 
 
-def test_a_batch_counts_what_it_holds_and_lists_its_rows():
+def test_a_batch_counts_and_lists_its_rows():
     made = records(4, 2)
     batch = Batch(made)
     frames, bits = [0, 0], [0, 0]

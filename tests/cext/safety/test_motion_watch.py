@@ -42,7 +42,7 @@ def gains_sent(rig):
 
 
 @pytest.mark.parametrize("rate", RATES)
-def test_an_impact_takes_stiffness_and_damping_away_in_the_tick_of_the_first_reply_that_shows_it(rate):
+def test_an_impact_removes_stiffness_and_damping_in_the_tick_of_its_first_reply(rate):
     begin, period = 0.5, 1.0 / rate
     rig, outcome = imposed(
         accelerated(4.0 / period / 2, begin - 1e-9, until=8.0),
@@ -72,7 +72,7 @@ def test_an_impact_takes_stiffness_and_damping_away_in_the_tick_of_the_first_rep
     "stiffness, damping, rate, acceleration",
     [(0.0, 5.0, 500, 3000.0), (300.0, 5.0, 1000, 3000.0), (0.0, 5.0, 200, 1500.0)],
 )
-def test_an_impact_beyond_the_bound_is_above_the_limit_for_no_more_than_two_ticks_after_the_reply_that_shows_it(
+def test_an_impact_exceeds_the_limit_for_at_most_two_ticks_after_its_first_reply(
     stiffness, damping, rate, acceleration
 ):
     """Three to six times the default bound, begun just before the end of a period, so that the first reply shows a
@@ -106,7 +106,7 @@ def test_stiffness_and_damping_return_over_100_ms_once_the_window_is_calm():
 
 @pytest.mark.parametrize("bound", [300.0, 500.0])
 @pytest.mark.parametrize("rate", RATES)
-def test_walking_with_noise_of_0_15_rad_s_in_the_velocity_is_not_beyond_the_bound(knee, rate, bound):
+def test_velocity_noise_of_0_15_rad_s_raises_no_acceleration_fault(knee, rate, bound):
     rig, outcome = imposed(
         knee,
         rate=rate,
@@ -133,7 +133,7 @@ def test_without_stiffness_and_damping_no_acceleration_is_a_fault():
     assert outcome.status == "ok" and rig.watched["acceleration_ticks"] == 0 and rig.events == []
 
 
-def test_single_impacts_are_no_fault():
+def test_single_impacts_are_not_faults():
     rig, outcome = imposed(lambda t: (0.0, 6.0 if t > 0.5 else 0.0), seconds=0.8, commands=GAINS, limit=9.0)
     assert outcome.status == "ok" and rig.watched["acceleration_ticks"] == 2
 
@@ -228,7 +228,7 @@ def test_drive_that_follows_raises_no_fault(commands, emulator, options):
 
 
 @pytest.mark.parametrize("rate", RATES)
-def test_walking_with_every_law_is_no_fault(knee, rate):
+def test_walking_with_every_law_raises_no_fault(knee, rate):
     for commands in (
         GAINS,
         {"damping_command": 2.0},
@@ -329,7 +329,7 @@ def test_position_opposing_velocity_is_detected():
 
 
 @pytest.mark.parametrize("rate", RATES)
-def test_walking_with_noise_a_lag_and_lost_replies_has_no_other_scale(knee, rate):
+def test_noise_lag_and_lost_replies_are_no_scale_mismatch(knee, rate):
     """The velocity 10 ms behind the position, as a filter of it would be."""
 
     def behind(t):
@@ -358,7 +358,7 @@ def test_a_position_at_the_end_of_its_range_is_not_compared():
 @pytest.mark.parametrize(
     "drive, model, heard", [(CubeMars, "AK80-9", -40.0), (RobStride, "RS02", -100.0), (CubeMarsV3, "AK70-9", -100.0)]
 )
-def test_a_temperature_that_cannot_be_ends_the_run(drive, model, heard):
+def test_an_implausible_temperature_ends_the_run(drive, model, heard):
     rig, outcome = imposed(
         still(), drive=drive, model=model, emulator={"temperature": lambda t: 30.0 if t < 0.2 else -100.0}
     )
@@ -366,7 +366,7 @@ def test_a_temperature_that_cannot_be_ends_the_run(drive, model, heard):
     assert (rig.watched["about"], rig.watched["value"]) == ("temperature", heard)
 
 
-def test_a_drive_without_a_temperature_is_no_fault():
+def test_a_missing_temperature_is_not_a_fault():
     """Replies of 7 bytes have none: it is NaN."""
     rig, outcome = imposed(still(), model="AK80-9", reply=7, emulator={"reply": 7})
     assert outcome.status == "ok" and np.isnan(rig["knee.temperature"]).all()

@@ -75,7 +75,7 @@ def test_death_after_mutex_release_is_not_reported(page, holder):
     assert not is_told(mourner, 0.1)
 
 
-def test_a_hold_is_of_one_process_and_a_second_time_is_the_same_one(page, holder):
+def test_the_loops_mutex_belongs_to_one_process_and_is_recursive(page, holder):
     with pytest.raises(OSError, match="another thread holds the loop's mutex"):
         page.take_hold()
     mine = SharedState(1 << 12)

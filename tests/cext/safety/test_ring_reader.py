@@ -29,7 +29,7 @@ def test_rows_and_sent_frames_are_arrays_in_order():
     assert page.empty and len(take(page, 2)[0]) == 0
 
 
-def test_ring_that_wraps_is_read_on():
+def test_a_wrapping_ring_is_read_correctly():
     page = SharedState(1 << 12)
     for tick in range(1000):
         assert page.push(ROW, np.array([float(tick), 0.0, 1.0]).tobytes())

@@ -46,7 +46,7 @@ def test_capacity_is_rounded_up_to_a_power_of_two():
     )
 
 
-def test_a_full_ring_refuses_and_takes_again_once_read():
+def test_a_full_ring_rejects_records_until_it_is_read():
     page = SharedState(4096)
     pushed = sum(page.push(RECORD_ROW, payload(number, 7)) for number in range(100))
     assert pushed == 64
@@ -116,7 +116,7 @@ def test_another_process_reads_every_record_whole_and_in_order_while_this_one_wr
     assert pushed + refused == 100_000 and pushed > 1000
 
 
-def test_a_page_is_one_memory_in_all_its_mappings():
+def test_all_mappings_of_the_shared_state_share_memory():
     page = SharedState(4096)
     other = SharedState(fd=page.fd)
     other.raise_fence()
@@ -148,7 +148,7 @@ def test_pages_leave_no_file_open():
 
 
 @pytest.mark.parametrize("distribution", ["uniform", "lognormal", "small", "constant", "two"])
-def test_percentiles_are_right_within_three_percent_and_never_better_than_the_truth(distribution):
+def test_percentiles_are_within_three_percent_and_never_too_low(distribution):
     generator = np.random.default_rng(7)
     durations = {
         "uniform": generator.integers(0, 5_000_000, 20_001),

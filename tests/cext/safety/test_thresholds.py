@@ -102,7 +102,7 @@ def test_every_threshold_has_a_value_a_unit_and_a_meaning():
     assert all(each.unit in units and (each.value > 0 or each.unit == "°C") for each in table())
 
 
-def test_the_thresholds_fit_together():
+def test_thresholds_are_consistent():
     """A run whose watchdog works is not taken for one that stalls; the guardian looks often enough to be believed
     alive.
     """

@@ -69,7 +69,7 @@ def growth(action):
 
 
 @pytest.mark.parametrize("python", [False, True])
-def test_a_hundred_thousand_ticks_leave_no_memory_behind(python):
+def test_a_hundred_thousand_ticks_leak_no_memory(python):
     program = Program(compile(chain(python)))
     executor = Executor(program, 1000.0, virtual=True)
     ticks = 20_000 if python else 100_000
@@ -91,7 +91,7 @@ def test_native_ticks_trace_no_allocation_at_all():
     assert many <= few + 1024
 
 
-def test_the_memory_of_the_process_stays_what_it_was():
+def test_the_memory_of_the_process_does_not_grow():
     """Rows and frames into the ring included, until it is full."""
 
     def resident():
@@ -104,6 +104,6 @@ def test_the_memory_of_the_process_stays_what_it_was():
     assert abs(resident() - before) <= 2**20
 
 
-def test_a_robot_with_its_plant_leaves_no_memory_behind():
+def test_a_robot_with_its_plant_leaks_no_memory():
     rig = one_drive(lambda knee: TorqueLimiter(limit=5.0, slew=50.0)(Impedance()(knee.position, knee.velocity, 0.2)))
     assert growth(lambda: rig.executor.run(2000)) < 50

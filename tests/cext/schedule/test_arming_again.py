@@ -157,7 +157,7 @@ def test_after_a_fault_a_rising_input_arms_again_with_torque_faded_in_on_the_sam
     assert ends_in_the_safe_stop(rig)
 
 
-def test_a_letter_arms_again_as_well():
+def test_a_mailbox_request_arms_again():
     robot = Survivor({50: nan, 80: "rearm"})
     outcome = robot.run()
     assert outcome.status == "ok" and len(outcome.faults) == 1 and robot.rig.sent().count(ENABLE) == 2
@@ -165,13 +165,13 @@ def test_a_letter_arms_again_as_well():
 
 
 @pytest.mark.parametrize("tick", range(53, 60))
-def test_a_letter_from_early_in_the_wait_is_not_lost(tick):
+def test_a_request_early_in_the_wait_is_not_lost(tick):
     robot = Survivor({50: nan, tick: "rearm"})
     outcome = robot.run()
     assert outcome.status == "ok" and [entry[0] for entry in robot.heard] == ["fault", "rearm"]
 
 
-def test_while_it_waits_the_drive_is_disabled_every_tick_and_keeps_answering():
+def test_while_waiting_the_drive_is_disabled_every_tick_and_replies():
     robot = Survivor({50: nan})
     outcome = robot.run(120)
     assert (outcome.status, outcome.culprit, outcome.tick, outcome.faults) == ("not finite", "knee", 50, ())
@@ -190,7 +190,7 @@ def test_held_or_early_input_requests_no_rearm(ask):
     assert [entry[0] for entry in robot.heard] == ["fault"]
 
 
-def test_a_letter_from_before_the_wait_counts_no_more():
+def test_a_request_before_the_wait_has_no_effect():
     robot = Survivor({49: "rearm", 50: nan})
     assert robot.run().status == "not finite" and robot.rig.sent().count(ENABLE) == 1
 
@@ -221,7 +221,7 @@ def test_exception_is_recoverable_and_reported_each_time():
     assert [entry[0] for entry in robot.heard] == ["fault", "refused", "rearm", "fault", "rearm"]
 
 
-def test_a_fault_in_the_very_first_tick_is_survived_as_well():
+def test_a_run_survives_a_fault_in_its_first_tick():
     robot = Survivor({0: nan}, asks=[30])
     outcome = robot.run(100)
     assert outcome.status == "ok" and [fault.tick for fault in outcome.faults] == [0]
@@ -242,7 +242,7 @@ def test_status_of_custom_kernel_is_recoverable(status):
     assert outcome.status == "ok" and [(fault.culprit, fault.tick) for fault in outcome.faults] == [("own", 50)]
 
 
-def test_without_leave_to_arm_again_a_fault_ends_the_run():
+def test_without_rearm_a_fault_ends_the_run():
     robot = Survivor({50: nan}, asks=[80])
     outcome = robot.run(rearm=None)
     assert (outcome.status, outcome.tick, outcome.faults) == ("not finite", 50, ()) and robot.rig.tick[-1] == 49
@@ -268,7 +268,7 @@ def test_another_process_that_fences_while_it_waits_ends_the_run_for_good():
     assert robot.rig.sent().count(ENABLE) == 1 and ends_in_the_safe_stop(robot.rig)
 
 
-def test_while_it_waits_it_shows_that_it_lives_and_looks_whether_its_guardian_does():
+def test_a_waiting_run_updates_its_heartbeat_and_monitors_the_guardian():
     beats, page = [], SharedState(1 << 21)
 
     def live():
@@ -288,7 +288,7 @@ def test_while_it_waits_it_shows_that_it_lives_and_looks_whether_its_guardian_do
     assert len(set(beats)) == len(beats) and beats == sorted(beats) and len(beats) > 80
 
 
-def test_a_run_without_a_device_is_ended_by_a_fence_as_well():
+def test_a_fence_ends_a_run_without_devices():
     with Diagram("thoughts", rate=RATE) as robot:
         Law({20: lambda: rig.page.raise_fence() or 2.0}, name="law")(0.0)
     rig = Rig(robot)
@@ -314,7 +314,7 @@ def test_in_real_time_the_rounds_of_a_stop_are_5_ms_apart_until_time_is_up():
     assert np.median(np.diff(times)) == pytest.approx(5e6, abs=1e6)
 
 
-def test_a_fence_of_another_process_is_no_fault_to_be_survived():
+def test_a_fence_of_another_process_ends_the_run_despite_rearm():
     robot = Survivor({50: lambda: robot.rig.page.raise_fence() or 2.0}, asks=[80])
     assert robot.run().status == "fenced" and robot.rig.sent().count(ENABLE) == 1
 
@@ -365,7 +365,7 @@ def test_emergency_stop_blocks_rearm_until_released():
     assert [entry[3] for entry in robot.heard][:2] == [50, 80] and robot.rig.sent().count(ENABLE) == 2
 
 
-def test_a_plant_that_fails_is_not_survived():
+def test_a_failing_plant_ends_the_run():
     def plant(robot):
         with Diagram("plant", rate=5 * RATE) as model:
             drive = EmulatedCubeMars.of(robot["knee"], name="drive")
@@ -378,14 +378,14 @@ def test_a_plant_that_fails_is_not_survived():
     assert (outcome.status, outcome.culprit) == ("exception", "wall") and not robot.heard
 
 
-def test_at_most_sixteen_inputs_may_ask():
+def test_at_most_sixteen_inputs_may_request_arming():
     robot = Survivor({})
     with pytest.raises(ValueError, match="at most 16 inputs can request arming again, not 17"):
         robot.run(rearm=list(range(17)))
 
 
 @pytest.mark.parametrize("script, asks", [({50: nan}, (80, 90)), ({50: nan, 80: "rearm", 90: "rearm"}, ())])
-def test_a_joint_in_doubt_is_not_armed_again_until_it_is_clear(script, asks):
+def test_a_joint_with_an_ambiguous_angle_is_not_armed_again(script, asks):
     """As after a drive that lost its power and woke up elsewhere: asked for by an input, or by a letter."""
     robot, asked = Survivor(script, asks=asks), []
 

@@ -89,7 +89,7 @@ SLOW = settings(max_examples=60, deadline=None, suppress_health_check=[HealthChe
 
 @SLOW
 @given(networks(), st.randoms(use_true_random=False))
-def test_the_order_of_making_and_wiring_never_shows(nodes, random):
+def test_the_result_does_not_depend_on_the_order_of_construction(nodes, random):
     straight = list(range(len(nodes)))
     making, wiring = random.sample(straight, len(nodes)), random.sample(straight, len(nodes))
     assert bits(trace(build(nodes, straight, straight), nodes)) == bits(trace(build(nodes, making, wiring), nodes))
@@ -123,7 +123,7 @@ def test_no_output_leaves_the_range_that_is_proved(nodes):
             assert math.isnan(value) or value in interval, (node, interval, value)
 
 
-def test_a_run_leaves_the_same_bits_as_the_one_before():
+def test_repeated_runs_give_identical_bits():
     nodes = [
         Node("Sine", {"frequency": 3.0}),
         Node("Butterworth", {"order": 3, "cutoff": 9.0}, (0,)),

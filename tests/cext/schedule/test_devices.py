@@ -35,7 +35,7 @@ def test_a_fault_that_a_drive_reports_ends_the_run():
     assert ends_in_the_safe_stop(rig)
 
 
-def test_a_drive_that_falls_silent_ends_the_run_after_its_timeout():
+def test_a_silent_drive_ends_the_run_after_its_timeout():
     """Disconnect the plant: it no longer receives or replies."""
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.05)(torque_command=1.0)
@@ -58,7 +58,7 @@ def test_frame_received_after_tick_start_has_zero_age():
     assert rig["knee.age"] == pytest.approx([0.0, 0.0, 0.0, 0.003, 0.008, 0.013], abs=1e-12)
 
 
-def test_a_drive_that_answers_all_but_its_disable_has_not_confirmed_the_stop():
+def test_a_drive_that_does_not_acknowledge_its_disable_has_not_confirmed_the_stop():
     class Stubborn(Block):
         """In the plant: answers every command but that to disable."""
 
@@ -87,7 +87,7 @@ def test_a_drive_that_answers_all_but_its_disable_has_not_confirmed_the_stop():
     assert len(beats) == rig.sent().count(DISABLE) > 30  # it shows that it lives, all the time
 
 
-def test_a_drive_that_takes_many_frames_to_enable_is_sent_them_no_faster_than_one_a_round():
+def test_enable_frames_of_a_drive_are_sent_at_one_per_round():
     with Diagram("robot", rate=200) as robot:
         RobStride("CyberGear", can_id=1, name="knee")(torque_command=1.0)
     rig = Rig(robot)
@@ -139,7 +139,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("kind", BAD)
-def test_frames_that_are_no_answer_change_nothing_and_are_counted(kind):
+def test_frames_that_are_not_replies_change_nothing_and_are_counted(kind):
     identifier, data, extended, counted = BAD[kind]
     rig = one_drive(lambda knee: 0.0, plant=False, timeout=0.0)
     device = rig.buses["can"].device
@@ -154,7 +154,7 @@ def test_frames_that_are_no_answer_change_nothing_and_are_counted(kind):
 
 
 @pytest.mark.parametrize("kind", BAD)
-def test_frames_that_are_no_answer_do_not_arm(kind):
+def test_frames_that_are_not_replies_do_not_complete_arming(kind):
     identifier, data, extended, _ = BAD[kind]
     rig = one_drive(lambda knee: 0.0, plant=False)
     rig.buses["can"].device.send(identifier, data, extended)
@@ -281,7 +281,7 @@ def test_faults_during_stop_do_not_replace_its_cause():
 
 
 @pytest.mark.parametrize("by_signal", [False, True])
-def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow(by_signal):
+def test_in_virtual_time_a_slow_reader_loses_nothing_of_a_long_stop(by_signal):
     """Thirty drives that do not confirm, and a ring that is full to some degree when the stop begins."""
 
     class Ends(Block):
@@ -375,7 +375,7 @@ def test_run_without_drives_ends_with_last_tick():
     assert Rig(robot, plant).run(20).status == "ok" and steps == list(range(20))
 
 
-def test_a_robot_without_a_page_arms_and_runs():
+def test_a_robot_without_shared_state_arms_and_runs():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)(torque_command=1.0)
     bus, schedule = MemoryBus(), compile(robot)
@@ -414,7 +414,7 @@ def on_lines(more=lambda: None):
     return schedule, lines, [Line(lines, number).end for number in range(len(schedule.buses))]
 
 
-def test_of_several_buses_it_is_the_one_that_fails_which_is_named():
+def test_the_failed_one_of_several_buses_is_named():
     schedule, lines, ends = on_lines()
     for number in range(3):
         lines.give(number, 1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), 0)
@@ -423,7 +423,7 @@ def test_of_several_buses_it_is_the_one_that_fails_which_is_named():
     assert (outcome.status, outcome.culprit) == ("bus error", schedule.buses[1])
 
 
-def test_of_several_buses_it_is_the_one_that_fails_while_it_is_sent_to_which_is_named():
+def test_the_bus_that_fails_while_sending_is_named():
     @ctypes.CFUNCTYPE(ctypes.c_int, DOUBLES, SLOTS, ctypes.c_void_p, FRAME)
     def pulls_the_plug(arena, slots, sizes, frame):
         lines.fail(1, errno.ENODEV)  # of a bus that has been heard already
@@ -453,7 +453,7 @@ def test_of_several_buses_it_is_the_one_that_fails_while_it_is_sent_to_which_is_
     assert (outcome.status, outcome.culprit) == ("bus error", "middle") and outcome.tick < 20
 
 
-def test_of_several_buses_it_is_the_one_that_takes_no_more_which_is_named():
+def test_the_blocked_one_of_several_buses_is_named():
     schedule, lines, ends = on_lines()
     executor = Executor(Program(schedule, ends), 200.0, virtual=True)
     for number in range(3):

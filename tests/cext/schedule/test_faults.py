@@ -46,7 +46,7 @@ def raises(error):
     return action
 
 
-def test_a_share_of_nan_is_a_fault_and_not_full_torque():
+def test_a_nan_fade_in_share_is_a_fault():
     @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.c_void_p, ctypes.c_void_p)
     def rogue(arena, slots, sizes):
         arena[6] = math.nan if arena[1] == 5.0 else arena[6]
@@ -159,7 +159,7 @@ BETWEEN = {
 
 
 @pytest.mark.parametrize("between", BETWEEN)
-def test_nan_in_a_torque_command_is_a_fault_and_never_a_frame_behind(between):
+def test_a_nan_torque_command_is_a_fault_without_a_frame(between):
     rig = one_drive(lambda knee: BETWEEN[between](At(20, lambda: math.nan).y))
     outcome = rig.run(100)
     assert (outcome.status, outcome.culprit, outcome.tick) == ("not finite", "knee", 20)
@@ -168,7 +168,7 @@ def test_nan_in_a_torque_command_is_a_fault_and_never_a_frame_behind(between):
 
 @pytest.mark.parametrize("between", BETWEEN)
 @pytest.mark.parametrize("value", [math.inf, -math.inf])
-def test_an_infinity_is_a_fault_whatever_clips_it(between, value):
+def test_an_infinity_is_a_fault_after_any_limiter(between, value):
     rig = one_drive(lambda knee: BETWEEN[between](At(20, lambda: value).y))
     outcome = rig.run(100)
     assert outcome.status == "not finite" and 20 <= outcome.tick <= 22 and ends_in_the_safe_stop(rig)
@@ -177,7 +177,7 @@ def test_an_infinity_is_a_fault_whatever_clips_it(between, value):
 
 
 @pytest.mark.parametrize("value", [1e308, -1e308])
-def test_the_largest_number_behind_a_limiter_is_its_limit_and_no_more(value):
+def test_the_largest_value_after_a_limiter_is_its_limit(value):
     rig = one_drive(lambda knee: TorqueLimiter(limit=9.0, slew=math.inf)(At(20, lambda: value).y))
     assert rig.run(40, fade=0.0).status == "ok"
     assert abs(rig["knee.torque_sent"][20]) == pytest.approx(9.0, abs=2 * 65.0 / 4095)
@@ -188,7 +188,7 @@ def test_the_largest_number_behind_a_limiter_is_its_limit_and_no_more(value):
     "value, status",
     [(math.nan, "not finite"), (math.inf, "not finite"), (18.1, "out of limits"), (-1e300, "out of limits")],
 )
-def test_a_native_block_that_breaks_its_promise_is_stopped_at_the_actuator(value, status):
+def test_a_native_output_outside_its_range_is_stopped_at_the_actuator(value, status):
     class Liar(Block):
         """Declares an output range of one newton metre."""
 
@@ -203,7 +203,7 @@ def test_a_native_block_that_breaks_its_promise_is_stopped_at_the_actuator(value
     assert ends_in_the_safe_stop(rig) and len(rig.commands()) == 20
 
 
-def test_if_one_drive_refuses_none_of_the_tick_is_sent():
+def test_one_rejected_command_blocks_all_frames_of_the_tick():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="good")(torque_command=1.0)
         CubeMars("AK10-9-V2.0", can_id=2, name="bad")(

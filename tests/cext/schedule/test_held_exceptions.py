@@ -36,7 +36,7 @@ def run(ticks, hold, count=30, **options):
     return rig.run(count), rig
 
 
-def test_while_it_raises_its_output_keeps_its_last_value_and_the_next_good_step_counts_anew():
+def test_held_exceptions_keep_the_last_output_until_the_next_good_step():
     outcome, rig = run({5, 6, 7, 10, 11, 12}, hold=3)
     assert outcome.status == "ok"
     expected = [tick / 100.0 for tick in range(30)]
@@ -61,7 +61,7 @@ def test_the_safe_stop_follows_and_the_commands_until_then_are_those_of_the_last
     assert len(rig.commands()) == 22
 
 
-def test_without_last_values_nothing_can_be_kept():
+def test_an_exception_in_the_first_step_is_a_fault_despite_hold_exceptions():
     outcome, _ = run({0}, hold=5)
     assert (outcome.status, outcome.tick) == ("exception", 0)
 
@@ -97,7 +97,7 @@ def test_a_result_that_cannot_be_taken_is_held_too_and_leaves_no_half_of_itself(
     assert "outside its declared range" in str(rig.control.held[0][3])
 
 
-def test_an_update_is_held_with_the_state_as_it_left_it():
+def test_a_held_update_keeps_its_changes_to_the_state():
     class Counts(Block):
         """Counts updates, and raises in some of them, before or after."""
 
@@ -148,7 +148,7 @@ def test_only_first_held_exception_is_recorded():
     assert told == [{"event": "exception held", "block": "wobbly Ω", "tick": 5}]
 
 
-def test_nan_is_no_exception_and_passes():
+def test_nan_is_not_an_exception_and_passes():
     class Gives(Block):
         """NaN in tick 3."""
 
@@ -170,7 +170,7 @@ def test_hold_exceptions_is_an_integer(wrong):
     assert raised.value.diagnostics[0].code == "TW010" and "hold_exceptions must be a whole number" in str(raised.value)
 
 
-def test_a_native_block_refuses_it():
+def test_a_native_block_rejects_hold_exceptions():
     with Diagram("robot", rate=100), pytest.raises(DiagramError, match="does not run in Python"):
         Constant(1.0, hold_exceptions=3)
 
@@ -195,7 +195,7 @@ def test_a_block_marked_for_numba_that_holds_exceptions_stays_in_python():
     ].code == "TW023"
 
 
-def test_it_belongs_to_the_diagrams_text_and_hash():
+def test_hold_exceptions_is_part_of_the_diagrams_text_and_hash():
     def made(hold):
         with Diagram("robot", rate=100) as diagram:
             Flaky((), hold_exceptions=hold)

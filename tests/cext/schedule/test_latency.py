@@ -16,7 +16,7 @@ def test_only_a_rig_in_real_time_times_answers():
     assert rig.control.latencies == {}
 
 
-def test_an_answer_is_timed_from_the_command_it_follows_and_once():
+def test_a_reply_is_timed_once_from_the_preceding_command():
     page = SharedState(1 << 20)
     page.look_after(time.monotonic_ns())
     rig = one_drive(lambda knee: 0.0, virtual=False, options={"page": page, "guard": 5.0})

@@ -42,7 +42,7 @@ def test_every_row_has_its_tick_and_its_time():
     assert rig.tick.tolist() == list(range(150)) and rig.time.tolist() == [tick / 200 for tick in range(150)]
 
 
-def test_times_of_frames_never_go_back():
+def test_frame_times_never_decrease():
     rig = one_drive(lambda knee: 0.0)
     rig.run(50)
     times = [frame.time for frame in rig.frames]
@@ -72,7 +72,7 @@ def test_reply_to_earlier_run_is_ignored():
     assert rig.run(5).status == "no answer"
 
 
-def test_authority_fades_in_and_shows_in_what_was_sent():
+def test_the_fade_in_is_visible_in_the_sent_torque():
     rig = one_drive(lambda knee: 10.0)
     rig.run(300, fade=0.5)
     share = [min(tick / 100, 1.0) for tick in range(300)]
@@ -81,7 +81,7 @@ def test_authority_fades_in_and_shows_in_what_was_sent():
     assert rig["knee.torque_sent"] == pytest.approx([10.0] * 10, abs=2 * 65.0 / 4095)
 
 
-def test_of_two_drives_the_one_that_does_not_answer_is_named_and_neither_moves():
+def test_a_silent_drive_is_named_and_no_drive_moves():
     with Diagram("robot", rate=200) as robot:
         for can_id, name in ((1, "left"), (2, "right")):
             CubeMars("AK10-9-V2.0", can_id=can_id, name=name)(torque_command=10.0)
@@ -189,7 +189,7 @@ def test_fence_raised_before_first_run_blocks_all_frames():
     assert (outcome.status, outcome.tick) == ("fenced", -1) and set(rig.sent()) == set(STOP)
 
 
-def test_a_fence_raised_while_arming_enables_nothing_any_more():
+def test_a_fence_raised_while_arming_blocks_enable_frames():
     class Guardian(Block):
         """In the plant, where it runs while the robot arms."""
 

@@ -69,7 +69,7 @@ def stiffness(found):
     return -found["spring.torque"]
 
 
-def test_a_change_takes_effect_at_the_start_of_the_recorded_tick_and_not_before():
+def test_a_change_takes_effect_at_the_start_of_the_recorded_tick():
     found = rig(spring, {9: lambda writer: writer.set([(0, 45.0)])})
     assert found.names[:2] == ["spring.stiffness", "spring.damping"]
     assert not found.run(20).faulted
@@ -77,7 +77,7 @@ def test_a_change_takes_effect_at_the_start_of_the_recorded_tick_and_not_before(
     assert found.changes == [(10, SET, 0, os.getpid(), 0, 45.0, 30.0, math.inf)]
 
 
-def test_change_posted_before_run_applies_from_first_tick():
+def test_a_change_posted_before_the_run_applies_from_the_first_tick():
     found = rig(spring)
     writer = Writer(found.page, "keys")
     ticket = writer.set([(0, 60.0)])
@@ -95,7 +95,7 @@ def test_ramp_steps_by_slew_times_dt_and_ends_exactly():
     assert stiffness(found)[9] == 31.1 and found.changes == [(5, SET, 0, os.getpid(), 0, 31.1, 30.0, 50.0)]
 
 
-def test_a_change_in_the_middle_of_a_ramp_starts_from_where_that_is():
+def test_a_change_during_a_ramp_starts_from_the_present_value():
     found = rig(
         lambda: spring(slew=200.0),
         {0: lambda writer: writer.set([(0, 100.0)]), 10: lambda writer: writer.set([(0, 35.0)])},
@@ -121,7 +121,7 @@ def test_attributes_of_python_blocks_keep_their_types_and_whole_ones_do_not_ramp
     assert (block.gain, block.turns, block.on) == (1.0, 3, True), "a run leaves the diagram as it was built"
 
 
-def test_a_ramp_of_a_python_block_ends_where_it_should():
+def test_a_ramp_of_a_python_parameter_ends_at_its_target():
     found = rig(lambda: Settings(name="settings"), {1: lambda writer: writer.set([(0, 1.25)])})
     found.run(8)
     np.testing.assert_allclose(
@@ -136,7 +136,7 @@ def test_slow_block_receives_value_at_its_next_step():
     assert list(stiffness(found)) == [30.0] * 4 + [50.0] * 6 and found.changes[0].tick == 2
 
 
-def test_changes_of_one_letter_take_effect_together_and_letters_in_their_order():
+def test_changes_of_one_request_take_effect_together_and_requests_in_order():
     def post(writer):
         for value in (40.0, 41.0, 42.0):
             writer.set([(0, value), (1, value / 10.0)])
@@ -169,7 +169,7 @@ def test_changes_of_one_letter_take_effect_together_and_letters_in_their_order()
         ([], "unknown"),
     ],
 )
-def test_the_loop_refuses_what_is_out_of_bounds_not_finite_not_whole_or_unknown(changes, verdict):
+def test_the_loop_rejects_invalid_live_changes(changes, verdict):
     def make():
         spring()
         Settings(name="turning")
@@ -224,7 +224,7 @@ def test_corrupted_change_request_has_no_effect(what):
     assert list(stiffness(found)) == [30.0] * 5 and [change.index for change in found.changes] == [1]
 
 
-def test_no_value_in_the_mailbox_gets_a_command_past_the_bounds_that_were_proved():
+def test_no_mailbox_value_moves_a_command_beyond_the_proved_bounds():
     """The limiter's own limit is live up to 12 N·m; 100 N·m are asked for all the time."""
     rig = one_drive(lambda drive: TorqueLimiter(limit=Live(9.0, max=12.0), name="limiter")(100.0))
     [proof] = [proof for proof in rig.schedule.proofs if proof.port == "torque_command"]
@@ -274,7 +274,7 @@ def test_marks_are_numbered_from_one_in_every_run():
         ]
 
 
-def test_a_stop_ends_the_run_in_the_safe_stop_and_is_no_fault():
+def test_a_stop_ends_the_run_in_the_safe_stop_without_a_fault():
     rig = one_drive(lambda drive: TorqueLimiter(limit=9.0)(Poster(name="poster")()))
     poster = rig.schedule.python_blocks[0]
     poster.script, poster.writer = {49: lambda writer: writer.stop()}, Writer(rig.page, "keys")
@@ -351,7 +351,7 @@ def test_exception_in_attribute_setter_is_a_fault_of_its_block():
     )
 
 
-def test_a_letter_has_room_for_so_many_changes():
+def test_a_request_has_a_limited_number_of_changes():
     writer = Writer(SharedState(1 << 12))
     with pytest.raises(ValueError, match="16 changes"):
         writer.set([(0, 1.0)] * (CHANGE_LIMIT + 1))

@@ -18,20 +18,20 @@ def silent_robot():
     return Program(compile(robot), [bus.host])
 
 
-def test_a_drive_that_never_answers_misses_every_command_but_the_last():
+def test_every_command_but_the_last_counts_as_missed_for_a_silent_drive():
     program = silent_robot()
     assert Executor(program, 200.0, virtual=True).run(100).status == "ok"
     assert program.missed == {"knee": 99}
 
 
-def test_what_came_before_the_tick_from_which_on_is_counted_is_forgiven():
+def test_replies_missed_before_the_first_counted_tick_are_not_counted():
     program = silent_robot()
     program.count_from(60)
     Executor(program, 200.0, virtual=True).run(100)
     assert program.missed == {"knee": 40}
 
 
-def test_a_drive_that_answers_in_time_misses_none():
+def test_timely_replies_are_not_missed():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=0.0)
     with Diagram("plant", rate=1000) as plant:

@@ -134,7 +134,7 @@ def test_input_vectors_are_persistent_read_only_views():
     ] == 5.0
 
 
-def test_writing_into_an_input_is_an_error_of_that_block():
+def test_writing_to_an_input_is_an_error_of_that_block():
     class Writes(Block):
         """Would change what others read."""
 
@@ -197,7 +197,7 @@ def test_numeric_types_are_stored_as_numbers(value, stored):
     assert outcome.status == "ok" and rig["r.y"][5] == stored
 
 
-def test_a_step_that_returns_nan_is_recorded_as_nan_and_others_go_on():
+def test_a_nan_result_is_recorded_and_other_blocks_continue():
     with Diagram("d", rate=50) as diagram:
         value = Returns(math.nan, name="r").y
         PeakHold(name="peak")(value)
@@ -301,7 +301,7 @@ Pair = collections.namedtuple("Pair", "a b")
         ("ab", False),
     ],
 )
-def test_several_outputs_are_a_tuple_or_a_list_of_that_many(result, fine):
+def test_several_outputs_are_a_tuple_or_list_of_that_length(result, fine):
     class Two(Block):
         """Two outputs."""
 
@@ -407,7 +407,7 @@ def test_reset_comes_before_every_run():
         assert rig["c.y"].tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
-def test_a_block_of_any_number_of_inputs_is_given_all_of_them():
+def test_a_block_with_any_number_of_inputs_receives_all_of_them():
     class Most(Block):
         """The largest."""
 
@@ -426,7 +426,7 @@ def test_a_block_of_any_number_of_inputs_is_given_all_of_them():
     assert rig["m.y"].tolist() == [3.0, 5.0, 3.0]
 
 
-def test_a_block_without_outputs_may_return_what_it_likes():
+def test_the_return_value_of_a_block_without_outputs_is_ignored():
     seen = []
 
     class Notes(Block):

@@ -32,7 +32,7 @@ class Settings(Block):
         pass
 
 
-def test_the_slew_of_a_live_number_is_its_whole_range_in_a_second_and_the_rest_steps():
+def test_live_numbers_ramp_over_their_range_in_a_second_and_others_step():
     settings = Settings()
     assert {name: settings.live(name).slew for name in ("share", "count", "on", "quick", "still")} == {
         "share": 0.75,
@@ -64,7 +64,7 @@ def live_rig(make, letters):
     return rig
 
 
-def test_a_stiffness_set_while_a_spring_is_deflected_is_no_step_of_the_torque():
+def test_changing_the_stiffness_of_a_deflected_spring_makes_no_torque_step():
     """It goes from 30 to 150 N·m/rad by 0.75 a tick: over a deflection of 0.06 rad by 0.045 N·m a tick, and not by 7
     N·m at once.
     """

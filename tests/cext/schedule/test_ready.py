@@ -86,33 +86,33 @@ def test_a_stop_ends_it_without_a_tick():
     assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
 
 
-def test_a_word_from_before_it_was_shown_does_not_count():
+def test_a_confirmation_before_the_table_was_shown_does_not_count():
     ready = Ready({0: "confirm", 500: "stop"})
     assert ready.run().tick == -1
     assert ready.writer.answer(ready.tickets[0])[0] == "not now"
 
 
-def test_the_waiting_does_not_count_as_arming():
+def test_waiting_for_confirmation_does_not_count_as_arming():
     ready = Ready({5000: "confirm"})
     assert ready.run(arming_timeout=0.1).status == "ok"  # 5 s later
     assert ready.torques() == 20
 
 
-def test_a_drive_that_reports_a_fault_meanwhile_ends_it():
+def test_a_drive_fault_during_confirmation_ends_the_run():
     ready = Ready({tick: lambda: 5 for tick in range(300, 1000)})
     outcome = ready.run()
     assert (outcome.status, outcome.culprit, outcome.tick) == ("device fault", "knee", -1)
     assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
 
 
-def test_a_drive_that_falls_silent_meanwhile_ends_it():
+def test_a_drive_that_becomes_silent_during_confirmation_ends_the_run():
     ready = Ready({tick: lambda: ready.rig.buses["can"].host.receive() and 0 for tick in range(301, 2000)})
     outcome = ready.run()
     assert (outcome.status, outcome.culprit, outcome.tick) == ("silent", "knee", -1)
     assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE}
 
 
-def test_a_fence_meanwhile_ends_it():
+def test_a_fence_during_the_wait_ends_the_run():
     ready = Ready({300: lambda: ready.rig.page.raise_fence()})
     assert ready.run().status == "fenced"
 
@@ -128,7 +128,7 @@ def test_failure_to_show_ready_state_prevents_arming():
 # Where joints stand
 
 
-def test_a_joint_in_doubt_is_not_armed_until_a_later_confirmation_finds_it_clear():
+def test_a_joint_with_an_ambiguous_angle_is_armed_once_it_is_resolved():
     ready, asked = Ready({500: "confirm", 700: "confirm", 900: "confirm"}), []
 
     def permitted():
@@ -143,7 +143,7 @@ def test_a_joint_in_doubt_is_not_armed_until_a_later_confirmation_finds_it_clear
     assert [ready.writer.answer(ticket)[0] for ticket in ready.tickets] == ["not now", "not now", "taken"]
 
 
-def test_without_a_confirmation_a_joint_in_doubt_ends_the_run_with_zero_torque_alone():
+def test_an_ambiguous_joint_ends_an_unattended_run_after_zero_torque_only():
     ready = Ready({})
     outcome = ready.run(confirm=False, permitted=lambda: False)
     assert (outcome.status, outcome.tick) == ("unclear pose", -1) and len(ready.rig.tick) == 0

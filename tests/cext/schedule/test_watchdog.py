@@ -136,7 +136,7 @@ HANGS = {
 
 
 @pytest.mark.parametrize("what", HANGS)
-def test_a_python_block_that_hangs_is_broken_off_with_the_motors_stopped(what):
+def test_a_hanging_python_block_is_interrupted_and_the_motors_are_stopped(what):
     rig = calls(HANGS[what])
     began = time.monotonic()
     outcome = rig.run(100)
@@ -156,14 +156,14 @@ def test_hanging_update_is_detected_like_hanging_step():
     assert len(rig.commands()) == len(rig.tick) + 1 and rig.sent()[-2:] == [NOTHING, DISABLE]
 
 
-def test_a_block_that_takes_the_interrupt_for_itself_has_hung_all_the_same():
+def test_a_block_that_catches_the_interrupt_still_counts_as_hung():
     rig = calls(deaf)
     outcome = rig.run(100)
     assert_stopped(rig, outcome)
     assert outcome.error is None
 
 
-def test_a_block_that_hangs_while_it_starts_never_sees_a_tick():
+def test_a_block_that_hangs_at_the_start_prevents_the_first_tick():
     rigs = []
 
     def start():
@@ -204,7 +204,7 @@ def test_spinning_native_kernel_is_reported_repeatedly(tmp_path):
     assert rig.run(10).status == "ok" and rig.page.hung is None  # nothing of it stays behind
 
 
-def test_a_loop_on_another_thread_is_stopped_but_not_broken_off():
+def test_a_loop_on_another_thread_is_stopped_but_not_interrupted():
     rig = calls(lambda: time.sleep(0.1))
     found = []
     thread = threading.Thread(target=lambda: found.append(rig.run(100)))
@@ -235,7 +235,7 @@ def busy(seconds):
         pass
 
 
-def test_a_tick_of_two_periods_is_late_and_no_hang():
+def test_a_tick_of_two_periods_is_late_but_not_a_hang():
     rig = robot(
         lambda side, knee: Then(lambda: busy(0.04), name=f"{side}_law", tick=10 if side == "left" else 15)(
             knee.position
@@ -271,7 +271,7 @@ print(json.dumps([outcome.status, outcome.culprit, rig.statistics()["missed"]]))
 """
 
 
-def test_a_machine_that_was_away_is_no_hang_neither_in_the_sleep_between_ticks_nor_within_one():
+def test_a_suspended_machine_does_not_count_as_a_hang():
     process = subprocess.Popen(
         [sys.executable, "-c", STOPPED], cwd=ROOT, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True
     )

@@ -17,6 +17,6 @@ def test_cadence_of_strikes_half_a_second_apart():
     assert [meter.step(strike, 0.1) for strike in strikes][-1] == pytest.approx(120.0)
 
 
-def test_the_accumulator_forgets():
+def test_the_leaky_accumulator_decays():
     accumulator = LeakyAccumulator(leak=0.5)
     assert [accumulator.step(u) for u in (1.0, 0.0, 0.0, 4.0)] == [1.0, 0.5, 0.25, 4.125]

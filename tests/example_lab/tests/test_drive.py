@@ -55,12 +55,12 @@ def test_zero_and_id_are_set_and_confirmed():
     assert [data[0] for _, _, data in drive.sent if data[0] != protocol.DISABLE] == [protocol.ZERO, protocol.SET_ID]
 
 
-def test_an_id_of_another_family_is_left_alone():
+def test_a_drive_of_another_family_is_not_configured():
     drive = Drive(5, 400)
     assert drive.answer(FAMILY.set_up(Request(6, zero=True))) is None and drive.position == 400
 
 
-def test_what_it_cannot_do_is_refused_before_anything_is_changed():
+def test_unsupported_operations_are_rejected_before_any_change():
     drive = Drive(5, 400)
     with pytest.raises(Rejected, match="--save: the gait laboratory's drive cannot do that"):
         drive.answer(FAMILY.set_up(Request(5, zero=True, save=True)))

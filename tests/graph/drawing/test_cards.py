@@ -63,7 +63,7 @@ def test_the_family_of_a_block_follows_from_its_class_and_module(kind, name):
         (Param(1.0), ""),
     ],
 )
-def test_bounds_in_words(param, words):
+def test_bounds_are_formatted(param, words):
     assert bounds_text(param) == words
 
 
@@ -83,7 +83,7 @@ def test_bounds_in_words(param, words):
         (tuple((i / 7, i) for i in range(8)), "1", "8 entries"),
     ],
 )
-def test_values_in_words(value, unit, words):
+def test_values_are_formatted(value, unit, words):
     assert quantity(value, unit) == words
 
 
@@ -98,7 +98,7 @@ def test_values_in_words(value, unit, words):
         (None, ""),
     ],
 )
-def test_intervals_in_words(interval, words):
+def test_intervals_are_formatted(interval, words):
     assert interval_text(interval, "N·m") == words
 
 
@@ -110,7 +110,7 @@ def test_a_class_shows_the_ports_that_its_parameters_make_by_an_example():
     )["made"]
 
 
-def test_a_class_whose_example_cannot_be_made_shows_what_it_declares():
+def test_a_class_without_an_example_shows_its_declarations():
     assert [port["name"] for port in class_card(TorqueLimiter)["inputs"]] == ["torque"]
     assert class_card(TorqueLimiter)["parameters"][0]["default"] == "required"
 
@@ -135,7 +135,7 @@ def test_the_card_of_a_block_shows_wires_values_proof_and_line():
     assert knee["runs"] == "native, on a bus" and cards["csv_recorder"]["runs"] == "in the recorder process"
 
 
-def test_units_and_shapes_are_those_that_the_wires_give():
+def test_units_and_shapes_follow_from_connections():
     with Diagram("d", rate=100) as diagram:
         Saturation(-1.0, 1.0)(Impedance()(position=0.0, velocity=0.0))
     card = draw(diagram).cards["saturation"]

@@ -7,12 +7,12 @@ def wire(left, right):
     return Wire(object(), set(left), set(right))
 
 
-def test_a_straight_line_takes_no_track():
+def test_a_straight_line_needs_no_track():
     straight = wire({10.0}, {10.0})
     assert assign_tracks([straight]) == 0 and straight.track == -1
 
 
-def test_lines_that_pass_each_other_take_tracks_of_their_own_and_others_share_one():
+def test_overlapping_lines_use_separate_tracks_and_others_share_one():
     above, below, over = wire({0.0}, {50.0}), wire({100.0}, {150.0}), wire({20.0}, {120.0})
     assert assign_tracks([above, below]) == 1
     assert above.track == below.track
@@ -20,7 +20,7 @@ def test_lines_that_pass_each_other_take_tracks_of_their_own_and_others_share_on
     assert over.track not in (above.track, below.track)
 
 
-def test_a_line_that_comes_in_where_another_goes_out_turns_off_first():
+def test_entering_lines_turn_before_leaving_ones():
     first, second = wire({10.0}, {50.0}), wire({90.0}, {10.0})
     assign_tracks([second, first])
     assert first.track < second.track

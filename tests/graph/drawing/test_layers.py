@@ -68,7 +68,7 @@ def test_pins_are_placed_in_the_outermost_columns():
     assert column_of(columns) == {"first": 0, "a": 1, "b": 2, "last": 3}
 
 
-def test_a_long_line_has_one_place_in_each_column_however_many_it_leads_to():
+def test_a_long_line_has_one_track_in_each_column():
     chain = [node(str(i)) for i in range(5)]
     edges = [edge(a, b) for a, b in pairwise(chain)] + [
         Edge(chain[0], "out", chain[3], "late"),
@@ -80,14 +80,14 @@ def test_a_long_line_has_one_place_in_each_column_however_many_it_leads_to():
     assert all(hop.target.layer == hop.source.layer + 1 for hop in hops)
 
 
-def test_two_crossed_lines_are_uncrossed():
+def test_crossed_lines_are_uncrossed():
     a, b, c, d = map(node, "abcd")
     columns, _, _ = arrange([a, b, c, d], [edge(a, d), edge(b, c)])
     assert [[n.what for n in column] for column in columns] in ([["a", "b"], ["d", "c"]], [["b", "a"], ["c", "d"]])
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_crossings_are_counted_as_by_looking_at_every_pair(seed):
+def test_crossings_equal_a_count_over_all_pairs(seed):
     chance = random.Random(seed)
     left, right = [node(f"l{i}") for i in range(6)], [node(f"r{i}") for i in range(6)]
     _, _, hops = arrange(

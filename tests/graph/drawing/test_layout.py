@@ -58,7 +58,7 @@ def test_frames_contain_their_blocks_only(case):
                 assert not overlap(frame, thing) or holds(thing, frame), f"{path} and {thing.path}"
 
 
-def test_everything_lies_on_the_page(case):
+def test_all_elements_are_inside_the_page(case):
     _, drawing = case
     for thing in drawing.boxes + drawing.frames:
         assert (
@@ -71,7 +71,7 @@ def test_everything_lies_on_the_page(case):
         assert all(0 <= x <= drawing.width and 0 <= y <= drawing.height for x, y in line.points)
 
 
-def test_lines_run_level_or_upright_and_around_boxes(case):
+def test_lines_are_horizontal_or_vertical_and_avoid_boxes(case):
     _, drawing = case
     for line in drawing.lines:
         for left, top, right, bottom in segments(line):
@@ -120,7 +120,7 @@ def test_lines_of_two_signals_never_lie_on_each_other(case):
         assert not level and not upright, f"{one.signal} and {other.signal} at {a}, {b}"
 
 
-def test_every_wire_runs_from_its_port_to_its_port_through_the_pins_of_the_frames_between(case):
+def test_every_connection_is_drawn_from_port_to_port_through_the_pins_of_frames(case):
     diagram, drawing = case
     places = {f"{box.path}.{port.name}": (port.x, port.y) for box in drawing.boxes for port in box.ports}
     pins = {(frame.path, pin.side, pin.signal): (pin.x, pin.y) for frame in drawing.frames for pin in frame.pins}
@@ -153,7 +153,7 @@ def test_the_same_diagram_is_drawn_the_same(case):
     assert draw(by_chance(int(diagram.name.split()[1]))) == drawing
 
 
-def test_a_command_goes_back_below_to_the_actuator_that_the_loop_begins_with():
+def test_a_command_is_drawn_below_back_to_the_actuator_of_its_loop():
     drawing = draw(leg())
     [back] = [line for line in drawing.lines if line.back]
     assert back.target == "left/knee.torque_command"

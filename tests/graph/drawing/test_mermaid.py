@@ -22,7 +22,7 @@ def test_blocks_subsystems_wires_and_feedback():
     assert any(line.startswith("    classDef actuator fill:#") for line in lines)
 
 
-def test_every_wire_is_there_once_whatever_frames_it_crosses():
+def test_every_connection_is_drawn_once_across_frames():
     for seed in range(6):
         diagram = by_chance(seed)
         wires = {(wire.source.path, f"{wire.block.path}.{wire.port}") for wire in diagram.wires}

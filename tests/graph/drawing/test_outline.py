@@ -70,7 +70,7 @@ def test_constants_are_drawn_beside_their_port():
     assert port.note == "= 0.25"
 
 
-def test_a_block_of_its_own_name_shows_its_type_below_and_one_without_shows_its_type_alone():
+def test_a_named_block_shows_its_type_below_and_an_unnamed_one_only_its_type():
     with Diagram("d", rate=100) as diagram:
         Sine(name="wave")
         Sine()
@@ -87,7 +87,7 @@ def test_parameters_are_shown_where_they_are_not_the_default():
     assert box(draw(diagram), "sine").details == ("frequency 2 Hz",)
 
 
-def test_a_line_that_carries_a_vector_is_wide():
+def test_the_line_of_a_vector_is_wide():
     with Diagram("d", rate=100) as diagram:
         Gain()(Norm()(Gyro()()))
         CsvRecorder()

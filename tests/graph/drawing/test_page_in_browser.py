@@ -40,7 +40,7 @@ def test_every_text_fits_into_its_box(ask):
     assert wide == []
 
 
-def test_the_names_of_the_ports_on_both_sides_do_not_touch(ask):
+def test_port_names_on_both_sides_do_not_overlap(ask):
     touching = ask(
         nested(),
         """
@@ -113,7 +113,7 @@ def test_a_block_is_reached_by_its_address_and_by_the_keyboard(ask):
     ) == [True, "left/knee"]
 
 
-def test_search_finds_by_name_type_and_port_and_enter_goes_there(ask):
+def test_search_matches_name_type_and_port_and_enter_selects(ask):
     told = ask(
         leg(),
         """
@@ -132,7 +132,7 @@ def test_search_finds_by_name_type_and_port_and_enter_goes_there(ask):
     assert told[5:] == ["left/impedance", ""]
 
 
-def test_a_folded_subsystem_hides_what_it_holds_and_gives_its_room_away(ask):
+def test_a_folded_subsystem_hides_its_blocks_and_frees_their_space(ask):
     told = ask(
         leg(),
         """
@@ -150,7 +150,7 @@ def test_a_folded_subsystem_hides_what_it_holds_and_gives_its_room_away(ask):
 
 
 @pytest.mark.parametrize("seed", [3, 7, 11])
-def test_however_subsystems_are_folded_nothing_visible_covers_anything_and_lines_end_at_their_ports(seed, ask):
+def test_folding_never_makes_boxes_overlap_or_detaches_lines(seed, ask):
     told = ask(
         by_chance(seed, size=50),
         """
@@ -196,7 +196,7 @@ def test_however_subsystems_are_folded_nothing_visible_covers_anything_and_lines
     assert told["frames"] > 2 and told["wrong"] == []
 
 
-def test_going_to_a_block_unfolds_what_holds_it_and_brings_it_into_view(ask):
+def test_selecting_a_block_unfolds_its_subsystem_and_scrolls_to_it(ask):
     told = ask(
         nested(),
         """
@@ -215,7 +215,7 @@ def test_going_to_a_block_unfolds_what_holds_it_and_brings_it_into_view(ask):
     )
 
 
-def test_what_moves_arrives_where_what_jumps_does(ask):
+def test_animated_and_immediate_folding_give_the_same_view(ask):
     script = """
         for (const shut of [true, false, true]) fold("left", shut);
         await wait(600);
@@ -273,7 +273,7 @@ def test_pointing_at_a_line_lights_the_whole_signal(ask):
     assert lit[:2] == [1, 0] and lit[2].startswith("left/butterworth.y   rad/s")
 
 
-def test_nothing_in_a_diagram_is_read_as_html(ask):
+def test_names_of_a_diagram_are_escaped_in_html(ask):
     name = "<img src=x onerror=alert(1)>"
     assert ask(
         leg(name), 'return [document.title, document.querySelectorAll("img").length, document.scripts.length];'

@@ -14,7 +14,7 @@ def column(chance, count):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_column_stands_where_linear_programming_says_it_bends_least(seed):
+def test_columns_have_the_weighted_bends_of_linear_programming(seed):
     linprog = pytest.importorskip("scipy.optimize", reason="needs SciPy (extra test)").linprog
     chance = random.Random(seed)
     nodes = column(chance, 7)

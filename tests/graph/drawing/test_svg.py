@@ -18,7 +18,7 @@ def texts(root):
     return ["".join(element.itertext()) for element in root.iter(f"{SPACE}text")]
 
 
-def test_it_is_xml_with_a_size_and_names_what_is_drawn():
+def test_svg_is_xml_with_a_size_and_a_title():
     root = parse(leg())
     assert root.tag == f"{SPACE}svg" and float(root.get("width")) > 400
     assert root.get("viewBox") == f"0 0 {root.get('width')} {root.get('height')}"
@@ -38,7 +38,7 @@ def test_it_is_xml_with_a_size_and_names_what_is_drawn():
         assert words in found
 
 
-def test_it_needs_nothing_from_elsewhere():
+def test_svg_refers_to_no_external_file():
     text = svg(draw(nested()))
     # the name space
     assert "<script" not in text and "href" not in text and "url(" not in text and text.count("http") == 1
@@ -59,7 +59,7 @@ def test_feedback_is_dashed_and_units_and_ranges_are_shown_on_hover():
     assert ".back { stroke: #a8480f; stroke-dasharray: 7 4;" in root.find(f"{SPACE}style").text
 
 
-def test_the_legend_names_the_families_that_are_there_and_no_others():
+def test_the_legend_lists_exactly_the_families_in_the_drawing():
     found = texts(parse(leg()))
     titles = {family.title for family in FAMILIES.values()}
     assert titles & set(found) == {"actuator", "filter", "controller", "limiter", "recorder or viewer"}
@@ -74,7 +74,7 @@ def test_every_family_looks_different():
     )
 
 
-def test_ports_without_wires_are_left_out_unless_asked_for():
+def test_unconnected_ports_are_hidden_by_default():
     assert "temperature" not in texts(parse(leg())) and "temperature" in texts(parse(leg(), all_ports=True))
 
 
@@ -89,7 +89,7 @@ def test_errors_are_marked():
     assert sum(circle.get("class") == "dot wrong" for circle in root.iter(f"{SPACE}circle")) == 2
 
 
-def test_corners_are_round_but_for_those_where_lines_part():
+def test_corners_are_rounded_except_at_junctions():
     points = ((0, 0), (50, 0), (50, 40), (90, 40))
     assert way(points) == "M0 0L44 0Q50 0 50 6L50 34Q50 40 56 40L90 40"
     assert way(points, joints=((50, 0),)) == "M0 0L50 0L50 34Q50 40 56 40L90 40"

@@ -59,7 +59,7 @@ def test_missing_matplotlib_is_reported_with_install_command(command_line, recor
     )
 
 
-def test_with_none_named_each_subsystem_has_its_picture(command_line, tmp_path):
+def test_without_names_each_subsystem_has_a_plot(command_line, tmp_path):
     assert command_line(KNEE_EXO, "--fast", "--duration", "5", "--record", tmp_path / "run")[0] == OK
     [path] = (tmp_path / "run").glob("*.mcap")
     code, out, err = command_line("plot", path, "--svg")
@@ -208,7 +208,7 @@ def crowded(tmp_path_factory):
     return folder / "crowd.mcap"
 
 
-def test_all_of_a_block_or_a_subsystem_is_drawn_where_that_is_named(command_line, crowded):
+def test_a_named_block_or_subsystem_is_drawn_completely(command_line, crowded):
     trial = runtime.load(crowded)
     rows = plots.rows_of(trial, ["left/crowd", "left/knee", "left/crowd.x3"])
     assert [path for paths in rows for path in paths] == [f"left/{text.split()[0]}" for text in (*CROWD, *JOINTS[:4])]
@@ -258,7 +258,7 @@ def test_labels_of_faults_and_marks_do_not_overlap(crowded):
     assert not [said[i] for i, one in enumerate(boxes) for other in boxes[:i] if one.overlaps(other)]
 
 
-def test_a_stride_that_is_not_all_numbers_is_left_out_and_so_is_a_joint_without_a_gait(command_line, crowded):
+def test_strides_with_nan_and_joints_without_gait_phase_are_omitted(command_line, crowded):
     trial = runtime.load(crowded)
     [leg] = legs(trial)
     # of four that begin and end in it, less the torn one and the last

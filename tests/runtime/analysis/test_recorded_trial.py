@@ -96,7 +96,7 @@ def test_a_misspelt_signal_is_suggested(trial):
         trial["left/knee.positoin"]
 
 
-def test_a_whole_number_that_is_missing_once_stays_a_float(tmp_path):
+def test_an_integer_with_a_missing_value_is_a_float(tmp_path):
     found = runtime.load(recorded(tmp_path, [(0, 1.0, 1.0), (1, math.nan, 2.0)], signals=("a.x 1 int", "a.y 1 int")))
     assert found["a.x"].dtype == np.float64 and math.isnan(found["a.x"][1]) and found["a.y"].dtype == np.int64
 
@@ -153,7 +153,7 @@ def test_quaternion_is_interpolated_along_shorter_arc(tmp_path):
     assert np.allclose(found.resample(400)["imu.quaternion"][1], [math.cos(0.05), math.sin(0.05), 0.0, 0.0], atol=1e-12)
 
 
-def test_a_phase_and_a_bearing_go_round_between_samples_and_the_ends_of_their_circle_are_one(tmp_path):
+def test_phases_and_bearings_are_interpolated_around_the_circle(tmp_path):
     circles = ((0.0, 1.0), (-math.pi, math.pi), ())
     signals = [
         {**column, "circle": circle}
@@ -270,7 +270,7 @@ def test_pandas_gets_units_and_fields(tmp_path, trial):
     )
 
 
-def test_a_library_that_is_missing_is_named_with_the_extra_that_brings_it(monkeypatch, trial):
+def test_a_missing_library_is_reported_with_its_extra(monkeypatch, trial):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(MissingExtra, match=r"a table needs pandas: pip install 'tickwork\[tables\]'"):
         trial.table()

@@ -42,7 +42,7 @@ def trial(tmp_path_factory):
 
 
 @pytest.mark.parametrize("rate", RATES)
-def test_at_any_rate_floats_are_where_numpy_puts_them(trial, rate):
+def test_resampling_at_any_rate_equals_numpys_interpolation(trial, rate):
     made = trial.resample(rate)
     assert np.array_equal(made.tick, np.arange(made.tick[0], made.tick[-1] + 1)) and np.allclose(
         made.time, made.tick / rate, atol=1e-12
@@ -52,7 +52,7 @@ def test_at_any_rate_floats_are_where_numpy_puts_them(trial, rate):
 
 
 @pytest.mark.parametrize("rate", RATES)
-def test_a_quaternion_turns_whatever_its_port_is_called(trial, rate):
+def test_a_quaternion_is_recognised_under_any_port_name(trial, rate):
     made = trial.resample(rate)
     between = Slerp(TIME, Rotation.from_quat(trial["product.y"], scalar_first=True))(
         np.clip(made.time, TIME[0], TIME[-1])
@@ -61,12 +61,12 @@ def test_a_quaternion_turns_whatever_its_port_is_called(trial, rate):
     assert np.abs(np.linalg.norm(made["product.y"], axis=1) - 1.0).max() < 1e-12
 
 
-def test_a_choice_of_one_in_four_is_no_quaternion(trial):
+def test_an_array_of_four_shares_is_not_resampled_as_a_quaternion(trial):
     made = trial.resample(1000)["gait.part"]
     assert np.allclose(made.sum(axis=1), 1.0, atol=1e-12) and len(np.unique(made.round(9))) > 2
 
 
-def test_events_stay_when_they_were(trial):
+def test_events_keep_their_times(trial):
     for rate in (50, 333):
         made = trial.resample(rate)
         assert made.marks == pytest.approx([0.5], abs=1e-12) and plots.moments(made)[0][0] == pytest.approx(
@@ -83,7 +83,7 @@ def test_table_larger_than_memory_is_refused(trial, rate):
         trial.resample(rate)
 
 
-def test_what_stays_is_the_same_to_the_bit_and_nothing_overflows():
+def test_interpolation_keeps_constant_values_bit_for_bit_without_overflow():
     time = np.arange(8.0)
     values = np.array([-0.0, -0.0, math.inf, math.inf, 1.7e308, -1.7e308, 5e-324, 5e-324])[:, None]
     made = interpolate("straight", time, values, time[:-1] + 0.25)[:, 0]

@@ -47,7 +47,7 @@ def test_nested_folders_form_one_table_with_distinct_names(folder):
     assert runtime.load(folder / "S0[12]" / "*.mcap")["subject"].tolist() == ["S01", "S01", "S02"]
 
 
-def test_a_field_that_is_called_as_a_column_of_all_has_a_column_beside_it(folder):
+def test_a_field_named_like_a_standard_column_is_prefixed(folder):
     pytest.importorskip("pandas")
     trials = runtime.load([folder / "S01" / "walk.mcap"])
     assert trials.fields == ["trial.time", "trial.trial", "subject"] and trials["trial.time"].tolist() == ["noon"] * 2
@@ -58,7 +58,7 @@ def test_a_field_that_is_called_as_a_column_of_all_has_a_column_beside_it(folder
     )
 
 
-def test_numbers_of_two_units_or_shapes_are_not_one_column(folder):
+def test_trials_with_different_units_or_shapes_are_rejected(folder):
     pytest.importorskip("pandas")
     trials = runtime.load(folder / "*" / "*.mcap")
     with pytest.raises(

@@ -139,7 +139,7 @@ def test_a_search_for_the_highest_rate_ends_with_a_signal(tmp_path, number):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_the_drives_of_a_benchmark_end_with_it(tmp_path, number):
+def test_emulated_drives_end_with_their_benchmark(tmp_path, number):
     process = started("bench", "bus", cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     parent, drives = psutil.Process(process.pid), []
     deadline = time.monotonic() + 60.0

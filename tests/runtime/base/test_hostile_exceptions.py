@@ -63,7 +63,7 @@ def fail():
     raise SystemExit("of a text")
 
 
-def test_a_text_that_can_be_formed_is_what_str_returns():
+def test_a_text_equals_the_result_of_str():
     assert text_of(ValueError("no such gain")) == "no such gain"
     assert (
         name_and_text(ValueError("no such gain")) == "ValueError: no such gain"
@@ -135,7 +135,7 @@ def test_file_that_raises_exception_without_text_is_refused_at_its_line(tmp_path
 
 @pytest.mark.parametrize("text", [RAISES, HANGS], ids=["raises", "hangs"])
 @pytest.mark.parametrize("function", ["build", "plant"])
-def test_what_build_or_plant_returns_is_named_in_time(tmp_path, text, function):
+def test_the_text_of_a_wrong_return_value_has_a_time_limit(tmp_path, text, function):
     more = "class Other:\n    def __repr__(self):\n        {text}\n\n\ndef {function}(*robot):\n    return Other()\n"
     body = ROBOT.format(text="pass", when="False", options="", more="pass")
     path = write(tmp_path, body + "\n" + more.format(text=text, function=function))

@@ -24,7 +24,7 @@ def ends():
         yield SocketCan(own), own, other
 
 
-def test_it_tells_what_a_bus_costs_what_the_guardian_adds_and_how_soon_the_motors_stop(command_line):
+def test_bench_bus_reports_bus_cost_guardian_latency_and_stop_time(command_line):
     before = set(psutil.Process().children())
     code, out, err = command_line("bench", "bus", "--rounds", "200", "--trips", "3", "--kills", "2", "--json")
     told = json.loads(out)
@@ -42,14 +42,14 @@ def test_it_tells_what_a_bus_costs_what_the_guardian_adds_and_how_soon_the_motor
     assert [child for child in left if child.status() != psutil.STATUS_ZOMBIE] == []
 
 
-def test_both_ways_carry_every_frame_in_every_round(ends):
+def test_both_buses_carry_every_frame_in_every_round(ends):
     bus, own, other = ends
     through, alone = time_of_ticks(bus.end, own.fileno(), other.fileno(), 8, 50)
     assert len(through) == len(alone) == 50 and min(through) > 0 and min(alone) > 0
     assert bus.counts["corrupt"] == bus.counts["echoes"] == 0
 
 
-def test_a_round_that_loses_a_frame_is_no_measurement(ends):
+def test_a_round_with_a_lost_frame_is_not_counted(ends):
     bus, own, other = ends
     with pytest.raises(ValueError, match="1 to 64 frames, not 65"):
         time_of_ticks(bus.end, own.fileno(), other.fileno(), 65, 1)

@@ -23,7 +23,7 @@ needs_compiler = pytest.mark.skipif(
 
 
 @needs_compiler
-def test_the_cost_of_drives_and_the_answers_lost_are_reported(command_line):
+def test_bench_can_reports_drive_cost_and_lost_replies(command_line):
     code, out, err = command_line("bench", "can", "--rounds", "100", "--seconds", "0.1", "--repeats", "1", "--json")
     report = json.loads(out)
     assert (code, err) == (OK, "")
@@ -38,7 +38,7 @@ def test_the_cost_of_drives_and_the_answers_lost_are_reported(command_line):
 
 
 @needs_compiler
-def test_a_loop_in_c_counts_every_missing_answer():
+def test_the_c_loop_counts_every_missing_reply():
     loop = build(can_cost.C_LOOP)
     with can_cost.ends() as first, can_cost.ends() as second:
         far = [SocketCan(pair[1]) for pair in (first, second)]
@@ -88,7 +88,7 @@ def test_a_fault_of_a_drive_names_it():
         time_of_control(Program(compile(can_cost.robot()), [bus.host]), bus.device, late, 1)
 
 
-def test_a_tick_that_loses_a_frame_is_no_measurement():
+def test_a_tick_with_a_lost_frame_is_not_counted():
     program = Program(compile(can_cost.robot()), [MemoryBus().host])
     with pytest.raises(ValueError, match="1 to 64 frames, not 0"):
         time_of_control(program, MemoryBus().device, [], 1)

@@ -14,7 +14,7 @@ from runtime.bench import clock, costs
 from runtime.bench.c_program import build
 
 
-def test_it_tells_of_both_loops_at_every_rate_and_what_parts_of_a_tick_cost(command_line):
+def test_bench_clock_reports_both_loops_at_every_rate_and_costs_of_a_tick(command_line):
     code, out, err = command_line("bench", "clock", "--seconds", "0.1", "--repeats", "1", "--ticks", "20000", "--json")
     told = json.loads(out)
     assert (code, err) == (OK, "")
@@ -66,11 +66,11 @@ def test_samples_are_pooled_by_their_counts():
         percentile(counts_of([]), 0.5)
 
 
-def test_the_diagram_has_as_many_signals_as_it_says():
+def test_the_benchmark_diagram_has_the_stated_number_of_signals():
     for python_blocks in (0, 10):
         made = clock.diagram(1000, python_blocks)
         assert sum(len(block.outputs) for block in made) == clock.SIGNALS
 
 
-def test_memory_after_many_ticks_is_what_it_was_after_few():
+def test_memory_does_not_grow_with_the_number_of_ticks():
     assert abs(costs.growth(few=10_000, many=1_000_000)) <= 2**20

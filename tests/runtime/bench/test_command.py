@@ -47,7 +47,7 @@ def test_json_has_the_same_numbers(command_line, quick):
 
 
 @pytest.mark.parametrize("kinds", [blocks.NATIVE, blocks.PYTHON], ids=["native", "Python"])
-def test_a_chain_computes_what_the_equations_give(kinds):
+def test_a_chain_computes_its_equations(kinds):
     schedule = compile(blocks.chain(kinds, 2))
     program = Program(schedule)
     Executor(program, blocks.RATE, virtual=True).run(251)
@@ -65,11 +65,11 @@ def test_starting_is_measured_from_outside(command_line):
     assert 50.0 < float(first) < 20_000.0 and 20.0 < float(memory) < 200.0
 
 
-def test_starting_refuses_a_file_that_does_not_exist(command_line):
+def test_bench_start_rejects_a_missing_file(command_line):
     assert command_line.refused("bench", "start", "nowhere.py") == "file nowhere.py does not exist"
 
 
-def test_a_start_that_fails_says_why(command_line, tmp_path):
+def test_a_failed_start_is_reported_with_its_reason(command_line, tmp_path):
     (tmp_path / "broken.py").write_text("raise SystemExit('not today')\n")
     code, _, err = command_line("bench", "start", str(tmp_path / "broken.py"), "--repeats", "1")
     assert code == BAD_INPUT and "the run did not reach its first tick: " in err and "broken.py" in err

@@ -12,7 +12,7 @@ def test_rounds_are_compared_with_their_neighbours_in_time():
     assert slow.over(fast) == 2.0 and (slow.least, slow.median, slow.most) == (4.0, 4.0, 8.0)
 
 
-def test_contenders_run_in_turn_for_about_the_time_asked():
+def test_benchmarks_alternate_for_about_the_requested_time():
     class Clocked:
         """A contender that takes 10 µs a tick and logs its calls."""
 
@@ -32,6 +32,6 @@ def test_contenders_run_in_turn_for_about_the_time_asked():
     assert times["a"].rounds == pytest.approx([10.0] * 3)
 
 
-def test_a_goal_is_reached_or_not():
+def test_a_goal_compares_its_value_with_the_bound():
     assert Goal("a", 1.0, 1.0, "ns").reached and not Goal("a", 1.1, 1.0, "ns").reached
     assert Goal("a", 90.0, 90.0, "times", True).reached and not Goal("a", 89.0, 90.0, "times", True).reached

@@ -11,7 +11,7 @@ from runtime.bench import sensors
 pytestmark = pytest.mark.timing
 
 
-def test_it_tells_what_eight_sensors_cost_and_lose(command_line):
+def test_bench_sensors_reports_cost_and_losses(command_line):
     code, out, err = command_line("bench", "sensors", "--seconds", "0.2", "--repeats", "1", "--json")
     told = json.loads(out)
     assert (code, err) == (OK, "")

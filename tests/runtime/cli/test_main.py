@@ -35,12 +35,12 @@ def test_help_names_the_commands_and_every_option(command_line):
         assert option in out
 
 
-def test_without_a_word_it_says_how_it_is_used(command_line):
+def test_without_arguments_the_usage_is_printed(command_line):
     assert command_line.refused().startswith("usage: python -m runtime FILE")
 
 
 @pytest.mark.parametrize("words", [["run"], ["check"], ["--duration", "1"], ["--fast"]])
-def test_without_a_file_it_asks_for_one(command_line, words):
+def test_a_missing_file_argument_is_reported(command_line, words):
     assert command_line.refused(*words).startswith("no diagram file given: pass one, such as diagrams/knee_exo.py")
 
 
@@ -71,7 +71,7 @@ def test_a_mistyped_option_is_suggested_and_never_completed(command_line, word, 
     assert complaint.startswith(f"there is no option {word}; did you mean {meant!r}?") and complaint.endswith(LISTS)
 
 
-def test_an_unknown_option_and_a_word_too_many(command_line):
+def test_unknown_options_and_unexpected_arguments_are_reported(command_line):
     assert command_line.refused(KNEE_EXO, "--xyzzy").startswith("there is no option --xyzzy (")
     assert command_line.refused(KNEE_EXO, "ten").startswith("unexpected argument 'ten'")
     assert command_line.refused(KNEE_EXO, "--rate").startswith("argument --rate: expected one argument")
@@ -90,7 +90,7 @@ def test_an_impossible_duration(command_line, value):
     )
 
 
-def test_rates_and_durations_have_ends(command_line):
+def test_rates_and_durations_are_bounded(command_line):
     assert command_line.refused(KNEE_EXO, "--rate", "1e9") == "rate 1e+09 Hz is above the limit of 100000 Hz"
     assert command_line.refused(KNEE_EXO, "--duration", "1e300") == "--duration 1e300: at most 1e+09 seconds"
     assert command_line.refused(KNEE_EXO, "--duration", "0.001") == (
@@ -98,12 +98,12 @@ def test_rates_and_durations_have_ends(command_line):
     )
 
 
-def test_virtual_time_needs_an_end(command_line):
+def test_virtual_time_requires_a_duration(command_line):
     assert command_line.refused(KNEE_EXO, "--fast").startswith("--fast needs --duration S")
 
 
 @pytest.mark.parametrize("text", ["assistance", "=3", ""])
-def test_a_setting_without_name_or_value(command_line, text):
+def test_a_setting_without_name_or_value_is_rejected(command_line, text):
     assert command_line.refused(KNEE_EXO, "--set", text) == (
         f"--set {text}: expected NAME=VALUE, as in --set left/impedance.stiffness=40"
     )
@@ -122,7 +122,7 @@ def test_a_mistyped_setting_is_suggested(command_line):
     assert "did you mean 'left/profile.scale'?" in refused(KNEE_EXO, "--set", "profile.scale=1")
 
 
-def test_a_setting_that_resembles_nothing_lists_what_there_is(command_line):
+def test_an_unknown_setting_lists_the_known_ones(command_line):
     assert "it has assistance, gait, stride_time" in command_line.refused(KNEE_EXO, "--set", "zzz=1")
     assert "its blocks are csv_recorder, left/butterworth, " in command_line.refused(KNEE_EXO, "--set", "zzz.q=1")
     assert "it has points, scale" in command_line.refused(KNEE_EXO, "--set", "left/profile.zzz=1")
@@ -145,12 +145,12 @@ def test_a_setting_that_resembles_nothing_lists_what_there_is(command_line):
         ("assistance=much", "expected a number, such as 1.0"),
     ],
 )
-def test_a_setting_of_an_impossible_value(command_line, setting, words):
+def test_an_invalid_setting_is_reported(command_line, setting, words):
     complaint = command_line.refused(KNEE_EXO, "--set", setting)
     assert complaint.startswith(f"setting {setting}: ") and words in complaint and "\n" not in complaint
 
 
-def test_a_setting_that_the_file_refuses_has_the_line(command_line):
+def test_a_setting_rejected_by_the_file_is_reported_with_its_line(command_line):
     line = line_of(KNEE_EXO, "TorqueProfile(")
     assert command_line.refused(KNEE_EXO, "--set", "assistance=3") == (
         f"{KNEE_EXO}:{line}: error TW010 wrong parameter: TorqueProfile: scale: must be at most 1.0, got 3.0\n"
@@ -166,7 +166,7 @@ def test_a_setting_that_breaks_the_proof_is_refused_by_the_compiler(command_line
     )
 
 
-def test_a_gait_that_cannot_be_used(command_line):
+def test_unusable_gait_file_is_reported(command_line):
     line = line_of(KNEE_EXO, "RecordedKnee(gait")
     assert command_line.refused(KNEE_EXO, "--set", "gait=nowhere.csv") == (
         f"{KNEE_EXO}:{line}: error TW010 wrong parameter: left/recorded_knee: cannot read nowhere.csv: No such file "
@@ -216,7 +216,7 @@ def test_addresses_have_a_default_port_and_may_be_of_version_6():
     assert address("[::1]:1234") == ("::1", 1234)
 
 
-def test_a_folder_may_be_named_from_home(monkeypatch, tmp_path):
+def test_a_folder_may_start_with_a_tilde(monkeypatch, tmp_path):
     """Also behind `--record=`, where no shell expands it."""
     monkeypatch.setenv("HOME", str(tmp_path))
     assert parse_run(["robot.py", "--record=~/runs"]).record == tmp_path / "runs"
@@ -241,7 +241,7 @@ def plant(robot, rate=1000.0, bus="legs"):
 
 
 @pytest.mark.parametrize("rate", [250, 300.5, 100, 200.0001])
-def test_a_plant_whose_rate_is_no_multiple(command_line, rate):
+def test_a_plant_rate_that_is_not_a_multiple_is_rejected(command_line, rate):
     write(command_line.folder, KNEE.format(law="return 0.0") + PLANT)
     assert command_line.refused("robot.py", "--duration", "1", "--set", f"rate={rate}") == (
         f"the plant runs at {rate:g} Hz, which is not a whole multiple of the robot's 200 Hz: set a multiple, "
@@ -266,7 +266,7 @@ def test_a_plant_that_does_not_compile(command_line):
     assert complaint.startswith(f"robot.py:{line}: error TW001 unconnected input: emulated_cube_mars.velocity")
 
 
-def test_check_says_what_was_proved(command_line):
+def test_check_reports_the_proofs(command_line):
     code, out, err = command_line("check", KNEE_EXO)
     assert (code, err) == (OK, "")
     assert re.match(r"knee_exo  .*knee_exo.py: 200 Hz, 18 blocks, 32 wires, its own plant at 1000 Hz\n", out)
@@ -278,7 +278,7 @@ def test_check_says_what_was_proved(command_line):
     assert re.search(r"\d+  law +Python ", command_line("check", "robot.py")[1])
 
 
-def test_check_refuses_what_a_run_would_refuse(command_line):
+def test_check_rejects_every_rig_that_run_rejects(command_line):
     assert command_line.refused("check", "nothing.py") == "file nothing.py does not exist"
     for options, said in (
         (
@@ -291,7 +291,7 @@ def test_check_refuses_what_a_run_would_refuse(command_line):
         assert code == CHECK_FAILED and said in out and "the diagram cannot run" in out and not err
 
 
-def test_warnings_are_reported_and_do_not_keep_a_run_from_starting(command_line):
+def test_warnings_do_not_prevent_a_run(command_line):
     idle = "    Law(name='idle')(knee.position, knee.velocity)"
     path = write(command_line.folder, KNEE.format(law="return 0.0").replace("    CsvRecorder()", idle))
     code, out, err = command_line("check", "robot.py")
@@ -325,7 +325,7 @@ def test_a_real_process_ends_with_the_same_codes(tmp_path, words, code):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_it_runs_from_another_folder_with_relative_names(tmp_path):
+def test_relative_file_names_work_from_another_folder(tmp_path):
     """Recordings go into the working folder, wherever the diagram lies."""
     (tmp_path / "robots").mkdir()
     (tmp_path / "work").mkdir()
@@ -337,7 +337,7 @@ def test_it_runs_from_another_folder_with_relative_names(tmp_path):
     assert [path.name for path in (tmp_path / "robots").iterdir() if path.name != "__pycache__"] == ["robot.py"]
 
 
-def test_what_is_suggested_can_be_typed(monkeypatch, tmp_path):
+def test_suggested_commands_are_valid(monkeypatch, tmp_path):
     """Python by its short name where the shell finds it by that; by its path, from here, in an environment that is not
     activated.
     """
@@ -376,7 +376,7 @@ def test_the_console_script_is_the_same(tmp_path):
     assert "  show what is proved: tickwork check robot.py\n" in process.stdout
 
 
-def test_a_reader_that_goes_away_does_no_harm(tmp_path):
+def test_a_closed_output_pipe_does_no_harm(tmp_path):
     """`... | head -1`: the run ends as it would have, and says nothing about it."""
     knee(tmp_path)
     process = started("robot.py", "--fast", "--duration", "1", cwd=tmp_path)
@@ -387,7 +387,7 @@ def test_a_reader_that_goes_away_does_no_harm(tmp_path):
     assert len(list((tmp_path / "recordings").iterdir())) == 3
 
 
-def test_a_reader_that_goes_away_does_not_hide_a_fault(tmp_path):
+def test_a_closed_output_pipe_does_not_hide_a_fault(tmp_path):
     knee(tmp_path, law="return math.nan if tick == 100 else 0.0")
     process = started("robot.py", "--fast", "--duration", "1", "--no-record", cwd=tmp_path)
     process.stdout.close()
@@ -417,7 +417,7 @@ def test_closed_standard_streams_do_no_harm(tmp_path):
     assert len(list((tmp_path / "recordings").iterdir())) == 3
 
 
-def test_a_terminal_of_another_encoding_shows_what_it_can(tmp_path):
+def test_output_is_adapted_to_the_encoding_of_the_terminal(tmp_path):
     knee(tmp_path)
     process = finished(
         "robot.py", "--fast", "--duration", "1", "--no-record", cwd=tmp_path, PYTHONIOENCODING="ascii:strict"
@@ -454,7 +454,7 @@ def test_every_field_of_a_request_is_an_option_of_run(command_line):
     )
 
 
-def test_a_seed_gives_the_same_noise_as_in_a_script(command_line):
+def test_a_seed_gives_the_same_noise_on_the_command_line_and_in_python(command_line):
     write(
         command_line.folder,
         "from blocks.recorders import CsvRecorder\nfrom blocks.sources import GaussianNoise\n"

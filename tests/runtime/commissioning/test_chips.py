@@ -38,7 +38,7 @@ def test_every_chip_is_listed_with_its_identification(wires, command_line):
     ]
 
 
-def test_a_rig_file_to_begin_with(wires, command_line):
+def test_scan_writes_a_first_rig_file(wires, command_line):
     add_mpu(wires, 0x68, 1 + 4)
     wires.write(wires.add(0x2A), 0x1F, b"\x0f")
     code, _, err = command_line(*WORDS, "--write-rig", "new.toml")
@@ -63,7 +63,7 @@ def test_silence_is_reported_with_its_likely_cause(monkeypatch, command_line):
     assert code == CHECK_FAILED and "! no chip responds: check the sensors' supply" in out
 
 
-def test_a_bus_that_a_run_has_is_not_touched(wires, command_line):
+def test_a_bus_of_a_run_is_not_used(wires, command_line):
     lock = BusLock("i2c", "/dev/i2c-97")
     try:
         code, _, err = command_line(*WORDS)
@@ -79,6 +79,6 @@ def test_a_bus_that_does_not_exist_is_reported(command_line):
     assert code == BAD_INPUT and "add, for example, --channel /dev/i2c-1" in err
 
 
-def test_tools_for_drives_refuse_it(command_line):
+def test_drive_tools_reject_an_i2c_bus(command_line):
     code, _, err = command_line("configure", "3", "--interface", "i2c", "--channel", "/dev/i2c-97", "--read", "all")
     assert code == BAD_INPUT and "TW105" in err and "has no drives" in err

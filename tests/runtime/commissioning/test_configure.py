@@ -39,7 +39,7 @@ def test_an_id_in_use_is_refused(command_line, other):
     assert 7 not in kinds(drive) and drive.can_id == 127
 
 
-def test_the_zero_of_a_cubemars_in_mit_mode_is_set_and_awaited(command_line):
+def test_the_zero_of_a_cubemars_in_mit_mode_is_set_and_verified(command_line):
     drive = Mit(3, position=0.4)
     with Nodes(37, drive) as nodes:
         code, out, err = configure(command_line, nodes, "3", "--zero", "--yes")
@@ -55,7 +55,7 @@ def test_the_zero_of_a_cubemars_in_mit_mode_is_set_and_awaited(command_line):
 
 
 @pytest.mark.parametrize("words, kept", [([], False), (["--save"], True)])
-def test_the_zero_of_a_cubemars_in_servo_mode_is_kept_where_that_is_asked_for(command_line, words, kept):
+def test_the_zero_of_a_cubemars_in_servo_mode_is_permanent_only_with_save(command_line, words, kept):
     drive = Servo(4)
     with Nodes(38, drive) as nodes:
         code, out, _ = configure(command_line, nodes, "4", "--zero", *words, "--yes")
@@ -75,7 +75,7 @@ def test_the_zero_of_a_cubemars_in_servo_mode_is_kept_where_that_is_asked_for(co
         (Mit(3), ["--save"], "has no save command"),
     ],
 )
-def test_a_cubemars_that_runs_keeps_its_zero(command_line, drive, words, said):
+def test_the_zero_of_a_running_cubemars_is_not_changed(command_line, drive, words, said):
     with Nodes(39, drive) as nodes:
         code, _, err = configure(command_line, nodes, "3", "--zero", *words, "--yes")
     assert code == BAD_INPUT and said in err
@@ -98,7 +98,7 @@ def test_shared_absent_and_foreign_ids_are_reported(command_line):
 
 
 @pytest.mark.parametrize("running", [{"velocity": 1.5}, {"current": 2.0}])
-def test_a_drive_that_runs_is_left_alone(command_line, running):
+def test_a_running_drive_is_not_configured(command_line, running):
     drive = Private(9, **running)
     with Nodes(23, drive) as nodes:
         code, _, err = configure(command_line, nodes, "9", "--zero", "--yes")
@@ -126,7 +126,7 @@ def test_zero_is_set_once_it_has_stopped_and_saved(command_line):
 @pytest.mark.parametrize(
     "words", [["--save"], ["--zero", "--save"], ["--protocol", "mit"], ["--write", "canTimeout=2000"]]
 )
-def test_a_cybergear_never_gets_a_frame_that_means_something_else_to_it(command_line, words):
+def test_a_cybergear_never_receives_a_frame_that_it_interprets_differently(command_line, words):
     drive = Private(9, cybergear=True)
     with Nodes(25, drive) as nodes:
         code, _, err = configure(command_line, nodes, "9", *words, "--yes")
@@ -134,7 +134,7 @@ def test_a_cybergear_never_gets_a_frame_that_means_something_else_to_it(command_
     assert not kinds(drive) & {6, 18, 22, 23, 25} and drive.saved == 0
 
 
-def test_a_cybergear_is_given_an_id_a_zero_and_what_it_has(command_line):
+def test_id_zero_and_supported_parameters_of_a_cybergear_can_be_set(command_line):
     drive = Private(9, cybergear=True)
     with Nodes(26, drive) as nodes:
         assert (
@@ -197,5 +197,5 @@ def test_a_robstride_changes_its_protocol_both_ways(command_line):
         (["--joint", "left/knee"], "--joint needs the rig and the diagram"),
     ],
 )
-def test_what_cannot_be_is_refused_in_words(command_line, words, said):
+def test_configure_rejects_invalid_options_with_reason(command_line, words, said):
     assert said in command_line.refused("configure", *words)

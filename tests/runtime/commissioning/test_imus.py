@@ -28,7 +28,7 @@ def there(ports, monkeypatch):
     monkeypatch.setenv("TICKWORK_PORTS", str(ports / "tty*"))
 
 
-def test_a_scan_tells_every_sensor_with_its_serial_number(command_line, ports):
+def test_scan_lists_every_sensor_with_its_serial_number(command_line, ports):
     code, out, err = command_line("scan")
     assert (code, err) == (OK, "")
     assert f"port {ports}/tty133931  MicroStrain 3DM-GX5-25  serial 6253.133931, firmware 1.1.6, 5g, 300dps" in out

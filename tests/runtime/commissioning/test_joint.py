@@ -63,7 +63,7 @@ class Person:
         return self.process.returncode, out, err
 
 
-def test_boards_in_extended_frames_are_asked_with_what_keeps_them_off():
+def test_boards_in_extended_frames_are_queried_with_frames_that_keep_them_disabled():
     servo, board = Servo(4), V3(5)
     with Diagram("boards", rate=100) as robot:
         CubeMarsServo("AK60-6-V1.1", can_id=4, gear_ratio=2.0, name="hip")(current_command=0.0)
@@ -76,7 +76,7 @@ def test_boards_in_extended_frames_are_asked_with_what_keeps_them_off():
     assert told == {(1 << 8 | 4, True, bytes(4)), (15 << 8 | 5, True, b"")}  # no current; disable
 
 
-def test_straight_bent_and_the_full_motion_become_offset_sign_and_range(tmp_path):
+def test_three_poses_give_offset_sign_and_range(tmp_path):
     drive = Mit(1, position=0.3)
     with Nodes(40, drive) as nodes:
         rig = write(tmp_path, RIG.format(channel=nodes.channel), "lab.toml")
@@ -118,7 +118,7 @@ def test_straight_bent_and_the_full_motion_become_offset_sign_and_range(tmp_path
 
 
 @pytest.mark.soak
-def test_a_joint_that_does_not_move_tells_no_sign_and_nothing_is_written(tmp_path):
+def test_a_joint_that_does_not_move_is_rejected_and_nothing_is_written(tmp_path):
     with Nodes(41, Mit(1, position=0.3)) as nodes:
         rig = write(tmp_path, RIG.format(channel=nodes.channel), "lab.toml")
         person = Person(tmp_path, "--joint", "knee", "--rig", rig, knee(tmp_path), "--yes")
@@ -133,7 +133,7 @@ def test_a_joint_that_does_not_move_tells_no_sign_and_nothing_is_written(tmp_pat
     )
 
 
-def test_a_joint_under_another_controller_is_left_alone(command_line):
+def test_a_joint_under_another_controller_is_not_measured(command_line):
     drive = Mit(1)
     with Nodes(42, drive, Commander(1)) as nodes:
         rig = write(command_line.folder, RIG.format(channel=nodes.channel), "lab.toml")
@@ -158,7 +158,7 @@ def test_the_tables_before_arming_compare_with_the_range_of_the_rig(tmp_path):
 
 
 @pytest.mark.parametrize("value", ["[1.0, 0.5]", "[1.0]", "[0.0, nan]", "3.0"])
-def test_a_range_that_is_none_is_refused(command_line, value):
+def test_an_invalid_range_is_rejected(command_line, value):
     rig = write(command_line.folder, RIG.format(channel="239.1.1.1"), "lab.toml")
     rig.write_text(rig.read_text().replace("can_id = 1", f"range = {value}\ncan_id = 1"))
     code, out, err = command_line("check", knee(command_line.folder), "--rig", rig)
@@ -172,7 +172,7 @@ def test_a_range_that_is_none_is_refused(command_line, value):
         ('[device."left/knee"]\nrange = [\n  0.0,\n  1.0,\n]\n', "left/knee"),
     ],
 )
-def test_a_file_that_would_break_is_left_alone(text, device):
+def test_a_rig_file_that_cannot_be_edited_safely_is_not_changed(text, device):
     with pytest.raises(
         BadInput,
         match="cannot be edited automatically. Nothing was written. Edit the file by hand: offset = 0.5, range = ",
@@ -180,7 +180,7 @@ def test_a_file_that_would_break_is_left_alone(text, device):
         rig_edit.changed("lab.toml", text, device, {"offset": 0.5, "range": [0.0, 2.0]})
 
 
-def test_a_device_that_the_file_does_not_have_is_added_at_its_end():
+def test_a_device_missing_in_the_rig_file_is_appended():
     after = rig_edit.changed("lab.toml", "# hers\n", "left/knee", {"offset": 0.5, "invert": True})
     assert after == '# hers\n\n[device."left/knee"]\noffset = 0.5\ninvert = true\n'
 

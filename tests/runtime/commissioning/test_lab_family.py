@@ -65,7 +65,7 @@ def bench(installed, tmp_path):  # noqa: F811
     place.end()
 
 
-def test_a_scan_finds_it_beside_our_families(bench):
+def test_scan_finds_a_third_party_drive(bench):
     done = bench.on_bus("scan", "--listen", "0.1", "--ids", "1-20", "--json")
     assert done.returncode == OK, done.stdout + done.stderr
     [report] = json.loads(done.stdout)["buses"]
@@ -78,7 +78,7 @@ def test_a_scan_finds_it_beside_our_families(bench):
     ]
 
 
-def test_it_is_moved_with_a_torque_and_nothing_else(bench):
+def test_third_party_drive_moves_with_torque_only(bench):
     where = ("--rig", "lab.toml", "--realtime", "off", "--yes")
     done = bench.run("move", "5", "--model", "GD-10", "--torque", "0.5", "--duration", "1", "--fastest", "50", *where)
     assert done.returncode == OK, done.stdout + done.stderr
@@ -93,14 +93,14 @@ def test_it_is_moved_with_a_torque_and_nothing_else(bench):
     assert refused.returncode == 2 and "--velocity: GaitDrive is commanded with --torque" in refused.stderr
 
 
-def test_it_is_shown_live_without_torque(bench):
+def test_third_party_drive_is_streamed_without_torque(bench):
     done = bench.on_bus("stream", "actuator", "5", "--model", "GD-10", "--duration", "0.5")
     assert done.returncode == OK, done.stderr
     assert f"id 5 on {bench.channel}: gait laboratory's drive, without torque" in done.stdout
     assert re.search(r"0\.000 rad +-?0\.00 rad/s +-?0\.00 N·m +25 °C", done.stdout)
 
 
-def test_its_zero_and_id_are_set(bench):
+def test_zero_and_id_of_a_third_party_drive_are_set(bench):
     done = bench.on_bus("configure", "5", "--zero", "--set-id", "9", "--yes")
     assert done.returncode == OK, done.stdout + done.stderr
     assert "id 5, gait laboratory's drive" in done.stdout and "done: id 9, 0.000 rad" in done.stdout
@@ -110,7 +110,7 @@ def test_its_zero_and_id_are_set(bench):
     assert refused.returncode == 2 and "--save" in refused.stderr
 
 
-def test_its_models_are_listed(installed, tmp_path):  # noqa: F811
+def test_models_of_a_third_party_family_are_listed(installed, tmp_path):  # noqa: F811
     done = python(installed, "-m", "runtime", "blocks", "--actuators", cwd=tmp_path)
     assert done.returncode == OK, done.stderr
     assert "Gait laboratory  from gaitlab.drive import GaitDrive" in done.stdout

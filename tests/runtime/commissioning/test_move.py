@@ -104,7 +104,7 @@ def test_a_robstride_is_held_at_a_velocity_by_a_damper_within_the_limit(tmp_path
 
 
 @pytest.mark.soak
-def test_in_servo_mode_a_torque_is_a_current_and_the_end_is_none(tmp_path):
+def test_in_servo_mode_move_sends_a_current_that_ends_at_zero(tmp_path):
     """An AK60-6 V1.1: 0.2 N·m over 0.078 N·m/A at the motor, behind a gear of 6, is 0.427 A."""
     drive = Servo(4, error=0)
     with Nodes(66, drive) as nodes:
@@ -138,7 +138,7 @@ def test_in_servo_mode_a_torque_is_a_current_and_the_end_is_none(tmp_path):
 
 @pytest.mark.parametrize("block, model", [("CubeMarsV3", "AKE60-8"), ("CubeMarsServo", "AK80-9-V3.0")])
 @pytest.mark.parametrize("kind, target", [("torque", 0.2), ("velocity", 1.0), ("position", 0.3)])
-def test_every_board_and_way_of_moving_is_proved_to_stay_inside_the_limit(block, model, kind, target):
+def test_move_is_proved_within_the_limit_for_every_board_and_target(block, model, kind, target):
     schedule = compile(build(block=block, model=model, kind=kind, target=target, limit=0.5))
     assert not schedule.warnings and all(proof.interval in proof.limit for proof in schedule.proofs)
     assert schedule.proofs
@@ -152,7 +152,7 @@ def test_a_motor_that_runs_away_ends_the_run(tmp_path):
     assert commands(drive)[-1] == DISABLE
 
 
-def test_without_a_person_or_yes_nothing_is_armed(tmp_path):
+def test_without_confirmation_or_yes_nothing_is_armed(tmp_path):
     drive = Mit(3)
     with Nodes(63, drive) as nodes:
         process = moved(tmp_path, nodes, "--torque", "0.5")
@@ -188,5 +188,5 @@ def test_without_a_person_or_yes_nothing_is_armed(tmp_path):
         (["3", "--torque", "1", "--model", "CyberGear", "--mit"], "the CyberGear has no MIT protocol"),
     ],
 )
-def test_what_cannot_be_is_refused_in_words(command_line, words, said):
+def test_move_rejects_invalid_options_with_reason(command_line, words, said):
     assert said in command_line.refused("move", *words)

@@ -41,11 +41,11 @@ LINES = [
 ]
 
 
-def test_ports_and_chips_are_reported_but_for_those_that_have_answered(there):
+def test_ports_and_chips_that_did_not_reply_are_listed(there):
     assert ports_inventory.text(ports_inventory.look({"/dev/ttyACM1"})) == LINES
 
 
-def test_a_scan_tells_them_although_there_is_no_bus(there, command_line, monkeypatch):
+def test_scan_lists_sensors_without_a_can_bus(there, command_line, monkeypatch):
     monkeypatch.setattr("runtime.commissioning.bus.Machine.glob", lambda self, pattern: [])
     code, out, err = command_line("scan")
     assert code != 0 and set(LINES) <= set(out.splitlines()) and "this machine has no CAN interface" in err

@@ -21,7 +21,7 @@ def found(command_line, nodes, *more):
     return code, report
 
 
-def test_every_family_is_found_and_told(command_line):
+def test_every_family_is_found_and_listed(command_line):
     with Nodes(
         1, Mit(3, position=0.5, error=5), Private(9), Mit(12, host=0xFD, temperature=28.4), OpenImu(), Servo(77), V3(78)
     ) as nodes:
@@ -66,7 +66,7 @@ def test_every_family_is_found_and_told(command_line):
     assert node["sends"]["acceleration"] == pytest.approx(100.0, rel=0.5)
 
 
-def test_what_is_sent_arms_nothing_frame_by_frame(command_line):
+def test_no_frame_of_scan_enables_a_drive(command_line):
     drive, private, witness = Mit(3), Private(9), Mit(200)
     with Nodes(2, drive, private, witness) as nodes:
         code, report = found(command_line, nodes, "--ids", "1-20")
@@ -109,7 +109,7 @@ class Odd(Mit):
         ]
 
 
-def test_a_drive_with_short_replies_is_found_with_what_its_block_needs(command_line, tmp_path):
+def test_scan_reports_the_reply_parameter_for_short_replies(command_line, tmp_path):
     rig = tmp_path / "lab.toml"
     with Nodes(12, Odd(3, 7), Odd(4, 6), Mit(5)) as nodes:
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-10", "--write-rig", str(rig))
@@ -118,7 +118,7 @@ def test_a_drive_with_short_replies_is_found_with_what_its_block_needs(command_l
     assert rig.read_text().count("reply =") == 2
 
 
-def test_a_drive_that_answers_with_another_id_is_named(command_line):
+def test_a_drive_that_replies_with_another_id_is_reported(command_line):
     with Nodes(13, Odd(3, name=6)) as nodes:
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-10")
     assert code == CHECK_FAILED and "! id 3: replies with id 6 in byte 0" in out and "commands" not in out
@@ -135,7 +135,7 @@ def test_two_drives_with_one_id_are_reported(command_line):
 @pytest.mark.parametrize(
     "identifier, extended", [(3, False), (0x01FFFF03, True), (0x0300FD03, True), (0x00000103, True), (0x00000803, True)]
 )
-def test_nothing_is_sent_where_another_controller_commands_a_drive(command_line, identifier, extended):
+def test_scan_sends_nothing_on_a_bus_of_another_controller(command_line, identifier, extended):
     drive = Mit(3)
     with Nodes(4, drive, Commander(identifier, extended)) as nodes:
         code, report = found(command_line, nodes)
@@ -150,7 +150,7 @@ def test_two_imus_with_one_address_are_reported(command_line):
     assert code == CHECK_FAILED and "! two nodes have address 128: " in out
 
 
-def test_a_bus_that_is_taken_is_not_touched_and_its_process_is_named(command_line):
+def test_a_bus_controlled_by_another_process_is_not_used_and_its_process_is_named(command_line):
     drive = Mit(3)
     with Nodes(5, drive) as nodes:
         lock = BusLock("udp_multicast", nodes.channel)
@@ -162,7 +162,7 @@ def test_a_bus_that_is_taken_is_not_touched_and_its_process_is_named(command_lin
     assert drive.heard == []
 
 
-def test_silence_is_reported_with_the_likely_cure(command_line):
+def test_silence_is_reported_with_the_likely_remedy(command_line):
     with Nodes(6) as nodes:
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-3")
     assert (
@@ -173,7 +173,7 @@ def test_silence_is_reported_with_the_likely_cure(command_line):
     assert "try --bitrate 250000" in out
 
 
-def test_a_rig_file_is_written_once_and_is_one(command_line):
+def test_the_written_rig_file_is_valid_and_is_not_overwritten(command_line):
     with Nodes(7, Mit(3), Private(9)) as nodes:
         code, out, err = command_line("scan", *nodes.words, *QUICK, "--ids", "1-10", "--write-rig", "new.toml")
         assert code == OK and err == "written: new.toml\n"
@@ -187,7 +187,7 @@ def test_a_rig_file_is_written_once_and_is_one(command_line):
         assert command_line("scan", "--rig", "new.toml", *QUICK, "--ids", "3")[0] == OK
 
 
-def test_every_frame_is_reported_when_asked(command_line):
+def test_every_frame_is_reported_on_request(command_line):
     with Nodes(8, Mit(3)) as nodes:
         out = command_line("scan", *nodes.words, *QUICK, "--ids", "3,4", "--verbose")[1]
         brief = command_line("scan", *nodes.words, *QUICK, "--ids", "3,4")[1]
@@ -207,6 +207,6 @@ def test_every_frame_is_reported_when_asked(command_line):
         (["--channel", "can0", "--rig", "lab.toml"], "exclude each other"),
     ],
 )
-def test_what_cannot_be_is_refused_in_words(command_line, words, said):
+def test_scan_rejects_invalid_options_with_reason(command_line, words, said):
     code, _, err = command_line("scan", *words)
     assert code == BAD_INPUT and said in err

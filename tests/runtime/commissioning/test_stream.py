@@ -56,7 +56,7 @@ def test_a_drive_is_shown_recorded_and_plotted_without_torque(command_line):
     )
 
 
-def test_a_robstride_without_a_model_shows_its_position_alone(command_line):
+def test_a_robstride_without_a_model_shows_only_its_position(command_line):
     drive = Private(9)
     with Nodes(81, drive) as nodes:
         code, out, _ = command_line("stream", "actuator", "9", *nodes.words, "--duration", "0.2")
@@ -68,7 +68,7 @@ def test_a_robstride_without_a_model_shows_its_position_alone(command_line):
     assert {identifier >> 24 for identifier, extended, _ in drive.heard if extended} == {4}
 
 
-def test_a_cubemars_in_servo_mode_is_listened_to_and_left_unchanged(command_line):
+def test_scan_only_listens_to_a_cubemars_in_servo_mode(command_line):
     """A report of 90°, and 0.12 A of an AK60-6 V1.1: 0.12 × 0.078 × 6 = 0.056 N·m."""
     drive = Servo(4, error=0)
     with Nodes(84, drive) as nodes:
@@ -78,7 +78,7 @@ def test_a_cubemars_in_servo_mode_is_listened_to_and_left_unchanged(command_line
     assert code == OK and "   1.571 rad" in out and "0.06 N·m" in out and drive.heard == []
 
 
-def test_a_board_that_reports_when_it_is_asked_is_asked(command_line):
+def test_a_board_that_reports_on_request_is_queried(command_line):
     drive = V3(5)
     with Nodes(85, drive) as nodes:
         code, out, _ = command_line("stream", "actuator", "5", *nodes.words, "--duration", "0.2")
@@ -111,11 +111,11 @@ def test_an_absent_drive_and_another_controller_are_reported(command_line):
         (["actuator", "3", "--model", "AK80"], "is not a CubeMars model"),
     ],
 )
-def test_what_cannot_be_is_refused_in_words(command_line, words, said):
+def test_stream_rejects_invalid_options_with_reason(command_line, words, said):
     assert said in command_line.refused("stream", *words)
 
 
-def test_its_line_is_redrawn_in_place_and_never_wider_than_the_terminal():
+def test_stream_line_is_redrawn_in_place_within_the_terminal():
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 40, 0, 0))
     screen = Terminal(slave, {"TERM": "xterm", "LANG": "C"})

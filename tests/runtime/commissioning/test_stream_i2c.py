@@ -31,7 +31,7 @@ def wires(monkeypatch):
     return wires
 
 
-def test_those_that_are_named_are_shown_recorded_and_plotted(wires, command_line):
+def test_named_sensors_are_shown_recorded_and_plotted(wires, command_line):
     with Listener() as listener:
         code, out, err = command_line(
             "stream",
@@ -68,7 +68,7 @@ def test_those_that_are_named_are_shown_recorded_and_plotted(wires, command_line
     assert len(told) == len(rows) and told[0]["ads1115_48"]["a0"] == pytest.approx(1.024)
 
 
-def test_without_a_name_every_sensor_that_is_known_is_shown(wires, command_line):
+def test_without_a_name_every_known_sensor_is_shown(wires, command_line):
     """Two IMUs are heard together where one is on the bus itself: each asks its own magnetometer."""
     wires.add(0x0C, 1 + 3)
     wires.write(4, 0x00, b"\x48")
@@ -94,7 +94,7 @@ def test_without_a_name_every_sensor_that_is_known_is_shown(wires, command_line)
         (["0x69", "--set", "accel_range=5"], "accel_range"),
     ],
 )
-def test_what_cannot_be_is_refused_in_words(wires, command_line, words, said):
+def test_stream_i2c_rejects_invalid_options_with_reason(wires, command_line, words, said):
     code, out, err = command_line("stream", "i2c", *words, "--channel", CHANNEL, "--duration", "0.1")
     assert code != OK and said in err, err
 

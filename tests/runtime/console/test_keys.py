@@ -112,7 +112,7 @@ def test_ctrl_c_still_interrupts_and_the_terminal_is_as_it_was(tmp_path, termina
     assert terminal.end() == 130 and terminal.attributes == terminal.before
 
 
-def test_in_virtual_time_the_space_bar_stops_as_well(tmp_path, terminal):
+def test_in_virtual_time_the_space_bar_stops_the_run(tmp_path, terminal):
     live_diagram(tmp_path)
     terminal.run("springs.py", "--fast", "--duration", "1000000", "--no-record", cwd=tmp_path)
     terminal.wait_for("times real time")
@@ -165,7 +165,7 @@ sys.exit(job.wait())
 """
 
 
-def test_in_the_background_the_keys_are_the_shells(tmp_path, terminal):
+def test_a_background_run_reads_no_keys(tmp_path, terminal):
     live_diagram(tmp_path)
     orders, write_orders = os.pipe()
 
@@ -211,7 +211,7 @@ def parameter(low, high, dtype="float", unit="1", built=None):
     return Parameter(0, "a.b", dtype, unit, "", low if built is None else built, low, high, float("inf"))
 
 
-def test_steps_are_nice_numbers_on_whole_steps_and_stop_at_the_bounds():
+def test_key_steps_are_round_numbers_and_stop_at_the_bounds():
     stiffness = parameter(0.0, 150.0)
     up = [30.0]
     for _ in range(3):
@@ -267,7 +267,7 @@ def test_sequences_of_bytes_are_keys_however_a_terminal_writes_them():
     assert KEY.match(b"\x1b") is None and KEY.match(b"\x1b[1;") is None, "not yet whole"
 
 
-def test_the_chosen_parameter_outlives_what_merely_informs():
+def test_the_selected_parameter_remains_visible_on_a_narrow_terminal():
     chosen = [part(8.5, "spring.stiffness 30 N·m/rad"), part(4.5, "(0 to 150 N·m/rad)", joined=True)]
     settings = plan(None, duration=10.0, virtual=False, buses=["legs"])
     parts = describe(settings, "running", STATISTICS, (200.0, 0.03, 1600.0), True, chosen)

@@ -8,7 +8,7 @@ def test_long_text_has_hanging_indent():
     assert lines == ["  name  one two three four five six", "        seven eight nine ten"]
 
 
-def test_it_may_hang_elsewhere():
+def test_hanging_indent_can_be_set():
     lines = Console(width=30).hang("name: ", "one two three four five six seven eight", indent=2)
     assert lines == ["name: one two three four five", "  six seven eight"]
 
@@ -27,7 +27,7 @@ def test_in_a_pipe_nothing_is_wrapped_or_cut_or_coloured():
     )
 
 
-def test_colours_take_no_room():
+def test_colour_codes_have_no_width():
     screen = Console(width=30, colour=True)
     assert length(screen.bold("name")) == 4
     lines = screen.hang(screen.bold("name") + "  ", "one two three four five six", screen.faint)
@@ -42,7 +42,7 @@ def test_a_path_without_a_blank_is_not_broken():
     ]
 
 
-def test_an_empty_text_leaves_the_head():
+def test_an_empty_text_keeps_the_heading():
     assert Console(width=4).hang("long head", "") == ["long head"]
 
 
@@ -50,5 +50,5 @@ def test_overlong_text_is_truncated():
     assert Console(width=8).cut("abcdefghij") == "abcdefg…" and Console(width=10).cut("abcdefghij") == "abcdefghij"
 
 
-def test_one_and_many():
+def test_counts_have_singular_and_plural():
     assert count(1, "block") == "1 block" and count(2, "block") == "2 blocks" and count(0, "error") == "0 errors"

@@ -74,5 +74,5 @@ def test_neither_a_status_line_nor_a_line_that_stays_holds_one():
     assert seen == expected
 
 
-def test_the_end_of_a_line_in_a_name_cannot_begin_another_line():
+def test_a_line_break_in_a_name_cannot_start_another_line():
     assert one_line("left/knee\nFAULT at right/knee\t\x1b[31m") == "left/knee\\nFAULT at right/knee\\t\\x1b[31m"

@@ -26,7 +26,7 @@ def kinds(homes):
     return {kind.__name__: kind for kind in homes}
 
 
-def test_every_block_of_ours_is_listed_in_one_line_with_its_first_sentence(command_line, kinds):
+def test_every_built_in_block_is_listed_in_one_line_with_its_summary(command_line, kinds):
     code, out, err = command_line("blocks")
     assert (code, err) == (OK, "")
     rows = [line.split(maxsplit=1) for line in out.splitlines() if line.startswith("    ")]
@@ -41,7 +41,7 @@ def test_every_block_of_ours_is_listed_in_one_line_with_its_first_sentence(comma
     assert "  limiters  from blocks.limiters" in out and "  actuators  from blocks.actuators" in out
 
 
-def test_no_block_is_without_a_docstring_that_tells_it_in_one_sentence(kinds):
+def test_every_block_has_a_docstring_with_a_one_sentence_summary(kinds):
     for name, kind in kinds.items():
         assert 10 < len(summary(kind)) < 200, name
 
@@ -53,7 +53,7 @@ def test_a_list_on_a_terminal_is_cut_at_its_edge():
     )
 
 
-def test_a_name_tells_docstring_ports_and_parameters(command_line):
+def test_a_block_name_prints_docstring_ports_and_parameters(command_line):
     code, out, err = command_line("blocks", "Impedance")
     assert (code, err) == (OK, "")
     lines = out.splitlines()
@@ -67,7 +67,7 @@ def test_a_name_tells_docstring_ports_and_parameters(command_line):
     assert row["torque"].startswith("N·m")
 
 
-def test_a_parameter_says_whether_it_may_change_while_running(command_line):
+def test_a_parameter_declares_whether_it_may_change_during_the_run(command_line):
     limit = next(
         line for line in command_line("blocks", "TorqueLimiter")[1].splitlines() if line.startswith("  limit  ")
     )
@@ -85,14 +85,14 @@ def test_a_name_may_be_written_in_many_ways(command_line, name):
     assert command_line("blocks", name)[1].startswith("TorqueLimiter  from blocks.limiters import TorqueLimiter")
 
 
-def test_the_name_of_a_family_lists_that(command_line, kinds):
+def test_the_name_of_a_topic_lists_its_blocks(command_line, kinds):
     out = command_line("blocks", "limiters")[1]
     assert [line.split()[0] for line in out.splitlines()] == [
         name for name, kind in kinds.items() if kind.__module__ == "blocks.limiters"
     ]
 
 
-def test_what_the_language_defines_is_listed_where_it_is_to_be_had(command_line):
+def test_arithmetic_blocks_are_listed_in_their_public_module(command_line):
     assert command_line("blocks", "Sum")[1].startswith("Sum  from blocks.mathematics import Sum\n")
     assert command_line("blocks")[1].count(" Sum ") == 1
 
@@ -129,7 +129,7 @@ def told(value, spec="g"):
     return "-" if value is None else format(value, spec)
 
 
-def test_the_models_of_actuators_are_those_of_the_table(command_line):
+def test_listed_actuator_models_equal_the_table(command_line):
     code, out, err = command_line("blocks", "--actuators")
     assert (code, err) == (OK, "")
     rows = {
@@ -179,7 +179,7 @@ def test_a_library_that_cannot_be_imported_is_reported_and_the_others_are_listed
     assert "TorqueLimiter" in done.stdout
 
 
-def test_it_works_in_a_pipe_that_is_closed_early(tmp_path):
+def test_blocks_works_in_a_pipe_that_is_closed_early(tmp_path):
     shell = f'"{sys.executable}" -m runtime blocks | head -1'
     done = subprocess.run(
         ["bash", "-c", shell],

@@ -15,7 +15,7 @@ TOOLS = [name for name in ("rsvg-convert", "inkscape", *BROWSERS) if which(name)
 )
 
 
-def test_without_a_name_it_is_an_svg_called_like_the_diagram(command_line):
+def test_without_a_name_the_drawing_is_an_svg_named_after_the_diagram(command_line):
     code, out, err = command_line("draw", KNEE_EXO)
     assert (code, err) == (OK, "") and out.startswith("knee_exo.svg: 18 blocks, ")
     assert (command_line.folder / "knee_exo.svg").read_text().startswith("<svg ")
@@ -32,13 +32,13 @@ def test_without_a_name_it_is_an_svg_called_like_the_diagram(command_line):
         ("a", None, "a.svg", "<svg "),
     ],
 )
-def test_the_format_is_what_was_asked_for_or_what_the_name_says(command_line, name, form, file, begins):
+def test_the_format_is_the_requested_one_or_that_of_the_name(command_line, name, form, file, begins):
     code, out, err = command_line("draw", KNEE_EXO, "-o", name, *(["--format", form] if form else []))
     assert (code, err) == (OK, "") and out.startswith(f"{file}: 18 blocks")
     assert (command_line.folder / file).read_text().startswith(begins)
 
 
-def test_to_standard_output(command_line):
+def test_a_drawing_can_be_written_to_standard_output(command_line):
     code, out, err = command_line("draw", KNEE_EXO, "-o", "-", "--format", "mermaid")
     assert (code, err) == (OK, "") and out.startswith("flowchart LR\n") and list(command_line.folder.iterdir()) == []
     assert command_line.refused("draw", KNEE_EXO, "-o", "-", "--format", "png") == (
@@ -46,7 +46,7 @@ def test_to_standard_output(command_line):
     )
 
 
-def test_a_name_that_is_no_file_name_becomes_one():
+def test_an_unsuitable_name_is_converted_to_a_file_name():
     assert choose(None, None, "left/leg & co")[1].name == "left_leg___co.svg"
     with pytest.raises(BadInput, match="unknown format .pdf"):
         choose(None, "a.pdf", "d")
@@ -58,7 +58,7 @@ def test_a_folder_that_does_not_exist_is_reported_in_one_line(command_line):
     )
 
 
-def test_a_diagram_with_mistakes_is_drawn_with_a_remark(command_line):
+def test_a_diagram_with_errors_is_drawn_with_a_remark(command_line):
     code, out, err = command_line("draw", KNEE_EXO, "--set", "left/torque_limiter.limit=30", "-o", "a.svg")
     assert (
         code == OK
@@ -68,13 +68,13 @@ def test_a_diagram_with_mistakes_is_drawn_with_a_remark(command_line):
     assert 'class="box actuator wrong" data-path="left/knee"' in (command_line.folder / "a.svg").read_text()
 
 
-def test_all_ports_and_another_rate_are_shown_when_asked_for(command_line):
+def test_options_show_all_ports_and_another_rate(command_line):
     assert ">temperature<" not in command_line("draw", KNEE_EXO, "-o", "-")[1]
     out = command_line("draw", KNEE_EXO, "-o", "-", "--all-ports", "--rate", "500")[1]
     assert ">temperature<" in out and ">knee_exo, 500 Hz<" in out
 
 
-def test_no_picture_names_a_place_of_this_machine(command_line):
+def test_no_drawing_contains_an_absolute_path(command_line):
     knee(command_line.folder)
     for form in ("svg", "html", "mermaid"):
         assert str(command_line.folder) not in command_line("draw", "robot.py", "-o", "-", "--format", form)[1]
@@ -93,7 +93,7 @@ def test_a_png_has_twice_the_pixels_of_the_drawing(command_line):
 
 
 @pytest.mark.skipif(find_spec("cairosvg") is not None, reason="cairosvg is installed, which needs no program")
-def test_without_a_tool_it_says_how_to_get_one(tmp_path):
+def test_a_missing_png_converter_is_reported_with_an_install_command(tmp_path):
     process = finished("draw", KNEE_EXO, "-o", "a.png", cwd=tmp_path, PATH=str(tmp_path))
     assert (
         process.returncode == BAD_INPUT

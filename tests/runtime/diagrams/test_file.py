@@ -75,7 +75,7 @@ def test_a_file_may_offer_build_with_parameters(tmp_path):
     assert load(path, [("amplitude", "2.5")])[1]["sine"].amplitude == 2.5
 
 
-def test_an_edit_in_the_same_second_is_seen(tmp_path):
+def test_an_edit_in_the_same_second_is_detected(tmp_path):
     path = write(tmp_path, WAVE.format(before="", amplitude=1.5))
     load(path)
     stamp = path.stat().st_mtime_ns
@@ -96,7 +96,7 @@ def test_a_file_imports_its_neighbours(tmp_path):
     assert load(path)[1]["sine"].amplitude == 4.0
 
 
-def test_neighbours_never_take_the_place_of_a_library(tmp_path):
+def test_files_beside_the_diagram_never_shadow_a_library(tmp_path):
     """A folder with a `blocks` of its own, or a `json`, does not change what Tickwork or Python mean by the name."""
     for name in ("json", "blocks", "numpy"):
         write(tmp_path, "raise RuntimeError('the wrong one')\n", f"{name}.py")
@@ -114,7 +114,7 @@ def test_a_neighbour_with_a_librarys_name_is_reported(tmp_path, refused):
 
 
 @pytest.mark.parametrize("name", ["nothing.py", "folder/nothing.py", "nothing"])
-def test_no_such_file(tmp_path, refused, name):
+def test_a_missing_file_is_reported(tmp_path, refused, name):
     assert refused(name) == f"file {name} does not exist"
 
 
@@ -182,7 +182,7 @@ def test_an_exception_in_build_has_the_users_innermost_line(tmp_path, refused):
     assert refused("robot.py") == "robot.py:4: ValueError: math domain error\n    return math.sqrt(-1.0)"
 
 
-def test_an_exception_of_ours_has_the_users_line(tmp_path, refused):
+def test_an_exception_in_tickwork_is_reported_with_the_users_line(tmp_path, refused):
     """What raises is Diagram's; what is shown is who asked."""
     path = write(tmp_path, KNEE.format(law="return 0.0") + "\n\ndef plant(robot):\n    return robot['kne']\n")
     line = line_of(path, "robot['kne']")
@@ -209,12 +209,12 @@ def test_an_exception_in_plant_has_its_line(tmp_path, refused):
 
 
 @pytest.mark.parametrize("body, words", [("sys.exit(5)", "SystemExit: 5"), ("raise Exception", "Exception")])
-def test_a_file_that_would_end_the_process_is_reported_as_any_other(tmp_path, refused, body, words):
+def test_a_diagram_file_that_exits_is_reported(tmp_path, refused, body, words):
     write(tmp_path, f"import sys\n{body}\n")
     assert refused("robot.py") == f"robot.py:2: {words}\n    {body}"
 
 
-def test_endless_recursion(tmp_path, refused):
+def test_endless_recursion_is_reported(tmp_path, refused):
     write(tmp_path, "def build():\n    return build()\n")
     assert refused("robot.py").startswith("robot.py:2: RecursionError: maximum recursion depth exceeded")
 
@@ -235,7 +235,7 @@ def test_a_mistyped_block_is_suggested(tmp_path, refused):
 
 @pytest.mark.parametrize("returned", ["7", "None", "'knee'"])
 @pytest.mark.parametrize("function", ["build", "plant"])
-def test_a_function_that_returns_something_else(tmp_path, refused, function, returned):
+def test_a_function_that_returns_no_diagram_is_reported(tmp_path, refused, function, returned):
     head = KNEE.format(law="return 0.0") if function == "plant" else ""
     write(tmp_path, f"{head}\ndef {function}({'robot' if function == 'plant' else ''}):\n    return {returned}\n")
     assert refused("robot.py", "--duration", "1") == (
@@ -253,7 +253,7 @@ def test_build_with_a_parameter_that_has_no_value(tmp_path, refused):
     assert load(path, [("amplitude", "3")])[1]["sine"].amplitude == 3.0
 
 
-def test_plant_that_does_not_take_the_robot(tmp_path, refused):
+def test_a_plant_function_without_a_robot_argument_is_reported(tmp_path, refused):
     path = write(tmp_path, KNEE.format(law="return 0.0") + "\n\ndef plant():\n    pass\n")
     line = line_of(path, "def plant")
     assert refused("robot.py") == (
@@ -283,7 +283,7 @@ def test_a_diagram_whose_own_rate_is_impossible(tmp_path, refused, rate):
     )
 
 
-def test_a_diagram_that_does_not_compile_is_no_bad_input(tmp_path, refused):
+def test_a_compile_error_is_a_diagram_error(tmp_path, refused):
     """Every mistake is told, with its line; the exit code is another."""
     path = write(
         tmp_path,

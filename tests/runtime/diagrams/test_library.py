@@ -62,13 +62,13 @@ def python(installed, *arguments, cwd):
     )
 
 
-def test_its_own_tests_pass_where_it_is_installed(installed, tmp_path):
+def test_tests_of_a_third_party_library_pass_where_it_is_installed(installed, tmp_path):
     subprocess.run(["cp", "-r", str(LIBRARY / "tests"), str(tmp_path / "lab_tests")], check=True)
     done = python(installed, "-m", "pytest", "-q", "-p", "no:cacheprovider", "lab_tests", cwd=tmp_path)
     assert done.returncode == 0 and "9 passed" in done.stdout, done.stdout + done.stderr
 
 
-def test_its_blocks_run_in_a_diagram(installed, tmp_path):
+def test_blocks_of_a_third_party_library_run_in_a_diagram(installed, tmp_path):
     (tmp_path / "lab.py").write_text(DIAGRAM)
     done = python(installed, "-m", "runtime", "lab.py", "--fast", "--duration", "0.1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -77,7 +77,7 @@ def test_its_blocks_run_in_a_diagram(installed, tmp_path):
     assert rows[1:4] == ["0.0,0,0.0,1.0", "0.01,1,0.0,1.5", "0.02,2,0.0,1.75"] and len(rows) == 11
 
 
-def test_a_diagram_whose_library_is_missing_says_what_to_install(installed, tmp_path):
+def test_a_missing_block_library_is_reported_with_the_install_command(installed, tmp_path):
     (tmp_path / "lab.py").write_text(DIAGRAM)
     write = "from runtime.diagrams.file import load; from graph.store import to_json; print(to_json(load('lab.py')[1]))"
     text = python(installed, "-c", write, cwd=tmp_path).stdout
@@ -91,7 +91,7 @@ def test_a_diagram_whose_library_is_missing_says_what_to_install(installed, tmp_
     assert "TW031 missing library" in said and "pip install gaitlab==1.0.0" in said
 
 
-def test_a_labs_library_is_listed_beside_ours(installed, tmp_path):
+def test_a_third_party_library_is_listed_with_the_built_in_ones(installed, tmp_path):
     done = python(installed, *BLOCKS, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (
@@ -102,7 +102,7 @@ def test_a_labs_library_is_listed_beside_ours(installed, tmp_path):
     assert said.startswith("CadenceMeter  from gaitlab.blocks import CadenceMeter\nPython; gaitlab.blocks, line ")
 
 
-def test_from_tells_version_author_and_what_it_was_tested_with(installed, tmp_path):
+def test_from_prints_version_author_and_tested_python_versions(installed, tmp_path):
     said = python(installed, *BLOCKS, "--from", "gaitlab", cwd=tmp_path).stdout.splitlines()
     facts = {line[2:15].strip(): line[15:] for line in said if line.startswith("  ") and line[2:15].strip()}
     assert (said[0], facts["author"], facts["about"]) == (

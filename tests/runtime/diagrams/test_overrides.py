@@ -37,7 +37,7 @@ from tests.runtime.runs import KNEE_EXO
         ((0.0,), "[1, 2]", [1, 2]),
     ],
 )
-def test_a_text_becomes_what_the_default_is(default, text, value):
+def test_a_text_is_converted_to_the_type_of_the_default(default, text, value):
     found = parse_like(default, "name", text)
     assert found == value and type(found) is type(value)
 
@@ -45,7 +45,7 @@ def test_a_text_becomes_what_the_default_is(default, text, value):
 @pytest.mark.parametrize(
     "default, text", [(1.0, "much"), (1.0, ""), (1.0, "7 apples"), (1, "one"), (True, "maybe"), (False, "2")]
 )
-def test_a_text_that_is_no_such_value_is_refused(default, text):
+def test_a_text_of_another_type_is_rejected(default, text):
     with pytest.raises(BadInput, match=f"setting name={text}: expected "):
         parse_like(default, "name", text)
 
@@ -98,12 +98,12 @@ def test_settings_go_to_build_to_plant_or_to_both():
     )
 
 
-def test_the_robot_is_not_for_setting():
+def test_the_robot_argument_cannot_be_set():
     with pytest.raises(BadInput, match="robot.py has no parameter 'robot'; it has mass"):
         shared_out([("robot", "1")], plant=lambda robot, mass=1.0: None)
 
 
-def test_a_build_that_takes_any_name_gets_any():
+def test_a_build_with_keyword_arguments_receives_every_setting():
     assert shared_out([("anything", "3"), ("rate", "2")], build=lambda rate=1.0, **more: None) == (
         {"anything": 3, "rate": 2.0},
         {},

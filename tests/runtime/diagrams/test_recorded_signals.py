@@ -69,7 +69,7 @@ def test_selection_is_a_setting_and_is_replayed(robot, command_line):
     assert code == OK and f"all {len(runtime.load(path).signals)} signals" in out and "bit for bit" in out
 
 
-def test_inputs_of_other_sinks_are_recorded_as_well(command_line):
+def test_inputs_of_other_sinks_are_recorded(command_line):
     from tests.runtime.runs import KNEE_EXO
 
     code, out, _ = command_line(KNEE_EXO, "--fast", "--duration", "1", "--set", "csv_recorder.record=*/damper.torque")
@@ -79,7 +79,7 @@ def test_inputs_of_other_sinks_are_recorded_as_well(command_line):
     assert "left/knee.current" not in names and "left/profile.torque" not in names
 
 
-def test_name_without_a_signal_is_refused(tmp_path, command_line):
+def test_a_selection_without_a_signal_is_rejected(tmp_path, command_line):
     robot = write(tmp_path, ROBOT.format(record='record="left/kne.torque"'))
     code, _, err = command_line(robot, "--fast", "--duration", "0.5")
     assert code == BAD_INPUT

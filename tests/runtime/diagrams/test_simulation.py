@@ -53,7 +53,7 @@ def test_a_robot_without_devices_has_no_plant():
     assert (simulation.program, simulation.plant, simulation.ends(), simulation.substeps) == (None, None, [], 1)
 
 
-def test_the_files_plant_is_used_and_gets_the_robot():
+def test_the_plant_of_the_file_receives_the_robot():
     file, diagram = load(KNEE_EXO)
     simulation = Simulation(file, diagram, compile(diagram))
     assert simulation.given and simulation.substeps == 5
@@ -62,7 +62,7 @@ def test_the_files_plant_is_used_and_gets_the_robot():
 
 
 @pytest.mark.parametrize("rate, substeps", [(200, 1), (400, 2), (1000, 5), (200.00000001, 1)])
-def test_the_plants_rate_is_a_multiple(plant_of, rate, substeps):
+def test_the_plant_runs_at_an_integer_multiple_of_the_robots_rate(plant_of, rate, substeps):
     diagram = robot_of_one()
     assert Simulation(plant_of(rate), diagram, compile(diagram)).substeps == substeps
 

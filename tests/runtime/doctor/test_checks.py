@@ -36,7 +36,7 @@ def cure(findings, name):
     return next(finding.cure for finding in findings if finding.name == name)
 
 
-def test_a_pi_4_with_a_hat_as_it_is_after_a_day_of_work(look):
+def test_findings_on_a_raspberry_pi_4_with_a_can_hat(look):
     findings = look(PI_4)
     assert verdicts(findings) == {
         "preemption": OK,
@@ -73,7 +73,7 @@ def test_a_pi_4_with_a_hat_as_it_is_after_a_day_of_work(look):
     ]
 
 
-def test_a_jetson_in_its_box_with_a_sensor_on_the_bus_at_another_bitrate(look):
+def test_findings_on_a_new_jetson_with_a_sensor_at_another_bitrate(look):
     findings = look(ORIN_NANO)
     assert one(findings, "power mode") == (WORSE, "15W; MAXN_SUPER is available")
     assert cure(findings, "power mode") == "sudo nvpmodel -m 2"
@@ -97,7 +97,7 @@ def test_a_jetson_in_its_box_with_a_sensor_on_the_bus_at_another_bitrate(look):
     assert "throttling" not in verdicts(findings)
 
 
-def test_a_laptop_with_a_usb_adapter(look):
+def test_findings_on_a_laptop_with_a_usb_adapter(look):
     findings = look(LAPTOP)
     assert one(findings, "hardware") == (OK, "LENOVO ThinkPad X1 Carbon Gen 9")
     assert one(findings, "preemption") == (WORSE, "voluntary (PREEMPT_DYNAMIC)")
@@ -136,7 +136,7 @@ def test_a_laptop_with_a_usb_adapter(look):
         ({"/proc/config.gz": b"no gzip"}, (WORSE, "voluntary (PREEMPT_DYNAMIC)")),
     ],
 )
-def test_models_of_preemption(look, changes, found):
+def test_preemption_models_are_detected(look, changes, found):
     assert one(look(LAPTOP, changes), "preemption") == found
 
 
@@ -189,7 +189,7 @@ def test_systems_of_32_bits(look, machine, bits, found):
         ),
     ],
 )
-def test_voltage_and_heat_of_a_pi(look, changes, found):
+def test_voltage_and_temperature_of_a_pi_are_reported(look, changes, found):
     assert one(look(PI_4, changes), "throttling") == found
 
 
@@ -209,7 +209,7 @@ def test_power_modes_are_shown_by_name(look, changes, mode):
     assert one(look(ORIN_NANO, changes), "power mode") == mode
 
 
-def test_clocks_that_jetson_clocks_has_locked(look):
+def test_locked_clocks_of_a_jetson_are_ok(look):
     findings = look(ORIN_NANO, {"/sys/devices/system/cpu/cpu0/cpufreq/scaling_min_freq": "1510400\n"})
     assert one(findings, "clocks") == (OK, "locked at 1.51 GHz")
 
@@ -249,7 +249,7 @@ def test_limits_privilege_and_the_idle_device_are_enough(look):
         ({"ifname": "can0"}, [(UNKNOWN, "its bitrate is unknown")]),
     ],
 )
-def test_troubles_of_a_can_interface(look, link, troubles):
+def test_problems_of_a_can_interface_are_reported(look, link, troubles):
     findings = look(LAPTOP, {"/commands/ip -details -json link": ip(link) if link else None})
     assert [(finding.verdict, finding.found) for finding in findings if finding.name == "can0"] == troubles
 
@@ -275,7 +275,7 @@ def test_robot_computer_without_can_is_reported_with_remedy(look):
     assert one(look(LAPTOP, gone), "CAN") == (OK, "no interface; a simulation needs none")
 
 
-def test_permissions_are_those_of_owner_group_and_others(tmp_path):
+def test_permissions_of_owner_group_and_others_are_checked(tmp_path):
     folder = lay_out(
         tmp_path,
         PI_4,
@@ -295,7 +295,7 @@ def test_permissions_are_those_of_owner_group_and_others(tmp_path):
     ]
 
 
-def test_an_empty_machine_is_strange_and_harmless(look):
+def test_findings_on_a_machine_without_any_data(look):
     """Every check returns a result or reports that it cannot."""
     findings = look({})
     assert {finding.verdict for finding in findings} <= {OK, UNKNOWN, WORSE}
@@ -305,13 +305,13 @@ def test_an_empty_machine_is_strange_and_harmless(look):
 
 
 @pytest.mark.parametrize("noise", [b"", b"\xff\xfe\0\n", b"(((", b"0", b"-1\n", b"[]", b"{}", b"a:b\nc", b"uid="])
-def test_files_full_of_nonsense_raise_nothing(look, noise):
+def test_files_with_random_content_raise_no_exception(look, noise):
     for tree in (PI_4, ORIN_NANO, LAPTOP):
         findings = look({name: content if isinstance(content, tuple) else noise for name, content in tree.items()})
         assert all(finding.verdict in SEVERITY and finding.found for finding in findings)
 
 
-def test_a_file_that_takes_its_place_as_a_folder_raises_nothing(look):
+def test_a_folder_in_place_of_a_system_file_raises_no_exception(look):
     findings = look({f"{name}/inside": b"" for name, content in PI_4.items() if not isinstance(content, tuple)})
     assert all(finding.verdict in SEVERITY for finding in findings)
 
@@ -329,7 +329,7 @@ def test_every_problem_has_reason_and_remedy(look):
         assert "\n" not in finding.found + finding.why + finding.cure
 
 
-def test_this_machine_is_looked_at():
+def test_doctor_examines_this_machine():
     findings = examine(Machine(), Wants())
     assert {"preemption", "clock source", "Python", "rtprio"} <= {finding.name for finding in findings}
     assert one(findings, "word size")[0] == OK and one(findings, "clock source")[0] != UNKNOWN

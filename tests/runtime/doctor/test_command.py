@@ -41,16 +41,16 @@ def test_most_severe_problem_is_listed_first_with_remedy(command_line, laid_out)
     )
 
 
-def test_what_is_only_worse_is_no_failure(command_line, laid_out):
+def test_a_finding_of_worse_is_not_a_failure(command_line, laid_out):
     code, out, _ = command_line("doctor", "--root", laid_out(PI_4))
     assert code == OK and "\nworse  governor" in out and "\nbad" not in out
 
 
-def test_it_has_no_characters_that_only_a_terminal_understands(command_line, laid_out):
+def test_doctor_output_in_a_pipe_has_no_control_characters(command_line, laid_out):
     assert "\x1b" not in command_line("doctor", "--root", laid_out(PI_4))[1]
 
 
-def test_machines_read_the_same(command_line, laid_out):
+def test_doctor_json_has_verdict_and_findings(command_line, laid_out):
     code, out, err = command_line("doctor", "--json", "--root", laid_out(LAPTOP))
     data = json.loads(out)
     assert (data["ok"], code) == (False, CHECK_FAILED)  # nobody has let ada use the serial port of this session
@@ -89,7 +89,7 @@ def test_the_script_is_printed_and_nothing_else(command_line, laid_out):
         (["--root", "nowhere"], "--root nowhere: no such folder"),
     ],
 )
-def test_what_cannot_be_used_is_refused_in_one_line(command_line, words, said):
+def test_doctor_rejects_invalid_options_in_one_line(command_line, words, said):
     assert command_line.refused("doctor", *words) == said
 
 

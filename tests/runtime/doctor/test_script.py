@@ -66,7 +66,7 @@ def files(folder):
 
 
 @pytest.mark.parametrize("name", MACHINES)
-def test_it_is_good_shell_and_changes_nothing_the_second_time(written, tmp_path, name):
+def test_doctor_script_is_valid_shell_and_idempotent(written, tmp_path, name):
     path, text = written(MACHINES[name], overlays=["mcp251xfd,spi0-0,interrupt=25"])
     for shell in ("sh", "bash"):
         if shutil.which(shell):
@@ -101,7 +101,7 @@ def test_script_has_only_the_missing_parts(written):
         assert absent not in text
 
 
-def test_where_nothing_is_wanting_it_does_nothing(written, tmp_path):
+def test_doctor_script_without_findings_changes_nothing(written, tmp_path):
     path, text = written({})
     assert text.endswith("# `tickwork doctor --script` found nothing that a script can change.\n")
     (tmp_path / "into").mkdir()
@@ -157,7 +157,7 @@ def test_hat_overlay_is_added_to_config_txt_once_for_every_model(written, tmp_pa
     assert "restart for the changes in config.txt" in said
 
 
-def test_without_the_name_of_the_hat_its_line_is_left_to_the_person(written, tmp_path):
+def test_without_the_hats_overlay_its_line_is_a_comment(written, tmp_path):
     path, text = written(NO_CAN_ON_PI)
     look(path, tmp_path / "into")
     assert "# config_line 'dtoverlay=mcp2515-can0,oscillator=12000000,interrupt=25'" in text
@@ -173,7 +173,7 @@ def test_a_jetson_gets_its_power_mode_by_number_and_its_clocks_at_every_start(wr
     )
 
 
-def test_texts_of_a_hostile_machine_stay_comments(written, tmp_path):
+def test_texts_of_a_malicious_machine_remain_comments(written, tmp_path):
     evil = (
         "x\ntouch "
         + str(tmp_path / "evil")

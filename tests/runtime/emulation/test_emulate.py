@@ -35,7 +35,7 @@ def read_until(stream, words):
     return lines
 
 
-def test_a_robot_in_one_process_is_answered_by_its_plant_in_another(rig, tmp_path):
+def test_a_plant_in_another_process_replies_to_a_robot(rig, tmp_path):
     robot = knee(tmp_path, "return 2.0")
     plant = started("emulate", robot, "--rig", rig, cwd=tmp_path)
     try:
@@ -74,7 +74,7 @@ def test_a_robot_in_one_process_is_answered_by_its_plant_in_another(rig, tmp_pat
     assert heard == said >= 200  # each command was answered
 
 
-def test_at_a_bitrate_an_answer_comes_when_a_wire_would_have_brought_it():
+def test_at_a_bitrate_replies_arrive_after_their_transmission_time():
     """125 and some bits there, and as many back, at 10 kbit/s: 25 ms."""
     with Diagram("drive", rate=1000) as drive:
         EmulatedCubeMars("AK80-9", bus="can", can_id=1)(position=0.0, velocity=0.0)
@@ -117,7 +117,7 @@ def test_a_robot_without_devices_and_a_command_without_a_rig_are_refused(command
     assert "no device on a bus that can be emulated" in command_line.refused("emulate", wave, "--rig", empty)
 
 
-def test_an_interface_of_one_process_and_one_that_does_not_exist_are_reported_with_a_cure(tmp_path):
+def test_single_process_and_missing_interfaces_are_reported_with_a_remedy(tmp_path):
     for interface, channel, code in (
         ("virtual", "a", "TW105"),
         ("slcan", "/dev/ttyNONE9", "TW125"),

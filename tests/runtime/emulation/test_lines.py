@@ -16,7 +16,7 @@ from tests.runtime.runs import Files, finished, started, write
 pytestmark = pytest.mark.paced
 
 
-def test_a_robots_sensors_are_found_by_their_serial_numbers_and_stream(tmp_path):
+def test_sensors_are_identified_by_serial_number_and_stream(tmp_path):
     robot = write(tmp_path, ROBOT, "robot.py")
     rig = write(tmp_path, RIG, "lab.toml")
     (tmp_path / "ports").mkdir()

@@ -63,7 +63,7 @@ def converted(command_line, recording, kind, *words):
     return out.strip()
 
 
-def test_csv_is_what_the_recorder_has_written_byte_for_byte(command_line, recording):
+def test_converted_csv_equals_the_recorders_byte_for_byte(command_line, recording):
     path = converted(command_line, recording, "csv")
     assert open(path, "rb").read() == recording.with_suffix(".csv").read_bytes()
 
@@ -108,7 +108,7 @@ def test_matlab_has_a_nested_struct_with_units_and_time(command_line, recording)
     )
 
 
-def test_matlab_names_are_legal_and_kept_apart(command_line, tmp_path):
+def test_matlab_names_are_valid_and_unique(command_line, tmp_path):
     io = pytest.importorskip("scipy.io")
     long = "x" * 70
     signals = ("öl/for.1 m", "äl/for.1 m", "time.y m", f"{long}1.y m", f"{long}2.y m", "a.b m", "a m", "a.b.c m")
@@ -222,7 +222,7 @@ def test_names_are_for_opensim(command_line, recording):
     )
 
 
-def test_opensims_older_reader_finds_as_many_names_as_columns(command_line, tmp_path):
+def test_opensims_older_reader_reads_one_name_per_column(command_line, tmp_path):
     """It parts the line of names at spaces as well as tabs, and reads settings from every line of the header with = in
     it.
     """
@@ -250,7 +250,7 @@ def test_a_recording_without_angles_has_no_mot(command_line, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mat", "sto", "mcap"])
-def test_a_file_has_its_name_once_it_is_whole(recording, tmp_path, monkeypatch, kind):
+def test_a_file_gets_its_name_when_it_is_complete(recording, tmp_path, monkeypatch, kind):
     """The partial file of a killed conversion cannot be mistaken for the trial."""
     module = FORMATS.load(kind)
     if kind in ("parquet", "mat"):
@@ -293,7 +293,7 @@ def test_run_commands_report_missing_build_with_remedy(tmp_path):
     assert_one_line(python("-m", "runtime", "check", "robot.py", cwd=rooms), "is not built")
 
 
-def test_at_another_rate(command_line, recording):
+def test_a_conversion_resamples_to_another_rate(command_line, recording):
     path = converted(command_line, recording, "csv", "--rate", "50")
     assert len(open(path).readlines()) == 1 + len(runtime.load(recording).resample(50))
 

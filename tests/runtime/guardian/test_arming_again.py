@@ -101,7 +101,7 @@ def test_run_rearms_after_nan_when_r_is_pressed_and_fades_torque_in(bus, termina
         (signal.SIGUSR1, signal.SIGUSR2, "the device reports a fault"),
     ],
 )
-def test_drives_that_fail_and_recover_are_armed_again_by_the_operator_alone(bus, terminal, begin, end, words):
+def test_only_the_operator_arms_recovered_drives_again(bus, terminal, begin, end, words):
     under_torque(bus, terminal, "--no-record")
     bus.drives.send_signal(begin)
     terminal.wait_for("press r to arm again")

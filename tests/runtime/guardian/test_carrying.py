@@ -105,7 +105,7 @@ def test_a_fence_that_is_raised_between_taking_frames_and_sending_them_holds_bac
 
 
 @pytest.mark.parametrize("why", ["died", "hung", "stalled"])
-def test_frames_that_wait_in_a_ring_when_the_guardian_stops_the_motors_are_never_sent(robot, why):
+def test_frames_queued_when_the_guardian_stops_the_motors_are_never_sent(robot, why):
     robot.queue(TORQUE, ENABLE, TORQUE)
     now = time.monotonic_ns()
     robot.guardian.begin_stop(why, 50_000_000, now)
@@ -215,7 +215,7 @@ def judged(look, tick=20):
     return guardian
 
 
-def test_a_loop_that_has_shown_itself_within_the_limit_is_there():
+def test_a_loop_that_ticked_within_the_limit_counts_as_alive():
     assert judged(lambda guardian, page: guardian.judge(page.beat + guardian.limit)).verdict is None
 
 
@@ -234,7 +234,7 @@ def test_stalled_loop_is_stopped_and_its_last_tick_reported():
 
 
 @pytest.mark.parametrize("tick, moving", [(0, False), (1, True)])
-def test_a_joint_is_damped_first_from_its_very_first_torque_on(tick, moving):
+def test_a_joint_is_damped_first_from_its_first_torque_on(tick, moving):
     def look(guardian, page):
         for device in guardian.devices:
             device["damp"] = {
@@ -269,7 +269,7 @@ def write(page, offset, number):
 
 
 @pytest.mark.parametrize("item, block", [(1, "law"), (-1, "the tick")])
-def test_a_step_that_hangs_is_named_and_looked_after_once_more(item, block):
+def test_a_hanging_step_is_reported_and_checked_again(item, block):
     asked = []
 
     def look(guardian, page):

@@ -95,7 +95,7 @@ def test_a_run_that_ends_removes_the_group_of_its_guardian(bus, group, guardian_
     assert f"{control_group.PREFIX}{guardian.pid}" not in groups_of_guardians()
 
 
-def test_the_table_before_arming_lists_what_the_guardian_was_granted(bus, group):
+def test_the_pre_flight_table_lists_the_privileges_of_the_guardian(bus, group):
     process = bus.start("--no-record", "--duration", "0.1", **inside(group))
     out, err = process.communicate(timeout=20)
     assert process.returncode == 0, err
@@ -125,7 +125,7 @@ def test_control_group_is_separate_and_removed_after_process_ends(group):
     assert in_a_child(group, action) == 0
 
 
-def test_a_group_that_a_guardian_has_left_behind_is_removed_by_the_next(group):
+def test_a_control_group_left_by_a_guardian_is_removed_by_the_next(group):
     stale = group.parent / f"{control_group.PREFIX}{2**22 + 1}"  # beyond every process number
     stale.mkdir()
 
@@ -146,7 +146,7 @@ def test_a_user_without_permission_stays_in_the_group_of_the_run(group):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to give it up")
-def test_a_user_with_a_delegated_part_of_the_hierarchy_leaves_the_scope_of_the_run_within_it(group):
+def test_the_guardian_leaves_the_scope_of_the_run_if_control_groups_are_delegated(group):
     """As below user@UID.service: the user owns the folder, its list of processes, and the scope in it."""
     scope = group / "run.scope"
     scope.mkdir()
@@ -168,7 +168,7 @@ def test_a_user_with_a_delegated_part_of_the_hierarchy_leaves_the_scope_of_the_r
         scope.rmdir()
 
 
-def test_where_the_system_permits_nothing_the_guardian_stays_where_it_is_and_no_folder_is_made(tmp_path, monkeypatch):
+def test_without_permission_the_guardian_stays_in_its_control_group(tmp_path, monkeypatch):
     (tmp_path / "system.slice" / "robot.service").mkdir(parents=True)
     monkeypatch.setattr(control_group, "hierarchy", lambda: tmp_path)  # folders without cgroup.procs
     monkeypatch.setattr(control_group, "group_of", lambda process: "system.slice/robot.service")

@@ -312,7 +312,7 @@ def test_drives_on_both_buses_are_stopped_within_two_ticks_of_every_other_fault(
 
 
 @pytest.mark.soak
-def test_an_exception_outside_of_any_block_before_there_is_torque(buses):
+def test_an_exception_at_the_pre_flight_table_disables_both_drives(buses):
     """A bug of ours at the pre-flight table. Nothing was under torque, and both are disabled all the same."""
     fault = Fault(
         "", before="import runtime.session.preflight\nruntime.preflight.Preflight.event = lambda self, values: 1 / 0"
@@ -347,7 +347,7 @@ def test_button_on_separate_bus_stops_both(buses, how):
 
 
 @pytest.mark.soak
-def test_the_space_bar_stops_both(buses):
+def test_the_space_bar_stops_both_drives(buses):
     with Terminal() as terminal:
         terminal.run(*buses.words(Fault("")), cwd=buses.folder)
         buses.await_torque()

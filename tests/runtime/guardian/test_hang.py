@@ -114,7 +114,7 @@ CRASHES = {
 
 
 @pytest.mark.parametrize("number", CRASHES)
-def test_a_block_that_kills_the_process_leaves_no_motor_turning(bus, tmp_path, number):
+def test_motors_stop_when_a_block_kills_the_process(bus, tmp_path, number):
     process = bus.start("--record", "out", law=CRASHES[number])
     bus.await_torque()
     everybody = family(process)
@@ -129,7 +129,7 @@ def test_a_block_that_kills_the_process_leaves_no_motor_turning(bus, tmp_path, n
     assert (event["because"], event["signal"], event["block"]) == ("died", number.name, "left/law")
 
 
-def test_ctrl_c_again_and_again_is_one_ctrl_c(bus):
+def test_repeated_ctrl_c_acts_once(bus):
     process = bus.start("--no-record")
     bus.await_torque()
     for _ in range(40):

@@ -86,7 +86,7 @@ def test_a_lock_that_is_closed_is_free_again(channel):
     BusLock("socketcan", channel).close()
 
 
-def test_two_names_of_one_port_are_one_bus(tmp_path):
+def test_a_symlink_to_a_port_has_the_lock_of_the_port(tmp_path):
     (tmp_path / "ttyACM0").touch()
     (tmp_path / "by-id").symlink_to(tmp_path / "ttyACM0")
     lock = BusLock("slcan", str(tmp_path / "ttyACM0"))

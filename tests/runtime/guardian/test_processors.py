@@ -24,7 +24,7 @@ def threads(pid):
     return {(task / "comm").read_text().strip(): os.sched_getaffinity(int(task.name)) for task in tasks}
 
 
-def test_the_guardian_may_run_wherever_there_is_room_and_what_can_wait_keeps_off_the_loop(tmp_path):
+def test_the_guardian_and_other_threads_avoid_the_processor_of_the_loop(tmp_path):
     """A process that dies is busy with that for milliseconds, on the processors of its threads: the guardian waits for
     none of them.
     """

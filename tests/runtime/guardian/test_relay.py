@@ -94,7 +94,7 @@ def running(lab, **how):
     return process
 
 
-def test_after_kill_9_of_both_processes_nothing_stops_the_drives_but_the_relay(lab):
+def test_after_kill_9_of_both_processes_only_the_relay_stops_the_drives(lab):
     bus, board = lab
     process = running(lab)
     guardian = guardian_of(process)
@@ -132,7 +132,7 @@ def test_the_guardian_holds_the_relay_while_it_damps_and_no_longer(lab):
     )
 
 
-def test_a_run_that_was_stopped_and_continued_pulls_no_relay_in(lab):
+def test_a_continued_run_does_not_close_the_relay(lab):
     bus, board = lab
     process = running(lab, drive=', safe_stop="damp", stop_time=0.2')
     os.kill(process.pid, signal.SIGSTOP)

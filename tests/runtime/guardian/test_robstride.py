@@ -101,7 +101,7 @@ def test_motors_are_stopped_by_loop_or_guardian(leg, sign):
         assert said[-1][0] == 4 and said[-1][2][1] == bytes(8), "which clears no fault"
 
 
-def test_in_a_position_mode_its_current_is_limited_to_nothing_and_then_it_is_stopped(leg):
+def test_a_safe_stop_in_a_position_mode_sets_the_current_limit_to_zero_first(leg):
     start, node = leg
     process = start(', mode="csp"', "position_command=0.1")
     assert hear(

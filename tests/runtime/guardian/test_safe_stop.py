@@ -78,7 +78,7 @@ def test_drive_that_acknowledges_both_frames_is_confirmed(legs):
     assert wires[0].sent[8:] == [(2, b"zero"), (2, b"disable")]
 
 
-def test_times_count_from_its_begin():
+def test_times_start_at_the_beginning_of_the_section():
     wire, began = Log(), 1_000_000_000
     stop = SafeStop([device("knee", 0, 1, damp_time=0.01), device("hip", 0, 2)], {0: wire}, began)
     stop.step(began)
@@ -99,7 +99,7 @@ def test_drive_with_one_stop_frame_is_stopped_with_it(empty):
     assert wire.sent == [(1, b"disable" if empty == "zero" else b"zero")] and not stop.over
 
 
-def test_answers_in_the_first_round_may_be_to_the_last_torques_and_confirm_nothing(legs):
+def test_replies_in_the_first_round_of_a_stop_confirm_nothing(legs):
     stop, wires = legs
     stop.step(0)
     for _ in range(4):
@@ -109,7 +109,7 @@ def test_answers_in_the_first_round_may_be_to_the_last_torques_and_confirm_nothi
     assert wires[0].sent[4:6] == [(1, b"zero"), (1, b"disable")]
 
 
-def test_one_answer_confirms_one_device_though_two_might_have_sent_it():
+def test_one_reply_confirms_only_one_device():
     wire = Log()
     stop = SafeStop([device("left", 0, 1), device("twin", 0, 1)], {0: wire}, 0)
     stop.step(0)
@@ -135,7 +135,7 @@ def test_stop_ends_when_all_drives_confirm(legs):
     }
 
 
-def test_stop_times_out_and_names_missing_drives(legs):
+def test_a_stop_times_out_and_reports_missing_drives(legs):
     stop, wires = legs
     for now in range(0, STOP_LIMIT + 1, 1_000_000):
         stop.step(now)
@@ -185,13 +185,13 @@ def test_drive_is_damped_for_its_time_then_disabled():
     assert stop.over
 
 
-def test_what_was_never_under_torque_is_not_damped():
+def test_a_drive_that_was_never_under_torque_is_not_damped():
     wire = Log()
     SafeStop([device("knee", 0, 1, damp_time=0.3)], {0: wire}, 0, moving=False).step(0)
     assert wire.sent == [(1, b"zero"), (1, b"disable")]
 
 
-def test_a_bus_that_takes_no_frame_does_not_keep_the_others_from_their_stop():
+def test_a_blocked_bus_does_not_prevent_the_stop_on_other_buses():
     wires = {0: Log(working=False), 1: Log()}
     stop = SafeStop([device("left", 0, 1), device("hip", 1, 1), device("gone", 2, 1)], wires, 0)
     stop.step(0)
@@ -208,7 +208,7 @@ def test_devices_without_stop_frames_are_not_awaited():
     "kind, model, disable",
     [(CubeMarsV3, "AK80-9-V3.0", (0x80000F05, b"")), (CubeMarsServo, "AK80-9", (0x80000105, bytes(4)))],
 )
-def test_a_drive_that_reports_by_itself_has_confirmed_when_it_draws_no_current(kind, model, disable):
+def test_a_report_without_current_confirms_the_stop(kind, model, disable):
     """The plan as the guardian gets it, in JSON. A report of a current from before the stop is not a reply to
     it.
     """
@@ -252,7 +252,7 @@ def speed_of(velocity):
         (-40.0, 0, b"slow"),
     ],
 )
-def test_the_damping_is_that_of_the_newest_speed_and_of_what_it_can_have_become(velocity, age, expected):
+def test_stop_damping_uses_the_newest_speed_and_its_largest_change(velocity, age, expected):
     wire = Log()
     bands = [(3.0, b"strong"), (6.0, b"weak"), (math.inf, b"slow")]
     stop = SafeStop([device("knee", 0, 1, damp_time=1.0, bands=bands, velocity=SPEED)], {0: wire}, 0)

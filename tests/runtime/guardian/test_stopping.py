@@ -78,7 +78,7 @@ def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
     assert_nothing_is_left(everybody, bus.channel)
 
 
-def test_kill_9_leaves_a_joint_damped_that_must_not_drop_its_wearer(bus):
+def test_after_kill_9_the_joint_is_damped(bus):
     damped = "7FFF7FF0003337FF"  # 1 N·m·s/rad of the 5 that all ones are
     slow = "7FFF7FF0001267FF"  # 18 N·m over 50 rad/s, before the first reply
     process = bus.start("--no-record", drive=', safe_stop="damp", stop_time=0.25')
@@ -97,7 +97,7 @@ def test_kill_9_leaves_a_joint_damped_that_must_not_drop_its_wearer(bus):
         assert {frame.data for frame in said[end - 1 :]} == {NOTHING, DISABLE}
 
 
-def test_kill_9_leaves_a_joint_that_moves_damped_inside_its_limit(tmp_path):
+def test_after_kill_9_a_moving_joint_is_damped_within_its_limit(tmp_path):
     """Judged from the frames: damping commanded, times the speed that the reply to it reports."""
     with Bus(tmp_path, number=5, motors=(1, 2), moving=True) as bus:
         process = bus.start("--no-record", drive=', limit=5.0, safe_stop="damp", stop_time=0.5')
@@ -156,7 +156,7 @@ def test_a_run_that_is_stopped_while_arming_enables_nothing_afterwards(tmp_path)
         assert_nothing_is_left(everybody, bus.channel)
 
 
-def test_whoever_else_commands_a_drive_ends_the_run(bus):
+def test_commands_of_another_controller_end_the_run(bus):
     process = bus.start("--no-record")
     bus.await_torque()
     bus.send(2, bytes.fromhex(ENABLE))
@@ -187,7 +187,7 @@ def test_echoed_commands_are_not_replies(tmp_path):
         ) in err
 
 
-def test_one_controller_a_bus(bus):
+def test_a_bus_has_one_controller(bus):
     process = bus.start("--no-record")
     bus.await_torque()
     second = bus.start("--no-record")
@@ -218,14 +218,14 @@ def times_to_stop(folder, victim):
 
 
 @pytest.mark.soak
-def test_a_hundred_kills(tmp_path):
+def test_stop_follows_a_hundred_kills(tmp_path):
     """p99 of 20 ms from kill -9 of the run."""
     took = times_to_stop(tmp_path, lambda process: process)
     assert took[98] < 0.02, took
 
 
 @pytest.mark.soak
-def test_a_hundred_guardians_killed(tmp_path):
+def test_stop_follows_the_death_of_a_hundred_guardians(tmp_path):
     """p95 of 20 ms from kill -9 of a guardian that carries the bus."""
     took = times_to_stop(tmp_path, guardian_of)
     assert took[94] < 0.02, took

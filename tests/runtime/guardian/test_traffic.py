@@ -127,7 +127,7 @@ def test_echoed_commands_are_counted_and_ignored(tmp_path):
         assert "confirmed by left/knee, right/knee" in out and counted(out, "malformed") == 0
 
 
-def test_a_babbling_node_on_a_carried_bus_does_not_hold_a_tick(tmp_path):
+def test_a_node_that_floods_a_bus_of_the_guardian_does_not_delay_a_tick(tmp_path):
     with Bus(tmp_path, number=4) as bus:
         process = bus.start("--no-record", "--duration", "2")
         bus.await_torque()
@@ -139,7 +139,7 @@ def test_a_babbling_node_on_a_carried_bus_does_not_hold_a_tick(tmp_path):
         assert process.returncode == 0 or "no reply for longer than its timeout" in err or "guardian" in err
 
 
-def test_a_babbling_sender_on_udp_does_not_hold_a_tick_and_keeps_no_press_from_being_seen(tmp_path):
+def test_a_udp_flood_neither_delays_a_tick_nor_hides_a_press(tmp_path):
     port = free_port()
     with Button(port) as button, Bus(tmp_path, number=5) as bus:
         bus.rig.write_text(bus.rig.read_text() + f'[bus.estop]\ninterface = "udp"\nchannel = "127.0.0.1:{port}"\n')

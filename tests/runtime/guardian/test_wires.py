@@ -74,7 +74,7 @@ def test_echoes_of_sent_frames_are_not_received(wire, node):
     assert wire.counts == {"echoes": 3}
 
 
-def test_a_frame_of_another_node_that_equals_ours_is_received_beside_the_echo(wire, node):
+def test_a_foreign_frame_equal_to_an_own_one_is_received_beside_the_echo(wire, node):
     wire.send(127, NOTHING)
     node.send(message(127, NOTHING))
     assert heard(wire, 1) == [(127, NOTHING)] and wire.counts == {"echoes": 1}
@@ -88,7 +88,7 @@ def test_frames_in_excess_of_sent_ones_are_foreign(wire, node):
     assert heard(wire, 3) == [(127, NOTHING)] * 3 and wire.counts == {"echoes": 40}
 
 
-def test_of_many_different_frames_only_those_of_late_are_remembered(channel):
+def test_only_recent_frames_are_stored_for_echo_detection(channel):
     wire = PythonCanWire("virtual", channel, 1_000_000, False)
     for number in range(ECHO_LIMIT):
         assert wire.send(number, b"early")
@@ -114,7 +114,7 @@ def test_lost_echo_hides_foreign_frame_only_temporarily(channel):
     node.shutdown()
 
 
-def test_frames_of_every_kind_go_both_ways(wire, node):
+def test_frames_of_every_kind_pass_both_ways(wire, node):
     wire.send(0x80012345, b"abc")
     wire.send(0x40000123, b"")
     one, other = node.recv(1.0), node.recv(1.0)
@@ -160,7 +160,7 @@ def test_interface_that_python_can_cannot_open_reports_reason():
         PythonCanWire("udp_multicast", "192.0.2.1", 1_000_000, False)
 
 
-def test_an_interface_without_a_descriptor_is_read_all_the_same(channel):
+def test_an_interface_without_a_descriptor_is_polled(channel):
     wire, node = PythonCanWire("virtual", channel, 1_000_000, False), can.Bus(channel, interface="virtual")
     node.send(message(3, b"abc"))
     assert wire.fileno() is None and received(wire) == [(3, b"abc")] and wire.receive() == []
@@ -207,7 +207,7 @@ def assert_arrivals(frames, times, tolerance=TOLERANCE):
     ]
 
 
-def test_frames_that_wait_in_the_interface_keep_the_time_at_which_each_arrived(wire, node):
+def test_queued_frames_keep_their_arrival_times(wire, node):
     assert wire.receive() == []
     times = sent_apart(node)
     assert_arrivals(wire.receive(), times)
@@ -249,7 +249,7 @@ def test_a_time_stamp_of_another_clock_is_replaced_by_the_time_at_which_the_fram
     assert before <= arrival <= time.monotonic_ns()
 
 
-def test_no_arrival_is_before_that_of_the_frame_before_it_or_before_the_bus_was_seen_empty():
+def test_arrival_times_never_precede_the_previous_frame_or_an_empty_read():
     """So a time stamp that is wrong makes a device silent too early at worst, and never too late."""
     queue = []
     bus = Stamped(SimpleNamespace(fileno=None, recv=lambda timeout: queue.pop(0) if queue else None))

@@ -49,14 +49,14 @@ LEGS = Table(
 )
 
 
-def test_a_pattern_is_every_parameter_that_it_matches_and_a_name_itself_alone():
+def test_a_pattern_selects_every_match_and_a_name_only_itself():
     known = [each.path for each in LEGS.parameters]
     assert patterns.matching("*/profile.scale", known) == ["left/profile.scale", "right/profile.scale"]
     assert patterns.matching("left/*", known) == ["left/profile.scale", "left/spring.damping"]
     assert patterns.matching("gain.gain", known) == ["gain.gain"] and patterns.matching("scale", known) == []
 
 
-def test_if_one_of_them_cannot_have_the_value_none_gets_it():
+def test_one_rejected_value_rejects_the_whole_pattern():
     assert [value for _, value in changes_of(LEGS, "*/profile.scale", "0.75")] == [0.75, 0.75]
     with pytest.raises(BadInput) as refused:
         changes_of(LEGS, "*/profile.scale", "0.9")
@@ -71,7 +71,7 @@ def test_a_pattern_that_matches_nothing_is_an_error_with_a_suggestion():
     )
 
 
-def test_what_one_pattern_matches_is_one_letter_where_it_fits():
+def test_the_matches_of_one_pattern_are_one_request_if_they_fit():
     groups = [
         [("a", index) for index in range(10)],
         [("b", index) for index in range(8)],
@@ -81,7 +81,7 @@ def test_what_one_pattern_matches_is_one_letter_where_it_fits():
     assert [len(letter) for letter in batches(groups[:1] * 1 + [[("d", 0)]])] == [11]
 
 
-def test_the_keys_offer_what_both_legs_have_alike_first():
+def test_keys_list_parameters_shared_by_both_legs_first():
     assert [(name, [each.index for each in found]) for name, found in choices(LEGS.parameters)] == [
         ("*/profile.scale", [0, 2]),
         ("left/profile.scale", [0]),
@@ -99,7 +99,7 @@ def legs(tmp_path):
     return tmp_path
 
 
-def test_a_setting_at_the_start_takes_a_pattern_too(legs):
+def test_a_setting_at_the_start_accepts_a_pattern(legs):
     _, diagram = load(legs / "legs.py", [])
     set_block_parameters(diagram, "*/profile.scale", "0.7")
     assert diagram["left/profile"].scale == diagram["right/profile"].scale == 0.7

@@ -35,7 +35,7 @@ def run(tmp_path_factory):
         yield process
 
 
-def test_without_settings_it_lists_values_bounds_and_units(run, command_line):
+def test_set_without_settings_lists_values_bounds_and_units(run, command_line):
     code, out, err = command_line("set", run.pid)
     assert (code, err) == (0, "")
     head, *lines = out.splitlines()

@@ -9,7 +9,7 @@ from runtime.machine.processor import Processor, fastest_first
 FAR = 5000  # no run of this machine takes such a number
 
 
-def test_two_loops_take_two_processors_and_a_third_shares_the_best():
+def test_two_loops_use_two_processors_and_a_third_shares_the_fastest():
     with closing(Processor([FAR + 1, FAR])) as first:
         second = Processor([FAR + 1, FAR])
         with closing(second), closing(Processor([FAR + 1, FAR])) as third:

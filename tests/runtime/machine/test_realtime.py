@@ -73,7 +73,7 @@ def told(code, *arguments):
 
 
 @as_root
-def test_all_is_granted_to_root_and_given_back():
+def test_root_is_granted_every_request_and_all_are_released():
     before, during, lines, after = told("""
 before = state()
 realtime = Realtime("require", priority=70, cpu=0)
@@ -120,7 +120,7 @@ with open("/proc/self/status") as file:
 
 
 @as_root
-def test_a_priority_that_there_was_before_is_there_again():
+def test_the_previous_priority_is_restored():
     before, during, after = told("""
 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(5))
 before = state()
@@ -193,7 +193,7 @@ def test_run_without_real_time_priority_reports_risk():
     assert realtime.risk() == []
 
 
-def test_what_is_required_and_refused_ends_it_with_nothing_held():
+def test_a_denied_required_request_releases_all_others():
     refused, before, after = told("""
 limit((0, 0), (1 << 20, 1 << 20))
 be_nobody()
@@ -208,7 +208,7 @@ except RealtimeRefused as error:
 
 
 @raising_limits
-def test_limits_are_as_good_as_privilege():
+def test_user_limits_are_sufficient_without_privileges():
     """What `doctor --script` sets up: an ordinary user, with the limits and nothing else."""
     before, during, granted, after = told("""
 forever = resource.RLIM_INFINITY
@@ -227,7 +227,7 @@ print(json.dumps([before, during, realtime.granted, state()]))
 
 
 @raising_limits
-def test_a_limit_that_memory_would_outgrow_is_not_enough():
+def test_a_memlock_limit_without_headroom_is_not_enough():
     """Beyond the limit a locked process gets no memory at all."""
     assert "locked memory" in told("""
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
@@ -239,7 +239,7 @@ with Realtime("try") as realtime:
 
 
 @as_root
-def test_a_control_group_without_a_budget_is_named():
+def test_a_control_group_without_real_time_budget_is_reported():
     groups = Path("/sys/fs/cgroup/cpu")
     if not (groups / "cpu.rt_runtime_us").exists():
         pytest.skip("needs control groups that divide real-time")
@@ -282,7 +282,7 @@ print(json.dumps([before, during, realtime.lines(), state()]))
     assert during[:4] == before[:4] and lines == [] and after == before
 
 
-def test_a_mode_and_a_priority_that_there_are_not():
+def test_an_unknown_mode_or_priority_is_rejected():
     for mode, priority in (("perhaps", 80), ("try", 99), ("try", 0)):
         with pytest.raises(ValueError, match="a priority of 1 to 98"):
             Realtime(mode, priority)
@@ -324,7 +324,7 @@ def test_granted_settings_apply_and_are_recorded(tmp_path):
 
 @with_two_processors
 @pytest.mark.parametrize("mode", [pytest.param("require", marks=as_root), "off"])
-def test_the_recorder_and_what_it_starts_leave_a_processor_to_the_loop(tmp_path, mode):
+def test_recorder_and_viewers_leave_one_processor_to_the_loop(tmp_path, mode):
     """The block in the loop asks where its process and those that the process has started may be."""
     knee(
         tmp_path,
@@ -343,7 +343,7 @@ def test_the_recorder_and_what_it_starts_leave_a_processor_to_the_loop(tmp_path,
 
 @as_root
 @with_two_processors
-def test_two_loops_of_one_machine_take_two_processors_and_give_them_back():
+def test_two_loops_use_two_processors_and_release_them():
     first, second, again = told("""
 other = (
     "from runtime.machine.realtime import Realtime; realtime = Realtime('try'); "

@@ -17,7 +17,7 @@ def log(path):
     return list(CanutilsLogReader(path))
 
 
-def test_every_frame_is_there_with_bus_direction_time_and_data(tmp_path):
+def test_every_frame_has_bus_direction_time_and_data(tmp_path):
     frames = [frame(k * 1_000_000, 1 + k % 3, bytes([k % 256, 7]), sent=k % 2, bus=k % 2) for k in range(3000)]
     report = record(plan(tmp_path, buses=["legs", "arms"]), frames)
     messages = log(tmp_path / "bench_1.can.log")

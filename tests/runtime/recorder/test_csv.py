@@ -74,11 +74,11 @@ products = st.dictionaries(symbols, st.integers(-3, 3).filter(bool), min_size=1,
 
 
 @given(products)
-def test_so_does_every_product_of_units(product):
+def test_every_product_of_units_round_trips_through_ascii(product):
     assert canonical(ascii_name(canonical(product))) == canonical(product)
 
 
-def test_every_row_arrives_in_order_and_ticks_jump_where_ticks_were_missed(tmp_path):
+def test_rows_arrive_in_order_and_ticks_jump_over_missed_ones(tmp_path):
     ticks = [tick for tick in range(1000) if tick not in (17, 500, 501)]
     report = written(tmp_path, columns("a.y m"), [row(tick, 0.5 * tick) for tick in ticks])
     _, rows = read_csv(tmp_path / "bench_1.csv")
@@ -146,7 +146,7 @@ def test_existing_files_are_never_overwritten(tmp_path):
     ]
 
 
-def test_without_a_folder_there_is_no_file_and_the_run_is_reported_all_the_same(tmp_path, monkeypatch):
+def test_without_a_folder_no_file_is_written_but_the_run_is_reported(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     report = record(plan(None, sink(CSV, "csv_recorder", columns("a.x m"))), [row(0, 1.0)])
     assert report["files"] == [] and report["ticks"] == 1 and list(tmp_path.iterdir()) == []
@@ -216,7 +216,7 @@ def test_rows_reach_the_file_every_flush_rows_rows_and_only_whole_ones(tmp_path)
     writer.close()
 
 
-def test_a_line_that_a_full_disk_cuts_is_taken_back(tmp_path):
+def test_a_line_truncated_by_a_full_disk_is_removed(tmp_path):
     file = WholeFile(*create(str(tmp_path / "x"), ".csv"))
     file.write("first\n")
     file.flush()

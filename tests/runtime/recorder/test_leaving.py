@@ -43,7 +43,7 @@ def test_block_that_exits_process_is_reported_with_tick_and_exit_code(tmp_path, 
         ("running", 41, 1, 11, -1, "of SIGSEGV"),
     ],
 )
-def test_the_cause_names_the_block_and_the_state_or_the_signal(state, tick, at, crashed, hung, said):
+def test_the_cause_of_death_names_the_block_and_the_state_or_signal(state, tick, at, crashed, hung, said):
     page = SimpleNamespace(state=state, at=at, crashed=crashed, hung=hung, statistics=lambda: {"last_tick": tick})
     cause = cause_of_death(page, ["receiving", "left/law"])
     assert cause == said if crashed else cause.startswith(said)

@@ -80,7 +80,7 @@ def log(path):
     return found
 
 
-def test_every_signal_of_every_tick_is_there_under_its_subsystem_and_block(tmp_path):
+def test_every_signal_of_every_tick_is_recorded_under_its_path(tmp_path):
     class Rates(Block):
         """A vector, and a name that protobuf would not take."""
 
@@ -119,7 +119,7 @@ def test_every_signal_of_every_tick_is_there_under_its_subsystem_and_block(tmp_p
     assert found.order[:3] == ["/left/foot", "/robot", "/tickwork/tick"]
 
 
-def test_names_that_become_the_same_are_kept_apart(tmp_path):
+def test_equal_converted_names_are_made_unique(tmp_path):
     record(
         plan(tmp_path, sink(CSV, "a", columns("é.x 1", "è.x 1", "a.b.x 1", "plain 1"))), [row(0, 1.0, 2.0, 3.0, 4.0)]
     )
@@ -299,7 +299,7 @@ def test_uncompressed_and_cut_off_at_any_byte_it_opens_up_to_the_last_complete_r
     assert at == 30
 
 
-def test_a_finished_file_that_is_cut_off_or_spoilt_is_read_as_far_as_it_is_good(tmp_path):
+def test_a_truncated_or_damaged_file_is_read_up_to_the_defect(tmp_path):
     record(
         plan(tmp_path, sink(CSV, "a", columns(*(f"a.x{index} m" for index in range(40)))), stem="long"),
         [row(k, *[float(k)] * 40) for k in range(6000)],

@@ -33,14 +33,14 @@ def record(command_line, *words):
     assert code == OK, err
 
 
-def test_a_recording_is_for_its_owner_alone(command_line):
+def test_a_recording_is_readable_only_by_its_owner(command_line):
     record(command_line, "--can-log")
     folder = command_line.folder / "recordings"
     assert mode(folder) == 0o700 and modes(folder) == {0o600}
     assert {path.suffix for path in folder.iterdir()} >= {".csv", ".mcap", ".json", ".log"}
 
 
-def test_it_is_so_in_a_folder_that_others_may_read(command_line, tmp_path):
+def test_files_in_a_readable_folder_are_private_too(command_line, tmp_path):
     folder = tmp_path / "open"
     folder.mkdir(mode=0o755)
     record(command_line, "--record", folder)
@@ -61,7 +61,7 @@ def test_the_setgid_bit_alone_shares_nothing(tmp_path):
     assert mode_in(tmp_path) == 0o600
 
 
-def test_what_is_converted_and_drawn_from_it_is_for_its_owner_alone(command_line):
+def test_converted_files_and_plots_are_private(command_line):
     record(command_line, "--no-record")
     record(command_line)
     [recording] = (command_line.folder / "recordings").glob("*.mcap")
@@ -82,7 +82,7 @@ def test_a_sidecar_keeps_its_permissions_when_it_is_replaced(tmp_path):
     assert mode(path) == 0o600
 
 
-def test_a_file_that_is_named_as_a_folder_is_still_refused(tmp_path):
+def test_a_file_used_as_a_folder_is_rejected(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(FileExistsError):
         make_folder(tmp_path / "file")

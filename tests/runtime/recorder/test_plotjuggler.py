@@ -63,7 +63,7 @@ def send(listener, signals, records):
     return report["sinks"]["juggler"], listener.heard()
 
 
-def test_one_message_a_tick_in_order_nested_by_block_path(listener):
+def test_each_tick_is_one_message_nested_by_block_path(listener):
     signals = columns(
         "left/knee.position rad",
         "left/knee.torque N·m",
@@ -157,7 +157,7 @@ def test_unknown_name_is_reported_with_suggestion(text, words):
         select(CHOICE, text)
 
 
-def test_only_what_is_chosen_is_sent(listener):
+def test_only_selected_signals_are_sent(listener):
     juggler = here(CHOICE, host=listener.host, port=listener.port, signals="*.torque, left/imu.accel[1]")
     record(plan(None, juggler), [row(0, *range(6))])
     assert listener.heard() == [
@@ -187,12 +187,12 @@ def test_non_finite_value_becomes_null(listener):
     ]
 
 
-def test_a_signal_called_timestamp_does_not_displace_the_timestamp(listener):
+def test_a_signal_named_timestamp_does_not_replace_the_timestamp(listener):
     _, messages = send(listener, columns("timestamp s", "timestamp_ s"), [row(3, 77.0, 78.0)])
     assert messages == [{"timestamp": 0.015, "timestamp_": 77.0, "timestamp__": 78.0}]
 
 
-def test_paths_that_are_in_each_others_way_all_arrive(listener):
+def test_conflicting_paths_are_all_exported(listener):
     _, messages = send(
         listener, columns("a m", "a.b m", "a.b.c m", "d.e m", "d m", "d[0] m", "a m"), [row(0, 1, 2, 3, 4, 5, 6, 7)]
     )
@@ -336,7 +336,7 @@ def test_unknown_host_is_reported_before_run(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_one_tick_of_so_many_is_sent_also_where_some_were_missed(listener):
+def test_decimation_continues_over_missed_ticks(listener):
     signals = columns("a.x m")
     order = plan(None, here(signals, host=listener.host, port=listener.port, decimation=10))
     record(order, [row(tick, float(tick)) for tick in range(100) if tick not in (30, 31, 57)])

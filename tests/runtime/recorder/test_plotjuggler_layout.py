@@ -20,7 +20,7 @@ def names(message, path=""):
     return [path]
 
 
-def test_every_curve_of_the_layout_is_what_a_run_sends(command_line):
+def test_every_curve_of_the_layout_is_sent_by_a_run(command_line):
     code, out, err = command_line("plotjuggler", KNEE_EXO)
     assert (code, err) == (OK, "") and out.startswith("knee_exo.xml: 36 signals; in PlotJuggler: File, Load Layout")
     root = ElementTree.parse(command_line.folder / "knee_exo.xml").getroot()
@@ -59,7 +59,7 @@ def test_splitter_lists_number_and_shares_of_plots(command_line):
     "host, listens",
     [("192.168.1.7", "192.168.1.7"), ("::1", "::1"), ("localhost", "127.0.0.1"), ("laptop.local", "0.0.0.0")],
 )
-def test_the_address_to_listen_on_is_one_that_plotjuggler_takes(host, listens):
+def test_the_listening_address_is_valid_for_plotjuggler(host, listens):
     """It takes no names. And whatever a diagram is called, the file is well-formed."""
     text = layout("left--right & <both>", [], host, 9870)
     assert f"address {listens}, port 9870" in text
@@ -89,7 +89,7 @@ def test_positions_and_torques_are_first_and_each_unit_has_a_plot():
     }
 
 
-def test_what_the_block_chooses_is_what_the_layout_shows_and_the_dummy_sends(command_line):
+def test_layout_and_dummy_use_the_signals_selected_by_the_block(command_line):
     words = (KNEE_EXO, "--set", "plot_juggler.signals=left, *.torque")
     assert command_line("plotjuggler", *words)[0] == OK
     shown = {
@@ -113,7 +113,7 @@ def test_a_diagram_without_the_block_is_shown_whole(command_line, tmp_path):
     assert "/law/torque" in (command_line.folder / "knee.xml").read_text()
 
 
-def test_a_stream_to_try_the_set_up_with(command_line):
+def test_dummy_sends_test_waves(command_line):
     with Listener() as listener:
         code, out, err = command_line("plotjuggler", "--dummy", listener.address, "--duration", "0.2")
         messages = listener.rest()

@@ -38,7 +38,7 @@ def forked_children():
     """Start the recorders as a run does: these tests are of their processes."""
 
 
-def test_every_row_of_a_run_arrives_in_order_with_what_the_blocks_computed(tmp_path):
+def test_every_row_of_a_run_arrives_in_order_with_the_computed_values(tmp_path):
     outcome, report, page = run(counting(), tmp_path, 3000, page=SharedState(1 << 14))  # a ring of a hundred rows
     header, rows = read_csv(tmp_path / "counting.csv")
     assert header == ["time [s]", "tick", "counter.odd", "counter.value [m]", "counter.whole"]
@@ -345,7 +345,7 @@ def test_a_second_death_of_one_cause_ends_the_recording_and_the_run_continues(tm
     assert len(list(tmp_path.iterdir())) == 6 and nobody_is_left(session)
 
 
-def test_writers_that_die_of_ever_new_causes_are_restarted_three_times_at_most(tmp_path):
+def test_a_dying_writer_is_restarted_at_most_three_times(tmp_path):
     deaths = [signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE]
     outcome, report, page, killer, session = killed(tmp_path, dict(zip((50, 100, 150, 200), deaths)), virtual=False)
     assert outcome.status == "ok" and len(set(killer.killed)) == 4 and nobody_is_left(session)
@@ -430,7 +430,7 @@ def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_r
 
 @pytest.mark.soak
 @pytest.mark.parametrize("attempt", range(12))
-def test_killed_while_it_finishes_itself_and_what_others_left_it_is_replaced_too(tmp_path, attempt):
+def test_a_recorder_killed_while_completing_files_is_replaced(tmp_path, attempt):
     page = SharedState(1 << 20)
     recorder = RecorderProcess(page)
     recorder.configure(plan(tmp_path, sink(CSV, "csv", SIGNALS), virtual=False))
@@ -458,7 +458,7 @@ def test_killed_while_it_finishes_itself_and_what_others_left_it_is_replaced_too
     assert Trial(tmp_path / "bench_1.mcap").tick.tolist() == list(range(9000))
 
 
-def test_the_writer_finishes_by_itself_where_what_started_it_is_killed(tmp_path):
+def test_the_writer_completes_the_files_if_its_parent_is_killed(tmp_path):
     outcome, report, page, killer, session = killed(
         tmp_path, {50: signal.SIGKILL}, lambda session: writers(session, "tickwork-parts"), virtual=False
     )
@@ -522,7 +522,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_run(tmp_path):
     assert list(closed.iterdir()) == []
 
 
-def test_what_a_refused_recording_had_already_made_is_taken_away(tmp_path):
+def test_files_of_a_rejected_recording_are_removed(tmp_path):
     bad = sink(CSV, "bad_recorder", SIGNALS, file="x" * 300)
     good = sink(CSV, "csv_recorder", SIGNALS)
     refused(tmp_path / "new" / "newer", good, bad, match="bad_recorder cannot start: File name too long")
@@ -646,7 +646,7 @@ def test_custom_service_is_loaded(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("configured", [True, False])
-def test_an_abandoned_recording_leaves_nothing_behind(tmp_path, configured):
+def test_an_abandoned_recording_leaves_no_files(tmp_path, configured):
     recorder = RecorderProcess(SharedState(1 << 12))
     if configured:
         recorder.configure(plan(tmp_path / "new", sink(CSV, "a", SIGNALS), buses=["legs"]))
@@ -663,7 +663,7 @@ def test_an_abandoned_recording_leaves_nothing_behind(tmp_path, configured):
     assert ends_by_itself(recorder.pid, 0.0)
 
 
-def test_control_that_dies_before_anything_began_leaves_nothing_behind(tmp_path):
+def test_a_control_process_that_dies_before_the_run_leaves_no_files(tmp_path):
     script = (
         "import os, sys\nfrom cext.safety.shared_state import SharedState\n"
         "from runtime.recorder import RecorderProcess\n"
@@ -693,7 +693,7 @@ def test_child_imports_same_packages_as_parent_from_any_working_folder(tmp_path)
     assert len(read_csv(tmp_path / "here" / "counting.csv")[1]) == 100
 
 
-def test_the_child_needs_neither_numpy_nor_the_language(tmp_path):
+def test_the_child_process_imports_neither_numpy_nor_graph(tmp_path):
     (tmp_path / "spy.py").write_text(
         "import sys\nfrom runtime.recorder.service import Service\n\n"
         "class Spy(Service):\n    def close(self):\n        return {'modules': sorted(sys.modules)}\n"
@@ -712,7 +712,7 @@ def test_the_child_needs_neither_numpy_nor_the_language(tmp_path):
     assert done.stdout == "['can']\n", done.stderr
 
 
-def test_the_control_side_is_imported_without_what_it_does_not_need():
+def test_the_control_process_imports_no_unneeded_library():
     script = (
         "import sys; import runtime.recorder; print([n for n in ('numpy', 'networkx', 'msgspec', 'can', 'cext') "
         "if n in sys.modules])"

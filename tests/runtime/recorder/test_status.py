@@ -58,14 +58,14 @@ def test_status_shows_speed_in_virtual_time():
     )
 
 
-def test_without_a_duration_there_is_no_bar_and_without_buses_no_traffic():
+def test_the_status_line_omits_bar_and_traffic_without_duration_and_buses():
     assert line(duration=None, buses=[]) == (
         "running 5.3 s · 200.0 Hz · late 61/240 µs · load 3.1 % · missed 0 · dropped 0"
     )
 
 
 @pytest.mark.parametrize("width", range(1, 140))
-def test_it_fits_any_width_and_keeps_what_matters(width):
+def test_status_line_fits_any_width_and_keeps_important_fields(width):
     text = line(width)
     assert len(text) <= width
     assert text.startswith("running"[:width])
@@ -73,7 +73,7 @@ def test_it_fits_any_width_and_keeps_what_matters(width):
         assert "5.3/10 s" in text
 
 
-def test_what_was_missed_outlives_what_merely_informs_on_a_narrow_terminal():
+def test_missed_ticks_remain_visible_on_a_narrow_terminal():
     text = line(40, statistics={**STATISTICS, "missed": 12})
     assert text == "running 5.3/10 s · 200.0 Hz · missed 12"
 
@@ -131,7 +131,7 @@ def test_status_fits_80_columns_and_drops_least_important_first(width, unicode, 
     assert exoskeleton(width, unicode) == expected
 
 
-def test_a_load_that_is_high_outlives_what_is_not():
+def test_a_high_load_remains_visible_on_a_narrow_terminal():
     assert "load 91" in exoskeleton(45, load=0.91) and "load" not in exoskeleton(45)
 
 
@@ -147,7 +147,7 @@ class Sheet:
         self.line = ""
 
 
-def test_a_line_that_grows_and_shrinks_by_a_character_keeps_its_form_for_three_seconds():
+def test_the_status_line_keeps_its_form_for_three_seconds():
     """Ten times a second from one form to the other and back: that would flicker."""
     sheet, page = Sheet(), Still()
     sheet.columns = 1 + len("running ━━━━━━━━ 9.9/10 s · missed 0 · dropped 0")
@@ -236,7 +236,7 @@ class Still:
         return self.told
 
 
-def test_it_refreshes_in_place_ten_times_a_second_and_is_erased(screen):
+def test_status_line_refreshes_in_place_ten_times_per_second_and_is_erased(screen):
     slave, seen = screen
     status = StatusLine(terminal(slave), plan(None, status_line=True), Still())
     for millisecond in range(1000):
@@ -252,7 +252,7 @@ def test_status_stays_readable_without_unicode(screen):
     assert screen[1]() == "left/knee: -4.5 N*m for 61 us\r\n"
 
 
-def test_a_lasting_line_takes_the_place_of_the_status_line(screen):
+def test_a_permanent_line_replaces_the_status_line(screen):
     slave, seen = screen
     shown = terminal(slave)
     shown.draw("status")
@@ -269,7 +269,7 @@ def test_a_lasting_line_takes_the_place_of_the_status_line(screen):
         ({"TERM": "dumb"}, False, False),
     ],
 )
-def test_the_environment_is_respected(screen, environment, interactive, coloured):
+def test_terminal_capabilities_follow_the_environment(screen, environment, interactive, coloured):
     shown = terminal(screen[0], **environment)
     assert (shown.interactive, shown.coloured) == (interactive, coloured)
 
@@ -413,7 +413,7 @@ def test_long_task_shows_progress(screen):
         (45, "converting walk… ━━━━╌╌╌╌ 50 %, 6 s left"),
     ],
 )
-def test_progress_shows_how_far_it_is_whatever_the_length_of_a_name(columns, expected):
+def test_progress_is_shown_for_names_of_any_length(columns, expected):
     sheet, now = Sheet(), 0.0
     sheet.columns = columns
     with Progress("converting walking_S03_2026-11-22.mcap", sheet, lambda: now) as progress:
@@ -433,7 +433,7 @@ def test_loop_shows_progress_and_clears_it_on_failure(screen, monkeypatch):
     assert "measuring ╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌ 0 %" in drawn and drawn.endswith("\r\x1b[K")
 
 
-def test_progress_is_silent_in_a_pipe_and_where_it_is_quick(screen):
+def test_progress_is_not_shown_in_a_pipe_or_for_short_tasks(screen):
     reader, writer = os.pipe()
     with Progress("converting", terminal(writer), iter(range(100)).__next__) as progress:
         progress(0.5)

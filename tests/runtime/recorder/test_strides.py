@@ -52,7 +52,7 @@ def average(rows, rate=RATE, title=""):
     return service.result
 
 
-def test_the_columns_are_the_blocks_inputs():
+def test_columns_equal_the_inputs_of_the_block():
     assert [column["path"] for column in INPUTS] == list(StrideReport.inputs)
 
 
@@ -72,7 +72,7 @@ def test_torque_against_the_motion_is_negative_work():
 
 
 @pytest.mark.parametrize("period", [0.8, 1.1, 1.37])
-def test_every_stride_is_resampled_to_101_points_of_phase_whatever_its_duration(period):
+def test_strides_of_any_duration_are_resampled_to_101_points(period):
     curves = average(walk(8, period))["curves"]
     assert set(curves) == set(CURVES)
     for point in range(101):
@@ -127,7 +127,7 @@ def test_every_second_is_in_a_stride_or_reported_unused():
     assert result["unused"] == {"standing": pytest.approx(0.5), "unfinished": pytest.approx(10.6 - 9.0 - 0.5)}
 
 
-def test_standing_for_an_hour_takes_no_memory():
+def test_standing_for_an_hour_uses_no_memory():
     service = StrideAverage(plan(None), sink(STRIDES, "left/stride_report", INPUTS))
     service.open()
     for tick in range(20_000):

@@ -88,7 +88,7 @@ def test_a_compressed_recording_reads_and_converts_as_the_plain_one_does(command
         (command_line.folder / "plain" / "leg.mcap").unlink()
 
 
-def test_any_damage_in_a_compressed_chunk_ends_the_reading_before_it(recording, command_line):
+def test_damage_in_a_compressed_chunk_ends_the_recording_before_it(recording, command_line):
     whole, data, dice = runtime.load(recording), recording.read_bytes(), random.Random(7)
     ticks, rows = whole.tick.tolist(), whole.rows
     begin, end = compressed_chunks(recording)[2]

@@ -87,7 +87,7 @@ def test_a_finished_recording_is_copied_to_the_byte(command_line):
     )
 
 
-def test_one_that_was_cut_off_becomes_a_file_beside_it_that_viewers_open(command_line):
+def test_a_truncated_file_is_repaired_to_a_file_that_viewers_open(command_line):
     diagram, plant = leg()
     run(diagram, command_line.folder, 12, plant=plant, compression="none")
     cut = command_line.folder / "leg.mcap"
@@ -109,7 +109,7 @@ def test_one_that_was_cut_off_becomes_a_file_beside_it_that_viewers_open(command
 
 
 @pytest.mark.soak
-def test_after_kill_9_of_everything_the_file_becomes_whole(command_line):
+def test_after_kill_9_of_every_process_the_file_can_be_repaired(command_line):
     folder = command_line.folder
     run = started(KNEE_EXO, "--duration", "60", "--record", folder, cwd=folder)
     [path] = patient(lambda: list(folder.glob("*.mcap")))
@@ -162,7 +162,7 @@ def test_recording_with_empty_first_part_begins_with_second(command_line):
     )
 
 
-def test_what_is_damaged_is_copied_as_far_as_it_is_good_but_not_finished_in_place(command_line):
+def test_a_damaged_file_is_copied_up_to_the_defect_but_not_completed_in_place(command_line):
     path = part(command_line.folder, "torn", range(100), compression="none")
     data = unfinished(path.read_bytes())
     path.write_bytes(data[:10_000] + data[10_005:])
@@ -182,7 +182,7 @@ def test_what_is_damaged_is_copied_as_far_as_it_is_good_but_not_finished_in_plac
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(3))
-def test_whatever_garbage_a_file_holds_it_is_finished_as_it_is_read_or_left_alone(command_line, seed):
+def test_files_with_random_content_are_completed_as_read_or_not_changed(command_line, seed):
     diagram, plant = leg()
     run(diagram, command_line.folder, 12, plant=plant)
     whole, order, path = (

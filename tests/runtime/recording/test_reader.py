@@ -97,7 +97,7 @@ def test_interval_is_read_without_the_rest(path, loads):
     assert len(part.between(10.5, 20.0)) == 100 and len(part.between(50.0, 60.0)) == 0
 
 
-def test_batches_are_the_recording_in_order(path):
+def test_batches_contain_the_recording_in_order(path):
     trial = runtime.load(path)
     rows, frames = (np.concatenate(arrays) for arrays in zip(*trial.batches()))
     assert np.array_equal(rows[:, 0], trial.tick) and np.array_equal(rows[:, 2:], trial.rows)

@@ -165,14 +165,14 @@ def unfinished_of(data):
 
 @pytest.mark.parametrize("step", [211, pytest.param(1, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("heads", ["room", "chunks"])
-def test_cut_off_at_any_byte_it_is_finished_with_every_message_that_was_whole(tmp_path, short, heads, step):
+def test_a_file_truncated_at_any_byte_is_completed_with_every_whole_message(tmp_path, short, heads, step):
     data = short if heads == "chunks" else unfinished(short)
     for cut in range(len(data) % step, len(data) + 1, step):
         cut_and_mended(tmp_path / "cut.mcap", data, cut)
 
 
 @pytest.mark.parametrize("heads", ["room", "chunks"])
-def test_so_it_is_around_the_ends_of_pieces(tmp_path, long, heads):
+def test_repair_works_for_cuts_around_chunk_boundaries(tmp_path, long, heads):
     data = long if heads == "chunks" else unfinished(long)
     edges = [index.chunk_start_offset for index in chunks(long)]
     first = chunks(long)[0]
@@ -190,14 +190,14 @@ def test_so_it_is_around_the_ends_of_pieces(tmp_path, long, heads):
         cut_and_mended(tmp_path / "cut.mcap", data, cut)
 
 
-def test_what_has_all_its_messages_becomes_what_its_recorder_would_have_made_of_it(tmp_path, short, long):
+def test_a_repaired_file_with_all_messages_equals_the_complete_recording(tmp_path, short, long):
     for whole in (short, long):
         # zeros: what a power cut leaves
         for data in (unfinished(whole), unfinished(whole)[:-3], whole[:-1], whole[:-30] + bytes(30)):
             assert mended(tmp_path / "a.mcap", data) == whole
 
 
-def test_killed_between_any_two_of_its_writes_it_can_be_mended_again(tmp_path, long):
+def test_a_repair_killed_between_any_two_writes_can_be_repeated(tmp_path, long):
     """Some rooms have become chunks, in any order, one of them half, and the end is there in part or as a whole."""
     path, order = tmp_path / "a.mcap", random.Random(3)
     data_end = max(
@@ -234,7 +234,7 @@ def test_repair_stops_on_full_disk_and_resumes_later(tmp_path, short):
 
 
 @pytest.mark.soak
-def test_kill_9_while_it_mends_leaves_what_can_be_mended(tmp_path, long):
+def test_kill_9_during_a_repair_leaves_a_repairable_file(tmp_path, long):
     path, cut = tmp_path / "a.mcap", unfinished(long)[:-50_000]
     whole, order = mended(path, cut), random.Random(5)
     for _ in range(25):
@@ -276,7 +276,7 @@ def test_damaged_file_is_not_modified(tmp_path, long):
         assert path.read_bytes() == data
 
 
-def test_a_checksum_that_was_wrong_stays_wrong(tmp_path, long):
+def test_repair_keeps_a_wrong_checksum(tmp_path, long):
     if chunks(long)[1].compression:  # zstd content is damaged as a whole
         checksum = bytes([long[chunks(long)[1].chunk_start_offset + 33] ^ 0xA5])
         place, spoilt = chunks(long)[1].chunk_start_offset + 33, long[:-1]
@@ -294,7 +294,7 @@ def test_a_checksum_that_was_wrong_stays_wrong(tmp_path, long):
         indexed(found)
 
 
-def test_active_recording_and_other_files_are_not_repaired(tmp_path, short):
+def test_active_recordings_and_other_files_are_not_repaired(tmp_path, short):
     path = tmp_path / "a.mcap"
     path.write_bytes(unfinished(short)[:-9])
     with open(path, "rb") as other:

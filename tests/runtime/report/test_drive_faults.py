@@ -111,7 +111,7 @@ SAID = {
 
 
 @pytest.mark.parametrize("what", SAID)
-def test_every_fault_of_motion_and_torque_has_its_value_its_bound_and_its_cure(tmp_path, what):
+def test_every_motion_and_torque_fault_reports_value_bound_and_remedy(tmp_path, what):
     given, said = SAID[what]
     usual = {
         "drive": "CubeMars",

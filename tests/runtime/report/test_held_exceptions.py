@@ -42,7 +42,7 @@ def sidecar(folder):
     return json.loads(path.read_text())
 
 
-def test_what_was_held_is_in_the_summary_and_in_the_recording(tmp_path):
+def test_held_exceptions_are_in_the_summary_and_the_recording(tmp_path):
     file = robot(tmp_path, "assert tick % 50 not in (20, 21), 'no data'")
     process = finished(file.name, "--duration", "1", "--fast", cwd=tmp_path)
     assert process.returncode == OK, process.stderr
@@ -60,7 +60,7 @@ def test_what_was_held_is_in_the_summary_and_in_the_recording(tmp_path):
     ]
 
 
-def test_one_too_many_is_a_fault_with_its_line(tmp_path):
+def test_one_exception_too_many_is_a_fault_with_its_line(tmp_path):
     file = robot(tmp_path, "assert tick < 30")
     process = finished(file.name, "--duration", "1", "--fast", "--no-record", cwd=tmp_path)
     assert process.returncode == FAULT

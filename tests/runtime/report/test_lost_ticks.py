@@ -57,7 +57,7 @@ def test_ticks_lost_before_the_newest_rows_are_seen_within_the_timeout_of_the_de
     assert before_fault(ended("silent", 101, overruns=[blamed(MACHINE, 70)])) == ""  # 25 ticks before the oldest row
 
 
-def test_a_device_that_does_not_answer_while_the_machine_is_too_busy_to_arm_names_the_machine():
+def test_a_missing_reply_on_a_busy_machine_names_the_machine():
     result = ended("no answer", -1, [])
     result.waited = 0.3
     assert before_fault(result) == "; the loop had waited 300.0 ms for a processor: machine too busy, see --realtime"
@@ -78,7 +78,7 @@ def blamed(name, at_tick=100):
 
 
 @pytest.mark.parametrize("status", ["silent", "no answer", "not following"])
-def test_a_fault_after_a_loop_that_was_woken_late_names_the_machine(status):
+def test_a_fault_after_a_late_wake_up_names_the_machine(status):
     said = "; the loop had lost 20 ticks before that: machine too busy, see --realtime"
     assert before_fault(ended(status, overruns=[blamed(MACHINE)])) == said == before_fault(ended(status))
 
@@ -88,12 +88,12 @@ def test_ticks_lost_between_the_newest_rows_count_too():
     assert before_fault(ended("silent", 102, rows)).startswith("; the loop had lost 6 ticks before that")
 
 
-def test_a_block_that_took_the_time_is_named_instead_of_the_machine():
+def test_an_overrun_names_the_slow_block_instead_of_the_machine():
     said = before_fault(ended("silent", overruns=[blamed(MACHINE, 3), blamed("left/law")]))
     assert said == "; the loop had lost 20 ticks before that: left/law took 104.0 ms (tick 100)"
 
 
-def test_ticks_that_run_late_instead_of_being_lost_count_as_well():
+def test_late_ticks_count_like_missed_ones():
     rows = [*STEADY[:-1], (100.0, 0.1)]
     assert before_fault(ended("silent", 101, rows)) == f"; the loop was up to 100.0 ms late before that: {REMEDY}"
 
@@ -114,7 +114,7 @@ def test_fault_unrelated_to_lost_ticks_is_reported_unchanged(result):
     assert before_fault(result) == ""
 
 
-def test_an_overrun_of_the_machine_names_the_cure():
+def test_an_overrun_of_the_machine_names_the_remedy():
     assert before_fault(ended("overrun", culprit=MACHINE)) == f"; {REMEDY}"
 
 
@@ -133,7 +133,7 @@ def test_the_rows_of_a_real_run_show_the_ticks_that_a_block_has_cost(tmp_path):
     assert said.startswith("; the loop had lost ") and said.endswith(" (tick 20)") and ": law took 5" in said
 
 
-def test_the_first_line_of_a_report_holds_it(tmp_path):
+def test_the_first_line_of_a_report_contains_the_fault(tmp_path):
     result = Session(prepare(Request(write(tmp_path, SLEEPS), duration=1.0, fast=True, no_record=True))).carry_out()
     result.outcome = replace(result.outcome, status="silent", tick=230)
     first = fault.explain(result)[0]

@@ -30,7 +30,7 @@ def test_a_window_without_one_is_refused(command_line, text, complaint):
     assert complaint in command_line.refused(KNEE_EXO, f"--spin={text}")
 
 
-def test_an_overrun_policy_that_there_is_not_is_refused_with_those_that_there_are(command_line):
+def test_an_unknown_overrun_policy_is_rejected_with_the_known_ones(command_line):
     assert command_line.refused(KNEE_EXO, "--overrun", "catchup:3") == (
         "--overrun catchup:3: unknown overrun policy 'catchup:3': expected skip, catch-up:N, fault:N or "
         "fault:N/WINDOW, "

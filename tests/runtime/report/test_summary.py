@@ -77,7 +77,7 @@ def test_unknown_plant_is_reported(tmp_path):
     assert "  plant       none in the file: every device is emulated, and each actuator drives a free inertia" in lines
 
 
-def test_speed_is_by_the_wall_clock(walked):
+def test_speed_is_measured_with_the_wall_clock(walked):
     """However short the ticks are: waiting for the recorder is part of it."""
     [line] = [line for line in summary.summary(walked) if line.startswith("  speed")]
     assert int(line.split()[1]) == round(10.0 / walked.seconds)
@@ -257,7 +257,7 @@ def traced(tmp_path, wired, imports, law="return 1.0", before=""):
     return lines[2].replace(str(tmp_path), "")
 
 
-def test_an_infinity_is_traced_through_the_limiter_that_made_nan_of_it(tmp_path):
+def test_an_infinity_is_traced_through_the_limiter_that_returned_nan(tmp_path):
     line = traced(
         tmp_path,
         'Divide(name="share")(torque, StepSource(before=2.0, after=0.0, time=0.2, unit="1", name="step")())',
@@ -266,7 +266,7 @@ def test_an_infinity_is_traced_through_the_limiter_that_made_nan_of_it(tmp_path)
     assert line == "  first non-finite signal: share.y = inf, created at /robot.py:27, with inputs a = 1, b = 0"
 
 
-def test_a_filter_that_remembers_a_nan_is_named(tmp_path):
+def test_a_filter_that_holds_a_nan_is_reported(tmp_path):
     """The NaN came at tick 10 and nothing used it until tick 20, when the filter alone still had it."""
     line = traced(
         tmp_path,
@@ -280,7 +280,7 @@ def test_a_filter_that_remembers_a_nan_is_named(tmp_path):
     )
 
 
-def test_a_loop_that_holds_an_infinity_does_not_hide_where_it_arises(tmp_path):
+def test_the_origin_of_an_infinity_in_a_loop_is_found(tmp_path):
     """From tick 10 on the loop and what feeds it are infinite; from tick 20 on the drive would be commanded by it."""
     line = traced(
         tmp_path,

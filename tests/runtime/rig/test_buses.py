@@ -46,7 +46,7 @@ def test_check_proves_the_robot_as_the_rig_has_it(command_line):
     assert json.loads(command_line("check", KNEE_EXO, "--json")[1])["buses"][0]["bitrate"] == 1_000_000
 
 
-def test_check_finds_what_is_wrong_only_on_the_rig(command_line):
+def test_check_reports_errors_that_exist_only_on_the_rig(command_line):
     rig = write(command_line.folder, LEGS + RANGES + "can_id = 2\n", "lab.toml")
     code, out, _ = command_line("check", KNEE_EXO, "--rig", rig)
     assert code == CHECK_FAILED and "TW013" in out

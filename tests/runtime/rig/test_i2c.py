@@ -61,7 +61,7 @@ def test_chip_is_identified_configured_and_polled():
     assert frames[0] == b"\x10\x00" + bytes(12) and frames[1] == b"\x01\x64\x00\x00\x00\x00\x00\x10" + ADJUSTMENT
 
 
-def test_two_on_one_piece_of_bus_are_set_up_without_each_others_magnetometers():
+def test_two_imus_on_one_segment_are_configured_without_magnetometer_conflict():
     """What a run before has left open is closed on both first; afterwards each asks its own by itself."""
     wires = MemoryI2c()
     first, _ = add_mpu(wires)
@@ -89,7 +89,7 @@ def test_two_on_one_piece_of_bus_are_set_up_without_each_others_magnetometers():
     assert devices[0].adjustment == ADJUSTMENT
 
 
-def test_every_sensor_of_ours_is_set_up_by_its_table():
+def test_every_built_in_sensor_is_configured_by_its_table():
     wires = MemoryI2c()
     icm, adc, nau = wires.add(0x68), wires.add(0x48, wide=True), wires.add(0x2A)
     wires.write(icm, 0x00, b"\xea")
@@ -103,7 +103,7 @@ def test_every_sensor_of_ours_is_set_up_by_its_table():
     assert interface.remarks == []
 
 
-def test_a_wrong_address_names_those_that_answer():
+def test_a_wrong_address_lists_the_responding_ones():
     wires = MemoryI2c()
     add_mpu(wires, 0x69)
     wires.add(0x48)
@@ -214,7 +214,7 @@ def test_a_library_that_is_missing_is_named(monkeypatch):
         open_adapter(RigBus("imus", "i2c", "/dev/null"))
 
 
-def test_a_bus_that_may_not_be_opened_has_the_line_that_changes_that():
+def test_a_bus_without_permission_is_reported_with_the_command_that_grants_it():
     said = str(in_words("[bus.imus] /dev/i2c-1", "/dev/null", PermissionError(errno.EACCES, "Permission denied")))
     assert "TW132" in said and "udevadm" in said
 

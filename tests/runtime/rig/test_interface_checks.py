@@ -42,11 +42,11 @@ def test_a_controller_that_is_up_at_the_rigs_bitrate_is_fit(looked):
     assert looked(LAPTOP, channel="vcan0").virtual
 
 
-def test_down(looked):
+def test_an_interface_that_is_down_is_reported_with_its_command(looked):
     assert refusal(looked, PI_4, {"/sys/class/net/can0/flags": "0x40040\n"}) == ("TW114", "[bus.legs] can0 is down", UP)
 
 
-def test_another_bitrate(looked):
+def test_an_interface_at_another_bitrate_is_reported_with_the_command(looked):
     code, message, hint = refusal(looked, PI_4, FLAGS, link(bitrate=500_000))
     assert (code, message) == ("TW115", "[bus.legs] can0 runs at 500000 bit/s, but the rig file specifies 1000000")
     assert hint == f"sudo ip link set can0 down && {UP}"
@@ -74,13 +74,13 @@ def test_bitrate_is_unknown_without_iproute2(looked):
     assert fitness.remarks == ["can0: its bitrate is unknown; see: ip -details link show can0"] and not fitness.virtual
 
 
-def test_no_fd(looked):
+def test_an_interface_without_can_fd_is_reported_with_the_command(looked):
     code, message, hint = refusal(looked, PI_4, FLAGS, fd=True)
     assert (code, message) == ("TW117", "[bus.legs] can0 does not carry CAN FD")
     assert "type can bitrate 1000000 dbitrate 5000000 fd on" in hint and hint.endswith("sudo ip link set can0 up")
 
 
-def test_missing(looked):
+def test_a_missing_interface_is_reported_with_a_suggestion(looked):
     assert refusal(looked, PI_4, channel="can1") == (
         "TW112",
         "[bus.legs] no such interface: can1",
@@ -90,6 +90,6 @@ def test_missing(looked):
     assert refusal(looked, PI_4, channel="lo")[0] == "TW113"
 
 
-def test_a_machine_without_any(looked):
+def test_a_machine_without_can_interfaces_is_reported(looked):
     code, _, hint = refusal(looked, {"/sys/class/net/lo/type": "772\n"})
     assert code == "TW112" and "check that the adapter is plugged in" in hint

@@ -40,7 +40,7 @@ def troubles(tmp_path, text="", kind=CubeMars, **parameters):
     return []
 
 
-def test_a_joint_without_a_range_is_named_with_the_way_to_measure_it(tmp_path):
+def test_a_joint_without_a_range_is_reported_with_the_command_that_measures_it(tmp_path):
     [(code, message, hint)] = troubles(tmp_path, model="AK80-9")
     assert (code, message) == ("TW136", '[device."knee"] has no range, its lowest and highest position')
     assert (
@@ -49,7 +49,7 @@ def test_a_joint_without_a_range_is_named_with_the_way_to_measure_it(tmp_path):
     )
 
 
-def test_the_rig_or_the_diagram_may_give_it(tmp_path):
+def test_the_range_can_be_in_the_rig_or_the_diagram(tmp_path):
     assert troubles(tmp_path, "[device.knee]\nrange = [-0.1, 2.0]\n", model="AK80-9") == []
     assert troubles(tmp_path, model="AK80-9", range=(-0.1, 2.0)) == []
 
@@ -65,7 +65,7 @@ def test_custom_actuator_that_measures_angle_must_declare_it(tmp_path):
 
 
 @pytest.mark.parametrize("command", ["run", "check"])
-def test_run_and_check_name_every_joint_and_go_no_further(command_line, command):
+def test_run_and_check_report_every_joint_without_a_range(command_line, command):
     rig = write(command_line.folder, LEGS, "lab.toml")
     said = command_line.refused(command, KNEE_EXO, "--rig", rig)
     assert (
@@ -75,7 +75,7 @@ def test_run_and_check_name_every_joint_and_go_no_further(command_line, command)
     )
 
 
-def test_in_simulation_a_joint_needs_none(command_line):
+def test_in_simulation_a_joint_needs_no_range(command_line):
     assert command_line("check", KNEE_EXO)[0] == 0
     rig = write(command_line.folder, LEGS + RANGES, "lab.toml")
     assert command_line("check", KNEE_EXO, "--rig", rig)[0] == 0

@@ -194,7 +194,7 @@ def streaming(plug, opened):
     return sensors, stream, block
 
 
-def test_one_that_is_pulled_and_plugged_in_again_streams_as_before(plug, opened):
+def test_a_reconnected_sensor_streams_as_before(plug, opened):
     sensors, stream, block = streaming(plug, opened)
     sensors.unplug()
     heard([(stream, block)], lambda: not block["connected"])
@@ -204,7 +204,7 @@ def test_one_that_is_pulled_and_plugged_in_again_streams_as_before(plug, opened)
     assert stream.counts["losses"] == stream.counts["returns"] == 1
 
 
-def test_another_sensor_in_its_place_is_not_taken_for_it(plug, opened, tmp_path):
+def test_a_replaced_sensor_is_not_accepted(plug, opened, tmp_path):
     sensors, stream, block = streaming(plug, opened)
     sensors.unplug()
     heard([(stream, block)], lambda: not block["connected"])
@@ -221,7 +221,7 @@ def test_another_sensor_in_its_place_is_not_taken_for_it(plug, opened, tmp_path)
 # Failures in words
 
 
-def test_unknown_serial_number(there):
+def test_an_unknown_serial_number_is_reported_with_the_sensors_found(there):
     trouble = one(serial="77")
     assert (
         trouble.code == "TW127" and 'serial = "77": no sensor has a serial number with this ending' in trouble.message
@@ -229,7 +229,7 @@ def test_unknown_serial_number(there):
     assert "6253.133931 (3DM-GX5-25" in trouble.hint and "6286.133932 (3DM-CV7-AHRS" in trouble.hint
 
 
-def test_a_heading_from_a_magnetometer_that_does_not_exist(there):
+def test_heading_from_a_missing_magnetometer_is_rejected(there):
     trouble = one(serial="900001", heading="magnetometer", channels=("gyro",))
     assert (
         trouble.code == "TW129"
@@ -240,18 +240,18 @@ def test_a_heading_from_a_magnetometer_that_does_not_exist(there):
     )
 
 
-def test_digits_that_two_have_and_none_at_all(there):
+def test_an_ambiguous_or_missing_serial_number_is_rejected(there):
     assert "2 sensors have a serial number with this ending" in one(serial="33931").message
     trouble = one()
     assert trouble.code == "TW127" and "has neither a serial number nor a port" in trouble.message
 
 
-def test_no_sensor_at_all(plug, tmp_path):
+def test_a_missing_sensor_is_reported(plug, tmp_path):
     trouble = one(serial="133931")
     assert trouble.code == "TW127" and "no MicroStrain sensor was found" in trouble.hint
 
 
-def test_a_port_that_another_process_holds(there):
+def test_a_port_in_use_is_reported(there):
     path = str(there / "tty133931")
     holder = subprocess.Popen(
         [
@@ -295,18 +295,18 @@ def test_port_without_response(there):
     assert trouble.code == "TW128" and "no MicroStrain sensor responds at 115200 bit/s" in trouble.message
 
 
-def test_the_wrong_sensor_at_a_port(there):
+def test_a_wrong_sensor_at_a_port_is_rejected(there):
     trouble = one(port=str(there / "tty133931"), serial="55")
     assert trouble.code == "TW127" and "that sensor is 6253.133931" in trouble.message
 
 
-def test_a_rate_that_it_cannot_have(there):
+def test_an_unsupported_rate_is_rejected(there):
     trouble = one(serial="133931", rate=300.0)
     assert trouble.code == "TW129" and "300 Hz is not its base rate, 1000 Hz, divided by an integer" in trouble.message
     assert "333.333 or 250 Hz" in trouble.hint
 
 
-def test_what_it_has_none_of(there):
+def test_unsupported_channels_are_rejected(there):
     trouble = one(serial="900001", channels=("mag",))
     assert trouble.code == "TW129" and "it supports none of mag" in trouble.message
 

@@ -41,7 +41,7 @@ def look(position, stated=None, encoder=0.0, **parameters):
     return poses.look(values).get("knee", "")
 
 
-def test_being_inside_the_range_proves_nothing_where_a_motor_turn_further_is_inside_too():
+def test_a_reading_in_range_is_ambiguous_if_one_motor_turn_further_is_also_in_range():
     why = look(0.52)
     assert why.startswith(
         "knee reads 0.520 rad; a power cycle can shift it by 0.698 rad (40°), and 1.218 and "
@@ -75,7 +75,7 @@ def test_reference_pose_decides_within_its_tolerance(position, armed):
     assert (look(position, known_pose=(0.0, 0.1)) == "") is armed
 
 
-def test_a_reading_that_is_off_by_whole_turns_is_explained_with_the_offset_that_corrects_it():
+def test_a_reading_off_by_whole_turns_is_reported_with_the_correcting_offset():
     why = look(2 * TURN + 0.02, known_pose=(0.0, 0.1), offset=0.3)
     assert why.startswith(
         "knee reads 1.416 rad, but its known pose is 0.000 ± 0.1 rad: the reading is off by 2 "
@@ -100,7 +100,7 @@ def test_a_second_sensor_decides(reference):
     assert look(0.52, encoder=math.nan, reference=reference) != ""
 
 
-def test_everything_that_is_there_has_to_agree():
+def test_all_given_poses_must_agree():
     assert look(0.02, {"knee": 0.0}, encoder=0.0, known_pose=(0.0, 0.1), reference="encoder.angle") == ""
     assert "its reference encoder.angle is 0.698" in look(
         0.02, {"knee": 0.0}, encoder=TURN, known_pose=(0.0, 0.1), reference="encoder.angle"
@@ -129,7 +129,7 @@ def test_invalid_pose_setting_is_refused(parameters, stated, said):
     assert said in str(refused.value)
 
 
-def test_a_joint_outside_its_range_is_not_armed_and_the_way_inside_is_named():
+def test_a_joint_outside_its_range_is_not_armed_and_the_remedy_is_named():
     why = look(2.3, wake_shift=0.0)
     assert why == (
         "knee reads 2.300 rad, outside its range -0.1 to 2 rad: move it inside by hand, or correct "

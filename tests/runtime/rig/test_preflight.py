@@ -104,7 +104,7 @@ def test_missing_real_time_priority_and_its_risk_are_shown_before_enter(bus, ter
     assert terminal.end() == 0
 
 
-def test_the_guardian_watches_over_the_table_as_well(bus, terminal):
+def test_the_guardian_is_active_during_confirmation(bus, terminal):
     at_the_table(bus, terminal, "--no-record")
     stopped = time.time()
     os.kill(terminal.process.pid, signal.SIGSTOP)
@@ -129,7 +129,7 @@ def test_drive_lost_during_confirmation_ends_run_with_message(bus, terminal):
 IN_DOUBT = '[device."left/knee"]\nrange = [-0.1, 2.0]\nwake_shift = 0.6981\n'
 
 
-def test_a_joint_that_may_have_woken_up_elsewhere_is_not_armed_by_enter_nor_by_yes(bus, terminal):
+def test_neither_enter_nor_yes_arms_a_joint_with_an_ambiguous_angle(bus, terminal):
     """Its drive reads 0.1 rad, and 0.80 and 1.50 rad lie in its range, too."""
     bus.rig.write_text(bus.rig.read_text() + IN_DOUBT)
     robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=""))
@@ -215,7 +215,7 @@ def knee():
     return told
 
 
-def test_a_drive_as_it_should_be(knee):
+def test_a_healthy_drive_has_no_marks(knee):
     lines = text(json.loads(json.dumps(knee())), WIDE)
     assert lines == [
         "before arming",

@@ -50,7 +50,7 @@ def test_the_diagrams_of_the_page_compile_and_its_rigs_fit_them(title, tmp_path)
         override(read(write(tmp_path, text, "lab.toml")), diagram)
 
 
-def test_the_page_has_all_of_them():
+def test_the_sensors_page_has_six_sections():
     assert len(SECTIONS) == 6
 
 

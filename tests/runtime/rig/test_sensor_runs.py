@@ -49,7 +49,7 @@ def robot(tmp_path, monkeypatch):
     sensors.process.stdout.close()
 
 
-def test_it_arms_once_they_answer_records_them_and_is_replayed_bit_for_bit(robot):
+def test_run_with_sensors_arms_records_and_replays_bit_for_bit(robot):
     run = finished("robot.py", "--rig", "lab.toml", "--yes", "--duration", "0.5", "--record", "out", cwd=robot.folder)
     assert run.returncode == OK, run.stderr
     assert "bus shank  serial " in run.stderr + run.stdout and "2 devices, no problems" in run.stderr + run.stdout
@@ -62,7 +62,7 @@ def test_it_arms_once_they_answer_records_them_and_is_replayed_bit_for_bit(robot
     assert buses["shank"]["bytes"] > 10_000 and buses["shank"]["losses"] == 0
 
 
-def test_a_cable_that_is_pulled_ends_the_run_and_is_named(robot):
+def test_an_unplugged_cable_ends_the_run_and_is_named(robot):
     run = started("robot.py", "--rig", "lab.toml", "--yes", "--duration", "20", cwd=robot.folder)
     await_rows(robot.folder)
     robot.unplug()

@@ -36,7 +36,7 @@ def test_the_rig_of_the_page_fits_its_diagram(tmp_path):
     compile(diagram)
 
 
-def test_the_scan_of_the_page_is_what_a_scan_prints(command_line, monkeypatch):
+def test_the_page_shows_the_output_of_scan(command_line, monkeypatch):
     wires = MemoryI2c((0x70,))
     add_mpu(wires)
     wires.add(0x48, wide=True)

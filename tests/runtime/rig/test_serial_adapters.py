@@ -81,7 +81,7 @@ def run(folder, line, *words):
     "interface",
     ["serial", pytest.param("seeedstudio", marks=pytest.mark.soak), pytest.param("robotell", marks=pytest.mark.soak)],
 )
-def test_an_interface_that_waits_for_its_frames_does_not_hold_the_guardian(tmp_path, interface):
+def test_an_interface_that_blocks_does_not_delay_the_guardian(tmp_path, interface):
     with Line(interface) as line:
         out, errors = run(tmp_path, line, "--duration", "0.5").communicate(timeout=20)
         assert "confirmed by knee" in out and "NOT" not in out, errors

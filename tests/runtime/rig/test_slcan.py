@@ -155,7 +155,7 @@ def test_a_guardian_that_dies_leaves_a_run_that_stops_the_motors_over_the_same_a
 
 
 @pytest.mark.soak
-def test_an_adapter_without_drives_does_not_arm(tmp_path):
+def test_an_adapter_without_drives_is_not_armed(tmp_path):
     with Adapter(drives=()) as adapter:
         process = run(tmp_path, adapter)
         _, errors = process.communicate(timeout=20)
@@ -257,7 +257,7 @@ def test_exclusively_held_port_is_reported_if_holder_is_hidden(port):
 # What else an interface takes
 
 
-def test_options_are_handed_over_as_they_are(tmp_path):
+def test_interface_options_are_passed_on_unchanged(tmp_path):
     rig = read(rig_of(tmp_path, "/dev/ttyACM0", 'ttyBaudrate = 3_000_000\napp_name = "gait"\nports = [1, 2.5, true]\n'))
     assert rig.buses["legs"].options == {"ttyBaudrate": 3_000_000, "app_name": "gait", "ports": [1, 2.5, True]}
 

@@ -207,7 +207,7 @@ def bus():
     interface.close()
 
 
-def test_a_datagram_is_a_frame_and_anything_else_is_counted(bus):
+def test_invalid_datagrams_are_counted(bus):
     can, sender = bus
     can.begin(time.monotonic_ns())
     for data in (
@@ -301,7 +301,7 @@ def test_a_press_stops_the_drives_of_another_bus_at_once_and_its_recording_runs_
 
 
 @pytest.mark.soak
-def test_a_button_that_falls_silent_stops_them_after_its_timeout(tmp_path):
+def test_a_silent_button_stops_the_drives_after_its_timeout(tmp_path):
     port = free_port(socket.AF_INET6)
     with Button(port, "::1") as button, robot_and_button(tmp_path, port, "::1") as bus:
         process = bus.start("--no-record", more=MORE)
@@ -335,7 +335,7 @@ def test_nothing_is_armed_without_the_button(tmp_path):
 
 
 @pytest.mark.soak
-def test_fifty_presses(tmp_path):
+def test_the_latency_of_fifty_button_presses_is_printed(tmp_path):
     """Prints the distribution; asserts what any machine keeps."""
     took = []
     for number in range(50):

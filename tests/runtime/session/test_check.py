@@ -128,7 +128,7 @@ with Diagram("mixed", rate=200) as diagram:
 """
 
 
-def test_what_rests_on_an_assumption_or_on_the_drive_is_not_called_proved(tmp_path):
+def test_limits_by_assumption_or_in_the_drive_are_not_reported_as_proved(tmp_path):
     found = check(write(tmp_path, MIXED))
     bounds = {torque["actuator"]: torque for torque in found["torque"]}
     assert {path: torque["bound"] for path, torque in bounds.items()} == {
@@ -168,7 +168,7 @@ def test_what_rests_on_an_assumption_or_on_the_drive_is_not_called_proved(tmp_pa
     )
 
 
-def test_with_stiffness_at_every_joint_nothing_is_called_proved(tmp_path):
+def test_with_stiffness_at_every_joint_nothing_is_reported_as_proved(tmp_path):
     two = "".join(line + "\n" for line in MIXED.splitlines() if "elbow" not in line and "wrist" not in line)
     said = columns(check(write(tmp_path, two.replace("torque_command=1.0", "stiffness_command=5.0"))), 500)
     assert said[-1] == "ok: the torque limit of hip and knee holds while |α| <= 500 rad/s², 0 warnings"
@@ -247,7 +247,7 @@ def test_in_a_pipe_each_fact_is_one_line_without_colours(command_line):
     assert row.split("→")[1].strip() == "left/gait_phase.angle, left/damper.position, left/stride_report.angle"
 
 
-def test_on_a_terminal_it_is_coloured_and_as_wide_as_that(tmp_path):
+def test_on_a_terminal_output_is_coloured_and_fills_its_width(tmp_path):
     knee(tmp_path)
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 72, 0, 0))
@@ -289,7 +289,7 @@ def test_errors_are_reported_with_code_location_and_hint_and_exit_code_1(command
     assert (code, err) == (CHECK_FAILED, "") and out.splitlines()[-1] == ("1 error, 0 warnings: the diagram cannot run")
 
 
-def test_a_block_that_could_not_be_made_fails_the_check_too(command_line):
+def test_a_block_whose_construction_fails_fails_the_check(command_line):
     path = write(command_line.folder, KNEE.format(law="return 0.0").replace("limit=5.0", "limit=-5.0"))
     code, out, err = command_line("check", "robot.py", "--json")
     [error] = json.loads(out)["errors"]
@@ -323,7 +323,7 @@ def test_the_file_may_run_at_another_rate(tmp_path):
     assert "no plant: every device emulated, at 2500 Hz" in columns(found, None)[0]
 
 
-def test_a_picture_of_an_interval_shows_where_it_lies_in_its_limit():
+def test_the_bar_of_an_interval_shows_its_position_in_the_limit():
     proof = {"low": -12.0, "high": 12.0, "limit_low": -24.0, "limit_high": 24.0}
     assert bar(proof) == "├" + "─" * 6 + "█" * 10 + "─" * 6 + "┤"
     assert bar(proof | {"low": 0.0, "high": 0.0}).count("█") == 1
@@ -348,7 +348,7 @@ def test_the_stop_of_a_damped_joint_is_reported(command_line):
     assert (code, err) == (OK, "") and "    safe stop: damped within 18 N·m for 1 s then disable\n" in out
 
 
-def test_check_tells_how_fast_a_torque_can_change(tmp_path, command_line):
+def test_check_reports_the_slew_rate_of_a_torque(tmp_path, command_line):
     """Ten newton metres, from end to end in 0.1 s, where the limiter has no slew; and that it may step where it asks
     for that.
     """

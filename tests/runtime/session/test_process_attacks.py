@@ -75,7 +75,7 @@ def assert_no_process(tag):
 
 
 @pytest.mark.parametrize("attack", ATTACKS)
-def test_a_block_that_attacks_its_process_leaves_the_recording_alone(tmp_path, attack):
+def test_a_block_that_corrupts_its_process_does_not_damage_the_recording(tmp_path, attack):
     expression, code, summary, error = ATTACKS[attack]
     path = knee(tmp_path, f"tick == 20 and ({expression}); return 1.0")
     path.write_text(path.read_text().replace("import math", "import math" + SETUP, 1))
@@ -118,7 +118,7 @@ def limited(tmp_path, folder, **limits):
         ({}, "robot.py", "robot.py is not a folder"),
     ],
 )
-def test_a_machine_without_room_is_reported_before_the_run(tmp_path, limits, folder, text):
+def test_insufficient_memory_is_reported_before_the_run(tmp_path, limits, folder, text):
     process = limited(tmp_path, folder, **limits)
     assert process.returncode == 2 and text in process.stderr, process.stderr
     assert process.stdout == "" and len(process.stderr.splitlines()) == 1

@@ -88,7 +88,7 @@ def test_the_knee_exoskeleton_is_replayed_bit_for_bit(recorded, command_line):
     assert sorted(path.name for path in file.parent.iterdir() if "replay" in path.name) == []
 
 
-def test_a_run_in_real_time_with_late_and_missed_ticks_is_too(recorded, command_line, tmp_path):
+def test_a_real_time_run_with_late_and_missed_ticks_replays_bit_for_bit(recorded, command_line, tmp_path):
     path = law(tmp_path, "if tick in (20, 60): import time; time.sleep(0.007)\n        " + STEADY)
     file = recorded(path, "--duration", "0.3")
     trial = Trial(file)
@@ -97,7 +97,7 @@ def test_a_run_in_real_time_with_late_and_missed_ticks_is_too(recorded, command_
     assert code == OK and "are the same, bit for bit" in out
 
 
-def test_the_recorded_lateness_is_replayed_to_blocks(recorded, command_line, tmp_path):
+def test_blocks_receive_the_recorded_lateness_in_a_replay(recorded, command_line, tmp_path):
     path = write(
         tmp_path,
         """
@@ -117,7 +117,7 @@ def build():
     assert command_line("replay", file)[0] == OK
 
 
-def test_a_block_that_throws_dice_is_named_with_the_first_tick(recorded, command_line, tmp_path):
+def test_a_nondeterministic_block_is_reported_with_the_first_differing_tick(recorded, command_line, tmp_path):
     path = law(tmp_path, "return random.random() if tick > 40 else 1.0")
     file = recorded(path, "--fast", "--duration", "0.2")
     code, out, _ = command_line("replay", file)
@@ -125,7 +125,7 @@ def test_a_block_that_throws_dice_is_named_with_the_first_tick(recorded, command
     assert "the recorded diagram" in out and "first difference: law.torque at tick 41: recorded 0." in out
 
 
-def test_a_fault_happens_again(recorded, command_line, tmp_path):
+def test_replay_repeats_a_fault(recorded, command_line, tmp_path):
     path = law(tmp_path, "return 1.0 / (tick - 70)")
     file = recorded(path, "--fast", "--duration", "1", code=FAULT)
     assert Trial(file).tick[-1] == 69
@@ -136,7 +136,7 @@ def test_a_fault_happens_again(recorded, command_line, tmp_path):
     assert code == CHECK_FAILED and "different end: recorded exception at law, replayed ok at None" in out
 
 
-def test_a_drive_that_fell_silent_on_a_rig_falls_silent_again_in_the_same_tick(command_line, tmp_path):
+def test_replay_repeats_a_drive_timeout_in_the_same_tick(command_line, tmp_path):
     with Bus(tmp_path) as bus:
         process = bus.start("--record", "out")
         bus.await_torque()
@@ -149,7 +149,7 @@ def test_a_drive_that_fell_silent_on_a_rig_falls_silent_again_in_the_same_tick(c
     assert code == OK and "bit for bit" in out
 
 
-def test_an_end_that_came_from_outside_is_reported_and_not_repeated(recorded, command_line, tmp_path):
+def test_an_external_end_is_reported_and_not_replayed(recorded, command_line, tmp_path):
     file = recorded(
         law(tmp_path, "return time.sleep(0.2 * (tick == 20)) or 1.0"),
         "--overrun",
@@ -163,13 +163,13 @@ def test_an_end_that_came_from_outside_is_reported_and_not_repeated(recorded, co
     assert code == OK and "bit for bit" in out and "external cause, which a replay does not repeat: overrun" in out
 
 
-def test_a_viewer_that_was_asked_for_on_the_command_line_is_no_change(recorded, command_line, tmp_path):
+def test_a_viewer_added_on_the_command_line_does_not_change_the_diagram(recorded, command_line, tmp_path):
     file = recorded(law(tmp_path), "--fast", "--duration", "0.2", "--plotjuggler", "127.0.0.1:9")
     code, out, err = command_line("replay", file)
     assert (code, err) == (OK, "") and "the recorded diagram" in out
 
 
-def test_a_changed_diagram_gives_a_recording_to_compare(recorded, command_line, tmp_path):
+def test_replay_of_a_changed_diagram_can_be_compared(recorded, command_line, tmp_path):
     file = recorded(law(tmp_path), "--fast", "--duration", "0.5")
     other = law(tmp_path, STEADY.replace("0.5", "0.6"), "other.py")
     code, out, err = command_line("replay", file, "--diagram", other, "--record", tmp_path / "again")
@@ -211,14 +211,14 @@ def test_diff_of_a_recording_with_itself_reports_no_difference(recorded, command
     assert code == OK and "signals are the same, bit for bit" in out and not (command_line.folder / "diff.png").exists()
 
 
-def test_a_bus_that_was_not_recorded_is_a_divergence_and_no_guess(recorded, command_line, tmp_path):
+def test_an_unrecorded_bus_ends_the_replay(recorded, command_line, tmp_path):
     file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
     other = write(tmp_path, LAW.format(law=STEADY).replace('bus="legs"', 'bus="arms"'), "other.py")
     complaint = command_line.refused("replay", file, "--diagram", other)
     assert complaint == "bus 'arms' of the diagram is not in the recording, whose buses are legs"
 
 
-def test_a_recording_without_its_diagram_asks_for_one(recorded, command_line, tmp_path):
+def test_a_recording_without_a_diagram_requires_one(recorded, command_line, tmp_path):
     path = law(tmp_path)
     file = recorded(path, "--fast", "--duration", "0.1")
     path.unlink()
@@ -283,9 +283,7 @@ def test_a_file_that_has_changed_is_not_executed_because_a_recording_names_it(re
     assert (code, err) == (OK, "") and "a changed diagram" not in out and (tmp_path / "trap").exists()
 
 
-def test_a_changed_file_gives_way_to_the_diagram_in_the_recording_where_that_needs_no_local_code(
-    recorded, command_line, tmp_path
-):
+def test_a_changed_file_is_replaced_by_the_recorded_diagram_if_it_needs_no_local_code(recorded, command_line, tmp_path):
     path = write(tmp_path, LIBRARY, "waves.py")
     file = recorded(path, "--fast", "--duration", "0.1")
     code, out, _ = command_line("replay", file)
@@ -304,7 +302,7 @@ def test_a_changed_file_gives_way_to_the_diagram_in_the_recording_where_that_nee
     ) in out
 
 
-def test_a_recording_of_before_without_the_hash_of_its_file_asks_before_code_is_run(recorded, command_line, tmp_path):
+def test_an_old_recording_without_a_file_hash_requires_an_explicit_diagram(recorded, command_line, tmp_path):
     path = law(tmp_path)
     file = recorded(path, "--fast", "--duration", "0.1")
     assert (
@@ -368,7 +366,7 @@ def test_a_replay_through_another_file_records_that_file(recorded, command_line,
     assert code == OK and out.startswith(f"running {other}: ") and "bit for bit" in out
 
 
-def test_what_is_no_recording_is_refused(command_line, tmp_path):
+def test_files_that_are_not_recordings_are_rejected(command_line, tmp_path):
     assert command_line.refused("replay", "nowhere.mcap") == "nowhere.mcap: No such file or directory"
     (command_line.folder / "text.mcap").write_text("hello")
     assert command_line.refused("replay", "text.mcap") == (
@@ -389,7 +387,7 @@ def test_a_recording_that_was_cut_anywhere_is_replayed_up_to_its_last_complete_t
         assert code == OK and f"{len(trial)} ticks of cut.mcap" in out and "the recording is incomplete" in out
 
 
-def test_after_kill_9_what_was_recorded_is_replayed(command_line, tmp_path):
+def test_the_recording_of_a_killed_run_is_replayed(command_line, tmp_path):
     path = law(tmp_path)
     process = subprocess.Popen(
         [sys.executable, "-m", "runtime", str(path), "--record", str(tmp_path / "killed")],

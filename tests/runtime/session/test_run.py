@@ -52,13 +52,13 @@ def test_every_grid_point_is_a_row_or_missed(walked):
     assert f"{sidecar['ticks']} of 400 done, {sidecar['missed']} missed; 0 records dropped" in process.stdout
 
 
-def test_ticks_rise_and_time_is_theirs(walked):
+def test_ticks_increase_and_times_match_them(walked):
     table = walked[1].table
     assert np.all(np.diff(table["tick"]) >= 1) and table["tick"][0] >= 0 and 380 <= table["tick"][-1] <= 399
     np.testing.assert_array_equal(table["time [s]"], table["tick"] / RATE)
 
 
-def test_columns_say_what_they_are(walked):
+def test_columns_have_headings(walked):
     header = walked[1].header
     assert header[:2] == ["time [s]", "tick"]
     for side in SIDES:
@@ -122,7 +122,7 @@ def test_a_pipe_gets_plain_lines(walked):
     assert process.stdout.startswith("knee_exo: 2 s at 200 Hz, simulated\n")
 
 
-def test_nothing_is_left_but_the_recording(walked):
+def test_only_the_recording_remains(walked):
     names = walked[1].names
     assert len(names) == 3 and {name.partition(".")[2] for name in names} == {"csv", "mcap", "json"}
     assert len({name.partition(".")[0] for name in names}) == 1
@@ -149,7 +149,7 @@ def test_a_signal_in_the_middle_ends_in_the_safe_stop(tmp_path, number, code):
     assert stamps(seen) == pytest.approx(files.table["time [s]"] - files.table["time [s]"][0], abs=1e-6)
 
 
-def test_a_signal_while_the_program_starts_leaves_nothing(tmp_path):
+def test_a_signal_during_startup_leaves_no_files(tmp_path):
     """Between the end of Python's own start and arming: the run never begins."""
     path = knee(tmp_path)
     path.write_text(path.read_text() + "\nimport os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
@@ -209,7 +209,7 @@ def test_an_exception_in_a_block_at_tick_100(tmp_path):
 
 
 @pytest.mark.parametrize("value", ["math.nan", "math.inf", "-math.inf"])
-def test_what_is_not_finite_is_a_fault_and_never_a_frame_also_behind_a_limiter(tmp_path, value):
+def test_non_finite_commands_are_faults_also_after_a_limiter(tmp_path, value):
     """A limiter turns an infinity into NaN, which ends the run; the report names what was infinite."""
     path = knee(tmp_path, law=f"return {value} if tick == 100 else 1.5")
     process = finished("robot.py", "--fast", "--duration", "1", cwd=tmp_path)
@@ -255,7 +255,7 @@ def test_no_record_leaves_no_file_and_still_counts_strides(tmp_path):
 
 
 @pytest.mark.parametrize("rate", [100, 400])
-def test_the_rate_may_be_another(command_line, rate):
+def test_a_run_at_another_rate_has_its_grid(command_line, rate):
     code, out, err = command_line(KNEE_EXO, "--fast", "--duration", "2", "--rate", rate)
     assert (code, err) == (0, "") and out.startswith(f"knee_exo: 2 s at {rate} Hz, simulated, in virtual time\n")
     files = Files(command_line.folder / "recordings")

@@ -98,7 +98,7 @@ def test_signals_equal_those_of_the_command_bit_for_bit(command_line, file, sett
     assert trial.fault is loaded.fault is None and trial.complete and trial.about["limits"] == loaded.about["limits"]
 
 
-def test_a_run_may_be_repeated_and_gives_the_same():
+def test_a_repeated_run_gives_the_same_result():
     first = runtime.run(KNEE_EXO, 5)
     assert same(first, runtime.run(str(KNEE_EXO), duration=5))
 
@@ -124,7 +124,7 @@ def test_without_recorder_and_viewer_every_signal_is_recorded():
     assert runtime.run(sine(recorder=False), 1).names == ["gain.y", "sine.y"]
 
 
-def test_only_signals_that_recorders_take_are_recorded():
+def test_only_signals_of_recorders_are_recorded():
     with Diagram("part", rate=100) as diagram:
         wave = Sine(name="sine")()
         Gain(2.0)(wave)
@@ -192,7 +192,7 @@ def test_a_plant_is_given_as_a_function_or_a_diagram(tmp_path):
     assert runtime.run(robot, 0.5)["knee.velocity"][-1] != light  # the default: a damped inertia
 
 
-def test_a_seed_gives_every_noise_its_own_and_is_undone():
+def test_a_seed_changes_every_noise_source_and_is_restored():
     diagram = noise()
     as_declared = runtime.run(diagram, 1)
     assert np.array_equal(as_declared["first.y"], as_declared["second.y"])  # both have seed 0
@@ -217,7 +217,7 @@ def test_a_fault_ends_the_trial_and_is_described(command_line):
     assert "fault: exception" in repr(trial)
 
 
-def test_devices_that_no_plant_answers_for_are_a_fault(tmp_path):
+def test_devices_without_a_plant_are_a_fault(tmp_path):
     def nothing(robot):
         with Diagram("nothing", rate=robot.rate) as plant:
             Sine(name="sine")()
@@ -240,7 +240,7 @@ def test_devices_that_no_plant_answers_for_are_a_fault(tmp_path):
         ((lambda: 3, 1), "must return a Diagram"),
     ],
 )
-def test_what_cannot_run_is_bad_input(arguments, message):
+def test_a_diagram_that_cannot_run_raises_bad_input(arguments, message):
     with pytest.raises(BadInput, match=message):
         runtime.run(*arguments)
 
@@ -253,7 +253,7 @@ def test_an_error_of_the_diagram_is_a_diagram_error():
 # A guest in the process
 
 
-def test_nothing_is_left_behind_and_nothing_printed(tmp_path, monkeypatch, capfd):
+def test_runtime_run_leaves_no_files_and_prints_nothing(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     runtime.run(KNEE_EXO, 1)
     process = psutil.Process()
@@ -355,7 +355,7 @@ def test_several_threads_run_at_once():
     assert not same(alone[0], alone[1])
 
 
-def test_a_run_inside_a_run_is_one_too():
+def test_a_run_inside_another_run_works():
     def nested(tick):
         return runtime.run(sine(), 0.5)["gain.y"].max() if tick == 3 else 0.0
 
@@ -363,7 +363,7 @@ def test_a_run_inside_a_run_is_one_too():
 
 
 @pytest.mark.timing
-def test_a_minute_of_the_knee_exoskeleton_takes_a_blink():
+def test_a_minute_of_the_knee_exoskeleton_simulates_fast():
     """40 ms are the goal on a quiet machine; a busy one takes a few times that."""
     import time
 

@@ -27,7 +27,7 @@ def cubemars(can_id):
 
 
 @pytest.mark.parametrize("count", THEIR_ZERO)
-def test_it_finds_the_table_of_the_fact_sheet(count):
+def test_rate_reproduces_the_documented_table(count):
     table = THEIR_ZERO[count]
     step = Simulated(cubemars, range(1, count + 1), seconds=0.2, upper=True)
     rate, _ = highest(step, 0.95 * table, 1.05 * table, 0.004 * table)
@@ -35,7 +35,7 @@ def test_it_finds_the_table_of_the_fact_sheet(count):
     assert rate == pytest.approx(step.limit(), rel=0.005)
 
 
-def test_our_zero_fills_the_bus_at_the_rate_that_its_own_bits_say():
+def test_the_rate_of_a_full_bus_follows_from_the_bits_of_zero_torque():
     ids = range(1, 9)
     bits = sum(frame_bits(can_id, OUR_ZERO)[0] + frame_bits(can_id, bytes([can_id]) + AT_REST)[0] for can_id in ids)
     step = Simulated(cubemars, ids, seconds=0.5)
@@ -74,7 +74,7 @@ def test_the_command_prints_a_table_and_draws_a_picture(command_line, tmp_path):
     assert (tmp_path / "rate.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_where_no_rate_passes_it_says_why(command_line):
+def test_rate_reports_why_no_rate_passes(command_line):
     """1 kbit/s carries four frames a second."""
     code, out, _ = command_line("rate", "--actuators", "1", "--high", "60", "--bitrate", "1e3", "--seconds", "0.1")
     assert code == OK and re.search(r"^ +1 +0 Hz +4 Hz .* 50 Hz failed: no answer$", out, re.MULTILINE), out
@@ -91,7 +91,7 @@ def test_where_no_rate_passes_it_says_why(command_line):
         (("--rig", "none.toml"), "TW101"),
     ],
 )
-def test_what_is_wrong_is_said(command_line, words, said):
+def test_rate_rejects_invalid_options_with_reason(command_line, words, said):
     if "--picture" in words:  # the last that can be wrong: the table has been printed
         code, _, err = command_line("rate", *words, "--seconds", "0.05")
         assert code == 2 and said in err

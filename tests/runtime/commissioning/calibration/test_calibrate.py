@@ -34,7 +34,7 @@ def calibrated(tmp_path_factory):
     return folder, said.getvalue()
 
 
-def test_what_was_wrong_is_found(calibrated):
+def test_calibration_recovers_the_simulated_errors(calibrated):
     """Means over hundreds of codes: half a code of each quantity is the tolerance, of the matrices what that is of g
     and of the field.
     """
@@ -53,13 +53,13 @@ def test_what_was_wrong_is_found(calibrated):
     )
 
 
-def test_there_is_a_picture_of_before_and_after(calibrated):
+def test_calibration_draws_the_state_before_and_after(calibrated):
     folder, _ = calibrated
     data = (folder / "shank.png").read_bytes()
     assert data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) > 20_000
 
 
-def test_a_block_that_reads_the_file_measures_right(calibrated, command_line):
+def test_the_calibration_file_corrects_the_measurements_of_a_block(calibrated, command_line):
     folder, _ = calibrated
     code, out, err = command_line(
         TABLE,
@@ -85,7 +85,7 @@ def test_a_block_that_reads_the_file_measures_right(calibrated, command_line):
     assert strength.mean() == pytest.approx(np.linalg.norm(FIELD) / np.linalg.det(SOFT) ** (1 / 3), rel=0.01)
 
 
-def test_a_part_that_was_not_asked_for_is_kept_from_before(command_line):
+def test_parts_that_were_not_requested_are_kept(command_line):
     folder = command_line.folder
     (folder / "shank.toml").write_text("[magnetometer]\noffset = [1.0, 2.0, 3.0]\n")
     code, out, err = command_line("calibrate", TABLE, "--only", "gyroscope", "--duration", "6", "--out", folder)
@@ -105,7 +105,7 @@ def test_parts_without_readings_are_reported_and_the_rest_is_written(command_lin
     assert "gyroscope      bias" in out and (command_line.folder / "shank.toml").exists()
 
 
-def test_nothing_is_written_where_nothing_was_found(command_line):
+def test_scan_writes_no_rig_file_without_findings(command_line):
     code, out, err = command_line(
         "calibrate", TABLE, "--only", "magnetometer", "--duration", "1", "--out", command_line.folder
     )
@@ -123,7 +123,7 @@ def test_nothing_is_written_where_nothing_was_found(command_line):
         (("--only", "gyroscop"), "did you mean 'gyroscope'?"),
     ],
 )
-def test_wrong_words_are_refused(command_line, words, said):
+def test_invalid_arguments_are_rejected(command_line, words, said):
     code, out, err = command_line("calibrate", TABLE, *words)
     assert code == BAD_INPUT and said in err
 
@@ -167,7 +167,7 @@ def rests(accel, gyro=(0.0, 0.0, 0.0)):
     return [stillness.Rest(np.asarray(row, float), np.asarray(gyro, float), 1.0) for row in accel]
 
 
-def test_from_a_dozen_positions_on_the_axes_need_not_be_at_right_angles():
+def test_twelve_positions_calibrate_non_orthogonal_axes():
     """Exact to rounding, as there is no noise."""
     matrix = np.array(((1.02, 0.01, -0.02), (0.01, 0.98, 0.015), (-0.02, 0.015, 1.01)))
     offset = np.array((0.2, -0.3, 0.1))
@@ -176,7 +176,7 @@ def test_from_a_dozen_positions_on_the_axes_need_not_be_at_right_angles():
     assert found[0] == pytest.approx(offset, abs=1e-7) and found[1] == pytest.approx(matrix, abs=1e-8)
 
 
-def test_six_positions_need_not_be_level():
+def test_six_positions_may_be_tilted():
     """Within 20° of each side: what counts is that gravity is as long in all."""
     tilted = np.vstack([np.eye(3), -np.eye(3)]) + 0.2 * np.array([[0.3, -1, 0.5], [1, 0.2, -0.4], [-0.6, 0.7, 0.1]] * 2)
     tilted = G * tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
@@ -212,12 +212,12 @@ def test_an_ellipsoid_is_found_in_noise():
         50.0 * directions(30),
     ],
 )
-def test_a_magnetometer_that_saw_too_little_is_not_calibrated(field):
+def test_a_magnetometer_with_too_few_directions_is_not_calibrated(field):
     with pytest.raises(fits.Unfit):
         fits.magnetometer(field)
 
 
-def test_an_even_turn_is_no_rest_and_no_bias():
+def test_a_constant_rotation_is_neither_rest_nor_bias():
     """As fast as a bias could be, about the vertical, so that nothing else tells it: the median of the rests does."""
     time = np.arange(0.0, 10.0, 0.01)
     accel = np.tile((0.0, 0.0, G), (len(time), 1))

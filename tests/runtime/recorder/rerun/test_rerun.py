@@ -101,7 +101,7 @@ def test_destination_is_parsed(text, expected):
 
 
 @pytest.mark.parametrize("text", ["a b", "host:0", "host:99999", "out/trial.mcap", "::"])
-def test_where_it_cannot_go(text):
+def test_invalid_rerun_targets_are_rejected(text):
     with pytest.raises(BadInput, match="expected no value, a file.rrd, serve"):
         parse(text)
 
@@ -142,7 +142,7 @@ def test_equal_limits_are_one_line_and_a_torque_has_the_colour_of_its_position()
 
 
 @needs_rerun
-def test_a_sensor_moves_with_the_segment_that_it_sits_on():
+def test_a_sensor_moves_with_its_segment():
     """Of a leg whose hip is bent by a right angle forward and whose knee by one back: thigh level, shank upright, foot
     level.
     """
@@ -184,7 +184,7 @@ def test_plotted_signals_are_first_in_legend():
     assert plot.shown == [True, True, False, False]
 
 
-def test_a_viewer_that_is_started_can_be_ended_like_any_program(monkeypatch):
+def test_a_started_viewer_can_be_terminated(monkeypatch):
     """The process that starts it ignores what ends others."""
     monkeypatch.setattr(viewer, "executable", lambda: "sleep")
     before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGTERM, signal.SIGHUP)}
@@ -230,7 +230,7 @@ def test_every_row_of_a_run_is_in_the_file_in_order_and_to_the_bit(tmp_path):
 
 
 @needs_rerun
-def test_a_recording_becomes_a_file_with_every_sample(command_line, tmp_path):
+def test_an_exported_file_has_every_sample(command_line, tmp_path):
     rows = [(tick, *(math.sin(tick + place) for place in range(len(LEG)))) for tick in range(500)]
     record(plan(tmp_path, sink(CSV, "csv", columns(*LEG)), stem="trial"), [row(*values) for values in rows])
     code, out, err = command_line("convert", tmp_path / "trial.mcap", "--to", "rrd")
@@ -267,7 +267,7 @@ def test_times_are_those_of_the_ticks_to_the_nanosecond_and_events_stay_when_the
         assert times == [round(tick * 1e9 / rate) for tick in range(2 * rate)] and marks[0] == 1_005_000_000
 
 
-def test_a_subsystem_that_is_called_as_the_diagram_has_one_plot_with_what_is_in_none():
+def test_a_subsystem_named_like_the_diagram_shares_its_plot():
     [plot] = Scene("robot", signals("a.x m", "robot/b.y m"), {}).plots
     assert (plot.title, plot.entity, plot.labels, plot.columns) == ("robot", ("robot",), ["a.x [m]", "b.y [m]"], [0, 1])
 
@@ -291,7 +291,7 @@ def test_viewer_opens_mcap_recording(tmp_path):
 
 
 @needs_rerun
-def test_in_virtual_time_the_run_waits_so_that_nothing_is_left_out(tmp_path):
+def test_in_virtual_time_the_run_waits_for_slow_viewers(tmp_path):
     process = finished(KNEE_EXO, "--fast", "--duration", "60", "--no-record", "--rerun", "walk.rrd", cwd=tmp_path)
     assert process.returncode == OK, process.stderr
     assert "walk.rrd  (12000 ticks of 36 signals, for Rerun)" in process.stdout
@@ -322,7 +322,7 @@ def test_server_is_announced_and_listens_on_loopback_until_run_ends(tmp_path):
 
 
 @needs_rerun
-def test_a_browser_on_another_machine_may_show_what_is_served_and_no_other_page_may():
+def test_only_the_page_of_the_server_may_connect_to_it():
     """Which it asks the server before each connection (CORS); on any loopback address it is as elsewhere."""
     port, web = free_ports()
     server, _ = viewer.serve("127.0.0.2", port, web)
@@ -460,7 +460,7 @@ def test_when_the_writer_is_killed_both_files_are_whole_and_the_second_begins_wi
 
 @needs_rerun
 @pytest.mark.soak
-def test_a_server_is_started_again_where_the_recorder_was_killed(tmp_path):
+def test_a_server_is_restarted_after_the_recorder_was_killed(tmp_path):
     port, web = free_port(), free_port()
     path = knee(tmp_path)
     path.write_text(
