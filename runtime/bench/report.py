@@ -8,7 +8,7 @@ import platform
 from collections.abc import Sequence
 from typing import Any
 
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 
 
 def machine():
@@ -33,7 +33,7 @@ class Report:
     def say(self, lines: Sequence[str], **data: Any) -> None:
         self.data |= data
         if not self.as_json:
-            tell(lines)
+            print_lines(lines)
 
     def finish(self) -> None:
         if self.as_json:
@@ -48,7 +48,7 @@ class Report:
                 }
                 for g in self.goals
             ]
-            tell([json.dumps({**self.data, "goals": goals}, indent=1, ensure_ascii=False)])
+            print_lines([json.dumps({**self.data, "goals": goals}, indent=1, ensure_ascii=False)])
             return
         lines = ["", f"{'goals':46}{'measured':>12}{'goal':>18}"]
         for goal in self.goals:
@@ -57,4 +57,4 @@ class Report:
                 f"  {goal.what:44}{goal.value:12.3g}{bound:>18} "
                 f"{goal.unit:12}{'' if goal.reached else 'not reached'}".rstrip()
             )
-        tell(lines)
+        print_lines(lines)

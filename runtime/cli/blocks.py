@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from runtime.base.errors import OK
 from runtime.cli.parsing import Parser
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 from runtime.diagrams.catalog import catalog
 
 
@@ -25,5 +25,5 @@ def main(arguments: Sequence[str]) -> int:
         help="list the actuator models with their rated, peak and encoded torque ranges",
     )
     options = parser.parse_args(arguments)
-    tell(catalog(options.name, options.library, options.actuators))
+    print_lines(catalog(options.name, options.library, options.actuators))
     return OK

@@ -12,7 +12,7 @@ from runtime.base.ending import Interrupted, handled
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.base.options import number
 from runtime.cli.parsing import Parser, add_options
-from runtime.console.terminal import complain, tell
+from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.session.request import Request
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str]) -> int:
 
     sensor, readings = measured(options)
     result = find(readings, options.only)
-    tell(
+    print_lines(
         [
             f"{sensor.path}: {readings.time[-1]:.0f} s, {len(result.rates)} positions at rest"
             + (f" ({', '.join(result.faces)} up)" if result.faces else ""),
@@ -73,9 +73,9 @@ def main(arguments: Sequence[str]) -> int:
         ]
     )
     if not result.parts:
-        complain(["tickwork: no part could be calibrated; no file was written"])
+        print_to_stderr(["tickwork: no part could be calibrated; no file was written"])
         return CHECK_FAILED
-    tell(written(options.out, sensor, result))
+    print_lines(written(options.out, sensor, result))
     return OK if not result.missing else CHECK_FAILED
 
 
@@ -123,7 +123,7 @@ def watched(source, options):
                 break
             now = (tuple(result.faces), tuple(result.missing.items()))
             if now != before:
-                complain([f"  {part}: {why}" for part, why in result.missing.items()])
+                print_to_stderr([f"  {part}: {why}" for part, why in result.missing.items()])
             before = now
     except Interrupted:
         if not len(readings.time):

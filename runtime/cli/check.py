@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from runtime.base.errors import CHECK_FAILED, OK
 from runtime.cli.parsing import Parser, add_options
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 from runtime.session.check import KEYS, check, report_lines
 from runtime.session.request import Request
 
@@ -17,5 +17,5 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object with the keys below")
     options = parser.parse_args(arguments)
     report = check(options.file, options.settings, options.rate, options.rig)
-    tell(report_lines(report, options.json))
+    print_lines(report_lines(report, options.json))
     return OK if report["ok"] else CHECK_FAILED

@@ -16,7 +16,7 @@ from runtime.commissioning import rig_edit
 from runtime.commissioning.bus import opened, single_bus
 from runtime.commissioning.configure import apply, joint
 from runtime.console.confirm import confirm
-from runtime.console.terminal import complain, tell
+from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.diagrams.file import compiled, load
 from runtime.rig import read
 from runtime.rig.file import parse
@@ -106,13 +106,13 @@ def configure_joint(options: Namespace):
     _, again = load(Path(options.what), ())
     override(parse(options.rig, text), again)
     compiled(Path(options.what), again)  # errors are reported before the file is written
-    tell([f'[device."{block.path}"] of {options.rig}:'])
-    tell([f"  {name}: {before.get(name, 'not set')} -> {value}" for name, value in mounting.items()])
+    print_lines([f'[device."{block.path}"] of {options.rig}:'])
+    print_lines([f"  {name}: {before.get(name, 'not set')} -> {value}" for name, value in mounting.items()])
     if not confirm(f"write this to {options.rig}", options.yes):
-        complain(["nothing was written"])
+        print_to_stderr(["nothing was written"])
         return OK
     rig_edit.write(options.rig, rig.text, text)
-    tell([f"written: {options.rig}"])
+    print_lines([f"written: {options.rig}"])
     return OK
 
 

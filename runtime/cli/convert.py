@@ -12,7 +12,7 @@ from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
 from runtime.console.progress import Progress
 from runtime.console.styles import count
-from runtime.console.terminal import complain, tell
+from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.export import FORMATS, OPENSIM, convert, opensim
 from runtime.recording.files import make_folder
 from runtime.recording.parts import heads
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str]) -> int:
             if options.in_place
             else converted(recording, dict.fromkeys(kinds), options.rate, options.output, names)
         ):
-            tell([path])
+            print_lines([path])
     return OK
 
 
@@ -113,7 +113,7 @@ def converted(
                 raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
             progress.terminal.erase()
             if kind in OPENSIM and opensim.missed(trial):
-                complain(
+                print_to_stderr(
                     [
                         f"tickwork: {Path(path).name}: {count(opensim.missed(trial), 'missed tick')} filled in: "
                         "OpenSim requires equally spaced times"

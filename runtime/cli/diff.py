@@ -12,7 +12,7 @@ from runtime.cli import drawing, selection
 from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
 from runtime.console.progress import Progress
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 
 EPILOG = """\
 examples:
@@ -43,11 +43,11 @@ def main(arguments: Sequence[str]) -> int:
         if options.strides:
             return compare_strides(here, there, options)
         comparison = compare(here, there)
-    tell(difference_picture.table(here, there, comparison))
+    print_lines(difference_picture.table(here, there, comparison))
     if comparison.differences:
         need("matplotlib.figure", "a picture")
         draw = partial(difference_picture.draw, here=here, there=there, comparison=comparison)
-        tell([f"  {drawing.write(draw, options.output, 'diff')}"])
+        print_lines([f"  {drawing.write(draw, options.output, 'diff')}"])
     return OK if comparison.identical else CHECK_FAILED
 
 
@@ -60,9 +60,11 @@ def compare_strides(here, there, options):
             "with two --between"
         )
     first, second = compared
-    tell(condition_table.table(first, second, condition_table.compare(first, second)))
+    print_lines(condition_table.table(first, second, condition_table.compare(first, second)))
     need("matplotlib.figure", "a picture")
     from runtime.analysis import condition_picture
 
-    tell(["", drawing.write(lambda file, kind: condition_picture.draw(compared, file, kind), options.output, "diff")])
+    print_lines(
+        ["", drawing.write(lambda file, kind: condition_picture.draw(compared, file, kind), options.output, "diff")]
+    )
     return OK

@@ -15,7 +15,7 @@ from runtime.base.errors import CHECK_FAILED, BadInput
 from runtime.base.errors import OK as FIT
 from runtime.base.options import count
 from runtime.cli.parsing import Parser
-from runtime.console.terminal import program, tell
+from runtime.console.terminal import print_lines, program
 from runtime.doctor import examine
 from runtime.doctor.script import script
 from runtime.machine.finding import BAD, OK, SEVERITY, UNKNOWN, Wants
@@ -87,9 +87,9 @@ def main(arguments: Sequence[str]) -> int:
     wants = Wants(bitrate=options.bitrate, user=user, folder=options.folder, overlays=options.overlays)
     findings = examine(machine, wants)
     if options.script:
-        tell(script(machine, wants, findings, program()))
+        print_lines(script(machine, wants, findings, program()))
         return FIT
-    tell([for_machines(machine, findings)] if options.json else report(machine, findings))
+    print_lines([for_machines(machine, findings)] if options.json else report(machine, findings))
     return CHECK_FAILED if any(finding.verdict == BAD for finding in findings) else FIT
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from runtime.base.errors import OK
 from runtime.cli.parsing import Parser, add_options
-from runtime.console.terminal import complain, tell
+from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.diagrams.draw import FORMATS, draw_file
 from runtime.session.request import Request
 
@@ -26,6 +26,6 @@ def main(arguments: Sequence[str]) -> int:
     lines, remarks = draw_file(
         options.file, options.settings, options.rate, options.output, options.format, options.all_ports
     )
-    complain(remarks)
-    tell(lines)
+    print_to_stderr(remarks)
+    print_lines(lines)
     return OK

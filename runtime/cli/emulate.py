@@ -5,7 +5,7 @@ from pathlib import Path
 
 from runtime.base.errors import FAULT, OK, BadInput
 from runtime.cli.parsing import Parser, add_options
-from runtime.console.terminal import complain, program, tell
+from runtime.console.terminal import print_lines, print_to_stderr, program
 from runtime.session.request import Request
 
 DANGER = "a real drive would interpret emulated replies as commands, and move"
@@ -43,15 +43,15 @@ def main(arguments):
     }
     lines = EmulatedLines(terminals, options.lines, senders)
     try:
-        complain(buses.remarks)
+        print_to_stderr(buses.remarks)
         consent(buses.real, options.yes)
-        tell(introduction(options, diagram, schedule, rig, file.has_plant, lines))
+        print_lines(introduction(options, diagram, schedule, rig, file.has_plant, lines))
         ends = dict(zip(buses.names, buses.ends())) | {name: lines.end(name) for name in on_lines}
         service = Service(schedule, [ends[name] for name in schedule.buses], options.bitrate)
         outcome = service.run(options.duration)
         if outcome.faulted:
-            complain(fault(outcome, buses))
-        tell(summary(service.statistics, schedule))
+            print_to_stderr(fault(outcome, buses))
+        print_lines(summary(service.statistics, schedule))
         return FAULT if outcome.faulted else OK
     finally:
         lines.close()
@@ -98,7 +98,7 @@ def consent(real, given):
             f"{', '.join(real)}: cannot ask whether real drives are connected, as standard input is not a terminal: "
             f"{DANGER}. Disconnect every real drive and pass --yes"
         )
-    complain(
+    print_to_stderr(
         [
             f"{', '.join(real)}: disconnect every real drive first: {DANGER}",
             "Press Enter to confirm that none is connected, Ctrl-C to end",

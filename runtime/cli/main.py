@@ -13,7 +13,7 @@ from runtime.base import ending, installation_check
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
 from runtime.base.suggestions import suggestion
 from runtime.cli.parsing import short_program
-from runtime.console.terminal import complain, tell
+from runtime.console.terminal import print_lines, print_to_stderr
 
 if TYPE_CHECKING:
     from graph.diagnostics import DiagramError
@@ -68,23 +68,25 @@ def main(arguments: Sequence[str] | None = None, folder=None) -> int:
             check_encoding(arguments)
             code = command(arguments, folder)
     except BadInput as error:
-        complain([f"tickwork: {error}"])
+        print_to_stderr([f"tickwork: {error}"])
         code = error.code
     except DiagramError as error:
         count = len(error.diagnostics)
-        complain([*map(str, error.diagnostics), f"tickwork: {count} error{'s' * (count > 1)}; nothing was armed"])
+        print_to_stderr(
+            [*map(str, error.diagnostics), f"tickwork: {count} error{'s' * (count > 1)}; nothing was armed"]
+        )
         code = CHECK_FAILED
     except OSError as error:
         line = system_error(error)
         if line is None:
             raise
-        complain([f"tickwork: {line}"])
+        print_to_stderr([f"tickwork: {line}"])
         code = BAD_INPUT
     except ending.Interrupted as interrupt:
-        complain([f"tickwork: {ending.stopped_by(interrupt.number)}"])
+        print_to_stderr([f"tickwork: {ending.stopped_by(interrupt.number)}"])
         code = 128 + interrupt.number
     ending.handled()
-    tell([])  # flush what the user's code has printed
+    print_lines([])  # flush what the user's code has printed
     return code
 
 
@@ -123,7 +125,7 @@ def refusal(arguments: Sequence[str]) -> type[DiagramError] | tuple[Any, ...]:
 def command(arguments: Sequence[str], folder) -> int:
     """Run the command that the first argument names; any other first argument is the diagram file of `run`."""
     if not arguments or arguments[0] in ("-h", "--help"):
-        (tell if arguments else complain)(usage())
+        (print_lines if arguments else print_to_stderr)(usage())
         return OK if arguments else BAD_INPUT
     first = arguments[0]
     if first not in COMMANDS:

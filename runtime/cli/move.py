@@ -16,7 +16,7 @@ from runtime.cli.parsing import Parser, add_bus, add_options, instance
 from runtime.cli.run import carried_out
 from runtime.commissioning import move
 from runtime.commissioning.bus import entry, single_bus
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 from runtime.report import summary
 from runtime.session.request import Request
 
@@ -135,7 +135,7 @@ def main(arguments: Sequence[str]):
         check_law(model, settings)
     rated = f" ({limit / model.rated:.0%} of rated)" if model.rated else ""
     bound = "torque limited only by the settings of the drive" if unbounded else (f"torque limit {limit:g} N·m{rated}")
-    tell(
+    print_lines(
         [
             f"{model.name}, id {can_id} on {bus.channel}: {kind} {target:g} {UNITS[kind]} for {options.duration:g} s, "
             f"{bound}; the run ends beyond {options.fastest:g} rad/s",
@@ -156,7 +156,7 @@ def main(arguments: Sequence[str]):
                 bench=True,
             )
         )
-    tell(summary.summary(result))
+    print_lines(summary.summary(result))
     return summary.exit_code(result.outcome)
 
 

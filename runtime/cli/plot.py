@@ -13,7 +13,7 @@ from runtime.cli import drawing, selection
 from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
 from runtime.console.progress import Progress
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str]) -> int:
                 path = write(options, name if len(pictures) > 1 or options.output is None else "", draw)
                 progress(0.5 + 0.5 * (number + 1) / len(pictures))
                 progress.terminal.erase()
-                tell([path])
+                print_lines([path])
         except KeyError as error:
             raise BadInput(error.args[0]) from None
     return OK

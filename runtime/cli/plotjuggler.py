@@ -12,7 +12,7 @@ from runtime.base.ending import Interrupted, handled
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import host_and_port
 from runtime.cli.parsing import Parser, add_options
-from runtime.console.terminal import program, tell
+from runtime.console.terminal import print_lines, program
 from runtime.recording.files import create
 from runtime.session.request import Request
 
@@ -80,7 +80,7 @@ def write(name, signals: Sequence[dict[str, Any]], parameters: dict[str, Any], o
             output.write_text(text, encoding="utf-8")
     except OSError as error:
         raise BadInput(f"cannot write {output or name + '.xml'}: {error.strerror}") from None
-    tell(
+    print_lines(
         [
             f"{output}: {len(signals)} signals; in PlotJuggler: File, Load Layout; start the stream, address "
             f"{address(parameters['host'])}, port {parameters['port']}, "
@@ -99,12 +99,12 @@ def stream(
     sender = PlotJugglerSender(
         {"name": name, "rate": rate}, {"path": "--dummy", "parameters": parameters, "columns": signals}
     )
-    sender.say = lambda line: tell([line])
+    sender.say = lambda line: print_lines([line])
     try:
         sender.open()
     except OSError as error:
         raise BadInput(f"--dummy: {error.strerror}") from None
-    tell([f"sending {len(signals)} waves to {parameters['host']} port {parameters['port']}, {rate:g} Hz"])
+    print_lines([f"sending {len(signals)} waves to {parameters['host']} port {parameters['port']}, {rate:g} Hz"])
     began, tick = time.monotonic(), 0
     try:
         while duration is None or tick < duration * rate:
@@ -115,7 +115,7 @@ def stream(
     except Interrupted:
         handled()
     report = sender.close()
-    tell(
+    print_lines(
         [
             f"{report['datagrams']} datagrams sent, {report['lost']} lost"
             + (f" ({report['trouble']})" if report["trouble"] else "")

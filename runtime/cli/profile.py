@@ -5,7 +5,7 @@ from pathlib import Path
 
 from runtime.cli.parsing import Parser, add_options, instance
 from runtime.cli.run import carried_out, profiled
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 from runtime.report import summary
 from runtime.report.profile import picture
 from runtime.session.request import Request
@@ -20,9 +20,9 @@ def main(arguments: Sequence[str]) -> int:
     )
     options = parser.parse_args(arguments)
     result = carried_out(instance(Request, options, no_record=True, profile=True))
-    tell(summary.summary(result))
-    tell(profiled(result))
+    print_lines(summary.summary(result))
+    print_lines(profiled(result))
     if result.outcome.signal:  # end at once: drawing takes a second
         return summary.exit_code(result.outcome)
-    tell([f"picture: {picture(result, options.output or Path(f'{options.file.stem}_profile.png'))}"])
+    print_lines([f"picture: {picture(result, options.output or Path(f'{options.file.stem}_profile.png'))}"])
     return summary.exit_code(result.outcome)

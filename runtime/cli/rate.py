@@ -12,7 +12,7 @@ from runtime.bench.rate.robot import ACTUATORS_LIMIT
 from runtime.bench.rate.search import HIGHEST_RATE, LOWEST_RATE, RESOLUTION, highest
 from runtime.cli.parsing import Parser, add_options
 from runtime.console.progress import Progress
-from runtime.console.terminal import complain, tell
+from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.session.request import Request
 
 STEP_DURATION, PAPER_STEP_DURATION, PAPER_VALIDATION_DURATION = 2.0, 60.0, 300.0  # s
@@ -52,7 +52,7 @@ def main(arguments):
     make = maker(options, "can" if rig is None else next(iter(rig.buses)))
     bitrate = options.bitrate if rig is None else next(iter(rig.buses.values())).bitrate
     where = f"in virtual time, at {bitrate / 1e6:g} Mbit/s" if rig is None else f"on {options.rig}"
-    tell(
+    print_lines(
         [
             f"{options.model}, zero torque, {where}: {options.low:g} to {options.high:g} Hz, resolution "
             f"{options.resolution:g} Hz, {options.seconds:g} s per step",
@@ -63,14 +63,14 @@ def main(arguments):
     for many in range(options.first, options.last + 1):
         row, confirmed = one(options, make, list(range(1, many + 1)), rig, bitrate, confirmed)
         results.append(row)
-        tell(
+        print_lines(
             [
                 f"{row.actuators:>9}{row.rate:>13.0f} Hz{row.limit:>11.0f} Hz{row.worst:>13.0f} "
                 f"Hz{row.steps:>8}{validation(row)}{row.why}"
             ]
         )
     if options.last == ACTUATORS_LIMIT:
-        tell(
+        print_lines(
             [
                 "paper, with 8: 470 Hz on a Jetson, 260 Hz on a Raspberry Pi 3B+; it counts only full queues and "
                 "silences of 0.25 s"
@@ -189,7 +189,9 @@ def one(options, make, ids, rig, bitrate, confirmed):
 
     simulated = Simulated(make, ids, bitrate, options.seconds, options.upper_zero)
     attempt = (
-        simulated if rig is None else OnRig(make, ids, rig, options.seconds, confirmed, options.realtime, complain)
+        simulated
+        if rig is None
+        else OnRig(make, ids, rig, options.seconds, confirmed, options.realtime, print_to_stderr)
     )
     with Progress(f"{len(ids)} actuators: searching") as progress:
         steps_limit = 1 + math.ceil(math.log2(max(2.0, (options.high - options.low) / options.resolution)))
@@ -233,4 +235,4 @@ def picture(options, results):
             )
     except OSError as error:
         raise BadInput(f"--picture {options.picture}: {error.strerror}") from None
-    tell([f"picture: {options.picture}"])
+    print_lines([f"picture: {options.picture}"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from runtime.analysis.trial import Trial
-from runtime.console.terminal import complain
+from runtime.console.terminal import print_to_stderr
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,5 +26,5 @@ def read(path: Path, progress: Progress, first: float, last: float) -> Trial:
     if trial.trouble:
         progress.terminal.erase()
         until = f", {len(trial)} ticks until {trial.time[-1]:g} s" if len(trial) else ", no ticks"
-        complain([f"tickwork: {trial.trouble}{until}"])
+        print_to_stderr([f"tickwork: {trial.trouble}{until}"])
     return trial

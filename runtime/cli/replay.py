@@ -6,7 +6,7 @@ from pathlib import Path
 from runtime.base.errors import CHECK_FAILED, OK
 from runtime.base.options import folder
 from runtime.cli.parsing import Parser
-from runtime.console.terminal import one_line, tell
+from runtime.console.terminal import one_line, print_lines
 from runtime.report.replay import text
 from runtime.session.replay import opened, replay
 from runtime.session.replay_source import source_of
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str]) -> int:
     trial = opened(options.recording)
     source = source_of(trial, options.diagram)
     if source.sha256 is not None:  # named by the recording, not by the operator
-        tell([one_line(f"running {source.file}: its content is the recorded one")])
+        print_lines([one_line(f"running {source.file}: its content is the recorded one")])
     result = replay(trial, source, options.record)
-    tell(map(one_line, text(result)))
+    print_lines(map(one_line, text(result)))
     return OK if result.same else CHECK_FAILED

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from runtime.base.errors import BadInput
 from runtime.cli.parsing import Parser, add_options, fields_of, instance
-from runtime.console.terminal import complain, program, tell
+from runtime.console.terminal import print_lines, print_to_stderr, program
 
 if TYPE_CHECKING:
     from runtime.session.request import Request
@@ -18,11 +18,11 @@ def main(arguments: Sequence[str]) -> int:
     from runtime.report import summary
 
     result = carried_out(parse_run(arguments))
-    tell(summary.summary(result))
+    print_lines(summary.summary(result))
     if result.request.profile and not result.outcome.faulted:
-        tell(profiled(result))
+        print_lines(profiled(result))
     if not result.outcome.faulted:
-        tell(summary.hints(result, program()))
+        print_lines(summary.hints(result, program()))
     return summary.exit_code(result.outcome)
 
 
@@ -35,15 +35,15 @@ def carried_out(request: Request) -> Result:
     from runtime.session.session import Session
 
     prepared = prepare(request)
-    complain(map(str, prepared.schedule.warnings))
+    print_to_stderr(map(str, prepared.schedule.warnings))
     try:
-        result = Session(prepared, complain).carry_out()
+        result = Session(prepared, print_to_stderr).carry_out()
     except (RealtimeRefused, RecorderError) as error:
         raise BadInput(str(error)) from None
     if result.outcome.faulted:
-        complain(result.report)
-    elif summary.stopped(result.outcome):
-        complain([summary.stopped(result.outcome)])
+        print_to_stderr(result.report)
+    elif (reason := summary.stopped(result.outcome)) is not None:
+        print_to_stderr([reason])
     return result
 
 

@@ -14,7 +14,7 @@ from runtime.commissioning import imus, ports_inventory, scan_text
 from runtime.commissioning.bus import ToolBus, named_buses
 from runtime.commissioning.chips import look
 from runtime.commissioning.scan import clock, plain, scan
-from runtime.console.terminal import complain, tell
+from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.rig.errors import Refused
 from runtime.rig.file import I2C
 
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str]) -> int:
         wanted_buses = on_can(options, sensors or unasked)
     except BadInput:
         if not options.json:
-            tell(ports_inventory.text(others))
+            print_lines(ports_inventory.text(others))
         raise
     for about in wanted_buses:
         try:
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str]) -> int:
             buses.append(about)
         except Refused as error:
             refused.append(error.trouble)
-    complain([*map(str, refused), *unasked])
+    print_to_stderr([*map(str, refused), *unasked])
     if options.json:
         troubles = [{"code": trouble.code, "message": trouble.message, "hint": trouble.hint} for trouble in refused]
         report = {
@@ -86,9 +86,9 @@ def main(arguments: Sequence[str]) -> int:
             **ports_inventory.plain(others),
             "troubles": troubles,
         }
-        tell([json.dumps(report, indent=2, ensure_ascii=False)])
+        print_lines([json.dumps(report, indent=2, ensure_ascii=False)])
     else:
-        tell(
+        print_lines(
             [
                 *(line for report in reports for line in scan_text.text(report, options.verbose)),
                 *imus.text(sensors),
@@ -97,7 +97,7 @@ def main(arguments: Sequence[str]) -> int:
         )
     if options.write_rig is not None and reports:
         write(options.write_rig, scan_text.rig(reports, buses, clock()))
-        complain([f"written: {options.write_rig}"])
+        print_to_stderr([f"written: {options.write_rig}"])
     all_responded = all(report.drives or report.nodes or report.chips for report in reports)
     remarkable = any(
         report.remarks or any(device.remarks for device in [*report.drives, *report.nodes]) for report in reports

@@ -13,7 +13,7 @@ from graph import Param
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import settings
 from runtime.cli.parsing import Parser
-from runtime.console.terminal import program, tell
+from runtime.console.terminal import print_lines, program
 from runtime.live import patterns, table
 from runtime.live.running import page_of, runs
 
@@ -44,7 +44,7 @@ def main(arguments: Sequence[str]) -> int:
             f"set {options.pid}: expected the process number of a run, as in {program()} set 1234 "
             "left/impedance.stiffness=40"
         )
-    tell(set_live(int(options.pid), settings(options.settings, "")))
+    print_lines(set_live(int(options.pid), settings(options.settings, "")))
     return OK
 
 
@@ -184,6 +184,6 @@ def listing(pid: int, page: SharedState, run_table: Table) -> list[str]:
         text = parameter.shown(value) + (f", ramping to {parameter.shown(target)}" if value != target else "")
         more = [parameter.bounds, f"built as {parameter.shown(parameter.built)}"]
         if math.isfinite(parameter.slew):
-            more.append(f"at most {parameter.slew:g}{parameter.behind} per second")
+            more.append(f"at most {parameter.slew:g}{parameter.unit_suffix} per second")
         lines.append(f"  {parameter.path:<{width}}  {text}  ({'; '.join(more)})  {parameter.description}".rstrip())
     return lines

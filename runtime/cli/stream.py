@@ -16,7 +16,7 @@ from runtime.cli.move import add_model, model_of
 from runtime.cli.parsing import Parser, add_bus, add_options
 from runtime.commissioning.bus import i2c_bus, opened, single_bus
 from runtime.commissioning.streaming import Watched, stream
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 from runtime.recording.files import make_folder
 from runtime.session.request import Request
 
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str]):
     model = model_of(options)[1] if options.model else None
     with opened(single_bus(options)) as bus:
         drive = Watched(bus, can_id, model)
-        tell(
+        print_lines(
             [
                 f"id {can_id} on {bus.bus.channel}: {drive.family}, without torque"
                 + ("" if model else "; velocity and torque need --model")
@@ -113,7 +113,7 @@ def show(watched, name: str, options):
 def ended(totals, text: str):
     """Print the totals of a stream. Returns the exit code."""
     lost = f"; {totals.lost} datagrams were lost" if totals.lost else ""
-    tell([f"{text}{lost}", *(f"written: {file}" for file in totals.files)])
+    print_lines([f"{text}{lost}", *(f"written: {file}" for file in totals.files)])
     return OK if totals.answers else CHECK_FAILED
 
 
@@ -148,11 +148,11 @@ def imu(arguments):
     options = parser.parse_args(arguments)
     watched = WatchedImus(options.serials, comma_separated(options.channels), options.rate, options.attitude)
     try:
-        tell([f"{interface.bus.channel}: {name}" for name, (interface, _) in watched.lines.lines.items()])
+        print_lines([f"{interface.bus.channel}: {name}" for name, (interface, _) in watched.lines.lines.items()])
         totals = show(watched, "imu", options)
     finally:
         watched.close()
-    tell(watched.summary())
+    print_lines(watched.summary())
     return ended(totals, f"{totals.answers} rows")
 
 
@@ -186,7 +186,9 @@ def node(kind, arguments):
     parameters = {name: getattr(options, name) for name, _ in kind.options.values()}
     with opened(single_bus(options)) as bus:
         watched = WatchedNode(bus, kind, int(options.address), **parameters)
-        tell([f"{kind.name} {getattr(watched.block, 'model', '')} at address {options.address:g} on {bus.bus.channel}"])
+        print_lines(
+            [f"{kind.name} {getattr(watched.block, 'model', '')} at address {options.address:g} on {bus.bus.channel}"]
+        )
         totals = show(watched, watched.block.path, options)
     return ended(totals, f"{totals.answers} rows")
 
@@ -218,9 +220,9 @@ def i2c(arguments):
         i2c_bus(options), options.places, comma_separated(options.channels), options.rate, options.settings
     )
     try:
-        tell([f"{watched.interface.bus.channel}: {fed.block.path}, {fed.block.kind}" for fed in watched.fed])
+        print_lines([f"{watched.interface.bus.channel}: {fed.block.path}, {fed.block.kind}" for fed in watched.fed])
         totals = show(watched, "i2c", options)
-        tell(watched.summary())
+        print_lines(watched.summary())
     finally:
         watched.close()
     return ended(totals, f"{totals.answers} rows")

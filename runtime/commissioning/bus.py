@@ -15,7 +15,7 @@ from graph import dialogue
 from graph.names import suggestion
 from runtime.base.errors import BadInput
 from runtime.console.confirm import confirm
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.guardian.wires import ERROR, EXTENDED, REMOTE, CannotOpen, PythonCanWire, SocketCanWire
 from runtime.machine.can import ARPHRD_CAN
@@ -153,11 +153,11 @@ class ToolBus:
             elif isinstance(step, dialogue.Listen):
                 reply = self.listen(step.seconds, step.until or (lambda frames: False))
             elif isinstance(step, dialogue.Show):
-                reply = tell(step.lines)
+                reply = print_lines(step.lines)
             elif isinstance(step, dialogue.Confirm):
                 reply = confirm(step.what, yes)
                 if not reply:
-                    tell(["nothing was changed"])
+                    print_lines(["nothing was changed"])
             else:
                 raise TypeError(f"a dialogue on a CAN bus yields Send, Listen, Show or Confirm, got {step!r}")
 

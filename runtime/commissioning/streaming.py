@@ -12,7 +12,7 @@ from runtime.base.ending import Interrupted, handled
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import merged_stop_queries, refuse_company
 from runtime.console.stderr import STDOUT, Terminal
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 from runtime.recorder.csv import CsvWriter
 from runtime.recorder.plotjuggler import PlotJugglerSender
 from runtime.recording.ascii_units import ascii_name
@@ -137,7 +137,7 @@ def sinks_of(drive, name: str, rate, folder, plotjuggler, rerun):
                 },
             )
         )
-        sinks[-1].say = lambda line: tell([line])
+        sinks[-1].say = lambda line: print_lines([line])
     return sinks
 
 
@@ -190,9 +190,9 @@ def stream(drive, name: str, rate, duration, folder=None, plotjuggler=None, reru
             result.files += tuple(f"{path}  ({remark})" for path, remark in sink.files.items())
             result.lost += closing.get("lost", 0)
             if "problem" in closing:
-                tell([closing["problem"]])
+                print_lines([closing["problem"]])
     if screen.interactive:
-        tell([""])
+        print_lines([""])
     return result
 
 
@@ -210,7 +210,7 @@ def give(sink, tick, now, row, flushes, sinks) -> None:
     except OSError as error:
         if not sink.elsewhere:
             raise
-        tell(["", f"{sink.sink['path']}: {error.strerror or error}; streaming continues without it"])
+        print_lines(["", f"{sink.sink['path']}: {error.strerror or error}; streaming continues without it"])
         sink.close()
         sinks.remove(sink)
 
@@ -219,7 +219,7 @@ def show(now, text: str, screen):
     if screen.interactive:
         screen.draw(text[: max(0, screen.columns - 1)])  # a wrapped line would scroll the terminal
     else:
-        tell([text])
+        print_lines([text])
     return now
 
 

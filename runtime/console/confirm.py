@@ -1,16 +1,18 @@
 """Confirmation by the operator on standard input."""
 
+from __future__ import annotations
+
 import select
 import sys
 
 from runtime.base.errors import BadInput
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 
 
 def confirm(question: str, yes: bool) -> bool:
     """Return whether the operator confirms a question.
 
-    question : what is about to happen, without a question mark
+    question : the action to confirm, without a question mark
     yes : confirm without asking
 
     Raises BadInput if standard input is not a terminal.
@@ -22,11 +24,11 @@ def confirm(question: str, yes: bool) -> bool:
             f"{question}: cannot ask for confirmation: standard input is not a terminal. Pass --yes to skip the "
             "question"
         )
-    tell([f"{question}? yes or no"])
+    print_lines([f"{question}? yes or no"])
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def enter_pressed():
+def enter_pressed() -> bool:
     """Return whether a line was entered. Raises BadInput at the end of standard input."""
     if not select.select([sys.stdin], [], [], 0)[0]:
         return False

@@ -6,10 +6,13 @@ restores the terminal only if its mode is still the one that was set here, so th
 another process.
 """
 
+from __future__ import annotations
+
 import os
 import re
 import select
 import termios
+from typing import Any
 
 STDIN, STDOUT = 0, 1
 # tcgetattr: local flags to clear, and the indices of the local flags and of the control characters
@@ -22,7 +25,7 @@ KEY = re.compile(rb"\x1b\[[0-9;]*[A-Za-z~]|\x1bO[A-Za-z]|\x1b[^\x1b[O]|[^\x1b]",
 SEQUENCE_LIMIT = 32  # bytes; a longer unfinished sequence is discarded
 
 
-def own_terminal():
+def own_terminal() -> int | None:
     """Open the terminal of this process's standard input and output, and return its descriptor.
 
     Returns None if they are not a terminal, or not the controlling one.
@@ -36,7 +39,7 @@ def own_terminal():
         return None
 
 
-def key_mode(attributes):
+def key_mode(attributes: list[Any]) -> list[Any]:
     """Return terminal attributes for single keys without echo. attributes : of tcgetattr
 
     Ctrl-C still raises SIGINT, and a read without a key does not report the end of the file to other readers.
@@ -47,7 +50,7 @@ def key_mode(attributes):
     return changed
 
 
-def attributes_of(descriptor):
+def terminal_attributes(descriptor: int) -> list[Any] | None:
     """Return the attributes of a terminal; None if it is closed."""
     try:
         return termios.tcgetattr(descriptor)
@@ -55,7 +58,7 @@ def attributes_of(descriptor):
         return None
 
 
-def put_back(descriptor, attributes) -> None:
+def restore(descriptor: int, attributes: list[Any]) -> None:
     """Restore a terminal's attributes, if it is in the key mode derived from them."""
     try:
         if termios.tcgetattr(descriptor) == key_mode(attributes):
@@ -69,19 +72,19 @@ class Keyboard:
 
     descriptor : of the terminal, as own_terminal returns it
     process : ID of the process whose terminal it is
-    here : whether the run was in the foreground at the last `follow`
-    taken : whether the terminal is in key mode
+    in_foreground : whether the run was in the foreground at the last `follow`
+    in_key_mode : whether the terminal is in key mode
     """
 
-    def __init__(self, descriptor, process) -> None:
+    def __init__(self, descriptor: int, process: int) -> None:
         self.descriptor, self.process = descriptor, process
-        self.here = self.taken = False
+        self.in_foreground = self.in_key_mode = False
         self.attributes = None  # to restore
         self.unread = b""
         self.poll = select.poll()
         self.poll.register(descriptor, select.POLLIN)
 
-    def foreground(self):
+    def foreground(self) -> bool:
         """Return whether the process runs in the foreground of its terminal."""
         try:
             with open(f"/proc/{self.process}/stat") as file:
@@ -93,8 +96,8 @@ class Keyboard:
     def follow(self) -> None:
         """Enter key mode when the run comes to the foreground, leave it when the run leaves the foreground."""
         try:
-            self.here = self.foreground()
-            if not self.here:
+            self.in_foreground = self.foreground()
+            if not self.in_foreground:
                 self.close()
                 return
             now = termios.tcgetattr(self.descriptor)
@@ -102,18 +105,18 @@ class Keyboard:
             if self.attributes is None or now != key_mode(self.attributes):
                 termios.tcsetattr(self.descriptor, termios.TCSANOW, key_mode(now))
                 self.attributes = now
-            if not self.taken:
+            if not self.in_key_mode:
                 termios.tcflush(self.descriptor, termios.TCIFLUSH)  # typed for another program
-                self.taken = True
+                self.in_key_mode = True
         except termios.error:  # the terminal is closed
-            self.taken = False
+            self.in_key_mode = False
 
-    def read(self):
+    def read(self) -> list[str]:
         """Return the names of the keys pressed since the last call.
 
         A name is "space", "tab", "shift tab", "enter", "up", "down", "left", "right", or a character.
         """
-        if not self.taken:
+        if not self.in_key_mode:
             return []
         try:
             [(_, state)] = self.poll.poll(0) or [(0, 0)]
@@ -122,22 +125,23 @@ class Keyboard:
         except BlockingIOError:  # another process has read the input
             pass
         except OSError:  # the terminal is closed
-            self.taken = False
+            self.in_key_mode = False
         keys, end = [], 0
         while match := KEY.match(self.unread, end):
-            keys.append(name(match[0]))
+            keys.append(key_name(match[0]))
             end = match.end()
         self.unread = self.unread[end:] if len(self.unread) - end < SEQUENCE_LIMIT else b""
         return keys
 
     def close(self) -> None:
         """Restore the terminal."""
-        if self.taken:
-            put_back(self.descriptor, self.attributes)
-            self.taken = False
+        if self.in_key_mode and self.attributes is not None:
+            restore(self.descriptor, self.attributes)
+            self.in_key_mode = False
 
 
-def name(sequence: bytes) -> str:
+def key_name(sequence: bytes) -> str:
+    """Return the name of a key. sequence : bytes that the terminal sends for it"""
     if sequence in NAMES:
         return NAMES[sequence]
     if len(sequence) > 2 and sequence[:1] == b"\x1b":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from runtime.console.status_layout import bar
 from runtime.console.stderr import Terminal
@@ -23,7 +22,9 @@ class Progress:
     It draws nothing if standard error is not a terminal, and erases its line at the end.
     """
 
-    def __init__(self, what: str, terminal: Terminal | None = None, clock=time.monotonic) -> None:
+    def __init__(
+        self, what: str, terminal: Terminal | None = None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.what, self.clock = what, clock
         self.terminal = terminal or Terminal()
         self.began = self.clock()
@@ -55,12 +56,12 @@ class Progress:
             what = what[: max(0, most - 1)] + ("…" if self.terminal.unicode else "~")
         return f"{what}{text}"[: max(0, width)]
 
-    def part(self, first: float, last: float) -> Callable[..., Any]:
+    def part(self, first: float, last: float) -> Callable[[float], None]:
         """Return a progress function for a step that covers the shares from `first` to `last`."""
         return lambda share: self(first + (last - first) * share)
 
 
-def rounds(what: str, repeats: int) -> Iterator[int | None]:
+def rounds(what: str, repeats: int) -> Iterator[int]:
     """Yield numbers below `repeats` and show the progress: for _ in rounds("measuring", 15): ..."""
     with Progress(what) as progress:
         for number in range(repeats):

@@ -5,9 +5,9 @@ A narrow line first shortens its parts, then reduces the gaps, then drops parts,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 from runtime.console.terminal import IN_ASCII
 
@@ -16,6 +16,9 @@ RESET = "\x1b[0m"
 DOTS, CLOSE = (" | ", " · "), "  "  # gap between parts: in ASCII and Unicode; in a narrow line
 BAR = 8  # characters
 BAR_CHARACTERS = "━╌#."
+
+Piece: TypeAlias = "tuple[str, str | None]"  # text and colour
+Step: TypeAlias = "tuple[str | float, ...]"  # narrowing step, as `narrowing` returns them
 
 
 @dataclass(frozen=True)
@@ -29,26 +32,30 @@ class Part:
     """
 
     importance: float
-    forms: tuple
+    forms: tuple[str | Sequence[Piece], ...]
     colour: str | None = None
     joined: bool = False
 
-    def pieces(self, form: int) -> tuple[tuple[str, str | None], ...]:
+    def pieces(self, form: int) -> Sequence[Piece]:
+        """Return a form as pairs (text, colour), with the colour None for the terminal's own.
+
+        form : number of the form; the shortest for a number that is too large
+        """
         pieces = self.forms[min(form, len(self.forms) - 1)]
         return ((pieces, self.colour),) if isinstance(pieces, str) else pieces
 
 
-def part(
-    importance: float, *forms: Sequence[tuple[str, None]] | str, colour: str | None = None, joined: bool = False
-) -> Part:
+def part(importance: float, *forms: str | Sequence[Piece], colour: str | None = None, joined: bool = False) -> Part:
+    """Return a Part. forms : from the longest to the shortest"""
     return Part(importance, forms, colour, joined)
 
 
 def fit(
-    parts: Sequence[Part], width: int, coloured: bool, unicode: bool, kept: frozenset[Any] = frozenset()
-) -> tuple[str, set[tuple[str | float, ...]]]:
+    parts: Sequence[Part], width: int, coloured: bool, unicode: bool, kept: frozenset[Step] = frozenset()
+) -> tuple[str, set[Step]]:
     """Return (line of at most `width` characters, set of the narrowing steps applied).
 
+    coloured, unicode : use colours, characters beyond ASCII
     kept : steps to apply in any case
     """
     stages = narrowing(parts)
@@ -72,11 +79,12 @@ def fit(
     return text[: max(0, width)], taken
 
 
-def length(line: Sequence[tuple[str, str | None]]) -> int:
+def length(line: Sequence[Piece]) -> int:
+    """Return the characters in a line."""
     return sum(len(text) for text, _ in line)
 
 
-def narrowing(parts: Sequence[Part]) -> list[tuple[str | float, ...]]:
+def narrowing(parts: Sequence[Part]) -> list[Step]:
     """Return all narrowing steps in order: ("form", importance, number), ("close",), ("without", importance)."""
     levels = sorted({part.importance for part in parts})
     longest = max((len(part.forms) for part in parts), default=1)
@@ -89,7 +97,7 @@ def narrowing(parts: Sequence[Part]) -> list[tuple[str | float, ...]]:
     return [*shorter, ("close",), *(("without", level) for level in levels[:-1])]
 
 
-def compose(parts: Sequence[Part], steps: set[tuple[str | float, ...]], unicode: bool) -> list[tuple[str, str | None]]:
+def compose(parts: Sequence[Part], steps: Collection[Step], unicode: bool) -> list[Piece]:
     """Return a line after narrowing steps, as a list of (text, colour)."""
     forms = {}
     for _, level, form in (step for step in steps if step[0] == "form"):
@@ -109,6 +117,7 @@ def compose(parts: Sequence[Part], steps: set[tuple[str | float, ...]], unicode:
 
 
 def bar(share: float, unicode: bool, width: int = BAR) -> str:
+    """Return a progress bar. share : 0 to 1; width : characters"""
     done = min(width, max(0, int(share * width + 0.5)))
     full, rest = BAR_CHARACTERS[:2] if unicode else BAR_CHARACTERS[2:]
     return full * done + rest * (width - done)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 import select
-from collections.abc import MutableMapping
+from typing import TYPE_CHECKING
 
 from runtime.console.terminal import harmless, readable
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
 
 STDOUT, STDERR = 1, 2
 
@@ -18,7 +22,7 @@ class Terminal:
     coloured, unicode : it supports colours, UTF-8
     """
 
-    def __init__(self, descriptor: int = STDERR, environment: dict[str, str] | MutableMapping = os.environ) -> None:
+    def __init__(self, descriptor: int = STDERR, environment: Mapping[str, str] = os.environ) -> None:
         self.descriptor = descriptor
         dumb = environment.get("TERM", "") in ("", "dumb")
         self.interactive = os.isatty(descriptor) and not dumb
@@ -34,6 +38,7 @@ class Terminal:
 
     @property
     def columns(self) -> int:
+        """Width of the terminal; 80 if it is unknown."""
         try:
             return os.get_terminal_size(self.descriptor).columns or 80
         except OSError:
@@ -55,6 +60,7 @@ class Terminal:
             self.drawn = True
 
     def erase(self) -> None:
+        """Remove the status line, if one is drawn."""
         if self.drawn:
             self.write("\r\x1b[K")
             self.drawn = False

@@ -12,11 +12,13 @@ import sys
 import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from runtime.console.terminal import relative
 
 if TYPE_CHECKING:
+    from typing import TextIO
+
     from graph.diagnostics import Location
 
 TEXT_WIDTH_MINIMUM, NARROW_INDENT = 20, 8  # columns: of text beside a head; indent of text below a head instead
@@ -31,26 +33,30 @@ class Console:
     colour: bool = False
 
     def style(self, text: str, code: int) -> str:
+        """Return a text with a style. code : SGR code of ANSI terminals, such as 1 for bold"""
         return f"\x1b[{code}m{text}\x1b[0m" if self.colour and text else text
 
     def bold(self, text: str) -> str:
+        """Return a text in bold."""
         return self.style(text, 1)
 
     def faint(self, text: str) -> str:
+        """Return a text in faint characters."""
         return self.style(text, 2)
 
     def ok(self, text: str) -> str:
+        """Return a text in green."""
         return self.style(text, 32)
 
     def error(self, text: str) -> str:
+        """Return a text in red."""
         return self.style(text, 31)
 
     def warn(self, text: str) -> str:
+        """Return a text in yellow."""
         return self.style(text, 33)
 
-    def hang(
-        self, head: str, text: str, style: type | Callable[..., Any] = str, indent: int | None = None
-    ) -> list[str]:
+    def hang(self, head: str, text: str, style: Callable[[str], str] = str, indent: int | None = None) -> list[str]:
         """Return lines with the head and, beside it, the text, wrapped at the width with a hanging indent.
 
         style : function that styles the text
@@ -80,10 +86,10 @@ class Console:
         return text if self.width is None or len(text) <= self.width else text[: self.width - 1].rstrip() + "…"
 
 
-def console_for(stream=None) -> Console:
+def console_for(stream: TextIO | None = None) -> Console:
     """Return the Console of a stream, by default of standard output."""
     stream = stream or sys.stdout
-    if not stream.isatty():
+    if stream is None or not stream.isatty():
         return Console()
     return Console(
         shutil.get_terminal_size().columns, not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

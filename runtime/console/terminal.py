@@ -3,10 +3,17 @@
 A failure to write does not change the exit code: a closed pipe (`| head -1`), a full disk, a closed terminal.
 """
 
+from __future__ import annotations
+
 import os
 import re
 import shutil
 import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from typing import TextIO
 
 
 def program() -> str:
@@ -83,17 +90,23 @@ def one_line(text: str, coloured: bool = False) -> str:
     return harmless(text, coloured).replace("\n", "\\n").replace("\t", "\\t")
 
 
-def tell(lines) -> None:
-    """Write lines to standard output."""
+def print_lines(lines: Iterable[object]) -> None:
+    """Write lines to standard output. A failure to write is reported on standard error."""
     write(lines, sys.stdout)
 
 
-def complain(lines) -> None:
-    """Write lines to standard error, with paths relative to the working folder."""
+def print_to_stderr(lines: Iterable[str]) -> None:
+    """Write lines to standard error, with paths relative to the working folder. Ignores a failure to write."""
     write([relative(line) for line in lines], sys.stderr)
 
 
-def write(lines, stream) -> None:
+def write(lines: Iterable[object], stream: TextIO | None) -> None:
+    """Write lines to a stream, with control characters escaped and missing characters replaced.
+
+    stream : None for one that is closed: nothing is written
+
+    Redirects the stream to /dev/null at the first failure, and reports one other than a closed pipe on standard error.
+    """
     if stream is None:
         return
     try:
@@ -101,11 +114,11 @@ def write(lines, stream) -> None:
         stream.write(readable(text, stream.encoding or "utf-8"))
         stream.flush()
     except BrokenPipeError:
-        silence(stream)
+        _discard(stream)
     except OSError as error:
-        silence(stream)
+        _discard(stream)
         if stream is not sys.stderr:
-            complain([f"tickwork: cannot write to standard output: {error.strerror}"])
+            print_to_stderr([f"tickwork: cannot write to standard output: {error.strerror}"])
 
 
 def readable(text: str, encoding: str) -> str:
@@ -113,11 +126,12 @@ def readable(text: str, encoding: str) -> str:
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
-        text = text.translate({code: word for code, word in IN_ASCII.items() if not encodable(chr(code), encoding)})
+        text = text.translate({code: word for code, word in IN_ASCII.items() if not _is_encodable(chr(code), encoding)})
     return text.encode(encoding, "replace").decode(encoding)
 
 
-def encodable(character: str, encoding: str) -> bool:
+def _is_encodable(character: str, encoding: str) -> bool:
+    """Return whether an encoding has a character."""
     try:
         character.encode(encoding)
     except UnicodeEncodeError:
@@ -125,7 +139,7 @@ def encodable(character: str, encoding: str) -> bool:
     return True
 
 
-def silence(stream) -> None:
+def _discard(stream) -> None:
     """Redirect a stream to /dev/null, so that flushing its buffer at exit raises no error."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())

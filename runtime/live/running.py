@@ -11,7 +11,7 @@ MEMORY = "/memfd:tickwork"
 
 
 def page_of(pid: int) -> SharedState | None:
-    """Return the SharedState that a process has created, None if it has none. Raises PermissionError."""
+    """Return the shared state that a process has created, None if it has none. Raises PermissionError."""
     try:
         entries = list(Path("/proc", str(pid), "fd").iterdir())
     except (FileNotFoundError, ProcessLookupError):
@@ -35,8 +35,8 @@ def page_of(pid: int) -> SharedState | None:
 
 
 def runs() -> dict[int, SharedState]:
-    """{pid: SharedState} of every run that this user may look at."""
-    found = {}
+    """Return {process ID: shared state} of every run that this user may access."""
+    states = {}
     for name in os.listdir("/proc"):
         if name.isdigit():
             try:
@@ -44,5 +44,5 @@ def runs() -> dict[int, SharedState]:
             except PermissionError:
                 continue
             if page is not None and not page.closed:
-                found[int(name)] = page
-    return found
+                states[int(name)] = page
+    return states

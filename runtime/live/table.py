@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cext.safety.shared_state import SharedState
     from graph.schedule import Schedule
 
@@ -39,15 +41,17 @@ class Parameter:
 
     def shown(self, value: float) -> str:
         """Return a value with its unit for display: '40 N·m/rad'."""
-        return f"{self.plain(value)}".lower() if self.dtype == "bool" else f"{value:.6g}" + self.behind
+        return f"{self.plain(value)}".lower() if self.dtype == "bool" else f"{value:.6g}" + self.unit_suffix
 
     @property
-    def behind(self) -> str:
+    def unit_suffix(self) -> str:
+        """Space and unit, "" for a number without a unit."""
         return "" if self.unit in ("1", "any") else f" {self.unit}"
 
     @property
     def bounds(self) -> str:
-        return "false or true" if self.dtype == "bool" else f"{self.low:g} to {self.high:g}{self.behind}"
+        """Range as text: '0 to 150 N·m/rad', or 'false or true'."""
+        return "false or true" if self.dtype == "bool" else f"{self.low:g} to {self.high:g}{self.unit_suffix}"
 
     def stepped(self, value: float, steps: int) -> float:
         """Return the value after a number of fine key steps, on whole steps and within the bounds.
@@ -78,7 +82,7 @@ def nice(number: float) -> float:
 
 
 def describe(schedule: Schedule) -> tuple[int, bytes]:
-    """What SharedState(live=...) wants of a schedule: (number of live parameters, bytes)."""
+    """Return (number of live parameters, their table as JSON) of a schedule, for SharedState(live=...)."""
     parameters = [
         {
             "path": live.path,
@@ -99,14 +103,18 @@ def describe(schedule: Schedule) -> tuple[int, bytes]:
 
 @dataclass(frozen=True)
 class Table:
-    """Table of live parameters. name, rate : of the diagram; parameters : Parameter of each, in mailbox order"""
+    """Table of live parameters.
+
+    name, rate : name and rate in Hz of the diagram
+    parameters : in the order of the mailbox
+    """
 
     name: str
     rate: float
-    parameters: tuple
+    parameters: tuple[Parameter, ...]
 
 
-def values(page: SharedState, parameters: tuple[Parameter, ...]) -> list[tuple[float, float]]:
+def values(page: SharedState, parameters: Sequence[Parameter]) -> list[tuple[float, float]]:
     """Return (value in the newest tick, target) of each live parameter."""
     return (
         [(parameter.built, parameter.built) for parameter in parameters] if page.state == "init" else page.live_values()
@@ -115,12 +123,12 @@ def values(page: SharedState, parameters: tuple[Parameter, ...]) -> list[tuple[f
 
 def read(page: SharedState) -> Table:
     """Return the Table in a shared state; an empty one if there is none."""
-    told = json.loads(page.live or b'{"name": "", "rate": 1.0, "parameters": []}')
+    table = json.loads(page.live or b'{"name": "", "rate": 1.0, "parameters": []}')
     return Table(
-        told["name"],
-        told["rate"],
+        table["name"],
+        table["rate"],
         tuple(
-            Parameter(index, **{**found, "slew": math.inf if found["slew"] is None else found["slew"]})
-            for index, found in enumerate(told["parameters"])
+            Parameter(index, **{**entry, "slew": math.inf if entry["slew"] is None else entry["slew"]})
+            for index, entry in enumerate(table["parameters"])
         ),
     )

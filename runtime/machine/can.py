@@ -20,10 +20,11 @@ STATES = {
 }
 
 
-def can_interfaces(machine: Machine, wants: Wants) -> list[Finding] | Finding:
+def _can_interfaces(machine: Machine, wants: Wants) -> list[Finding] | Finding:
+    """Check every CAN interface of the machine."""
     names = [name.split("/")[-2] for name in machine.glob("sys/class/net/*/type") if machine.read(name) == ARPHRD_CAN]
     if not names:
-        return none(machine)
+        return _none(machine)
     try:
         links = {link.get("ifname"): link for link in json.loads(machine.output("ip", "-details", "-json", "link"))}
     except ValueError:
@@ -31,7 +32,8 @@ def can_interfaces(machine: Machine, wants: Wants) -> list[Finding] | Finding:
     return [finding for name in names for finding in interface(machine, wants, name, links.get(name))]
 
 
-def none(machine: Machine) -> Finding:
+def _none(machine: Machine) -> Finding:
+    """Return the finding on a machine without CAN interfaces."""
     why = "actuators are controlled over CAN"
     if machine.kind == PI:
         return Finding(
@@ -65,17 +67,17 @@ def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | 
     cure = bring_up(name, wants.bitrate, wants.restart, wants.queue)
     if not up:
         return [Finding(name, BAD, "is down", "nothing is sent or received", cure, "can", name)]
-    troubles = []
+    problems = []
 
-    def trouble(verdict, found, why, cure, part="can"):
-        troubles.append(Finding(name, verdict, found, why, cure, part, name))
+    def report(verdict, found, why, cure, part="can"):
+        problems.append(Finding(name, verdict, found, why, cure, part, name))
 
     down_first = f"sudo ip link set {name} down && {cure}"
     data = about.get("info_data") or {}
     bitrate = (data.get("bittiming") or {}).get("bitrate")
     state, restart = data.get("state", ""), data.get("restart_ms")
     if bitrate is None:
-        trouble(
+        report(
             UNKNOWN,
             "its bitrate is unknown",
             "no frame is received at a bitrate other than the drives'",
@@ -83,7 +85,7 @@ def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | 
             "",
         )
     elif bitrate != wants.bitrate:
-        trouble(
+        report(
             BAD,
             f"{speed(bitrate)}, not {speed(wants.bitrate)}",
             "no frame is received at a bitrate other than the drives'",
@@ -93,23 +95,23 @@ def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | 
         verdict, why = STATES[state]
         errors = data.get("berr_counter") or {}
         count = f" ({errors['tx']} errors sending, {errors['rx']} receiving)" if {"tx", "rx"} <= errors.keys() else ""
-        trouble(verdict, state + count, why, "120 Ω at both ends, CAN_H to CAN_H, drives on, one bitrate for all", "")
+        report(verdict, state + count, why, "120 Ω at both ends, CAN_H to CAN_H, drives on, one bitrate for all", "")
     if restart == 0:
-        trouble(
+        report(
             WORSE,
             "does not restart automatically",
             "after bus-off it stays off the bus until it is taken down and up again",
             down_first,
         )
     if queue < QUEUE_MINIMUM:
-        trouble(
+        report(
             WORSE,
             f"transmit queue of {queue} frames",
             "the commands of many drives in one tick do not fit; the last are dropped",
             f"sudo ip link set {name} txqueuelen {wants.queue}",
         )
     if driver == "mcp251x":
-        trouble(
+        report(
             WORSE,
             "an MCP2515, which holds two frames",
             "replies of several drives at 1 Mbit/s overrun its buffer and are lost",
@@ -117,7 +119,7 @@ def interface(machine: Machine, wants: Wants, name: str, link: dict[str, Any] | 
             "",
         )
     words = [speed(bitrate) if bitrate else "", state, f"transmit queue of {queue} frames", driver]
-    return troubles or [Finding(name, OK, ", ".join(word for word in words if word))]
+    return problems or [Finding(name, OK, ", ".join(word for word in words if word))]
 
 
 def bring_up(name: str, bitrate: float, restart: int = Wants.restart, queue: int = Wants.queue) -> str:
@@ -129,7 +131,8 @@ def bring_up(name: str, bitrate: float, restart: int = Wants.restart, queue: int
 
 
 def speed(bitrate: float) -> str:
+    """Return a bitrate as text: '1 Mbit/s', '500 kbit/s'. bitrate : bit/s"""
     return f"{bitrate / 1e6:g} Mbit/s" if bitrate >= 1_000_000 else f"{bitrate / 1e3:g} kbit/s"
 
 
-CHECKS = (can_interfaces,)
+CHECKS = (_can_interfaces,)

@@ -45,4 +45,4 @@ class Wants:
     restart: int = 100
     user: str | None = None
     folder: str = "recordings"
-    overlays: list = field(default_factory=list)
+    overlays: list[str] = field(default_factory=list)

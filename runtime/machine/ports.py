@@ -16,14 +16,15 @@ I2C_CLOCK_MINIMUM = 400_000  # Hz, for IMUs
 SERIAL = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyTHS*")
 
 
-def serial_ports(machine: Machine, wants: Wants) -> Finding:
+def _serial_ports(machine: Machine, wants: Wants) -> Finding:
+    """Check that this user may open the serial ports."""
     ports = [port for port in machine.devices(*SERIAL) if port.group != "tty"]  # group tty: consoles
     if not ports:
         return Finding("serial ports", OK, "none")
     return permission(machine, "serial ports", ports, "serial")
 
 
-def serial_latency(machine: Machine, wants: Wants) -> Finding | None:
+def _serial_latency(machine: Machine, wants: Wants) -> Finding | None:
     """Check the latency timer, in ms, that only FTDI chips have."""
     timers = {
         name.split("/")[-2]: machine.read(name) for name in machine.glob("sys/bus/usb-serial/devices/*/latency_timer")
@@ -44,7 +45,8 @@ def serial_latency(machine: Machine, wants: Wants) -> Finding | None:
     )
 
 
-def modem_manager(machine: Machine, wants: Wants) -> Finding | None:
+def _modem_manager(machine: Machine, wants: Wants) -> Finding | None:
+    """Check that no ModemManager probes the serial ports."""
     if not machine.devices("ttyACM*", "ttyUSB*") or not machine.runs("ModemManager"):
         return None
     return Finding(
@@ -57,14 +59,15 @@ def modem_manager(machine: Machine, wants: Wants) -> Finding | None:
     )
 
 
-def i2c_buses(machine: Machine, wants: Wants) -> Finding:
+def _i2c_buses(machine: Machine, wants: Wants) -> Finding:
+    """Check that this user may open the I2C buses."""
     buses = machine.devices("i2c-*")
     if not buses:
         return Finding("I2C", OK, "none" + ("; enable it with sudo raspi-config" if machine.kind == PI else ""))
     return permission(machine, "I2C", buses, "i2c")
 
 
-def i2c_speed(machine: Machine, wants: Wants) -> Finding | None:
+def _i2c_speed(machine: Machine, wants: Wants) -> Finding | None:
     """Check the I2C clock, which the device tree has as four bytes, big-endian.
 
     Only a Raspberry Pi has a fixed number for the bus of its header: 1.
@@ -103,4 +106,4 @@ def permission(machine: Machine, name: str, devices: Sequence[Device], part: str
     return Finding(name, BAD, found, "the connected devices cannot be opened", cure, part, group)
 
 
-CHECKS = (serial_ports, serial_latency, modem_manager, i2c_buses, i2c_speed)
+CHECKS = (_serial_ports, _serial_latency, _modem_manager, _i2c_buses, _i2c_speed)

@@ -30,11 +30,19 @@ class Device:
 
 
 class Machine:
+    """Files and command outputs of a machine.
+
+    root : "/" for this machine, or a folder with those of another
+
+    here : whether it is this machine
+    """
+
     def __init__(self, root: str | Path = "/") -> None:
         self.root = Path(root)
         self.here = self.root.resolve() == Path("/")
 
     def path(self, name: str) -> Path:
+        """Return the path of a file. name : its absolute path on the machine"""
         return self.root / name.lstrip("/")
 
     def raw(self, name: str) -> bytes:
@@ -49,6 +57,7 @@ class Machine:
         return self.raw(name).decode("utf-8", "replace").strip("\0 \n\t")
 
     def exists(self, name: str) -> bool:
+        """Return whether there is a file, folder or link of this name."""
         return os.path.lexists(self.path(name))
 
     def glob(self, pattern: str) -> list[str]:
@@ -109,6 +118,7 @@ class Machine:
         return dict(sorted(found.items()))
 
     def permits(self, mode: str, owner: str, group: str) -> bool:
+        """Return whether the user may read and write a file, by its mode as `ls -l` prints it: "rw-rw----"."""
         mine = [mode[6:8]] + [mode[3:5]] * (group in self.groups) + [mode[0:2]] * (owner == self.user)
         return self.root_user or "rw" in mine
 
@@ -124,6 +134,7 @@ class Machine:
 
     @property
     def root_user(self) -> bool:
+        """Whether the calling user is root."""
         return self._id.startswith("uid=0")
 
     @property
@@ -148,6 +159,7 @@ class Machine:
 
     @property
     def kind(self) -> str:
+        """ "pi" for a Raspberry Pi, "jetson" for an NVIDIA Jetson, else "other"."""
         compatible = self.read("/proc/device-tree/compatible")
         if "raspberrypi" in compatible or "Raspberry Pi" in self.model:
             return PI
@@ -155,11 +167,13 @@ class Machine:
 
     @property
     def system(self) -> str:
+        """Name and version of the operating system, such as "Ubuntu 22.04.5 LTS"; "Linux" if unknown."""
         match = re.search(r'^PRETTY_NAME="?([^"\n]*)', self.read("/etc/os-release"), re.MULTILINE)
         return match[1] if match else "Linux"
 
     @property
     def kernel(self) -> str:
+        """Version of the kernel, such as "6.8.0-45-generic"; "" if unknown."""
         words = self.read("/proc/version").split()
         return words[2] if len(words) > 2 else ""
 

@@ -4,9 +4,10 @@ A loop reserves its processor with a name in Linux's abstract socket namespace, 
 the reservation ends with the process.
 """
 
+from __future__ import annotations
+
 import socket
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from runtime.base.system import read
 
@@ -34,10 +35,11 @@ class Processor:
         self.number = numbers[0]
 
     def close(self) -> None:
+        """Release the processor."""
         self._name.close()
 
 
-def fastest_first(numbers: set[int], text_of: Callable[..., Any] = read) -> list[int]:
+def fastest_first(numbers: set[int], text_of: Callable[[str], str] = read) -> list[int]:
     """Return processors in order of preference: the last of the fastest first, since the first serves interrupts.
 
     text_of : function that reads a file of the machine, "" for an unreadable one

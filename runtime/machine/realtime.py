@@ -35,6 +35,7 @@ from runtime.machine.memory import prefault
 from runtime.machine.processor import Processor, fastest_first
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from posix import sched_param
 
 MODES = ("off", "try", "require")
@@ -68,11 +69,10 @@ class Refusal(Exception):
 
 class Realtime:
     """Real-time privileges of the calling thread and its process.
-    Parameters
-    ----------
+
     mode : "off", "try" or "require"
     priority : of SCHED_FIFO, 1 to 98
-    cpu : number of the processor to stay on; None for the last isolated one or, where none is isolated and the priority
+    cpu : number of the processor to stay on; None for the last isolated one or, if none is isolated and the priority
         was granted, the last of the fastest
 
     granted, refused : list of names; list of Refusal
@@ -81,7 +81,7 @@ class Realtime:
     spun : whether the thread lost its priority because it did not sleep; valid after `release`
     """
 
-    def __init__(self, mode: str = "off", priority: int = PRIORITY, cpu=None) -> None:
+    def __init__(self, mode: str = "off", priority: int = PRIORITY, cpu: int | None = None) -> None:
         if mode not in MODES or not 1 <= priority <= PRIORITY_LIMIT:
             raise ValueError(
                 f"expected a mode of {', '.join(MODES)} and a priority of 1 to {PRIORITY_LIMIT}, got {mode!r} and "
@@ -128,26 +128,26 @@ class Realtime:
         if self.refused and self.mode == "require":
             self.release()
             raise RealtimeRefused(
-                "\n".join([f"--realtime require: not granted: {self._names()}; nothing was armed", *self._cures()])
+                "\n".join([f"--realtime require: not granted: {self._names()}; nothing was armed", *self._remedies()])
             )
 
     def release(self) -> None:
         """Restore the previous settings. A second call does nothing."""
         self._undo.close()
 
-    def lines(self) -> list[Any]:
-        """Return remarks for the operator before the run, or nothing."""
+    def lines(self) -> list[str]:
+        """Return remarks for the operator before the run."""
         if self.mode == "off":
             return []
         if not self.refused:
             return [f"realtime: {', '.join(self.granted)}"]
-        return [f"realtime: granted {', '.join(self.granted)}; NOT granted {self._names()}", *self._cures()]
+        return [f"realtime: granted {', '.join(self.granted)}; NOT granted {self._names()}", *self._remedies()]
 
-    def risk(self):
+    def risk(self) -> list[str]:
         """Return lines on the risk of a run on a rig without real-time priority; none if it was granted."""
         return [] if any(name.startswith("SCHED_FIFO") for name in self.granted) else [RISK]
 
-    def summary(self):
+    def summary(self) -> str:
         """Return one line for the end of the run."""
         lost = f"; LOST its priority: {SPIN:g} s without a sleep" if self.spun else ""
         return ", ".join(self.granted) + (f"; NOT granted: {self._names()}" if self.refused else "") + lost
@@ -163,7 +163,7 @@ class Realtime:
     def _names(self):
         return ", ".join(refusal.name for refusal in self.refused)
 
-    def _cures(self):
+    def _remedies(self):
         for refusal in self.refused:
             yield f"  {refusal.name}: {refusal.why}"
             yield f"      {refusal.cure}"
@@ -177,18 +177,18 @@ class Realtime:
 
     def _lock_memory(self):
         size = address_space()
-        wanted, name = size + HEADROOM, "locked memory"
-        if not capable(CAP_IPC_LOCK) and not self._raised(resource.RLIMIT_MEMLOCK, wanted):
+        needed, name = size + HEADROOM, "locked memory"
+        if not capable(CAP_IPC_LOCK) and not self._raised(resource.RLIMIT_MEMLOCK, needed):
             limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
             raise Refusal(
                 name,
-                f"the memlock limit of {user()} is {mebibytes(limit)}, and {mebibytes(wanted)} are needed",
-                limit_cure("memlock", "unlimited"),
+                f"the memlock limit of {user()} is {_size_text(limit)}, and {_size_text(needed)} are needed",
+                _limit_remedy("memlock", "unlimited"),
             )
         try:
             native.lock_memory()
         except OSError as error:
-            raise Refusal(name, error.strerror or str(error), limit_cure("memlock", "unlimited")) from None
+            raise Refusal(name, error.strerror or str(error), _limit_remedy("memlock", "unlimited")) from None
         self._undo.callback(native.unlock_memory)
         native.prefault_stack(min(STACK, stack_limit() // 8))
         self.prefault()
@@ -213,7 +213,7 @@ class Realtime:
                 name, f"{IDLE_DEVICE} does not exist", f"docker run --device {IDLE_DEVICE}; or a kernel with CONFIG_PM"
             ) from None
         except OSError as error:
-            raise Refusal(name, f"{IDLE_DEVICE}: {error.strerror}", idle_cure()) from None
+            raise Refusal(name, f"{IDLE_DEVICE}: {error.strerror}", _idle_remedy()) from None
         return "processors awake"
 
     def _stay_on_one_processor(self):
@@ -231,7 +231,7 @@ class Realtime:
             except OSError:
                 raise Refusal(
                     f"processor {cpu}",
-                    f"this process may only run on {numbers(before)}",
+                    f"this process may only run on {number_list(before)}",
                     "start it without `taskset`, or put the processor into the cpuset of its control group",
                 ) from None
             guard.callback(os.sched_setaffinity, 0, before)
@@ -249,7 +249,7 @@ class Realtime:
                 os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(self.priority))
             except OSError as error:
                 raise self._why_no_priority(name, permitted, error) from None
-            guard.callback(restore_scheduler, *before)
+            guard.callback(_restore_scheduler, *before)
             self._undo.push(guard.pop_all())
         return name
 
@@ -271,7 +271,7 @@ class Realtime:
         if not permitted:
             limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
             return Refusal(
-                name, f"the rtprio limit of {user()} is {limit}", limit_cure("rtprio", max(90, self.priority))
+                name, f"the rtprio limit of {user()} is {limit}", _limit_remedy("rtprio", max(90, self.priority))
             )
         file = exhausted_group()
         if file:
@@ -287,19 +287,19 @@ class Realtime:
             "kernel.sched_rt_runtime_us=-1",
         )
 
-    def _raised(self, which, wanted):
-        """Raise a limit as far as possible without privilege, and return whether it is `wanted` or more."""
+    def _raised(self, which, needed):
+        """Raise a limit as far as possible without privilege, and return whether it is `needed` or more."""
         soft, hard = resource.getrlimit(which)
-        if beyond(soft, wanted):
+        if _is_at_least(soft, needed):
             return True
-        if not beyond(hard, wanted):
+        if not _is_at_least(hard, needed):
             return False
         resource.setrlimit(which, (hard, hard))
         self._undo.callback(resource.setrlimit, which, (soft, hard))
         return True
 
 
-def restore_scheduler(policy: int, parameters: sched_param) -> None:
+def _restore_scheduler(policy: int, parameters: sched_param) -> None:
     """Restore the scheduler. The reset-on-fork flag cannot be cleared without privilege, and then stays."""
     try:
         os.sched_setscheduler(0, policy, parameters)
@@ -307,22 +307,27 @@ def restore_scheduler(policy: int, parameters: sched_param) -> None:
         os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
 
 
-def limit_cure(item, value):
+def _limit_remedy(item, value):
+    """Return the remedy for a limit of the account. item, value : of limits.conf"""
     return f"put `{user()} - {item} {value}` into {LIMITS_FILE} and log in again"
 
 
-def idle_cure():
+def _idle_remedy():
+    """Return the remedy for an idle device that this user may not open."""
     rule = f'KERNEL=="cpu_dma_latency", GROUP="{GROUP}", MODE="0660"'
     return f"sudo groupadd -f {GROUP} && sudo usermod -aG {GROUP} {user()}, and the udev rule {rule}"
 
 
-def beyond(limit, wanted):
-    return limit == resource.RLIM_INFINITY or limit >= wanted
+def _is_at_least(limit, needed):
+    """Return whether a resource limit is unlimited or large enough."""
+    return limit == resource.RLIM_INFINITY or limit >= needed
 
 
-def numbers(found):
-    return ", ".join(map(str, sorted(found)))
+def number_list(numbers: Iterable[int]) -> str:
+    """Return numbers in ascending order as text: '0, 1, 3'."""
+    return ", ".join(map(str, sorted(numbers)))
 
 
-def mebibytes(size):
+def _size_text(size):
+    """Return a size in bytes as text in MiB."""
     return "unlimited" if size == resource.RLIM_INFINITY else f"{size >> 20} MiB"

@@ -40,7 +40,7 @@ import time
 from contextlib import suppress
 
 from runtime.base.child_process import ChildProcess
-from runtime.console.keys import own_terminal, put_back
+from runtime.console.keys import own_terminal, restore
 from runtime.console.stderr import Terminal
 from runtime.recording.ascii_units import ascii_name
 
@@ -163,9 +163,9 @@ class RecorderProcess(ChildProcess):
 
     def _give_terminal_back(self):
         """Restore the terminal, in case the process was killed before it did so."""
-        if self._terminal is not None:
+        if self._terminal is not None and self._attributes is not None:
             with suppress(OSError):
-                put_back(self._terminal, self._attributes)
+                restore(self._terminal, self._attributes)
                 os.close(self._terminal)
             self._terminal = None
 

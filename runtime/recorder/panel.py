@@ -169,7 +169,7 @@ class Panel:
             ]
         if now < self.note_until:
             parts.append(part(8.2, self.note, colour="yellow"))
-        elif self.chosen is None and self.keyboard.taken:
+        elif self.chosen is None and self.keyboard.in_key_mode:
             parts.append(part(1, "? lists the keys", "? keys"))
         return parts
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 from cext.safety.ring_batch import read
 from cext.safety.thresholds import GUARDIAN_DEATH
-from runtime.console.keys import Keyboard, attributes_of, put_back
+from runtime.console.keys import Keyboard, restore, terminal_attributes
 from runtime.console.stderr import Terminal
 from runtime.console.styles import Console
 from runtime.recorder.disk_sync import DiskSync
@@ -48,7 +48,7 @@ def write(page, answers, control, keys, plan, checkpoint):
         terminal.say,
         Console(terminal.columns if terminal.interactive else None, terminal.coloured),
     )
-    before = attributes_of(keys) if keys >= 0 else None
+    before = terminal_attributes(keys) if keys >= 0 else None
     control.look(0)
     if control.abandoned:
         recording.discard()
@@ -61,7 +61,7 @@ def write(page, answers, control, keys, plan, checkpoint):
         record(page, answers, control, keys, recording, terminal, checkpoint)
     finally:
         if before is not None:  # the process that changed the terminal may have been killed
-            put_back(keys, before)
+            restore(keys, before)
 
 
 @contextmanager
@@ -138,7 +138,7 @@ def drain(page, control, recording, status, panel, checkpoint, idle):
                 panel.keyboard.follow()
                 follow_at = now + TERMINAL_POLL_PERIOD
             panel.look(now)
-        if panel is None or panel.keyboard.here:
+        if panel is None or panel.keyboard.in_foreground:
             status.update(now)
         if records and (virtual or over):
             continue

@@ -12,7 +12,7 @@ from blocks.families import families, family_of
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import refuse_company
 from runtime.console.confirm import enter_pressed
-from runtime.console.terminal import tell
+from runtime.console.terminal import print_lines
 
 QUERY_INTERVAL = 0.02  # s
 SILENCE_TIMEOUT = 0.5  # s without an answer
@@ -55,7 +55,7 @@ class Motor:
 
 def until_entered(motor, instruction):
     """Return [(time, angle)] of a joint until the operator presses Enter."""
-    tell([f"{instruction}, then press Enter"])
+    print_lines([f"{instruction}, then press Enter"])
     seen = []
     live = sys.stdout.isatty()
     while not enter_pressed():
@@ -88,7 +88,7 @@ def find(motor):
     """Guide the operator through the three steps. Returns {invert, offset, range} of the joint."""
     until_entered(motor, "1 of 3: motor off. Stand straight, so that the joint is at zero")
     straight = at_rest(motor, "straight")
-    tell([f"  straight at {straight:.3f} rad of the motor"])
+    print_lines([f"  straight at {straight:.3f} rad of the motor"])
     until_entered(motor, "2 of 3: bend the joint in the positive direction (for a knee: flexion) and hold it")
     bent = at_rest(motor, "bent")
     if abs(bent - straight) < MIN_MOTION:
@@ -98,7 +98,7 @@ def find(motor):
         )
     sign = 1.0 if bent > straight else -1.0
     way = "in the direction of the joint" if sign > 0 else "in the opposite direction"
-    tell([f"  bent by {abs(bent - straight):.3f} rad; the motor turns {way}"])
+    print_lines([f"  bent by {abs(bent - straight):.3f} rad; the motor turns {way}"])
     seen = until_entered(motor, "3 of 3: move the joint through its full motion, to both ends")
     angles = [sign * (angle - straight) for _, angle in seen]
     low, high = min(angles), max(angles)

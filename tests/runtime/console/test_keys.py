@@ -9,7 +9,7 @@ import psutil
 import pytest
 
 from runtime.analysis.trial import Trial
-from runtime.console.keys import KEY, name
+from runtime.console.keys import KEY, key_name
 from runtime.console.status_layout import fit, part
 from runtime.live.running import page_of
 from runtime.live.table import Parameter, nice
@@ -249,7 +249,7 @@ def test_values_are_shown_with_their_unit_and_written_exactly():
 
 def test_sequences_of_bytes_are_keys_however_a_terminal_writes_them():
     data = b" mA\x1b[A\x1bOB\x1b[1;2C\x1b[D\t\x1b[Z\x1b[5~\x1bx0\xc3"
-    assert [name(match[0]) for match in KEY.finditer(data)] == [
+    assert [key_name(match[0]) for match in KEY.finditer(data)] == [
         "space",
         "m",
         "A",

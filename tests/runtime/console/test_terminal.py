@@ -11,7 +11,7 @@ import pytest
 from runtime.console.status_layout import COLOURS, RESET
 from runtime.console.stderr import Terminal
 from runtime.console.styles import Console
-from runtime.console.terminal import complain, harmless, one_line, tell, write
+from runtime.console.terminal import harmless, one_line, print_lines, print_to_stderr, write
 
 LINE = "late by 61 µs at −4.5 N·m, 30° … ━╌ 漢"
 
@@ -53,8 +53,8 @@ def test_control_characters_are_escaped_and_styles_kept():
 
 
 def test_no_line_for_a_pipe_holds_a_control_character(capsys):
-    tell([NASTY])
-    complain([NASTY])
+    print_lines([NASTY])
+    print_to_stderr([NASTY])
     out, err = capsys.readouterr()
     assert out == err == SHOWN + "\n"
 

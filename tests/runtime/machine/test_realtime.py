@@ -13,7 +13,7 @@ import pytest
 
 from runtime.base.errors import BAD_INPUT, OK
 from runtime.base.system import capable, isolated_processors, processors
-from runtime.machine.realtime import Realtime, numbers
+from runtime.machine.realtime import Realtime, number_list
 from tests.runtime.runs import ROOT, Files, environment, finished, knee
 
 pytestmark = pytest.mark.timing
@@ -266,7 +266,7 @@ def test_a_processor_that_does_not_exist_is_refused_by_number():
     before = os.sched_getaffinity(0)
     with realtime:
         assert os.sched_getaffinity(0) == before
-    assert f"  processor 4000: this process may only run on {numbers(before)}" in realtime.lines()
+    assert f"  processor 4000: this process may only run on {number_list(before)}" in realtime.lines()
 
 
 def test_realtime_off_sets_and_restores_only_timer_slack_and_slice():
