@@ -20,7 +20,7 @@ from runtime.base import ending  # noqa: E402
 if __name__ == "__main__":
     ending.leave_on_signals()
 
-from runtime.base import installation_check  # noqa: E402
+from runtime.base import installation_check, run_mark  # noqa: E402
 
 
 def main(folder=FOLDER):
@@ -30,6 +30,7 @@ def main(folder=FOLDER):
     """
     ending.leave_on_signals()
     occupy_standard_streams()
+    run_mark.set_mark()
     try:
         code = start(folder)
     except ending.Interrupted as interrupt:  # after its command

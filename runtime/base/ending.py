@@ -20,13 +20,16 @@ import threading
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from runtime.base.run_mark import end_marked, own_mark
+
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from typing import NoReturn
 
     from cext.schedule.outcome import Outcome
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1)
+CHILD_EXIT_LIMIT = 0.03  # s for the exit handlers to end the processes that user code has started
 FLUSH_LIMIT = 1.0  # s for the files that user code has left open
 RETRY_PERIOD = 0.03  # s after which a swallowed Interrupted is raised again
 
@@ -136,23 +139,32 @@ def leave(code: int) -> "NoReturn":
     """End the process with an exit code, without the interpreter's own ending.
 
     The interpreter's ending takes 50 ms to free all objects, and waits indefinitely for threads of user code. Exit
-    handlers are called, and files that user code has left open are flushed. A signal meanwhile ends the process.
+    handlers are called, files that user code has left open are flushed, and the processes that it has started are
+    killed. A signal meanwhile ends the process.
     """
+    mark = own_mark()
 
     def leave_now(number=0, frame=None) -> "NoReturn":
+        end_marked(mark)
         os._exit(code)
 
     for number in ENDING_SIGNALS:
         signal.signal(number, leave_now)
+    after(CHILD_EXIT_LIMIT, lambda: end_marked(mark))  # the handler of multiprocessing waits for its processes
     with suppress(Exception):
         atexit._run_exitfuncs()
-    with suppress(RuntimeError):  # the system grants no more threads, or user code has removed sys.excepthook
-        timer = threading.Timer(FLUSH_LIMIT, leave_now)  # a thread that hangs in a write holds the lock of its file
-        timer.daemon = True
-        timer.start()
+    after(FLUSH_LIMIT, leave_now)  # a thread that hangs in a write holds the lock of its file
     with suppress(Exception):  # a block has limited the memory of the process
         flush_files()
     leave_now()
+
+
+def after(seconds: float, function: "Callable[[], object]") -> None:
+    """Call a function in another thread, unless the process has ended before."""
+    with suppress(RuntimeError):  # the system grants no more threads, or user code has removed sys.excepthook
+        timer = threading.Timer(seconds, function)
+        timer.daemon = True
+        timer.start()
 
 
 def flush_files() -> None:

@@ -1,7 +1,7 @@
 """Check of the installation before any other import: packages from one place, compiled modules, libraries.
 
-This file, `runtime/__main__.py`, `runtime/base/ending.py` and `runtime/base/working_folder.py` must parse on Python 3.6
-or newer, and import nothing else of Tickwork.
+This file, `runtime/__main__.py`, and `ending.py`, `run_mark.py` and `working_folder.py` beside it must parse on Python
+3.6 or newer, and import nothing else of Tickwork.
 """
 
 import os

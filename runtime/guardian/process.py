@@ -26,6 +26,7 @@ from cext.safety.owner_death import OwnerDeathWatcher
 from cext.safety.shared_state import RECORD_EVENT, SharedState
 from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
 from runtime.base.ending import ignore_signals
+from runtime.base.run_mark import remove_mark
 from runtime.base.system import CAP_IPC_LOCK, capable, maps
 from runtime.console.terminal import one_line
 from runtime.guardian import control_group
@@ -45,6 +46,7 @@ def main(answers, control, page, lines, bell):
     or -1.
     """
     ignore_signals()
+    remove_mark()
     with open("/proc/self/comm", "w") as file:
         file.write(NAME)
     guardian = Guardian(SharedState(fd=page), Lines(fd=lines) if lines >= 0 else None, bell, answers, control)

@@ -21,6 +21,7 @@ from cext.clock import realtime
 from cext.safety.shared_state import SharedState
 from cext.user_text import name_and_text
 from runtime.base.ending import ignore_signals
+from runtime.base.run_mark import end_marked, own_mark, remove_mark
 from runtime.base.system import maps
 from runtime.console.stderr import Terminal
 from runtime.recorder.checkpoint import Checkpoint
@@ -36,12 +37,13 @@ CANNOT_RECORD = 2  # exit code of a writer whose files cannot be created
 class Control:
     """State of the control process and its orders on standard input.
 
+    mark : of the processes that its user code has started, which end with it; None without one
     gone : whether it has ended or runs another program
     abandoned : whether it has ordered to discard the recording
     """
 
-    def __init__(self, pidfd, page):
-        self.pidfd, self.page = pidfd, page
+    def __init__(self, pidfd, page, mark):
+        self.pidfd, self.page, self.mark = pidfd, page, mark
         self.gone = self.abandoned = self.hung_up = False
         self.received = b""
         self.poll = select.poll()
@@ -54,6 +56,7 @@ class Control:
             if descriptor == self.pidfd:
                 self.gone = True
                 self.poll.unregister(self.pidfd)
+                end_marked(self.mark)
                 continue
             data = os.read(ORDERS_DESCRIPTOR, 1 << 20)
             self.received += data
@@ -83,11 +86,20 @@ def main(answers, control, page, keys):
     ignore_signals()
     be_ordinary()
     page = SharedState(fd=page)
-    orders = Control(control, page)
+    mark = own_mark(page.control)
+    remove_mark()
+    orders = Control(control, page, mark)
     plan = orders.plan()
     if plan is None:
         return
     name_process("tickwork-parts")
+    record_parts(page, answers, orders, keys, plan)
+    if ended(control):  # after the writer has seen it alive
+        end_marked(mark)
+
+
+def record_parts(page, answers, orders, keys, plan):
+    """Record the parts of a recording, and answer if it stops before the end of the run."""
     checkpoint, causes, part = Checkpoint(page), [], plan.get("part", 1)
     while True:
         current = {**plan, "part": part}
@@ -96,7 +108,7 @@ def main(answers, control, page, keys):
         if cause is None or state is None:  # complete, or dead before it was ready, which the control process reports
             return
         checkpoint.cut_files(state)
-        again = not unfit and cause not in causes and len(causes) < RESTART_LIMIT and not ended(control)
+        again = not unfit and cause not in causes and len(causes) < RESTART_LIMIT and not ended(orders.pidfd)
         causes.append(cause)
         plan, part, problem = successor(plan, part, state, cause, again, page)
         Terminal().say(f"tickwork recorder: {problem}")
