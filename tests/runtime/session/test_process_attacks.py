@@ -51,7 +51,7 @@ ATTACKS = {  # expression in tick 20, exit code, text in the summary, text on st
     "all closed": ("os.closerange(0, 1024)", 0, "", ""),
     "excepthook": ("setattr(sys, 'excepthook', None)", 0, COMPLETE, ""),
     "modules": ("sys.modules.clear()", 0, COMPLETE, ""),
-    "fork": ("os.fork()", 0, COMPLETE, "its child process returned into the loop"),
+    "fork": ("os.fork()", 0, COMPLETE, "its child process returned to the loop"),
 }
 
 
