@@ -1,5 +1,7 @@
 """Catalogue of the installed blocks of all libraries, for `python -m runtime blocks`."""
 
+from __future__ import annotations
+
 import importlib
 import importlib.metadata
 import inspect
@@ -7,8 +9,11 @@ import pkgutil
 import re
 import sys
 import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from email.message import Message
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, cast
 
 from blocks.families import families
 from cext.user_text import name_and_text
@@ -20,6 +25,9 @@ from runtime.base.errors import BadInput
 from runtime.console.styles import console_for, count
 from runtime.console.terminal import program
 
+if TYPE_CHECKING:
+    from runtime.console.styles import Console
+
 OWN = "blocks"  # package of Tickwork's library
 BASES = (Block.__module__, Device.__module__)
 
@@ -29,12 +37,12 @@ class Library:
     """Library of blocks in one distribution."""
 
     name: str  # of the distribution
-    modules: tuple
-    homes: dict  # {class of a block: module that exports it}
-    broken: tuple  # (module that cannot be imported, reason)
+    modules: tuple[str, ...]
+    homes: dict[type[Block], str]  # {class of a block: module that exports it}
+    broken: tuple[tuple[str, str], ...]  # (module that cannot be imported, reason)
 
 
-def catalog(name=None, library=None, models=False):
+def catalog(name: str | None = None, library: str | None = None, models: bool = False) -> list[str]:
     """Return the lines of the catalogue. Raises BadInput.
 
     name : of a block or family to describe; None lists all blocks
@@ -44,15 +52,15 @@ def catalog(name=None, library=None, models=False):
     console = console_for()
     if models:
         return actuators(console)
-    found = libraries()
+    installed = libraries()
     if library is not None:
-        found = [find_library(library, found)]
+        installed = [_find_library(library, installed)]
     if name is None:
-        return listing(found, console, described=library is not None)
-    homes = {kind: home for entry in found for kind, home in entry.homes.items()}
+        return listing(installed, console, described=library is not None)
+    homes = {kind: home for entry in installed for kind, home in entry.homes.items()}
     in_family = [kind for kind, home in homes.items() if name.lower() in (family_of(home), home)]
     if in_family:
-        return rows(in_family, console)
+        return _rows(in_family, console)
     return [
         line
         for index, kind in enumerate(find(name, homes))
@@ -63,7 +71,7 @@ def catalog(name=None, library=None, models=False):
 # Libraries
 
 
-def libraries():
+def libraries() -> list[Library]:
     """Return every Library, Tickwork's first."""
     modules = {"tickwork": [OWN]}
     for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
@@ -71,8 +79,12 @@ def libraries():
     return [read(name, tuple(dict.fromkeys(places))) for name, places in modules.items()]
 
 
-def read(name, places):
-    """Import the modules of a library. Returns a Library."""
+def read(name: str, places: Sequence[str]) -> Library:
+    """Import the modules of a library. Returns a Library.
+
+    name : of the distribution
+    places : names of the modules at the top of the library
+    """
     modules, broken = [], []
     for place in places:
         for module in walk(place, broken):
@@ -83,7 +95,7 @@ def read(name, places):
     return Library(name, tuple(places), {kind: homes[kind] for kind in order}, tuple(broken))
 
 
-def offers(module, kind):
+def offers(module: ModuleType, kind: object) -> bool:
     """Return whether a module exports a block: it defines the block, or belongs to Tickwork's library and imports it
     from graph.
     """
@@ -99,8 +111,11 @@ def offers(module, kind):
     return kind.__module__ == module.__name__ or ours
 
 
-def walk(name, broken):
-    """Yield a module and all below it. Modules that cannot be imported are added to `broken`."""
+def walk(name: str, broken: list[tuple[str, str]]) -> Iterator[ModuleType]:
+    """Yield a module and all below it.
+
+    broken : list that receives (name, reason) of each module that cannot be imported
+    """
     try:
         module = importlib.import_module(name)
     except Exception as error:  # a module of another library must not hide the rest
@@ -112,26 +127,31 @@ def walk(name, broken):
             yield from walk(f"{name}.{info.name}", broken)
 
 
-def find_library(name, found):
-    def plain(text):
+def _find_library(name: str, installed: Sequence[Library]) -> Library:
+    """Return the library of a distribution or of a top-level package. Raises BadInput with a suggestion."""
+
+    def plain(text: str) -> str:
         return text.lower().replace("_", "-")
 
-    for library in found:
+    for library in installed:
         if plain(name) in map(plain, (library.name, *(place.split(".")[0] for place in library.modules))):
             return library
-    known = [library.name for library in found]
+    known = [library.name for library in installed]
     raise BadInput(
         f"no installed library {name!r} contains blocks; {suggestion(name, known) or 'expected ' + ', '.join(known)}"
     )
 
 
-def family_of(home):
+def family_of(home: str) -> str:
     """Return the module of a block within its library, such as 'limiters' or 'actuators'."""
     return home.split(".")[:2][-1]
 
 
-def import_line(kind, home):
-    """Return the import statement of a block, from the outermost package that exports it."""
+def import_line(kind: type[Block], home: str) -> str:
+    """Return the import statement of a block, from the outermost package that exports it.
+
+    home : module that exports the block, already imported
+    """
     parts = home.split(".")
     packages = [".".join(parts[:depth]) for depth in range(1, len(parts) + 1)]
     module = next(package for package in packages if getattr(sys.modules[package], kind.__name__, None) is kind)
@@ -141,18 +161,21 @@ def import_line(kind, home):
 # Lists
 
 
-def listing(found, console, described):
-    """Return one line per block, by library and family."""
+def listing(installed: Iterable[Library], console: Console, described: bool) -> list[str]:
+    """Return one line per block, by library and family.
+
+    described : whether each library is described by its version, author and required versions
+    """
     lines = []
-    for library in found:
-        lines += about(library, console) if described else [title(library, console)]
+    for library in installed:
+        lines += about(library, console) if described else [_title(library, console)]
         for family in dict.fromkeys(map(family_of, library.homes.values())):
             own = [kind for kind, home in library.homes.items() if family_of(home) == family]
             modules = dict.fromkeys(import_line(kind, library.homes[kind]).split()[1] for kind in own)
             lines += [
                 "",
                 f"  {console.bold(family)}  {console.faint('from ' + ', '.join(modules))}",
-                *rows(own, console, "    "),
+                *_rows(own, console, "    "),
             ]
         for module, why in library.broken:
             lines += ["", console.error(f"  {module} cannot be imported: {why}")]
@@ -163,30 +186,30 @@ def listing(found, console, described):
     ]
 
 
-def rows(kinds, console, indent=""):
+def _rows(kinds: Sequence[type[Block]], console: Console, indent: str = "") -> list[str]:
     width = max(len(kind.__name__) for kind in kinds)
     return [console.cut(f"{indent}{kind.__name__:<{width}}  {summary(kind) or 'no docstring'}") for kind in kinds]
 
 
-def metadata(library) -> Any:
+def metadata(library: Library) -> Message | None:
     """Return the metadata of the distribution; None for a checkout that is not installed."""
     try:
-        return importlib.metadata.metadata(library.name)
+        return cast(Message, importlib.metadata.metadata(library.name))
     except importlib.metadata.PackageNotFoundError:
         return None
 
 
-def title(library, console):
-    data: Any = metadata(library)
+def _title(library: Library, console: Console) -> str:
+    data = metadata(library)
     return (
         console.bold(library.name + (f" {data['Version']}" if data else "")) + f"  {count(len(library.homes), 'block')}"
     )
 
 
-def about(library, console):
+def about(library: Library, console: Console) -> list[str]:
     """Return the lines on a library: version, author, required and tested versions."""
     data = metadata(library)
-    lines = [title(library, console)]
+    lines = [_title(library, console)]
     if data is None:
         return [*lines, "  not installed as a distribution: run from a checkout"]
     pythons = re.compile(r"Programming Language :: Python :: \d\.\d+")
@@ -215,19 +238,19 @@ def about(library, console):
 # One block
 
 
-def find(name, kinds):
+def find(name: str, kinds: Iterable[type[Block]]) -> list[type[Block]]:
     """Return the blocks of a name, regardless of case and underscores. Raises BadInput with a suggestion."""
     plain = name.rpartition(".")[2].rpartition(":")[2].replace("_", "").replace("-", "").lower()
-    found = [kind for kind in kinds if kind.__name__.lower() == plain]
-    if not found:
+    matching = [kind for kind in kinds if kind.__name__.lower() == plain]
+    if not matching:
         known = {kind.__name__.lower(): kind.__name__ for kind in kinds}
         close = suggestion(plain, known)
         hint = f"did you mean {known[close.split(chr(39))[1]]}?" if close else f"list all blocks: {program()} blocks"
         raise BadInput(f"no installed block has the name {name!r}; {hint}")
-    return found
+    return matching
 
 
-def describe(kind, home, console):
+def describe(kind: type[Block], home: str, console: Console) -> list[str]:
     """Return the lines that describe one block by its declarations."""
     card = class_card(kind)
     lines = [
@@ -269,12 +292,12 @@ def describe(kind, home, console):
     return [line.rstrip() for line in lines]
 
 
-def exceptions(card):
+def exceptions(card: Mapping[str, Any]) -> str:
     """Return a remark on the handling of exceptions, for a Python block."""
     return "; accepts hold_exceptions" if "Python" in card["runs"] else ""
 
 
-def source_line(kind):
+def source_line(kind: type[Block]) -> str:
     """Return the module and line of a block's source."""
     try:
         return f"{kind.__module__}, line {inspect.getsourcelines(getattr(kind, 'function', kind))[1]}"
@@ -285,7 +308,7 @@ def source_line(kind):
 # Actuators
 
 
-def actuators(console):
+def actuators(console: Console) -> list[str]:
     """Return the lines on the models of actuators by family: rated and peak torque, encoded ranges."""
     lines, notes = [], []
     for plugin in families():
@@ -302,8 +325,12 @@ def actuators(console):
     return [*lines, *console.hang("  ", " ".join([words, *notes]))]
 
 
-def family(console, name, usage, models):
-    """Return the table of one family."""
+def family(console: Console, name: str, usage: str, models: Mapping[str, Any]) -> list[str]:
+    """Return the table of one family.
+
+    name, usage : title of the table, and how a block names a model
+    models : {name: model}, with the ratings and encoded ranges as attributes
+    """
     columns = "".join(
         f"{text:>10}" for text in ("rated", "peak", "torque", "velocity", "position", "stiffness", "damping", "Kt")
     )
@@ -319,11 +346,11 @@ def family(console, name, usage, models):
     ]
     ranges = [f"wire_{name}" for name in ("torque", "velocity", "position", "stiffness", "damping")]
     for model in models.values():
-        values = [*(known(value) for value in (model.rated, model.peak, *(getattr(model, name) for name in ranges)))]
-        values.append(known(model.torque_constant, ".3g"))
+        values = [*(_known(value) for value in (model.rated, model.peak, *(getattr(model, name) for name in ranges)))]
+        values.append(_known(model.torque_constant, ".3g"))
         lines.append(f"  {model.name:<12}{f'{model.gear:g}:1':>8}" + "".join(f"{value:>10}" for value in values))
     return lines
 
 
-def known(value, spec="g"):
+def _known(value: float | None, spec: str = "g") -> str:
     return "-" if value is None else format(value, spec)

@@ -1,11 +1,15 @@
 """Drawings of diagram files as SVG, PNG, Mermaid text or an interactive HTML page."""
 
+from __future__ import annotations
+
 import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from graph.drawing import draw, mermaid, page, svg
 from runtime.base.errors import BadInput
@@ -13,18 +17,31 @@ from runtime.console.styles import count, place
 from runtime.console.terminal import program
 from runtime.diagrams.file import blamed, load
 
+if TYPE_CHECKING:
+    from runtime.diagrams.overrides import Settings
+
 FORMATS = {"svg": ".svg", "png": ".png", "mermaid": ".mmd", "html": ".html"}
 BY_SUFFIX = {suffix: name for name, suffix in FORMATS.items()} | {".htm": "html", ".mermaid": "mermaid"}
 PNG_SIZE_LIMIT = 12_000  # px, of the longer side
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
-def draw_file(path, settings=(), rate=None, output=None, form=None, all_ports=False):
-    """Draw a diagram file. Returns (lines for standard output, remarks for standard error). Raises BadInput.
+def draw_file(
+    path: Path,
+    settings: Settings = (),
+    rate: float | None = None,
+    output: str | None = None,
+    form: str | None = None,
+    all_ports: bool = False,
+) -> tuple[list[str], list[str]]:
+    """Draw a diagram file.
 
     settings, rate : as in a run
     output : file to write, "-" for standard output, None for the diagram's name
     form : a key of FORMATS; None for the format of the output's suffix, or svg
+    all_ports : whether ports without a connection are drawn
+
+    Returns (lines for standard output, remarks for standard error). Raises BadInput.
     """
     _, diagram = load(path, settings)
     if rate is not None:
@@ -39,13 +56,17 @@ def draw_file(path, settings=(), rate=None, output=None, form=None, all_ports=Fa
     if form == "png":
         rasterise(text, target)
     else:
-        save(target, text)
+        _save(target, text)
     size = "" if form in ("mermaid", "html") else f", {drawing.width:.0f} × {drawing.height:.0f} px"
     return [f"{target}: {count(len(drawing.boxes), 'block')}{size}"], remarks
 
 
-def choose(form, output, name):
-    """Return (format, Path or None for standard output)."""
+def choose(form: str | None, output: str | None, name: str) -> tuple[str, Path | None]:
+    """Return (format, Path or None for standard output). Raises BadInput.
+
+    form, output : as of `draw_file`
+    name : of the diagram, from which the name of the file is made
+    """
     if output == "-" and form == "png":
         raise BadInput("a PNG cannot be written to standard output: name a file with -o")
     if output == "-":
@@ -63,16 +84,20 @@ def choose(form, output, name):
     return form, Path(output) if suffix else Path(output + FORMATS[form])
 
 
-def save(target, text):
+def _save(target: Path, text: str) -> None:
     try:
         target.write_text(text, encoding="utf-8")
     except OSError as error:
         raise BadInput(f"cannot write {target}: {error.strerror}") from None
 
 
-def rasterise(text, target, scale=2.0):
-    """Write an SVG as PNG with the first installed tool. Raises BadInput if none is installed or it fails."""
-    tools = (with_cairosvg, with_rsvg, with_inkscape, with_browser)
+def rasterise(text: str, target: Path, scale: float = 2.0) -> None:
+    """Write an SVG as PNG with the first installed tool. Raises BadInput if none is installed or it fails.
+
+    text : of the SVG
+    scale : px of the PNG per px of the SVG, reduced where a side would exceed PNG_SIZE_LIMIT
+    """
+    tools = (_with_cairosvg, _with_rsvg, _with_inkscape, _with_browser)
     size = [float(text.split(f'{side}="', 1)[1].split('"', 1)[0]) for side in ("width", "height")]
     scale = min(scale, PNG_SIZE_LIMIT / max(size))
     with tempfile.TemporaryDirectory(prefix="tickwork-draw-") as folder:
@@ -88,7 +113,7 @@ def rasterise(text, target, scale=2.0):
             )
         if not picture.exists():
             raise BadInput(
-                f"{tool.__name__.removeprefix('with_')} failed to write a PNG: write an SVG instead, with --format svg"
+                f"{tool.__name__.removeprefix('_with_')} failed to write a PNG: write an SVG instead, with --format svg"
             )
         try:
             shutil.copyfile(picture, target)
@@ -99,7 +124,7 @@ def rasterise(text, target, scale=2.0):
 # Each tool returns whether it is installed.
 
 
-def with_cairosvg(source, picture, size, scale, folder):
+def _with_cairosvg(source: Path, picture: Path, size: Sequence[float], scale: float, folder: Path) -> bool:
     if find_spec("cairosvg") is None:
         return False
     import cairosvg  # pyright: ignore[reportMissingImports]
@@ -108,18 +133,18 @@ def with_cairosvg(source, picture, size, scale, folder):
     return True
 
 
-def with_rsvg(source, picture, size, scale, folder):
-    return call("rsvg-convert", "--zoom", f"{scale:g}", "--output", picture, source)
+def _with_rsvg(source: Path, picture: Path, size: Sequence[float], scale: float, folder: Path) -> bool:
+    return _call("rsvg-convert", "--zoom", f"{scale:g}", "--output", picture, source)
 
 
-def with_inkscape(source, picture, size, scale, folder):
-    return call("inkscape", f"--export-width={round(size[0] * scale)}", f"--export-filename={picture}", source)
+def _with_inkscape(source: Path, picture: Path, size: Sequence[float], scale: float, folder: Path) -> bool:
+    return _call("inkscape", f"--export-width={round(size[0] * scale)}", f"--export-filename={picture}", source)
 
 
-def with_browser(source, picture, size, scale, folder):
+def _with_browser(source: Path, picture: Path, size: Sequence[float], scale: float, folder: Path) -> bool:
     browser = next(filter(shutil.which, BROWSERS), None)
     as_root = ["--no-sandbox"] if os.geteuid() == 0 else []
-    return browser is not None and call(
+    return browser is not None and _call(
         browser,
         "--headless",
         *as_root,
@@ -137,7 +162,7 @@ def with_browser(source, picture, size, scale, folder):
     )
 
 
-def call(program, *arguments):
+def _call(program: str, *arguments: str | Path) -> bool:
     if shutil.which(program) is None:
         return False
     subprocess.run(

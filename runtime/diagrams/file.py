@@ -1,17 +1,20 @@
 """Diagram files: Python with `diagram` or `build(**parameters)`, and optionally `plant(robot, **parameters)`."""
 
+from __future__ import annotations
+
 import importlib.util
 import inspect
 import os
 import re
 import sys
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.machinery import SourceFileLoader
 from importlib.util import find_spec
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from types import CodeType, ModuleType, SimpleNamespace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cext.user_text import TEXT_LIMIT, bounded, repr_of, text_of
 from graph import Block, Diagram, DiagramError, compile
@@ -23,6 +26,14 @@ from runtime.diagrams.overrides import set_block_parameters, share_out
 from runtime.diagrams.recorded_signals import select_recorded
 from runtime.rig.overrides import override
 
+if TYPE_CHECKING:
+    from traceback import FrameSummary
+
+    from graph import Schedule
+    from runtime.diagrams.overrides import Replaced, Settings
+    from runtime.rig import RigFile
+
+T = TypeVar("T")
 PACKAGES = tuple(
     str(Path(__file__).parents[2] / package) + os.sep for package in ("blocks", "cext", "graph", "runtime")
 )
@@ -32,27 +43,34 @@ PACKAGES = tuple(
 class DiagramFile:
     """Loaded diagram file: its module, and the parameters of its `build` and `plant`.
 
-    sha256 : hex digest of the source that was run
+    path : of the file; without one, the name of the Diagram
+    module : namespace with `diagram`, `build` or `plant`
+    build_parameters, plant_parameters : {name: value} from the settings
+    sha256 : hex digest of the source that was run; None without a file
+    given : Diagram that the caller has passed instead of a file
     """
 
     path: Path
-    module: object
-    build_parameters: dict
-    plant_parameters: dict
+    module: ModuleType | SimpleNamespace
+    build_parameters: dict[str, Any]
+    plant_parameters: dict[str, Any]
     sha256: str | None = None
-    given: Diagram | None = None  # passed by the caller instead of a file
+    given: Diagram | None = None
 
     @property
-    def has_plant(self):
+    def has_plant(self) -> bool:
+        """Whether the file has a function `plant`."""
         return self.function("plant") is not None
 
-    def function(self, name):
+    def function(self, name: str) -> Callable[..., Any] | None:
         """Return a function of the file, or None."""
-        found = getattr(self.module, name, None)
-        return found if callable(found) else None
+        function = getattr(self.module, name, None)
+        return function if callable(function) else None
 
 
-def load(path: Any, settings: Any = (), rig: Any = None, sha256: str | None = None) -> tuple[DiagramFile, Diagram]:
+def load(
+    path: str | os.PathLike[str], settings: Settings = (), rig: RigFile | None = None, sha256: str | None = None
+) -> tuple[DiagramFile, Diagram]:
     """Read a diagram file and build its diagram.
 
     path : of the file
@@ -65,7 +83,11 @@ def load(path: Any, settings: Any = (), rig: Any = None, sha256: str | None = No
     return file, build(file, settings, rig)
 
 
-def source(given, plant=None, sha256=None):
+def source(
+    given: str | os.PathLike[str] | Diagram | Callable[[], Diagram],
+    plant: Diagram | Callable[..., Diagram] | None = None,
+    sha256: str | None = None,
+) -> DiagramFile:
     """Return the DiagramFile of a path, of a Diagram, or of a function that builds one. Raises BadInput.
 
     plant : Diagram or function plant(robot, **parameters) instead of the file's own
@@ -87,7 +109,9 @@ def source(given, plant=None, sha256=None):
     return DiagramFile(path, module, {}, {}, digest, given if isinstance(given, Diagram) else None)
 
 
-def build(file: DiagramFile, settings: Any = (), rig: Any = None, before: list | None = None) -> Diagram:
+def build(
+    file: DiagramFile, settings: Settings = (), rig: RigFile | None = None, before: list[Replaced] | None = None
+) -> Diagram:
     """Build the diagram of a DiagramFile. Raises BadInput.
 
     settings : pairs (name, value or its text). A name with a dot is a block's parameter, "left/impedance.stiffness";
@@ -118,16 +142,20 @@ def build(file: DiagramFile, settings: Any = (), rig: Any = None, before: list |
     return diagram
 
 
-def build_plant(file, robot):
+def build_plant(file: DiagramFile, robot: Diagram) -> Diagram:
     """Build the plant of a diagram file. Returns a Diagram. Raises BadInput."""
-    plant = call(file, file.function("plant"), robot, **file.plant_parameters)
+    function = file.function("plant")
+    assert function is not None
+    plant = call(file, function, robot, **file.plant_parameters)
     if not isinstance(plant, Diagram):
         raise BadInput(f"{file.path}: plant() returned {repr_of(plant)}, and must return a Diagram")
     return plant
 
 
-def compiled(path, diagram):
+def compiled(path: str | os.PathLike[str], diagram: Diagram) -> Schedule:
     """Compile a diagram, select its recorded signals and reset its Python blocks once. Returns its Schedule.
+
+    path : of the diagram file, for messages
 
     Raises DiagramError, and BadInput for an exception in user code.
     """
@@ -137,8 +165,11 @@ def compiled(path, diagram):
     return schedule
 
 
-def blamed(path, function, *arguments):
-    """Call a function that calls user code of blocks; an exception there becomes BadInput with its line."""
+def blamed(path: str | os.PathLike[str], function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function that calls user code of blocks; an exception there becomes BadInput with its line.
+
+    path : of the diagram file
+    """
     try:
         return function(*arguments)
     except DiagramError:
@@ -155,22 +186,23 @@ class Source(SourceFileLoader):
     sha256 : hex digest of the only source that may be run, None for any; after loading, of the source read
     """
 
-    def __init__(self, name, path, sha256=None):
+    def __init__(self, name: str, path: str, sha256: str | None = None) -> None:
         super().__init__(name, path)
         self.sha256 = sha256
 
-    def get_code(self, name):
+    def get_code(self, name: str) -> CodeType:
+        """Read and compile the source. Raises BadInput if it has changed or is not text."""
         source = self.get_data(self.path)
-        found = sha256(source).hexdigest()
-        if self.sha256 not in (None, found):
+        digest = sha256(source).hexdigest()
+        if self.sha256 not in (None, digest):
             raise BadInput(f"{os.path.relpath(self.path)} has changed while it was read: run the command again")
-        self.sha256 = found
+        self.sha256 = digest
         if b"\0" in source:
             raise BadInput(f"{os.path.relpath(self.path)} is not text: a diagram file is Python")
         return self.source_to_code(source, self.path)
 
 
-def execute(path, sha256=None):
+def execute(path: Path, sha256: str | None = None) -> tuple[ModuleType, str | None]:
     """Run the file as a module. Raises BadInput with the line of an error.
 
     The file can import modules in its folder, which is last on the path, so that they do not shadow libraries.
@@ -199,14 +231,14 @@ def execute(path, sha256=None):
     return module, source.sha256
 
 
-def near_miss(path):
-    """Return a suggestion of a file with a similar name."""
+def near_miss(path: Path) -> str:
+    """Return ": " and a suggestion of a file with a similar name; "" without one."""
     hint = suggestion(path.name, [file.name for file in path.parent.glob("*.py")]) if path.parent.is_dir() else ""
     return f": {hint}" if hint else ""
 
 
-def call(file, function, /, *arguments, **named):
-    """Call `build` or `plant`; an exception becomes BadInput."""
+def call(file: DiagramFile, function: Callable[..., T], /, *arguments: Any, **named: Any) -> T:
+    """Call `build` or `plant` with its parameters. An exception, or a wrong signature, becomes BadInput."""
     try:
         inspect.signature(function).bind(*arguments, **named)
     except TypeError as error:
@@ -221,7 +253,7 @@ def call(file, function, /, *arguments, **named):
     return guarded(file.path, function, *arguments, **named)
 
 
-def guarded(path, function, /, *arguments, **named):
+def guarded(path: str | os.PathLike[str], function: Callable[..., T], /, *arguments: Any, **named: Any) -> T:
     """Call user code; any exception becomes BadInput with the line in user code."""
     try:
         return function(*arguments, **named)
@@ -245,7 +277,7 @@ def guarded(path, function, /, *arguments, **named):
         raise BadInput(exception(path, error)) from error
 
 
-def syntax_error(error):
+def syntax_error(error: SyntaxError) -> str:
     """Return Python's message with the line and a caret at its position."""
     message = f"{error.filename}:{error.lineno}: syntax error: {error.msg}"
     if not error.text or not error.text.strip():
@@ -256,7 +288,7 @@ def syntax_error(error):
     return f"{message}\n    {text}" + (f"\n    {' ' * caret}^" if 0 <= caret <= len(text) else "")
 
 
-def exception(path, error):
+def exception(path: str | os.PathLike[str], error: BaseException) -> str:
     """Return the line in user code that raised an exception, and its text."""
     frames = own_frames(path, error) or traceback.extract_tb(error.__traceback__)
     hint = (
@@ -270,9 +302,10 @@ def exception(path, error):
     return f"{frames[-1].filename}:{frames[-1].lineno}: {words(error)}" + (f"; {hint}" if hint else "") + line
 
 
-def own_frames(path, error):
-    """Return the frames of a traceback in user code, not in Tickwork or libraries; those in the diagram file's folder
-    if any.
+def own_frames(path: str | os.PathLike[str], error: BaseException) -> list[FrameSummary]:
+    """Return the frames of a traceback in user code, not in Tickwork or libraries.
+
+    If some are in the folder of the diagram file, only those.
     """
     folder = os.path.dirname(os.path.abspath(path)) + os.sep
     own = [
@@ -283,7 +316,7 @@ def own_frames(path, error):
     return [frame for frame in own if frame.filename.startswith(folder)] or own
 
 
-def words(error, limit=TEXT_LIMIT):
+def words(error: BaseException, limit: float = TEXT_LIMIT) -> str:
     """Return the name and text of an exception; the text of a KeyError without its quotation marks.
 
     limit : s for forming the text
@@ -300,9 +333,10 @@ def words(error, limit=TEXT_LIMIT):
     return type(error).__name__ + (f": {message}" if message else "")
 
 
-def import_hint(path, error):
+def import_hint(path: str | os.PathLike[str], error: ImportError) -> str:
     """Return the remedy for a failed import: a similar name, or a file that a library shadows."""
     module = sys.modules.get(error.name or "")
+    path = Path(path)
     neighbour = path.parent / f"{(error.name or '').partition('.')[0]}.py"
     file = getattr(module, "__file__", None) or ""
     if module is not None and neighbour.exists() and os.path.realpath(file) != os.path.realpath(neighbour):
@@ -318,7 +352,7 @@ def import_hint(path, error):
     )
 
 
-def port_hint(error):
+def port_hint(error: AttributeError) -> str:
     """Return a suggestion of a port or parameter with a similar name."""
     block = error.obj
     return (

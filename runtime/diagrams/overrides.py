@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from graph import DiagramError, units
 from graph.names import suggestion
@@ -19,17 +19,19 @@ from runtime.live import patterns
 if TYPE_CHECKING:
     from graph.block import Block
     from graph.diagram import Diagram
+    from runtime.diagrams.file import DiagramFile
 
+Settings = Sequence[tuple[str, Any]]  # name, and the value or its text
+Replaced = tuple[Any, str, Any]  # block, name of its parameter, value before
 TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
-def share_out(file, settings: Sequence[tuple[str, str | float]]) -> None:
+def share_out(file: DiagramFile, settings: Settings) -> None:
     """Assign each setting without a dot to `build`, `plant` or both: those with a parameter of that name.
 
-    Raises BadInput.
+    file : DiagramFile, whose `build_parameters` and `plant_parameters` are filled
 
-    file : DiagramFile
-    settings : pairs (name, text)
+    Raises BadInput.
     """
     offered, open_ended = {}, []  # {name: [(parameter, dict for its value)]}; functions that accept any name
     for function, target, skip in (
@@ -57,7 +59,7 @@ def share_out(file, settings: Sequence[tuple[str, str | float]]) -> None:
             target[name] = parse_like(parameter.default, name, text)
 
 
-def parse_like(default, name: str, text: str | float):
+def parse_like(default: Any, name: str, text: Any) -> Any:
     """Convert a text to the type of a default: bool, int, float, str; other types are parsed as Python literals.
 
     A value that is not a text is returned unchanged.
@@ -86,7 +88,7 @@ def parse_like(default, name: str, text: str | float):
         return text
 
 
-def set_block_parameters(diagram: Diagram, name: str, value: str | float):
+def set_block_parameters(diagram: Diagram, name: str, value: Any) -> list[Replaced]:
     """Set "left/impedance.stiffness", or all matches of "*/impedance.stiffness", to a value or its text.
 
     Returns [(block, parameter, value before)]. Raises BadInput.
@@ -101,7 +103,7 @@ def set_block_parameters(diagram: Diagram, name: str, value: str | float):
     return [set_block_parameter(diagram, each, value) for each in matching]
 
 
-def set_block_parameter(diagram: Diagram, name: str, value: str | float):
+def set_block_parameter(diagram: Diagram, name: str, value: Any) -> Replaced:
     """Set "left/impedance.stiffness" to a value or its text.
 
     Returns (block, parameter, value before). Raises BadInput.
@@ -127,15 +129,15 @@ def set_block_parameter(diagram: Diagram, name: str, value: str | float):
     return block, parameter, before
 
 
-def set_seeds(diagram: Diagram, seed: int):
+def set_seeds(diagram: Diagram, seed: int) -> list[Replaced]:
     """Derive the seed of every noise source of a diagram from one number and the path of its block.
 
     Returns [(block, "seed", value before)].
     """
-    return [set_block_parameter(diagram, f"{block.path}.seed", derived(seed, block.path)) for block in noise(diagram)]
+    return [set_block_parameter(diagram, f"{block.path}.seed", derived(seed, block.path)) for block in _noise(diagram)]
 
 
-def noise(diagram: Diagram) -> list[Block]:
+def _noise(diagram: Diagram) -> list[Block]:
     return [block for block in diagram if "seed" in block.parameters]
 
 
@@ -144,7 +146,7 @@ def derived(seed: int, path: str) -> int:
     return int.from_bytes(sha256(f"{seed}:{path}".encode()).digest()[:7], "big") >> 3
 
 
-def restore(replaced: Sequence[tuple[Block, str, float]]) -> None:
+def restore(replaced: Sequence[Replaced]) -> None:
     """Restore parameters to their previous values. replaced : as returned by the functions above"""
     for block, parameter, before in reversed(replaced):
         block.set(parameter, before)

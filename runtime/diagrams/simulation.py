@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cext.bus.memory_bus import MemoryBus
 from cext.bus.timed_bus import TimedBus
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cext.bus.memory_bus import BusEnd
     from graph.schedule import Schedule
     from runtime.diagrams.file import DiagramFile
+    from runtime.diagrams.overrides import Replaced
 
 
 class Simulation:
@@ -33,7 +34,14 @@ class Simulation:
     program : the plant's Program, None for a robot without devices
     """
 
-    def __init__(self, file, robot: Diagram, schedule, bitrate=None, seed: int | None = None) -> None:
+    def __init__(
+        self,
+        file: DiagramFile | None,
+        robot: Diagram,
+        schedule: Schedule,
+        bitrate: float | None = None,
+        seed: int | None = None,
+    ) -> None:
         self.given = file is not None and file.has_plant
         self.diagram, self.plant, self.replaced = plant_of(file, robot, seed)
         self.substeps = substeps(robot, self.diagram) if self.diagram is not None else 1
@@ -57,7 +65,7 @@ class Simulation:
 
 def plant_of(
     file: DiagramFile | None, robot: Diagram, seed: int | None = None
-) -> tuple[Diagram | None, Schedule | None, list[Any]]:
+) -> tuple[Diagram | None, Schedule | None, list[Replaced]]:
     """Build and compile the plant of a robot. file, seed : as of Simulation
 
     Returns (Diagram, Schedule, replaced seeds); (None, None, []) for a robot without devices.
@@ -71,6 +79,10 @@ def plant_of(
 
 
 def substeps(robot: Diagram, plant: Diagram) -> int:
+    """Return the number of ticks of the plant in one tick of the robot.
+
+    Raises BadInput if the plant's rate is not a whole multiple of the robot's.
+    """
     ratio = plant.rate / robot.rate
     if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
         raise BadInput(
