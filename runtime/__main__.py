@@ -32,13 +32,13 @@ def main(folder=FOLDER):
     occupy_standard_streams()
     run_mark.set_mark()
     try:
-        code = start(folder)
+        code = _start(folder)
     except ending.Interrupted as interrupt:  # after its command
         code = 128 + interrupt.number
     ending.leave(code)
 
 
-def start(folder):
+def _start(folder):
     problem = installation_check.problem(*sys.argv[1:2], folder=folder)
     if problem is None:
         try:

@@ -117,11 +117,11 @@ def round_trips(chunks: int = 10, trips: int = 200) -> tuple[list[float], list[f
         bus = node(group)
         stack.callback(bus.shutdown)
         for _ in range(chunks):
-            direct += [trip(lambda: send(bus), lambda: answered(bus)) for _ in range(trips)]
+            direct += [_trip(lambda: send(bus), lambda: _answered(bus)) for _ in range(trips)]
             while line.receive():  # the guardian carried those frames as well
                 pass
             carried += [
-                trip(lambda: line.send(ID, COMMAND), lambda: any(data[0] == ID for _, _, data, _ in line.receive()))
+                _trip(lambda: line.send(ID, COMMAND), lambda: any(data[0] == ID for _, _, data, _ in line.receive()))
                 for _ in range(trips)
             ]
             while bus.recv(0) is not None:
@@ -129,7 +129,7 @@ def round_trips(chunks: int = 10, trips: int = 200) -> tuple[list[float], list[f
     return direct, carried
 
 
-def trip(send: Callable[..., Any], answered: Callable[..., Any]) -> float:
+def _trip(send: Callable[..., Any], answered: Callable[..., Any]) -> float:
     time.sleep(PACE)
     began = time.perf_counter()
     send()
@@ -143,7 +143,7 @@ def send(bus: BusABC) -> None:
     bus.send(can.Message(arbitration_id=ID, is_extended_id=False, data=COMMAND))
 
 
-def answered(bus: BusABC) -> bool:
+def _answered(bus: BusABC) -> bool:
     message = bus.recv(0)
     return message is not None and message.data[0] == ID
 
@@ -196,12 +196,12 @@ def kills(count: int = 100) -> list[float]:
             bus = node(group)
             stack.callback(bus.shutdown)
             for _ in range(count):
-                found.append(one_kill(bus, robot, rig))
+                found.append(_one_kill(bus, robot, rig))
                 time.sleep(0.3)  # its guardian lets the bus go
     return found
 
 
-def one_kill(bus: BusABC, robot: Path, rig: Path) -> float:
+def _one_kill(bus: BusABC, robot: Path, rig: Path) -> float:
     process = subprocess.Popen(
         [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"],
         cwd=ROOT,
@@ -211,7 +211,7 @@ def one_kill(bus: BusABC, robot: Path, rig: Path) -> float:
         preexec_fn=end_with_parent,
     )
     try:
-        if not listen(bus, PROCESS_START_TIMEOUT, under_torque):
+        if not listen(bus, PROCESS_START_TIMEOUT, _under_torque):
             raise OSError("the run under test did not start")
         time.sleep(random.uniform(0.02, 0.06))  # somewhere in a period
         while bus.recv(0) is not None:
@@ -240,6 +240,6 @@ def listen(bus: BusABC, seconds: float, wanted: Callable[..., Any]) -> Message |
     return None
 
 
-def under_torque(message: Message) -> bool:
+def _under_torque(message: Message) -> bool:
     data = bytes(message.data)
     return data[0] != message.arbitration_id and data != COMMAND and data[:7] != b"\xff" * 7

@@ -47,16 +47,16 @@ def measure(seconds):
     bus.start(0)
     try:
         time.sleep(0.1)
-        before, exchanges, answers, began = processor_time(), wires.exchanges, answered(bus), time.perf_counter()
+        before, exchanges, answers, began = processor_time(), wires.exchanges, _answered(bus), time.perf_counter()
         time.sleep(seconds)
         took = time.perf_counter() - began
-        spent, made, came = processor_time() - before, wires.exchanges - exchanges, answered(bus) - answers
+        spent, made, came = processor_time() - before, wires.exchanges - exchanges, _answered(bus) - answers
     finally:
         bus.stop()
     return Cost(spent / took, made / took, spent / made, came / took)
 
 
-def answered(bus):
+def _answered(bus):
     return sum(told["answers"] for told in bus.counts["devices"])
 
 

@@ -42,7 +42,7 @@ def diagram(viewed: bool, folder: Path, port: int) -> Diagram:
             PlotJuggler(port=port)
             if find_spec("rerun") is not None:
                 Rerun(target=str(Path(folder) / "views.rrd"), name="rerun_file")
-                Rerun(target="serve", port=free_port(), web_port=free_port(), name="rerun_server")
+                Rerun(target="serve", port=_free_port(), web_port=_free_port(), name="rerun_server")
     return made
 
 
@@ -76,7 +76,7 @@ def main(name: str, seconds, realtime, folder, port) -> None:
     print(json.dumps(report))
 
 
-def free_port():
+def _free_port():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]

@@ -57,7 +57,7 @@ def main(arguments: Sequence[str]) -> int:
     )
     parser.add_argument(
         "--overlay",
-        type=overlay,
+        type=_overlay,
         action="append",
         default=[],
         dest="overlays",
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str]) -> int:
         help="overlay for a Raspberry Pi's config.txt, such as mcp251xfd,spi0-0,interrupt=25",
     )
     parser.add_argument(
-        "--user", type=name, help="user that runs the robot, for the script (default: the present user)"
+        "--user", type=_name, help="user that runs the robot, for the script (default: the present user)"
     )
     parser.add_argument(
         "--record",
@@ -76,7 +76,7 @@ def main(arguments: Sequence[str]) -> int:
     )
     parser.add_argument(
         "--root",
-        type=folder,
+        type=_folder,
         default="/",
         metavar="DIR",
         help="check another machine: a folder with its files, and the outputs of its commands in DIR/commands",
@@ -89,14 +89,14 @@ def main(arguments: Sequence[str]) -> int:
     if options.script:
         print_lines(script(machine, wants, findings, program()))
         return FIT
-    print_lines([for_machines(machine, findings)] if options.json else report(machine, findings))
+    print_lines([_for_machines(machine, findings)] if options.json else report(machine, findings))
     return CHECK_FAILED if any(finding.verdict == BAD for finding in findings) else FIT
 
 
 def report(machine: Machine, findings: Sequence[Finding]) -> list[str]:
     """Return the lines of a report: findings that need attention first, with reason and remedy."""
     width = max(len(finding.name) for finding in findings)
-    lines = [about(machine), ""]
+    lines = [_about(machine), ""]
     for verdict in SEVERITY:
         chosen = [finding for finding in findings if finding.verdict == verdict]
         for finding in chosen:
@@ -108,15 +108,15 @@ def report(machine: Machine, findings: Sequence[Finding]) -> list[str]:
                 lines += [f"{indent}→ {finding.cure}"] if finding.cure else []
         if chosen and verdict != OK:
             lines.append("")
-    return [*lines, "", summary(findings)]
+    return [*lines, "", _summary(findings)]
 
 
-def about(machine: Machine) -> str:
+def _about(machine: Machine) -> str:
     user = f"user {machine.user}" + (": run this command as the user that runs the robot" if machine.root_user else "")
     return ", ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}", user) if part)
 
 
-def summary(findings: Sequence[Finding]) -> str:
+def _summary(findings: Sequence[Finding]) -> str:
     counts = {verdict: sum(finding.verdict == verdict for finding in findings) for verdict in SEVERITY}
     words = ", ".join(f"{number} {MARKS.get(verdict, verdict)}" for verdict, number in counts.items() if number)
     if any(finding.part for finding in findings if finding.verdict != OK):
@@ -124,7 +124,7 @@ def summary(findings: Sequence[Finding]) -> str:
     return words
 
 
-def for_machines(machine: Machine, findings: Sequence[Finding]) -> str:
+def _for_machines(machine: Machine, findings: Sequence[Finding]) -> str:
     return json.dumps(
         {
             "ok": not any(finding.verdict == BAD for finding in findings),
@@ -140,7 +140,7 @@ def for_machines(machine: Machine, findings: Sequence[Finding]) -> str:
     )
 
 
-def overlay(text: str):
+def _overlay(text: str):
     if not re.fullmatch(r"[\w.-]+(,[\w.-]+(=[\w.-]+)?)*", text):
         raise BadInput(
             f"--overlay {text}: expected the value of dtoverlay=, as in mcp2515-can0,oscillator=12000000,interrupt=25"
@@ -148,13 +148,13 @@ def overlay(text: str):
     return text
 
 
-def name(text: str) -> str:
+def _name(text: str) -> str:
     if not re.fullmatch(r"[A-Za-z_][\w.-]*\$?", text):
         raise BadInput(f"--user {text}: expected a user name")
     return text
 
 
-def folder(text: str) -> Path:
+def _folder(text: str) -> Path:
     if not Path(text).is_dir():
         raise BadInput(f"--root {text}: no such folder")
     return Path(text)

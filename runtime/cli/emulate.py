@@ -45,12 +45,12 @@ def main(arguments):
     try:
         print_to_stderr(buses.remarks)
         consent(buses.real, options.yes)
-        print_lines(introduction(options, diagram, schedule, rig, file.has_plant, lines))
+        print_lines(_introduction(options, diagram, schedule, rig, file.has_plant, lines))
         ends = dict(zip(buses.names, buses.ends())) | {name: lines.end(name) for name in on_lines}
         service = Service(schedule, [ends[name] for name in schedule.buses], options.bitrate)
         outcome = service.run(options.duration)
         if outcome.faulted:
-            print_to_stderr(fault(outcome, buses))
+            print_to_stderr(_fault(outcome, buses))
         print_lines(summary(service.statistics, schedule))
         return FAULT if outcome.faulted else OK
     finally:
@@ -108,7 +108,7 @@ def consent(real, given):
         raise BadInput("standard input ended before the confirmation that no real drive is connected")
 
 
-def introduction(options, diagram, schedule, rig, given, serial):
+def _introduction(options, diagram, schedule, rig, given, serial):
     kind = "the plant of the file" if given else "every device, each actuator on a free inertia"
     lines = [f"{schedule.name}: {kind}, at {schedule.rate:g} Hz"]
     for index, name in enumerate(schedule.buses):
@@ -120,18 +120,18 @@ def introduction(options, diagram, schedule, rig, given, serial):
         else:
             place = f"{rig.buses[name].interface} {rig.buses[name].channel}"
         lines.append(f"  {name:<12}{place}")
-        lines += [f"    {title(block)}" for block in here]
+        lines += [f"    {_title(block)}" for block in here]
     variable = f"TICKWORK_PORTS={':'.join(serial.paths.values())} " if serial.paths else ""
     return [*lines, f"in another terminal: {variable}{program()} {options.file} --rig {options.rig}", "Ctrl-C ends it"]
 
 
-def title(block):
+def _title(block):
     ids = ", ".join(f"{identifier:X}h" if extended else str(identifier) for identifier, extended in block.addresses())
     words = [block.path, getattr(block, "model", ""), f"id {ids}" if ids else ""]
     return "  ".join(filter(None, words))
 
 
-def fault(outcome, buses):
+def _fault(outcome, buses):
     where = outcome.culprit or ", ".join(buses.names)
     why = buses.explain(where) if where in buses.cans else str(outcome.error or "")
     return [f"tickwork: the emulation ended: {outcome.status} at {where}" + (f": {why}" if why else "")]

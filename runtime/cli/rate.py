@@ -66,7 +66,7 @@ def main(arguments):
         print_lines(
             [
                 f"{row.actuators:>9}{row.rate:>13.0f} Hz{row.limit:>11.0f} Hz{row.worst:>13.0f} "
-                f"Hz{row.steps:>8}{validation(row)}{row.why}"
+                f"Hz{row.steps:>8}{_validation(row)}{row.why}"
             ]
         )
     if options.last == ACTUATORS_LIMIT:
@@ -76,7 +76,7 @@ def main(arguments):
                 "silences of 0.25 s"
             ]
         )
-    picture(options, results)
+    _picture(options, results)
     return CHECK_FAILED if any(row.validated is not None and not row.validated.passed for row in results) else OK
 
 
@@ -209,21 +209,21 @@ def one(options, make, ids, rig, bitrate, confirmed):
     worst = bitrate / sum(
         frame_bits(*frame)[1] for block in robot(make, ids, TRAFFIC_RATE) for frame in getattr(block, "traffic", list)()
     )
-    why = "" if rate > 0.0 else f"  {options.low:g} Hz failed: {failure(steps[0])}"
+    why = "" if rate > 0.0 else f"  {options.low:g} Hz failed: {_failure(steps[0])}"
     return Result(len(ids), rate, simulated.limit(), worst, len(steps), why, validated), confirmed or rig is not None
 
 
-def failure(step):
+def _failure(step):
     return step.why or f"{step.missed} of {step.commands} commands without a reply, {step.lost} ticks lost"
 
 
-def validation(row):
+def _validation(row):
     if row.validated is None:
         return ""
-    return "  5 min: passed" if row.validated.passed else f"  5 min: {failure(row.validated)}"
+    return "  5 min: passed" if row.validated.passed else f"  5 min: {_failure(row.validated)}"
 
 
-def picture(options, results):
+def _picture(options, results):
     from runtime.bench.rate.picture import draw
 
     try:

@@ -117,7 +117,7 @@ def ended(totals, text: str):
     return OK if totals.answers else CHECK_FAILED
 
 
-def comma_separated(text: str):
+def _comma_separated(text: str):
     return tuple(name.strip() for name in text.split(",")) if text else ()
 
 
@@ -146,7 +146,7 @@ def imu(arguments):
     )
     add_showing(parser)
     options = parser.parse_args(arguments)
-    watched = WatchedImus(options.serials, comma_separated(options.channels), options.rate, options.attitude)
+    watched = WatchedImus(options.serials, _comma_separated(options.channels), options.rate, options.attitude)
     try:
         print_lines([f"{interface.bus.channel}: {name}" for name, (interface, _) in watched.lines.lines.items()])
         totals = show(watched, "imu", options)
@@ -217,7 +217,7 @@ def i2c(arguments):
     add_showing(parser)
     options = parser.parse_args(arguments)
     watched = WatchedChips(
-        i2c_bus(options), options.places, comma_separated(options.channels), options.rate, options.settings
+        i2c_bus(options), options.places, _comma_separated(options.channels), options.rate, options.settings
     )
     try:
         print_lines([f"{watched.interface.bus.channel}: {fed.block.path}, {fed.block.kind}" for fed in watched.fed])

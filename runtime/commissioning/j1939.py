@@ -41,7 +41,7 @@ class Node:
     @property
     def kind(self):
         """Return the graph.family.Node of its block, or None for a node without a block."""
-        for kind in kinds():
+        for kind in _kinds():
             if self.manufacturer == kind.manufacturer:
                 return kind
             if self.manufacturer is None and any(name in kind.groups.values() for name in self.sends):
@@ -49,7 +49,7 @@ class Node:
         return None
 
 
-def kinds():
+def _kinds():
     return [kind for family in families() for kind in family.nodes]
 
 
@@ -68,7 +68,7 @@ def parts(identifier, extended):
 def measured(identifier, extended, data=b""):
     """Return the quantity measured by a frame of a known kind of node, or None for another frame."""
     pgn, _ = parts(identifier, extended) or (None, None)
-    return next((kind.groups[pgn] for kind in kinds() if pgn in kind.groups), None)
+    return next((kind.groups[pgn] for kind in _kinds() if pgn in kind.groups), None)
 
 
 def broadcasts(frames, seconds):

@@ -69,7 +69,7 @@ def scan(bus, ids, listen):
             "because the queries remove torque. End that program first"
         )
     else:
-        ask_nodes(bus, nodes)
+        _ask_nodes(bus, nodes)
         for shared in merged(query for family in families() for query in family.queries):
             report.drives += ask_drives(bus, ids, shared, before)
     report.drives.sort(key=lambda drive: drive.can_id)
@@ -98,7 +98,7 @@ def refuse_company(bus):
         )
 
 
-def ask_nodes(bus, nodes):
+def _ask_nodes(bus, nodes):
     bus.send(j1939.request(j1939.CLAIM), "address claim of J1939 nodes")
     j1939.learn(nodes, bus.listen(SETTLE_TIME))
     for address in sorted(nodes):
@@ -174,10 +174,10 @@ def troubles(bus, report):
     if silent and (bus.errors or bus.refused):
         return [
             f"no valid frames ({bus.errors} error frames, {bus.refused} frames not acknowledged). The most likely "
-            f"cause is the bitrate, {report.bitrate} bit/s; {remedy_of_silence()}; {retry(report)}"
+            f"cause is the bitrate, {report.bitrate} bit/s; {_remedy_of_silence()}; {_retry(report)}"
         ]
     if silent:
-        return [f"no device responds: {remedy_of_silence()}; {retry(report)}"]
+        return [f"no device responds: {_remedy_of_silence()}; {_retry(report)}"]
     return (
         [f"{bus.errors} error frames: check the wiring, the 120 Ω resistors at both ends, and drive ids"]
         if bus.errors
@@ -185,11 +185,11 @@ def troubles(bus, report):
     )
 
 
-def remedy_of_silence():
+def _remedy_of_silence():
     return ", ".join([REMEDY_OF_SILENCE, *(family.bus_hint for family in families() if family.bus_hint)])
 
 
-def retry(report):
+def _retry(report):
     other = 250_000 if report.bitrate != 250_000 else 1_000_000
     if report.interface != "socketcan":
         return f"try --bitrate {other}"

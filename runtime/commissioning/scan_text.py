@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def text(report: Report, verbose: bool = False) -> list[str]:
     """Return the lines of a report. report : runtime.commissioning.scan.Report"""
     if report.interface == I2C:
-        return chips(report)
+        return _chips(report)
     lines = [f"bus {report.bus}  {report.interface} {report.channel} at {report.bitrate} bit/s"]
     lines += [f"  id {drive.can_id:<4} {drive.family}{state(drive)}" for drive in report.drives]
     for node in report.nodes:
@@ -45,7 +45,7 @@ def text(report: Report, verbose: bool = False) -> list[str]:
     return lines + sent(report, verbose)
 
 
-def chips(report: Report) -> list[str]:
+def _chips(report: Report) -> list[str]:
     lines = [f"bus {report.bus}  {report.interface} {report.channel}"]
     for chip in report.chips:
         lines.append(f"  {chip.where:<12}{chip.name or 'unknown chip'}" + (f"  ({chip.how})" if chip.how else ""))
@@ -65,14 +65,14 @@ def state(drive: Answer) -> str:
         *number(drive.current, 2, "A"),
         *number(drive.temperature, 0, "°C"),
         *number(drive.voltage, 1, "V"),
-        fault(drive),
+        _fault(drive),
         *([f"firmware {drive.firmware}"] if drive.firmware else []),
         *([f"unique {drive.unique}"] if drive.unique else []),
     ]
     return "  " + ", ".join(parts)
 
 
-def fault(drive: Answer) -> str:
+def _fault(drive: Answer) -> str:
     return "faults not reported" if drive.fault is None else f"fault: {drive.fault}" if drive.fault else "no fault"
 
 

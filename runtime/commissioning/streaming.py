@@ -79,7 +79,7 @@ class Watched:
 
     def line(self, answer):
         """Return an answer as a line for the terminal."""
-        return line(answer)
+        return _line(answer)
 
 
 def column(path: str, unit):
@@ -223,7 +223,7 @@ def show(now, text: str, screen):
     return now
 
 
-def line(answer):
+def _line(answer):
     def number(value, width, digits, unit):
         return f"{'-':>{width}} {unit}" if value is None else f"{value:{width}.{digits}f} {unit}"
 

@@ -42,7 +42,7 @@ class WatchedChips(WatchedBlocks):
                 found = recognised(bus, places)
                 with Diagram("stream", rate=rate) as diagram:
                     for kind, place in found:
-                        block(kind, place, bus.name, parameters_of(kind, found, channels, rate, settings))
+                        _block(kind, place, bus.name, parameters_of(kind, found, channels, rate, settings))
                 blocks = [one for one in diagram if isinstance(one, I2cDevice)]
                 refuse_unknown_names(blocks, channels, settings)
                 super().__init__(
@@ -130,12 +130,12 @@ def recognise(bus, chips, known, place):
         responding = in_hex(chips.answering(outside=error.mux))
         raise BadInput(
             f"{bus.channel}: no chip responds at "
-            f"{in_words(place) if not error.mux else f'{mux:#04x}, the multiplexer'}; "
+            f"{_in_words(place) if not error.mux else f'{mux:#04x}, the multiplexer'}; "
             f"addresses that respond: {responding}"
         ) from None
     if (chip := chip_of(name)) is None:
         raise BadInput(
-            f"{bus.channel}: the chip at {in_words(place)} is {name or 'unknown'}; supported chips: "
+            f"{bus.channel}: the chip at {_in_words(place)} is {name or 'unknown'}; supported chips: "
             f"{', '.join(chip_names())}"
         )
     return chip.block
@@ -147,13 +147,13 @@ def chip_names():
     return [name for chip in chips for name in ([chip.name] if chip.name else chip.registers[1].values())]
 
 
-def block(kind, place, bus, parameters):
+def _block(kind, place, bus, parameters):
     mux, channel, address = place
-    name = f"{kind.__name__.lower()}_{in_words(place).replace('.', '_').replace(':', '_').replace('0x', '')}"
+    name = f"{kind.__name__.lower()}_{_in_words(place).replace('.', '_').replace(':', '_').replace('0x', '')}"
     try:
         return kind(bus=bus, mux=mux, channel=channel, address=address, name=name, timeout=0.0, **parameters)
     except ValueError as error:
-        raise BadInput(f"{kind.kind} at {in_words(place)}: {error}") from None
+        raise BadInput(f"{kind.kind} at {_in_words(place)}: {error}") from None
 
 
 def parameters_of(kind, found, channels, rate, settings):
@@ -204,6 +204,6 @@ def place_of(text: str):
     return place
 
 
-def in_words(place):
+def _in_words(place):
     mux, channel, address = place
     return f"{mux:#04x}.{channel}:{address:#04x}" if mux else f"{address:#04x}"

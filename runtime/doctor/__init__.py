@@ -32,6 +32,8 @@ def examine(machine: Machine, wants: Wants) -> list[Finding]:
         try:
             found = check(machine, wants)
         except Exception as error:
-            found = Finding(check.__name__.replace("_", " "), UNKNOWN, f"check failed: {type(error).__name__}: {error}")
+            found = Finding(
+                check.__name__.lstrip("_").replace("_", " "), UNKNOWN, f"check failed: {type(error).__name__}: {error}"
+            )
         findings += found if isinstance(found, list) else [found] if found else []
     return findings

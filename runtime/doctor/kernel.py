@@ -17,7 +17,7 @@ FAST_CLOCKS = {"tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_p
 SHARE_MINIMUM = 0.9  # fraction of a period for real-time threads
 
 
-def preemption(machine: Machine, wants: Wants) -> Finding:
+def _preemption(machine: Machine, wants: Wants) -> Finding:
     version = machine.read("/proc/version")
     name = "preemption"
     why = "the loop waits while the kernel works for another program"
@@ -64,7 +64,7 @@ def patient(machine: Machine) -> str:
     return "install a kernel with PREEMPT_RT"
 
 
-def real_time_share(machine: Machine, wants: Wants) -> Finding:
+def _real_time_share(machine: Machine, wants: Wants) -> Finding:
     name, file = "real-time share", "/proc/sys/kernel/sched_rt_"
     runtime, period = machine.read(file + "runtime_us"), machine.read(file + "period_us")
     if not runtime:
@@ -87,7 +87,7 @@ def real_time_share(machine: Machine, wants: Wants) -> Finding:
     )
 
 
-def clock_source(machine: Machine, wants: Wants) -> Finding:
+def _clock_source(machine: Machine, wants: Wants) -> Finding:
     folder = "/sys/devices/system/clocksource/clocksource0/"
     now, others = machine.read(folder + "current_clocksource"), machine.read(folder + "available_clocksource").split()
     if not now:
@@ -103,7 +103,7 @@ def clock_source(machine: Machine, wants: Wants) -> Finding:
     return Finding("clock source", WORSE, now, "every clock reading is a system call of a microsecond or more", cure)
 
 
-def word_size(machine: Machine, wants: Wants) -> Finding:
+def _word_size(machine: Machine, wants: Wants) -> Finding:
     kernel, bits = machine.output("uname", "-m"), machine.output("getconf", "LONG_BIT")
     if not kernel or not bits:
         return Finding("word size", UNKNOWN, "neither uname nor getconf reports it")
@@ -120,7 +120,7 @@ def word_size(machine: Machine, wants: Wants) -> Finding:
     )
 
 
-def processors_there(machine: Machine, wants: Wants) -> Finding:
+def _processors_there(machine: Machine, wants: Wants) -> Finding:
     online = len(processors(machine.read("/sys/devices/system/cpu/online")))
     isolated = sorted(processors(machine.read("/sys/devices/system/cpu/isolated")))
     if not online:
@@ -137,7 +137,7 @@ def processors_there(machine: Machine, wants: Wants) -> Finding:
     return Finding("processors", OK, f"{online}, " + (f"isolated: {which}" if isolated else "none isolated"))
 
 
-def hardware(machine: Machine, wants: Wants) -> Finding:
+def _hardware(machine: Machine, wants: Wants) -> Finding:
     version, info = machine.read("/proc/version"), machine.read("/proc/cpuinfo")
     virtual = "a virtual machine" if re.search(r"^flags\s*:.*\bhypervisor\b", info, re.MULTILINE) else None
     if "microsoft" in version.lower():
@@ -153,4 +153,4 @@ def hardware(machine: Machine, wants: Wants) -> Finding:
     return Finding("hardware", OK, machine.model or "not a virtual machine")
 
 
-CHECKS = (preemption, real_time_share, clock_source, word_size, processors_there, hardware)
+CHECKS = (_preemption, _real_time_share, _clock_source, _word_size, _processors_there, _hardware)

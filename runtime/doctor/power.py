@@ -25,7 +25,7 @@ THROTTLED = {  # bit of get_throttled, set at present; 16 bits higher: set since
 }
 
 
-def governor(machine: Machine, wants: Wants) -> Finding:
+def _governor(machine: Machine, wants: Wants) -> Finding:
     governors = [machine.read(name) for name in machine.glob(f"{CPU}/cpu[0-9]*/cpufreq/scaling_governor")]
     if not governors:
         return Finding("governor", OK, "the system does not control the frequency")
@@ -97,7 +97,7 @@ def throttling(machine: Machine, wants: Wants) -> Finding | None:
     return Finding("throttling", OK, "never since the start")
 
 
-def power_mode(machine: Machine, wants: Wants) -> Finding | None:
+def _power_mode(machine: Machine, wants: Wants) -> Finding | None:
     if machine.kind != JETSON:
         return None
     models = re.findall(r"<\s*POWER_MODEL\s+ID=(\d+)\s+NAME=(\S+)\s*>", machine.read("/etc/nvpmodel.conf"))
@@ -128,7 +128,7 @@ def strength(mode: str) -> float:
     return float("inf") if mode.startswith("MAXN") else float(watts[1]) if watts else 0.0
 
 
-def clocks(machine: Machine, wants: Wants) -> Finding | None:
+def _clocks(machine: Machine, wants: Wants) -> Finding | None:
     if machine.kind != JETSON:
         return None
     least, most = (machine.read(f"{CPU}/cpu0/cpufreq/scaling_{end}_freq") for end in ("min", "max"))
@@ -146,7 +146,7 @@ def clocks(machine: Machine, wants: Wants) -> Finding | None:
     )
 
 
-def swap(machine: Machine, wants: Wants) -> Finding:
+def _swap(machine: Machine, wants: Wants) -> Finding:
     swaps = [line.split()[0] for line in machine.read("/proc/swaps").splitlines()[1:]]
     if not swaps:
         return Finding("swap", OK, "none")
@@ -163,7 +163,7 @@ def swap(machine: Machine, wants: Wants) -> Finding:
     )
 
 
-def interrupts(machine: Machine, wants: Wants) -> Finding:
+def _interrupts(machine: Machine, wants: Wants) -> Finding:
     balanced, isolated = machine.runs("irqbalance"), processors(machine.read(f"{CPU}/isolated"))
     if balanced and isolated and "IRQBALANCE_BANNED" not in machine.read("/etc/default/irqbalance"):
         return Finding(
@@ -176,4 +176,4 @@ def interrupts(machine: Machine, wants: Wants) -> Finding:
     return Finding("interrupts", OK, "balanced by irqbalance" if balanced else "not balanced")
 
 
-CHECKS = (governor, idle_states, throttling, power_mode, clocks, swap, interrupts)
+CHECKS = (_governor, idle_states, throttling, _power_mode, _clocks, _swap, _interrupts)

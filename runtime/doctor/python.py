@@ -31,7 +31,7 @@ def python(machine: Machine, wants: Wants) -> Finding:
     return Finding("Python", OK, f"{version}{kind}, {64 if sys.maxsize > 2**32 else 32} bits")
 
 
-def recordings(machine: Machine, wants: Wants) -> Finding:
+def _recordings(machine: Machine, wants: Wants) -> Finding:
     folder = os.path.abspath(os.path.expanduser(wants.folder))
     there = folder
     while not os.path.exists(there):
@@ -56,4 +56,4 @@ def recordings(machine: Machine, wants: Wants) -> Finding:
     )
 
 
-CHECKS = (python, recordings)
+CHECKS = (python, _recordings)

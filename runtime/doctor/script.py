@@ -71,7 +71,7 @@ def script(machine: Machine, wants: Wants, findings: Sequence[Finding], program:
     for finding in findings:
         if finding.part and finding.verdict != OK:
             wanting.setdefault(finding.part, []).append(finding)
-    about = one_line("; ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}") if part))
+    about = _one_line("; ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}") if part))
     if not wanting:
         return ["#!/bin/sh", f"# {about}", f"# `{program} doctor --script` found nothing that a script can change."]
     parts = [
@@ -88,7 +88,7 @@ def script(machine: Machine, wants: Wants, findings: Sequence[Finding], program:
     return "\n\n".join(part.strip("\n") for part in parts).split("\n")
 
 
-def one_line(text: str) -> str:
+def _one_line(text: str) -> str:
     return re.sub(r"[^ -~]", " ", text)
 
 
@@ -98,7 +98,7 @@ def reasons(findings: Sequence[Finding]) -> str:
     return "\n".join(re.sub(r"\s", " ", line) for line in seen) + "\n"
 
 
-def limits(wants: Wants, findings: Sequence[Finding]) -> str:
+def _limits(wants: Wants, findings: Sequence[Finding]) -> str:
     return f'''
 if ! getent group {GROUP} >/dev/null; then run groupadd {GROUP}; fi
 run usermod -aG {GROUP} "$user"
@@ -114,7 +114,7 @@ run udevadm trigger --sysname-match=cpu_dma_latency
 '''
 
 
-def share(wants: Wants, findings: Sequence[Finding]) -> str:
+def _share(wants: Wants, findings: Sequence[Finding]) -> str:
     runtime = "-1" if any(finding.subject == "-1" for finding in findings) else findings[0].subject
     return f"""
 put /etc/sysctl.d/90-tickwork.conf <<'END'
@@ -124,7 +124,7 @@ run sysctl -q -p /etc/sysctl.d/90-tickwork.conf
 """
 
 
-def governor(wants: Wants, findings: Sequence[Finding]) -> str:
+def _governor(wants: Wants, findings: Sequence[Finding]) -> str:
     return """
 # On a desktop, power-profiles-daemon overrides this when it starts: powerprofilesctl set performance
 put /etc/tmpfiles.d/90-tickwork-governor.conf <<'END'
@@ -134,7 +134,7 @@ run systemd-tmpfiles --create /etc/tmpfiles.d/90-tickwork-governor.conf
 """
 
 
-def power_mode(wants: Wants, findings: Sequence[Finding]) -> str:
+def _power_mode(wants: Wants, findings: Sequence[Finding]) -> str:
     mode = findings[0].subject
     return f"""
 # If it asks for a restart, the answer is no: restart later.
@@ -142,7 +142,7 @@ if ! nvpmodel -q 2>/dev/null | grep -qx {mode}; then echo no | run nvpmodel -m {
 """
 
 
-def clocks(wants: Wants, findings: Sequence[Finding]) -> str:
+def _clocks(wants: Wants, findings: Sequence[Finding]) -> str:
     return """
 put /etc/systemd/system/tickwork-clocks.service <<'END'
 [Unit]
@@ -195,7 +195,7 @@ config_line 'dtparam=spi=on'
 {can_files(wants, "can*")}"""
 
 
-def can(wants: Wants, findings: Sequence[Finding]) -> str:
+def _can(wants: Wants, findings: Sequence[Finding]) -> str:
     names = list(dict.fromkeys(finding.subject for finding in findings))
     downs = "\n".join(f"run ip link set {shlex.quote(name)} down" for name in names)
     return can_files(wants, " ".join(names), downs)
@@ -239,15 +239,15 @@ run systemctl restart systemd-networkd
 """.replace("\n\nif !", "\nif !")
 
 
-def membership(wants: Wants, findings: Sequence[Finding]) -> str:
+def _membership(wants: Wants, findings: Sequence[Finding]) -> str:
     groups = list(dict.fromkeys(finding.subject for finding in findings if finding.subject != "root"))
     lines = "\n".join(f'run usermod -aG {shlex.quote(group)} "$user"' for group in groups)
     return f"\n{lines}\n" if lines else ""
 
 
-def i2c(wants: Wants, findings: Sequence[Finding]) -> str:
+def _i2c(wants: Wants, findings: Sequence[Finding]) -> str:
     if findings[0].subject != "root":
-        return membership(wants, findings)
+        return _membership(wants, findings)
     return """
 if ! getent group i2c >/dev/null; then run groupadd i2c; fi
 run usermod -aG i2c "$user"
@@ -259,9 +259,9 @@ run udevadm trigger --subsystem-match=i2c-dev
 """
 
 
-def serial(wants: Wants, findings: Sequence[Finding]) -> str:
+def _serial(wants: Wants, findings: Sequence[Finding]) -> str:
     if findings[0].subject != "root":
-        return membership(wants, findings)
+        return _membership(wants, findings)
     return """
 run usermod -aG dialout "$user"
 put /etc/udev/rules.d/90-tickwork-serial.rules <<'END'
@@ -272,7 +272,7 @@ run udevadm trigger --subsystem-match=tty
 """
 
 
-def ftdi(wants: Wants, findings: Sequence[Finding]) -> str:
+def _ftdi(wants: Wants, findings: Sequence[Finding]) -> str:
     return """
 put /etc/udev/rules.d/90-tickwork-ftdi.rules <<'END'
 ACTION=="add|change", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"
@@ -282,7 +282,7 @@ run udevadm trigger --subsystem-match=usb-serial
 """
 
 
-def modems(wants: Wants, findings: Sequence[Finding]) -> str:
+def _modems(wants: Wants, findings: Sequence[Finding]) -> str:
     return """
 put /etc/udev/rules.d/90-tickwork-modems.rules <<'END'
 SUBSYSTEM=="tty", KERNEL=="ttyACM*|ttyUSB*", ENV{ID_MM_PORT_IGNORE}="1"
@@ -293,24 +293,24 @@ run systemctl try-restart ModemManager
 """
 
 
-def i2c_speed(wants: Wants, findings: Sequence[Finding]) -> str:
+def _i2c_speed(wants: Wants, findings: Sequence[Finding]) -> str:
     return """
 config_line 'dtparam=i2c_arm_baudrate=400000'
 """
 
 
 PARTS = {
-    "limits": limits,
-    "share": share,
-    "governor": governor,
-    "power mode": power_mode,
-    "clocks": clocks,
+    "limits": _limits,
+    "share": _share,
+    "governor": _governor,
+    "power mode": _power_mode,
+    "clocks": _clocks,
     "overlay": overlay,
     "modules": modules,
-    "can": can,
-    "serial": serial,
-    "ftdi": ftdi,
-    "modems": modems,
-    "i2c": i2c,
-    "i2c speed": i2c_speed,
+    "can": _can,
+    "serial": _serial,
+    "ftdi": _ftdi,
+    "modems": _modems,
+    "i2c": _i2c,
+    "i2c speed": _i2c_speed,
 }

@@ -16,7 +16,7 @@ MEMORY_REQUIRED = 512 << 20  # bytes: a run with its libraries and its growth
 AGAIN = "then log in again"
 
 
-def rtprio(machine: Machine, wants: Wants) -> Finding:
+def _rtprio(machine: Machine, wants: Wants) -> Finding:
     if machine.capable(CAP_SYS_NICE):
         return Finding("rtprio", OK, f"{machine.user} may use any priority")
     limit = machine.limit("Max realtime priority")
@@ -32,7 +32,7 @@ def rtprio(machine: Machine, wants: Wants) -> Finding:
     )
 
 
-def memlock(machine: Machine, wants: Wants) -> Finding:
+def _memlock(machine: Machine, wants: Wants) -> Finding:
     if machine.capable(CAP_IPC_LOCK):
         return Finding("memlock", OK, f"{machine.user} may lock any amount of memory")
     limit = machine.limit("Max locked memory")
@@ -52,7 +52,7 @@ def memlock(machine: Machine, wants: Wants) -> Finding:
     )
 
 
-def control_group(machine: Machine, wants: Wants) -> Finding | None:
+def _control_group(machine: Machine, wants: Wants) -> Finding | None:
     file = exhausted_group(machine.read)
     if file is None:
         return None
@@ -84,4 +84,4 @@ def groups(machine: Machine, wants: Wants) -> Finding:
     return Finding("groups", OK, f"{machine.user} is in {', '.join(machine.groups)}")
 
 
-CHECKS = (rtprio, memlock, control_group, groups)
+CHECKS = (_rtprio, _memlock, _control_group, groups)

@@ -31,12 +31,12 @@ def main(answers, control, lines, bell) -> None:
     with suppress(BrokenPipeError):
         os.write(answers, json.dumps(troubles).encode() + b"\n")
     if not troubles and plan:
-        carry(wires, Lines(fd=lines), bell, control)
+        _carry(wires, Lines(fd=lines), bell, control)
     for wire in wires:
         wire.close()
 
 
-def carry(wires, lines, bell, control) -> None:
+def _carry(wires, lines, bell, control) -> None:
     poll = select.poll()
     places = {wire.fileno(): wire for wire in wires if wire.fileno() is not None}
     for descriptor in (ORDERS, bell, control, *places):

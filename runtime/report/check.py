@@ -13,18 +13,18 @@ def text(report, console):
     report : dict of runtime.session.check.check
     console : runtime.console.styles.Console
     """
-    lines = heading(report, console)
+    lines = _heading(report, console)
     if not report["errors"]:
-        for section in (ports, schedule, holds, proofs, buses):
+        for section in (_ports, _schedule, holds, _proofs, _buses):
             lines += section(report, console)
     for problem in report["errors"]:
         lines += complaint(problem, console, console.error, "error")
     for problem in report["warnings"]:
         lines += complaint(problem, console, console.warn, "warning")
-    return [*lines, "", verdict(report, console)]
+    return [*lines, "", _verdict(report, console)]
 
 
-def heading(report, console):
+def _heading(report, console):
     if report["rate"] is None:
         return [console.bold(report["diagram"]) + f"  {report['file']}"]
     wires = sum("source" in port for block in report["blocks"] for port in block["inputs"])
@@ -35,15 +35,15 @@ def heading(report, console):
     return console.hang(console.bold(report["diagram"]) + "  ", f"{report['file']}: {', '.join(facts)}")
 
 
-def section(title, console, note=""):
+def _section(title, console, note=""):
     return ["", *console.hang(console.bold(title) + "  ", note, console.faint)] if note else ["", console.bold(title)]
 
 
 # Ports
 
 
-def ports(report, console):
-    lines = section("ports", console)
+def _ports(report, console):
+    lines = _section("ports", console)
     names = [port["name"] for block in report["blocks"] for port in block["inputs"] + block["outputs"]]
     width = max((len(name) for name in names), default=0)
     units = max(
@@ -87,12 +87,12 @@ def interval(low, high):
 # Schedule
 
 
-def schedule(report, console):
+def _schedule(report, console):
     plan = report["schedule"]
     steps = plan["output"] + plan["update"]
     native = sum(step["native"] for step in steps)
     kinds = f"{count(len(steps), 'step')}: {native} native, {len(steps) - native} Python"
-    lines = section("schedule", console, f"{kinds}; each tick acquires the GIL {count(plan['gil_sections'], 'time')}")
+    lines = _section("schedule", console, f"{kinds}; each tick acquires the GIL {count(plan['gil_sections'], 'time')}")
     width = max((len(step["block"]) for step in steps), default=0)
     if plan["devices"]:
         lines += console.hang("  receive  ", ", ".join(plan["devices"]))
@@ -115,7 +115,7 @@ def holds(report, console):
     """Return the lines on signals that connect blocks of different rates."""
     if not report["holds"]:
         return []
-    lines = section("where rates meet", console)
+    lines = _section("where rates meet", console)
     width = max(len(hold["source"]) for hold in report["holds"])
     for hold in report["holds"]:
         before, after = hold["source_every"], hold["target_every"]
@@ -131,10 +131,10 @@ def holds(report, console):
 # Proof
 
 
-def proofs(report, console):
+def _proofs(report, console):
     if not report["proofs"]:
         return []
-    lines = section("proof", console, "proved range of every actuator command")
+    lines = _section("proof", console, "proved range of every actuator command")
     commands = {}
     for proof in report["proofs"]:
         commands.setdefault(proof["command"].rpartition(".")[0], []).append(proof)
@@ -203,10 +203,10 @@ def bar(proof):
 # Buses
 
 
-def buses(report, console):
+def _buses(report, console):
     if not report["buses"]:
         return []
-    lines = section("buses", console, "failures of a run on a rig that still end in the safe stop")
+    lines = _section("buses", console, "failures of a run on a rig that still end in the safe stop")
     width = max(len(bus["bus"]) for bus in report["buses"])
     for bus in report["buses"]:
         if "worst" not in bus:
@@ -239,7 +239,7 @@ def complaint(problem, console, style, severity):
     return ["", first.replace(mark, style(mark), 1), *rest, *hint]
 
 
-def verdict(report, console):
+def _verdict(report, console):
     warnings = count(len(report["warnings"]), "warning")
     if report["errors"]:
         return console.error(f"{count(len(report['errors']), 'error')}, {warnings}: the diagram cannot run")

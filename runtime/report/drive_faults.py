@@ -18,7 +18,7 @@ def text(status: str, block, program: Program) -> str | None:
     return None if words is None or row is None else words(block, row["about"], row["value"], row["bound"])
 
 
-def acceleration(block, about: str, value: float, bound: float) -> str:
+def _acceleration(block, about: str, value: float, bound: float) -> str:
     return (
         f"the joint accelerates by up to {value:.0f} rad/s², more than its max_acceleration of {bound:g} rad/s², on "
         "which its torque limit with stiffness or damping rests. Find the cause of the impact or vibration. If such "
@@ -26,7 +26,7 @@ def acceleration(block, about: str, value: float, bound: float) -> str:
     )
 
 
-def excess_torque(block, about: str, value: float, bound: float) -> str:
+def _excess_torque(block, about: str, value: float, bound: float) -> str:
     accuracy = block.watched().motion.accuracy
     return (
         f"the drive measures {value:.3g} N·m, above its limit of {bound:.3g} N·m by more than the assumed accuracy of "
@@ -34,7 +34,7 @@ def excess_torque(block, about: str, value: float, bound: float) -> str:
     )
 
 
-def over_travel(block, about: str, value: float, bound: float) -> str:
+def _over_travel(block, about: str, value: float, bound: float) -> str:
     low, high = block.range
     return (
         f"position {value:.3f} rad is outside the joint's range of {low:g} to {high:g} rad. Find the cause before "
@@ -42,21 +42,21 @@ def over_travel(block, about: str, value: float, bound: float) -> str:
     )
 
 
-def overspeed(block, about: str, value: float, bound: float) -> str:
+def _overspeed(block, about: str, value: float, bound: float) -> str:
     return (
         f"velocity {value:.3g} rad/s exceeds max_velocity, {bound:.3g} rad/s"
         f"{'' if block.max_velocity else ' by default'}"
     )
 
 
-def not_following(block, about: str, value: float, bound: float) -> str:
+def _not_following(block, about: str, value: float, bound: float) -> str:
     return (
         f"the drive outputs {value:.2g} N·m, but {bound:.2g} N·m are commanded: it was disabled, for instance by a "
         "loss of power, or it has reached an internal limit. Check its supply, and arm it again"
     )
 
 
-def scale_mismatch(block, about: str, value: float, bound: float) -> str:
+def _scale_mismatch(block, about: str, value: float, bound: float) -> str:
     if about == "velocity":
         if value < 0.0:
             return (
@@ -89,7 +89,7 @@ def wire_cure(block, value: float) -> str:
     )
 
 
-def implausible(block, about: str, value: float, bound: float) -> str:
+def _implausible(block, about: str, value: float, bound: float) -> str:
     if about == "temperature":
         return (
             f"implausible temperature {value:g} °C: the drive's sensor is defective, or the drive is not a "
@@ -99,11 +99,11 @@ def implausible(block, about: str, value: float, bound: float) -> str:
 
 
 WORDS = {
-    "acceleration": acceleration,
-    "excess torque": excess_torque,
-    "over-travel": over_travel,
-    "overspeed": overspeed,
-    "not following": not_following,
-    "scale mismatch": scale_mismatch,
-    "implausible": implausible,
+    "acceleration": _acceleration,
+    "excess torque": _excess_torque,
+    "over-travel": _over_travel,
+    "overspeed": _overspeed,
+    "not following": _not_following,
+    "scale mismatch": _scale_mismatch,
+    "implausible": _implausible,
 }

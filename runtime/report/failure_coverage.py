@@ -25,24 +25,24 @@ def coverage(devices: Sequence[Device], everything: Sequence[Device]) -> list[di
     devices : graph.Device on the bus
     everything : graph.Device of the whole diagram
     """
-    movers = [device for device in devices if moves(device)]
+    movers = [device for device in devices if _moves(device)]
     if not movers:
         return []
     alone = unstopped(movers, everything)
     last = " and ".join(dict.fromkeys(words for device in movers for words in stops(device, everything)))
     by = last if not alone else f"{nothing_stops(alone)}: no time-out in the drive, no charge pump"
     return [
-        entry("exception", RUN),
-        entry("kill -9", GUARDIAN),
-        entry("kill -STOP", GUARDIAN),
-        entry("hung block", WATCHDOG),
-        entry("loss of the guardian", RUN),
-        entry("kill -9 of guardian and control process together", by, covered=not alone),
-        entry("power loss of the computer", by, covered=not alone),
+        _entry("exception", RUN),
+        _entry("kill -9", GUARDIAN),
+        _entry("kill -STOP", GUARDIAN),
+        _entry("hung block", WATCHDOG),
+        _entry("loss of the guardian", RUN),
+        _entry("kill -9 of guardian and control process together", by, covered=not alone),
+        _entry("power loss of the computer", by, covered=not alone),
     ]
 
 
-def moves(device: Device) -> bool:
+def _moves(device: Device) -> bool:
     return bool(device.disable_frames() or device.zero_frames())
 
 
@@ -57,14 +57,14 @@ def stops(device, everything: Sequence[Device]) -> list[str]:
 
 def unstopped(devices, everything: Sequence[Device]) -> list[str]:
     """Return the paths of the drives that keep their last command after both processes have ended."""
-    return [device.path for device in devices if moves(device) and not stops(device, everything)]
+    return [device.path for device in devices if _moves(device) and not stops(device, everything)]
 
 
 def nothing_stops(paths: Sequence[str]) -> str:
     return f"nothing stops {', '.join(paths)} after both processes have ended"
 
 
-def entry(failure: str, by: str, covered: bool = True) -> dict[str, bool | str]:
+def _entry(failure: str, by: str, covered: bool = True) -> dict[str, bool | str]:
     return {"failure": failure, "covered": covered, "by": by}
 
 

@@ -20,7 +20,7 @@ def explain(result):
     block = diagram.blocks.get(outcome.culprit)
     where = f" of {diagram.name}, the plant" if result.failed_in_plant else ""
     lines = [
-        f"FAULT at {outcome.culprit or diagram.name}{where}, {when(result)}: "
+        f"FAULT at {outcome.culprit or diagram.name}{where}, {_when(result)}: "
         f"{what(result, block, program)}{before_fault(result)}"
     ]
     if block is not None:
@@ -37,7 +37,7 @@ def explain(result):
     return lines
 
 
-def when(result):
+def _when(result):
     tick = result.outcome.tick
     return f"tick {tick} ({tick / result.schedule.rate:g} s)" if tick >= 0 else "while arming"
 

@@ -38,7 +38,7 @@ def ticks(result, block: Actuator | None) -> list[str]:
         if failed:
             values.append(result.control.final[schedule.signals[path].slot])
         unit = schedule.signals[path].unit
-        table.append([path + (f" in {unit}" if unit not in ("1", "any") else ""), *map(number, values)])
+        table.append([path + (f" in {unit}" if unit not in ("1", "any") else ""), *map(_number, values)])
     return ["ticks before the fault:", *aligned(table)]
 
 
@@ -84,9 +84,9 @@ def actuators(result) -> list[str]:
         table.append(
             [
                 block.path,
-                values_text(block.inputs, asked, "_command")
-                + "".join(f"; {text}" for text in [values_text(block.outputs, sent)] if text),
-                values_text(
+                _values_text(block.inputs, asked, "_command")
+                + "".join(f"; {text}" for text in [_values_text(block.outputs, sent)] if text),
+                _values_text(
                     block.outputs,
                     {
                         name: value
@@ -100,9 +100,9 @@ def actuators(result) -> list[str]:
     return aligned(table) if len(table) > 1 else []
 
 
-def values_text(ports, values: dict[str, float], suffix: str = "") -> str:
+def _values_text(ports, values: dict[str, float], suffix: str = "") -> str:
     return ", ".join(
-        f"{name.removesuffix(suffix).replace('_', ' ')} {number(value)} {ports[name].unit}"
+        f"{name.removesuffix(suffix).replace('_', ' ')} {_number(value)} {ports[name].unit}"
         for name, value in values.items()
     )
 
@@ -128,7 +128,7 @@ def state_text(block: Actuator, feedback: dict[str, float], result) -> str:
     return ", ".join(words)
 
 
-def number(value: float) -> str:
+def _number(value: float) -> str:
     return format(value, ".4g") if math.isfinite(value) else str(float(value))
 
 
@@ -136,7 +136,7 @@ def aligned(table: Sequence[list[str]]) -> list[str]:
     """Return rows of cells as lines with aligned columns, numbers to the right."""
     widths = [max(len(row[place]) for row in table if place < len(row)) for place in range(max(map(len, table)))]
     numeric = {
-        place for place in range(1, len(widths)) if all(is_number(row[place]) for row in table[1:] if place < len(row))
+        place for place in range(1, len(widths)) if all(_is_number(row[place]) for row in table[1:] if place < len(row))
     }
     return [
         "  "
@@ -148,7 +148,7 @@ def aligned(table: Sequence[list[str]]) -> list[str]:
     ]
 
 
-def is_number(cell: str) -> bool:
+def _is_number(cell: str) -> bool:
     try:
         float(cell)
     except ValueError:

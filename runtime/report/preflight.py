@@ -17,7 +17,7 @@ ASK_AGAIN = "press Enter to check again; space, q or Ctrl-C end the run without 
 
 def text(event: dict[str, Any], console: Console) -> list[str]:
     """Return the lines of the table. event : of Preflight; console : runtime.console.styles.Console"""
-    lines = [console.bold("before arming"), *devices(event["devices"], console), *buses(event["buses"], console)]
+    lines = [console.bold("before arming"), *_devices(event["devices"], console), *_buses(event["buses"], console)]
     if event["guardian"]:
         lines += console.hang("  guardian  ", ", ".join(event["guardian"]), console.faint)
     problems = [f"{row['device']}: {why}" for row in event["devices"] for why in row["marks"].values()]
@@ -30,10 +30,10 @@ def text(event: dict[str, Any], console: Console) -> list[str]:
     return [*lines, console.bold(ASK_AGAIN if event["refused"] else ASK)] if event["confirm"] else lines
 
 
-def devices(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
+def _devices(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
     heads = ("device", "bus and id", "answered", "age", "position", "velocity", "temperature", "fault")
     keys = (None, None, "answered", "age", "position", "velocity", "temperature", "fault")
-    table = [cells(row) for row in rows]
+    table = [_cells(row) for row in rows]
     widths = (
         [max(len(head), *(len(line[place]) for line in table), 0) for place, head in enumerate(heads)]
         if table
@@ -49,7 +49,7 @@ def devices(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
     return lines
 
 
-def cells(row: dict[str, Any]) -> list[str]:
+def _cells(row: dict[str, Any]) -> list[str]:
     def number(key, digits, unit):
         return "-" if row[key] is None else f"{row[key]:.{digits}f} {unit}"
 
@@ -79,7 +79,7 @@ def standing(row: dict[str, Any]) -> str:
     return "; ".join([*words, f"safe stop: {row['stop']}"])
 
 
-def buses(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
+def _buses(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
     lines = []
     for bus in rows:
         load = f", load {bus['typical']:.0%}, {bus['worst']:.0%} at worst" if bus["typical"] is not None else ""

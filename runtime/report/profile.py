@@ -36,14 +36,14 @@ def table(result, stamp: float) -> list[str]:
         f"period; each call includes {short(stamp)} for reading the clock",
         *(f"  {label:<12}{text}" for label, text in details(statistics)),
         "",
-        *listed(robot, "where"),
+        *_listed(robot, "where"),
     ]
     if plant:
-        lines += ["", *listed(plant, "inside the plant")]
+        lines += ["", *_listed(plant, "inside the plant")]
     return lines
 
 
-def listed(rows, title) -> list[str]:
+def _listed(rows, title) -> list[str]:
     width = max([len(title), *(len(row["name"]) for row in rows[:TABLE_ROW_LIMIT])])
     full = "█" if "utf" in (getattr(sys.stdout, "encoding", None) or "").lower() else "#"
     longest = max([row["share"] for row in rows], default=1.0)
@@ -90,7 +90,7 @@ def picture(result, file: Path) -> Path:
     FigureCanvasAgg(figure)
     shares, calls = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2)})
     places = range(len(rows))
-    kinds = [kind_of(row) for row in rows]
+    kinds = [_kind_of(row) for row in rows]
     shares.barh(places, [100 * row["share"] for row in rows], color=[COLOURS[kind] for kind in kinds], height=0.72)
     shares.set_yticks(places, [row["name"] for row in rows], fontsize=8)
     shares.set_ylim(len(rows) - 0.4, -0.6)
@@ -122,5 +122,5 @@ def picture(result, file: Path) -> Path:
     return Path(file)
 
 
-def kind_of(row) -> str:
+def _kind_of(row) -> str:
     return row["kind"].partition(" ")[0]

@@ -69,13 +69,13 @@ def summary(result) -> list[str]:
 
     if schedule.devices and result.rig is None and not result.simulation.given:
         row("plant", "none in the file: every device is emulated, and each actuator drives a free inertia")
-    row("ticks", ticks_text(statistics, result.ticks))
+    row("ticks", _ticks_text(statistics, result.ticks))
     for label, text in timing(result, passed):
         row(label, text)
     if result.realtime.mode != "off":
         row("realtime", result.realtime.summary())
     if schedule.buses:
-        row("buses", buses_text(schedule.buses, statistics["frames"]))
+        row("buses", _buses_text(schedule.buses, statistics["frames"]))
     events = [event["event"] for event in result.recording.get("events", [])]
     if "set" in events or "mark" in events:
         row(
@@ -106,22 +106,22 @@ def summary(result) -> list[str]:
             + ", survived",
         )
     if schedule.devices:
-        row("safe stop", stop_text(result.outcome, schedule))
+        row("safe stop", _stop_text(result.outcome, schedule))
     if result.rig is not None and (left := left_over(result.diagram)):
         row("caution", left)
     for index, file in enumerate(result.recording.get("files", [])):
-        row("" if index else "files", f"{file['path']}{' ' * 2 * bool(file.get('note'))}{note(file)}")
+        row("" if index else "files", f"{file['path']}{' ' * 2 * bool(file.get('note'))}{_note(file)}")
     for problem in result.recording.get("problems", []):
         row("recorder", problem)
     return rows
 
 
-def ticks_text(statistics: dict[str, Any], asked: int) -> str:
+def _ticks_text(statistics: dict[str, Any], asked: int) -> str:
     of = f" of {asked}" if asked >= 0 else ""
     return f"{statistics['ticks']}{of} done, {statistics['missed']} missed; {statistics['dropped']} records dropped"
 
 
-def buses_text(buses: Sequence[str], frames: dict[str, int]) -> str:
+def _buses_text(buses: Sequence[str], frames: dict[str, int]) -> str:
     rejected = ", ".join(f"{frames[kind]} {words}" for kind, words in REJECTED.items() if frames.get(kind))
     return f"{', '.join(buses)}: {frames['sent']} frames sent, {frames['received']} received" + (
         f" ({rejected})" if rejected else ""
@@ -164,7 +164,7 @@ def stride_details(stride: dict[str, Any]) -> Iterator[str]:
     yield "; ".join([", ".join(signals_texts(stride)), *([f"not used: {', '.join(durations)}"] if durations else [])])
 
 
-def stop_text(outcome: Outcome, schedule: Schedule) -> str:
+def _stop_text(outcome: Outcome, schedule: Schedule) -> str:
     stopped = [device.name for device in schedule.devices if device.zero or device.disable]
     if outcome.unconfirmed:
         return f"zero torque, then disable: NOT confirmed by {', '.join(outcome.unconfirmed)}"
@@ -180,7 +180,7 @@ def left_over(diagram: Diagram):
     return f"{nothing_stops(alone)} (control process and guardian): see docs/rigs.md for what does" if alone else ""
 
 
-def note(file: dict[str, str]) -> str:
+def _note(file: dict[str, str]) -> str:
     return f"({file['note']})" if file.get("note") else ""
 
 

@@ -91,7 +91,7 @@ def check(path, settings=(), rate=None, rig=None):
     schedule = None if errors else select_recorded(blamed(path, assemble, analysis))
     if schedule is not None:
         try:
-            plant = describe_plant(Simulation(file, diagram, schedule))
+            plant = _describe_plant(Simulation(file, diagram, schedule))
         except DiagramError as error:
             errors += error.diagnostics
         except BadInput as error:
@@ -104,16 +104,16 @@ def check(path, settings=(), rate=None, rig=None):
         "rate": diagram.rate,
         "ok": not errors,
         "blocks": blocks(diagram, analysis),
-        "schedule": None if schedule is None else describe_schedule(schedule),
+        "schedule": None if schedule is None else _describe_schedule(schedule),
         "holds": [dict(zip(("source", "source_every", "target", "target_every"), hold)) for hold in analysis.holds],
-        "proofs": [describe_proof(proof, diagram, analysis.torque_bounds[proof.path]) for proof in analysis.proofs],
+        "proofs": [_describe_proof(proof, diagram, analysis.torque_bounds[proof.path]) for proof in analysis.proofs],
         "torque": [
-            describe_torque(path, torque) for path, torque in analysis.torque_bounds.items() if torque is not None
+            _describe_torque(path, torque) for path, torque in analysis.torque_bounds.items() if torque is not None
         ],
         "buses": buses(diagram, schedule),
         "plant": plant,
-        "errors": [describe(d) for d in errors],
-        "warnings": [describe(d) for d in analysis.diagnostics if d.severity == "warning"],
+        "errors": [_describe(d) for d in errors],
+        "warnings": [_describe(d) for d in analysis.diagnostics if d.severity == "warning"],
     }
 
 
@@ -127,11 +127,11 @@ def refused(path, diagnostics):
         "ok": False,
         "schedule": None,
         "plant": None,
-        "errors": [describe(d) for d in diagnostics],
+        "errors": [_describe(d) for d in diagnostics],
     }
 
 
-def bound(value):
+def _bound(value):
     return value if math.isfinite(value) else None
 
 
@@ -142,17 +142,17 @@ def blocks(diagram, analysis):
     ]
     order += [block for block in diagram if block not in set(order)]
     targets = wired_to(diagram, analysis)
-    return [describe_block(block, block_card(block, analysis, targets, place), analysis) for block in order]
+    return [_describe_block(block, block_card(block, analysis, targets, place), analysis) for block in order]
 
 
-def describe_block(block, card, analysis):
+def _describe_block(block, card, analysis):
     keys = ("name", "unit", "shape", "dtype", "source", "constant", "default", "targets")
     sides = {
         side: [{key: port[key] for key in keys if key in port} for port in card[side]] for side in ("inputs", "outputs")
     }
     for port in sides["outputs"]:
         interval = analysis.ranges.get(Signal(block, port["name"]), EVERYTHING)
-        port |= {"low": bound(interval.low), "high": bound(interval.high)}
+        port |= {"low": _bound(interval.low), "high": _bound(interval.high)}
     return (
         {key: card[key] for key in ("path", "type", "module", "made", "runs", "rate", "conditions")}
         | {"hold_exceptions": block.hold_exceptions}
@@ -160,7 +160,7 @@ def describe_block(block, card, analysis):
     )
 
 
-def describe_schedule(schedule):
+def _describe_schedule(schedule):
     names = {signal.slot: signal.path for signal in schedule.signals.values()}
     sections = itertools.count(1)
     return {
@@ -191,7 +191,7 @@ def describe_steps(schedule, steps, names, sections):
     return described
 
 
-def describe_torque(path, torque):
+def _describe_torque(path, torque):
     return {
         "actuator": path,
         "bound": torque.kind,
@@ -202,19 +202,19 @@ def describe_torque(path, torque):
     }
 
 
-def describe_proof(proof, diagram, torque):
+def _describe_proof(proof, diagram, torque):
     source, actuator = diagram.blocks.get(proof.bounded_by), diagram[proof.path]
     return {
         "command": f"{proof.path}.{proof.port}",
         "unit": proof.unit,
-        "low": bound(proof.interval.low),
-        "high": bound(proof.interval.high),
-        "limit_low": bound(proof.limit.low),
-        "limit_high": bound(proof.limit.high),
+        "low": _bound(proof.interval.low),
+        "high": _bound(proof.interval.high),
+        "limit_low": _bound(proof.limit.low),
+        "limit_high": _bound(proof.limit.high),
         "rating": actuator.rating(),
         "bounded_by": proof.bounded_by,
         "at": place(source.location) if source is not None else "",
-        "slew": bound(source.output_slew) if source is not None and source.output_slew is not None else None,
+        "slew": _bound(source.output_slew) if source is not None and source.output_slew is not None else None,
         "holds": proof.holds,
         "safe_stop": stop_of(actuator),
         "assumes": (torque and torque.holds) or None,
@@ -240,13 +240,13 @@ def buses(diagram, schedule):
     ]
 
 
-def describe_plant(simulation):
+def _describe_plant(simulation):
     if simulation.plant is None:
         return None
     return {"given": simulation.given, "blocks": len(simulation.diagram), "rate": simulation.plant.rate}
 
 
-def describe(diagnostic):
+def _describe(diagnostic):
     where = place(diagnostic.where) if diagnostic.where else ""
     return {
         "code": diagnostic.code,

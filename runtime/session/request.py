@@ -23,7 +23,7 @@ from runtime.recording.mcap_file import compression_level
 from runtime.report.timing import overrun_policy, spin_window
 
 
-def rerun_target(text):
+def _rerun_target(text):
     from runtime.base.optional_dependencies import need
     from runtime.recorder.rerun.target import parse
 
@@ -161,7 +161,7 @@ class Request:
         default=None,
         nargs="?",
         const="",
-        type=rerun_target,
+        type=_rerun_target,
         metavar="WHERE",
         help="show the run in Rerun's viewer; or WHERE: a FILE.rrd, serve for a browser, HOST:PORT of another viewer",
     )

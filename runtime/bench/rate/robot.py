@@ -25,11 +25,11 @@ def robot(make: Callable[..., Any], ids, rate: float, upper: bool = False) -> Di
         for can_id in ids:
             block = make(can_id)
             block.bitrate = UNLIMITED
-            block(**(zero_from_above(block) if upper else {"torque_command": 0.0}))
+            block(**(_zero_from_above(block) if upper else {"torque_command": 0.0}))
     return diagram
 
 
-def zero_from_above(block) -> dict[str, float]:
+def _zero_from_above(block) -> dict[str, float]:
     position, velocity, _, _, torque = block.wire
     return {
         "position_command": CODES * 2.0 * position / 0xFFFF,

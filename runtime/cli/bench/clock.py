@@ -41,14 +41,14 @@ def main(arguments):
         *["a busy Python thread"] * options.busy_thread,
     ]
     report.say([f"{chunks}; {', '.join(circumstances)}", *machine_lines()], **machine())
-    keep_part(report, [1000] if disturbed else RATES, options, disturbed)
+    _keep_part(report, [1000] if disturbed else RATES, options, disturbed)
     if not disturbed:
-        cost_part(report, options.ticks)
+        _cost_part(report, options.ticks)
     report.finish()
     return OK
 
 
-def keep_part(report, rates, options, disturbed):
+def _keep_part(report, rates, options, disturbed):
     from runtime.bench import clock
     from runtime.bench.c_program import NoCompiler
     from runtime.machine.realtime import RealtimeRefused
@@ -86,7 +86,7 @@ def keep_part(report, rates, options, disturbed):
     report.goals += goals.of_clock(results, disturbed)
 
 
-def cost_part(report, ticks):
+def _cost_part(report, ticks):
     from runtime.bench import costs, recorder_cost
 
     mcap, size = recorder_cost.measure(csv=False)

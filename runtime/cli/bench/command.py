@@ -20,7 +20,7 @@ KNEE_EXO = Path(__file__).parents[3] / "diagrams" / "knee_exo.py"
 def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code."""
     if arguments[:1] == ["start"]:
-        return start_command(arguments[1:])
+        return _start_command(arguments[1:])
     if arguments and arguments[0] in COMMANDS:
         return COMMANDS[arguments[0]].main(arguments[1:])
     parser = Parser(
@@ -38,13 +38,13 @@ def main(arguments: Sequence[str]) -> int:
     report = Report(options.json)
     what = f"processor time of one thread; {options.repeats} measurements of {options.seconds:g} s for each row"
     report.say([f"{what}, alternating", *machine_lines()], **machine())
-    tick_part(report, options.seconds, options.repeats)
-    compile_part(report)
+    _tick_part(report, options.seconds, options.repeats)
+    _compile_part(report)
     report.finish()
     return OK
 
 
-def tick_part(report: Report, seconds: float, repeats: int) -> None:
+def _tick_part(report: Report, seconds: float, repeats: int) -> None:
     from runtime.bench import blocks
 
     kinds = {"native blocks": blocks.NATIVE, "Python blocks": blocks.PYTHON}
@@ -57,7 +57,7 @@ def tick_part(report: Report, seconds: float, repeats: int) -> None:
     report.goals += goals.of_blocks(rows)
 
 
-def compile_part(report: Report) -> None:
+def _compile_part(report: Report) -> None:
     from runtime.bench import blocks
 
     sizes = blocks.compiles()
@@ -77,7 +77,7 @@ def compile_part(report: Report) -> None:
     report.goals += goals.of_compiles(sizes, exponent, n_log_n)
 
 
-def start_command(arguments: Sequence[str]) -> int:
+def _start_command(arguments: Sequence[str]) -> int:
     from runtime.bench import starting
 
     parser = Parser("bench start", "Measure the time from the start of a process to its first tick, and its memory.")

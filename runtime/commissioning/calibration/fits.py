@@ -50,7 +50,7 @@ def accelerometer(rests: Sequence[Rest]) -> tuple[np.ndarray, np.ndarray]:
     symmetric = len(measured) >= SYMMETRIC_FIT_POSITIONS
     low, high = measured.min(axis=0), measured.max(axis=0)
     start = np.concatenate([(low + high) / 2.0, 2.0 * G / (high - low), np.zeros(3 if symmetric else 0)])
-    solution = least_squares(lambda p: spheres(p, measured), start)
+    solution = least_squares(lambda p: _spheres(p, measured), start)
     offset, matrix = solution[:3], matrix_of(solution[3:])
     if (
         not np.all(np.isfinite(solution))
@@ -61,7 +61,7 @@ def accelerometer(rests: Sequence[Rest]) -> tuple[np.ndarray, np.ndarray]:
     return offset, matrix
 
 
-def spheres(parameters: np.ndarray, measured: np.ndarray) -> np.ndarray:
+def _spheres(parameters: np.ndarray, measured: np.ndarray) -> np.ndarray:
     return np.linalg.norm((measured - parameters[:3]) @ matrix_of(parameters[3:]).T, axis=1) / G - 1.0
 
 

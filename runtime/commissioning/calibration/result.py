@@ -50,7 +50,7 @@ class Result:
         lines = []
         if self.rates_after is not None:
             bias = ", ".join(f"{value:+.3f}" for value in np.degrees(self.calibration.gyro_bias))
-            before, after = worst_rate(self.rates), worst_rate(self.rates_after)
+            before, after = _worst_rate(self.rates), _worst_rate(self.rates_after)
             lines.append(f"  gyroscope      bias {bias} deg/s; at rest {before:.3f} before, {after:.3f} deg/s after")
         if self.gravity_after is not None:
             before, after = (np.abs(gravity - fits.G).max() for gravity in (self.gravity, self.gravity_after))
@@ -66,7 +66,7 @@ class Result:
         return lines + [f"  {part:<14} not calibrated: {why}" for part, why in self.missing.items()]
 
 
-def worst_rate(rates: np.ndarray) -> float:
+def _worst_rate(rates: np.ndarray) -> float:
     return float(np.degrees(np.abs(rates).max()))
 
 
@@ -101,13 +101,13 @@ def find(readings: Readings, parts: tuple[str, ...] = tuple(PARTS)) -> Result:
     def accelerometer():
         offset, matrix = fits.accelerometer(rests)
         result.calibration = replace(
-            result.calibration, accel_offset=tuple(offset.tolist()), accel_matrix=tuples(matrix)
+            result.calibration, accel_offset=tuple(offset.tolist()), accel_matrix=_tuples(matrix)
         )
         result.gravity_after = np.linalg.norm((positions - offset) @ matrix.T, axis=1)
 
     def magnetometer():
         offset, matrix = fits.magnetometer(readings.mag)
-        result.calibration = replace(result.calibration, mag_offset=tuple(offset.tolist()), mag_matrix=tuples(matrix))
+        result.calibration = replace(result.calibration, mag_offset=tuple(offset.tolist()), mag_matrix=_tuples(matrix))
         result.field_after = (readings.mag - offset) @ matrix.T
 
     for part, fit in (("gyroscope", gyroscope), ("accelerometer", accelerometer), ("magnetometer", magnetometer)):
@@ -115,5 +115,5 @@ def find(readings: Readings, parts: tuple[str, ...] = tuple(PARTS)) -> Result:
     return result
 
 
-def tuples(matrix: np.ndarray):
+def _tuples(matrix: np.ndarray):
     return tuple(tuple(row) for row in matrix.tolist())

@@ -56,7 +56,7 @@ def joined(pieces: Sequence[Rest]) -> list[Rest]:
     """Merge windows of one position into one Rest, weighted by their durations."""
     groups = []
     for piece in pieces:
-        group = next((group for group in groups if angle(group[0].accel, piece.accel) < SAME_POSITION_ANGLE), None)
+        group = next((group for group in groups if _angle(group[0].accel, piece.accel) < SAME_POSITION_ANGLE), None)
         if group is None:
             groups.append([piece])
         else:
@@ -71,7 +71,7 @@ def joined(pieces: Sequence[Rest]) -> list[Rest]:
     return merged
 
 
-def angle(a: np.ndarray, b: np.ndarray) -> float:
+def _angle(a: np.ndarray, b: np.ndarray) -> float:
     norm = np.linalg.norm(a) * np.linalg.norm(b)
     return float(np.arccos(np.clip(a @ b / norm, -1.0, 1.0))) if norm > 0.0 else 0.0
 
