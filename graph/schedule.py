@@ -1,12 +1,16 @@
 """Result of a compile, as data: arena, steps in order, devices, recorded signals. `cext` executes it."""
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from graph.arena_layout import KernelTable
 from graph.device import DampedStop
 from graph.interval import Interval
+
+if TYPE_CHECKING:
+    from graph.block import Sink
 
 
 @dataclass(frozen=True)
@@ -112,8 +116,8 @@ class Column:
 class SinkColumns:
     """A recorder or viewer, and its columns."""
 
-    block: object
-    columns: tuple
+    block: "Sink"
+    columns: tuple[Column, ...]
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,26 @@ TYPE_CHECKING = False  # not from typing: a typing.py in the working folder coul
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterable, Mapping
-    from typing import Any
+    from typing import Any, overload
 
     from graph import Diagram
     from runtime.analysis.trial import Trial
+    from runtime.analysis.trials import Trials
+else:
+
+    def overload(function):
+        return function
 
 
-def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Any:
+@overload
+def load(path: str | os.PathLike[str]) -> Trial | Any: ...  # Any: the Trials of a pattern
+
+
+@overload
+def load(path: Iterable[str | os.PathLike[str]]) -> Trials: ...  # noqa: F811
+
+
+def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Trial | Trials:  # noqa: F811
     """Load a recording, or several as one table. Needs NumPy and mcap, and no compiled module.
 
     load("trial.mcap")          runtime.analysis.trial.Trial: `trial["left/knee.position"]` is an array over the ticks
@@ -28,11 +41,11 @@ def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Any
 
 
 def run(
-    diagram: str | os.PathLike[str] | Diagram | Callable[[], Diagram],
+    diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
     duration: float,
     *,
     settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
-    plant: Diagram | Callable[[Diagram], Diagram] | None = None,
+    plant: Diagram | Callable[..., Diagram] | None = None,
     seed: int | None = None,
     rate: float | None = None,
 ) -> Trial:

@@ -23,7 +23,7 @@ if __name__ == "__main__":
 from runtime.base import installation_check, run_mark  # noqa: E402
 
 
-def main(folder=FOLDER):
+def main(folder: "str | None" = FOLDER) -> None:
     """Check the installation, run the command line, and end the process with its exit code.
 
     folder : the folder that Python had put first on the path, None if it had not
@@ -38,7 +38,7 @@ def main(folder=FOLDER):
     ending.leave(code)
 
 
-def _start(folder):
+def _start(folder: "str | None") -> int:
     problem = installation_check.problem(*sys.argv[1:2], folder=folder)
     if problem is None:
         try:
@@ -51,7 +51,7 @@ def _start(folder):
     return command_line(folder=folder)
 
 
-def occupy_standard_streams():
+def occupy_standard_streams() -> None:
     """Open /dev/null for each closed standard stream, so that no file opened later gets its descriptor."""
     spare = os.open(os.devnull, os.O_RDWR)
     while spare <= 2:

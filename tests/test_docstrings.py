@@ -11,7 +11,6 @@ WITHOUT_DOCSTRINGS = (
     "blocks/actuators/robstride",
     "blocks/imus",
     "blocks/imus/openimu",
-    "runtime",
     "runtime/analysis",
     "runtime/bench",
     "runtime/bench/rate",
@@ -27,9 +26,7 @@ WITHOUT_DOCSTRINGS = (
     "runtime/recorder",
     "runtime/recorder/rerun",
     "runtime/recording",
-    "runtime/report",
     "runtime/rig",
-    "runtime/session",
 )  # folders with public functions or classes that lack one
 WITHOUT_METHOD_DOCSTRINGS = (
     "blocks",
@@ -58,11 +55,9 @@ WITHOUT_METHOD_DOCSTRINGS = (
     "runtime/recorder/rerun",
     "runtime/recording",
     "runtime/rig",
-    "runtime/session",
 )
 WITHOUT_ANNOTATIONS = (
     "cext",
-    "runtime",
     "runtime/analysis",
     "runtime/bench",
     "runtime/bench/rate",
@@ -78,9 +73,7 @@ WITHOUT_ANNOTATIONS = (
     "runtime/recorder",
     "runtime/recorder/rerun",
     "runtime/recording",
-    "runtime/report",
     "runtime/rig",
-    "runtime/session",
 )
 STEPS = ("step", "reset", "update")  # methods of blocks, which the class describes
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
@@ -90,7 +83,15 @@ CLASSES = {node.name: node for tree in MODULES.values() for node in ast.walk(tre
 
 
 def public(nodes, kinds):
-    return [node for node in nodes if isinstance(node, kinds) and not node.name.startswith("_")]
+    return [
+        node
+        for node in nodes
+        if isinstance(node, kinds) and not node.name.startswith("_") and "overload" not in decorators(node)
+    ]
+
+
+def decorators(node):
+    return [ast.unparse(decorator) for decorator in node.decorator_list]
 
 
 def methods(kind):

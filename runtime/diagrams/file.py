@@ -9,7 +9,6 @@ import re
 import sys
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib.machinery import SourceFileLoader
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,6 +21,7 @@ from graph.names import suggestion
 from graph.sha256 import sha256
 from runtime.base.ending import Interrupted
 from runtime.base.errors import BadInput
+from runtime.diagrams.diagram_file import DiagramFile
 from runtime.diagrams.overrides import set_block_parameters, share_out
 from runtime.diagrams.recorded_signals import select_recorded
 from runtime.rig.overrides import override
@@ -37,35 +37,6 @@ T = TypeVar("T")
 PACKAGES = tuple(
     str(Path(__file__).parents[2] / package) + os.sep for package in ("blocks", "cext", "graph", "runtime")
 )
-
-
-@dataclass
-class DiagramFile:
-    """Loaded diagram file: its module, and the parameters of its `build` and `plant`.
-
-    path : of the file; without one, the name of the Diagram
-    module : namespace with `diagram`, `build` or `plant`
-    build_parameters, plant_parameters : {name: value} from the settings
-    sha256 : hex digest of the source that was run; None without a file
-    given : Diagram that the caller has passed instead of a file
-    """
-
-    path: Path
-    module: ModuleType | SimpleNamespace
-    build_parameters: dict[str, Any]
-    plant_parameters: dict[str, Any]
-    sha256: str | None = None
-    given: Diagram | None = None
-
-    @property
-    def has_plant(self) -> bool:
-        """Whether the file has a function `plant`."""
-        return self.function("plant") is not None
-
-    def function(self, name: str) -> Callable[..., Any] | None:
-        """Return a function of the file, or None."""
-        function = getattr(self.module, name, None)
-        return function if callable(function) else None
 
 
 def load(
@@ -84,7 +55,7 @@ def load(
 
 
 def source(
-    given: str | os.PathLike[str] | Diagram | Callable[[], Diagram],
+    given: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
     plant: Diagram | Callable[..., Diagram] | None = None,
     sha256: str | None = None,
 ) -> DiagramFile:

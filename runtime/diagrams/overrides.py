@@ -19,7 +19,7 @@ from runtime.live import patterns
 if TYPE_CHECKING:
     from graph.block import Block
     from graph.diagram import Diagram
-    from runtime.diagrams.file import DiagramFile
+    from runtime.diagrams.diagram_file import DiagramFile
 
 Settings = Sequence[tuple[str, Any]]  # name, and the value or its text
 Replaced = tuple[Any, str, Any]  # block, name of its parameter, value before

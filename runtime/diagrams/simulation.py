@@ -16,7 +16,7 @@ from runtime.diagrams.overrides import set_seeds
 if TYPE_CHECKING:
     from cext.bus.memory_bus import BusEnd
     from graph.schedule import Schedule
-    from runtime.diagrams.file import DiagramFile
+    from runtime.diagrams.diagram_file import DiagramFile
     from runtime.diagrams.overrides import Replaced
 
 

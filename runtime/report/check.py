@@ -1,18 +1,22 @@
 """Text of the `check` command: sections of aligned lines, from the data that --json prints."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
 from graph.drawing.cards import unit_text
 from runtime.console.styles import count
 from runtime.report.preflight import covered
 
+if TYPE_CHECKING:
+    from runtime.console.styles import Console
+
 BAR = 24  # columns of an interval bar
 
 
-def text(report, console):
-    """Return all lines of the report.
-
-    report : dict of runtime.session.check.check
-    console : runtime.console.styles.Console
-    """
+def text(report: Mapping[str, Any], console: Console) -> list[str]:
+    """Return all lines of the report. report : as returned by runtime.session.check.check"""
     lines = _heading(report, console)
     if not report["errors"]:
         for section in (_ports, _schedule, holds, _proofs, _buses):
@@ -24,7 +28,7 @@ def text(report, console):
     return [*lines, "", _verdict(report, console)]
 
 
-def _heading(report, console):
+def _heading(report: Mapping[str, Any], console: Console) -> list[str]:
     if report["rate"] is None:
         return [console.bold(report["diagram"]) + f"  {report['file']}"]
     wires = sum("source" in port for block in report["blocks"] for port in block["inputs"])
@@ -35,14 +39,14 @@ def _heading(report, console):
     return console.hang(console.bold(report["diagram"]) + "  ", f"{report['file']}: {', '.join(facts)}")
 
 
-def _section(title, console, note=""):
+def _section(title: str, console: Console, note: str = "") -> list[str]:
     return ["", *console.hang(console.bold(title) + "  ", note, console.faint)] if note else ["", console.bold(title)]
 
 
 # Ports
 
 
-def _ports(report, console):
+def _ports(report: Mapping[str, Any], console: Console) -> list[str]:
     lines = _section("ports", console)
     names = [port["name"] for block in report["blocks"] for port in block["inputs"] + block["outputs"]]
     width = max((len(name) for name in names), default=0)
@@ -77,7 +81,7 @@ def _ports(report, console):
     return [line.rstrip() for line in lines]
 
 
-def interval(low, high):
+def interval(low: float | None, high: float | None) -> str:
     """Return an interval as text, such as '[-12, 12]'; '' if neither bound is known."""
     if low is None and high is None:
         return ""
@@ -87,7 +91,7 @@ def interval(low, high):
 # Schedule
 
 
-def _schedule(report, console):
+def _schedule(report: Mapping[str, Any], console: Console) -> list[str]:
     plan = report["schedule"]
     steps = plan["output"] + plan["update"]
     native = sum(step["native"] for step in steps)
@@ -111,7 +115,7 @@ def _schedule(report, console):
     return [line.rstrip() for line in lines]
 
 
-def holds(report, console):
+def holds(report: Mapping[str, Any], console: Console) -> list[str]:
     """Return the lines on signals that connect blocks of different rates."""
     if not report["holds"]:
         return []
@@ -131,7 +135,7 @@ def holds(report, console):
 # Proof
 
 
-def _proofs(report, console):
+def _proofs(report: Mapping[str, Any], console: Console) -> list[str]:
     if not report["proofs"]:
         return []
     lines = _section("proof", console, "proved range of every actuator command")
@@ -161,7 +165,7 @@ def _proofs(report, console):
     return lines
 
 
-def slew(proof):
+def slew(proof: Mapping[str, Any]) -> str:
     """Return the rate bound of a command as text, such as '; at most 240 N·m/s: full range in 0.1 s'."""
     if proof["slew"] is None:
         return "; rate not limited"
@@ -173,7 +177,7 @@ def slew(proof):
     )
 
 
-def torque(bound, console):
+def torque(bound: Mapping[str, Any] | None, console: Console) -> list[str]:
     """Return the lines on an actuator's torque limit, if its proved commands do not bound it."""
     if bound is None or bound["bound"] == "proved":
         return []
@@ -189,7 +193,7 @@ def torque(bound, console):
     return lines
 
 
-def bar(proof):
+def bar(proof: Mapping[str, Any]) -> str:
     """Draw an interval inside its limit as a bar of `BAR` characters."""
     low, high, floor, roof = (proof[key] for key in ("low", "high", "limit_low", "limit_high"))
     if None in (low, high, floor, roof) or not roof > floor:
@@ -203,7 +207,7 @@ def bar(proof):
 # Buses
 
 
-def _buses(report, console):
+def _buses(report: Mapping[str, Any], console: Console) -> list[str]:
     if not report["buses"]:
         return []
     lines = _section("buses", console, "failures of a run on a rig that still end in the safe stop")
@@ -229,7 +233,7 @@ def _buses(report, console):
 # Errors and warnings
 
 
-def complaint(problem, console, style, severity):
+def complaint(problem: Mapping[str, str], console: Console, style: Callable[[str], str], severity: str) -> list[str]:
     """Return the lines of a diagnostic, in the format of a run's errors."""
     subject = ".".join(word for word in (problem["path"], problem["port"]) if word)
     mark = f"{severity} {problem['code']}"
@@ -239,7 +243,7 @@ def complaint(problem, console, style, severity):
     return ["", first.replace(mark, style(mark), 1), *rest, *hint]
 
 
-def _verdict(report, console):
+def _verdict(report: Mapping[str, Any], console: Console) -> str:
     warnings = count(len(report["warnings"]), "warning")
     if report["errors"]:
         return console.error(f"{count(len(report['errors']), 'error')}, {warnings}: the diagram cannot run")
@@ -254,7 +258,7 @@ def _verdict(report, console):
     return console.ok("ok: " + ", ".join([*said, warnings]))
 
 
-def claim(bound):
+def claim(bound: Mapping[str, Any]) -> str:
     """Return a format string that states what a torque limit depends on."""
     return {
         "assumed": f"the torque limit of {{}} holds {bound['holds']}",

@@ -1,24 +1,27 @@
-"""What the watch over an actuator's motion and torque has found, in words: the value, what it must be inside of, and
-what to do.
-"""
+"""Texts of the faults that the monitor of actuators detects: the value, its bound, and what to do."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cext.schedule.program import Program
 
 
-def text(status: str, block, program: Program) -> str | None:
-    """The fault of an actuator, or None where `status` is none of these."""
+def text(status: str, block: Any, program: Program) -> str | None:
+    """Return the text of an actuator's fault; None where `status` is another fault.
+
+    status : of the Outcome
+    block : the actuator, or None
+    program : of the diagram with the actuator; its `watched` has the value and the bound
+    """
     words = WORDS.get(status)
     row = next((row for row in program.watched if block is not None and row["device"] == block.path), None)
     return None if words is None or row is None else words(block, row["about"], row["value"], row["bound"])
 
 
-def _acceleration(block, about: str, value: float, bound: float) -> str:
+def _acceleration(block: Any, about: str, value: float, bound: float) -> str:
     return (
         f"the joint accelerates by up to {value:.0f} rad/s², more than its max_acceleration of {bound:g} rad/s², on "
         "which its torque limit with stiffness or damping rests. Find the cause of the impact or vibration. If such "
@@ -26,7 +29,7 @@ def _acceleration(block, about: str, value: float, bound: float) -> str:
     )
 
 
-def _excess_torque(block, about: str, value: float, bound: float) -> str:
+def _excess_torque(block: Any, about: str, value: float, bound: float) -> str:
     accuracy = block.watched().motion.accuracy
     return (
         f"the drive measures {value:.3g} N·m, above its limit of {bound:.3g} N·m by more than the assumed accuracy of "
@@ -34,7 +37,7 @@ def _excess_torque(block, about: str, value: float, bound: float) -> str:
     )
 
 
-def _over_travel(block, about: str, value: float, bound: float) -> str:
+def _over_travel(block: Any, about: str, value: float, bound: float) -> str:
     low, high = block.range
     return (
         f"position {value:.3f} rad is outside the joint's range of {low:g} to {high:g} rad. Find the cause before "
@@ -42,21 +45,21 @@ def _over_travel(block, about: str, value: float, bound: float) -> str:
     )
 
 
-def _overspeed(block, about: str, value: float, bound: float) -> str:
+def _overspeed(block: Any, about: str, value: float, bound: float) -> str:
     return (
         f"velocity {value:.3g} rad/s exceeds max_velocity, {bound:.3g} rad/s"
         f"{'' if block.max_velocity else ' by default'}"
     )
 
 
-def _not_following(block, about: str, value: float, bound: float) -> str:
+def _not_following(block: Any, about: str, value: float, bound: float) -> str:
     return (
         f"the drive outputs {value:.2g} N·m, but {bound:.2g} N·m are commanded: it was disabled, for instance by a "
         "loss of power, or it has reached an internal limit. Check its supply, and arm it again"
     )
 
 
-def _scale_mismatch(block, about: str, value: float, bound: float) -> str:
+def _scale_mismatch(block: Any, about: str, value: float, bound: float) -> str:
     if about == "velocity":
         if value < 0.0:
             return (
@@ -78,8 +81,8 @@ def _scale_mismatch(block, about: str, value: float, bound: float) -> str:
     )
 
 
-def wire_cure(block, value: float) -> str:
-    """What to set where a velocity is `value` times the position's rate."""
+def wire_cure(block: Any, value: float) -> str:
+    """Return the setting that corrects a velocity of `value` times the rate of the position, as text."""
     if "wire_velocity" not in block.parameters or "current" in block.outputs:
         return f"the drive does not have the pole pairs or the gear of {block.spec.name}. Check the model's name"
     ratio = block.gear_ratio
@@ -89,7 +92,7 @@ def wire_cure(block, value: float) -> str:
     )
 
 
-def _implausible(block, about: str, value: float, bound: float) -> str:
+def _implausible(block: Any, about: str, value: float, bound: float) -> str:
     if about == "temperature":
         return (
             f"implausible temperature {value:g} °C: the drive's sensor is defective, or the drive is not a "

@@ -46,7 +46,7 @@ def _moves(device: Device) -> bool:
     return bool(device.disable_frames() or device.zero_frames())
 
 
-def stops(device, everything: Sequence[Device]) -> list[str]:
+def stops(device: Device, everything: Sequence[Device]) -> list[str]:
     """Return the mechanisms that stop a drive without the control process and the guardian.
 
     They are the drive's own time-out, or the charge pumps that hold its power.
@@ -55,12 +55,13 @@ def stops(device, everything: Sequence[Device]) -> list[str]:
     return own or [f"the charge pump {other.path!r}" for other in everything if other.holds_power_of(device)]
 
 
-def unstopped(devices, everything: Sequence[Device]) -> list[str]:
+def unstopped(devices: Sequence[Device], everything: Sequence[Device]) -> list[str]:
     """Return the paths of the drives that keep their last command after both processes have ended."""
     return [device.path for device in devices if _moves(device) and not stops(device, everything)]
 
 
 def nothing_stops(paths: Sequence[str]) -> str:
+    """Return the sentence on drives that keep their last command. paths : as returned by `unstopped`"""
     return f"nothing stops {', '.join(paths)} after both processes have ended"
 
 

@@ -1,6 +1,11 @@
 """Explanation of a fault: block, status, values, and the line in the user's file."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from cext.user_text import last_lines
 from graph import Device
@@ -10,14 +15,23 @@ from runtime.report import drive_faults, fault_context
 from runtime.report.lost_ticks import before_fault
 from runtime.report.timing import micro
 
+if TYPE_CHECKING:
+    import numpy as np
 
-def explain(result):
-    """Return the lines that explain the fault of a run. result : runtime.session.result.Result"""
+    from cext.schedule.outcome import Outcome
+    from cext.schedule.program import Program
+    from graph import Block, Diagram, Schedule
+    from runtime.report.run_result import RunResult
+    from runtime.rig import RigBuses
+
+
+def explain(result: RunResult) -> list[str]:
+    """Return the lines that explain the fault of a run."""
     outcome = result.outcome
     diagram, schedule, program = result.diagram, result.schedule, result.control
     if result.failed_in_plant:
         diagram, schedule, program = result.simulation.diagram, result.simulation.plant, result.simulation.program
-    block = diagram.blocks.get(outcome.culprit)
+    block = diagram.blocks.get(outcome.culprit or "")
     where = f" of {diagram.name}, the plant" if result.failed_in_plant else ""
     lines = [
         f"FAULT at {outcome.culprit or diagram.name}{where}, {_when(result)}: "
@@ -37,13 +51,17 @@ def explain(result):
     return lines
 
 
-def _when(result):
+def _when(result: RunResult) -> str:
     tick = result.outcome.tick
     return f"tick {tick} ({tick / result.schedule.rate:g} s)" if tick >= 0 else "while arming"
 
 
-def what(result, block, program):
-    """Return the fault as text."""
+def what(result: RunResult, block: Block | None, program: Program) -> str:
+    """Return the fault as text.
+
+    block : in which it arose; None without one
+    program : of the diagram with the block: the robot or its plant
+    """
     outcome = result.outcome
     timeout = f" ({block.timeout:g} s)" if isinstance(block, Device) else ""
     if isinstance(block, Device) and block.medium == "stream" and result.rig is not None:
@@ -74,34 +92,39 @@ def what(result, block, program):
     )
 
 
-def unclear(result):
+def unclear(result: RunResult) -> str:
     """Return why the positions of joints are ambiguous."""
+    poses = getattr(result, "poses", None)
     return (
-        "; ".join(result.poses.refusals.values())
-        if getattr(result, "poses", None) is not None
+        "; ".join(poses.refusals.values())
+        if poses is not None
         else "a joint may be at another position than its drive reports"
     )
 
 
-def raised(outcome):
-    """Return whether a Python block raised an exception or exited the program.
+def raised(outcome: Outcome) -> str:
+    """Return the text for an exception of a Python block, or for its exit from the program.
 
     An exception is a defect; an exit is not, but ends the run with the same safe stop.
     """
-    leaves = isinstance(outcome.error, (SystemExit, KeyboardInterrupt))
-    return f"its step exited the program ({words(outcome.error)})" if leaves else "its step raised an exception"
+    error = outcome.error
+    leaves = isinstance(error, (SystemExit, KeyboardInterrupt))
+    return f"its step exited the program ({words(error)})" if leaves else "its step raised an exception"
 
 
-def seen(program, block, what, unit):
-    """Return the highest monitored value as text, such as ': 9.1 N·m'; '' without one."""
+def seen(program: Program, block: Block | None, what: str, unit: str) -> str:
+    """Return the highest monitored value as text, such as ': 9.1 N·m'; '' without one.
+
+    what : key in Program.watched
+    """
     return next(
         (f": {row[what]:.1f} {unit}" for row in program.watched if block is not None and row["device"] == block.path),
         "",
     )
 
 
-def unanswered(result):
-    """Return which devices did not reply, and what was received instead."""
+def unanswered(result: RunResult) -> str:
+    """Return the text on the devices that did not reply, and what was received instead."""
     silent = [result.diagram[path] for path in result.outcome.unanswered]
     names = ", ".join(f"{block.path} ({where_it_is(block, result.rig)})" for block in silent)
     instead = [f"{block.path}: {words}" for block in silent if (words := fault_context.instead(result, block))]
@@ -112,8 +135,8 @@ def unanswered(result):
     )
 
 
-def frames_received(statistics):
-    """Return how many frames were received, as a list of one text; empty where they were not counted."""
+def frames_received(statistics: Mapping[str, Any]) -> list[str]:
+    """Return the number of received frames, as a list of one text; empty if they were not counted."""
     if "frames" not in statistics:
         return []
     received, foreign = (statistics["frames"][kind] for kind in ("received", "foreign"))
@@ -124,13 +147,13 @@ def frames_received(statistics):
     ]
 
 
-def read_instead(result, block):
+def read_instead(result: RunResult, block: Block | None) -> str:
     """Return the rejected replies of a silent device as text, such as '; 20 replies of 7 bytes'."""
     words = fault_context.rejected(result, block) if isinstance(block, Device) and not result.failed_in_plant else ""
     return f"; {words}" if words else ""
 
 
-def where_it_is(block, rig):
+def where_it_is(block: Device, rig: RigBuses | None) -> str:
     """Return the bus and address of a device, or the serial line and its state."""
     if block.medium == "stream":
         return f"on {block.bus}" + (f", {rig.line(block.bus)}" if rig is not None else "")
@@ -140,18 +163,18 @@ def where_it_is(block, rig):
     )
 
 
-def on_the_rig(rig):
+def on_the_rig(rig: RigBuses) -> str:
     """Return what the buses report about missing replies."""
     words = [f" (unknown IDs on {name}: {', '.join(ids)})" for name, ids in rig.strangers().items()]
     words += [
         f"; no node acknowledges frames on {channel}: check drive power, wiring, termination and bitrate"
         for channel in rig.unheard()
     ]
-    words += [f"; {path} failed {told['failures']} times: {why}" for path, told, why in rig.failures()]
+    words += [f"; {path} failed {counts['failures']} times: {why}" for path, counts, why in rig.failures()]
     return "".join(words)
 
 
-def fenced(result):
+def fenced(result: RunResult) -> str:
     """Return how long the control loop had stalled when the guardian fenced the run."""
     stop = result.rig.report["stop"] if result.rig is not None else None
     if stop is None:
@@ -159,7 +182,7 @@ def fenced(result):
     return f"fenced by the guardian: the control loop had stalled for {stop['silent'] * 1e3:.0f} ms"
 
 
-def unguarded(result):
+def unguarded(result: RunResult) -> str:
     """Return how the guardian ended, and how the motors were stopped without it."""
     if result.rig is None:
         return "the guardian is not running"
@@ -174,7 +197,7 @@ def unguarded(result):
     return f"{how}; the control process stopped the motors{unopened}"
 
 
-def foreign_command(block):
+def foreign_command(block: Block | None) -> str:
     """Return which drive received a command from another node."""
     if not isinstance(block, Device):
         return "another node on the bus commands its actuators"
@@ -182,13 +205,13 @@ def foreign_command(block):
     return f"another node commands it: a frame to id {ids} on bus {block.bus} that this run did not send"
 
 
-def hung(outcome):
-    """Return how long a step ran, and how it ended."""
+def hung(outcome: Outcome) -> str:
+    """Return the text on a step that hung: its duration, and how it ended."""
     end = "until the watchdog interrupted it" if isinstance(outcome.error, KeyboardInterrupt) else "before it returned"
     return f"it hung: its step ran for {micro(outcome.hung)} {end}; the motors were stopped meanwhile"
 
 
-def overran(result):
+def overran(result: RunResult) -> str:
     """Return the number of missed grid points, and the longest time of the step that caused them."""
     row = next((row for row in result.overruns if row["name"] == result.outcome.culprit), None)
     took = f"it took {micro(row['longest'])} (tick {row['at_tick']}); " if row else ""
@@ -196,7 +219,7 @@ def overran(result):
     return f"{took}{missed}, more than --overrun {result.request.overrun} allows"
 
 
-def circumstances(outcome, diagram, schedule, program, block):
+def circumstances(outcome: Outcome, diagram: Diagram, schedule: Schedule, program: Program, block: Any) -> list[str]:
     """Return lines with the inputs of the failed block and the values that are out of range."""
     inputs = program.inputs(block.path)
     lines = []
@@ -231,11 +254,13 @@ def circumstances(outcome, diagram, schedule, program, block):
     return lines
 
 
-def origin(diagram, schedule, values, block):
+def origin(diagram: Diagram, schedule: Schedule, values: np.ndarray, block: Block) -> Signal | None:
     """Return the non-finite signal upstream of a block whose own block has only finite inputs.
 
-    Infinities count like NaN, since a limiter turns an infinity into NaN. Return None if every input of the block is
+    Infinities count like NaN, since a limiter turns an infinity into NaN. Returns None if every input of the block is
     finite, and the last signal of the search if every signal of a loop is non-finite.
+
+    values : of the arena, at the end of the tick
     """
     wires = {}
     for wire in diagram.wires:
@@ -266,18 +291,18 @@ def origin(diagram, schedule, values, block):
     return candidate
 
 
-def signal_values(schedule, values, signal):
-    """Return the elements of a signal from all values of a tick."""
+def signal_values(schedule: Schedule, values: np.ndarray, signal: Signal) -> np.ndarray:
+    """Return the elements of a signal, as a flat array. values : of the arena"""
     place = schedule.signals[signal.path]
     return values[place.slot : place.slot + place.size]
 
 
-def first_non_finite(elements):
+def first_non_finite(elements: Iterable[float]) -> float:
     """Return the first non-finite element."""
     return next(value for value in elements if not math.isfinite(value))
 
 
-def own_traceback(file, error):
+def own_traceback(file: Path, error: BaseException) -> list[str]:
     """Return the lines of an exception that are in the user's files, then its message."""
     # the watchdog raises KeyboardInterrupt, not the block
     message = [] if isinstance(error, KeyboardInterrupt) else last_lines(error)

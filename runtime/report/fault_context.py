@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from graph import Actuator
 from graph.signal import Signal
 
 if TYPE_CHECKING:
+    from graph.block import Block
     from graph.diagram import Diagram
+    from runtime.report.run_result import RunResult
 
 TABLE_SIGNAL_LIMIT = 8  # signals in the table of the newest ticks
 
 
-def ticks(result, block: Actuator | None) -> list[str]:
+def ticks(result: RunResult, block: Block | None) -> list[str]:
     """Return a table of the signals at a block over the newest ticks, ending with the fault.
 
     Without a block, the table has the signals of all actuators.
-
-    result : runtime.session.result.Result
     """
     schedule, rows = result.schedule, result.newest
     near = [path for path in dict.fromkeys(nearby(result.diagram, block)) if path in schedule.signals][
@@ -42,18 +42,18 @@ def ticks(result, block: Actuator | None) -> list[str]:
     return ["ticks before the fault:", *aligned(table)]
 
 
-def rejected(result, block) -> str:
+def rejected(result: RunResult, block: Any) -> str:
     """Return the malformed frames with a device's ID as text, '' for none."""
     malformed = result.control.malformed.get(block.path)
     return block.malformed_in_words(*malformed) if malformed else ""
 
 
-def instead(result, block: Actuator) -> str:
+def instead(result: RunResult, block: Any) -> str:
     """Return what a device that did not reply to arming sent instead, as text, '' for nothing."""
     return block.unready_in_words() if block.path in result.control.unready else rejected(result, block)
 
 
-def nearby(diagram: Diagram, block: Actuator | None) -> Iterator[str]:
+def nearby(diagram: Diagram, block: Block | None) -> Iterator[str]:
     """Yield the paths of a block's scalar inputs and outputs; without a block, those of every actuator."""
     blocks = [block] if block is not None else [each for each in diagram if isinstance(each, Actuator)]
     for each in blocks:
@@ -66,14 +66,16 @@ def nearby(diagram: Diagram, block: Actuator | None) -> Iterator[str]:
         )
 
 
-def actuators(result) -> list[str]:
+def actuators(result: RunResult) -> list[str]:
     """Return a table of each actuator's last command, last feedback and state."""
     table = [["actuator", "command", "feedback", "state"]]
     schedule, values, inputs = result.schedule, result.control.final, result.control.inputs
     for block in result.diagram:
         if not isinstance(block, Actuator):
             continue
-        outputs = {name: values[schedule.signals[Signal(block, name).path].slot] for name in block.outputs}
+        outputs: dict[str, Any] = {
+            name: values[schedule.signals[Signal(block, name).path].slot] for name in block.outputs
+        }
         sent = {
             name: value
             for name in block.sent_outputs
@@ -100,7 +102,7 @@ def actuators(result) -> list[str]:
     return aligned(table) if len(table) > 1 else []
 
 
-def _values_text(ports, values: dict[str, float], suffix: str = "") -> str:
+def _values_text(ports: Mapping[str, Any], values: dict[str, float], suffix: str = "") -> str:
     return ", ".join(
         f"{name.removesuffix(suffix).replace('_', ' ')} {_number(value)} {ports[name].unit}"
         for name, value in values.items()
@@ -112,8 +114,8 @@ def absent(name: str, value: float) -> bool:
     return name == "temperature" and value != value
 
 
-def state_text(block: Actuator, feedback: dict[str, float], result) -> str:
-    """Return an actuator's state as text."""
+def state_text(block: Any, feedback: dict[str, float], result: RunResult) -> str:
+    """Return an actuator's state as text. feedback : {output: value}"""
     words = []
     if block.path in result.outcome.unanswered:
         return instead(result, block) or "never replied"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from cext.user_text import TEXT_LIMIT, within
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from cext.schedule.program import Program
 
 
-def held(file: Path, program: Program, plant: Program | None = None) -> list[Any]:
+def held(file: Path, program: Program, plant: Program | None = None) -> list[dict[str, Any]]:
     """Return the held exceptions, one dict for each block that held any.
 
     Keys: block, count, first_tick, last (message of the last exception), at (its line, "file:line").
@@ -30,14 +31,14 @@ def held(file: Path, program: Program, plant: Program | None = None) -> list[Any
     ]
 
 
-def place(file, error):
+def place(file: Path, error: BaseException) -> str:
     """Return the innermost line in the user's files that raised an exception; "" if there is none."""
     frames = own_frames(file, error)
     return relative(f"{frames[-1].filename}:{frames[-1].lineno}") if frames else ""
 
 
-def text(entry, rate):
-    """Return an entry of held() as text."""
+def text(entry: Mapping[str, Any], rate: float) -> str:
+    """Return an entry of held() as text. rate : Hz of the run"""
     at = f" ({entry['at']})" if entry["at"] else ""
     first = (
         f"the first at {entry['first_tick'] / rate:g} s"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cext.clock.stopwatch import MACHINE
 from runtime.console.styles import count
 from runtime.report.timing import micro
 
 if TYPE_CHECKING:
-    from types import SimpleNamespace
+    from runtime.report.run_result import RunResult
 
 REMEDY = "machine too busy, see --realtime"
 LOST_TICKS_MINIMUM = 2  # ticks lost among the newest rows; a single one is common and explains no fault
@@ -17,10 +17,10 @@ ARMING_WAIT_MINIMUM = 0.1  # s without a processor; arming may take 1 s
 EXPLAINED = ("silent", "no answer", "not following")  # faults that a stalled loop can cause
 
 
-def before_fault(result: SimpleNamespace) -> str:
+def before_fault(result: RunResult) -> str:
     """Return text such as '; the loop had lost 20 ticks before that: ...' for a fault that lost ticks may explain.
 
-    result : runtime.session.result.Result
+    The text is empty for any other fault.
     """
     outcome = result.outcome
     if result.failed_in_plant:
@@ -45,7 +45,7 @@ def before_fault(result: SimpleNamespace) -> str:
     return ""
 
 
-def cause(overruns: list[dict[str, float | str]], first) -> str:
+def cause(overruns: list[dict[str, Any]], first: float) -> str:
     """Return what took the time of the ticks lost since tick `first`: the path of a block, or the machine.
 
     overruns : list of runtime.session.result.Result
@@ -54,19 +54,19 @@ def cause(overruns: list[dict[str, float | str]], first) -> str:
     return blamed(max(recent, key=lambda row: row["longest"], default=None))
 
 
-def blamed(row: dict[str, float | str] | None) -> str:
+def blamed(row: dict[str, Any] | None) -> str:
     """Return what an overrun row blames: the path of a block, or the machine. row : None where there is none"""
     if row is None or row["name"] == MACHINE:
         return REMEDY
     return f"{row['name']} took {micro(row['longest'])} (tick {row['at_tick']})"
 
 
-def stall_before(result: SimpleNamespace, first: float) -> dict[str, float | str] | None:
+def stall_before(result: RunResult, first: float) -> dict[str, Any] | None:
     """Return the overrun row of the longest stall within the timeout of the device that failed, None for none.
 
     The newest rows are few: a reply may have been lost with ticks before them. first : tick of the oldest of them
     """
-    block = result.diagram.blocks.get(result.outcome.culprit)
+    block = result.diagram.blocks.get(result.outcome.culprit or "")
     since = first - (getattr(block, "timeout", None) or 0.0) * result.schedule.rate
     stalls = [
         row

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import BadInput
 from runtime.report.timing import details
+
+if TYPE_CHECKING:
+    from runtime.report.run_result import RunResult
 
 TABLE_ROW_LIMIT = 40
 BAR = 24  # characters
@@ -14,7 +19,7 @@ PLOT_BAR_LIMIT = 30
 COLOURS = {"native": "#2a78b8", "Python": "#e08a1e", "device": "#3a9b5c", "phase": "#8a8f98", "plant": "#b7a4d6"}
 
 
-def rows_of(result):
+def rows_of(result: RunResult) -> tuple[list[dict[str, Any]], ...]:
     """Return (rows of the robot, rows of its plant) with `share`, the fraction of all time in ticks.
 
     The other keys are those of cext.schedule.executor.Executor.profile.
@@ -23,7 +28,7 @@ def rows_of(result):
     return tuple([row | {"share": row["total"] / busy} for row in rows] for rows in result.profile)
 
 
-def table(result, stamp: float) -> list[str]:
+def table(result: RunResult, stamp: float) -> list[str]:
     """Return the lines of the table. stamp : s that a clock reading takes, one of which is in every row"""
     robot, plant = rows_of(result)
     statistics = result.statistics
@@ -43,7 +48,7 @@ def table(result, stamp: float) -> list[str]:
     return lines
 
 
-def _listed(rows, title) -> list[str]:
+def _listed(rows: Sequence[Mapping[str, Any]], title: str) -> list[str]:
     width = max([len(title), *(len(row["name"]) for row in rows[:TABLE_ROW_LIMIT])])
     full = "█" if "utf" in (getattr(sys.stdout, "encoding", None) or "").lower() else "#"
     longest = max([row["share"] for row in rows], default=1.0)
@@ -64,7 +69,7 @@ def _listed(rows, title) -> list[str]:
     return lines
 
 
-def short(seconds) -> str:
+def short(seconds: float) -> str:
     """Return a duration with three digits, such as '45 ns', '1.25 µs' or '32 ms'."""
     for unit, size in (("ns", 1e-9), ("µs", 1e-6), ("ms", 1e-3)):
         if seconds < 999.5 * size:
@@ -72,7 +77,7 @@ def short(seconds) -> str:
     return f"{seconds:.3g} s"
 
 
-def picture(result, file: Path) -> Path:
+def picture(result: RunResult, file: Path) -> Path:
     """Write a PNG with each block's share of the tick and its median, p99 and maximum time per call.
 
     Returns its path. Raises BadInput if the file cannot be written.
@@ -81,7 +86,7 @@ def picture(result, file: Path) -> Path:
     from matplotlib.figure import Figure
 
     robot, plant = rows_of(result)
-    rows = sorted(
+    rows: list[dict[str, Any]] = sorted(
         [*robot, *(row | {"kind": "plant", "name": f"{row['name']} (plant)"} for row in plant)],
         key=lambda row: -row["share"],
     )
@@ -122,5 +127,5 @@ def picture(result, file: Path) -> Path:
     return Path(file)
 
 
-def _kind_of(row) -> str:
+def _kind_of(row: Mapping[str, Any]) -> str:
     return row["kind"].partition(" ")[0]

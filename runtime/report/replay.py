@@ -1,7 +1,9 @@
 """Lines of a replay for standard output."""
 
+from typing import Any
 
-def text(result):
+
+def text(result: Any) -> list[str]:
     """Return the lines of a runtime.session.replay.Replayed for standard output."""
     there, comparison = result.there, result.comparison
     diagram = "the recorded diagram" if result.unchanged else "a changed diagram"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from blocks.sinks import PlotJuggler
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cext.schedule.outcome import Outcome
     from graph.diagram import Diagram
     from graph.schedule import Schedule
+    from runtime.report.run_result import RunResult
 
 REJECTED = {  # kinds of frames other than valid replies
     "foreign": "foreign",
@@ -50,8 +51,8 @@ def stopped(outcome: Outcome) -> str | None:
     return f"stopped by {name}" + (" (Ctrl-C)" if name == "SIGINT" else "")
 
 
-def summary(result) -> list[str]:
-    """Return the lines for standard output. result : runtime.session.result.Result"""
+def summary(result: RunResult) -> list[str]:
+    """Return the lines for standard output."""
     schedule, statistics = result.schedule, result.statistics
     passed = statistics["ticks"] + statistics["missed"]
     how = (
@@ -128,8 +129,11 @@ def _buses_text(buses: Sequence[str], frames: dict[str, int]) -> str:
     )
 
 
-def watch_text(entry, rate) -> str:
-    """Return what the drive monitor reported about one actuator, and for how long; "" for nothing."""
+def watch_text(entry: Mapping[str, Any], rate: float) -> str:
+    """Return what the drive monitor reported about one actuator, and for how long; "" for nothing.
+
+    entry : of Program.watched; rate : Hz
+    """
     reports = [
         f"{words} for {entry[key] / rate:.3g} s"
         for key, words in (
@@ -144,6 +148,7 @@ def watch_text(entry, rate) -> str:
 
 
 def stride_text(stride: dict[str, Any]) -> str:
+    """Return the figures of the average stride of one joint. stride : of the recorder's report"""
     peak = f"peak torque {stride['peak_torque']:.1f} N·m"
     left_out = f" ({stride['left_out']} excluded)" if stride["left_out"] else ""
     if not stride["strides"]:
@@ -173,7 +178,7 @@ def _stop_text(outcome: Outcome, schedule: Schedule) -> str:
     return f"zero torque, then disable: confirmed by {', '.join(stopped)}"
 
 
-def left_over(diagram: Diagram):
+def left_over(diagram: Diagram) -> str:
     """Return which drives only the control process and the guardian can stop, as text; "" for none."""
     devices = [block for block in diagram if isinstance(block, Device)]
     alone = unstopped(devices, devices)
@@ -184,7 +189,7 @@ def _note(file: dict[str, str]) -> str:
     return f"({file['note']})" if file.get("note") else ""
 
 
-def hints(result, program: str) -> list[str]:
+def hints(result: RunResult, program: str) -> list[str]:
     """Return three commands to try next. program : command that starts this program"""
     name = shlex.quote(str(result.request.file))
     on_rig = "" if result.rig is None else f" --rig {shlex.quote(str(result.request.rig))}"

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import BadInput
+
+if TYPE_CHECKING:
+    from runtime.report.run_result import RunResult
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 SPIN_LIMIT = 1.0  # s
 
 
-def timing(result, passed: int) -> Iterator[tuple[str, str]]:
+def timing(result: RunResult, passed: int) -> Iterator[tuple[str, str]]:
     """Yield (label, text) of the timing, or of the speed in virtual time. passed : grid points"""
     statistics, rate = result.statistics, result.schedule.rate
     late = statistics["lateness"]
@@ -65,14 +68,15 @@ def spread(histogram: dict[str, float]) -> str:
     )
 
 
-def overrun_text(row) -> str:
+def overrun_text(row: Mapping[str, Any]) -> str:
     """Return a row of cext.schedule.executor.Executor.overruns as text."""
     points = f"{row['missed']} grid point{'s' * (row['missed'] > 1)}"
     times = f", {row['times']} times" if row["times"] > 1 else ""
     return f"{points} lost to {row['name']}{times}: {micro(row['longest'])} max (tick {row['at_tick']})"
 
 
-def micro(seconds) -> str:
+def micro(seconds: float) -> str:
+    """Return a duration as text, such as '1.5 µs', '120 µs' or '12.0 ms'."""
     if seconds < 1e-5:
         return f"{seconds * 1e6:.1f} µs"
     if seconds < 1e-3:

@@ -2,10 +2,15 @@
 proofs, buses and errors.
 """
 
+from __future__ import annotations
+
 import itertools
 import json
 import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from graph import Device, DiagramError, Signal
 from graph.assembly import assemble
@@ -22,6 +27,12 @@ from runtime.report.check import text
 from runtime.report.failure_coverage import coverage
 from runtime.rig import read, require_ranges
 from runtime.session.preflight import stop_of
+
+if TYPE_CHECKING:
+    from graph import Block, Diagnostic, Diagram, Schedule, TorqueBound
+    from graph.compiler import Compilation
+    from graph.schedule import Proof, Step
+    from runtime.diagrams.overrides import Settings
 
 KEYS = """The keys of --json. Numbers are in the unit beside them; null: no bound.
   diagram, file, rate, ok  name; path; Hz; true without errors
@@ -61,12 +72,14 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            hint"""
 
 
-def report_lines(report, as_json):
+def report_lines(report: Mapping[str, Any], as_json: bool) -> list[str]:
     """Return the lines of a report for standard output."""
     return [json.dumps(report, indent=1, ensure_ascii=False)] if as_json else text(report, console_for())
 
 
-def check(path, settings=(), rate=None, rig=None):
+def check(
+    path: Path, settings: Settings = (), rate: float | None = None, rig: str | Path | None = None
+) -> dict[str, Any]:
     """Check a diagram file. Returns a report as plain data with the keys above.
 
     settings : pairs (name, text) from --set
@@ -75,15 +88,15 @@ def check(path, settings=(), rate=None, rig=None):
 
     Raises BadInput if a file cannot be read.
     """
-    rig = None if rig is None else read(rig)
+    rig_file = None if rig is None else read(rig)
     try:
-        file, diagram = load(path, settings, rig)
+        file, diagram = load(path, settings, rig_file)
     except BadInput as error:
         if not error.diagnostics:
             raise
         return refused(path, error.diagnostics)
-    if rig is not None:
-        require_ranges(rig, diagram)
+    if rig_file is not None:
+        require_ranges(rig_file, diagram)
     if rate is not None:
         diagram.rate = rate
     analysis = blamed(path, examine, diagram)
@@ -117,8 +130,8 @@ def check(path, settings=(), rate=None, rig=None):
     }
 
 
-def refused(path, diagnostics):
-    """Return the report of a file whose diagram could not be built."""
+def refused(path: Path, diagnostics: Iterable[Diagnostic]) -> dict[str, Any]:
+    """Return the report of a file whose diagram could not be built, with the same keys as that of `check`."""
     empty = {key: [] for key in ("blocks", "holds", "proofs", "torque", "buses", "warnings")}
     return empty | {
         "diagram": path.stem,
@@ -131,11 +144,11 @@ def refused(path, diagnostics):
     }
 
 
-def _bound(value):
+def _bound(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def blocks(diagram, analysis):
+def blocks(diagram: Diagram, analysis: Compilation) -> list[dict[str, Any]]:
     """Describe each block: devices first, then in order of execution, then sinks."""
     order = [block for block in diagram if isinstance(block, Device)] + [
         block for block in analysis.order if not isinstance(block, Device)
@@ -145,7 +158,7 @@ def blocks(diagram, analysis):
     return [_describe_block(block, block_card(block, analysis, targets, place), analysis) for block in order]
 
 
-def _describe_block(block, card, analysis):
+def _describe_block(block: Block, card: Mapping[str, Any], analysis: Compilation) -> dict[str, Any]:
     keys = ("name", "unit", "shape", "dtype", "source", "constant", "default", "targets")
     sides = {
         side: [{key: port[key] for key in keys if key in port} for port in card[side]] for side in ("inputs", "outputs")
@@ -160,7 +173,7 @@ def _describe_block(block, card, analysis):
     )
 
 
-def _describe_schedule(schedule):
+def _describe_schedule(schedule: Schedule) -> dict[str, Any]:
     names = {signal.slot: signal.path for signal in schedule.signals.values()}
     sections = itertools.count(1)
     return {
@@ -172,8 +185,14 @@ def _describe_schedule(schedule):
     }
 
 
-def describe_steps(schedule, steps, names, sections):
-    """Describe the steps of one phase. sections : iterator of indices of sections that hold the GIL"""
+def describe_steps(
+    schedule: Schedule, steps: Iterable[Step], names: Mapping[int, str], sections: Iterator[int]
+) -> list[dict[str, Any]]:
+    """Describe the steps of one phase.
+
+    names : {slot: path} of the signals
+    sections : iterator of indices of sections that hold the GIL
+    """
     described, gil = [], None
     for step in steps:
         native = step.kernel is not None
@@ -191,7 +210,7 @@ def describe_steps(schedule, steps, names, sections):
     return described
 
 
-def _describe_torque(path, torque):
+def _describe_torque(path: str, torque: TorqueBound) -> dict[str, Any]:
     return {
         "actuator": path,
         "bound": torque.kind,
@@ -202,7 +221,7 @@ def _describe_torque(path, torque):
     }
 
 
-def _describe_proof(proof, diagram, torque):
+def _describe_proof(proof: Proof, diagram: Diagram, torque: TorqueBound | None) -> dict[str, Any]:
     source, actuator = diagram.blocks.get(proof.bounded_by), diagram[proof.path]
     return {
         "command": f"{proof.path}.{proof.port}",
@@ -221,7 +240,7 @@ def _describe_proof(proof, diagram, torque):
     }
 
 
-def buses(diagram, schedule):
+def buses(diagram: Diagram, schedule: Schedule | None) -> list[dict[str, Any]]:
     """Describe each bus: its devices, and its load if the schedule has computed it."""
     every_device = [block for block in diagram if isinstance(block, Device)]
     devices = {}
@@ -240,13 +259,13 @@ def buses(diagram, schedule):
     ]
 
 
-def _describe_plant(simulation):
-    if simulation.plant is None:
+def _describe_plant(simulation: Simulation) -> dict[str, Any] | None:
+    if simulation.plant is None or simulation.diagram is None:
         return None
     return {"given": simulation.given, "blocks": len(simulation.diagram), "rate": simulation.plant.rate}
 
 
-def _describe(diagnostic):
+def _describe(diagnostic: Diagnostic) -> dict[str, str]:
     where = place(diagnostic.where) if diagnostic.where else ""
     return {
         "code": diagnostic.code,

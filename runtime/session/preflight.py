@@ -4,8 +4,19 @@ The control process makes it as plain data between two rounds of arming. The rec
 it (runtime.report.preflight), and the operator confirms it before a drive is enabled.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
 from graph.signal import Signal
 from runtime.report.failure_coverage import coverage
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from graph import Device, Diagram, Schedule
+    from runtime.rig.poses import Poses
 
 OLD_SAMPLE_AGE = 0.5  # share of the device's timeout
 RANGE_END_MARGIN = 1e-3  # share of the position range
@@ -21,13 +32,22 @@ class Preflight:
     poses : runtime.rig.poses.Poses, or None
     """
 
-    def __init__(self, diagram, schedule, interfaces, confirm, granted=(), poses=None):
+    def __init__(
+        self,
+        diagram: Diagram,
+        schedule: Schedule,
+        interfaces: Mapping[str, tuple[str, str]],
+        confirm: bool,
+        granted: Sequence[str] = (),
+        poses: Poses | None = None,
+    ) -> None:
         self.poses = poses
         self.schedule, self.confirm, self.granted = schedule, confirm, list(granted)
         self.devices = [diagram[device.name] for device in schedule.devices]
         self.buses = [self.bus(name, interfaces) for name in schedule.buses]
 
-    def bus(self, name, interfaces):
+    def bus(self, name: str, interfaces: Mapping[str, tuple[str, str]]) -> dict[str, Any]:
+        """Return the row of a bus: its interface, load (share of the bitrate) and covered failures."""
         load = next((load for load in self.schedule.loads if load.bus == name), None)
         interface, channel = interfaces.get(name, (None, None))
         return {
@@ -39,7 +59,7 @@ class Preflight:
             "coverage": coverage([block for block in self.devices if block.bus == name], self.devices),
         }
 
-    def event(self, values):
+    def event(self, values: np.ndarray) -> dict[str, Any]:
         """Return the table as an event. values : the arena"""
         refusals = {} if self.poses is None else self.poses.look(values)
         rows = [self.row(block, values) for block in self.devices]
@@ -55,7 +75,12 @@ class Preflight:
             "confirm": self.confirm,
         }
 
-    def row(self, block, values):
+    def row(self, block: Any, values: np.ndarray) -> dict[str, Any]:
+        """Return the row of a device: its first sample in SI units, its limits, its safe stop and `marks`.
+
+        values : the arena
+        """
+
         def measured(name):
             place = self.schedule.signals.get(Signal(block, name).path) if name in block.outputs else None
             return None if place is None or place.size != 1 else float(values[place.slot])
@@ -80,10 +105,10 @@ class Preflight:
         return row | {"marks": marks(row, block)}
 
 
-def position_range(block):
+def position_range(block: Device) -> tuple[float | None, float | None]:
     """Return (low, high) of the position in rad: of the joint if its rig defines them; (None, None) without bounds."""
-    if getattr(block, "range", ()):
-        return tuple(block.range)
+    if joint := getattr(block, "range", ()):
+        return tuple(joint)
     if "position" not in block.outputs:
         return None, None
     try:
@@ -95,7 +120,7 @@ def position_range(block):
     return None, None
 
 
-def stop_of(block):
+def stop_of(block: Device) -> str:
     """Return a description of a device's safe stop."""
     damped = block.damped_stop()
     if damped is not None:
@@ -105,7 +130,7 @@ def stop_of(block):
     return " then ".join([first] * bool(first) + ["disable"] * bool(block.disable_frames())) or "nothing to stop"
 
 
-def marks(row, block):
+def marks(row: Mapping[str, Any], block: Device) -> dict[str, str]:
     """Return the abnormal values of a row: {key of the row: reason}."""
     reasons = {}
     position, low, high = row["position"], row["low"], row["high"]

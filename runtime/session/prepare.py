@@ -1,8 +1,12 @@
 """First stage of a run: loading, compiling and checking."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from blocks.recorders import CsvRecorder
+from blocks.safety import Rearm
 from blocks.sinks import PlotJuggler, Rerun
 from graph import Diagram, Schedule
 from runtime.base.errors import BadInput
@@ -12,13 +16,19 @@ from runtime.diagrams.simulation import Simulation
 from runtime.recorder import can_ask
 from runtime.rig import RigBuses, read, require_ranges
 from runtime.rig.poses import Poses
-from runtime.session import rearming
 from runtime.session.replay_feed import Feed
 from runtime.session.request import Request
+
+if TYPE_CHECKING:
+    from cext.schedule.program import Program
 
 NO_CONFIRMATION = (
     "on a rig the operator confirms the pre-flight table with Enter, but standard input, output and error are not a "
     "terminal: pass --yes to arm without confirmation"
+)
+NO_REQUEST = (
+    "--rearm: nothing can request arming: standard input, output and error are not all a terminal for the key r, and "
+    "the diagram has no Rearm block. Run in a terminal or add a Rearm block"
 )
 RATE_LIMIT = 100_000.0  # Hz; a shorter period is too short to sleep in
 
@@ -44,23 +54,23 @@ class Prepared:
     feed: Feed | None = field(default=None, kw_only=True)
 
     @property
-    def plant(self):
+    def plant(self) -> Program | None:
         """The program of the plant, None on a rig."""
         return self.simulation.program if self.simulation is not None else None
 
     @property
-    def substeps(self):
+    def substeps(self) -> int:
         """Ticks of the plant in one tick of the robot."""
         return self.simulation.substeps if self.simulation is not None else 1
 
-    def ends(self):
+    def ends(self) -> list[Any]:
         """Return the robot's end of each bus, in the order of the schedule."""
         buses = self.feed or self.simulation or self.rig
         assert buses is not None
         return buses.ends()
 
 
-def prepare(request):
+def prepare(request: Request) -> Prepared:
     """Load and compile the diagram of a Request. Returns a Prepared. Raises BadInput or DiagramError."""
     rig = read(request.rig) if request.rig is not None else None
     file, diagram = load(request.file, request.settings, rig)
@@ -69,7 +79,7 @@ def prepare(request):
     adapt(diagram, request)
     ticks = ticks_of(request, diagram)
     schedule = compiled(request.file, diagram)
-    rearming.check(diagram, request.rearm, can_ask())
+    check_rearming(diagram, request.rearm, can_ask())
     if rig is not None:
         if not request.yes and not can_ask():
             raise BadInput(NO_CONFIRMATION)
@@ -95,7 +105,13 @@ def prepare(request):
     )
 
 
-def ticks_of(request, diagram):
+def check_rearming(diagram: Diagram, enabled: bool, keys: bool) -> None:
+    """Raise BadInput if --rearm has no source of requests. keys : whether there is a terminal for the key r"""
+    if enabled and not keys and not any(isinstance(block, Rearm) for block in diagram):
+        raise BadInput(NO_REQUEST)
+
+
+def ticks_of(request: Request, diagram: Diagram) -> int:
     """Return the number of grid points of a run, -1 until stopped. Raises BadInput."""
     if diagram.rate > RATE_LIMIT:
         raise BadInput(f"rate {diagram.rate:g} Hz is above the limit of {RATE_LIMIT:g} Hz")
@@ -105,7 +121,7 @@ def ticks_of(request, diagram):
     return ticks
 
 
-def adapt(diagram, request):
+def adapt(diagram: Diagram, request: Request) -> None:
     """Apply the options that change the diagram, before it is compiled."""
     if request.rate is not None:
         diagram.rate = request.rate

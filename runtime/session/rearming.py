@@ -3,31 +3,30 @@
 The executor waits in its safe stop and calls back. Each event goes into the ring, and the recorder prints it at once.
 """
 
+from __future__ import annotations
+
 import json
 from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 from blocks.safety import Rearm
 from cext.safety.shared_state import RECORD_EVENT
-from runtime.base.errors import BadInput
 from runtime.report.fault import explain, what
 
-NO_REQUEST = (
-    "--rearm: nothing can request arming: standard input, output and error are not all a terminal for the key r, and "
-    "the diagram has no Rearm block. Run in a terminal or add a Rearm block"
-)
+if TYPE_CHECKING:
+    from cext.safety.shared_state import SharedState
+    from cext.schedule.executor import Executor
+    from cext.schedule.outcome import Outcome
+    from cext.schedule.program import Program
+    from graph import Diagram, Schedule
+    from runtime.session.prepare import Prepared
 
 
-def requests(diagram, schedule):
+def requests(diagram: Diagram, schedule: Schedule) -> dict[str, int]:
     """Return {path: slot of the arena} of the inputs that request arming again."""
     return {
         f"{block.path}.request": schedule.inputs[block.path]["request"] for block in diagram if isinstance(block, Rearm)
     }
-
-
-def check(diagram, enabled, keys):
-    """Raise BadInput if --rearm has no source of requests. keys : whether there is a terminal for the key r"""
-    if enabled and not keys and not any(isinstance(block, Rearm) for block in diagram):
-        raise BadInput(NO_REQUEST)
 
 
 class Rearming:
@@ -37,17 +36,17 @@ class Rearming:
     keys : whether there is a terminal for the key r
     """
 
-    def __init__(self, prepared, page, control, executor, keys):
+    def __init__(self, prepared: Prepared, page: SharedState, control: Program, executor: Executor, keys: bool) -> None:
         self.prepared, self.page, self.control, self.executor, self.keys = prepared, page, control, executor, keys
         self.slots = requests(prepared.diagram, prepared.schedule)
         self.enabled = prepared.request.rearm or bool(self.slots)
         self.fault, self.report = None, []  # Outcome of the newest fault, and its lines
 
-    def options(self):
+    def options(self) -> dict[str, Any]:
         """Return the options of Executor.run."""
         return {"rearm": list(self.slots.values()), "notify": self.publish} if self.enabled else {}
 
-    def publish(self, kind, outcome):
+    def publish(self, kind: str, outcome: Outcome) -> None:
         """Publish an event. Called by the executor.
 
         kind : "fault", "refused" (a request, as the cause persists) or "rearm"
@@ -76,7 +75,7 @@ class Rearming:
             event["lines"] = [f"arming again at tick {outcome.tick}"]
         self.page.push(RECORD_EVENT, json.dumps(event).encode())
 
-    def instructions(self):
+    def instructions(self) -> str:
         """Return the text of what the operator can do now."""
         inputs = [f"a rising {name}" for name in self.slots]
         return "; ".join(
@@ -86,13 +85,13 @@ class Rearming:
             ]
         )
 
-    def cause(self, outcome):
+    def cause(self, outcome: Outcome) -> str:
         """Return the text of the fault that prevents arming again."""
         moment = self.moment(outcome)
-        block = self.prepared.diagram.blocks.get(outcome.culprit)
+        block = self.prepared.diagram.blocks.get(outcome.culprit or "")
         return (f"{outcome.culprit}: " if outcome.culprit else "") + what(moment, block, self.control)
 
-    def moment(self, outcome):
+    def moment(self, outcome: Outcome) -> Any:
         """Return the fields of a Result as if the run had ended now, without the report of its rig."""
         return SimpleNamespace(
             **{
@@ -107,7 +106,7 @@ class Rearming:
             }
         )
 
-    def report_of(self, outcome):
+    def report_of(self, outcome: Outcome) -> list[str] | None:
         """Return the lines of a run that ended while it waited after a fault; None for any other end."""
         fault = self.fault
         if fault is None or (outcome.status, outcome.culprit, outcome.tick) != (

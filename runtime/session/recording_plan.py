@@ -1,16 +1,26 @@
 """Plan of a recording: the configuration of the recorder process, and the size of the ring to it."""
 
+from __future__ import annotations
+
 import math
 import os
 import re
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from blocks.recorders import CsvRecorder
 from cext.clock.stopwatch import names
 from graph import Actuator
 from graph.store import to_json
 from runtime.recorder import can_ask
+
+if TYPE_CHECKING:
+    from graph import Diagram, Schedule
+    from graph.schedule import SinkColumns
+    from runtime.machine.realtime import Realtime
+    from runtime.session.prepare import Prepared
+    from runtime.session.request import Request
 
 ROW_SECONDS = 2.5  # s of a run that the ring holds at least
 FRAME_BYTES = 88  # of a frame in the ring
@@ -20,22 +30,22 @@ LOCAL_SERVICES = ("strides",)  # of runtime.recorder.local, without a process
 FIELD_LENGTH = 40  # characters of a trial's field in the names of files
 
 
-def ring_bytes(schedule):
-    """Return the size of a ring for ROW_SECONDS of rows and frames, at least 1 MiB."""
+def ring_bytes(schedule: Schedule) -> int:
+    """Return the size in bytes of a ring for ROW_SECONDS of rows and frames, at least 1 MiB."""
     frames = sum(FRAMES.get(schedule.media[device.bus], OTHER_FRAMES) for device in schedule.devices)
     a_tick = 8 * (3 + len(schedule.columns)) + FRAME_BYTES * frames
     return max(1 << 20, int(ROW_SECONDS * schedule.rate * a_tick))
 
 
-def records_files(prepared):
-    """Return whether a run writes files. prepared : runtime.session.prepare.Prepared"""
+def records_files(prepared: Prepared) -> bool:
+    """Return whether a run writes files."""
     request = prepared.request
     written = any(sink.block.writes_files for sink in prepared.schedule.sinks)
     return not request.no_record and (request.record is not None or written)
 
 
-def active_sinks(prepared):
-    """Return the sinks of the schedule that receive a run: [graph.schedule.SinkColumns]."""
+def active_sinks(prepared: Prepared) -> list[SinkColumns]:
+    """Return the sinks of the schedule that receive a run."""
     request = prepared.request
     return [
         sink
@@ -44,7 +54,7 @@ def active_sinks(prepared):
     ]
 
 
-def needs_process(prepared):
+def needs_process(prepared: Prepared) -> bool:
     """Return whether a run needs the recorder process: in real time, for files or viewers, or for keys."""
     return (
         not prepared.request.fast
@@ -54,12 +64,8 @@ def needs_process(prepared):
     )
 
 
-def plan(prepared, realtime):
-    """Return the plan of the recorder.
-
-    prepared : runtime.session.prepare.Prepared
-    realtime : runtime.machine.realtime.Realtime
-    """
+def plan(prepared: Prepared, realtime: Realtime) -> dict[str, Any]:
+    """Return the plan of the recorder, as plain data that JSON can hold."""
     request, schedule, rig = prepared.request, prepared.schedule, prepared.rig
     records = records_files(prepared)
     sinks = [
@@ -105,20 +111,20 @@ def plan(prepared, realtime):
     }
 
 
-def limits(diagram, schedule):
+def limits(diagram: Diagram, schedule: Schedule) -> dict[str, tuple[float, float]]:
     """Return {path: (lowest, highest)} of the signals of actuators that a limit or a joint's range bounds."""
-    found = {}
+    ranges = {}
     for actuator in (block for block in diagram if isinstance(block, Actuator)):
         torque = actuator.command_limits().get("torque_command")
         if torque is not None:
-            found |= {f"{actuator.path}.{port}": (torque.low, torque.high) for port in ("torque", "torque_sent")}
+            ranges |= {f"{actuator.path}.{port}": (torque.low, torque.high) for port in ("torque", "torque_sent")}
         if span := getattr(actuator, "range", ()):
-            found[f"{actuator.path}.position"] = tuple(span)
+            ranges[f"{actuator.path}.position"] = tuple(span)
     known = {column.path for column in schedule.recorded}
-    return {path: ends for path, ends in found.items() if path in known and all(map(math.isfinite, ends))}
+    return {path: ends for path, ends in ranges.items() if path in known and all(map(math.isfinite, ends))}
 
 
-def stem(request):
+def stem(request: Request) -> str:
     """Return the stem of a recording's file names: the diagram, the trial without its notes, the time."""
     words = [
         re.sub(r"[^\w.-]+", "-", value).strip("-")[:FIELD_LENGTH]

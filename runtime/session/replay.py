@@ -8,10 +8,14 @@ constant memory. An unchanged diagram reproduces every recorded signal and every
 is reported as a divergence and never replaced by an estimate.
 """
 
+from __future__ import annotations
+
 import json
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from cext.schedule.outcome import Outcome
 from graph.store import to_json
@@ -22,7 +26,7 @@ from runtime.base.errors import BadInput
 from runtime.console.progress import Progress
 from runtime.console.terminal import one_line
 from runtime.diagrams.file import compiled
-from runtime.recorder import RecorderError
+from runtime.recorder import RecorderError, RecorderProcess
 from runtime.recorder.local import LocalRecorder
 from runtime.session.prepare import Prepared
 from runtime.session.replay_comparison import ReplayComparison
@@ -30,6 +34,12 @@ from runtime.session.replay_feed import Feed, payloads
 from runtime.session.replay_source import Source, add_recorder, computation, diagram_of
 from runtime.session.request import Request
 from runtime.session.session import Session
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from cext.schedule.executor import Executor
+    from graph import Schedule
 
 # how a run ended whose cause is not in the recording
 EXTERNAL_ENDS = ("bus error", "fenced", "foreign command", "hung", "overrun", "unguarded")
@@ -64,16 +74,18 @@ class Replayed:
     end: dict
 
     @property
-    def same(self):
+    def same(self) -> bool:
+        """Whether the replay equals the recording in every signal, sent frame and in its end."""
         return self.comparison.identical and self.frame is None and self.ended_alike
 
     @property
-    def ended_externally(self):
+    def ended_externally(self) -> bool:
         """Whether the recorded run ended by a cause that is not in the recording."""
         return self.end.get("status") in EXTERNAL_ENDS
 
     @property
-    def ended_alike(self):
+    def ended_alike(self) -> bool:
+        """Whether the replay ended as the recorded run did, or completed one that an external cause ended."""
         if self.ended_externally:
             return self.outcome.status == "ok"
         return not self.end or (self.end["status"], self.end["culprit"]) == (self.outcome.status, self.outcome.culprit)
@@ -88,19 +100,26 @@ class ReplaySession(Session):
     metadata : of the new recording
     """
 
-    def __init__(self, prepared, trial, comparison, metadata):
+    def __init__(
+        self, prepared: Prepared, trial: Trial, comparison: ReplayComparison, metadata: dict[str, Any]
+    ) -> None:
         super().__init__(prepared)
         self.trial, self.comparison, self.metadata = trial, comparison, metadata
 
-    def recorder_of(self):
+    def recorder_of(self) -> RecorderProcess | LocalRecorder:
         """Return the recorder: a process if the replay is recorded, else the comparison in this process."""
         return LocalRecorder(self.page, self.receive) if self.request.no_record else super().recorder_of()
 
-    def receive(self, rows, sent, before):
-        """Compare a block of the replay."""
+    def receive(self, rows: np.ndarray, sent: np.ndarray, before: np.ndarray) -> None:
+        """Compare a block of the replay.
+
+        rows : array (ticks, 2 + signals): tick, lateness in s, and every signal
+        sent : uint8 array (frames, bytes of a struct Frame)
+        before : number of rows of this block before each of the frames
+        """
         self.comparison.add_replayed(rows, sent, before + self.comparison.replayed.row_count)
 
-    def plan(self):
+    def plan(self) -> dict[str, Any]:
         """Return the plan of the recorder."""
         return {
             **super().plan(),
@@ -112,14 +131,17 @@ class ReplaySession(Session):
             "metadata": self.metadata,
         }
 
-    def loop(self, aside):
+    def loop(self, aside: Collection[int]) -> Executor:
         """Return the Executor, with the recorded changes of live parameters."""
         self.control.live.follow(live_changes(self.trial, self.prepared.schedule))
         return super().loop(aside)
 
 
-def opened(path):
-    """Return the Trial of a recording. path : of the .mcap file. Raises BadInput if it cannot be replayed."""
+def opened(path: str | Path) -> Trial:
+    """Return the Trial of a recording. Raises BadInput if it cannot be replayed.
+
+    path : of the .mcap file
+    """
     with Progress(f"reading {Path(path).name}") as progress:
         trial = Trial(path)
         trial.check(progress)
@@ -162,13 +184,14 @@ def replay(trial: Trial, source: Source, folder: str | Path | None = None) -> Re
     feed.skip_rest()
     if folder is not None:
         add_recording(comparison, next(name for name in files if name.endswith(".mcap")))
-    unchanged = computation(trial.diagram or {}) == computation(json.loads(to_json(diagram)))
+    recorded: Any = trial.diagram or {}
+    unchanged = computation(recorded) == computation(json.loads(to_json(diagram)))
     compared = comparison.result(order(schedule))
     frames = comparison.recorded.frame_count
     return Replayed(trial, source, unchanged, outcome, compared, comparison.frame, frames, files, feed.fault, feed.end)
 
 
-def add_recording(comparison, path):
+def add_recording(comparison: ReplayComparison, path: str | Path) -> None:
     """Compare the recording of the replay. path : of its .mcap file"""
     with Progress("comparing") as progress:
         recording = Trial(path)
@@ -178,7 +201,7 @@ def add_recording(comparison, path):
             comparison.add_replayed(batch.rows, payloads(sent), sent["row"])
 
 
-def check(trial):
+def check(trial: Trial) -> None:
     """Raise BadInput if inputs of the run are missing from the recording."""
     if trial.about.get("part", 1) > 1:
         raise BadInput(
@@ -191,7 +214,7 @@ def check(trial):
         raise BadInput(f"{trial.path} contains no ticks")
 
 
-def order(schedule):
+def order(schedule: Schedule) -> list[str]:
     """Return the paths of the recorded signals in order of computation, devices last.
 
     The received values of a device are equal by construction, and its sent values are effects of other signals.
@@ -204,8 +227,8 @@ def order(schedule):
     return sorted(place, key=place.__getitem__)
 
 
-def live_changes(trial, schedule):
-    """Return the live changes of a run: (tick, index of the live parameter, value, slew).
+def live_changes(trial: Trial, schedule: Schedule) -> list[tuple[int, int, float, float]]:
+    """Return the live changes of a run: (tick, index of the live parameter, value, slew per second).
 
     Raises BadInput for a change that the diagram does not allow.
     """

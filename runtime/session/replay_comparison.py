@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from runtime.analysis.compare import Comparer, Comparison
@@ -75,8 +77,8 @@ class ReplayComparison:
         return self.comparer.result(order, self.recorded.row_count, self.replayed.row_count)
 
 
-def pairs(here: list[np.ndarray], there: list[np.ndarray]):
-    """Take pairs of blocks of equal length from the begins of two lists of blocks."""
+def pairs(here: list[np.ndarray], there: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Take pairs of blocks of equal length from the starts of two lists of blocks."""
     while here and there:
         count = min(len(here[0]), len(there[0]))
         if count:

@@ -1,10 +1,14 @@
 """The diagram that a replay runs: a file, the recorded file if it is unchanged, or the diagram in the recording."""
 
+from __future__ import annotations
+
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from blocks.recorders import CsvRecorder
 from graph import DiagramError, Sink
@@ -12,6 +16,10 @@ from graph.store import from_json
 from runtime.base.errors import BadInput
 from runtime.diagrams.file import load
 from runtime.rig.file import parse
+
+if TYPE_CHECKING:
+    from graph import Diagram
+    from runtime.analysis.trial import Trial
 
 READ_SIZE = 1 << 20  # bytes
 SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")
@@ -31,7 +39,7 @@ class Source:
     instead: str = ""
 
 
-def source_of(trial, file=None):
+def source_of(trial: Trial, file: str | Path | None = None) -> Source:
     """Return the Source of the diagram to run.
 
     Loading a diagram file runs its code, and a recording can come from an untrusted source. A file named by the
@@ -52,7 +60,7 @@ def source_of(trial, file=None):
     return Source(Path(recorded), sha256)
 
 
-def sha256_of(path):
+def sha256_of(path: str | Path) -> str:
     """Return the hex digest of a file's content; "" if it cannot be read."""
     try:
         with open(path, "rb") as stream:
@@ -64,7 +72,7 @@ def sha256_of(path):
     return digest.hexdigest()
 
 
-def diagram_of(trial, source):
+def diagram_of(trial: Trial, source: Source) -> tuple[Diagram, Path, dict[str, Any]]:
     """Return (Diagram, path of its source, metadata of the source for the new recording). Raises BadInput."""
     metadata = trial.about["metadata"]
     if source.file is None:
@@ -77,7 +85,7 @@ def diagram_of(trial, source):
     return diagram, where, origin
 
 
-def stored(trial, source):
+def stored(trial: Trial, source: Source) -> Diagram:
     """Return the diagram that is stored in a recording. Raises BadInput."""
     remedy = "run a diagram file with --diagram FILE"
     if trial.diagram is None:
@@ -92,15 +100,16 @@ def stored(trial, source):
         raise BadInput(f"{trial.path} is damaged: its diagram.json is not a diagram ({error!r}); {remedy}") from None
 
 
-def add_recorder(trial, diagram):
+def add_recorder(trial: Trial, diagram: Diagram) -> None:
     """Add a recorder if `--record` had added one, or if the diagram has no sink."""
-    recorded = any(block["type"].endswith(":CsvRecorder") for block in (trial.diagram or {}).get("blocks", []))
+    description: Any = trial.diagram or {}
+    recorded = any(block["type"].endswith(":CsvRecorder") for block in description.get("blocks", []))
     if not any(isinstance(block, CsvRecorder) if recorded else isinstance(block, Sink) for block in diagram):
         with diagram:
             CsvRecorder()
 
 
-def computation(description):
+def computation(description: Mapping[str, Any]) -> dict[str, Any]:
     """Return the description of a diagram without its sinks, which options of a run can add."""
     sinks = {block["path"] for block in description.get("blocks", []) if block["type"] in SINKS}
     return {key: value for key, value in description.items() if key not in ("hash", "blocks", "wires", "libraries")} | {

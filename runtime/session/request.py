@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from graph.units import parse_quantity
 from runtime.base.errors import BadInput
@@ -23,7 +24,7 @@ from runtime.recording.mcap_file import compression_level
 from runtime.report.timing import overrun_policy, spin_window
 
 
-def _rerun_target(text):
+def _rerun_target(text: str) -> str:
     from runtime.base.optional_dependencies import need
     from runtime.recorder.rerun.target import parse
 
@@ -33,26 +34,26 @@ def _rerun_target(text):
     return text
 
 
-def compression(text):
+def compression(text: str) -> str:
     """Return a compression of the recording. Raises BadInput."""
     compression_level(text)
     return text
 
 
-def poses(texts):
+def poses(texts: list[str]) -> dict[str, float]:
     """Return {path: rad} of PATH=ANGLE texts. Raises BadInput."""
-    found = {}
+    angles = {}
     for text in texts:
         path, _, angle = text.partition("=")
         try:
-            found[path] = parse_quantity(angle, "rad")
-            if not abs(found[path]) < float("inf"):
+            angles[path] = parse_quantity(angle, "rad")
+            if not abs(angles[path]) < float("inf"):
                 raise ValueError("an angle is a finite number")
         except ValueError as error:
             raise BadInput(
                 f"--pose {text}: {error}; write PATH=ANGLE, as in left/knee=0 or 'left/knee=30 deg'"
             ) from None
-    return found
+    return angles
 
 
 HARDWARE, SIMULATION, OUTPUT, TIMING = "hardware", "simulation", "recording and viewers", "timing"
@@ -79,7 +80,7 @@ class Request:
         metavar="HZ",
         help="ticks per second (default: the diagram's)",
     )
-    settings: list = option(
+    settings: list[tuple[str, Any]] = option(
         "--set",
         default=list,
         collect=settings,
@@ -138,7 +139,7 @@ class Request:
         action="store_true",
         help="also write a .can.log of the CAN frames; `convert --to candump` makes one from the .mcap file later",
     )
-    trial: dict = option(
+    trial: dict[str, str] = option(
         "--trial",
         section=OUTPUT,
         default=dict,
@@ -147,7 +148,7 @@ class Request:
         metavar="NAME=VALUE",
         help="describe this trial: subject=S03 condition=assist notes='new shoes'",
     )
-    plotjuggler: tuple | None = option(
+    plotjuggler: tuple[str, int] | None = option(
         "--plotjuggler",
         section=OUTPUT,
         default=None,
@@ -193,7 +194,7 @@ class Request:
     yes: bool = option(
         "--yes", section=HARDWARE, default=False, action="store_true", help="on a rig: arm without waiting for Enter"
     )
-    poses: dict = option(
+    poses: dict[str, float] = option(
         "--pose",
         section=HARDWARE,
         default=dict,
@@ -243,10 +244,10 @@ class Request:
     )
     bench: bool = False  # on a rig: an actuator that moves no joint, so that its range is not required
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.realtime = self.realtime or ("off" if self.rig is None else "try")
 
-    def check(self):
+    def check(self) -> None:
         """Raise BadInput for options that exclude or need each other."""
         if self.poses and self.rig is None:
             raise BadInput("--pose needs --rig: in simulation every drive reads the true angle of its joint")

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 from cext.safety.shared_state import SharedState
 from cext.schedule.outcome import Outcome
@@ -28,31 +29,31 @@ class Result(Prepared):
     """
 
     outcome: Outcome
-    statistics: dict
-    recording: dict
+    statistics: dict[str, Any]
+    recording: dict[str, Any]
     seconds: float | None
     control: Program
     realtime: Realtime | None
-    overruns: list
-    profile: tuple
+    overruns: list[dict[str, Any]]
+    profile: tuple[list[dict[str, Any]], list[dict[str, Any]]]
     page: SharedState | None
-    newest: list
-    report: list = field(default_factory=list)
+    newest: list[tuple]
+    report: list[str] = field(default_factory=list)
     waited: float = 0.0
 
     @cached_property
-    def held(self):
+    def held(self) -> list[dict[str, Any]]:
         """The exceptions that blocks have held, as returned by runtime.report.held_exceptions.held."""
         return held(self.request.file, self.control, self.plant)
 
     @property
-    def failed_in_plant(self):
+    def failed_in_plant(self) -> bool:
         """Whether the fault came from a block of the plant."""
         outcome = self.outcome
         simulated = self.simulation is not None and outcome.faulted and outcome.status != "overrun"
         return simulated and self.control.culprit is None and outcome.culprit is not None
 
-    def end_event(self):
+    def end_event(self) -> dict[str, Any]:
         """Return the last event of a recording."""
         outcome = self.outcome
         return {

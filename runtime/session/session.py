@@ -6,11 +6,15 @@ A Session owns everything that a run takes: the shared state, the guardian of a 
 priority and the executor. Whatever ends `arm` gives back what it has taken; however `run` ends, it finishes.
 """
 
+from __future__ import annotations
+
 import json
 import signal
 import time
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from cext.safety.shared_state import RECORD_EVENT, SharedState
 from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, GUARDIAN_SILENCE
@@ -27,6 +31,17 @@ from runtime.session.rearming import Rearming
 from runtime.session.recording_plan import needs_process, plan, ring_bytes
 from runtime.session.result import Result
 
+if TYPE_CHECKING:
+    from types import FrameType
+    from typing import TypeAlias
+
+    from cext.schedule.outcome import Outcome
+    from runtime.recorder.local import LocalRecorder
+    from runtime.rig import RigBuses
+    from runtime.session.prepare import Prepared
+
+    Handler: TypeAlias = Callable[[int, FrameType | None], Any] | int | None  # as of signal.getsignal
+
 EVENT_TIMEOUT = 5.0  # s, for the recorder to make room for an event
 POLL_PERIOD = 0.001  # s
 
@@ -39,7 +54,9 @@ class Session:
     count_from : first tick in which missing replies are counted
     """
 
-    def __init__(self, prepared, say=lambda lines: None, count_from=0):
+    def __init__(
+        self, prepared: Prepared, say: Callable[[list[str]], object] = lambda lines: None, count_from: int = 0
+    ) -> None:
         self.prepared, self.request, self.rig = prepared, prepared.request, prepared.rig
         self.say, self.count_from = say, count_from
 
@@ -48,7 +65,7 @@ class Session:
         self.arm()
         return self.run()
 
-    def arm(self):
+    def arm(self) -> None:
         """Take everything that the run needs; no frame is sent yet.
 
         Raises RigError, RecorderError or RealtimeRefused, and then gives everything back.
@@ -63,7 +80,7 @@ class Session:
             # before the priority, memory lock and processor of the loop
             self.recorder = self.recorder_of()
             undo.callback(self.recorder.abandon)
-            self.realtime = Realtime(request.realtime, request.priority or PRIORITY, request.cpu)
+            self.realtime = Realtime(request.realtime or "off", request.priority or PRIORITY, request.cpu)
             undo.callback(self.realtime.release)
             self.realtime.obtain()
             aside = self.keep_others_aside()
@@ -76,7 +93,7 @@ class Session:
             self.realtime.prefault()
             undo.pop_all()
 
-    def recorder_of(self):
+    def recorder_of(self) -> RecorderProcess | LocalRecorder:
         """Return the recorder of the run: a process, or a LocalRecorder where nothing is recorded."""
         if needs_process(self.prepared):
             return RecorderProcess(self.page)
@@ -84,27 +101,30 @@ class Session:
 
         return LocalRecorder(self.page)
 
-    def plan(self):
+    def plan(self) -> dict[str, Any]:
         """Return the plan of the recorder."""
         return plan(self.prepared, self.realtime)
 
-    def keep_others_aside(self):
-        """Move the other processes of the run off the loop's processor. Returns the processors left to them."""
+    def keep_others_aside(self) -> Collection[int]:
+        """Move the other processes of the run off the loop's processor.
+
+        Returns the numbers of the processors left to them.
+        """
         aside = self.realtime.others if self.realtime.processor is not None else ()
         if self.realtime.others and not self.request.fast:
             self.recorder.keep_to(self.realtime.others)
-        if aside and self.rig is not None:
+        if aside and self.rig is not None and self.rig.guardian is not None:
             self.rig.guardian.bring_to(aside)
         return aside
 
-    def remarks(self):
-        """Lines for the operator before the run."""
+    def remarks(self) -> list[str]:
+        """Return lines for the operator before the run."""
         if self.rig is None:
             return self.realtime.lines()
         return [*self.rig.remarks(), *self.realtime.lines(), *self.realtime.risk()]
 
-    def loop(self, aside):
-        """Return the Executor."""
+    def loop(self, aside: Collection[int]) -> Executor:
+        """Return the Executor. aside : numbers of the processors for other threads"""
         request, rig = self.request, self.rig
         return Executor(
             self.control,
@@ -138,21 +158,26 @@ class Session:
         assert result is not None  # without an outcome the executor has raised
         return result
 
-    def confirmation(self):
-        """Options of Executor.run: on a rig the operator reads the pre-flight table and confirms it."""
+    def confirmation(self) -> dict[str, Any]:
+        """Return options of Executor.run: on a rig the operator reads the pre-flight table and confirms it."""
         rig, page, control = self.rig, self.page, self.control
-        if rig is None:
+        if rig is None or rig.guardian is None:
             return {}
         poses = self.prepared.poses
         interfaces = {name: (bus.interface.bus.interface, bus.interface.bus.channel) for name, bus in rig.buses.items()}
         table = Preflight(
-            self.prepared.diagram, self.prepared.schedule, interfaces, not self.request.yes, rig.guardian.granted, poses
+            self.prepared.diagram,
+            self.prepared.schedule,
+            interfaces,
+            not self.request.yes,
+            list(rig.guardian.granted),
+            poses,
         )
 
-        def show():
+        def show() -> None:
             page.push(RECORD_EVENT, json.dumps(table.event(control.values)).encode())
 
-        def permitted():
+        def permitted() -> bool:
             """Return whether every joint stands where its drive reads.
 
             Where one does not, the operator who has confirmed sees the present table again.
@@ -165,7 +190,7 @@ class Session:
 
         return {"answered": show, "confirm": table.confirm, "permitted": permitted}
 
-    def finish(self, outcome, seconds):
+    def finish(self, outcome: Outcome | None, seconds: float) -> Result | None:
         """Give everything back and complete the recording.
 
         outcome : of the executor; None where it raised
@@ -181,6 +206,7 @@ class Session:
         statistics = self.page.statistics()
         if self.rig is not None:
             self.record({"event": "buses", **self.rig.finish()})
+            assert self.rig.report is not None
             if self.rig.report["stop"] is not None:
                 self.record(self.rig.report["stop"])
             statistics["frames"] = self.rig.correct(statistics["frames"])
@@ -193,8 +219,8 @@ class Session:
             result.recording.update(report)
         return result
 
-    def result(self, outcome, statistics, seconds):
-        """The Result, without the recorder's report."""
+    def result(self, outcome: Outcome, statistics: dict[str, Any], seconds: float) -> Result:
+        """Return the Result, without the recorder's report. Arguments as for `finish`."""
         result = Result(
             **vars(self.prepared),
             outcome=outcome,
@@ -213,15 +239,15 @@ class Session:
             result.report += self.rearming.report_of(outcome) or explain(result)
         return result
 
-    def record(self, event):
-        """Put an event into the ring, which the recorder may still be emptying."""
-        event, deadline = json.dumps(event).encode(), time.monotonic() + EVENT_TIMEOUT
-        while not self.page.push(RECORD_EVENT, event) and time.monotonic() < deadline:
+    def record(self, event: Mapping[str, Any]) -> None:
+        """Put an event into the ring, which the recorder may still be emptying. Waits up to EVENT_TIMEOUT for room."""
+        payload, deadline = json.dumps(event).encode(), time.monotonic() + EVENT_TIMEOUT
+        while not self.page.push(RECORD_EVENT, payload) and time.monotonic() < deadline:
             if not self.recorder.make_room(POLL_PERIOD):
                 break
 
 
-def stopped_from_here(outcome, rig, page):
+def stopped_from_here(outcome: Outcome, rig: RigBuses, page: SharedState) -> Outcome:
     """Stop the actuators from this process if the guardian that carries their frames no longer answers.
 
     Returns the Outcome.
@@ -233,15 +259,15 @@ def stopped_from_here(outcome, rig, page):
     return replace(outcome, unconfirmed=rig.take_over())
 
 
-def guardian_looks(page):
-    """Return whether the guardian reads the shared state within GUARDIAN_LOOK_LIMIT."""
+def guardian_looks(page: SharedState) -> bool:
+    """Return whether the guardian reads the shared state within GUARDIAN_LOOK_LIMIT (ns)."""
     before, deadline = page.guarded, time.monotonic() + GUARDIAN_LOOK_LIMIT * 1e-9
     while page.guarded == before and time.monotonic() < deadline:
         time.sleep(POLL_PERIOD)
     return page.guarded != before
 
 
-def one_interrupt(page):
+def one_interrupt(page: SharedState) -> Handler:
     """Ignore Ctrl-C once the motors are being stopped: a second one finds Python's handler.
 
     Returns the handler before.
@@ -249,7 +275,7 @@ def one_interrupt(page):
 
     before = signal.getsignal(signal.SIGINT)
 
-    def interrupt(number, frame):
+    def interrupt(number: int, frame: FrameType | None) -> None:
         if page.state not in ("stopping", "safe"):
             (before if callable(before) else signal.default_int_handler)(number, frame)
 
@@ -257,7 +283,7 @@ def one_interrupt(page):
 
 
 @contextmanager
-def undisturbed(before, lasting):
+def undisturbed(before: Handler, lasting: bool) -> Iterator[None]:
     """Ignore the ending signals: a second one tears neither the stop of the motors nor the end of a recording.
 
     before : the handler of SIGINT that is restored afterwards

@@ -1,10 +1,14 @@
 """A run in virtual time inside this process: no files, no other process, no output."""
 
+from __future__ import annotations
+
 import json
 import math
 import os
 import signal
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,32 +28,48 @@ from runtime.session.recording_plan import limits
 from runtime.session.request import Request
 from runtime.session.result import Result
 
+if TYPE_CHECKING:
+    from graph import Diagram, Schedule
+    from runtime.diagrams.diagram_file import DiagramFile
+    from runtime.diagrams.overrides import Replaced
+
 MEMORY_SHARE = 0.5  # of this machine's, that the rows of one run may take
 
 
-def simulate(diagram, duration, *, settings=(), plant=None, seed=None, rate=None):
+def simulate(
+    diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
+    duration: float,
+    *,
+    settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
+    plant: Diagram | Callable[..., Diagram] | None = None,
+    seed: int | None = None,
+    rate: float | None = None,
+) -> Trial:
     """Run a diagram in virtual time. Arguments, result and errors: see runtime.run."""
     for name, value in (("duration", duration), ("rate", rate)):
         if value is not None and not 0.0 < value < math.inf:
             raise BadInput(f"{name}={value!r}: expected a finite number above 0")
-    settings = list(settings.items() if hasattr(settings, "items") else settings)
+    given: Any = settings
+    pairs: list[tuple[str, Any]] = list(given.items() if hasattr(given, "items") else given)
     file = source(diagram, plant)
-    replaced, own_rate = [], file.given.rate if file.given is not None else 0.0
+    replaced: list[Replaced] = []
+    own_rate = file.given.rate if file.given is not None else 0.0
     try:
-        robot = build(file, settings, before=replaced)
+        robot = build(file, pairs, before=replaced)
         if rate is not None:
             robot.rate = rate
-        return run(
-            file, robot, Request(file.path, duration=duration, fast=True, settings=settings, seed=seed), replaced
-        )
+        return run(file, robot, Request(file.path, duration=duration, fast=True, settings=pairs, seed=seed), replaced)
     finally:
         if file.given is not None:  # a Diagram of the caller, for more runs
             file.given.rate = own_rate
             restore(replaced)
 
 
-def run(file, robot, request, replaced):
-    """Compile, run and describe. replaced : list that receives the parameters that were set"""
+def run(file: DiagramFile, robot: Diagram, request: Request, replaced: list[Replaced]) -> Trial:
+    """Compile a diagram, run it, and return its Trial.
+
+    replaced : list that receives the parameters that were set
+    """
     if request.seed is not None:
         replaced += set_seeds(robot, request.seed)
     ticks = ticks_of(request, robot)
@@ -102,8 +122,11 @@ def run(file, robot, request, replaced):
     )
 
 
-def table(ticks, width):
-    """An array of (ticks, width) doubles, untouched. BadInput where this machine has not the memory for it."""
+def table(ticks: int, width: int) -> np.ndarray:
+    """Return an uninitialized array (ticks, width) of doubles.
+
+    Raises BadInput if it takes more than MEMORY_SHARE of this machine's memory.
+    """
     need, memory = 8 * ticks * width, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if need > MEMORY_SHARE * memory:
         raise BadInput(
@@ -113,8 +136,8 @@ def table(ticks, width):
     return np.empty((ticks, width))
 
 
-def everything(schedule):
-    """Every signal of a schedule as recorded numbers: the fields `columns` and `recorded`."""
+def everything(schedule: Schedule) -> dict[str, Any]:
+    """Return every signal of a schedule as recorded numbers: its fields `columns` and `recorded`."""
     slots, recorded = [], []
     for place in sorted(schedule.signals.values(), key=lambda place: place.path):
         for offset, index in enumerate(np.ndindex(place.shape)):
@@ -124,8 +147,8 @@ def everything(schedule):
     return {"columns": np.array(slots, dtype=np.int32), "recorded": recorded}
 
 
-def about(result):
-    """What the Trial states about its run: the keys that a recording has, without those of the machine."""
+def about(result: Result) -> dict[str, Any]:
+    """Return the description of a run: the keys that a recording has, without those of the machine."""
     request, schedule = result.request, result.schedule
     return {
         "name": schedule.name,
@@ -147,8 +170,8 @@ def about(result):
     }
 
 
-def end(result, ticks):
-    """How the run ended: the keys of a recording's end.json. ticks : number of rows"""
+def end(result: Result, ticks: int) -> dict[str, Any]:
+    """Return how the run ended: the keys of a recording's end.json. ticks : number of rows"""
     event = result.end_event()
     return {
         "ended": ending(event, False),

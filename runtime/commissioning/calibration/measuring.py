@@ -25,7 +25,7 @@ from runtime.rig.buses import RigBuses
 
 if TYPE_CHECKING:
     from graph.block import Sink
-    from runtime.diagrams.file import DiagramFile
+    from runtime.diagrams.diagram_file import DiagramFile
 
 PORTS = ("accel", "gyro", "mag")
 DURATION_LIMIT = 1200.0  # s

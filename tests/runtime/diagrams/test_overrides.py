@@ -8,7 +8,8 @@ import pytest
 import runtime
 from runtime.base.errors import BadInput
 from runtime.base.options import settings
-from runtime.diagrams.file import DiagramFile, load
+from runtime.diagrams.diagram_file import DiagramFile
+from runtime.diagrams.file import load
 from runtime.diagrams.overrides import parse_like, share_out
 from tests.runtime.runs import KNEE_EXO
 
