@@ -1,0 +1,134 @@
+"""Tables of the walking adult over its speed, from the series of the measured speeds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from blocks.wearer.body import GRAVITY
+from blocks.wearer.norms import BODY_HEIGHT, HARMONICS, MOTIONS
+
+# Standing: thigh and foot level with the ground's vertical, knee bent by 2°, weight 5 cm in front of the ankles.
+STANDING_KNEE = np.radians(2.0)
+STANDING_CENTRE = 0.25 + 0.05 / 0.26  # foot lengths from the heel
+STANDING_ANKLE_MOMENT = -0.5 * GRAVITY * 0.05  # N·m/kg of one ankle
+SLOWER = (1.0 / 3.0, 2.0 / 3.0)  # of the slowest measured speed, where the walk is scaled towards standing
+
+
+def row(entry: dict[str, Any]) -> np.ndarray:
+    """Return the numbers of one speed in the order of the kernels' enum."""
+    return np.concatenate(
+        [
+            [1.0 / entry["stride_time"], entry["pelvis_pitch"]],
+            *harmonics(entry["angles"]),
+            entry["pelvis_height"],
+            entry["pelvis_forward"],
+            [entry["foot_off"]],
+            *harmonics(entry["moments"]),
+            entry["vertical"],
+            entry["forward"],
+            entry["centre"],
+        ]
+    )
+
+
+def harmonics(curves: Sequence[Sequence[float]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the means of three curves, and of each harmonic the cosine and sine coefficients of the three."""
+    table = np.array(curves)
+    return table[:, 0], table[:, 1:].reshape(3, 2, HARMONICS).transpose(2, 0, 1).ravel()
+
+
+def slower(entry: dict[str, Any], speed: float) -> dict[str, Any]:
+    """Return an extrapolation from the slowest speed to `speed`, 0 for standing.
+
+    With u = speed / slowest speed the cadence is (1 + u) / 2 of that of the slowest speed, close to u to the power of
+    0.42 (Grieve and Gear 1966, Ergonomics 9:379-399), and the amplitude of the motion is u over that.
+    """
+    u = speed / entry["speed"]
+    cadence = 0.5 + 0.5 * u
+    amplitude = u / cadence
+    pitch = entry["pelvis_pitch"]
+    stand = {
+        "angles": (-pitch, STANDING_KNEE, STANDING_KNEE),
+        "moments": (0.0, 0.0, STANDING_ANKLE_MOMENT),
+        "centre": (STANDING_CENTRE,),
+        "pelvis_height": (entry["pelvis_height"][0] + 0.004,),
+        "pelvis_forward": (),
+    }
+
+    def towards(target, curve):
+        still = np.zeros(len(curve))
+        still[: len(target)] = target
+        return still + amplitude * (np.array(curve) - still)
+
+    scaled = {name: towards(target, entry[name]) for name, target in stand.items() if name not in ("angles", "moments")}
+    for name in ("angles", "moments"):
+        scaled[name] = [towards((still,), curve) for still, curve in zip(stand[name], entry[name])]
+    foot_off = entry["foot_off"] + 0.6 * (1.0 - u) ** 2 * (1.0 - entry["foot_off"])
+    return entry | scaled | {"speed": speed, "stride_time": entry["stride_time"] / cadence, "foot_off": foot_off}
+
+
+def over_speed(motion: str, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return (speeds, coefficients of the cubics between them) of a motion. height : of the body, m
+
+    coefficients : of shape (pieces, 4, numbers), a natural cubic spline
+    """
+    entries = MOTIONS[motion]
+    below = [slower(entries[0], share * entries[0]["speed"]) for share in (0.0, *SLOWER)]
+    knots = [*below, *entries]
+    speeds = np.array([entry["speed"] for entry in knots]) * (height / BODY_HEIGHT)
+    return speeds, natural_spline(speeds, np.array([row(entry) for entry in knots]))
+
+
+def natural_spline(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the coefficients, power by power, of the natural cubic spline through y at x."""
+    h = np.diff(x)
+    slopes = np.diff(y, axis=0) / h[:, None]
+    matrix = np.eye(len(x))
+    right = np.zeros_like(y)
+    for i in range(1, len(x) - 1):
+        matrix[i, i - 1 : i + 2] = h[i - 1], 2.0 * (h[i - 1] + h[i]), h[i]
+        right[i] = 6.0 * (slopes[i] - slopes[i - 1])
+    second = np.linalg.solve(matrix, right)
+    linear = slopes - h[:, None] * (2.0 * second[:-1] + second[1:]) / 6.0
+    return np.stack([y[:-1], linear, 0.5 * second[:-1], np.diff(second, axis=0) / (6.0 * h[:, None])], axis=1)
+
+
+def schedule(speed: Any, fastest: float) -> np.ndarray:
+    """Return the pieces of a speed: start, end and six coefficients each of a quintic in the time since its start.
+
+    speed : m/s, or text as in "0:0 2:1.2 20:1.2", pairs of time in s and speed; fastest : m/s
+    """
+    times, speeds = np.array(pairs(speed)).T
+    if np.any(np.diff(times) <= 0.0):
+        raise ValueError(f"the times of the speed must increase: got {speed!r}")
+    if not np.all((speeds >= 0.0) & (speeds <= fastest)):
+        raise ValueError(f"the speed must be from 0 to {fastest:.2f} m/s for this body and motion: got {speed!r}")
+    if len(times) == 1:
+        return np.array([[times[0], times[0], speeds[0], 0.0, 0.0, 0.0, 0.0, 0.0]])
+    h = np.diff(times)
+    means = np.diff(speeds) / h
+    slopes = np.zeros(len(times))  # none at an end of the schedule or of a constant speed, and at a highest or lowest
+    rising = means[1:] * means[:-1] > 0.0
+    slopes[1:-1][rising] = 2.0 / (1.0 / means[1:][rising] + 1.0 / means[:-1][rising])
+    a, b, step = slopes[:-1] * h, slopes[1:] * h, np.diff(speeds)
+    zero = np.zeros_like(h)
+    unit = [speeds[:-1], a, zero, 10 * step - 6 * a - 4 * b, -15 * step + 8 * a + 7 * b, 6 * step - 3 * (a + b)]
+    return np.column_stack([times[:-1], times[1:], *(c / h**k for k, c in enumerate(unit))])
+
+
+def pairs(speed: Any) -> list[tuple[float, float]]:
+    """Return (time, speed) of each point of a schedule. ValueError"""
+    if not isinstance(speed, str):
+        return [(0.0, float(speed))]
+    try:
+        found = [tuple(float(number) for number in pair.split(":")) for pair in speed.split()]
+        if not found or any(len(pair) != 2 or not np.all(np.isfinite(pair)) for pair in found):
+            raise ValueError
+    except ValueError:
+        raise ValueError(
+            f'the speed must be a number in m/s or times and speeds as in "0:0 2:1.2", got {speed!r}'
+        ) from None
+    return [(pair[0], pair[1]) for pair in found]

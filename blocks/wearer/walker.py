@@ -1,0 +1,135 @@
+"""Walking adult that a robot assists."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from blocks.wearer.body import plan
+from blocks.wearer.norms import MOTIONS
+from blocks.wearer.tables import over_speed, schedule
+from cext.kernels.wearer import walker as kernels
+from graph import Block, Input, Memory, Output, Param
+
+SIDES = ("left", "right")
+JOINTS = {"hip": "hip flexion", "knee": "knee flexion", "ankle": "ankle dorsiflexion"}
+SEGMENTS = {"thigh": "hip", "shank": "knee", "foot": "ankle"}
+MOTION = "x, z of {} [m], their velocities and accelerations, pitch [rad], its velocity and acceleration"
+
+# Muscles of hip, knee, ankle: stiffness in N·m/rad, more of it per N·m of moment, damping in N·m·s/rad, more of it per
+# stiffness in s, stiffness and damping of the delayed part, range of the joint in rad.
+MUSCLES = (
+    (45.0, 2.0, 3.0, 0.01, 30.0, 2.0, -0.7, 2.2),
+    (10.0, 3.0, 0.5, 0.01, 50.0, 3.0, -0.15, 2.5),
+    (15.0, 4.0, 0.5, 0.01, 10.0, 0.5, -1.0, 0.8),
+)
+# Standard deviations from stride to stride of one adult at 1.2 m/s.
+GAIN_DEVIATIONS = (0.027, 0.014, 0.05)
+OFFSET_DEVIATIONS = (0.0122, 0.0094, 0.0120)  # rad
+STRIDE_TIME_DEVIATION = 0.012
+
+
+class Walker(Block):
+    """Walking adult in the sagittal plane: pelvis, hips, knees, ankles, feet on level ground.
+
+    The reference motion is the mean of 20 adults, a series of 12 harmonics over the stride, interpolated between
+    walking speeds and joined smoothly to standing. (Bovi et al. 2011) Torques of a robot make the legs deviate from it:
+
+        M(q) δ'' + B δ' + K δ + gravity + reflex(δ(t - delay)) = assistance
+
+    with the inertia of thigh, shank and foot (de Leva 1996), and in stance that of the body over the foot. K grows with
+    the moment of the joint, at the ankle by 4 N·m/rad per N·m: its stiffness in stance is up to 5.4 N·m/rad per kg
+    (Ficanha et al. 2018). In swing the hip has 34 to 66 N·m/rad and the knee few (van der Kooij et al. 2022).
+
+    Angles are positive in flexion (dorsiflexion at the ankle), pitches with the front up; x is forward and z up.
+    `*_torque` is the net torque of the muscles in the direction of flexion, the nominal moment plus what K, B and the
+    reflex add; `*_power` is that torque times the velocity. The phase is 0 at heel strike; the right leg is half a
+    stride ahead. `*_motion` of a segment has its proximal joint in world coordinates and its pitch: a point r of the
+    segment has the acceleration a + α × r + ω × (ω × r).
+
+    Limits: the pelvis follows the reference and does not deviate. Step length and cadence do not adapt to the robot.
+    Both legs have the same mean motion. There is no stumbling, turning or slope; on stairs the pelvis stays level. The
+    reaction of the ground to a deviation is limited to the body weight.
+    """
+
+    speed = Param(1.2, "1", 'walking speed in m/s, or times and speeds as in "0:0 2:1.2 20:1.2 25:0"', dtype=object)
+    motion = Param("walk", "1", "motion", choices=tuple(MOTIONS))
+    mass = Param(70.0, "kg", "mass of the body", above=0.0, max=300.0, fixed=True, kernel=False)
+    height = Param(1.70, "m", "height of the body", above=0.5, max=2.5, fixed=True, kernel=False)
+    start = Param(0.0, "1", "phase of the left leg at t = 0", min=0.0, max=1.0, fixed=True, kernel=False)
+    variability = Param(
+        1.0, "1", "scale of the variation from stride to stride, 0 for none", min=0.0, max=5.0, fixed=True, kernel=False
+    )
+    seed = Param(0, "1", "seed of the variation from stride to stride", min=0, max=2**53, fixed=True, kernel=False)
+    strength = Param(
+        1.0,
+        "1",
+        "scale of the stiffness and damping of the muscles against deviations",
+        above=0.0,
+        max=10.0,
+        fixed=True,
+        kernel=False,
+    )
+    reflex_delay = Param(
+        0.05, "s", "delay of the second part of that stiffness", min=0.0, max=0.3, fixed=True, kernel=False
+    )
+
+    for side in SIDES:
+        for joint, name in JOINTS.items():
+            locals()[f"{side}_{joint}_assistance"] = Input(
+                "N·m", f"torque of the robot, positive in {name}", default=0.0
+            )
+    for side in SIDES:
+        for joint, name in JOINTS.items():
+            locals()[f"{side}_{joint}_angle"] = Output("rad", f"{side} {name}")
+            locals()[f"{side}_{joint}_velocity"] = Output("rad/s", f"velocity of {side} {name}")
+            locals()[f"{side}_{joint}_acceleration"] = Output("rad/s²", f"acceleration of {side} {name}")
+            locals()[f"{side}_{joint}_torque"] = Output("N·m", f"torque of the muscles in {side} {name}")
+            locals()[f"{side}_{joint}_power"] = Output("W", f"power of the muscles in {side} {name}")
+        for segment in SEGMENTS:
+            locals()[f"{side}_{segment}_pitch"] = Output("rad", f"pitch of the {side} {segment}, 0 in a straight stand")
+        for segment, joint in SEGMENTS.items():
+            locals()[f"{side}_{segment}_motion"] = Output("any", MOTION.format(f"the {side} {joint}"), shape=(9,))
+        locals()[f"{side}_ground_force"] = Output("N", f"ground force on the {side} foot, forward and up", shape=(2,))
+        locals()[f"{side}_centre_of_pressure"] = Output("m", f"centre of pressure from the heel of the {side} foot")
+        locals()[f"{side}_contact"] = Output(
+            "1", f"true if the {side} foot bears 3 % of the weight or more", dtype=bool
+        )
+        locals()[f"{side}_phase"] = Output("1", f"gait phase of the {side} leg, 0 at heel strike", circle=(0, 1))
+    del side, joint, segment, name
+    pelvis_motion = Output("any", MOTION.format("the hips"), shape=(9,))
+    walking_speed = Output("m/s", "walking speed of the schedule")
+
+    body = Memory(0.0, "lengths, inertias and masses")
+    muscles = Memory(0.0, "stiffness, damping and range of each joint")
+    variation = Memory(0.0, "seed and standard deviations of gain, offset and stride time")
+    pieces = Memory(0.0, "pieces of the speed over time")
+    knots = Memory(0.0, "speeds of the table")
+    table = Memory(0.0, "height, then the cubics over the speed")
+    history = Memory(0.0, "deviations of the last moments")
+    state = Memory(0.0, "phase, draws of the stride, deviations, present row of the table")
+
+    kernel = kernels.walker
+    update_kernel = kernels.walker_next
+    feedthrough = ()
+
+    def configure(self) -> None:
+        speeds, cubics = over_speed(self.motion, self.height)
+        self.pieces = schedule(self.speed, speeds[-1]).ravel()
+        self.knots = speeds
+        self.table = np.concatenate([[self.height], cubics.ravel()])
+        self.body = plan(self.mass, self.height)
+        scale = np.array([self.strength] * 6 + [1.0, 1.0])
+        scale[3] = 1.0
+        self.muscles = (np.array(MUSCLES) * scale).ravel()
+        deviations = (*GAIN_DEVIATIONS, *OFFSET_DEVIATIONS, STRIDE_TIME_DEVIATION)
+        self.variation = (float(self.seed), *(self.variability * value for value in deviations))
+
+    def prepare(self, dt: float) -> None:
+        self.history = np.zeros(12 * max(1, math.ceil(self.reflex_delay / dt - 1e-9)))
+        size, unset = kernels.layout()
+        state = np.zeros(size)
+        state[0] = self.start
+        state[unset] = -1.0
+        self.state = state

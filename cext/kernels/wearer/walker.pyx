@@ -1,0 +1,353 @@
+# cython: freethreading_compatible=True
+"""Walking adult: reference motion, deviation under assistance, muscles, ground forces."""
+
+from libc.math cimport fabs, floor
+from libc.stdint cimport int32_t, uint64_t
+from libc.string cimport memmove
+
+from cext.abi cimport DT, ITEMS, OK, TIME, Rest, each, export, items, kernel_t
+from cext.kernels.wearer.leg cimport (
+    BODY_MASS, FOOT_LENGTH, HEEL, MASS, SHANK_LENGTH, THIGH_LENGTH, WEIGHT, Direction, Geometry, Symmetric,
+    contact_arms, directions, gravity, inertia, solve, times,
+)
+from cext.kernels.wearer.reference cimport (
+    FREQUENCY, PITCH, Blend, Course, Path, at_time, blend, contact, ease, joints,
+)
+from cext.kernels.wearer.strides cimport STRIDE_TIME, VALUES, Draws, follow
+
+cdef enum: # outputs of a leg, in the order of the class; of each joint 5
+    ANGLE, VELOCITY, ACCELERATION, TORQUE, POWER
+    PITCHES = 15
+    MOTIONS = 18
+    GROUND_FORCE = 21
+    CENTRE_OF_PRESSURE, CONTACT, PHASE
+    OF_LEG
+
+cdef enum: # outputs behind those of both legs
+    PELVIS_MOTION = 2 * OF_LEG
+    WALKING_SPEED
+
+cdef struct Muscle:             # of a joint: `muscles` in the class
+    double stiffness            # without a moment, N·m/rad
+    double per_moment           # more of it per N·m of moment, 1/rad
+    double damping              # N·m·s/rad
+    double per_stiffness        # more of it per stiffness, s
+    double reflex_stiffness, reflex_damping
+    double lower, upper         # range of the joint, rad
+
+cdef struct Variation:          # standard deviations from stride to stride: `variation` in the class
+    double seed
+    double gain[3]              # of the angle about its mean, 1
+    double offset[3]            # rad
+    double stride_time          # 1
+
+cdef struct Leg:                # of a leg, what the update needs from the step
+    double angle[3]             # of the reference
+    double stiffness[3]
+    double damping[3]
+    double reflex[3]            # torque of the delayed muscles
+    double load                 # share of the body weight
+    double flat                 # stiffness of the ground under a flat foot, N·m/rad
+    double centre               # of pressure, from the ankle, m
+    double deviation[3]
+    double velocity[3]
+    double acceleration[3]
+
+cdef struct State:
+    double phase                # of the left leg, in strides since the start
+    double distance             # m
+    double head                 # oldest entry of `history`
+    double phase_rate, phase_acceleration, speed, speed_rate
+    Draws draws[2]
+    Leg legs[2]
+    Blend blend
+
+cdef struct Walker:
+    int32_t body, muscles, variation, pieces, knots, table, history, state
+    Rest inputs                 # assistance: left hip, knee, ankle, right hip, knee, ankle
+    Rest outputs
+
+WALKER = items((<Walker *>ITEMS)[0], "body[...] muscles[...] variation[...] pieces[...] knots[...] table[...] "
+    "history[...] state[...]")
+
+cdef double FLAT_STIFFNESS = 600.0  # N·m/rad of the ground under the flat foot that bears the body weight
+cdef double FLAT_RANGE = 0.1    # rad, pitch of a foot that still touches with heel and ball
+cdef double CONTACT_LOAD = 0.03 # body weights, least load of a foot in contact
+cdef double SHUFFLE = 0.25      # m/s, speed below which both feet keep their load
+cdef double HALT = 0.15         # m/s, speed below which the stride slows down to a stand
+cdef double RANGE_STIFFNESS = 800.0     # N·m/rad outside the range of a joint
+cdef double RANGE_DAMPING = 20.0        # N·m·s/rad
+
+
+cdef int walker_kernel(double *arena, const Walker *at, const Walker *sizes) noexcept nogil:
+    cdef State *state = <State *>(arena + at.state)
+    cdef const double *body = arena + at.body
+    cdef const Variation *variation = <const Variation *>(arena + at.variation)
+    cdef const int32_t *out = each(at, at.outputs)
+    cdef double height = arena[at.table]            # of the body in m, before the coefficients
+    cdef Course course
+    cdef Blend *row = &state.blend
+    cdef Path phase, hips, ahead
+    cdef Path q[2][3]
+    cdef double moments[2][3]
+    cdef double motion[9]
+    cdef double leg_phase, value, first, second, move, rest
+    cdef double gate, gate_first, gate_second, frequency
+    cdef int side
+
+    # 1. Speed, and the row of the tables for it.
+    at_time(arena + at.pieces, sizes.pieces // 8, arena[TIME], &course)
+    blend(arena + at.knots, sizes.knots - 1, arena + at.table + 1, &course, row)
+    # 2. Phase of the stride: the left leg's, the right one's is half a stride ahead.
+    for side in range(2):
+        follow(&state.draws[side], side, <uint64_t>variation.seed, floor(state.phase + 0.5 * side))
+    gate, gate_first = 1.0, 0.0
+    if course.speed < HALT:
+        ease(course.speed / HALT if course.speed > 0.0 else 0.0, &gate, &gate_first, &gate_second)
+        gate_first *= course.rate / HALT
+    phase.x = state.phase - floor(state.phase)
+    ease(phase.x, &value, &first, &second)
+    move = variation.stride_time * (state.draws[0].after[STRIDE_TIME] - state.draws[0].before[STRIDE_TIME])
+    rest = 1.0 + variation.stride_time * state.draws[0].before[STRIDE_TIME] + move * value
+    frequency = row.value[FREQUENCY] * gate
+    phase.v = frequency * rest
+    phase.a = (row.first[FREQUENCY] * gate + row.value[FREQUENCY] * gate_first) * rest + frequency * move * first * phase.v
+    # 3. Reference motion.
+    joints(row, &phase, q[0], q[1], moments[0], moments[1], &hips, &ahead)
+    motion[0] = state.distance + height * ahead.x
+    motion[2] = course.speed + height * ahead.v
+    motion[4] = course.rate + height * ahead.a
+    motion[1], motion[3], motion[5] = height * hips.x, height * hips.v, height * hips.a
+    motion[6], motion[7], motion[8] = row.value[PITCH], row.first[PITCH], row.second[PITCH]
+    memmove(arena + out[PELVIS_MOTION], motion, sizeof(motion))
+    arena[out[WALKING_SPEED]] = course.speed
+    # 4. Each leg.
+    ease(course.speed / SHUFFLE if 0.0 < course.speed < SHUFFLE else <double>(course.speed > 0.0), &gate, &first,
+        &second)
+    for side in range(2):
+        leg_phase = phase.x + 0.5 * side
+        leg_phase -= floor(leg_phase)
+        vary(&state.draws[side], variation, row.value + 2, leg_phase, &phase, q[side], moments[side])
+        step_leg(arena, at, sizes, side, leg_phase, gate, motion, q[side], moments[side], out + side * OF_LEG)
+    state.phase_rate, state.phase_acceleration = phase.v, phase.a
+    state.speed, state.speed_rate = course.speed, course.rate
+    return OK
+
+
+cdef inline void vary(const Draws *draws, const Variation *variation, const double *means, double x,
+        const Path *phase, Path *q, double *moments) noexcept nogil:
+    """Apply gain and offset of the stride to the joints of a leg. means : of the angles; x : phase of the leg"""
+    cdef double s, first, second, v, a, gain, gain_v, gain_a, swing
+    cdef int j
+    ease(x, &s, &first, &second)
+    v = first * phase.v
+    a = second * phase.v * phase.v + first * phase.a
+    for j in range(3):
+        gain_a = variation.gain[j] * (draws.after[j] - draws.before[j])
+        gain = variation.gain[j] * draws.before[j] + gain_a * s
+        gain_v = gain_a * v
+        gain_a *= a
+        swing = q[j].x - means[j]
+        q[j].a += gain_a * swing + 2.0 * gain_v * q[j].v + gain * q[j].a
+        q[j].v += gain_v * swing + gain * q[j].v
+        q[j].x += gain * swing
+        swing = variation.offset[j] * (draws.after[3 + j] - draws.before[3 + j])
+        q[j].x += variation.offset[j] * draws.before[3 + j] + swing * s
+        q[j].v += swing * v
+        q[j].a += swing * a
+        moments[j] *= 1.0 + gain
+
+
+cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, int side, double phase, double stride,
+        const double *pelvis, const Path *q, const double *moments, const int32_t *out) noexcept nogil:
+    """Write the outputs of a leg. stride : 1 in a walk, 0 in a stand; pelvis : its motion"""
+    cdef const double *body = arena + at.body
+    cdef const Muscle *muscles = <const Muscle *>(arena + at.muscles)
+    cdef State *state = <State *>(arena + at.state)
+    cdef Leg *leg = &state.legs[side]
+    cdef const double *delayed = arena + at.history + 12 * <int>state.head + 6 * side
+    cdef double angle[3]
+    cdef double rate[3]
+    cdef double acceleration[3]
+    cdef double arms_x[3]
+    cdef double arms_z[3]
+    cdef double nominal, torque, vertical, forward, centre, foot, borne
+    cdef Geometry g
+    cdef int j
+
+    for j in range(3):
+        angle[j] = q[j].x + leg.deviation[j]
+        rate[j] = q[j].v + leg.velocity[j]
+        acceleration[j] = q[j].a + leg.acceleration[j]
+        nominal = body[MASS] * moments[j]
+        leg.angle[j] = q[j].x
+        leg.stiffness[j] = muscles[j].stiffness + muscles[j].per_moment * fabs(nominal)
+        leg.damping[j] = muscles[j].damping + muscles[j].per_stiffness * leg.stiffness[j]
+        leg.reflex[j] = -muscles[j].reflex_stiffness * delayed[j] - muscles[j].reflex_damping * delayed[3 + j]
+        torque = nominal - leg.stiffness[j] * leg.deviation[j] - leg.damping[j] * leg.velocity[j] + leg.reflex[j]
+        arena[out[5 * j + ANGLE]] = angle[j]
+        arena[out[5 * j + VELOCITY]] = rate[j]
+        arena[out[5 * j + ACCELERATION]] = acceleration[j]
+        arena[out[5 * j + TORQUE]] = torque
+        arena[out[5 * j + POWER]] = torque * rate[j]
+    directions(&g, pelvis[6], angle)
+    segments(arena, body, &g, pelvis, angle, rate, acceleration, out)
+
+    # Ground: the reference force, and the reaction of the body to the deviation of the leg under it.
+    contact(&state.blend, phase, &vertical, &forward, &centre)
+    vertical = 0.5 + stride * (vertical - 0.5)
+    forward *= stride
+    leg.load = 0.0 if vertical < 0.0 else 1.0 if vertical > 1.0 else vertical
+    leg.centre = body[HEEL] + body[FOOT_LENGTH] * (0.02 if centre < 0.02 else 0.95 if centre > 0.95 else centre)
+    foot = (arena[out[PITCHES + 2]] - deviation_of_foot(leg.deviation)) / FLAT_RANGE
+    leg.flat = FLAT_STIFFNESS * leg.load / (1.0 + foot * foot)
+    contact_arms(body, &g, leg.centre, arms_x, arms_z)
+    borne = leg.load * body[BODY_MASS]
+    vertical = body[WEIGHT] * vertical - clipped(borne * of_pitches(arms_z, leg.acceleration), body[WEIGHT])
+    forward = body[WEIGHT] * forward - clipped(borne * of_pitches(arms_x, leg.acceleration), body[WEIGHT])
+    if vertical < 0.0:
+        vertical = forward = 0.0
+    arena[out[GROUND_FORCE]] = forward
+    arena[out[GROUND_FORCE] + 1] = vertical
+    arena[out[CONTACT]] = vertical > CONTACT_LOAD * body[WEIGHT]
+    centre = leg.centre - body[HEEL]
+    if vertical > CONTACT_LOAD * body[WEIGHT]:
+        centre -= leg.flat * deviation_of_foot(leg.deviation) / vertical
+        centre = 0.0 if centre < 0.0 else body[FOOT_LENGTH] if centre > body[FOOT_LENGTH] else centre
+    arena[out[CENTRE_OF_PRESSURE]] = centre
+    arena[out[PHASE]] = phase
+
+
+cdef inline double clipped(double x, double limit) noexcept nogil:
+    return -limit if x < -limit else limit if x > limit else x      # NaN passes
+
+
+cdef inline double deviation_of_foot(const double *q) noexcept nogil:
+    return q[0] - q[1] + q[2]
+
+
+cdef inline double of_pitches(const double *arms, const double *q) noexcept nogil:
+    """Return the sum over thigh, shank and foot of arm times pitch."""
+    return arms[0] * q[0] + arms[1] * (q[0] - q[1]) + arms[2] * (q[0] - q[1] + q[2])
+
+
+cdef inline void segments(double *arena, const double *body, const Geometry *g, const double *pelvis,
+        const double *angle, const double *rate, const double *acceleration, const int32_t *out) noexcept nogil:
+    """Write pitch and motion of thigh, shank and foot: proximal joint and pitch with two derivatives."""
+    cdef double motion[9]
+    cdef double length, v, a
+    cdef Direction d
+    cdef int j, k
+    memmove(motion, pelvis, sizeof(motion))
+    for j in range(3):
+        if j:
+            d = g.thigh if j == 1 else g.shank
+            length = body[THIGH_LENGTH] if j == 1 else body[SHANK_LENGTH]
+            v, a = motion[7], motion[8]
+            motion[0] += length * d.s
+            motion[1] -= length * d.c
+            motion[2] += length * v * d.c
+            motion[3] += length * v * d.s
+            motion[4] += length * (a * d.c - v * v * d.s)
+            motion[5] += length * (a * d.s + v * v * d.c)
+        k = -1 if j == 1 else 1         # flexion of the knee turns the shank backward
+        motion[6] += k * angle[j]
+        motion[7] += k * rate[j]
+        motion[8] += k * acceleration[j]
+        arena[out[PITCHES + j]] = motion[6]
+        memmove(arena + out[MOTIONS + j], motion, sizeof(motion))
+
+
+cdef int walker_update(double *arena, const Walker *at, const Walker *sizes) noexcept nogil:
+    cdef State *state = <State *>(arena + at.state)
+    cdef const int32_t *assistance = each(at, at.inputs)
+    cdef double dt = arena[DT]
+    cdef double pitch = arena[each(at, at.outputs)[PELVIS_MOTION] + 6]
+    cdef double *oldest = arena + at.history + 12 * <int>state.head
+    cdef double torque[3]
+    cdef int side, j
+    for side in range(2):
+        for j in range(3):
+            oldest[6 * side + j] = state.legs[side].deviation[j]
+            oldest[6 * side + 3 + j] = state.legs[side].velocity[j]
+            torque[j] = arena[assistance[3 * side + j]]
+        move_leg(arena + at.body, <const Muscle *>(arena + at.muscles), pitch, dt, torque, &state.legs[side])
+    state.head += 1.0
+    if 12 * <int>state.head >= sizes.history:
+        state.head = 0.0
+    state.phase += dt * (state.phase_rate + 0.5 * dt * state.phase_acceleration)
+    state.distance += dt * (state.speed + 0.5 * dt * state.speed_rate)
+    return OK
+
+
+cdef inline void move_leg(const double *body, const Muscle *muscles, double pelvis, double dt, const double *torque,
+        Leg *leg) noexcept nogil:
+    """Advance the deviation by one step, with the stiffness and the damping at its end. (Linearly implicit Euler)
+
+    (M + h B + h² K) v' = M v + h (τ + τ_reflex - K x),  x' = x + h v'
+    """
+    cdef double angle[3]
+    cdef double arms_x[3]
+    cdef double arms_z[3]
+    cdef double momentum[3]
+    cdef double spring[3]
+    cdef double stiffness, damping, stop
+    cdef Geometry g
+    cdef Symmetric m, k
+    cdef int j
+    for j in range(3):
+        angle[j] = leg.angle[j] + leg.deviation[j]
+    directions(&g, pelvis, angle)
+    contact_arms(body, &g, leg.centre, arms_x, arms_z)
+    m = inertia(body, &g, leg.load * body[BODY_MASS], arms_x, arms_z)
+    k = gravity(body, &g, leg.load, leg.flat)
+    times(&m, leg.velocity, momentum)
+    times(&k, leg.deviation, spring)
+    # Gravity and ground are damped as they are stiff, by 20 ms.
+    m.hh += dt * (dt + 0.02) * k.hh
+    m.hk += dt * (dt + 0.02) * k.hk
+    m.ha += dt * (dt + 0.02) * k.ha
+    m.kk += dt * (dt + 0.02) * k.kk
+    m.ka += dt * (dt + 0.02) * k.ka
+    m.aa += dt * (dt + 0.02) * k.aa
+    for j in range(3):
+        stiffness, damping = leg.stiffness[j], leg.damping[j]
+        stop = beyond(angle[j], &muscles[j]) - beyond(leg.angle[j], &muscles[j])
+        spring[j] += stiffness * leg.deviation[j] + RANGE_STIFFNESS * stop
+        if stop != 0.0:
+            stiffness += RANGE_STIFFNESS
+            damping += RANGE_DAMPING
+        damping = dt * (damping + dt * stiffness)
+        if j == 0:
+            m.hh += damping
+        elif j == 1:
+            m.kk += damping
+        else:
+            m.aa += damping
+        momentum[j] += dt * (torque[j] + leg.reflex[j] - spring[j])
+    solve(&m, momentum)
+    for j in range(3):
+        leg.acceleration[j] = (momentum[j] - leg.velocity[j]) / dt
+        leg.velocity[j] = momentum[j]
+        leg.deviation[j] += dt * momentum[j]
+
+
+cdef inline double beyond(double angle, const Muscle *muscle) noexcept nogil:
+    """Return how far an angle is outside the range of its joint."""
+    if angle < muscle.lower:
+        return angle - muscle.lower
+    return angle - muscle.upper if angle > muscle.upper else 0.0
+
+
+walker = export(<kernel_t>walker_kernel, WALKER)
+walker_next = export(<kernel_t>walker_update, WALKER)
+
+
+def layout():
+    """Return the size of the state in doubles, and the indices of what is -1 at the start: strides, blended speed."""
+    cdef State *state = NULL
+    return sizeof(State) // sizeof(double), [
+        <size_t>&state.draws[0].stride // sizeof(double),
+        <size_t>&state.draws[1].stride // sizeof(double),
+        <size_t>&state.blend.speed // sizeof(double),
+    ]

@@ -1,0 +1,196 @@
+"""The walking adult against its own derivatives, against mechanics, and against recorded walking."""
+
+import math
+
+import numpy as np
+import pytest
+
+from blocks.wearer import Walker
+from blocks.wearer.body import plan
+from graph import Diagram, DiagramError
+from tests.blocks.running import run
+from tests.shared import shared
+
+JOINTS = ("hip", "knee", "ankle")
+RATE = 500
+
+
+def walk(seconds, rate=RATE, assistance=None, **parameters):
+    """Outputs of a walker by name, over the ticks."""
+    with Diagram("walk", rate=rate) as diagram:
+        Walker(name="w", **parameters)(**(assistance or {}))
+    recording = run(diagram, round(seconds * rate))
+    assert recording.outcome.status == "ok", recording.outcome
+    return {"time": recording.time} | {path[2:]: values for path, values in recording.signals.items()}
+
+
+@pytest.fixture(scope="module")
+def steady():
+    return walk(4.0, speed=1.2, variability=0.0)
+
+
+@pytest.fixture(scope="module")
+def start_and_stop():
+    return walk(14.0, speed="0.5:0 2.5:1.2 8:1.2 11:0", seed=3)
+
+
+def test_velocities_and_accelerations_are_derivatives_also_while_the_speed_changes(start_and_stop):
+    """Central differences of 4 ms: an error of the third derivative, 4000 rad/s³, times 2.7e-6 s²."""
+    t = start_and_stop["time"]
+    for joint in JOINTS:
+        angle, velocity, acceleration = (
+            start_and_stop[f"right_{joint}_{name}"] for name in ("angle", "velocity", "acceleration")
+        )
+        assert np.abs(np.gradient(angle, t) - velocity)[1:-1].max() < 0.015
+        assert np.abs(np.gradient(velocity, t) - acceleration)[1:-1].max() < 0.4
+        assert np.abs(np.diff(acceleration)).max() < 9.0  # no step: 4500 rad/s³
+
+
+def test_walker_stands_still_before_and_after_walking(start_and_stop):
+    t = start_and_stop["time"]
+    for still in (t < 0.5, t > 11.1):
+        for name in ("left_hip_velocity", "right_knee_velocity", "left_ankle_acceleration", "walking_speed"):
+            assert np.abs(start_and_stop[name][still]).max() < 1e-9
+        assert np.all(start_and_stop["left_contact"][still]) and np.all(start_and_stop["right_contact"][still])
+        up = start_and_stop["left_ground_force[1]"] + start_and_stop["right_ground_force[1]"]
+        assert up[still] == pytest.approx(70.0 * 9.80665, rel=1e-9)
+
+
+def test_segments_form_one_chain(steady):
+    """Ankle from the hip by the pitches, and its acceleration as the second derivative of its position."""
+    t = steady["time"]
+    thigh, shank = 0.245 * 1.7, 0.246 * 1.7
+    x = (
+        steady["pelvis_motion[0]"]
+        + thigh * np.sin(steady["left_thigh_pitch"])
+        + shank * np.sin(steady["left_shank_pitch"])
+    )
+    assert np.abs(steady["left_foot_motion[0]"] - x).max() < 1e-12
+    for position, velocity, acceleration in ((0, 2, 4), (1, 3, 5), (6, 7, 8)):
+        values = [steady[f"left_foot_motion[{k}]"] for k in (position, velocity, acceleration)]
+        scale = np.abs(values[2]).max()
+        assert np.abs(np.gradient(values[0], t) - values[1])[1:-1].max() < 0.001 * scale
+        assert np.abs(np.gradient(values[1], t) - values[2])[1:-1].max() < 0.02 * scale
+    assert steady["pelvis_motion[0]"][-1] == pytest.approx(1.2 * t[-1], abs=0.03)
+
+
+def test_stance_foot_stays_on_the_ground(steady):
+    """Slip of the heel while it bears the foot, and of the ball: below 2 cm. The sole is within 2 cm of the ground."""
+    first = (steady["time"] > 1.0) & (steady["time"] < 2.1)
+    for along, begin, end in ((-0.25, 0.03, 0.30), (0.47, 0.15, 0.50)):
+        d, h, pitch = along * 0.152 * 1.7, 0.039 * 1.7, steady["left_foot_pitch"]
+        x = steady["left_foot_motion[0]"] + d * np.cos(pitch) + h * np.sin(pitch)
+        z = steady["left_foot_motion[1]"] + d * np.sin(pitch) - h * np.cos(pitch)
+        loaded = first & (steady["left_phase"] > begin) & (steady["left_phase"] < end)
+        assert np.ptp(x[loaded]) < 0.02 and np.abs(z[loaded]).max() < 0.02
+
+
+def test_ground_bears_the_weight_over_a_stride(steady):
+    stride = (steady["time"] > 1.0) & (steady["time"] <= 1.0 + 2 * 0.5484)
+    for axis, mean in ((0, 0.0), (1, 70.0 * 9.80665)):
+        force = steady[f"left_ground_force[{axis}]"] + steady[f"right_ground_force[{axis}]"]
+        assert force[stride].mean() == pytest.approx(mean, abs=5.0)
+    assert np.all(steady["left_ground_force[1]"][~steady["left_contact"].astype(bool)] < 0.031 * 70.0 * 9.80665)
+
+
+def test_equal_seeds_repeat_and_deviations_are_as_stated():
+    first, again, other = (walk(40.0, rate=200, seed=seed) for seed in (1, 1, 2))
+    assert np.array_equal(first["left_knee_angle"], again["left_knee_angle"])
+    assert not np.array_equal(first["left_knee_angle"], other["left_knee_angle"])
+    ranges, times = [], []
+    for trace in (first, other):
+        strikes = np.flatnonzero(np.diff(trace["left_phase"]) < -0.5) + 1
+        times += list(np.diff(trace["time"][strikes]))
+        ranges += [np.ptp(trace["left_knee_angle"][a:b]) for a, b in zip(strikes, strikes[1:])]
+    assert len(times) > 65
+    assert np.std(times) / np.mean(times) == pytest.approx(0.012, rel=0.35)
+    assert np.std(ranges) / np.mean(ranges) == pytest.approx(0.014, rel=0.5)
+
+
+def test_constant_torque_in_a_stand_is_balanced_by_muscles_gravity_and_ground():
+    """At rest: assistance + change of the muscles' torque = stiffness of gravity and ground, of half the weight."""
+    free = walk(1.0, speed=0.0, variability=0.0)
+    held = walk(20.0, rate=200, speed=0.0, variability=0.0, assistance={"left_knee_assistance": 4.0})
+    q = np.array([held[f"left_{joint}_angle"][-1] - free[f"left_{joint}_angle"][0] for joint in JOINTS])
+    muscles = np.array([held[f"left_{joint}_torque"][-1] - free[f"left_{joint}_torque"][0] for joint in JOINTS])
+    assert max(abs(held[f"left_{joint}_velocity"][-1]) for joint in JOINTS) < 1e-3
+    body, pitch = plan(70.0, 1.70), [held[f"left_{segment}_pitch"][-1] for segment in ("thigh", "shank", "foot")]
+    weights = 0.5 * body[11], 0.5 * 9.80665 * body[8], 0.5 * 9.80665 * body[10]
+    pitches = np.array([[1, 0, 0], [1, -1, 0], [1, -1, 1]])
+    stiffness = np.array([w * math.cos(p) for w, p in zip(weights, pitch)])
+    stiffness[2] += 0.5 * 600.0 - 0.5 * 9.80665 * body[9] * math.sin(pitch[2])
+    assert muscles + [0.0, 4.0, 0.0] == pytest.approx(pitches.T @ (stiffness * (pitches @ q)), abs=0.02)
+
+
+def test_assistance_in_the_direction_of_the_moment_unloads_the_joint(steady):
+    """Plantarflexion by 10 N·m in late stance: the muscles give less by that within 30 %, the joint moves further."""
+    names = {joint: f"left_{joint}_assistance" for joint in JOINTS}
+    assisted = walk(4.0, speed=1.2, variability=0.0, assistance={names["ankle"]: -10.0})
+    late = (steady["left_phase"] > 0.3) & (steady["left_phase"] < 0.55) & (steady["time"] > 1.0)
+    relief = assisted["left_ankle_torque"][late].mean() - steady["left_ankle_torque"][late].mean()
+    assert steady["left_ankle_torque"][late].mean() < -60.0
+    assert 7.0 < relief < 13.0
+    assert assisted["left_ankle_angle"][late].mean() < steady["left_ankle_angle"][late].mean() - 0.01
+
+
+@pytest.mark.parametrize("torque", [100.0, -100.0])
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_torque_that_never_ends_keeps_the_leg_within_its_ranges(joint, torque):
+    """Steps of 5 ms: within 0.8 rad of the joint's range, and slower than 90 rad/s."""
+    trace = walk(8.0, rate=200, assistance={f"left_{joint}_assistance": torque})
+    for each, lower, upper in (("hip", -0.7, 2.2), ("knee", -0.15, 2.5), ("ankle", -1.0, 0.8)):
+        angle = trace[f"left_{each}_angle"]
+        assert lower - 0.8 < angle.min() and angle.max() < upper + 0.8
+        assert np.abs(trace[f"left_{each}_velocity"]).max() < 90.0
+    assert np.abs(trace["right_knee_angle"]).max() < 1.3
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_assistance_that_is_not_finite_reaches_the_outputs(value):
+    trace = walk(0.1, assistance={"right_knee_assistance": value})
+    assert np.all(np.isfinite(trace["right_knee_angle"][:1])) and not np.any(np.isfinite(trace["right_knee_angle"][2:]))
+    assert np.all(np.isnan(trace["right_knee_torque"][3:]))
+
+
+@pytest.mark.parametrize(
+    "parameters, message",
+    [
+        ({"speed": "0:0 2"}, 'the speed must be a number in m/s or times and speeds as in "0:0 2:1.2"'),
+        ({"speed": "0:0 0:1"}, "the times of the speed must increase"),
+        ({"speed": 3.0}, r"the speed must be from 0 to 1.96 m/s for this body and motion: got 3.0"),
+        ({"speed": math.nan}, "the speed must be"),
+        ({"motion": "run"}, "must be one of walk"),
+    ],
+)
+def test_walker_rejects_speeds_that_it_has_no_motion_for(parameters, message):
+    with Diagram("walk", rate=RATE), pytest.raises(DiagramError, match=message):
+        Walker(**parameters)
+
+
+def test_norms_are_the_fit_of_the_measured_curves():
+    shared("gait/walk_stairs_norms_adult_bovi2011.csv")
+    from tests.blocks.wearer.fit_norms import NORMS, module
+
+    assert module() == NORMS.read_text(encoding="utf-8")
+
+
+def recorded(name):
+    return np.genfromtxt(shared(f"gait/{name}.csv"), delimiter=",", names=True)
+
+
+def test_curves_are_within_one_deviation_of_people_that_the_fit_has_not_seen(steady):
+    """Mean over the stride of the distance from Pinzone's clinical centre, in its standard deviations."""
+    norms = recorded("walk_norms_pinzone2014_centre1")
+    first = (steady["time"] > 1.0) & (steady["time"] < 3.0)
+    order = np.argsort(steady["left_phase"][first])
+    phase = steady["left_phase"][first][order]
+
+    def distance(values, column):
+        at = np.interp(norms["gait_cycle_percent"] / 100.0, phase, values[first][order])
+        return np.abs(at - norms[f"{column}_mean"]).mean() / norms[f"{column}_sd"].mean()
+
+    moments = ("hip_extensor_moment_Nm_kg", "knee_extensor_moment_Nm_kg", "ankle_plantarflexor_moment_Nm_kg")
+    angles = ("hip_flexion_deg", "knee_flexion_deg", "ankle_dorsiflexion_deg")
+    for joint, angle, moment in zip(JOINTS, angles, moments):
+        assert distance(np.degrees(steady[f"left_{joint}_angle"]), angle) < 1.0
+        assert distance(-steady[f"left_{joint}_torque"] / 70.0, moment) < 1.0
