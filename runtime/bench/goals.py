@@ -30,6 +30,9 @@ SENSORS_SHARE = 0.1  # of one processor, for eight sensors at 500 Hz
 LATENESS_BESIDE_SENSORS_RATIO = 1.5  # times the lateness of the loop alone
 PARSER_MB_S = 200.0  # MB/s
 PARSER_OVER_PYTHON_RATIO = 10.0
+GAIT_ESTIMATORS = ("thigh: Kalman", "shank: Kalman", "knee: Kalman")
+GAIT_TIMING_MS = 15.0  # ms, median
+GAIT_PHASE_PERCENT = {"steady": 1.5, "sine": 2.5, "steps": 5.0}  # % of a stride, RMS
 LATENESS_WITH_VIEWS_RATIO = 1.5  # times the lateness without viewers, p99
 
 
@@ -156,3 +159,21 @@ def of_views(viewed: Kept, alone: Kept, dropped: int) -> list[Goal]:
         Goal("all viewers on, lateness p99", viewed.late(0.99) / alone.late(0.99), LATENESS_WITH_VIEWS_RATIO, "times"),
         Goal("all viewers on, records dropped", dropped, 0, "records"),
     ]
+
+
+def of_gait(legs: Sequence[dict[str, dict[str, dict[str, float]]]]) -> list[Goal]:
+    """Return the goals of the estimators that need no contact, worst leg. legs : {estimator: {condition: errors}}"""
+    found = []
+    for name in GAIT_ESTIMATORS:
+        rows = [leg[name] for leg in legs if name in leg]
+        if not rows:
+            continue
+        lost = max(row["steady"]["missed"] + row["steady"]["invented"] for row in rows)
+        found.append(Goal(f"{name}, steady: missed and invented", lost, 0.0, "strikes"))
+        found.append(
+            Goal(f"{name}, steady: timing", max(row["steady"]["median_ms"] for row in rows), GAIT_TIMING_MS, "ms")
+        )
+        for condition, bound in GAIT_PHASE_PERCENT.items():
+            worst = max(row[condition]["phase_rms_percent"] for row in rows)
+            found.append(Goal(f"{name}, {condition}: phase", worst, bound, "% RMS"))
+    return found

@@ -9,11 +9,11 @@ from runtime.base.errors import OK, BadInput
 from runtime.bench import goals
 from runtime.bench.measure import interleave, table
 from runtime.bench.report import Report, machine, machine_lines
-from runtime.cli.bench import bus, can, clock, sensors, views
+from runtime.cli.bench import bus, can, clock, gait, sensors, views
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
-COMMANDS = {"bus": bus, "can": can, "clock": clock, "sensors": sensors, "views": views}
+COMMANDS = {"bus": bus, "can": can, "clock": clock, "gait": gait, "sensors": sensors, "views": views}
 KNEE_EXO = Path(__file__).parents[3] / "diagrams" / "knee_exo.py"
 
 
@@ -30,6 +30,7 @@ def main(arguments: Sequence[str]) -> int:
         "bench clock         lateness of the loop, compared with a C loop\n"
         "bench bus           cost of a bus and of the guardian, stop time after kill -9\n"
         "bench can           cost of eight drives per tick, and replies lost at 1000 Hz\n"
+        "bench gait          errors of the gait estimators on recorded walking\n"
         "bench sensors       cost of eight inertial sensors on serial lines\n"
         "bench views         lateness of the loop with every recorder and viewer on",
     )

@@ -1,0 +1,104 @@
+"""Detectors of heel strike: from ground contact, and from the motion of shank, thigh or knee."""
+
+from __future__ import annotations
+
+import math
+
+from cext.kernels import gait_events as kernels
+from graph import Block, Input, Memory, Output, Param
+
+
+class _Events(Block):
+    shortest = Param(0.5, "s", "shortest stride; an event earlier after a strike is ignored", above=0.0)
+
+    strike = Output("1", "true for one tick at each heel strike", dtype=bool)
+    strides = Output("1", "number of heel strikes since the start", dtype=int)
+    elapsed = Output("s", "time since the last heel strike")
+    timing = Memory((math.inf, 1.1, math.inf, 0.0), "time since the strike, last stride, time to the strike, strikes")
+
+
+class ContactEvents(_Events):
+    """Heel strike from the load under a foot: load = (force − zero) / (peak − zero) rises through `rising`.
+
+    Zero and peak are the extremes of a 9-sample median over the last 1.5 to 3 s with steps, so that drift, another
+    scale and lost samples, which read 0, make no difference. Contact begins at once, ends 0.05 s after the load fell
+    below `falling`, and is a strike after 0.1 s without contact. The force may have any scale of which `smallest` is a
+    small part. Limits: the first stride after the start sets the scale; a zero that jumps by more than the threshold is
+    found again after 3 s. Direct feedthrough; NaN and infinity pass and are not stored. (thresholds relative to the
+    recent range: Catalfamo et al. 2008; median against lost samples: Tukey 1977)
+    """
+
+    rising = Param(0.1, "1", "load at which contact begins", above=0.0, below=1.0)
+    falling = Param(0.06, "1", "load below which contact ends", above=0.0, below=1.0)
+    smallest = Param(20.0, "any", "smallest range of the force while walking, in its unit", above=0.0)
+
+    force = Input("any", "vertical force, or pressure, under the foot")
+    contact = Output("1", "true while the foot carries load", dtype=bool)
+    load = Output("1", "force relative to zero and peak")
+    recent = Memory((0.0,) * 9, "last samples")
+    window = Memory((math.inf, -math.inf, 0.0, math.inf, -math.inf, math.inf, -math.inf, 0.0), "zero, peak, windows")
+    state = Memory((0.0, 0.0, 0.0), "contact, time below the falling threshold, time without contact")
+
+    kernel = kernels.contact_events
+
+    def configure(self) -> None:
+        if self.falling > self.rising:
+            raise ValueError(f"falling, {self.falling:g}, must not be above rising, {self.rising:g}")
+
+
+class GyroEvents(_Events):
+    """Heel strike from the angular rate of a shank: the end of its forward swing.
+
+    After a mid-swing peak above half the typical one, the rate falls through zero; the strike follows `lead` of the
+    last stride later. The typical peak adapts to the wearer and decays with 5 s. Limits: level walking; a bias of
+    the gyroscope shifts the zero crossing; a signal of opposite sign is not detected. Direct feedthrough; NaN and
+    infinity pass and are not stored.   (Aminian et al. 2002; Jasiewicz et al. 2006)
+    """
+
+    lead = Param(0.028, "1", "strike after the zero crossing, as a fraction of a stride", min=0.0, max=0.2)
+    smallest = Param(1.0, "rad/s", "smallest mid-swing peak", above=0.0)
+
+    velocity = Input("rad/s", "sagittal angular rate of the shank, positive when it swings forward")
+    peak = Memory((0.0, 0.0), "typical peak, and peak of this swing")
+
+    kernel = kernels.gyro_events
+
+
+class ThighEvents(_Events):
+    """Heel strike from the angle of a thigh: `lead` of a stride after it rises through 70 % of its range in swing.
+
+    The range adapts to the wearer, and shrinks after 2 s without an event; an event needs an angle below 30 % before.
+    In the mean curves of adults from 0.85 to 1.96 m/s that level is passed at 72.4 to 73.7 % of the stride (Bovi et al.
+    2011; 73.3 % in Pinzone et al. 2014), where the maximum of the angle is anywhere from 86 to 101 %. Limits: level
+    walking; a change of speed within the lead shifts the strike by as much; hip flexion of other activities has the
+    same rise. Direct feedthrough; NaN and infinity pass and are not stored.
+    """
+
+    lead = Param(0.272, "1", "strike after the level, as a fraction of a stride", min=0.0, max=0.5)
+    smallest = Param(0.15, "rad", "smallest range", above=0.0)
+
+    angle = Input("rad", "flexion of the thigh from vertical, or of the hip")
+    extremes = Memory((math.inf, -math.inf, math.inf, -math.inf, 0.0), "range in use, range since the event, armed")
+
+    kernel = kernels.thigh_events
+
+
+class KneeEvents(_Events):
+    """Heel strike from the angle of a knee: `lead` of a stride after the end of its extension in late swing.
+
+    The flexion in swing is a maximum after a rise by half the typical height, which adapts to the wearer: a stiff knee
+    with 0.6 of the range, or less, is followed as well. The extension ends when the angle has fallen by 60 % of that
+    rise and the velocity to 15 % of its peak. Limits: a knee that flexes more in stance than half as far as in swing;
+    stairs. Direct feedthrough; NaN and infinity pass and are not stored.
+    (terminal swing: Winter 1991)
+    """
+
+    lead = Param(0.031, "1", "strike after the end of the extension, as a fraction of a stride", min=0.0, max=0.2)
+    smallest = Param(0.2, "rad", "smallest height of a swing", above=0.0)
+
+    angle = Input("rad", "knee flexion")
+    velocity = Input("rad/s", "knee flexion velocity")
+    turns = Memory((1.0, math.nan, 0.0, 0.0, 0.0, 0.0), "direction, extreme, its age, typical and last height")
+    extension = Memory((0.0, 0.0, 0.0), "extending after swing, peak extension velocity, angle at the peak")
+
+    kernel = kernels.knee_events

@@ -1,0 +1,77 @@
+"""Gait phase from filters that run in step with the leg: adaptive oscillators, and a Kalman filter."""
+
+from __future__ import annotations
+
+import math
+
+from cext.kernels import gait_phase as kernels
+from graph import Block, Input, Memory, Output, Param
+
+
+class AdaptiveOscillator(Block):
+    """Gait phase from coupled oscillators that learn frequency and shape of an angle.
+
+    θ̂ = α₀ + Σ αᵢ sin φᵢ,  e = θ − θ̂,  φ̇ᵢ = i ω + ν e / Σα cos φᵢ,  ω̇ = ν_ω e / Σα cos φ₁,  α̇ᵢ = η e sin φᵢ,  α̇₀ = η e.
+    (Righetti et al. 2006; Ronsse et al. 2013) The phase is φ₁ less its value at heel strike, the mean of the first ten
+    after 4 s; then `correction` of the difference is corrected at each strike (Yan et al. 2017). Limits: locks within
+    about five strides, and lags while the speed changes. Direct feedthrough; NaN and infinity give NaN and are not
+    stored.
+    """
+
+    start = Param(0.9, "Hz", "frequency at the start", above=0.2, max=2.5, fixed=True)
+    harmonics = Param(3, "1", "number of oscillators", min=1, max=8, fixed=True)
+    phase_gain = Param(12.0, "1/s", "ν, gain of the phases", min=0.0)
+    frequency_gain = Param(20.0, "1/s²", "ν_ω, gain of the frequency", min=0.0)
+    amplitude_gain = Param(2.0, "1/s", "η, gain of the amplitudes", min=0.0)
+    correction = Param(0.3, "1", "share of the phase error at a strike that is corrected; 0 for none", min=0.0, max=1.0)
+
+    angle = Input("rad", "flexion of the thigh from vertical, or of the hip")
+    strike = Input("1", "true for one tick at heel strike", dtype=bool)
+    phase = Output("1", "gait phase: 0 at heel strike, 1 at the next", range=(0.0, 1.0), circle=(0.0, 1.0))
+    walking = Output("1", "true while the oscillators follow the angle", dtype=bool, range=(0.0, 1.0))
+    frequency = Output("Hz", "stride frequency")
+    state = Memory((0.0, 0.0, 0.0, 0.0, 0.0), "offset of phase, ω, α₀, time, mean squared error")
+    amplitudes = Memory(0.0, "amplitudes αᵢ, then phases φᵢ")
+    zero = Memory((0.0, 0.0, 0.0, math.inf), "offset: cosines, sines, strikes; time since the last strike")
+
+    kernel = kernels.adaptive_oscillator
+
+    def configure(self) -> None:
+        self.state = (0.0, 2.0 * math.pi * self.start, 0.0, 0.0, 0.0)
+        self.amplitudes = (0.3,) + (0.0,) * (2 * self.harmonics - 1)
+
+
+class PhaseKalmanFilter(Block):
+    """Gait phase from an extended Kalman filter on the wearer's own waveform of an angle.
+
+    State: phase φ, frequency f, amplitude g, offset b. Measurements: θ = mean + g w(φ) + b and θ̇ = g w′(φ) f, w a
+    Fourier series of 8 harmonics, the mean of the last ten strides between heel strikes. The noise of each measurement
+    is relative to the standard deviation of angle and velocity over a stride, so that amplitude, sign and segment make
+    no difference. Errors are limited to three standard deviations. `walking` is true above 0.3 Hz while the angle
+    follows the waveform. Limits: two strides are learned first; a strike detected late delays the phase by as much.
+    Direct feedthrough; NaN and infinity give NaN and are not stored.
+    (phase-based Kalman filter: Thatte et al. 2019; Medrano et al. 2023)
+    """
+
+    phase_noise = Param(0.02, "1", "phase noise per root of a stride", min=0.0)
+    frequency_noise = Param(0.2, "Hz", "change of frequency per root of a second", min=0.0)
+    angle_noise = Param(0.4, "1", "noise of the angle over its standard deviation", above=0.0)
+    velocity_noise = Param(1.0, "1", "noise of the velocity over its standard deviation", above=0.0)
+
+    angle = Input("rad", "periodic angle of the leg: thigh, shank, hip or knee")
+    velocity = Input("rad/s", "velocity of the angle")
+    strike = Input("1", "true for one tick at heel strike", dtype=bool)
+    phase = Output("1", "gait phase: 0 at heel strike, 1 at the next", range=(0.0, 1.0), circle=(0.0, 1.0))
+    walking = Output("1", "true while the phase is known and advances", dtype=bool, range=(0.0, 1.0))
+    frequency = Output("Hz", "stride frequency, 0 while unknown")
+    deviation = Output("1", "angle less its prediction, over the standard deviation of a stride")
+    state = Memory((0.0, 0.0, 1.0, 0.0), "phase, frequency, amplitude, offset")
+    covariance = Memory((0.0,) * 16, "covariance of the state")
+    waveform = Memory((0.0,) * 17, "mean, cosine and sine amplitudes")
+    stride = Memory(0.0, "angles since the last strike")
+    learning = Memory((math.inf,) + (0.0,) * 6, "time since strike, samples, strides, rejected, on, misfit, unlike")
+
+    kernel = kernels.phase_kalman
+
+    def prepare(self, dt: float) -> None:
+        self.stride = [0.0] * (math.ceil(2.5 / dt) + 1)

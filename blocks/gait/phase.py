@@ -1,0 +1,55 @@
+"""Gait phase of a leg: from the time since heel strike, and from the portrait of the thigh."""
+
+from __future__ import annotations
+
+import math
+
+from cext.kernels import gait_phase as kernels
+from graph import Block, Input, Memory, Output, Param
+
+
+class StridePhase(Block):
+    """Gait phase from heel strikes: phase = min(elapsed / mean stride time, 1).
+
+    The mean is over the last `count` strides. `walking` is true from the third strike until one and a half strides
+    pass without one; a stride outside `shortest` to `longest` starts the mean again. Limits: a change of speed within
+    a stride shows at the next strike only. Direct feedthrough; NaN passes.
+    (time-based estimation, as in Zhang et al. 2017)
+    """
+
+    count = Param(3, "1", "number of strides in the mean", min=1, max=20)
+    shortest = Param(0.5, "s", "shortest accepted stride", above=0.0)
+    longest = Param(2.5, "s", "longest accepted stride", above=0.0)
+
+    strike = Input("1", "true for one tick at heel strike", dtype=bool)
+    phase = Output("1", "gait phase: 0 at heel strike, 1 at the next", range=(0.0, 1.0), circle=(0.0, 1.0))
+    walking = Output("1", "true while the phase is known", dtype=bool, range=(0.0, 1.0))
+    stride_time = Output("s", "mean stride time, 0 while unknown")
+    state = Memory((math.inf, 0.0, 0.0), "time since the strike, mean stride time, consecutive strides")
+
+    kernel = kernels.stride_phase
+
+    def configure(self) -> None:
+        if self.shortest >= self.longest:
+            raise ValueError(f"shortest, {self.shortest:g} s, must be below longest, {self.longest:g} s")
+
+
+class PhasePortrait(Block):
+    """Gait phase from angle and velocity of a thigh: phase = atan2(−ω / ω_max, 2 (θ − θ_mid) / range) − offset.
+
+    The extremes of the last stride scale the portrait; the offset is the angle of the portrait at heel strike, the mean
+    of the first ten. It responds at once, needs no timing, and never runs backwards. Limits: the phase is not linear in
+    time (5 to 8 % RMS of a stride), and it stands still with the thigh. Direct feedthrough; NaN and infinity give NaN.
+    (Villarreal et al. 2016; Quintero et al. 2018)
+    """
+
+    angle = Input("rad", "flexion of the thigh from vertical, or of the hip")
+    velocity = Input("rad/s", "velocity of the thigh or hip")
+    strike = Input("1", "true for one tick at heel strike", dtype=bool)
+    phase = Output("1", "gait phase: 0 at heel strike, 1 at the next", range=(0.0, 1.0), circle=(0.0, 1.0))
+    walking = Output("1", "true while strikes come within 3 s of each other", dtype=bool, range=(0.0, 1.0))
+    extremes = Memory((0.0, 0.0, 0.0, math.inf, -math.inf, 0.0), "smallest, largest angle, speed: in use, and new")
+    zero = Memory((0.0, 0.0, 0.0, math.inf), "offset: cosines, sines, strikes; time since the last strike")
+    latest = Memory(0.0, "phase one tick before")
+
+    kernel = kernels.phase_portrait

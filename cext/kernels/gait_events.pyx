@@ -1,0 +1,312 @@
+# cython: freethreading_compatible=True
+"""Detectors of heel strike."""
+
+from libc.math cimport INFINITY, NAN, fabs
+from libc.stdint cimport int32_t
+
+from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
+from cext.kernels.limits cimport is_finite
+
+cdef enum:
+    MEDIAN_COUNT = 9
+
+cdef double STRIDE_LIMIT = 3.0          # s, longer intervals contain a stop
+cdef double RANGE_DECAY_TIME = 5.0      # s, time constant with which an adaptive range shrinks
+cdef double SHRINK_AFTER = 2.0          # s without an event
+cdef double RELEASE_TIME = 0.05         # s below the threshold that end a contact
+cdef double SWING_TIME = 0.1            # s without contact before the next strike
+cdef double WINDOW = 1.5                # s, half of the time over which the load range is measured
+
+
+cdef struct Events:
+    int32_t strike, strides, elapsed, shortest
+    int32_t timing              # see below
+
+cdef enum:
+    SINCE = 0                   # s since the last strike
+    STRIDE = 1                  # s, last stride
+    DUE = 2                     # s until the strike; infinite without a pending one
+    COUNT = 3                   # strikes since the start
+
+
+cdef inline int finish(double *arena, const Events *at, bint missing) noexcept nogil:
+    """Advance the time, report a strike that is due, and write the outputs."""
+    cdef double *timing = arena + at.timing
+    cdef bint strike = False
+    timing[SINCE] += arena[DT]
+    if timing[DUE] <= 0.5 * arena[DT]:
+        timing[DUE] = INFINITY
+        if timing[SINCE] >= arena[at.shortest]:
+            if timing[SINCE] <= STRIDE_LIMIT:
+                timing[STRIDE] = timing[SINCE]
+            strike = True
+            timing[SINCE] = 0.0
+            timing[COUNT] += 1.0
+    else:
+        timing[DUE] -= arena[DT]
+    arena[at.strike] = NAN if missing else strike
+    arena[at.strides] = timing[COUNT]
+    arena[at.elapsed] = NAN if missing else timing[SINCE]
+    return OK
+
+
+# Contact
+
+cdef struct Contact:
+    Events events
+    int32_t force, contact, load, rising, falling, smallest
+    int32_t recent              # the last samples, oldest overwritten first
+    int32_t window              # see below
+    int32_t state               # contact, time below the falling threshold, time without contact
+
+CONTACT = items((<Contact *>ITEMS)[0], "timing[4] recent[9] window[8] state[3]")
+
+cdef enum:
+    ZERO = 0
+    PEAK = 1
+    WINDOW_TIME = 2
+    WINDOW_LOW = 3
+    WINDOW_HIGH = 4
+    OLD_LOW = 5                 # of the window before
+    OLD_HIGH = 6
+    FILLED = 7                  # samples in `recent`
+
+
+cdef inline double median(double *recent, double *filled, double x) noexcept nogil:
+    """Store x and return the median of the last samples: drop-outs shift neither zero nor peak."""
+    cdef double ordered[MEDIAN_COUNT]
+    cdef int n = <int>filled[0]
+    cdef int i, j
+    for i in range(MEDIAN_COUNT - 1):
+        recent[i] = recent[i + 1]
+    recent[MEDIAN_COUNT - 1] = x
+    if n < MEDIAN_COUNT:
+        n += 1
+        filled[0] = n
+    for i in range(n):
+        x = recent[MEDIAN_COUNT - n + i]
+        j = i
+        while j > 0 and ordered[j - 1] > x:
+            ordered[j] = ordered[j - 1]
+            j -= 1
+        ordered[j] = x
+    return ordered[n // 2]
+
+
+cdef int contact_kernel(double *arena, const Contact *at, const Contact *sizes) noexcept nogil:
+    cdef double force = arena[at.force]
+    cdef double *w = arena + at.window
+    cdef double *state = arena + at.state
+    cdef double smooth, low, high, span, level
+    if not is_finite(force):
+        arena[at.contact] = NAN
+        arena[at.load] = NAN
+        return finish(arena, &at.events, True)
+    # 1. A lost sample reads 0, which is implausible where the zero of the sensor is elsewhere.
+    if force == 0.0 and fabs(w[ZERO]) > 0.05 * (w[PEAK] - w[ZERO]) and w[FILLED] > 0.0:
+        force = (arena + at.recent)[MEDIAN_COUNT - 1]
+    # 2. Zero and peak: extremes of the last one to two windows. A window without a step, as in standing, is left out.
+    smooth = median(arena + at.recent, w + FILLED, force)
+    w[WINDOW_LOW] = min(w[WINDOW_LOW], smooth)
+    w[WINDOW_HIGH] = max(w[WINDOW_HIGH], smooth)
+    w[WINDOW_TIME] += arena[DT]
+    low = min(w[WINDOW_LOW], w[OLD_LOW])
+    high = max(w[WINDOW_HIGH], w[OLD_HIGH])
+    if high - low >= max(arena[at.smallest], 0.3 * (w[PEAK] - w[ZERO])):
+        w[ZERO] = low
+        w[PEAK] = high
+    else:
+        w[ZERO] = min(w[ZERO], low)
+    if w[WINDOW_TIME] >= WINDOW:
+        w[WINDOW_TIME] = 0.0
+        if w[WINDOW_HIGH] - w[WINDOW_LOW] >= max(arena[at.smallest], 0.3 * (w[PEAK] - w[ZERO])):
+            w[OLD_LOW] = w[WINDOW_LOW]
+            w[OLD_HIGH] = w[WINDOW_HIGH]
+        w[WINDOW_LOW] = INFINITY
+        w[WINDOW_HIGH] = -INFINITY
+    # 3. Contact begins at once and ends after RELEASE_TIME, so that a drop-out does not end it.
+    span = max(w[PEAK] - w[ZERO], arena[at.smallest]) if is_finite(w[ZERO] + w[PEAK]) else INFINITY
+    level = (force - w[ZERO]) / span if is_finite(span) else 0.0
+    if state[0] != 0.0:
+        state[1] = state[1] + arena[DT] if level < arena[at.falling] else 0.0
+        if state[1] >= RELEASE_TIME:
+            state[0] = 0.0
+            state[2] = state[1]
+    else:
+        state[2] += arena[DT]
+        if level > arena[at.rising]:
+            state[0] = 1.0
+            state[1] = 0.0
+            if state[2] >= SWING_TIME:
+                (arena + at.events.timing)[DUE] = 0.0
+    arena[at.contact] = state[0]
+    arena[at.load] = level
+    return finish(arena, &at.events, False)
+
+
+# Thigh
+
+cdef struct Thigh:
+    Events events
+    int32_t angle, lead, smallest
+    int32_t extremes            # see below
+
+THIGH = items((<Thigh *>ITEMS)[0], "timing[4] extremes[5]")
+
+cdef enum:
+    LOW = 0                     # in use
+    HIGH = 1
+    NEW_LOW = 2                 # since the last event
+    NEW_HIGH = 3
+    ARMED = 4                   # 1 after the angle was in the lower part of its range
+
+
+cdef int thigh_kernel(double *arena, const Thigh *at, const Thigh *sizes) noexcept nogil:
+    cdef double *timing = arena + at.events.timing
+    cdef double *e = arena + at.extremes
+    cdef double angle = arena[at.angle]
+    cdef double shrink, level
+    if not is_finite(angle):
+        return finish(arena, &at.events, True)
+    # 1. The range grows at once; each event moves it to the range since the one before, and without events it shrinks.
+    e[NEW_LOW] = min(e[NEW_LOW], angle)
+    e[NEW_HIGH] = max(e[NEW_HIGH], angle)
+    if e[HIGH] > e[LOW] and timing[SINCE] > SHRINK_AFTER:
+        shrink = 0.5 * (e[HIGH] - e[LOW]) * min(1.0, arena[DT] / RANGE_DECAY_TIME)
+        e[LOW] += shrink
+        e[HIGH] -= shrink
+    e[LOW] = min(e[LOW], angle)
+    e[HIGH] = max(e[HIGH], angle)
+    # 2. An event is the rise through a level, after the angle was low.
+    level = (angle - e[LOW]) / max(e[HIGH] - e[LOW], arena[at.smallest])
+    if level < 0.3:
+        e[ARMED] = 1.0
+    elif level > 0.7 and e[ARMED] != 0.0:
+        e[ARMED] = 0.0
+        timing[DUE] = arena[at.lead] * timing[STRIDE]
+        if e[NEW_HIGH] - e[NEW_LOW] > arena[at.smallest] and timing[COUNT] > 0.0:
+            e[LOW] += 0.5 * (e[NEW_LOW] - e[LOW])
+            e[HIGH] += 0.5 * (e[NEW_HIGH] - e[HIGH])
+        e[NEW_LOW] = INFINITY
+        e[NEW_HIGH] = -INFINITY
+    return finish(arena, &at.events, False)
+
+
+# Knee
+
+cdef struct Swing:
+    int32_t angle, smallest
+    int32_t turns               # see below
+
+cdef enum:
+    RISING = 0                  # 1 or -1
+    EXTREME = 1                 # largest or smallest angle since the last turn
+    AGE = 2                     # s since the extreme
+    RANGE = 3                   # typical height of a swing
+    BEFORE = 4                  # the extreme before
+    HEIGHT = 5                  # of the last rise
+
+
+cdef inline bint swing_peak(double *arena, const Swing *at, double reversal) noexcept nogil:
+    """Follow the turning points of an angle. Return whether a maximum after a large rise was confirmed.
+
+    reversal : change that confirms a turning point, as a fraction of the typical height
+    """
+    cdef double angle = arena[at.angle]
+    cdef double *t = arena + at.turns
+    cdef double step
+    t[AGE] += arena[DT]
+    t[RANGE] -= t[RANGE] * arena[DT] / RANGE_DECAY_TIME
+    if t[RANGE] < arena[at.smallest]:
+        t[RANGE] = arena[at.smallest]
+    step = reversal * t[RANGE]
+    if not is_finite(t[EXTREME]):
+        t[EXTREME] = t[BEFORE] = angle
+        t[RISING] = 1.0
+    if t[RISING] > 0.0:
+        if angle >= t[EXTREME]:
+            t[EXTREME] = angle
+            t[AGE] = 0.0
+        elif angle < t[EXTREME] - step:
+            t[HEIGHT] = t[EXTREME] - t[BEFORE]
+            t[BEFORE] = t[EXTREME]
+            t[EXTREME] = angle
+            t[RISING] = -1.0
+            if t[HEIGHT] >= 0.5 * t[RANGE]:
+                t[RANGE] += (1.0 if t[HEIGHT] > t[RANGE] else 0.5) * (t[HEIGHT] - t[RANGE])
+                return True
+    elif angle <= t[EXTREME]:
+        t[EXTREME] = angle
+        t[AGE] = 0.0
+    elif angle > t[EXTREME] + step:
+        t[BEFORE] = t[EXTREME]
+        t[EXTREME] = angle
+        t[AGE] = 0.0
+        t[RISING] = 1.0
+    return False
+
+
+cdef struct Knee:
+    Events events
+    Swing swing
+    int32_t velocity, lead
+    int32_t extension           # 1 while the knee extends after swing; largest extension velocity; angle at the peak
+
+KNEE = items((<Knee *>ITEMS)[0], "timing[4] turns[6] extension[3]")
+
+
+cdef int knee_kernel(double *arena, const Knee *at, const Knee *sizes) noexcept nogil:
+    cdef double *timing = arena + at.events.timing
+    cdef double *turns = arena + at.swing.turns
+    cdef double *extension = arena + at.extension
+    cdef double angle = arena[at.swing.angle]
+    cdef double velocity = arena[at.velocity]
+    if not (is_finite(angle) and is_finite(velocity)):
+        return finish(arena, &at.events, True)
+    if swing_peak(arena, &at.swing, 0.1):
+        extension[0] = 1.0
+        extension[1] = 0.0
+        extension[2] = turns[BEFORE]
+    if extension[0] != 0.0:
+        extension[1] = min(extension[1], velocity)
+        if angle < extension[2] - 0.6 * turns[HEIGHT] and velocity > 0.15 * extension[1]:
+            extension[0] = 0.0
+            timing[DUE] = arena[at.lead] * timing[STRIDE]
+        elif turns[RISING] > 0.0:
+            extension[0] = 0.0          # flexes again before it was straight: no strike
+    return finish(arena, &at.events, False)
+
+
+# Gyroscope
+
+cdef struct Gyro:
+    Events events
+    int32_t velocity, smallest, lead
+    int32_t peak                # typical and present peak of mid-swing
+
+GYRO = items((<Gyro *>ITEMS)[0], "timing[4] peak[2]")
+
+
+cdef int gyro_kernel(double *arena, const Gyro *at, const Gyro *sizes) noexcept nogil:
+    cdef double *timing = arena + at.events.timing
+    cdef double *peak = arena + at.peak
+    cdef double rate = arena[at.velocity]
+    if not is_finite(rate):
+        return finish(arena, &at.events, True)
+    peak[0] -= peak[0] * arena[DT] / RANGE_DECAY_TIME
+    if peak[0] < arena[at.smallest]:
+        peak[0] = arena[at.smallest]
+    if rate > 0.5 * peak[0] and rate > peak[1]:
+        peak[1] = rate
+    if peak[1] > 0.0 and rate < 0.0:
+        # The forward swing of the shank has ended.
+        peak[0] += (1.0 if peak[1] > peak[0] else 0.5) * (peak[1] - peak[0])
+        peak[1] = 0.0
+        timing[DUE] = arena[at.lead] * timing[STRIDE]
+    return finish(arena, &at.events, False)
+
+
+contact_events = export(<kernel_t>contact_kernel, CONTACT)
+thigh_events = export(<kernel_t>thigh_kernel, THIGH)
+knee_events = export(<kernel_t>knee_kernel, KNEE)
+gyro_events = export(<kernel_t>gyro_kernel, GYRO)

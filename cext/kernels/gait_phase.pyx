@@ -1,0 +1,401 @@
+# cython: freethreading_compatible=True
+"""Estimators of the gait phase."""
+
+from libc.math cimport INFINITY, NAN, atan2, cos, fabs, floor, sin, sqrt
+from libc.stdint cimport int32_t
+
+from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
+from cext.kernels.limits cimport is_finite
+
+cdef enum:
+    HARMONICS = 8
+    LEARNED_STRIKES = 10
+
+cdef double TURN = 6.283185307179586
+cdef double CADENCE_LIMIT = 2.5         # Hz
+cdef double WALKING_CADENCE = 0.3       # Hz, below it the leg stands
+
+
+cdef inline double wrapped(double phase) noexcept nogil:
+    """Return a phase in 0 <= phase < 1; 1 - epsilon cannot round to 1."""
+    phase -= floor(phase)
+    return phase if phase < 1.0 else 0.0
+
+
+cdef inline double nearest(double difference) noexcept nogil:
+    """Return a difference of phases, the shorter way round."""
+    return difference - floor(difference + 0.5)
+
+
+# Time since strike
+
+cdef struct Stride:
+    int32_t strike, phase, walking, stride_time, shortest, longest, count
+    int32_t state               # s since the strike, mean stride time, number of consecutive strides
+
+STRIDE = items((<Stride *>ITEMS)[0], "state[3]")
+
+
+cdef int stride_kernel(double *arena, const Stride *at, const Stride *sizes) noexcept nogil:
+    cdef double strike = arena[at.strike]
+    cdef double *s = arena + at.state
+    cdef double share
+    s[0] += arena[DT]
+    if strike != 0.0 and strike == strike:
+        if s[0] >= arena[at.shortest] and s[0] <= arena[at.longest]:
+            s[2] += 1.0
+            share = 1.0 / min(s[2], arena[at.count])
+            s[1] += share * (s[0] - s[1])
+        else:
+            s[2] = 0.0
+        s[0] = 0.0
+    elif s[0] > arena[at.longest] or (s[2] > 0.0 and s[0] > 1.5 * s[1]):
+        s[2] = 0.0
+        s[0] = INFINITY
+    arena[at.phase] = 0.0 if strike == strike else NAN
+    arena[at.walking] = 0.0
+    arena[at.stride_time] = 0.0
+    if s[2] >= 2.0:
+        arena[at.stride_time] = s[1]
+        if strike == strike:
+            arena[at.phase] = min(s[0] / s[1], 1.0)
+            arena[at.walking] = 1.0
+    return OK
+
+
+# Phase portrait
+
+cdef struct Portrait:
+    int32_t angle, velocity, strike, phase, walking
+    int32_t extremes            # smallest, largest angle, largest speed: in use, then of this stride
+    int32_t zero                # sum of cosines and sines of the angle at strikes, their number, s since the last
+    int32_t latest              # the phase before
+
+PORTRAIT = items((<Portrait *>ITEMS)[0], "extremes[6] zero[4]")
+
+
+cdef inline void learn_zero(double *zero, double turns) noexcept nogil:
+    """Enter the phase at a strike, in turns, into the zero of the wearer, learned in the first ten strikes."""
+    if zero[2] < LEARNED_STRIKES:
+        zero[0] += cos(TURN * turns)
+        zero[1] += sin(TURN * turns)
+        zero[2] += 1.0
+
+
+cdef int portrait_kernel(double *arena, const Portrait *at, const Portrait *sizes) noexcept nogil:
+    cdef double angle = arena[at.angle]
+    cdef double velocity = arena[at.velocity]
+    cdef double strike = arena[at.strike]
+    cdef double *e = arena + at.extremes
+    cdef double *zero = arena + at.zero
+    cdef double turns, advance
+    cdef int k
+    if not (is_finite(angle) and is_finite(velocity)) or strike != strike:
+        arena[at.phase] = NAN
+        arena[at.walking] = 0.0
+        return OK
+    zero[3] += arena[DT]
+    e[3] = min(e[3], angle)
+    e[4] = max(e[4], angle)
+    e[5] = max(e[5], fabs(velocity))
+    turns = 0.0
+    if e[1] > e[0] and e[2] > 0.0:
+        turns = atan2(-velocity / e[2], (2.0 * angle - e[0] - e[1]) / (e[1] - e[0])) / TURN
+    if strike != 0.0:
+        if zero[3] < 3.0:       # a whole stride: its extremes scale the next one
+            for k in range(3):
+                e[k] = e[3 + k]
+            learn_zero(zero, turns)
+        e[3] = INFINITY
+        e[4] = -INFINITY
+        e[5] = 0.0
+        zero[3] = 0.0
+    arena[at.phase] = 0.0
+    arena[at.walking] = 0.0
+    if zero[2] >= 3.0:
+        turns = wrapped(turns - atan2(zero[1], zero[0]) / TURN)
+        advance = nearest(turns - arena[at.latest])
+        if advance >= 0.0 or advance < -0.25:       # noise does not run it backwards
+            arena[at.latest] = turns
+        arena[at.phase] = arena[at.latest]
+        arena[at.walking] = zero[3] < 3.0
+    return OK
+
+
+# Adaptive oscillators
+
+cdef struct Oscillator:
+    int32_t angle, strike, phase, walking, frequency
+    int32_t phase_gain, frequency_gain, amplitude_gain, correction
+    int32_t state               # phase in rad, frequency in rad/s, offset, seconds of learning, mean squared error
+    int32_t amplitudes          # cosine and sine amplitude per harmonic
+    int32_t zero                # as of the portrait
+
+OSCILLATOR = items((<Oscillator *>ITEMS)[0], "state[5] amplitudes[...] zero[4]")
+
+
+cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator *sizes) noexcept nogil:
+    cdef double angle = arena[at.angle]
+    cdef double strike = arena[at.strike]
+    cdef double dt = arena[DT]
+    cdef double *s = arena + at.state
+    cdef double *a = arena + at.amplitudes
+    cdef double *zero = arena + at.zero
+    cdef int n = sizes.amplitudes // 2
+    cdef double error, total, push, power, offset
+    cdef int i
+    if not is_finite(angle) or strike != strike:
+        arena[at.phase] = NAN
+        arena[at.walking] = 0.0
+        arena[at.frequency] = NAN
+        return OK
+    # 1. The learned signal: offset and one oscillator for each harmonic.
+    error = angle - s[2]
+    total = 0.0
+    power = 0.0
+    for i in range(n):
+        error -= a[i] * sin(a[n + i])
+        total += fabs(a[i])
+        power += 0.5 * a[i] * a[i]
+    # 2. Each oscillator follows its share of the error; the first one also adapts the frequency.
+    total = max(total, 1e-3)
+    push = error / total
+    push = max(-1.0, min(1.0, push))
+    s[2] += arena[at.amplitude_gain] * error * dt
+    for i in range(n):
+        a[i] += arena[at.amplitude_gain] * error * sin(a[n + i]) * dt
+    offset = cos(a[n])
+    for i in range(n):
+        a[n + i] += ((i + 1) * s[1] + arena[at.phase_gain] * push * cos(a[n + i])) * dt
+        a[n + i] -= TURN * floor(a[n + i] / TURN)
+    s[1] += arena[at.frequency_gain] * push * offset * dt
+    s[1] = max(0.1 * TURN, min(CADENCE_LIMIT * TURN, s[1]))
+    s[3] += dt
+    s[4] += (error * error - s[4]) * min(1.0, dt)
+    # 3. Phase zero at heel strike: learned in the first ten strikes, then corrected at each.
+    zero[3] += dt
+    if strike != 0.0:
+        zero[3] = 0.0
+        if s[3] > 4.0:
+            if zero[2] < LEARNED_STRIKES:
+                learn_zero(zero, a[n] / TURN)
+                s[0] = atan2(zero[1], zero[0]) / TURN
+            else:
+                s[0] += arena[at.correction] * nearest(a[n] / TURN - s[0])
+    arena[at.frequency] = s[1] / TURN
+    arena[at.walking] = zero[2] >= 3.0 and s[4] < 0.25 * power
+    arena[at.phase] = wrapped(a[n] / TURN - s[0]) if zero[2] >= 3.0 else 0.0
+    return OK
+
+
+# Kalman filter on a learned waveform
+
+cdef struct Kalman:
+    int32_t angle, velocity, strike, phase, walking, frequency, deviation
+    int32_t phase_noise, frequency_noise, angle_noise, velocity_noise
+    int32_t state               # phase, frequency in Hz, amplitude, offset, both relative to the waveform
+    int32_t covariance          # 4 x 4
+    int32_t waveform            # mean, then a cosine and a sine amplitude per harmonic
+    int32_t stride              # the angles since the last strike
+    int32_t learning            # see below
+
+KALMAN = items((<Kalman *>ITEMS)[0], "state[4] covariance[16] waveform[17] stride[...] learning[7]")
+
+cdef enum:
+    SINCE = 0                   # s since the last strike
+    SAMPLES = 1                 # stored since then
+    STRIDES = 2                 # that the waveform was learned from
+    REJECTED = 3                # consecutive strides of another shape
+    RUNNING = 4                 # 1 once the filter runs
+    MISFIT = 5                  # mean squared deviation
+    UNLIKE = 6                  # consecutive strikes at another phase
+
+
+cdef inline void spectrum(const double *x, int n, double *mean, double *cosines, double *sines) noexcept nogil:
+    """The Fourier coefficients of one period of n samples."""
+    cdef double c, s, c1, s1, t
+    cdef int h, i
+    mean[0] = 0.0
+    for i in range(n):
+        mean[0] += x[i] / n
+    for h in range(HARMONICS):
+        c1 = cos(TURN * (h + 1) / n)
+        s1 = sin(TURN * (h + 1) / n)
+        c = 1.0
+        s = 0.0
+        cosines[h] = sines[h] = 0.0
+        for i in range(n):
+            cosines[h] += x[i] * c
+            sines[h] += x[i] * s
+            t = c * c1 - s * s1
+            s = s * c1 + c * s1
+            c = t
+        cosines[h] *= 2.0 / n
+        sines[h] *= 2.0 / n
+
+
+cdef inline void learn(double *w, double *learning, const double *x, int n) noexcept nogil:
+    """Average one stride into the waveform, unless its shape differs. Three different ones in a row start it again."""
+    cdef double mean
+    cdef double c[HARMONICS]
+    cdef double s[HARMONICS]
+    cdef double power = 0.0
+    cdef double unlike = 0.0
+    cdef double share
+    cdef int h
+    spectrum(x, n, &mean, c, s)
+    for h in range(HARMONICS):
+        power += w[1 + h] * w[1 + h] + w[1 + HARMONICS + h] * w[1 + HARMONICS + h]
+        unlike += (c[h] - w[1 + h]) * (c[h] - w[1 + h]) + (s[h] - w[1 + HARMONICS + h]) * (s[h] - w[1 + HARMONICS + h])
+    if learning[STRIDES] > 0.0 and unlike > 0.25 * power:
+        learning[REJECTED] += 1.0
+        if learning[REJECTED] < 3.0:
+            return
+        learning[STRIDES] = 0.0
+    learning[REJECTED] = 0.0
+    learning[STRIDES] += 1.0
+    share = 1.0 / min(learning[STRIDES], LEARNED_STRIKES)
+    w[0] += share * (mean - w[0])
+    for h in range(HARMONICS):
+        w[1 + h] += share * (c[h] - w[1 + h])
+        w[1 + HARMONICS + h] += share * (s[h] - w[1 + HARMONICS + h])
+
+
+cdef inline void correct(double *x, double *p, const double *gradient, double error, double variance) noexcept nogil:
+    """One scalar measurement update. The error is limited to three standard deviations."""
+    cdef double gain[4]
+    cdef double total = variance
+    cdef double most
+    cdef int i, j
+    for i in range(4):
+        gain[i] = 0.0
+        for j in range(4):
+            gain[i] += p[4 * i + j] * gradient[j]
+        total += gain[i] * gradient[i]
+    most = 3.0 * sqrt(total)
+    error = max(-most, min(most, error))
+    for i in range(4):
+        x[i] += gain[i] * error / total
+    for i in range(4):
+        for j in range(4):
+            p[4 * i + j] -= gain[i] * gain[j] / total
+
+
+cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noexcept nogil:
+    cdef double angle = arena[at.angle]
+    cdef double velocity = arena[at.velocity]
+    cdef double strike = arena[at.strike]
+    cdef double dt = arena[DT]
+    cdef double *x = arena + at.state
+    cdef double *p = arena + at.covariance
+    cdef double *w = arena + at.waveform
+    cdef double *learning = arena + at.learning
+    cdef double gradient[4]
+    cdef double deviation = 0.0
+    cdef double power, speed, shape, slope, bend, jerk, c, s, c1, s1, t, error, pace
+    cdef int pass_, h, i
+    if not (is_finite(angle) and is_finite(velocity)) or strike != strike:
+        arena[at.phase] = NAN
+        arena[at.walking] = 0.0
+        arena[at.frequency] = NAN
+        arena[at.deviation] = NAN
+        return OK
+    learning[SINCE] += dt
+    # 1. A stride between two strikes enters the waveform.
+    if strike != 0.0:
+        if learning[SINCE] >= 0.4 and learning[SINCE] <= 2.5 and learning[SAMPLES] <= sizes.stride:
+            learn(w, learning, arena + at.stride, <int>learning[SAMPLES])
+            learning[UNLIKE] = learning[UNLIKE] + 1.0 if fabs(nearest(x[0])) > 0.15 else 0.0
+            if learning[STRIDES] >= 2.0 and (learning[RUNNING] == 0.0 or learning[UNLIKE] >= 2.0):
+                learning[RUNNING] = 1.0
+                x[0] = 0.0
+                x[1] = 1.0 / learning[SINCE]
+                x[2] = 1.0
+                x[3] = 0.0
+                for i in range(16):
+                    p[i] = 0.0
+                p[0] = p[10] = p[15] = 1e-3
+                p[5] = 1e-2
+                learning[MISFIT] = 0.0
+        learning[SINCE] = 0.0
+        learning[SAMPLES] = 0.0
+    if learning[SAMPLES] < sizes.stride:
+        arena[at.stride + <int>learning[SAMPLES]] = angle
+    learning[SAMPLES] = min(learning[SAMPLES] + 1.0, sizes.stride + 1.0)
+    if learning[RUNNING] != 0.0 and learning[STRIDES] > 0.0:
+        # 2. Predict: the phase advances at the frequency.
+        pace = max(x[1], 0.05) * dt
+        x[0] += x[1] * dt
+        for i in range(4):
+            p[i] += dt * p[4 + i]
+        for i in range(4):
+            p[4 * i] += dt * p[4 * i + 1]
+        p[0] += arena[at.phase_noise] * arena[at.phase_noise] * pace
+        p[5] += arena[at.frequency_noise] * arena[at.frequency_noise] * dt
+        p[10] += 1e-4 * pace
+        p[15] += 1e-4 * pace
+        power = 0.0
+        speed = 0.0
+        for h in range(HARMONICS):
+            t = w[1 + h] * w[1 + h] + w[1 + HARMONICS + h] * w[1 + HARMONICS + h]
+            power += 0.5 * t
+            speed += 0.5 * t * (h + 1) * (h + 1)
+        power = max(sqrt(power), 1e-9)
+        speed = max(TURN * sqrt(speed), 1e-9)
+        # 3. Correct by the angle, then by the velocity, each relative to its standard deviation over the stride.
+        for pass_ in range(2):
+            c1 = cos(TURN * x[0])
+            s1 = sin(TURN * x[0])
+            c = 1.0
+            s = 0.0
+            shape = slope = bend = jerk = 0.0
+            for h in range(HARMONICS):
+                t = c * c1 - s * s1
+                s = s * c1 + c * s1
+                c = t
+                t = TURN * (h + 1)
+                error = w[1 + h] * c + w[1 + HARMONICS + h] * s
+                shape += error
+                bend -= t * t * error
+                error = w[1 + HARMONICS + h] * c - w[1 + h] * s
+                slope += t * error
+                jerk -= t * t * t * error
+            if pass_ == 0:
+                gradient[0] = x[2] * slope / power
+                gradient[1] = 0.0
+                gradient[2] = shape / power
+                gradient[3] = 1.0
+                error = (angle - w[0] - x[2] * shape) / power - x[3]
+                deviation = error
+                t = x[2] * bend / power * p[0]
+                correct(x, p, gradient, error, arena[at.angle_noise] * arena[at.angle_noise] + 0.5 * t * t)
+            else:
+                gradient[0] = x[2] * bend * x[1] / speed
+                gradient[1] = x[2] * slope / speed
+                gradient[2] = slope * x[1] / speed
+                gradient[3] = 0.0
+                error = (velocity - x[2] * slope * x[1]) / speed
+                t = x[2] * jerk * x[1] / speed * p[0]
+                c = arena[at.velocity_noise] * max(x[1], 0.3)
+                correct(x, p, gradient, error, c * c + 0.5 * t * t)
+        x[0] = wrapped(x[0])
+        x[1] = max(0.0, min(CADENCE_LIMIT, x[1]))
+        x[2] = max(0.3, min(2.0, x[2]))
+        learning[MISFIT] += (deviation * deviation - learning[MISFIT]) * min(1.0, 5.0 * dt)
+        if not is_finite(x[0] + x[1] + x[2] + x[3]):
+            learning[RUNNING] = learning[STRIDES] = 0.0
+            x[0] = 0.0
+            deviation = 0.0
+    arena[at.deviation] = deviation
+    arena[at.phase] = arena[at.frequency] = arena[at.walking] = 0.0
+    if learning[RUNNING] != 0.0:
+        arena[at.phase] = x[0]
+        arena[at.frequency] = x[1]
+        arena[at.walking] = x[1] > WALKING_CADENCE and learning[MISFIT] < 0.5
+    return OK
+
+
+stride_phase = export(<kernel_t>stride_kernel, STRIDE)
+phase_portrait = export(<kernel_t>portrait_kernel, PORTRAIT)
+adaptive_oscillator = export(<kernel_t>oscillator_kernel, OSCILLATOR)
+phase_kalman = export(<kernel_t>kalman_kernel, KALMAN)

@@ -1,0 +1,110 @@
+"""Legs of recorded walking for `bench gait`: from CSV files, from recordings, and a built-in walk."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from runtime.analysis.trial import Trial
+from runtime.base.errors import BadInput
+from runtime.bench.gait import Leg
+
+# Names of each signal in a CSV file, with `lt` or `rt` for SIDE; the first one that exists is used.
+COLUMNS = {
+    "thigh": ("thigh_pitch_SIDE_deg", "hip_flexion_SIDE_deg"),
+    "shank": ("shank_pitch_SIDE_deg",),
+    "knee": ("knee_flexion_SIDE_deg",),
+    "contact": ("contact_SIDE", "grf_vertical_SIDE_N"),
+}
+SIDES = {"left": "lt", "right": "rt"}
+CONTACT_LOAD = 0.05  # of the largest load: contact
+# Flexion in degrees at every 5 % of an average stride of 20 adults at 1.2 m/s, from heel strike, rounded.
+# (Bovi et al. 2011, Gait & Posture 33:6-13)
+HIP_FLEXION = (33, 32, 30, 25, 20, 14, 8, 2, -3, -6, -8, -7, -2, 7, 17, 25, 31, 34, 33, 31)
+KNEE_FLEXION = (8, 13, 19, 19, 16, 13, 10, 8, 7, 9, 14, 23, 37, 53, 62, 62, 54, 39, 19, 5)
+STANCE_SHARE = 0.62  # of the stride
+STRIDES = 60
+STRIDE_TIME, STRIDE_TIME_DEVIATION = 1.1, 0.02  # s
+RATE = 200.0  # Hz
+HARMONICS = 6
+
+
+def built_in() -> list[Leg]:
+    """Return one leg of an average adult with varying stride times: series of hip and knee, shank from both."""
+    random = np.random.default_rng(1)
+    ends = np.cumsum(STRIDE_TIME + STRIDE_TIME_DEVIATION * random.normal(size=STRIDES))
+    time = np.arange(0.0, ends[-1], 1.0 / RATE)
+    stride = np.searchsorted(ends, time, side="right")
+    begins = np.concatenate(([0.0], ends))
+    phase = (time - begins[stride]) / (begins[stride + 1] - begins[stride])
+    thigh, knee = series(HIP_FLEXION, phase), series(KNEE_FLEXION, phase)
+    contact = (phase < STANCE_SHARE).astype(float)
+    return [Leg("left", time, {"thigh": thigh, "shank": thigh - knee, "knee": knee}, contact)]
+
+
+def series(degrees: tuple[int, ...], phase: np.ndarray) -> np.ndarray:
+    """Return the Fourier series of a table over the stride, in rad."""
+    spectrum = np.fft.rfft(np.radians(degrees)) / len(degrees)
+    terms = [spectrum[k] * np.exp(2j * np.pi * k * phase) for k in range(1, HARMONICS + 1)]
+    return spectrum[0].real + 2.0 * np.sum(terms, axis=0).real
+
+
+def legs(path: Path, names: Mapping[str, str]) -> list[Leg]:
+    """Return the legs of a CSV file or recording. names : {"left.thigh": name of the signal}
+
+    Raises BadInput without a leg that has a contact and an angle.
+    """
+    time, columns, units = of_csv(path) if path.suffix == ".csv" else of_recording(path, names)
+    unknown = next((name for name in names.values() if name not in columns), None)
+    if unknown is not None:
+        raise BadInput(f"{path} has no signal {unknown!r}; it has {', '.join(list(columns)[:20])}")
+    found = []
+    for side, suffix in SIDES.items():
+        signals = {}
+        for kind, candidates in COLUMNS.items():
+            own = names.get(f"{side}.{kind}")
+            choices = (own,) if own else tuple(name.replace("SIDE", suffix) for name in candidates)
+            name = next((name for name in choices if name in columns), None)
+            if name is not None:
+                factor = math.radians(1.0) if kind != "contact" and units.get(name) == "deg" else 1.0
+                signals[kind] = factor * columns[name]
+        contact = signals.pop("contact", None)
+        if contact is not None and signals:
+            loaded = contact > CONTACT_LOAD * max(float(np.nanmax(contact)), 1e-9)
+            found.append(Leg(side, time, signals, loaded.astype(float)))
+    if not found:
+        raise BadInput(
+            f"{path} has no leg with a contact and an angle: expected columns such as contact_lt and "
+            "thigh_pitch_lt_deg, or --signal left.contact=NAME --signal left.thigh=NAME"
+        )
+    return found
+
+
+def of_csv(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, str]]:
+    """Return (time, {column: values}, {column: unit}). Names end in their unit: knee_deg, or `knee [deg]`."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = [row for row in csv.reader(stream) if row]
+        values = np.array([[float(text) if text else math.nan for text in row] for row in rows[1:]])
+    except (OSError, UnicodeDecodeError, csv.Error, ValueError) as error:
+        raise BadInput(f"cannot read {path}: {error}") from None
+    header = [name.strip() for name in rows[0]] if rows else []
+    names = [name.split(" [")[0] for name in header]
+    if "time" not in names or values.shape != (len(rows) - 1, len(names)) or len(values) < 100:
+        raise BadInput(f"{path} must have a column `time` in s and at least 100 complete rows")
+    units = {
+        name: "deg" if "deg" in full[len(name) :] or name.endswith("_deg") else "" for name, full in zip(names, header)
+    }
+    columns = {name: values[:, index] for index, name in enumerate(names)}
+    return columns["time"], columns, units
+
+
+def of_recording(path: Path, names: Mapping[str, str]) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, str]]:
+    """Return the same from a recording. names : signals to read"""
+    trial = Trial(path)
+    known = [name for name in names.values() if name in trial.signals]
+    return (trial.time, {name: trial[name].astype(float) for name in known}, {name: trial.unit(name) for name in known})

@@ -1,0 +1,94 @@
+"""Heel strikes from ground contact, shank, thigh and knee."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+
+from blocks.gait import ContactEvents, GyroEvents, KneeEvents, ThighEvents
+from runtime.bench.gait import play
+from runtime.bench.gait_recordings import built_in
+from tests.blocks.gait.walks import RATE, vertical_force
+from tests.blocks.running import both_ways, inside
+from tests.shared import shared
+
+WALK = play(built_in()[0], "steady", RATE)
+DETECTORS = {
+    "gyro": (GyroEvents, {"velocity": "shank_velocity"}),
+    "thigh": (ThighEvents, {"angle": "thigh"}),
+    "knee": (KneeEvents, {"angle": "knee", "velocity": "knee_velocity"}),
+}
+
+
+def late(outputs, strikes, begin=4.0, rate=RATE):
+    """Delay in s of each estimate after its true strike; every strike after `begin` has one estimate."""
+    times = np.flatnonzero(outputs["strike"] == 1.0) / rate
+    times, strikes = times[times > begin - 0.3], strikes[strikes > begin]
+    delays = [times[np.argmin(np.abs(times - strike))] - strike for strike in strikes]
+    between = times[(times > strikes[0] - 0.3) & (times < strikes[-1] + 0.3)]
+    assert len(between) == len(strikes) and np.abs(delays).max() < 0.3
+    return np.array(delays)
+
+
+def dropped(force, share, seed):
+    return np.where(np.random.default_rng(seed).random(len(force)) < share, 0.0, force)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("scale", [1.0, 0.1])
+def test_contact_loses_no_strike_at_a_tenth_of_the_force_with_drift_and_drop_outs(seed, scale):
+    random = np.random.default_rng(seed)
+    force, strikes = vertical_force(1.1 + 0.03 * random.normal(size=40))
+    drift = np.linspace(0.0, 60.0, len(force))
+    for zero in (drift, 60.0, -drift):
+        outputs = inside(ContactEvents, force=dropped(scale * force + zero, 0.02, seed))
+        assert np.median(np.abs(late(outputs, strikes))) < 0.015
+
+
+def test_contact_recovers_from_a_jump_of_its_zero_and_holds_during_standing():
+    force, strikes = vertical_force(np.full(30, 1.1))
+    jumped = 0.1 * force + np.where(np.arange(len(force)) > 10 * 220, 60.0, 0.0)
+    late(inside(ContactEvents, force=jumped), strikes, begin=10 * 1.1 + 4.0)
+    standing = np.concatenate((force, np.full(2000, 400.0), force))
+    outputs = inside(ContactEvents, force=standing)
+    assert outputs["contact"][len(force) + 100 : len(force) + 1900].all()
+    assert outputs["strides"][len(force) + 1990] - outputs["strides"][len(force) - 1] <= 1
+
+
+def test_contact_follows_the_recorded_force_of_a_treadmill():
+    with open(shared("gait/series_vertical_grf_moore2015.csv"), newline="") as file:
+        force = np.array([float(row["grf_vertical_N"]) for row in csv.DictReader(file)])
+    loaded = force > 40.0
+    true = (np.flatnonzero(loaded[1:] & ~loaded[:-1]) + 1) / 100.0
+    true = true[np.concatenate(([True], np.diff(true) > 0.5))]
+    for scale, zero in ((1.0, 0.0), (0.1, 60.0)):
+        outputs = inside(ContactEvents, rate=100, force=dropped(scale * force + zero, 0.02, 1))
+        assert np.median(np.abs(late(outputs, true, rate=100.0))) <= 0.02
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_every_strike_of_steady_walking_is_detected_once_at_any_amplitude(name):
+    block, inputs = DETECTORS[name]
+    for scale in (1.0, 0.6, 1.3):
+        outputs = inside(block, **{port: scale * WALK.signals[signal] for port, signal in inputs.items()})
+        delays = late(outputs, WALK.strikes)
+        assert np.median(np.abs(delays)) <= 0.015 and np.abs(delays).max() < 0.06
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_stepped_by_hand_it_is_the_block_of_a_diagram(name):
+    block, inputs = DETECTORS[name]
+    both_ways(block, **{port: WALK.signals[signal][:1200] for port, signal in inputs.items()})
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_a_missing_sample_gives_nan_and_is_not_stored(name):
+    block, inputs = DETECTORS[name]
+    signals = {port: WALK.signals[signal][:2400].copy() for port, signal in inputs.items()}
+    clean = inside(block, **signals)
+    for values in signals.values():
+        values[1500] = math.nan
+    outputs = inside(block, **signals)
+    assert math.isnan(outputs["strike"][1500]) and math.isnan(outputs["elapsed"][1500])
+    assert outputs["strides"][-1] == clean["strides"][-1]

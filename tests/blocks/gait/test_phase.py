@@ -1,0 +1,99 @@
+"""Gait phase: from time since strike, phase portrait, oscillators and Kalman filter."""
+
+import math
+
+import numpy as np
+import pytest
+
+from blocks.gait import AdaptiveOscillator, PhaseKalmanFilter, PhasePortrait, StridePhase
+from runtime.bench.gait import play
+from runtime.bench.gait_recordings import built_in
+from tests.blocks.gait.walks import RATE
+from tests.blocks.running import both_ways, inside
+
+LEG = built_in()[0]
+
+
+def walk(condition="steady"):
+    """(walk, strike for each tick), with the true strikes."""
+    played = play(LEG, condition, RATE)
+    strike = np.zeros(len(played.time), dtype=bool)
+    strike[np.round(played.strikes * RATE).astype(int)] = True
+    return played, strike
+
+
+def inputs(block, played, strike, scale=1.0):
+    signals = {"strike": strike}
+    if block is not StridePhase:
+        signals["angle"] = scale * played.signals["thigh"]
+    if block in (PhasePortrait, PhaseKalmanFilter):
+        signals["velocity"] = scale * played.signals["thigh_velocity"]
+    return signals
+
+
+def error(outputs, played, begin=14.0):
+    """RMS of the phase error in % of a stride."""
+    chosen = (played.time > begin) & np.isfinite(played.phase) & played.moving
+    difference = (outputs["phase"] - played.phase + 0.5)[chosen] % 1.0 - 0.5
+    return 100.0 * np.sqrt(np.mean(difference**2))
+
+
+@pytest.mark.parametrize(
+    "block, condition, bound",
+    [
+        (StridePhase, "steady", 1.5),
+        (AdaptiveOscillator, "steady", 1.5),
+        (AdaptiveOscillator, "sine", 3.0),
+        (PhaseKalmanFilter, "steady", 0.5),
+        (PhaseKalmanFilter, "sine", 1.5),
+        (PhaseKalmanFilter, "steps", 2.5),
+        (PhaseKalmanFilter, "stops", 2.0),
+    ],
+)
+def test_phase_error(block, condition, bound):
+    played, strike = walk(condition)
+    outputs = inside(block, **inputs(block, played, strike))
+    assert error(outputs, played) < bound
+
+
+@pytest.mark.parametrize("scale", [0.6, -1.0])
+def test_the_kalman_filter_learns_any_amplitude_and_sign(scale):
+    played, strike = walk("sine")
+    outputs = inside(PhaseKalmanFilter, **inputs(PhaseKalmanFilter, played, strike, scale))
+    assert error(outputs, played) < 1.5
+
+
+def test_the_kalman_filter_holds_its_phase_while_the_leg_stands():
+    played, strike = walk("stops")
+    outputs = inside(PhaseKalmanFilter, **inputs(PhaseKalmanFilter, played, strike))
+    still = np.flatnonzero((played.signals["thigh_velocity"] == 0.0) & (played.time > 14.0))
+    later = still[np.isin(still - 60, still)]  # 0.3 s after it has stopped
+    assert len(later) > 500 and not outputs["walking"][later].any()
+    assert np.abs(outputs["frequency"][later]).max() < 0.1
+
+
+@pytest.mark.parametrize("block", [StridePhase, PhasePortrait, AdaptiveOscillator, PhaseKalmanFilter])
+def test_stepped_by_hand_it_is_the_block_of_a_diagram(block):
+    played, strike = walk()
+    both_ways(block, **{name: values[:1600] for name, values in inputs(block, played, strike).items()})
+
+
+@pytest.mark.parametrize("block", [PhasePortrait, AdaptiveOscillator, PhaseKalmanFilter])
+def test_a_missing_sample_gives_nan_and_is_not_stored(block):
+    played, strike = walk()
+    signals = inputs(block, played, strike)
+    signals["angle"] = signals["angle"].copy()
+    signals["angle"][3003] = math.nan
+    outputs = inside(block, **signals)
+    assert math.isnan(outputs["phase"][3003]) and np.isfinite(outputs["phase"][3004:]).all()
+    outputs["phase"][3003] = played.phase[3003]
+    assert error(outputs, played) < 9.0
+
+
+def test_time_since_strike_starts_again_after_a_stop():
+    strike = np.zeros(2400, dtype=bool)
+    strike[[100, 320, 540, 760, 1700, 1920, 2140]] = True
+    outputs = inside(StridePhase, strike=strike)
+    walking = np.flatnonzero(np.diff(outputs["walking"]))
+    assert list(walking + 1) == [540, 760 + 331, 2140]
+    assert outputs["phase"][650] == pytest.approx(0.5, abs=0.001)
