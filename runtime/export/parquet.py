@@ -31,44 +31,38 @@ def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
     path : of the file, which is overwritten
     progress : called with the fraction that is done
     """
+    kinds = {name: np.dtype(DTYPES.get(signal["dtype"], float)) for name, signal in trial.signals.items()}
+    while wide := write_as(kinds, trial, path, progress):
+        kinds |= dict.fromkeys(wide, np.dtype(float))
+
+
+def write_as(kinds: dict[str, np.dtype], trial: Trial, path: str, progress: Callable[[float], None]) -> list[str]:
+    """Write the file with these types of the signals.
+
+    kinds : {path: dtype}
+
+    Returns the paths of signals with values that their type lacks, after which the file is incomplete.
+    """
     arrow, parquet = need("pyarrow", "a Parquet file"), need("pyarrow.parquet", "a Parquet file")
-    kinds = {"time": np.dtype(float), "tick": np.dtype(np.int64), **types(trial)}
     units = {"time": "s", "tick": "1", **{name: signal["unit"] for name, signal in trial.signals.items()}}
-    schema = arrow.schema(
-        [
-            arrow.field(name, arrow.from_numpy_dtype(kind), metadata={"unit": units[name]})
-            for name, kind in kinds.items()
-        ],
-        metadata={
-            ABOUT: json.dumps(
-                {"about": trial.about, "end": trial.end, "events": trial.events, "diagram": trial.diagram},
-                ensure_ascii=False,
-            )
-        },
-    )
-    few, done = with_few_values(trial), 0
-    codings = {name: ENCODINGS[kind.name] for name, kind in kinds.items() if name not in few}
+    types = {"time": np.dtype(float), "tick": np.dtype(np.int64), **kinds}
+    fields = [arrow.field(name, arrow.from_numpy_dtype(types[name]), metadata={"unit": units[name]}) for name in types]
+    about = {"about": trial.about, "end": trial.end, "events": trial.events, "diagram": trial.diagram}
+    schema = arrow.schema(fields, metadata={ABOUT: json.dumps(about, ensure_ascii=False)})
+    groups, done = trial.row_groups(ROW_GROUP), 0
+    rows: Rows | None = next(groups, Rows.empty(0, len(kinds)))
+    few = [name for name, values in zip(kinds, rows.values.T) if len(np.unique(values)) <= DICTIONARY_LIMIT]
+    codings = {name: ENCODINGS[kind.name] for name, kind in types.items() if name not in few}
     with parquet.ParquetWriter(path, schema, compression="zstd", use_dictionary=few, column_encoding=codings) as writer:
-        for rows in trial.row_groups(ROW_GROUP):
-            columns = [rows.tick / trial.about["rate"], rows.tick, *rows.values.T]
-            arrays = [arrow.array(np.asarray(values, kind)) for values, kind in zip(columns, kinds.values())]
+        while rows is not None:
+            signals = dict(zip(kinds, rows.values.T))
+            wide = [name for name, kind in kinds.items() if kind.kind != "f" and not holds(kind.type, signals[name])]
+            if wide:
+                return wide
+            columns = [rows.tick / trial.about["rate"], rows.tick, *signals.values()]
+            arrays = [arrow.array(np.asarray(values, kind)) for values, kind in zip(columns, types.values())]
             writer.write_table(arrow.Table.from_arrays(arrays, schema=schema))
             done += len(rows.tick)
-            progress(done / len(trial))
-
-
-def types(trial: Trial) -> dict[str, np.dtype]:
-    """Return {path: dtype} of the signals. An int or bool with values that its type lacks is a double."""
-    kinds = {name: np.dtype(DTYPES.get(signal["dtype"], float)) for name, signal in trial.signals.items()}
-    whole = {name: place for place, (name, kind) in enumerate(kinds.items()) if kind.kind != "f"}
-    for rows in trial.row_groups(ROW_GROUP, [*whole.values()]) if whole else ():
-        for name, values in zip(whole, rows.values.T):
-            if not holds(kinds[name].type, values):
-                kinds[name] = np.dtype(float)
-    return kinds
-
-
-def with_few_values(trial: Trial) -> list[str]:
-    """Return the paths of the signals for whose values in the first row group a dictionary is small."""
-    rows = next(trial.row_groups(ROW_GROUP), Rows.empty(0, len(trial.signals)))
-    return [name for name, values in zip(trial.signals, rows.values.T) if len(np.unique(values)) <= DICTIONARY_LIMIT]
+            progress(done / max(1, len(trial)))
+            rows = next(groups, None)
+    return []

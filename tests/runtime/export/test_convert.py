@@ -449,17 +449,22 @@ def test_candump_needs_a_can_bus(command_line, recording):
     assert message == f"{recording} has no CAN bus"
 
 
-def test_parquet_keeps_every_bit_of_signals_with_few_and_with_many_values(command_line, tmp_path):
+def test_parquet_keeps_every_bit_of_signals_with_few_and_with_many_values(command_line, tmp_path, monkeypatch):
     parquet = pytest.importorskip("pyarrow.parquet")
+    monkeypatch.setattr("runtime.export.parquet.ROW_GROUP", 18_000)
     noise = np.random.default_rng(1).standard_normal(40_000)
-    rows = [row(tick, noise[tick], round(noise[tick] * 50) / 50, tick % 3, math.nan) for tick in range(len(noise))]
-    signals = columns("a.noise 1", "a.wire 1", "a.state 1 int", "a.lost 1 int")
+    rows = [
+        row(tick, value, round(value * 50) / 50, tick % 3, math.nan, math.nan if tick == 39_000 else tick)
+        for tick, value in enumerate(noise)
+    ]
+    signals = columns("a.noise 1", "a.wire 1", "a.state 1 int", "a.lost 1 int", "a.lost_once 1 int")
     record(plan(tmp_path, sink(CSV, "csv", signals), stem="noise"), rows, page=SharedState(1 << 23))
     path = converted(command_line, tmp_path / "noise.mcap", "parquet")
     table, trial = parquet.read_table(path), runtime.load(tmp_path / "noise.mcap")
     for name in trial.signals:
         assert bits(table[name].to_numpy()) == bits(trial[name]) and table[name].to_numpy().dtype == trial[name].dtype
+    assert parquet.ParquetFile(path).metadata.num_row_groups == 3
     metadata = parquet.ParquetFile(path).metadata.row_group(0)
-    encodings = {metadata.column(index).path_in_schema: metadata.column(index).encodings for index in range(6)}
+    encodings = {metadata.column(index).path_in_schema: metadata.column(index).encodings for index in range(7)}
     assert "BYTE_STREAM_SPLIT" in encodings["a.noise"] and "RLE_DICTIONARY" in encodings["a.wire"]
     assert os.path.getsize(path) < 8 * len(noise) * 1.3
