@@ -83,7 +83,7 @@ class ToolBus:
         fitness = look(bus, machine)
         self.remarks = fitness.remarks
         wire = SocketCanWire(bus.channel, bus.fd, fitness.virtual)
-        wire.listen([(0, 0, b"")])
+        wire.listen([(0, 0, "")])
         wire.socket.setsockopt(socket.SOL_CAN_RAW, ERROR_FILTER, struct.pack("=I", EVERY_ERROR))
         return wire
 

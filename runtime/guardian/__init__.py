@@ -5,17 +5,11 @@
     ...                                   # the run
     report = guardian.finish()
 
-The plan is a dict that can be encoded as JSON:
+The plan, a runtime.guardian.plan_types.Plan, is sent as JSON:
 
-    buses       for each bus: name, interface, channel, bitrate, fd, options (of python-can), virtual, line (its number;
-                None if the loop drives the bus itself)
-    devices     for each device: name, bus (index), zero and disable as [id, data], unanswered (number of disable frames
-                without a reply), replies as [id, mask, first digits], damp (as below, or None); data in hex digits, ids
-                with the flag bits of struct can_frame
-    damp        duration and round in s, acceleration in rad/s², bands as [highest speed in rad/s or None, frames as
-                above], velocity: the fields of graph.ReplyField with frames like replies, or None
-    relays      for each charge pump: descriptor of its line, gpio (whether it is a GPIO line), frames (two in hex
-                digits, sent alternately), hold in s
+    buses       interfaces of CAN buses
+    devices     frames of the safe stop, and the replies that confirm it
+    relays      charge pumps, which the guardian holds while it damps a joint
     items       names of what a tick can hang in, by the numbers that the loop's watchdog writes to the shared state
     limit       s without a tick after which the loop counts as stalled
     priority    of SCHED_FIFO, or None
@@ -25,6 +19,8 @@ GUARDIAN_SILENCE, or its thread has died, the loop ends the run. The control pro
 buses that the guardian carried with `take_over`.
 """
 
+from __future__ import annotations
+
 import json
 import math
 import os
@@ -33,6 +29,7 @@ import subprocess
 import time
 from contextlib import suppress
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from cext.clock.stopwatch import names
 from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
@@ -42,17 +39,29 @@ from runtime.guardian.relay import Relay
 from runtime.guardian.stop import SafeStop, decoded
 from runtime.guardian.wires import CannotOpen, open_wire
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from cext.ring.rings import Lines
+    from cext.safety.shared_state import SharedState
+    from graph import DampedStop, Diagram
+    from graph.schedule import Schedule
+    from runtime.guardian.lock import BusLock
+    from runtime.guardian.plan_types import EncodedFrame, Plan, PlanBus, PlanDamp, PlanRelay, PlanVelocity, StopReport
+
+
 READY_TIMEOUT = 30.0  # s
 LEAVE_TIMEOUT = 5.0  # s
 FLAGS = 0xE0000000  # of struct can_frame: extended, remote, error
 
 
 class GuardianError(Exception):
-    """Failure to start the guardian, so nothing may be armed. troubles : {bus: reason it cannot be opened}"""
+    """Failure to start the guardian, so nothing may be armed. problems : {bus: reason it cannot be opened}"""
 
-    def __init__(self, words, troubles):
-        super().__init__(words)
-        self.troubles = troubles
+    def __init__(self, text: str, problems: dict[str, str]) -> None:
+        super().__init__(text)
+        self.problems = problems
 
 
 class GuardianProcess(ChildProcess):
@@ -68,7 +77,14 @@ class GuardianProcess(ChildProcess):
     granted : privileges that it obtained, as text
     """
 
-    def __init__(self, page, lines, bell, locks, lines_of_relays=()):
+    def __init__(
+        self,
+        page: SharedState,
+        lines: Lines | None,
+        bell: int,
+        locks: Sequence[BusLock],
+        lines_of_relays: Sequence[int] = (),
+    ) -> None:
         page.take_hold()  # before another process waits for it
         self._page = page
         inherited = (
@@ -79,15 +95,17 @@ class GuardianProcess(ChildProcess):
             *lines_of_relays,
         )
         super().__init__("runtime.guardian.process", (page.fd, -1 if lines is None else lines.fd, bell), inherited)
-        self.granted, self._group = [], None
-        self._plan = {}
+        self.granted: list[str] = []
+        self._group: str | None = None
+        self._plan: Plan | None = None
 
-    def configure(self, plan):
+    def configure(self, plan: Plan) -> None:
         """Send the plan and wait until every bus is open. Raises GuardianError, with nothing left open."""
         self._plan = plan
+        answer: dict[str, Any] | None
         try:
             self._send(json.dumps(plan).encode() + b"\n")
-            import_interfaces(plan["buses"])  # in advance, since `take_over` must be fast
+            _import_interfaces(plan["buses"])  # in advance, since `take_over` must be fast
             answer = self._answer(READY_TIMEOUT)
         except BrokenPipeError:
             answer = None
@@ -100,7 +118,7 @@ class GuardianProcess(ChildProcess):
             )
         self.granted, self._group = answer["granted"], answer["group"]
 
-    def finish(self):
+    def finish(self) -> dict[str, Any]:
         """End the guardian after the run. Returns its report.
 
         stop : the safe stop that it performed, or None: `because` is "died", "stalled" or "hung"; `silent`, `took` in
@@ -116,10 +134,10 @@ class GuardianProcess(ChildProcess):
         how = self.kill(LEAVE_TIMEOUT if answer is not None else 0.0)
         return answer | {"died": None} if answer is not None else {"stop": None, "troubles": {}, "died": how}
 
-    def kill(self, grace=0.0):
+    def kill(self, grace: float = 0.0) -> str:
         """End the process, by force after `grace` s, and return how it ended."""
         if self._orders.closed:
-            return ending(self._child.returncode)
+            return _ending(self._child.returncode)
         self._page.let_go()
         try:
             self._orders.close()
@@ -133,24 +151,25 @@ class GuardianProcess(ChildProcess):
         os.close(self._answers)
         if self._group is not None:
             control_group.remove(self._group)
-        return ending(self._child.returncode)
+        return _ending(self._child.returncode)
 
-    def take_over(self):
+    def take_over(self) -> tuple[str, dict[str, str], StopReport]:
         """Open every bus and stop the actuators, if the guardian does not respond.
 
         Returns (how the guardian ended, {bus: reason it could not be opened}, report of the stop).
         """
         self._child.kill()  # reaped below, after the actuators are stopped
+        assert self._plan is not None
         deadline = time.monotonic() + GUARDIAN_KILL_LIMIT * 1e-9
         while not self._page.guardian_died and time.monotonic() < deadline:
             time.sleep(0.0002)
-        wires, troubles = {}, {}
+        wires, problems = {}, {}
         devices = [decoded(device) for device in self._plan["devices"]]
         for index, bus in enumerate(self._plan["buses"]):
             try:
                 wires[index] = open_wire(bus, again=True)
             except CannotOpen as error:
-                troubles[bus["name"]] = str(error)
+                problems[bus["name"]] = str(error)
         now = time.monotonic_ns()
         stop = SafeStop(devices, wires, now, relays=[Relay(relay, now) for relay in self._plan["relays"]])
         for index, wire in wires.items():
@@ -174,10 +193,10 @@ class GuardianProcess(ChildProcess):
             drained = before
         for wire in wires.values():
             wire.close()
-        return self.kill(), troubles, stop.report()
+        return self.kill(), problems, stop.report()
 
 
-def import_interfaces(buses):
+def _import_interfaces(buses: Sequence[PlanBus]) -> None:
     """Import what `open_wire` needs for the buses of the guardian. The guardian reports a failed import."""
     for bus in buses:
         if bus["line"] is not None:
@@ -187,16 +206,20 @@ def import_interfaces(buses):
                 import_module(can.interfaces.BACKENDS[bus["interface"]][0])
 
 
-def ending(code):
+def _ending(code: int) -> str:
+    """Return how a process ended: the name of its signal, or its exit code."""
     return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
-def plan(buses, schedule, diagram, priority, relays=()):
+def plan(
+    buses: list[PlanBus], schedule: Schedule, diagram: Diagram, priority: int | None, relays: Sequence[PlanRelay] = ()
+) -> Plan:
     """Return the guardian's plan.
 
-    buses : CAN buses, with the keys above
+    buses : CAN buses, in the order of the schedule
+    schedule, diagram : of the robot on its rig
     priority : of the loop's SCHED_FIFO, or None
-    relays : as above
+    relays : of charge pumps
     """
     place = {
         bus: number
@@ -208,13 +231,13 @@ def plan(buses, schedule, diagram, priority, relays=()):
             {
                 "name": device.name,
                 "bus": place[device.bus],
-                "zero": plain_frames(device.zero),
-                "disable": plain_frames(device.disable),
-                "damp": damping(device.damp),
+                "zero": _encoded_frames(device.zero),
+                "disable": _encoded_frames(device.disable),
+                "damp": _damping(device.damp),
                 "unanswered": device.unanswered,
                 "replies": [
-                    [flagged(wanted, extended), mask | FLAGS, begin if isinstance(begin, str) else begin.hex()]
-                    for wanted, mask, extended, begin in diagram[device.name].replies()
+                    (_with_flags(identifier, extended), mask | FLAGS, begin if isinstance(begin, str) else begin.hex())
+                    for identifier, mask, extended, begin in diagram[device.name].replies()
                 ],
             }
             for device in schedule.devices
@@ -227,33 +250,38 @@ def plan(buses, schedule, diagram, priority, relays=()):
     }
 
 
-def damping(stop):
+def _damping(stop: DampedStop | None) -> PlanDamp | None:
     """Convert a graph.DampedStop for the plan."""
     if stop is None:
         return None
     field = stop.velocity
-    velocity = (
-        None
-        if field is None
-        else vars(field)
-        | {
+    velocity: PlanVelocity | None = None
+    if field is not None:
+        velocity = {
             "frames": [
-                [flagged(wanted, extended), mask | FLAGS, begin.hex()] for wanted, mask, extended, begin in field.frames
-            ]
+                (_with_flags(identifier, extended), mask | FLAGS, begin.hex())
+                for identifier, mask, extended, begin in field.frames
+            ],
+            "first": field.first,
+            "bits": field.bits,
+            "low": field.low,
+            "high": field.high,
+            "signed": field.signed,
         }
-    )
     return {
         "duration": stop.duration,
         "round": stop.round,
         "acceleration": stop.acceleration,
         "velocity": velocity,
-        "bands": [[None if speed == math.inf else speed, plain_frames(frames)] for speed, frames in stop.bands],
+        "bands": [(None if speed == math.inf else speed, _encoded_frames(frames)) for speed, frames in stop.bands],
     }
 
 
-def plain_frames(frames):
-    return [[flagged(identifier, extended), bytes(data).hex()] for identifier, extended, data in frames]
+def _encoded_frames(frames) -> list[EncodedFrame]:
+    """Convert frames (arbitration id, is extended, data) for the plan."""
+    return [(_with_flags(identifier, extended), bytes(data).hex()) for identifier, extended, data in frames]
 
 
-def flagged(identifier, extended):
+def _with_flags(identifier: int, extended: bool) -> int:
+    """Return an arbitration id with the flag bits of struct can_frame."""
     return identifier | 0x80000000 * extended

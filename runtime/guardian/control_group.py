@@ -7,6 +7,8 @@ permitted: root may use all of it, a process below user@UID.service that part. E
 An empty group remains only if both the guardian and the run are killed; the next guardian removes it.
 """
 
+from __future__ import annotations
+
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +18,7 @@ from runtime.base.system import read
 PREFIX = "tickwork-guardian-"
 
 
-def enter():
+def enter() -> tuple[Path, Path] | None:
     """Move this process into a new group. Returns (folder of the group, folder of the previous group), or None."""
     top, before = hierarchy(), group_of("self")
     if top is None or before is None:
@@ -33,19 +35,19 @@ def enter():
     return None
 
 
-def leave(own, came_from):
+def leave(own: Path, came_from: Path) -> None:
     """Move this process back, and remove its group. If the previous group is gone, a later guardian removes it."""
     if move_here(came_from):
         remove(own)
 
 
-def remove(group):
+def remove(group: str | Path) -> None:
     """Remove an empty group."""
     with suppress(OSError):
         os.rmdir(group)
 
 
-def remove_stale(parent):
+def remove_stale(parent: Path) -> None:
     """Remove the empty groups of guardians that have ended."""
     with suppress(OSError):
         for group in parent.glob(f"{PREFIX}*"):
@@ -53,7 +55,7 @@ def remove_stale(parent):
                 remove(group)
 
 
-def hierarchy():
+def hierarchy() -> Path | None:
     """Return the folder of the control groups of version 2, None if there is none."""
     for line in read("/proc/self/mounts").splitlines():
         _, folder, kind, *_ = line.split()
@@ -62,8 +64,11 @@ def hierarchy():
     return None
 
 
-def group_of(process):
-    """Return the path of a process's group in the hierarchy, without a leading slash; None if it is outside."""
+def group_of(process: int | str) -> str | None:
+    """Return the path of a process's group in the hierarchy, without a leading slash; None if it is outside.
+
+    process : its ID, or "self"
+    """
     for line in read(f"/proc/{process}/cgroup").splitlines():
         number, _, path = line.split(":", 2)
         if number == "0" and ".." not in path.split("/"):
@@ -71,7 +76,7 @@ def group_of(process):
     return None
 
 
-def move_here(group):
+def move_here(group: Path) -> bool:
     """Move this process with all its threads into a group. Returns whether this is permitted."""
     try:
         procs = os.open(group / "cgroup.procs", os.O_WRONLY | os.O_CLOEXEC)

@@ -4,6 +4,8 @@ It is a socket in Linux's abstract namespace that listens and never replies, so 
 inherits it, so that a bus is released only after its actuators are stopped.
 """
 
+from __future__ import annotations
+
 import errno
 import os
 import pwd
@@ -25,7 +27,7 @@ class BusTaken(Exception):
     owner : process and account as text
     """
 
-    def __init__(self, pid, user=None):
+    def __init__(self, pid: int, user: int | None = None) -> None:
         self.pid, self.user, self.owner = pid, user, in_words(pid, user)
         super().__init__(f"controlled by {self.owner}")
 
@@ -36,7 +38,7 @@ class BusLock:
     interface, channel : names of python-can
     """
 
-    def __init__(self, interface, channel):
+    def __init__(self, interface: str, channel: str) -> None:
         name = name_of(interface, channel)
         deadline = time.monotonic() + BUS_LOCK_RELEASE_LIMIT * 1e-9
         while True:
@@ -49,19 +51,22 @@ class BusLock:
                 self.socket.close()
                 if error.errno != errno.EADDRINUSE:
                     raise
-            found = holder(name)
-            if found is not None and (alive(found[0]) or time.monotonic() > deadline):
-                raise BusTaken(*found)
+            owner = _holder(name)
+            if owner is not None and (_is_alive(owner[0]) or time.monotonic() > deadline):
+                raise BusTaken(*owner)
             time.sleep(0.01)
 
-    def fileno(self):
+    def fileno(self) -> int:
+        """Return the descriptor of the lock, which a child process can inherit."""
         return self.socket.fileno()
 
-    def close(self):
+    def close(self) -> None:
+        """Release the bus, unless another process has inherited the lock."""
         self.socket.close()
 
 
-def name_of(interface, channel):
+def name_of(interface: str, channel: str) -> bytes:
+    """Return the name of a bus in the abstract socket namespace; the same for all links to one port."""
     channel = os.path.realpath(channel) if os.path.exists(channel) else channel  # links to one port are one bus
     name = f"tickwork/bus/{interface}/{channel}".encode()
     if len(name) > NAME_BYTES:
@@ -71,7 +76,7 @@ def name_of(interface, channel):
     return b"\0" + name
 
 
-def holder(name):
+def _holder(name: bytes) -> tuple[int, int | None] | None:
     """Return (process ID, account ID) of the holder of a name; 0 and None for unknown ones. None without a holder."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as visitor:
         visitor.setblocking(False)
@@ -84,12 +89,14 @@ def holder(name):
         return CREDENTIALS.unpack(visitor.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, CREDENTIALS.size))[:2]
 
 
-def alive(pid):
+def _is_alive(pid: int) -> bool:
+    """Return whether a process exists; True for an unknown one, 0."""
     return pid == 0 or os.path.exists(f"/proc/{pid}")
 
 
-def in_words(pid, user):
-    of = "" if user is None else f" of user {account(user)}"
+def in_words(pid: int, user: int | None) -> str:
+    """Return a process as text: 'process 123 (python -m runtime ...) of user ada'. pid : 0 if unknown"""
+    of = "" if user is None else f" of user {_account_name(user)}"
     if pid == 0:
         return "another process" + of
     try:
@@ -100,7 +107,7 @@ def in_words(pid, user):
     return f"process {pid}" + (f" ({words})" if words else "") + of
 
 
-def account(user):
+def _account_name(user: int) -> str:
     """Return the name of an account, or its number if it has none, as in a container."""
     try:
         return pwd.getpwuid(user).pw_name

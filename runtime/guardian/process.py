@@ -9,6 +9,8 @@
 It ends with the control process, or by its order. It ignores signals.
 """
 
+from __future__ import annotations
+
 import gc
 import json
 import os
@@ -19,6 +21,7 @@ import sys
 import threading
 import time
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from cext.clock import realtime
 from cext.ring.rings import Lines
@@ -34,12 +37,16 @@ from runtime.guardian.relay import Relay
 from runtime.guardian.stop import SafeStop, decoded, frames_of_stop
 from runtime.guardian.wires import FRAMES_AT_ONCE, CannotOpen, open_wire
 
+if TYPE_CHECKING:
+    pass
+
+
 ORDERS = 0  # standard input
 ACTIVE = ("arming", "ready", "running", "stopping", "waiting")
 NAME = "tickwork-guard"
 
 
-def main(answers, control, page, lines, bell):
+def main(answers: int, control: int, page: int, lines: int, bell: int) -> None:
     """Run the process.
 
     The arguments are file descriptors: pipe for answers, pidfd of the control process, shared state, lines or -1, bell
@@ -55,12 +62,19 @@ def main(answers, control, page, lines, bell):
 
 
 class Guardian:
-    def __init__(self, page, lines, bell, answers, control):
+    """Guardian of one run, in its process.
+
+    page, lines : shared state and lines of the run; lines is None if the loop drives every bus itself
+    bell : eventfd that the loop signals, or -1
+    answers, control : file descriptors of the pipe for answers, and of the control process (pidfd)
+    """
+
+    def __init__(self, page: SharedState, lines: Lines | None, bell: int, answers: int, control: int) -> None:
         self.page, self.lines, self.bell, self.answers, self.control = page, lines, bell, answers, control
-        self.heard = b""
+        self.received = b""
         # dead: its loop; gone: the whole process, which may take 20 ms longer
-        self.released = self.dead = self.gone = self.told = False
-        self.stop = self.verdict = self.mourner = self.groups = None
+        self.released = self.dead = self.gone = self.reported = False
+        self.stop = self.verdict = self.owner_death = self.groups = None
         self.stuck_at = None  # ns at which to check whether the block still hangs
         self.wires, self.carried, self.places, self.relays = {}, [], {}, []
         self.drained = {}  # ns, by the index of a wire: everything older has been read
@@ -68,13 +82,13 @@ class Guardian:
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
             self.poll.register(descriptor, select.POLLIN)
 
-    def prepare(self):
+    def prepare(self) -> bool:
         """Receive the plan, open the wires, request privileges. Returns False if the run must not start."""
-        while b"\n" not in self.heard and not (self.gone or self.released):
-            self.look(None)
+        while b"\n" not in self.received and not (self.gone or self.released):
+            self._handle_events(None)
         if self.gone or self.released:
             return False
-        line, _, self.heard = self.heard.partition(b"\n")
+        line, _, self.received = self.received.partition(b"\n")
         plan = json.loads(line)
         self.buses, self.devices, self.limit = (
             plan["buses"],
@@ -83,14 +97,14 @@ class Guardian:
         )
         self.items, self.relays = plan["items"], plan["relays"]
         self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
-        troubles = {}
+        problems = {}
         for index, bus in enumerate(self.buses):
             try:
                 self.wires[index] = open_wire(bus)
             except CannotOpen as error:
-                troubles[bus["name"]] = str(error)
-        if troubles:
-            self.answer({"troubles": troubles})
+                problems[bus["name"]] = str(error)
+        if problems:
+            self._answer({"troubles": problems})
             return False
         self.carried = [
             (index, bus["line"], self.wires[index]) for index, bus in enumerate(self.buses) if bus["line"] is not None
@@ -100,46 +114,48 @@ class Guardian:
         for descriptor in self.places:
             self.poll.register(descriptor, select.POLLIN)
         self.groups = control_group.enter()
-        granted = ["own control group"] * (self.groups is not None) + hold_on(plan["priority"])
-        self.mourner = OwnerDeathWatcher(self.page, plan["priority"] or 0)
-        self.poll.register(self.mourner.fd, select.POLLIN)
+        granted = ["own control group"] * (self.groups is not None) + _obtain_privileges(plan["priority"])
+        self.owner_death = OwnerDeathWatcher(self.page, plan["priority"] or 0)
+        self.poll.register(self.owner_death.fd, select.POLLIN)
         self.page.take_guard()
         self.page.look_after(time.monotonic_ns())
-        self.answer({"ready": True, "granted": granted, "group": None if self.groups is None else str(self.groups[0])})
+        self._answer({"ready": True, "granted": granted, "group": None if self.groups is None else str(self.groups[0])})
         return True
 
-    def run(self):
-        looked = time.monotonic_ns()
+    def run(self) -> None:
+        """Watch the loop and carry frames until the run is over, then report and close the wires."""
+        checked = time.monotonic_ns()
         grace = 0
-        while not self.is_over():
-            self.look(self.milliseconds())
+        while not self._is_over():
+            self._handle_events(self._poll_timeout())
             now = time.monotonic_ns()
             self.page.look_after(now)
-            if now - looked > self.limit // 2:
+            if now - checked > self.limit // 2:
                 grace = now + GUARDIAN_LOOK_PERIOD  # this process was delayed, perhaps with the whole machine
-            looked = now
+            checked = now
             # reported in the shared state: no grace
             if self.stop is None and (self.dead or now >= grace or self.page.hung is not None):
-                self.judge(now)
+                self.check_loop(now)
             self.carry()
-            if self.stop is not None and self.verdict is not None and not self.told:
-                self.listen(self.stop)
+            if self.stop is not None and self.verdict is not None and not self.reported:
+                self._listen(self.stop)
                 self.stop.step(now)
-                self.tell(self.stop, self.verdict)
+                self._report_stop(self.stop, self.verdict)
             if self.stuck_at is not None and now >= self.stuck_at:
-                self.tell_stuck()
-        self.leave()
+                self._report_hang()
+        self._leave()
 
-    def is_over(self):
-        return (self.released or self.gone) and (self.stop is None or self.told)
+    def _is_over(self):
+        """Return whether the run, and a safe stop in progress, have ended."""
+        return (self.released or self.gone) and (self.stop is None or self.reported)
 
-    def milliseconds(self):
+    def _poll_timeout(self):
         """Return the time-out of the next poll in ms."""
         if self.restless or (self.stop is not None and not self.stop.over):
             return 1
         return GUARDIAN_LOOK_PERIOD // 1_000_000
 
-    def look(self, milliseconds):
+    def _handle_events(self, milliseconds):
         """Wait for an event, and handle it."""
         for descriptor, event in self.poll.poll(milliseconds):
             if descriptor == self.bell:
@@ -153,20 +169,20 @@ class Guardian:
             elif descriptor == self.control:
                 self.dead = self.gone = True
                 self.poll.unregister(self.control)
-            elif self.mourner is not None and descriptor == self.mourner.fd:
+            elif self.owner_death is not None and descriptor == self.owner_death.fd:
                 self.dead = True
                 self.poll.unregister(descriptor)
             else:
                 data = os.read(ORDERS, 1 << 20)
-                self.heard += data
-                self.released = self.released or self.heard.endswith(b"release\n")
+                self.received += data
+                self.released = self.released or self.received.endswith(b"release\n")
                 if not data:
                     self.poll.unregister(ORDERS)
                     if not maps(self.page.control, self.page.fd):  # it runs another program, under its number
                         self.dead = self.gone = True
 
-    def judge(self, now):
-        """Check the loop, and begin the safe stop if it has died or stalled."""
+    def check_loop(self, now: int) -> None:
+        """Check the loop, and begin the safe stop if it has died, hangs or has stalled. now : ns of CLOCK_MONOTONIC"""
         if self.page.state not in ACTIVE:
             return
         silent = now - self.page.beat
@@ -178,7 +194,13 @@ class Guardian:
         elif silent > self.limit:
             self.begin_stop("stalled", silent, now)
 
-    def begin_stop(self, because, silent, now):
+    def begin_stop(self, because: str, silent: int, now: int) -> None:
+        """Raise the fence and begin the safe stop.
+
+        because : "died", "hung" or "stalled"
+        silent : ns since the newest tick
+        now : ns of CLOCK_MONOTONIC
+        """
         self.page.raise_fence()
         self.verdict = {
             "event": "guardian",
@@ -188,7 +210,7 @@ class Guardian:
             "last_tick": self.page.statistics()["last_tick"],
         }
         if self.page.hung is not None:
-            self.verdict["block"] = self.block()
+            self.verdict["block"] = self._block_name()
         if self.page.crashed:
             self.verdict["signal"] = signal.Signals(self.page.crashed).name
         for index, wire in self.wires.items():
@@ -208,40 +230,47 @@ class Guardian:
         self.stop = SafeStop(self.devices, self.wires, now, self.verdict["last_tick"] >= 0, relays)
         self.stop.step(now)
 
-    def block(self):
-        """Return the name of what the tick hangs in."""
-        return self.items[self.page.hung] if self.page.hung >= 0 else "the tick"
+    def _block_name(self):
+        """Return the name of the item in which the tick hangs."""
+        return self.items[self.page.hung] if self.page.hung is not None and self.page.hung >= 0 else "the tick"
 
-    def carry(self):
+    def carry(self) -> None:
         """Send the frames of the loop; behind the fence only those of the safe stop."""
+        lines = self.lines
+        if lines is None:
+            return
         for index, line, wire in self.carried:
-            for identifier, data, _ in self.lines.take(line):
+            for identifier, data, _ in lines.take(line):
                 if (self.verdict is not None or self.page.fenced) and (index, identifier, data) not in self.harmless:
-                    self.lines.count_up(line, "withheld")
+                    lines.count_up(line, "withheld")
                 else:
                     wire.send(identifier, data)
             if self.restless and wire.fileno() is None:
                 self.receive(index)
             if wire.counts:
                 for kind, many in wire.counts.items():
-                    self.lines.count_up(line, kind, many)
+                    lines.count_up(line, kind, many)
                 wire.counts.clear()
             if wire.trouble is not None:
-                self.lines.fail(line, wire.trouble[0])
+                lines.fail(line, wire.trouble[0])
 
-    def receive(self, index):
-        """Pass received frames of a carried bus to the loop, and to a safe stop in progress."""
+    def receive(self, index: int) -> None:
+        """Pass received frames of a carried bus to the loop, and to a safe stop in progress.
+
+        index : of the bus in the plan
+        """
         before = time.monotonic_ns()
         frames = self.wires[index].receive()
         now = time.monotonic_ns()
         for identifier, data, arrival in frames:
-            self.lines.give(self.buses[index]["line"], identifier, data, arrival)
+            if self.lines is not None:
+                self.lines.give(self.buses[index]["line"], identifier, data, arrival)
             if self.stop is not None:
                 self.stop.receive(index, identifier, data, now, self.drained[index])
         if len(frames) < FRAMES_AT_ONCE:
             self.drained[index] = before
 
-    def listen(self, stop):
+    def _listen(self, stop):
         """Receive frames during a safe stop on a bus that the loop drives."""
         for index, wire in self.wires.items():
             if self.buses[index]["line"] is None:
@@ -252,26 +281,26 @@ class Guardian:
                 if len(frames) < FRAMES_AT_ONCE:
                     self.drained[index] = before
 
-    def tell(self, stop, verdict):
+    def _report_stop(self, stop, verdict):
         """Report a finished safe stop on standard error, and in the recording if no other process writes it."""
         if not stop.over:
             return
-        self.told = True
+        self.reported = True
         verdict |= stop.report()
-        complain(in_words(verdict))
+        _print_line(_in_words(verdict))
 
-    def tell_stuck(self):
+    def _report_hang(self):
         """Report a block that the watchdog could not interrupt, so that the operator can end the run."""
         self.stuck_at = None
         if self.page.state in ("arming", "running") and not self.gone:
-            words = f"tickwork guardian: {self.block()} still hangs, with the motors stopped; Ctrl-C ends the run"
-            complain(words)
+            words = f"tickwork guardian: {self._block_name()} still hangs, with the motors stopped; Ctrl-C ends the run"
+            _print_line(words)
 
-    def leave(self):
+    def _leave(self):
         if self.verdict is not None and self.gone:
             self.page.push(RECORD_EVENT, json.dumps(self.verdict).encode())
         self.page.look_after(0)
-        self.answer(
+        self._answer(
             {
                 "stop": self.verdict,
                 "troubles": {
@@ -286,22 +315,22 @@ class Guardian:
         if self.groups is not None:
             control_group.leave(*self.groups)
 
-    def answer(self, message):
+    def _answer(self, message):
         """Send a line of JSON to the control process, if it still reads."""
         with suppress(BrokenPipeError):
             os.write(self.answers, json.dumps(message).encode() + b"\n")
 
 
-def complain(words):
-    """One line on standard error. Names of devices and interfaces are not ours."""
+def _print_line(words):
+    """Write one line to standard error. The names of devices and interfaces in it may contain any characters."""
     print(one_line(words), file=sys.stderr, flush=True)
 
 
-def in_words(verdict):
+def _in_words(verdict):
     """Return a verdict as one line of text."""
     tick = f"tick {verdict['last_tick']}" if verdict["last_tick"] >= 0 else "arming"
     why = {
-        "died": f"the control process died{cause(verdict)} after {tick}",
+        "died": f"the control process died{_cause(verdict)} after {tick}",
         "hung": f"{verdict.get('block')} hangs: no return {verdict['silent'] * 1e3:.0f} ms after {tick}",
         "stalled": f"the loop has stalled for {verdict['silent'] * 1e3:.0f} ms after {tick}",
     }[verdict["because"]]
@@ -312,12 +341,12 @@ def in_words(verdict):
     return f"tickwork guardian: {why}; zero torque, then disable: {'; '.join(done) or 'no actuator to stop'}"
 
 
-def cause(verdict):
+def _cause(verdict):
     """Return ' of SIGSEGV in left/law', if the process reported its signal, else ''."""
     return f" of {verdict['signal']} in {verdict['block']}" if "signal" in verdict else ""
 
 
-def hold_on(priority):
+def _obtain_privileges(priority):
     """Request privileges that protect the guardian from other processes. Returns a list of those granted.
 
     priority : of SCHED_FIFO, None for an ordinary process

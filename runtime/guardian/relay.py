@@ -1,9 +1,16 @@
 """Relay of a charge pump, which the guardian holds while it damps a joint."""
 
+from __future__ import annotations
+
 import fcntl
 import os
 import struct
 from contextlib import suppress
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from runtime.guardian.plan_types import PlanRelay
+
 
 # <linux/gpio.h>: two u64, the values and a mask of the lines
 GPIO_V2_LINE_SET_VALUES_IOCTL = 0xC010B40F
@@ -17,13 +24,15 @@ class Relay:
     changed : ns of CLOCK_MONOTONIC of the loop's last change of the line
     """
 
-    def __init__(self, relay, changed):
+    def __init__(self, relay: PlanRelay, changed: int) -> None:
         self.descriptor, self.gpio = relay["descriptor"], relay["gpio"]
         self.frames, self.hold = [bytes.fromhex(frame) for frame in relay["frames"]], round(relay["hold"] * 1e9)
         self.changed, self.sent = changed, 0
 
-    def change(self, now):
+    def change(self, now: int) -> None:
         """Change the line, unless the relay may have dropped, so that no drive gets its power again.
+
+        now : ns of CLOCK_MONOTONIC
 
         Ignores a disconnected line.
         """

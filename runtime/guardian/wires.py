@@ -1,11 +1,6 @@
-"""Non-blocking interfaces of the guardian, which raise no exception once they are open.
+"""Non-blocking interfaces of the guardian, which raise no exception once they are open."""
 
-receive()       received frames: a list of (id with the flag bits of struct can_frame, data, arrival in ns of
-                CLOCK_MONOTONIC)
-send(id, data)  send a frame; returns whether it was sent
-fileno()        for poll, or None if there is nothing to poll
-counts          {kind: number of frames}; trouble : (errno, text) after the interface has failed, else None
-"""
+from __future__ import annotations
 
 import errno
 import logging
@@ -16,8 +11,18 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from cext.safety.thresholds import INTERFACE_FAILURE_LIMIT
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    import can
+
+    from runtime.guardian.plan_types import EncodedReply, PlanBus
+
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29  # Linux constants that Python's socket lacks
@@ -39,22 +44,51 @@ class CannotOpen(Exception):
 
 
 class Wire:
-    def __init__(self):
-        self.counts = {}
-        self.trouble = None
+    """Interface without a bus: it receives nothing, and sends nothing.
+
+    counts : {kind: number of frames}
+    trouble : (errno, text) after the interface has failed, else None
+    """
+
+    def __init__(self) -> None:
+        self.counts: dict[str, int] = {}
+        self.trouble: tuple[int, str] | None = None
         self.failures = 0
 
-    def count(self, kind):
+    def fileno(self) -> int | None:
+        """Return the descriptor to poll for received frames; None if there is none."""
+        return None
+
+    def listen(self, replies: Sequence[EncodedReply]) -> None:
+        """Receive these replies from here on, where the interface has filters. replies : of the plan"""
+
+    def receive(self) -> list[tuple[int, bytes, int]]:
+        """Return received frames as (identifier, data, arrival in ns of CLOCK_MONOTONIC).
+
+        The identifier has the flag bits of struct can_frame. At most FRAMES_AT_ONCE frames are returned.
+        """
+        return []
+
+    def send(self, identifier: int, data: bytes) -> bool:
+        """Send a frame and return whether the interface accepted it. identifier : with the flag bits"""
+        return False
+
+    def close(self) -> None:
+        """Close the interface."""
+
+    def count(self, kind: str) -> None:
+        """Count a frame of a kind."""
         self.counts[kind] = self.counts.get(kind, 0) + 1
 
-    def fail(self, number, words):
-        self.trouble = self.trouble or (number or errno.EIO, words)
+    def fail(self, number: int | None, words: str | None) -> None:
+        """Mark the interface as failed; the first failure counts. number : errno, 0 if unknown; words : reason"""
+        self.trouble = self.trouble or (number or errno.EIO, words or "unknown error")
 
-    def failed_once(self, error):
+    def failed_once(self, error: Exception) -> None:
         """Count a temporary failure; many in a row fail the interface."""
         self.failures += 1
         if self.failures >= INTERFACE_FAILURE_LIMIT:
-            self.fail(errno_of(error), str(error))
+            self.fail(_errno_of(error), str(error))
 
 
 class PythonCanWire(Wire):
@@ -63,7 +97,9 @@ class PythonCanWire(Wire):
     Received frames are compared with those sent, since some interfaces return a sender's own frames as received ones.
     """
 
-    def __init__(self, interface, channel, bitrate, fd, options=None):
+    def __init__(
+        self, interface: str, channel: str, bitrate: int, fd: bool, options: dict[str, Any] | None = None
+    ) -> None:
         super().__init__()
         import can
 
@@ -76,32 +112,32 @@ class PythonCanWire(Wire):
             raise CannotOpen(str(error) or type(error).__name__) from error
         if interface == "udp_multicast":
             keep_apart(self.bus.fileno())
-        self.ear = Stamped(self.bus) if interface in NEVER_WAITS else Ear(self.bus)
+        self.receiver = Stamped(self.bus) if interface in NEVER_WAITS else ReceiverThread(self.bus)
         self.fd = fd
         self.echoes = {}  # (id, data): times of sending with an outstanding echo
 
-    def fileno(self):
+    def fileno(self) -> int | None:
         try:
-            number = self.ear.fileno()
+            number = self.receiver.fileno()
         except NotImplementedError:
             return None
         return number if number >= 0 else None
 
-    def receive(self):
+    def receive(self) -> list[tuple[int, bytes, int]]:
         frames = []
         for _ in range(FRAMES_AT_ONCE):
             try:
-                message, arrival = self.ear.recv(0)
+                message, arrival = self.receiver.recv(0)
             except Exception as error:  # TypeError for half a frame on some serial lines
                 self.failed_once(error)
-                if errno_of(error) or self.trouble:
+                if _errno_of(error) or self.trouble:
                     break
                 self.count("corrupt")
                 continue
             if message is None:
                 break
             self.failures = 0
-            frame = identifier_of(message), bytes(message.data)
+            frame = _identifier_of(message), bytes(message.data)
             if frame[0] & ERROR:
                 self.count("errors")
             if self.is_echo(frame):
@@ -110,7 +146,7 @@ class PythonCanWire(Wire):
                 frames.append((*frame, arrival))
         return frames
 
-    def send(self, identifier, data):
+    def send(self, identifier: int, data: bytes) -> bool:
         now = time.monotonic()
         try:
             self.bus.send(
@@ -131,25 +167,25 @@ class PythonCanWire(Wire):
         if len(self.echoes) >= ECHO_LIMIT:
             self.echoes = {frame: sent for frame, sent in self.echoes.items() if sent and now - sent[-1] < ECHO_TIMEOUT}
         sent = self.echoes.setdefault((identifier, data), deque())
-        forget(sent, now)
+        _drop_old(sent, now)
         sent.append(now)
         return True
 
-    def is_echo(self, frame):
+    def is_echo(self, frame: tuple[int, bytes]) -> bool:
         """Return whether a frame is the echo of a sent one. A further or a late one is from another node."""
         sent = self.echoes.get(frame)
         if sent is None:
             return False
-        forget(sent, time.monotonic())
+        _drop_old(sent, time.monotonic())
         if sent:
             sent.popleft()
             return True
         del self.echoes[frame]
         return False
 
-    def close(self):
+    def close(self) -> None:
         with suppress(Exception):  # the interface may be disconnected
-            self.ear.close()
+            self.receiver.close()
             self.bus.shutdown()
 
 
@@ -161,11 +197,11 @@ class Stamped:
     some interfaces have no time stamps, and some stamp with a clock of the adapter.
     """
 
-    def __init__(self, bus):
+    def __init__(self, bus: can.BusABC) -> None:
         self.bus, self.fileno = bus, bus.fileno
         self.earliest = time.monotonic_ns()  # at which the next message may have arrived
 
-    def recv(self, timeout):
+    def recv(self, timeout: float) -> tuple[can.Message, int] | tuple[None, None]:
         """Return (message, arrival), (None, None) if there is none within `timeout` s."""
         began = time.monotonic_ns()
         message = self.bus.recv(timeout)
@@ -177,52 +213,56 @@ class Stamped:
         self.earliest = int(stamp) if self.earliest <= stamp <= now else now
         return message, self.earliest
 
-    def close(self):
+    def close(self) -> None:
         """The bus is closed by the wire."""
 
 
-class Ear:
-    """A thread that receives from a bus whose `recv` may wait longer than its timeout. The guardian uses it as it uses
-    `Stamped`.
-    """
+class ReceiverThread:
+    """Thread that receives from a bus whose `recv` may wait longer than its timeout, with the methods of `Stamped`."""
 
-    def __init__(self, bus):
+    def __init__(self, bus: can.BusABC) -> None:
         self.bus = Stamped(bus)
-        self.came = deque(maxlen=ECHO_LIMIT)  # messages with their arrivals, and exceptions of the interface
+        self._received = deque(maxlen=ECHO_LIMIT)  # messages with their arrivals, and exceptions of the interface
         self.bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        self.over = threading.Event()
-        self.thread = threading.Thread(target=self.hear, name="ear", daemon=True)
+        self._ended = threading.Event()
+        self.thread = threading.Thread(target=self._receive, name="receiver", daemon=True)
         self.thread.start()
 
-    def hear(self):
-        while not self.over.is_set():
+    def _receive(self):
+        while not self._ended.is_set():
             try:
-                came = self.bus.recv(RECV_TIMEOUT)
+                item = self.bus.recv(RECV_TIMEOUT)
             except Exception as error:
-                came = error
-            if came != (None, None):
-                self.came.append(came)
+                item = error
+            if item != (None, None):
+                self._received.append(item)
                 os.eventfd_write(self.bell, 1)
-            if isinstance(came, Exception):
-                self.over.wait(RETRY_DELAY)
+            if isinstance(item, Exception):
+                self._ended.wait(RETRY_DELAY)
 
-    def fileno(self):
+    def fileno(self) -> int:
+        """Return an eventfd that is readable while messages are waiting."""
         return self.bell
 
-    def recv(self, timeout):
+    def recv(self, timeout: float) -> tuple[can.Message, int] | tuple[None, None]:
+        """Return the next (message, arrival) at once, (None, None) if there is none.
+
+        Raises the exceptions of the interface.
+        """
         with suppress(BlockingIOError):
             os.eventfd_read(self.bell)
-        if not self.came:
+        if not self._received:
             return None, None
-        came = self.came.popleft()
-        if self.came:
+        item = self._received.popleft()
+        if self._received:
             os.eventfd_write(self.bell, 1)
-        if isinstance(came, Exception):
-            raise came
-        return came
+        if isinstance(item, Exception):
+            raise item
+        return item
 
-    def close(self):
-        self.over.set()
+    def close(self) -> None:
+        """End the thread."""
+        self._ended.set()
         self.thread.join(4.0 * RECV_TIMEOUT)
         if not self.thread.is_alive():  # a thread that hangs in its interface may still use it
             os.close(self.bell)
@@ -234,7 +274,7 @@ class SocketCanWire(Wire):
     FILTER, FD_FRAMES = 1, 5
     FRAME, FD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IB3x64s")
 
-    def __init__(self, channel, fd, virtual):
+    def __init__(self, channel: str, fd: bool, virtual: bool) -> None:
         super().__init__()
         self.virtual = virtual
         try:
@@ -246,18 +286,18 @@ class SocketCanWire(Wire):
         except OSError as error:
             raise CannotOpen(f"{channel}: {error.strerror}") from error
 
-    def fileno(self):
+    def fileno(self) -> int:
         return self.socket.fileno()
 
-    def listen(self, replies):
+    def listen(self, replies: Sequence[EncodedReply]) -> None:
         """Receive replies from here on. replies : (id, mask, first bytes) of frames to receive"""
         self.socket.setsockopt(
             socket.SOL_CAN_RAW,
             self.FILTER,
-            b"".join(struct.pack("=II", wanted, mask & ~ERROR) for wanted, mask, _ in replies),
+            b"".join(struct.pack("=II", identifier, mask & ~ERROR) for identifier, mask, _ in replies),
         )
 
-    def receive(self):
+    def receive(self) -> list[tuple[int, bytes, int]]:
         frames = []
         for _ in range(FRAMES_AT_ONCE):
             try:
@@ -274,7 +314,7 @@ class SocketCanWire(Wire):
                 frames.append((identifier, frame[8 : 8 + length], time.monotonic_ns()))
         return frames
 
-    def send(self, identifier, data):
+    def send(self, identifier: int, data: bytes) -> bool:
         layout = self.FRAME if len(data) <= 8 else self.FD_FRAME
         try:
             self.socket.send(layout.pack(identifier, len(data), data))
@@ -285,30 +325,15 @@ class SocketCanWire(Wire):
             return False
         return True
 
-    def close(self):
+    def close(self) -> None:
         self.socket.close()
 
 
 class Unwatched(Wire):
     """Bus that the loop drives without actuators: nothing to stop, and nothing to receive."""
 
-    def fileno(self):
-        return None
 
-    def listen(self, replies):
-        pass
-
-    def receive(self):
-        return []
-
-    def send(self, identifier, data):
-        return False
-
-    def close(self):
-        pass
-
-
-def open_wire(bus, again=False):
+def open_wire(bus: PlanBus, again: bool = False) -> Wire:
     """Open the wire of a bus of the plan. Raises CannotOpen. again : its adapter was open until now"""
     if bus["interface"] == "udp":
         return Unwatched()
@@ -318,13 +343,13 @@ def open_wire(bus, again=False):
     return PythonCanWire(bus["interface"], bus["channel"], bus["bitrate"], bus["fd"], options)
 
 
-def forget(sent, now):
+def _drop_old(sent, now):
     """Drop times that are too old for an echo."""
     while sent and now - sent[0] >= ECHO_TIMEOUT:
         sent.popleft()
 
 
-def keep_apart(descriptor):
+def keep_apart(descriptor: int) -> None:
     """Restrict a socket to its own multicast group.
 
     By default it receives all groups that any process of this machine has joined. Frames received so far, perhaps from
@@ -340,7 +365,7 @@ def keep_apart(descriptor):
                 twin.recv(1, socket.MSG_DONTWAIT)
 
 
-def identifier_of(message):
+def _identifier_of(message):
     return (
         message.arbitration_id
         | EXTENDED * message.is_extended_id
@@ -349,7 +374,7 @@ def identifier_of(message):
     )
 
 
-def errno_of(error):
+def _errno_of(error):
     """Return the errno of an interface's exception, 0 if it has none."""
     while error is not None:
         if isinstance(error, OSError) and error.errno:

@@ -1,8 +1,11 @@
 """Buses of a robot on its rig: opened before a run, and queried for statistics after it."""
 
+from __future__ import annotations
+
 import errno
 import os
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from cext.bus.socketcan import SocketCan
 from cext.ring.rings import Line, Lines
@@ -20,6 +23,9 @@ from runtime.rig.interface_checks import WIRING, again, take_up
 from runtime.rig.serial_port import look_at_port
 from runtime.rig.streams import StreamLines
 from runtime.rig.udp import UdpInterface, failed
+
+if TYPE_CHECKING:
+    from runtime.guardian.plan_types import PlanBus, PlanRelay
 
 SEE_PYTHON_CAN = "interface and channel are python-can's: see its documentation of this interface"
 GONE = (errno.ENODEV, errno.ENXIO)
@@ -154,7 +160,7 @@ class RigBuses:
 
         page : of the run; robot : Diagram; priority : of the loop's SCHED_FIFO, or None
         """
-        relays = [
+        relays: list[PlanRelay] = [
             {
                 "descriptor": self.buses[block.bus].can.fileno(),
                 "gpio": block.line == "gpio",
@@ -167,7 +173,7 @@ class RigBuses:
         self.guardian = GuardianProcess(
             page, self.lines, self.bell, self.locks, [relay["descriptor"] for relay in relays]
         )
-        buses = [
+        buses: list[PlanBus] = [
             {
                 "name": name,
                 "interface": bus.interface.bus.interface,
@@ -191,7 +197,7 @@ class RigBuses:
                     f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}",
                     SEE_PYTHON_CAN,
                 )
-                for name, why in error.troubles.items()
+                for name, why in error.problems.items()
             ]
             raise RigError(
                 self.rig.path, troubles or [RigProblem("TW120", str(error), "see its message on the terminal")]

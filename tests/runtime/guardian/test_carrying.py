@@ -216,11 +216,11 @@ def judged(look, tick=20):
 
 
 def test_a_loop_that_ticked_within_the_limit_counts_as_alive():
-    assert judged(lambda guardian, page: guardian.judge(page.beat + guardian.limit)).verdict is None
+    assert judged(lambda guardian, page: guardian.check_loop(page.beat + guardian.limit)).verdict is None
 
 
 def test_stalled_loop_is_stopped_and_its_last_tick_reported():
-    guardian = judged(lambda guardian, page: guardian.judge(page.beat + guardian.limit + 1))
+    guardian = judged(lambda guardian, page: guardian.check_loop(page.beat + guardian.limit + 1))
     assert (guardian.verdict["because"], guardian.verdict["state"], guardian.verdict["last_tick"]) == (
         "stalled",
         "running",
@@ -244,7 +244,7 @@ def test_a_joint_is_damped_first_from_its_first_torque_on(tick, moving):
                 "velocity": None,
                 "bands": [(math.inf, [(1, b"damp")])],
             }
-        guardian.judge(page.beat + guardian.limit + 1)
+        guardian.check_loop(page.beat + guardian.limit + 1)
 
     guardian = judged(look, tick)
     assert guardian.verdict["last_tick"] == tick - 1
@@ -254,7 +254,7 @@ def test_a_joint_is_damped_first_from_its_first_torque_on(tick, moving):
 def test_drives_are_stopped_at_once_when_process_exits():
     def look(guardian, page):
         guardian.dead = True
-        guardian.judge(page.beat)
+        guardian.check_loop(page.beat)
 
     assert judged(look).verdict["because"] == "died"
 
@@ -275,7 +275,7 @@ def test_a_hanging_step_is_reported_and_checked_again(item, block):
     def look(guardian, page):
         write(page, HUNG, item)
         asked.append(page.beat)
-        guardian.judge(page.beat)
+        guardian.check_loop(page.beat)
 
     guardian = judged(look)
     assert (guardian.verdict["because"], guardian.verdict["block"]) == (
@@ -289,7 +289,7 @@ def test_crash_is_reported_with_signal_and_block():
     def look(guardian, page):
         write(page, HUNG, 1)
         write(page, CRASHED, signal.SIGSEGV)
-        guardian.judge(page.beat)
+        guardian.check_loop(page.beat)
 
     guardian = judged(look)
     assert (guardian.verdict["because"], guardian.verdict["block"], guardian.verdict["signal"]) == (
@@ -303,5 +303,5 @@ def test_crash_is_reported_with_signal_and_block():
 def test_finished_loop_is_not_stopped():
     guardian = judged(lambda guardian, page: None)
     guardian.gone = True
-    guardian.judge(time.monotonic_ns() + 10 * guardian.limit)
+    guardian.check_loop(time.monotonic_ns() + 10 * guardian.limit)
     assert guardian.page.state == "safe" and guardian.verdict is None

@@ -1,0 +1,107 @@
+"""Types of the guardian's plan and of its report, for type checkers only."""
+
+from __future__ import annotations
+
+from typing import Any, TypedDict
+
+EncodedFrame = tuple[int, str]  # identifier with the flag bits of struct can_frame, data as hex digits
+EncodedReply = tuple[int, int, str]  # identifier and mask with flag bits, hex digits or a regular expression for them
+Frame = tuple[int, bytes]  # identifier with the flag bits of struct can_frame, data
+
+
+class PlanBus(TypedDict):
+    """CAN bus. `line` is the number of its line, None if the loop drives the bus itself."""
+
+    name: str
+    interface: str
+    channel: str
+    bitrate: int
+    fd: bool
+    virtual: bool
+    options: dict[str, Any]
+    line: int | None
+
+
+class PlanVelocity(TypedDict):
+    """Velocity in replies: the fields of graph.ReplyField."""
+
+    frames: list[EncodedReply]
+    first: int
+    bits: int
+    low: float
+    high: float
+    signed: bool
+
+
+class PlanDamp(TypedDict):
+    """Damping: durations in s, acceleration in rad/s², bands of (highest speed in rad/s or None, frames)."""
+
+    duration: float
+    round: float
+    acceleration: float
+    velocity: PlanVelocity | None
+    bands: list[tuple[float | None, list[EncodedFrame]]]
+
+
+class PlanDevice(TypedDict):
+    """Device. bus : index in the plan; unanswered : disable frames without a reply"""
+
+    name: str
+    bus: int
+    zero: list[EncodedFrame]
+    disable: list[EncodedFrame]
+    damp: PlanDamp | None
+    unanswered: int
+    replies: list[EncodedReply]
+
+
+class PlanRelay(TypedDict):
+    """Relay of a charge pump. descriptor : of its line; frames : two in hex digits; hold : s"""
+
+    descriptor: int
+    gpio: bool
+    frames: list[str]
+    hold: float
+
+
+class Plan(TypedDict):
+    """Plan of a guardian, which can be encoded as JSON."""
+
+    buses: list[PlanBus]
+    devices: list[PlanDevice]
+    relays: list[PlanRelay]
+    items: list[str]
+    limit: float
+    priority: int | None
+
+
+class StopDamp(TypedDict):
+    """PlanDamp with frames as bytes and an infinite speed in place of None."""
+
+    duration: float
+    round: float
+    acceleration: float
+    velocity: PlanVelocity | None
+    bands: list[tuple[float, list[Frame]]]
+
+
+class StopDevice(TypedDict):
+    """PlanDevice with frames as bytes. speeds : the replies with its velocity"""
+
+    name: str
+    bus: int
+    zero: list[Frame]
+    disable: list[Frame]
+    damp: StopDamp | None
+    unanswered: int
+    replies: list[EncodedReply]
+    speeds: list[EncodedReply]
+
+
+class StopReport(TypedDict):
+    """Result of a safe stop. confirmed, unconfirmed : names of devices; sent : frames; took : s"""
+
+    confirmed: list[str]
+    unconfirmed: list[str]
+    sent: int
+    took: float
