@@ -29,6 +29,7 @@ from runtime.rig.serial_port import look_at_port
 if TYPE_CHECKING:
     from argparse import Namespace
 
+    from graph.dialogue import Dialogue, Reader
     from runtime.rig.file import RigBus
 
 ERROR_FILTER, EVERY_ERROR = 2, 0x1FFFFFFF
@@ -76,7 +77,8 @@ class ToolBus:
             self.lock.close()
             raise
 
-    def open(self, bus: RigBus, machine: Machine):
+    def open(self, bus: RigBus, machine: Machine) -> SocketCanWire | PythonCanWire:
+        """Return the open interface of a bus. Raises Refused or CannotOpen."""
         if bus.interface != SOCKETCAN:
             look_at_port(bus)
             return PythonCanWire(bus.interface, bus.channel, bus.bitrate, bus.fd, bus.options)
@@ -121,6 +123,7 @@ class ToolBus:
                 select.select([descriptor], [], [], left)
 
     def take(self) -> list[tuple[int, bool, bytes]]:
+        """Return the frames (identifier, is extended, data) that have arrived, without waiting. Counts error frames."""
         frames = []
         for identifier, data, _ in self.wire.receive():
             if identifier & ERROR:
@@ -129,11 +132,21 @@ class ToolBus:
                 frames.append((identifier & 0x1FFFFFFF, bool(identifier & EXTENDED), bytes(data)))
         return frames
 
-    def ask(self, frame, why, read, timeout: float = 0.1, attempts: int = 2):
-        """Carry out graph.dialogue.ask."""
+    def ask(
+        self, frame: tuple[int, bool, bytes], why: str, read: Reader, timeout: float = 0.1, attempts: int = 2
+    ) -> Any:
+        """Carry out graph.dialogue.ask.
+
+        frame : query, (identifier, is extended, data)
+        why : reason, for the list of sent frames
+        read : function of a frame that returns the answer in it, or None
+        timeout : s per attempt
+
+        Returns the answer, or None without one.
+        """
         return self.converse(dialogue.ask(frame, why, read, timeout, attempts))
 
-    def converse(self, talk, yes: bool = False) -> bool | None:
+    def converse(self, talk: Dialogue, yes: bool = False) -> Any:
         """Carry out a dialogue of a device family (graph.dialogue). Returns its result.
 
         yes : whether to skip the questions to the operator and assume yes
@@ -195,7 +208,7 @@ def named_buses(options: Namespace, machine: Machine | None = None) -> list[RigB
     return [one_bus(SOCKETCAN, name, options.bitrate, machine) for name in names]
 
 
-def one_bus(interface: str, channel: str, bitrate, machine: Machine) -> RigBus:
+def one_bus(interface: str, channel: str, bitrate: int | None, machine: Machine) -> RigBus:
     """Return a RigBus, parsed as from a rig file so that errors have the same text."""
     own = None
     if interface == SOCKETCAN and bitrate is None:
@@ -208,7 +221,7 @@ def one_bus(interface: str, channel: str, bitrate, machine: Machine) -> RigBus:
     )
 
 
-def quoted(text) -> str:
+def quoted(text: object) -> str:
     """Return a text as a TOML string."""
     return json.dumps(str(text), ensure_ascii=False)
 
@@ -223,7 +236,7 @@ def entry(bus: RigBus, name: str | None = None) -> list[str]:
     return lines
 
 
-def plain(value):
+def plain(value: Any) -> str:
     """Return a value of `options` in TOML notation."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -244,7 +257,7 @@ def single_bus(options: Namespace) -> RigBus:
     return buses[0]
 
 
-def i2c_bus(options):
+def i2c_bus(options: Namespace) -> RigBus:
     """Return the one I2C RigBus that the options select or this machine has. Raises BadInput otherwise."""
     from runtime.rig.i2c import known, paths
 

@@ -3,7 +3,10 @@
 Each address is probed as by i2cdetect. Identification registers name the chip.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from blocks.families import families
 from runtime.commissioning.scan import Report
@@ -12,8 +15,12 @@ from runtime.rig.chips import KnownChips
 from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.i2c import open_adapter
 
+if TYPE_CHECKING:
+    from graph import family
+    from runtime.rig.file import RigBus
 
-def chip_of(name):
+
+def chip_of(name: str) -> family.Chip | None:
     """Return the graph.family.Chip with a block that has this name, None without one."""
     chips = [chip for family in families() for chip in family.chips if chip.block is not None]
     return next(
@@ -45,16 +52,17 @@ class Chip:
     block: str
 
     @property
-    def path(self):
+    def path(self) -> str:
         """Name for the device in a rig file."""
         return f"{self.block}_{self.mux:x}_{self.channel}" if self.mux else f"{self.block}_{self.address:x}"
 
     @property
-    def where(self):
+    def where(self) -> str:
+        """Address in hexadecimal, behind a multiplexer with its address and channel: '0x70.3 0x68'."""
         return f"{self.mux:#04x}.{self.channel} {self.address:#04x}" if self.mux else f"{self.address:#04x}"
 
 
-def look(bus, opened=None):
+def look(bus: RigBus, opened: Any = None) -> Report:
     """Return the Report of a bus. Raises Refused if the bus cannot be opened.
 
     bus : RigBus; opened : result of runtime.rig.i2c.open_adapter, or None to open the adapter here

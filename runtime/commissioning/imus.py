@@ -1,9 +1,11 @@
 """Inertial sensors on serial lines: those that respond, and one or more shown live."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 from blocks.families import families
 from graph import Diagram
@@ -11,6 +13,9 @@ from runtime.base.errors import BadInput
 from runtime.commissioning.watched import WatchedBlocks
 from runtime.rig.dialogue_line import Seen
 from runtime.rig.streams import StreamLines
+
+if TYPE_CHECKING:
+    from runtime.commissioning.watched import Fed
 
 POLL_INTERVAL = 0.0005  # s between two polls
 
@@ -28,30 +33,31 @@ class Found:
     block: type
 
 
-def look(baudrate: int = 115200) -> tuple[list[Any], list[Any]]:
+def look(baudrate: int = 115200) -> tuple[list[Found], list[str]]:
     """Return (Found of every sensor that responds, errors of ports that could not be queried)."""
     names = {kind: family.name for family in families() for kind in family.sensors}
     seen = Seen(names).look(baudrate)
-    found = []
+    sensors = []
     for path, sensor in sorted(seen.open.items()):
         about = sensor.about
-        found.append(
+        sensors.append(
             Found(names[sensor.kind], path, about.serial, about.model, about.firmware, about.options, sensor.kind)
         )
     seen.close()
-    return found, [str(trouble) for trouble in seen.troubles]
+    return sensors, [str(trouble) for trouble in seen.troubles]
 
 
-def text(found: Sequence[Any]) -> list[Any]:
-    """Return the lines of the report."""
+def text(sensors: Sequence[Found]) -> list[str]:
+    """Return the lines of the report. sensors : as returned by `look`"""
     return [
         f"port {each.port}  {each.family} {each.model}  serial {each.serial}, firmware {each.firmware}, {each.options}"
-        for each in found
+        for each in sensors
     ]
 
 
-def plain(found):
-    row = asdict(found)
+def plain(sensor: Found) -> dict[str, str]:
+    """Return a sensor as a dict for JSON."""
+    row = asdict(sensor)
     return {name: value for name, value in row.items() if name != "block"}
 
 
@@ -67,16 +73,16 @@ class WatchedImus(WatchedBlocks):
 
     shown = ("accel", "gyro", "euler", "temperature")
 
-    def __init__(self, serials, channels, rate, attitude: str = "filter") -> None:
+    def __init__(self, serials: Sequence[str], channels: Sequence[str], rate: float, attitude: str = "filter") -> None:
         known = [kind for family in families() for kind in family.sensors]
         seen = look()[0] if len(known) > 1 or not serials else []
-        serials = serials or [found.serial for found in seen]
+        serials = serials or [sensor.serial for sensor in seen]
         if not serials:
             names = " or ".join(kind.sensor for kind in known)
             raise BadInput(f"no {names} responds on any port; the command `doctor` checks the ports")
         with Diagram("stream", rate=rate) as diagram:
             blocks = [
-                next((found.block for found in seen if found.serial.endswith(serial)), known[0])(
+                next((sensor.block for sensor in seen if sensor.serial.endswith(serial)), known[0])(
                     serial=serial,
                     channels=channels,
                     rate=rate,
@@ -95,7 +101,7 @@ class WatchedImus(WatchedBlocks):
         for block in blocks:
             self.lines.lines[block.bus][1].begin(time.monotonic_ns())
 
-    def ask(self, timeout):
+    def ask(self, timeout: float) -> dict[str, list[float]] | None:
         """Return {path of a port: its values} after a new sample, or None after `timeout` s without one."""
         deadline = time.monotonic() + timeout
         while time.monotonic() < deadline:
@@ -106,13 +112,14 @@ class WatchedImus(WatchedBlocks):
             time.sleep(POLL_INTERVAL)
         return None
 
-    def drain(self, fed):
+    def drain(self, fed: Fed) -> bool:
+        """Decode the bytes that a sensor has sent. Returns whether they completed a packet."""
         before = self.values_of(fed, "packets")
         for kind, _, data, when in self.lines.lines[fed.block.bus][1].end.receive():
             self.feed(fed, data, when, kind)
         return self.values_of(fed, "packets") != before
 
-    def summary(self):
+    def summary(self) -> list[str]:
         """Return the lines shown at the end: one per sensor."""
         return [
             f"{fed.block.path}: {self.values_of(fed, 'packets')[0]:g} packets, "
@@ -122,4 +129,5 @@ class WatchedImus(WatchedBlocks):
         ]
 
     def close(self) -> None:
+        """Close the serial ports."""
         self.lines.close()

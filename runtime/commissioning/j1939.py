@@ -4,9 +4,16 @@ Requests are PGN 59904 with the requested PGN, least significant byte first. The
 that of a service tool, so that their identifiers end in a byte that is not the id of a drive. (SAE J1939-21, J1939-81.)
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from blocks.families import families
+
+if TYPE_CHECKING:
+    from graph import family
 
 ALL, TOOL = 0xFF, 0xF9  # addresses
 REQUEST, CLAIM, VERSION = 0xEA00, 0xEE00, 65242
@@ -35,12 +42,13 @@ class Node:
     remarks: list = field(default_factory=list)
 
     @property
-    def family(self):
+    def family(self) -> str:
+        """Name of its family; UNKNOWN without a block."""
         return self.kind.name if self.kind is not None else UNKNOWN
 
     @property
-    def kind(self):
-        """Return the graph.family.Node of its block, or None for a node without a block."""
+    def kind(self) -> family.Node | None:
+        """The graph.family.Node of its block, or None for a node without a block."""
         for kind in _kinds():
             if self.manufacturer == kind.manufacturer:
                 return kind
@@ -49,15 +57,19 @@ class Node:
         return None
 
 
-def _kinds():
+def _kinds() -> list[family.Node]:
     return [kind for family in families() for kind in family.nodes]
 
 
-def request(pgn, destination=ALL):
+def request(pgn: int, destination: int = ALL) -> tuple[int, bool, bytes]:
+    """Return the frame (identifier, is extended, data) that requests a PGN.
+
+    destination : address of the node; ALL for every node
+    """
     return 6 << 26 | REQUEST << 8 | destination << 8 | TOOL, True, pgn.to_bytes(3, "little")
 
 
-def parts(identifier, extended):
+def parts(identifier: int, extended: bool) -> tuple[int, int] | None:
     """Return (PGN without destination, source address) of a frame, or None if it is not a J1939 frame."""
     if not extended:
         return None
@@ -65,13 +77,13 @@ def parts(identifier, extended):
     return (pgn & 0x3FF00 if (pgn >> 8 & 0xFF) < 240 else pgn), identifier & 0xFF
 
 
-def measured(identifier, extended, data=b""):
+def measured(identifier: int, extended: bool, data: bytes = b"") -> str | None:
     """Return the quantity measured by a frame of a known kind of node, or None for another frame."""
     pgn, _ = parts(identifier, extended) or (None, None)
     return next((kind.groups[pgn] for kind in _kinds() if pgn in kind.groups), None)
 
 
-def broadcasts(frames, seconds):
+def broadcasts(frames: Iterable[tuple[int, bool, bytes]], seconds: float) -> dict[int, Node]:
     """Return {address: Node} of the nodes that send measurements unasked.
 
     frames : received within `seconds`
@@ -85,8 +97,12 @@ def broadcasts(frames, seconds):
     return nodes
 
 
-def learn(nodes, frames):
-    """Add the nodes' replies to `nodes`, {address: Node}."""
+def learn(nodes: dict[int, Node], frames: Iterable[tuple[int, bool, bytes]]) -> None:
+    """Add the nodes' replies to requests.
+
+    nodes : {address: Node}, which receives a node for each address claim
+    frames : received after the requests
+    """
     for identifier, extended, data in frames:
         pgn, address = parts(identifier, extended) or (None, 0)
         if pgn == CLAIM and len(data) == 8:

@@ -44,6 +44,7 @@ class Port:
 
     @property
     def text(self) -> str:
+        """Line of the report."""
         details = ", ".join(word for word in (self.name, f"serial {self.serial}" if self.serial else "") if word)
         return f"port {self.path}  {self.board or 'serial port'}{f'  {details}' if details else ''}  (not opened)"
 
@@ -65,6 +66,7 @@ class GpioChip:
 
     @property
     def text(self) -> str:
+        """Line of the report."""
         return f"gpio {self.path}  " + (
             self.trouble or f"{self.label}, {self.lines} lines; to list their names: gpioinfo {Path(self.path).name}"
         )
@@ -94,6 +96,7 @@ def gpio_chips(folder: str | Path = "/dev") -> list[GpioChip]:
 
 
 def chip(path: str) -> GpioChip:
+    """Return the GpioChip of a device file, such as /dev/gpiochip0. An error is its `trouble`."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
     except OSError as error:
@@ -121,4 +124,5 @@ def text(inventory: tuple[list[Port], list[GpioChip]]) -> list[str]:
 
 
 def plain(inventory: tuple[list[Port], list[GpioChip]]) -> dict[str, list[dict[str, int | str]]]:
+    """Return the inventory as a dict for JSON. inventory : result of `look`"""
     return {name: [asdict(each) for each in kind] for name, kind in zip(("ports", "gpio"), inventory)}

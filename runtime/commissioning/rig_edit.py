@@ -5,22 +5,26 @@ from __future__ import annotations
 import os
 import re
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import BadInput
 from runtime.commissioning.bus import plain, quoted
 from runtime.rig.file import parse, text_of
 
 if TYPE_CHECKING:
-    from graph.device import Device
+    pass
 
 HEADER = re.compile(r"^\s*\[")
 
 
-def changed(path: str, text: str, device, values):
+def changed(path: str | Path, text: str, device: str, values: Mapping[str, Any]) -> str:
     """Return the text of a rig file with new values for a device.
 
+    path : of the rig file, for messages
+    text : present content
+    device : path of the device
     values : {parameter: number, bool, text or list}
 
     Raises BadInput if the edit would change anything else in the file.
@@ -55,13 +59,13 @@ def changed(path: str, text: str, device, values):
     return result
 
 
-def header_of(line):
+def header_of(line: str) -> str | None:
     """Return the device whose table starts on a line, or None for another line."""
     match = re.fullmatch(r"""\s*\[\s*device\s*\.\s*(?:"([^"\\]*)"|'([^']*)'|([\w-]+))\s*\]\s*(?:#.*)?""", line)
     return next((name for name in match.groups() if name is not None), None) if match else None
 
 
-def check(path: str, before, after, device: Device, values) -> None:
+def check(path: str | Path, before: str, after: str, device: str, values: Mapping[str, Any]) -> None:
     """Raise BadInput if the edit makes the file invalid or changes anything else in it."""
     old = parse(path, before)
     refusal = (
@@ -79,8 +83,13 @@ def check(path: str, before, after, device: Device, values) -> None:
         raise BadInput(refusal + assignments)
 
 
-def write(path, before, text: str) -> None:
-    """Replace a file atomically. Raises BadInput if it has changed since it was read or cannot be written."""
+def write(path: str | Path, before: str, text: str) -> None:
+    """Replace a file atomically.
+
+    before : content that the file must still have
+
+    Raises BadInput if it has changed since it was read or cannot be written.
+    """
     path = Path(path)
     if text_of(path) != before:
         raise BadInput(f"{path} has changed since it was read; nothing was written. Run the command again")

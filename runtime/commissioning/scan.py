@@ -5,14 +5,22 @@ Otherwise it requests the address claim and software version of J1939 nodes, the
 families.
 """
 
+from __future__ import annotations
+
 import time
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.queries import same_id
 from blocks.families import families
 from runtime.base.errors import BadInput
 from runtime.commissioning import j1939
 from runtime.commissioning.bus import QUERY_INTERVAL
+
+if TYPE_CHECKING:
+    from graph.family import Answer, Query
+    from runtime.commissioning.bus import ToolBus
 
 LISTEN_TIME = 0.1  # s before a single drive is queried
 SETTLE_TIME = 0.08  # s after the last query of a round
@@ -24,7 +32,7 @@ REMEDY_OF_SILENCE = (
 
 @dataclass
 class Report:
-    """Devices and traffic found on a bus.
+    """Devices and traffic of a bus.
 
     drives : graph.family.Answer of each drive
     nodes : j1939.Node of each J1939 node
@@ -51,10 +59,11 @@ class Report:
     chips: list = field(default_factory=list)
 
 
-def scan(bus, ids, listen):
+def scan(bus: ToolBus, ids: Sequence[int], listen: float) -> Report:
     """Scan a ToolBus. Returns the Report.
 
-    ids : drive ids to query; listen : s of listening before the first query
+    ids : drive ids to query
+    listen : s of listening before the first query
     """
     about = bus.bus
     report = Report(about.name, about.interface, about.channel, about.bitrate, remarks=list(bus.remarks))
@@ -76,19 +85,19 @@ def scan(bus, ids, listen):
     report.nodes = [nodes[address] for address in sorted(nodes)]
     report.others = others(before, report)
     report.refused, report.errors = bus.refused, bus.errors
-    report.remarks += troubles(bus, report)
+    report.remarks += _bus_problems(bus, report)
     report.sent = bus.sent
     return report
 
 
-def commanded(frames, ids):
+def commanded(frames: Iterable[tuple[int, bool, bytes]], ids: Container[int]) -> list[int]:
     """Return the ids of drives that another controller sends commands to."""
     frames = [frame for frame in frames if j1939.measured(*frame) is None]
     commanded_ids = {family.commanded(*frame) for frame in frames for family in families()}
     return sorted(can_id for can_id in commanded_ids if can_id is not None and can_id in ids)
 
 
-def refuse_company(bus):
+def refuse_company(bus: ToolBus) -> None:
     """Raise BadInput if another controller commands drives on a bus."""
     others = commanded(bus.listen(LISTEN_TIME), range(1, 256))
     if others:
@@ -98,7 +107,7 @@ def refuse_company(bus):
         )
 
 
-def _ask_nodes(bus, nodes):
+def _ask_nodes(bus: ToolBus, nodes: dict[int, j1939.Node]) -> None:
     bus.send(j1939.request(j1939.CLAIM), "address claim of J1939 nodes")
     j1939.learn(nodes, bus.listen(SETTLE_TIME))
     for address in sorted(nodes):
@@ -107,7 +116,7 @@ def _ask_nodes(bus, nodes):
         j1939.learn(nodes, bus.listen(SETTLE_TIME))
 
 
-def merged(queries):
+def merged(queries: Iterable[Query]) -> list[list[Query]]:
     """Return queries grouped by the frame they send, in the order of the last query of each group."""
     shared = {}
     for query in queries:
@@ -116,8 +125,11 @@ def merged(queries):
     return list(shared.values())
 
 
-def merged_stop_queries(can_id, model):
-    """Return [(frame, reader)] of all families for one id: first drives that report unasked, each frame once."""
+def merged_stop_queries(can_id: int, model: Any) -> list[tuple[tuple[int, bool, bytes] | None, Callable[..., Any]]]:
+    """Return [(frame, reader)] of all families for one id: first drives that report unasked, each frame once.
+
+    model : model within a family, or None
+    """
     readers: dict = {None: []}
     for query in (query for family in families() for query in family.stop_queries(can_id, model)):
         readers[query.frame] = [
@@ -131,8 +143,13 @@ def merged_stop_queries(can_id, model):
     return [(frame, first_of(reads)) for frame, reads in readers.items()]
 
 
-def ask_drives(bus, ids, queries, before):
-    """Return the Answers to queries that send the same frame. Each id is queried once."""
+def ask_drives(
+    bus: ToolBus, ids: Sequence[int], queries: Sequence[Query], before: Sequence[tuple[int, bool, bytes]]
+) -> list[Answer]:
+    """Return the Answers to queries that send the same frame. Each id is queried once.
+
+    before : frames received before the first query
+    """
     received = []
     for can_id in ids:
         if (frame := queries[0].frame(can_id)) is None:
@@ -143,7 +160,7 @@ def ask_drives(bus, ids, queries, before):
     received += bus.listen(SETTLE_TIME)
     answers_of = {}
     for query in queries:
-        for answer in query.answers(received, ids, before):
+        for answer in query.answers(received, list(ids), list(before)):
             if query.details is not None:
                 answer = bus.converse(query.details(answer))
             answers_of.setdefault(answer.can_id, []).append(answer)
@@ -153,7 +170,7 @@ def ask_drives(bus, ids, queries, before):
     return [answer for answers in answers_of.values() for answer in answers]
 
 
-def others(frames, report):
+def others(frames: Iterable[tuple[int, bool, bytes]], report: Report) -> list[str]:
     """Return the received identifiers that belong to no known device."""
     nodes = {node.address for node in report.nodes}
     unknown = []
@@ -164,7 +181,7 @@ def others(frames, report):
     return sorted(set(unknown))
 
 
-def troubles(bus, report):
+def _bus_problems(bus: ToolBus, report: Report) -> list[str]:
     """Return lines about problems of the bus itself."""
     silent = not (report.drives or report.nodes or report.commanded)
     if bus.wire.trouble:
@@ -185,11 +202,11 @@ def troubles(bus, report):
     )
 
 
-def _remedy_of_silence():
+def _remedy_of_silence() -> str:
     return ", ".join([REMEDY_OF_SILENCE, *(family.bus_hint for family in families() if family.bus_hint)])
 
 
-def _retry(report):
+def _retry(report: Report) -> str:
     other = 250_000 if report.bitrate != 250_000 else 1_000_000
     if report.interface != "socketcan":
         return f"try --bitrate {other}"
@@ -199,7 +216,7 @@ def _retry(report):
     )
 
 
-def plain(report):
+def plain(report: Report) -> dict[str, Any]:
     """Return a Report as a dict for JSON."""
     row_of_report = asdict(report)
     for node, row in zip(report.nodes, row_of_report["nodes"]):
@@ -211,5 +228,6 @@ def plain(report):
     return row_of_report
 
 
-def clock():
+def clock() -> str:
+    """Return the local date and time, such as '2026-11-21 10:00'."""
     return time.strftime("%Y-%m-%d %H:%M")

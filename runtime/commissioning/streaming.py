@@ -3,10 +3,15 @@
 A drive that reports unasked receives no frames.
 """
 
+from __future__ import annotations
+
 import math
 import re
 import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from runtime.base.ending import Interrupted, handled
 from runtime.base.errors import BadInput
@@ -16,6 +21,10 @@ from runtime.console.terminal import print_lines
 from runtime.recorder.csv import CsvWriter
 from runtime.recorder.plotjuggler import PlotJugglerSender
 from runtime.recording.ascii_units import ascii_name
+
+if TYPE_CHECKING:
+    from graph.family import Answer
+    from runtime.commissioning.bus import ToolBus
 
 SIGNALS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C"}
 SILENCE_TIMEOUT = 1.0  # s without an answer until silence is reported
@@ -49,7 +58,7 @@ class Watched:
     Raises BadInput if no drive responds as `can_id` or another controller commands drives on the bus.
     """
 
-    def __init__(self, bus, can_id, model=None) -> None:
+    def __init__(self, bus: ToolBus, can_id: int, model: Any = None) -> None:
         self.bus, self.can_id, self.model = bus, can_id, model
         refuse_company(bus)
         for self.question, self.read in merged_stop_queries(can_id, model):
@@ -62,7 +71,7 @@ class Watched:
                 return
         raise BadInput(f"no drive responds as id {can_id} on {bus.bus.channel}; `scan` lists the drives on the bus")
 
-    def ask(self, timeout):
+    def ask(self, timeout: float) -> Answer | None:
         """Return the Answer, or None if none arrives within `timeout` s."""
         if self.question is None:
             frames = self.bus.listen(timeout, lambda frames: any(self.read(*frame) is not None for frame in frames))
@@ -70,23 +79,25 @@ class Watched:
             return next((answer for answer in answers if answer is not None), None)
         return self.bus.ask(self.question, "disable", self.read, timeout=timeout, attempts=1)
 
-    def columns(self, name: str):
+    def columns(self, name: str) -> list[dict[str, str]]:
+        """Return the columns of `row`. name : of the drive"""
         return [column(f"{name}.{signal}", unit) for signal, unit in SIGNALS.items()]
 
-    def row(self, answer):
+    def row(self, answer: Answer) -> list[float]:
         """Return the values of the columns, NaN where the drive does not report one."""
         return [math.nan if (value := getattr(answer, signal)) is None else value for signal in SIGNALS]
 
-    def line(self, answer):
+    def line(self, answer: Answer) -> str:
         """Return an answer as a line for the terminal."""
         return _line(answer)
 
 
-def column(path: str, unit):
+def column(path: str, unit: str) -> dict[str, str]:
+    """Return the description of a column as the sinks of the recorder use it."""
     return {"path": path, "unit": unit, "ascii_unit": ascii_name(unit), "dtype": "float"}
 
 
-def in_subsystems(columns):
+def in_subsystems(columns: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the columns with one subsystem per channel of a device.
 
     Rerun then draws each channel in a separate plot and recognises attitudes.
@@ -107,8 +118,15 @@ def in_subsystems(columns):
     return renamed
 
 
-def sinks_of(drive, name: str, rate, folder, plotjuggler, rerun):
-    """Return the sinks for the rows, not yet open."""
+def sinks_of(
+    drive: Any,
+    name: str,
+    rate: float,
+    folder: str | Path | None,
+    plotjuggler: tuple[str, int] | None,
+    rerun: str | None,
+) -> list[Any]:
+    """Return the sinks for the rows, not yet open. Arguments as for `stream`."""
     plan = {
         "name": name,
         "folder": folder,
@@ -141,7 +159,16 @@ def sinks_of(drive, name: str, rate, folder, plotjuggler, rerun):
     return sinks
 
 
-def stream(drive, name: str, rate, duration, folder=None, plotjuggler=None, rerun=None, clock=time.monotonic):
+def stream(
+    drive: Any,
+    name: str,
+    rate: float,
+    duration: float | None,
+    folder: str | Path | None = None,
+    plotjuggler: tuple[str, int] | None = None,
+    rerun: str | None = None,
+    clock: Callable[[], float] = time.monotonic,
+) -> StreamResult:
     """Show a drive or sensor until the duration is over or Ctrl-C. Returns a StreamResult.
 
     drive : Watched, or another object with the methods ask, columns, row and line
@@ -196,7 +223,7 @@ def stream(drive, name: str, rate, duration, folder=None, plotjuggler=None, reru
     return result
 
 
-def give(sink, tick, now, row, flushes, sinks) -> None:
+def give(sink: Any, tick: int, now: float, row: Sequence[float], flushes: bool, sinks: list[Any]) -> None:
     """Write a row to a sink.
 
     A viewer that has closed is reported and removed from `sinks`. Raises OSError if a file cannot be written.
@@ -215,7 +242,8 @@ def give(sink, tick, now, row, flushes, sinks) -> None:
         sinks.remove(sink)
 
 
-def show(now, text: str, screen):
+def show(now: float, text: str, screen: Terminal) -> float:
+    """Show a line: in place on a terminal, else as a line of its own. Returns `now`."""
     if screen.interactive:
         screen.draw(text[: max(0, screen.columns - 1)])  # a wrapped line would scroll the terminal
     else:
@@ -223,7 +251,7 @@ def show(now, text: str, screen):
     return now
 
 
-def _line(answer):
+def _line(answer: Answer) -> str:
     def number(value, width, digits, unit):
         return f"{'-':>{width}} {unit}" if value is None else f"{value:{width}.{digits}f} {unit}"
 

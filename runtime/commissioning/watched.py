@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cext.schedule.kernel_table import feed
 from graph import Device, compile
@@ -37,7 +38,7 @@ class WatchedBlocks:
 
     shown = None
 
-    def __init__(self, diagram: Diagram, channels) -> None:
+    def __init__(self, diagram: Diagram, channels: Callable[[Any], Iterable[str]]) -> None:
         schedule = compile(diagram)
         self.arena = schedule.arena.copy()
         self.fed = []
@@ -45,19 +46,28 @@ class WatchedBlocks:
             block = diagram[steps.name]
             self.fed.append(Fed(block, steps.decode_table, schedule.items[steps.name], tuple(channels(block))))
 
-    def feed(self, fed, data, when, identifier):
-        """Pass a frame to a block's decoder. Returns {value returned by the decoder (cext.abi): count}."""
+    def feed(self, fed: Fed, data: bytes, when: int, identifier: int) -> dict[int, int]:
+        """Pass a frame to a block's decoder.
+
+        data : bytes of the frame
+        when : ns, time of its arrival
+        identifier : of the frame, with the flags of cext.abi
+
+        Returns {value returned by the decoder (cext.abi): count}.
+        """
         return feed(fed.block.decode, self.arena, fed.table, data, FRAME, when, identifier)
 
-    def values_of(self, fed, name: str):
+    def values_of(self, fed: Fed, name: str) -> list[float]:
         """Return the values of an output as a list."""
         slot, length = fed.items[name]
         return self.arena[slot : slot + length].tolist()
 
-    def answer(self):
+    def answer(self) -> dict[str, list[float]]:
+        """Return {path of a port: its values} of every port that is shown."""
         return {f"{fed.block.path}.{name}": self.values_of(fed, name) for fed in self.fed for name in fed.channels}
 
-    def columns(self, name: str):
+    def columns(self, name: str) -> list[dict[str, str]]:
+        """Return the columns of `row`, one per element of a port. name : unused; the blocks have their own"""
         columns = []
         for fed in self.fed:
             for channel in fed.channels:
@@ -66,10 +76,12 @@ class WatchedBlocks:
                 columns += [column(f"{fed.block.path}.{channel}{place}", port.unit) for place in places]
         return columns
 
-    def row(self, answer):
+    def row(self, answer: Mapping[str, Iterable[float]]) -> list[float]:
+        """Return the values of the columns."""
         return [value for values in answer.values() for value in values]
 
-    def line(self, answer):
+    def line(self, answer: Mapping[str, Iterable[float]]) -> str:
+        """Return an answer as a line for the terminal."""
         parts = []
         for fed in self.fed:
             parts += [fed.block.path] * (len(self.fed) > 1)

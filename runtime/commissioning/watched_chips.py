@@ -1,11 +1,15 @@
 """Live display of sensors on an I2C bus: identified by their registers, configured and polled as in a run."""
 
+from __future__ import annotations
+
 import time
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, closing, suppress
+from typing import TYPE_CHECKING, Any
 
 from blocks.families import families
 from blocks.i2c import I2cDevice
-from graph import Diagram
+from graph import Device, Diagram
 from graph.names import suggestion
 from runtime.base.errors import BadInput
 from runtime.commissioning.chips import chip_of
@@ -15,6 +19,9 @@ from runtime.guardian.lock import BusLock, BusTaken
 from runtime.rig.chips import KnownChips, NoAnswer, in_hex
 from runtime.rig.errors import Refused
 from runtime.rig.i2c import I2cInterface, SeveralRefused, error_in_words, open_adapter
+
+if TYPE_CHECKING:
+    from runtime.rig.file import RigBus
 
 HIDDEN = {"age", "errors", "mag_age", "mag_overflow", "repeated"}  # unless selected with --channels
 EXTENDED, TAKEN = 0x80000000, 1  # cext/abi.pxd
@@ -35,14 +42,21 @@ class WatchedChips(WatchedBlocks):
 
     shown = ("accel", "gyro", "a0", "a1", "a2", "a3", "force", "temperature")
 
-    def __init__(self, bus, places, channels, rate, settings=()) -> None:
+    def __init__(
+        self,
+        bus: RigBus,
+        places: Sequence[tuple[int, int, int]],
+        channels: Sequence[str],
+        rate: float,
+        settings: Sequence[tuple[str, str]] = (),
+    ) -> None:
         with ExitStack() as undo:
             try:
                 undo.callback(BusLock(bus.interface, bus.channel).close)
-                found = recognised(bus, places)
+                sensors = recognised(bus, places)
                 with Diagram("stream", rate=rate) as diagram:
-                    for kind, place in found:
-                        _block(kind, place, bus.name, parameters_of(kind, found, channels, rate, settings))
+                    for kind, place in sensors:
+                        _block(kind, place, bus.name, parameters_of(kind, sensors, channels, rate, settings))
                 blocks = [one for one in diagram if isinstance(one, I2cDevice)]
                 refuse_unknown_names(blocks, channels, settings)
                 super().__init__(
@@ -66,7 +80,7 @@ class WatchedChips(WatchedBlocks):
             self.interface.wires.begin(time.monotonic_ns())
             self.undo = undo.pop_all()
 
-    def ask(self, timeout):
+    def ask(self, timeout: float) -> dict[str, list[float]] | None:
         """Return {path of a port: its values} after a new sample, once every sensor has responded.
 
         Returns None after `timeout` s without one.
@@ -85,7 +99,7 @@ class WatchedChips(WatchedBlocks):
                 return None
             time.sleep(POLL_INTERVAL)
 
-    def summary(self):
+    def summary(self) -> list[str]:
         """Return the lines shown at the end: one per sensor."""
         lines = []
         for path, counts in self.interface.counts["devices"].items():
@@ -96,22 +110,26 @@ class WatchedChips(WatchedBlocks):
         return lines
 
     def close(self) -> None:
+        """Close the bus, and release its lock."""
         self.undo.close()
 
 
-def recognised(bus, places):
-    """Return [(class of the block, (mux, channel, address))]. Raises BadInput or Refused."""
+def recognised(bus: RigBus, places: Sequence[tuple[int, int, int]]) -> list[tuple[Any, tuple[int, int, int]]]:
+    """Return [(class of the block, (mux, channel, address))]. Raises BadInput or Refused.
+
+    places : of the chips; empty for every known chip on the bus
+    """
     chips, _ = open_adapter(bus)
     try:
         known = KnownChips(chips)
         if not places:
             named = [((mux, channel, address), name) for mux, channel, address, name, _ in known.everywhere()]
-            found = [(chip.block, place) for place, name in named if (chip := chip_of(name)) is not None]
-            if not found:
+            sensors = [(chip.block, place) for place, name in named if (chip := chip_of(name)) is not None]
+            if not sensors:
                 raise BadInput(
                     f"{bus.channel}: no known sensor responds; `scan --interface i2c` lists the chips that do"
                 )
-            return found
+            return sensors
         return [(recognise(bus, chips, known, place), place) for place in places]
     finally:
         with suppress(NoAnswer):
@@ -119,8 +137,11 @@ def recognised(bus, places):
         chips.close()
 
 
-def recognise(bus, chips, known, place):
-    """Return the class of the block that reads the chip at a place. Raises BadInput if there is none."""
+def recognise(bus: RigBus, chips: Any, known: KnownChips, place: tuple[int, int, int]) -> Any:
+    """Return the class of the block that reads the chip at a place. Raises BadInput if there is none.
+
+    chips : open adapter, as returned by runtime.rig.i2c.open_adapter
+    """
     mux, channel, address = place
     try:
         chips.switch(mux, channel)
@@ -141,13 +162,13 @@ def recognise(bus, chips, known, place):
     return chip.block
 
 
-def chip_names():
+def chip_names() -> list[str]:
     """Return the names of every chip that has a block."""
     chips = [chip for family in families() for chip in family.chips if chip.block is not None]
     return [name for chip in chips for name in ([chip.name] if chip.name else chip.registers[1].values())]
 
 
-def _block(kind, place, bus, parameters):
+def _block(kind: Any, place: tuple[int, int, int], bus: str, parameters: dict[str, Any]) -> Device:
     mux, channel, address = place
     name = f"{kind.__name__.lower()}_{_in_words(place).replace('.', '_').replace(':', '_').replace('0x', '')}"
     try:
@@ -156,11 +177,20 @@ def _block(kind, place, bus, parameters):
         raise BadInput(f"{kind.kind} at {_in_words(place)}: {error}") from None
 
 
-def parameters_of(kind, found, channels, rate, settings):
+def parameters_of(
+    kind: Any,
+    sensors: Sequence[tuple[Any, tuple[int, int, int]]],
+    channels: Sequence[str],
+    rate: float,
+    settings: Iterable[tuple[str, str]],
+) -> dict[str, Any]:
     """Return the parameters of a block.
 
     With several inertial sensors, each chip reads its magnetometer itself: on the bus, all magnetometers would have the
     same address.
+
+    kind : class of the block
+    sensors : as returned by `recognised`
     """
     given = {}
     if "magnetometer" in kind.parameters:
@@ -168,7 +198,7 @@ def parameters_of(kind, found, channels, rate, settings):
         if channels and "mag" not in channels:
             given["magnetometer"] = False
         elif "bypass" in kind.parameters:
-            given["bypass"] = sum("magnetometer" in other.parameters for other, _ in found) == 1
+            given["bypass"] = sum("magnetometer" in other.parameters for other, _ in sensors) == 1
     if "channels" in kind.parameters and (own := tuple(name for name in channels if name in kind.channel_names)):
         given["channels"] = own
     for name, text in settings:
@@ -177,7 +207,9 @@ def parameters_of(kind, found, channels, rate, settings):
     return given
 
 
-def refuse_unknown_names(blocks, channels, settings) -> None:
+def refuse_unknown_names(
+    blocks: Sequence[Device], channels: Sequence[str], settings: Sequence[tuple[str, str]]
+) -> None:
     """Raise BadInput if a channel or setting belongs to none of the blocks."""
     for what, names, available in (
         ("--channels ", channels, [name for block in blocks for name in block.outputs]),
@@ -191,7 +223,7 @@ def refuse_unknown_names(blocks, channels, settings) -> None:
             )
 
 
-def place_of(text: str):
+def place_of(text: str) -> tuple[int, int, int]:
     """Return (mux, channel, address) of '0x68', or of '0x70.3:0x68' behind a multiplexer. Raises BadInput."""
     where, _, address = text.rpartition(":")
     mux, _, channel = where.partition(".")
@@ -204,6 +236,6 @@ def place_of(text: str):
     return place
 
 
-def _in_words(place):
+def _in_words(place: tuple[int, int, int]) -> str:
     mux, channel, address = place
     return f"{mux:#04x}.{channel}:{address:#04x}" if mux else f"{address:#04x}"

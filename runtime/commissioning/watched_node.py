@@ -3,13 +3,19 @@
 The configuration is lost when the sensor loses power.
 """
 
+from __future__ import annotations
+
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from graph import Diagram
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import refuse_company
 from runtime.commissioning.watched import WatchedBlocks
+
+if TYPE_CHECKING:
+    from graph.family import Node
+    from runtime.commissioning.bus import ToolBus
 
 EXTENDED, TAKEN = 0x80000000, 1  # cext/abi.pxd
 SET_UP_INTERVAL = 0.1  # s between two attempts to configure the sensor
@@ -26,7 +32,7 @@ class WatchedNode(WatchedBlocks):
     Raises BadInput if the sensor does not return its settings or another controller commands drives on the bus.
     """
 
-    def __init__(self, bus, kind, address, **parameters: Any) -> None:
+    def __init__(self, bus: ToolBus, kind: Node, address: int, **parameters: Any) -> None:
         self.bus = bus
         refuse_company(bus)
         with Diagram("stream", rate=kind.block.parameters["rate"].default) as diagram:
@@ -46,7 +52,7 @@ class WatchedNode(WatchedBlocks):
                 bus.send(frame, f"settings of an {kind.name}")
             responded = bool(self.drain(SET_UP_INTERVAL)) or responded
 
-    def drain(self, timeout):
+    def drain(self, timeout: float) -> dict[int, int]:
         """Return {value returned by the decoder: count} for the sensor's frames received within `timeout` s."""
         frames = self.bus.listen(timeout, lambda frames: any(frame[0] & 0xFF == self.block.address for frame in frames))
         answers = {}
@@ -56,7 +62,7 @@ class WatchedNode(WatchedBlocks):
                     answers[answer] = answers.get(answer, 0) + count
         return answers
 
-    def ask(self, timeout):
+    def ask(self, timeout: float) -> dict[str, list[float]] | None:
         """Return {path of a port: its values} after a complete sample, or None after `timeout` s without one."""
         deadline = time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0.0:

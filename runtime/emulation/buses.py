@@ -1,8 +1,12 @@
 """Interfaces of a plant's buses, opened as a robot's but without a guardian, since an emulator moves nothing."""
 
+from __future__ import annotations
+
 import json
 import os
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 from cext.bus.memory_bus import MemoryBus
 from cext.bus.socketcan import SocketCan
@@ -18,6 +22,10 @@ from runtime.rig.file import SOCKETCAN, UDP
 from runtime.rig.interface import Interface
 from runtime.rig.serial_port import look_at_port
 
+if TYPE_CHECKING:
+    from cext.bus.memory_bus import BusEnd
+    from runtime.rig.file import RigBus, RigFile
+
 READY_TIMEOUT = 30.0  # s
 ONE_MACHINE = ("udp_multicast",)  # kinds of python-can whose nodes are processes
 
@@ -32,7 +40,7 @@ class PlantBuses:
     real : channels on which there may be real drives
     """
 
-    def __init__(self, rig, names, machine=None):
+    def __init__(self, rig: RigFile, names: Iterable[str], machine: Machine | None = None) -> None:
         self.rig, self.names, self.remarks, self.real = rig, list(names), [], []
         self.locks, self.interfaces, self.cans, troubles = [], {}, {}, []
         self.lines, self.bell, self.carrier = None, -1, None
@@ -53,8 +61,11 @@ class PlantBuses:
             self.close()
             raise
 
-    def open(self, bus, machine):
-        """Return the end of one bus: a SocketCan, a Line, or an unconnected MemoryBus."""
+    def open(self, bus: RigBus, machine: Machine) -> SocketCan | Line | MemoryBus:
+        """Return the end of one bus: a SocketCan, a Line, or an unconnected MemoryBus.
+
+        Raises Refused if it cannot be opened.
+        """
         if bus.interface in ONE_PROCESS:
             raise Refused(
                 RigProblem(
@@ -88,7 +99,7 @@ class PlantBuses:
         self.real += [bus.channel] * (not interface.virtual)
         return SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=TX_QUEUE_FULL_LIMIT)
 
-    def carry(self):
+    def carry(self) -> list[RigProblem]:
         """Start the process with python-can's interfaces. Returns a RigProblem for each that cannot be opened."""
         buses = [self.rig.buses[name] for name in self.carried]
         plan = [
@@ -102,6 +113,7 @@ class PlantBuses:
             }
             for bus in buses
         ]
+        assert self.lines is not None
         self.carrier = Carrier(self.lines, self.bell, self.locks)
         return [
             RigProblem(
@@ -112,15 +124,15 @@ class PlantBuses:
             for name, why in self.carrier.configure(plan).items()
         ]
 
-    def ends(self):
+    def ends(self) -> list[BusEnd]:
         """Return the plant's end of each bus, in the order of the schedule."""
         return [
             self.cans[name].host if isinstance(self.cans[name], MemoryBus) else self.cans[name].end
             for name in self.names
         ]
 
-    def explain(self, name):
-        """Return why a bus has failed."""
+    def explain(self, name: str) -> str:
+        """Return why a bus has failed. name : of the bus"""
         trouble = self.cans[name].trouble
         if name in self.carried and self.carrier is not None and not self.carrier.alive:
             return "the process that carries its frames has ended"
@@ -132,7 +144,8 @@ class PlantBuses:
             else "it accepts no frames"
         )
 
-    def close(self):
+    def close(self) -> None:
+        """End the process that carries frames, and close the interfaces and locks. May be called again."""
         if self.carrier is not None:
             self.carrier.close()
         for interface in self.interfaces.values():
@@ -147,13 +160,16 @@ class PlantBuses:
 class Carrier(ChildProcess):
     """Process with python-can's interfaces; it ends with this process, or on `close`."""
 
-    def __init__(self, lines, bell, locks):
+    def __init__(self, lines: Lines, bell: int, locks: Sequence[BusLock]) -> None:
         super().__init__(
             "runtime.emulation.carrier", (lines.fd, bell), (lines.fd, bell, *(lock.fileno() for lock in locks))
         )
 
-    def configure(self, plan):
-        """Open the buses. Returns {name: reason of a failure}; raises BadInput if the process does not respond."""
+    def configure(self, plan: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+        """Open the buses. Returns {name: reason of a failure}; raises BadInput if the process does not respond.
+
+        plan : {"name", "interface", "channel", "bitrate", "fd", "options"} of each bus
+        """
         with suppress(BrokenPipeError):
             self._send(json.dumps(plan).encode() + b"\n")
         try:
@@ -165,10 +181,12 @@ class Carrier(ChildProcess):
         return answer
 
     @property
-    def alive(self):
+    def alive(self) -> bool:
+        """Whether the process runs."""
         return self._child.poll() is None
 
-    def close(self):
+    def close(self) -> None:
+        """End the process and wait for it."""
         with suppress(OSError):
             self._orders.close()
         self._child.kill()

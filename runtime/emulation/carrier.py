@@ -4,7 +4,9 @@ import errno
 import json
 import os
 import select
+from collections.abc import Sequence
 from contextlib import suppress
+from typing import Any
 
 from cext.ring.rings import Lines
 from runtime.base.ending import ignore_signals
@@ -15,7 +17,7 @@ REST = 1  # ms between reads of an interface that cannot be polled
 NAME = "tickwork-plant"
 
 
-def main(answers, control, lines, bell) -> None:
+def main(answers: int, control: int, lines: int, bell: int) -> None:
     """Run the process. Arguments are file descriptors: answer pipe, pidfd of the emulator, lines, bell."""
     ignore_signals()
     with open("/proc/self/comm", "w") as file:
@@ -36,7 +38,7 @@ def main(answers, control, lines, bell) -> None:
         wire.close()
 
 
-def _carry(wires, lines, bell, control) -> None:
+def _carry(wires: Sequence[Any], lines: Lines, bell: int, control: int) -> None:
     poll = select.poll()
     places = {wire.fileno(): wire for wire in wires if wire.fileno() is not None}
     for descriptor in (ORDERS, bell, control, *places):

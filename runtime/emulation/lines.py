@@ -13,6 +13,7 @@ from graph import StreamDevice
 from runtime.emulation.network_senders import NetworkSender
 
 if TYPE_CHECKING:
+    from cext.bus.memory_bus import BusEnd
     from graph import Diagram
     from graph.schedule import Schedule
 
@@ -55,18 +56,20 @@ class EmulatedLines:
             self.lines[name] = self.streams.add(sender.source.fileno(), name)
         self.streams.start()
 
-    def link(self, link, name: str) -> None:
+    def link(self, link: Path, name: str) -> None:
+        """Make a link to the terminal of a line, or replace the one of an emulator that was killed."""
         fresh = link.with_name(f".{link.name}.{os.getpid()}")
         fresh.symlink_to(self.paths[name])
         fresh.replace(link)  # a killed emulator may have left one
         self.paths[name] = str(link)
         self.links.append(link)
 
-    def end(self, name: str):
+    def end(self, name: str) -> BusEnd:
         """Return the BusEnd of a line."""
         return self.lines[name].end
 
     def close(self) -> None:
+        """Close the terminals, and remove the links."""
         self.streams.end()
         for line in self.lines.values():
             line.close()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,9 @@ from cext.schedule.program import Program
 from runtime.console.stderr import Terminal
 
 if TYPE_CHECKING:
-    pass
+    from cext.bus.memory_bus import BusEnd
+    from cext.schedule.outcome import Outcome
+    from graph import Schedule
 
 REFRESH = 0.2  # s
 RING_BYTES = 1 << 16  # of the ring, which has no reader
@@ -22,9 +24,14 @@ CATCH_UP_LIMIT = 100  # steps that run late after a delay
 
 
 class Service:
-    """Plant in real time. schedule : of the plant; ends : of its buses; bitrate : bit/s limit, or None"""
+    """Plant in real time.
 
-    def __init__(self, schedule, ends, bitrate=None) -> None:
+    schedule : of the plant
+    ends : of its buses, in the order of the schedule
+    bitrate : bit/s, to which each bus is slowed down; None for no limit
+    """
+
+    def __init__(self, schedule: Schedule, ends: Sequence[BusEnd], bitrate: float | None = None) -> None:
         self.page = SharedState(RING_BYTES)
         self.slowed = [] if bitrate is None else [SlowBus(end, bitrate) for end in ends]
         ends = [slow.end for slow in self.slowed] or ends
@@ -32,17 +39,18 @@ class Service:
         self.executor = Executor(self.program, schedule.rate, page=self.page, overrun=f"catch-up:{CATCH_UP_LIMIT}")
         self.rate = schedule.rate
 
-    def run(self, duration=None):
+    def run(self, duration: float | None = None) -> Outcome:
         """Run until a signal, or for `duration` s. Returns the Outcome."""
         with self.status_line():
             return self.executor.run(-1 if duration is None else max(1, round(duration * self.rate)))
 
     @property
-    def statistics(self):
+    def statistics(self) -> dict[str, Any]:
+        """Statistics of the shared state."""
         return self.page.statistics()
 
     @contextmanager
-    def status_line(self) -> Iterator[Any]:
+    def status_line(self) -> Iterator[None]:
         """Show a status line on a terminal, from another thread, since the loop does not hold the GIL."""
         terminal, over = Terminal(), threading.Event()
 
@@ -65,8 +73,12 @@ class Service:
                 thread.join()
 
 
-def line(before, now, rate):
-    """Return the status line. before, now : statistics at an interval of REFRESH"""
+def line(before: Mapping[str, Any], now: Mapping[str, Any], rate: float) -> str:
+    """Return the status line.
+
+    before, now : statistics at an interval of REFRESH
+    rate : Hz of the plant
+    """
     received, sent = ((now["frames"][kind] - before["frames"][kind]) / REFRESH for kind in ("received", "sent"))
     return (
         f"emulating {(now['last_tick'] + 1) / rate:.1f} s · {received:.0f} frames/s received, {sent:.0f} sent · "

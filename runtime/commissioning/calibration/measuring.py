@@ -24,8 +24,10 @@ from runtime.recording.format import row_struct
 from runtime.rig.buses import RigBuses
 
 if TYPE_CHECKING:
+    from graph import Schedule
     from graph.block import Sink
     from runtime.diagrams.diagram_file import DiagramFile
+    from runtime.rig.file import RigFile
 
 PORTS = ("accel", "gyro", "mag")
 DURATION_LIMIT = 1200.0  # s
@@ -51,6 +53,7 @@ class Readings:
         self.mag = mag[fresh]
 
     def plus(self, later: Readings) -> Readings:
+        """Return these readings followed by later ones, with READING_GAP s between them."""
         start = self.time[-1] + READING_GAP if len(self.time) else 0.0
         joined = Readings(
             np.concatenate([self.time, start + later.time]),
@@ -103,7 +106,7 @@ class OnRig:
     Raises RigError if the rig cannot be opened. Call `read` any number of times inside the `with` block.
     """
 
-    def __init__(self, rig, sensor) -> None:
+    def __init__(self, rig: RigFile, sensor: Any) -> None:
         parameters = {name: getattr(sensor, name) for name in sensor.parameters}
         with (
             Diagram("calibration", rate=max(sensor.rate, 1.0) if hasattr(sensor, "rate") else 200.0) as diagram,
@@ -126,6 +129,7 @@ class OnRig:
         self.buses.close()
 
     def read(self, seconds: float) -> Readings:
+        """Return the Readings of the next `seconds`. Raises BadInput if the sensor does not respond."""
         return read(self.schedule, self.recorder, self.control, seconds)
 
 
@@ -137,8 +141,14 @@ def record(diagram: Diagram, sensor: Device) -> Sink:
     return recorder
 
 
-def read(schedule, recorder: Sink, control: Program, seconds: float, **how: Any) -> Readings:
-    """Return the Readings of `seconds`. Raises BadInput if the sensor does not respond or stops responding."""
+def read(schedule: Schedule, recorder: Sink, control: Program, seconds: float, **how: Any) -> Readings:
+    """Return the Readings of `seconds`.
+
+    recorder : as returned by `record`
+    how : options of Executor
+
+    Raises BadInput if the sensor does not respond or stops responding.
+    """
     if not 0.0 < seconds <= DURATION_LIMIT:
         raise BadInput(f"duration {seconds:g} s is out of range: it must be above 0 and at most {DURATION_LIMIT:g} s")
     ticks = math.ceil(seconds * schedule.rate)

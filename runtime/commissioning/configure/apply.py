@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from runtime.commissioning.bus import ToolBus
 
 
-def check(request: Request):
+def check(request: Request) -> None:
     """Raise BadInput if no family can carry out a graph.family.Request."""
     causes = []
     for family in families():

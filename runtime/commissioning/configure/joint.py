@@ -5,14 +5,21 @@ bend the joint      the direction of motion is the sign
 full motion         its ends are the range that is checked before arming
 """
 
+from __future__ import annotations
+
 import sys
 import time
+from typing import TYPE_CHECKING, Any
 
 from blocks.families import families, family_of
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import refuse_company
 from runtime.console.confirm import enter_pressed
 from runtime.console.terminal import print_lines
+
+if TYPE_CHECKING:
+    from graph.family import Answer
+    from runtime.commissioning.bus import ToolBus
 
 QUERY_INTERVAL = 0.02  # s
 SILENCE_TIMEOUT = 0.5  # s without an answer
@@ -27,7 +34,7 @@ class Motor:
     block : actuator block with the parameters of the diagram and the rig file
     """
 
-    def __init__(self, bus, block):
+    def __init__(self, bus: ToolBus, block: Any) -> None:
         self.bus, self.block = bus, block
         family = family_of(block)
         if family is None:
@@ -36,11 +43,13 @@ class Motor:
                 f"{block.path} is a {type(block).__name__}, which this command does not support. Supported: {known}"
             )
         self.query = family.stop_query(block)
+        assert self.query.frame is not None  # the query of a block sends a frame
+        self.frame = self.query.frame
         refuse_company(bus)
 
-    def answer(self):
+    def answer(self) -> Answer:
         """Return the newest Answer. Raises BadInput if the drive does not respond."""
-        answer = self.bus.ask(self.query.frame, "disable", self.query.read, timeout=SILENCE_TIMEOUT / 2)
+        answer = self.bus.ask(self.frame, "disable", self.query.read, timeout=SILENCE_TIMEOUT / 2)
         if answer is None:
             raise BadInput(
                 f"{self.block.path}: id {self.block.can_id} does not respond on {self.bus.bus.channel}; "
@@ -48,13 +57,13 @@ class Motor:
             )
         return answer
 
-    def angle(self):
+    def angle(self) -> float:
         """Return the motor's position in rad at the joint, before sign and offset."""
         return self.answer().position / self.block.gear_ratio
 
 
-def until_entered(motor, instruction):
-    """Return [(time, angle)] of a joint until the operator presses Enter."""
+def until_entered(motor: Motor, instruction: str) -> list[tuple[float, float]]:
+    """Return [(time in s, angle in rad)] of a joint until the operator presses Enter."""
     print_lines([f"{instruction}, then press Enter"])
     seen = []
     live = sys.stdout.isatty()
@@ -70,8 +79,11 @@ def until_entered(motor, instruction):
     return seen
 
 
-def at_rest(motor, name):
-    """Return the mean angle in rad over STILL_TIME. Raises BadInput if the joint moves."""
+def at_rest(motor: Motor, name: str) -> float:
+    """Return the mean angle in rad over STILL_TIME. Raises BadInput if the joint moves.
+
+    name : of the pose, for the message
+    """
     end, angles = time.monotonic() + STILL_TIME, []
     while time.monotonic() < end:
         angles.append(motor.angle())
@@ -84,8 +96,12 @@ def at_rest(motor, name):
     return sum(angles) / len(angles)
 
 
-def find(motor):
-    """Guide the operator through the three steps. Returns {invert, offset, range} of the joint."""
+def find(motor: Motor) -> dict[str, Any]:
+    """Guide the operator through the three steps.
+
+    Returns {"invert": bool, "offset": rad, "range": [low, high] in rad} of the joint. Raises BadInput if it moved
+    too little.
+    """
     until_entered(motor, "1 of 3: motor off. Stand straight, so that the joint is at zero")
     straight = at_rest(motor, "straight")
     print_lines([f"  straight at {straight:.3f} rad of the motor"])
