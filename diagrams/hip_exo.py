@@ -9,21 +9,17 @@ nor gait phase. (Lim et al. 2019, IEEE Transactions on Robotics 35) Angles are f
 flexes the hip.
 """
 
-from math import pi
-
 from blocks.actuators import CubeMars
 from blocks.discrete import Delay
 from blocks.filters import Butterworth
 from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Gain
-from blocks.models import Limb
-from blocks.quaternions import QuaternionConjugate, QuaternionFromEuler, RotateVector
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
-from blocks.sources import Sine
 from blocks.trigonometry import Sin
-from graph import Diagram, deg, stack, subsystem
+from blocks.wearer import SegmentIMU, Walker
+from graph import Diagram, subsystem
 
 RATE = 200.0  # Hz
 
@@ -54,21 +50,16 @@ def hip(side, can_id, torque, invert):
         hip(torque_command=TorqueLimiter(limit=6.0, slew=100.0)(torque))
 
 
-def plant(robot, stride_time=1.1):
-    """Return the wearer: thighs that swing by ±22° about 8° of flexion, half a stride apart, with their sensors."""
+def plant(robot, speed=1.2):
+    """Return the wearer, an average adult, with the sensors of the thighs. speed : m/s, or as in "0:0 2:1.2" """
     with Diagram("wearer", rate=5 * robot.rate) as wearer:
-        for side, start in (("left", 0.0), ("right", pi)):
+        adult = Walker(speed)
+        drives = {side: robot[f"{side}/hip"].emulator() for side in ("left", "right")}
+        motion = adult(left_hip_assistance=drives["left"].torque, right_hip_assistance=drives["right"].torque)
+        for side, drive in drives.items():
+            drive(position=getattr(motion, f"{side}_thigh_pitch"), velocity=getattr(motion, f"{side}_thigh_motion")[7])
             with subsystem(side):
-                frequency, pace = 1.0 / stride_time, 2.0 * pi / stride_time
-                angle = Sine(deg(22), frequency, start, bias=deg(8), unit="rad", name="angle")()
-                acceleration = Sine(-deg(22) * pace**2, frequency, start, unit="rad/s²", name="acceleration")()
-                rate = Sine(deg(22) * pace, frequency, start + pi / 2.0, unit="rad/s", name="rate")()
-                drive = robot[f"{side}/hip"].emulator()
-                limb = Limb(inertia=0.8, start=deg(8))
-                limb(torque=drive.torque, angle=angle, rate=rate, acceleration=acceleration)
-                drive(position=limb.position, velocity=limb.velocity)
+                sensor = SegmentIMU(along=0.2, forward=0.08)(getattr(motion, f"{side}_thigh_motion"))
                 imu = robot[f"{side}/thigh_imu"].emulator()
-                turned = QuaternionFromEuler()(0.0, limb.position, 0.0)
-                weight = RotateVector()(QuaternionConjugate()(turned), (0.0, 0.0, -9.80665))
-                imu(quaternion=turned, gyro=stack(0.0, limb.velocity, 0.0), accel=weight)
+                imu(quaternion=sensor.quaternion, gyro=sensor.gyro, accel=sensor.accel)
     return wearer

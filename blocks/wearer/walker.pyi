@@ -1,9 +1,8 @@
 # Generated from the declarations by `python -m graph.stubs`. Do not edit.
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.signal import Operand, Signal
-from typing import Any
 from graph import Block, Input, Memory, Output, Param
 
 SIDES: tuple[Any, ...]

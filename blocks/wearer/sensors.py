@@ -1,0 +1,67 @@
+"""Sensors on a walking adult."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from blocks._plumbing.ports import finite_numbers
+from cext.kernels.wearer import sensors as kernels
+from graph import Block, Input, Memory, Output, Param
+
+
+class SegmentIMU(Block):
+    """Inertial sensor on a segment of a Walker: specific force, angular velocity and attitude.
+
+    f = Rᵀ (a + α × r + ω × (ω × r) − g) + bias + noise, and ω likewise, with the acceleration a of the proximal
+    joint and the place r of the sensor. Axes before the mounting error: x forward, y right, z down in a straight stand.
+    At rest and upright f is (0, 0, -9.81) m/s². The noise is white, a function of seed and tick (Philox 4x64-10); the
+    zero of the gyroscope drifts as a random walk. The attitude is the true one of the sensor, from north, east, down,
+    with north ahead. Example: `SegmentIMU(along=0.2, forward=0.08)(walker.left_thigh_motion)`.
+    """
+
+    along = Param(0.0, "m", "place of the sensor from the proximal joint down the segment")
+    forward = Param(0.0, "m", "place of the sensor in front of the line between the joints")
+    mounting = Param((0.0, 0.0, 0.0), "rad", "roll, pitch and yaw of the sensor in the segment")
+    accel_bias = Param((0.0, 0.0, 0.0), "m/s²", "zero of the accelerometer")
+    gyro_bias = Param((0.0, 0.0, 0.0), "rad/s", "zero of the gyroscope at t = 0")
+    accel_noise = Param(0.0, "m/s²", "standard deviation of a sample of the accelerometer", min=0.0)
+    gyro_noise = Param(0.0, "rad/s", "standard deviation of a sample of the gyroscope", min=0.0)
+    gyro_drift = Param(0.0, "rad/s", "standard deviation of the gyroscope's zero after one second", min=0.0)
+    seed = Param(0, "1", "seed of noise and drift", min=0, max=2**53, fixed=True)
+
+    motion = Input("any", "motion of the segment, an output of a Walker such as `left_thigh_motion`", shape=(9,))
+    accel = Output("m/s²", "specific force", shape=(3,))
+    gyro = Output("rad/s", "angular velocity", shape=(3,))
+    quaternion = Output("1", "attitude relative to north, east, down, w first", shape=(4,))
+    rotation = Memory((0.0,) * 13, "rotation of the sensor in the segment, as matrix and quaternion")
+    accel_offset = Memory((0.0,) * 3, "zero of the accelerometer")
+    gyro_offset = Memory((0.0,) * 3, "zero of the gyroscope")
+    drift = Memory((0.0,) * 3, "drift of the gyroscope")
+
+    kernel = kernels.segment_imu
+
+    def configure(self) -> None:
+        for name in ("mounting", "accel_bias", "gyro_bias"):
+            if len(finite_numbers(name, getattr(self, name))) != 3:
+                raise ValueError(f"{name} must have three numbers, got {getattr(self, name)!r}")
+        w, x, y, z = q = from_roll_pitch_yaw(*self.mounting)
+        matrix = (
+            (w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+            (2.0 * (x * y + w * z), w * w - x * x + y * y - z * z, 2.0 * (y * z - w * x)),
+            (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z),
+        )
+        self.rotation = np.array([*np.ravel(matrix), *q])
+        self.accel_offset, self.gyro_offset = self.accel_bias, self.gyro_bias
+
+
+def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """Return the quaternion, w first, of intrinsic rotations about z, y and x, in rad."""
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(0.5 * each), math.sin(0.5 * each)) for each in (roll, pitch, yaw))
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
