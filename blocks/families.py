@@ -16,7 +16,7 @@ OBJECT = "FAMILY"  # of a `family` module of this library
 
 @cache
 def families() -> tuple[Family, ...]:
-    """Return every Family, in the order in which commands ask them. One that cannot be loaded gives a warning."""
+    """Return every Family, in the order in which commands query them. One that cannot be loaded causes a warning."""
     modules = [info.name for info in pkgutil.walk_packages(blocks.__path__, f"{blocks.__name__}.")]
     own = [name for name in modules if name.endswith(".family")]
     loads = [(name, lambda name=name: getattr(importlib.import_module(name), OBJECT)) for name in own]
@@ -27,7 +27,7 @@ def families() -> tuple[Family, ...]:
             family = load()
             if not isinstance(family, Family):
                 raise TypeError(f"expected an instance of graph.family.Family, got {family!r}")
-        except Exception as error:  # whatever a plug-in does while it is imported, the others work
+        except Exception as error:  # an exception in one plug-in must not affect the others
             warnings.warn(f"device family {name} cannot be loaded: {type(error).__name__}: {error}", stacklevel=2)
         else:
             loaded.append(family)
@@ -40,12 +40,12 @@ def family_of(block: Any) -> Family | None:
 
 
 def drive_of(block: Any, family: Family) -> Drive | None:
-    """Return the Drive of a family that a block stands for, or None."""
+    """Return the Drive of a family that has the class of a block, or None."""
     return next((drive for drive in family.drives if isinstance(block, drive.block)), None)
 
 
 def example_models() -> list[str]:
-    """Return the names of two models, for help texts: of two families where there are."""
+    """Return the names of two models, for help texts, of two families if possible."""
     models = [next(iter(table.models), "MODEL") for family in families() for table in family.tables[:1]]
     return (models[::-1] * 2)[:2]
 

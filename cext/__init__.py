@@ -1,11 +1,8 @@
-"""Ground floor: the native executor, its memory and its kernels. Plain C semantics in Cython, nothing of robots or CAN
-models.
-"""
+"""Native executor, its memory and its kernels: Cython with plain C semantics, independent of robots and CAN models."""
 
 from importlib.machinery import PathFinder
 
-# Looked for in this folder alone: an environment whose editable install is another clone would lend that clone's
-# modules.
+# Searched in this folder only: an editable install of another clone in the environment would provide its modules.
 if PathFinder.find_spec("deadline_clock", [f"{__path__[0]}/clock"]) is None:
     raise ImportError(
         f"Tickwork is not built for this Python in {__path__[0]}: run `make run`, or `pip install -e .` in your own "

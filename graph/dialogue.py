@@ -1,4 +1,4 @@
-"""Dialogues with devices, as generators that contain no I/O: they yield what to send and receive what was answered.
+"""Dialogues with devices, as generators that contain no I/O: they yield what to send and receive the replies.
 
     def state(can_id):
         frames = yield Listen(0.1)                                # on a CAN bus
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 Frame = tuple[int, bool, bytes]  # arbitration id, is extended, data
-Reader = Callable[[int, bool, bytes], Any]  # answer that a frame is, or None
+Reader = Callable[[int, bool, bytes], Any]  # reply that a frame contains, or None
 Dialogue = Generator[Any, Any, Any]
 
 
@@ -27,7 +27,7 @@ class Rejected(ValueError):
 
 
 class NoReply(Exception):
-    """The device at a serial line has not answered."""
+    """The device at a serial line has not replied."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,13 @@ class Show:
 
 @dataclass(frozen=True)
 class Confirm:
-    """Ask the operator for permission, as in "change that". Yields True or False."""
+    """Ask the operator for permission, as in "apply these changes". Yields True or False."""
 
     what: str
 
 
 def ask(frame: Frame, why: str, read: Reader, timeout: float = 0.1, attempts: int = 2) -> Dialogue:
-    """Send a frame until it is answered; return read(identifier, is extended, data) of the first answer, or None.
+    """Send a frame until a reply arrives; return read(identifier, is extended, data) of the first answer, or None.
 
     read : returns None for a frame that is not a reply; timeout : s to wait after each attempt
     """

@@ -65,12 +65,12 @@ def run(
         of the functions `build` and `plant`
     plant : Diagram, or function plant(robot) that builds one; by default the file's own. Without either every device is
         emulated and each actuator turns a free inertia
-    seed : whole number from which each noise source of robot and plant gets a seed of its own; None keeps theirs
+    seed : integer from which the seeds of all noise sources of robot and plant are derived; None: their own seeds
     rate : Hz instead of the diagram's own
 
     A run that ends in a fault returns the Trial up to there, and `trial.fault` describes the fault. Raises BadInput or
-    DiagramError for what is wrong before the run. Ctrl-C ends the run and raises KeyboardInterrupt as usual; in another
-    thread than the main one a run goes on to its end.
+    DiagramError for errors before the run. In the main thread, Ctrl-C ends the run and raises KeyboardInterrupt; in
+    another thread, the run continues to its end.
     """
     from runtime.session.simulate import simulate
 

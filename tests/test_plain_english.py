@@ -32,15 +32,34 @@ INSTEAD = {  # banned phrase: wording to use instead
     r"plays the": "emulates the",
     r"the way the (?:joint|motor) turns": "in the direction of the joint",
     r"anew": "again",
+    r"goes on": "continues",
+    r"as good as": "equivalent to, with the same effect as",
+    r"for good": "permanently",
+    r"left alone": "is not changed, is ignored",
+    r"what there is": "name the things",
+    r"easily confused": "similar",
+    r"whom": "name the component",
+    r"taken? away": "remove, subtract",
+    r"takes away": "removes, subtracts",
+    r"gives? back": "releases, returns, restores",
+    r"power goes": "the power is removed, power-off",
+    r"look with": "run",
+    r"stands? alone": "cannot be combined",
+    r"falls? silent|fell silent": "times out, stops replying",
+    r"(?:is|are) wanted": "expected, required",
+    r"(?:is|are) meant": "is intended",
+    r"none of it": "name the things",
+    r"(?:µs|ms|ns|numbers?) a (?:tick|block|frame)": "per tick, per block",
+    r"ground floor": "name the package",
 }
-BANNED = {re.compile(rf"\b(?:{phrase})\b", re.IGNORECASE): words for phrase, words in INSTEAD.items()}
+BANNED = {re.compile(rf"\b(?:{phrase})\b"): words for phrase, words in INSTEAD.items()}  # of text in lower case
 ALLOWED = {  # (file, text of the line): reason
     ("docs/subjects_data.md", "A recording of a person is personal data"): "the legal term",
     ("docs/subjects_data.md", "A gait pattern can identify a person"): "the legal term",
-    ("docs/rigs.md", "bus that somebody else"): "titles of the codes in runtime/rig/errors.py",
 }
-OLD_VOICE = (  # folders and files that are not rewritten yet: remove them as soon as they pass
-    "runtime/recording/",
+BANNED_IN_NAMES = re.compile(  # a test's name states the behaviour: its subject is a component
+    r"def (test_(?:(?:what|whatever|whoever|it|its|so|those)_\w*"
+    r"|(?:\w*_)?(?:tells?|told|hears?|heard|somebody|nobody|says?|comes_back|anew|whoever)(?:_\w*)?))\("
 )
 
 
@@ -69,18 +88,21 @@ def lines_of(path):
 def findings(path):
     """Return `file:line: phrase` with the words to use instead, for each banned phrase in a file."""
     name = path.relative_to(ROOT).as_posix()
+    lines = list(lines_of(path))
+    text = "\n".join(line for _, line in lines).lower()
+    banned = {pattern: instead for pattern, instead in BANNED.items() if pattern.search(text)}
     return [
         f"{name}:{number}: {match[0]!r} in {line.strip()[:80]!r}. Use instead: {instead}"
-        for number, line in lines_of(path)
+        for number, line in lines
         if not any(name == file and text in line for file, text in ALLOWED)
-        for pattern, instead in BANNED.items()
-        if (match := pattern.search(line))
+        for pattern, instead in banned.items()
+        if (match := pattern.search(line.lower()))
     ]
 
 
 def files_of(package):
     paths = [path for suffix in ("py", "pyx", "pxd") for path in (ROOT / package).rglob(f"*.{suffix}")]
-    return sorted(path for path in paths if not path.relative_to(ROOT).as_posix().startswith(OLD_VOICE or ("\0",)))
+    return sorted(paths)
 
 
 @pytest.mark.parametrize("page", ["README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))])
@@ -93,6 +115,15 @@ def test_pages_contain_no_banned_phrase(page):
 def test_docstrings_comments_and_messages_contain_no_banned_phrase(package):
     banned = [line for path in files_of(package) for line in findings(path)]
     assert not banned, "\n" + "\n".join(banned)
+
+
+def test_names_of_tests_contain_no_banned_word():
+    named = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in sorted((ROOT / "tests").rglob("test_*.py"))
+        for name in BANNED_IN_NAMES.findall(path.read_text())
+    ]
+    assert not named, "\n" + "\n".join(named)
 
 
 def test_a_banned_phrase_is_reported_with_its_line_and_a_replacement(tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ ANSWERS, WORDS = 24, 4  # of cext/kernels/devices/drives.pxd
 
 
 class Emulated:
-    """Ports and parameters of an emulated drive, which outputs torque and answers each command with its state.
+    """Ports and parameters of an emulated drive, which outputs torque and replies to each command with its state.
 
     A family defines `find` and the native kernel, encode and decode. With every fault input at zero, the drive is
     healthy.

@@ -35,8 +35,8 @@ class Law:
         """Return the inertia in kg·m² above which a free joint settles; a lighter one may chatter, within the limit.
 
         J > T (B + K' T)² / B, Jury's criterion for torque from feedback that is one period old, held for one period. K'
-        is the stiffness that the law sends as torque; the gains in the drive only help. Without stiffness it is J > T
-        B. Below a quarter of the usable damping the drive itself is the spring, and the figure no longer changes.
+        is the stiffness that the law sends as torque; gains in the drive only improve this. Without stiffness it is
+        J > T B. Below a quarter of the usable damping the drive itself is the spring, and the figure no longer changes.
         """
         stiffness, damping = self.stiffness.high, min(self.damping.high, self.usable_damping)
         if stiffness <= 0.0:

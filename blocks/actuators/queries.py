@@ -19,7 +19,7 @@ def symmetric(code: int, half: float, bits: int) -> float:
 def disable_in_mit_mode(can_id: int) -> tuple[int, bool, bytes]:
     """Return the frame that queries a drive in MIT mode.
 
-    Every frame of MIT mode is answered with the state. Of those frames, disable is the safest:
+    A drive replies to every frame of MIT mode with its state. Of those frames, disable is the safest:
 
         enable (FC)     enables the drive, and with it the last command
         zero torque     eight bytes whose meaning depends on the firmware's layout and ranges: other boards read a
@@ -30,7 +30,7 @@ def disable_in_mit_mode(can_id: int) -> tuple[int, bool, bytes]:
 
 
 def state_in_mit_mode(can_id: int, data: bytes, family: str, block: str, half: float, model: Any = None) -> Answer:
-    """Return the Answer with position, velocity and torque of a reply in MIT mode; the two last need the model.
+    """Return the Answer with position, velocity and torque of a reply in MIT mode; the last two need the model.
 
     half : rad, half the range of the position where the model is not known
     """
@@ -44,7 +44,7 @@ def state_in_mit_mode(can_id: int, data: bytes, family: str, block: str, half: f
 
 
 def commanded_in_mit_mode(identifier: int, extended: bool, data: bytes) -> int | None:
-    """Return the id that a frame commands in MIT mode, None for a frame that begins with the id, as answers do."""
+    """Return the id that a frame commands in MIT mode, None for a frame that begins with the id, as replies do."""
     return None if extended or len(data) != 8 or data[0] == identifier else identifier
 
 

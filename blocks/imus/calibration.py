@@ -1,4 +1,4 @@
-"""The calibration of one IMU: what `python -m runtime calibrate` finds, in a TOML file of its own.
+"""Calibration of one IMU: the result of `python -m runtime calibrate`, in a TOML file.
 
     [accelerometer]             # m/s²: accel = matrix (measured − offset)
     offset = [0.1, 0.0, -0.2]
@@ -73,17 +73,19 @@ class Calibration:
 
     @staticmethod
     def parts_of(text: str) -> list[str]:
-        """Names of the parts that a file has."""
+        """Return the names of the parts in the text of a file."""
         return [part for part in PARTS if part in tomllib.loads(text)]
 
     def with_parts(self, other: Calibration, parts: Sequence[str]) -> Calibration:
-        """This one, with some parts of another."""
+        """Return this calibration with some parts of another."""
         fields = {name: getattr(other, name) for part in parts for name in FIELDS[part]}
         return replace(self, **fields)
 
     def text(self, about: dict[str, str] | None = None, parts: Sequence[str] = tuple(PARTS)) -> str:
-        """The file's text. about : {name: text or number} of the sensor and the measurement; parts : that were
-        calibrated
+        """Return the text of the file.
+
+        about : {name: text or number} of the sensor and the measurement
+        parts : names of the calibrated parts
         """
         lines = []
         if about:

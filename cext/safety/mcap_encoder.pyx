@@ -232,7 +232,7 @@ cdef class Encoder:
         return 0
 
     cdef int end_order(self, size_t base) except -1:
-        """Append the messages of the frames before a row or a drain, after which their order begins anew."""
+        """Append the messages of the frames before a row or a drain, after which their order restarts."""
         self.add_frames(base)
         self.order = 0
         return 0

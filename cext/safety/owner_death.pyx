@@ -44,7 +44,7 @@ cdef class OwnerDeathWatcher:
     cdef void wait(self) noexcept nogil:
         cdef uint64_t one = 1
         cdef int status
-        be_called("tickwork-mourn", self.priority)
+        be_called("tickwork-death", self.priority)
         status = pthread_mutex_lock(&self.page.layout.hold)
         if status == EOWNERDEAD:
             write(self.fd, &one, sizeof(one))

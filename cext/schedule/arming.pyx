@@ -99,7 +99,7 @@ cdef class Arming:
         return status
 
     cdef int look_over(self, double timeout) noexcept nogil:
-        """Show the replies, then send zero torque until confirmation, and once more.
+        """Show the replies, then send zero torque until confirmation and one more time.
 
         Leaves `now` at the begin of tick 0.
 

@@ -95,7 +95,7 @@ class Trial:
 
         progress : called with the fraction that has been checked
 
-        Raises BadInput if nothing of it can be read.
+        Raises BadInput if no part of it is readable.
         """
         if self._file is not None and self._file.check(progress) and self._recording is not None:
             self._forget()

@@ -44,9 +44,9 @@ def remove_mark() -> None:
 
 
 def end_marked(mark: "int | None") -> None:
-    """Kill every process that bears a mark, except this one. Does nothing for None.
+    """Kill every process with a mark, except this one. Does nothing for None.
 
-    A process of another user is left alone, as is any whose limits this user may not read.
+    Processes of other users, and those whose limits this user may not read, are not killed.
     """
     if mark is None:
         return

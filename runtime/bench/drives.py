@@ -1,8 +1,8 @@
 """Drives on udp_multicast that are held still, as a process of their own: `python -m runtime.bench.drives CHANNEL
 ID...`.
 
-Each answers every frame to its id as a drive in MIT mode does, and at once: who waits for it spins, perhaps on
-the same processor.
+Each replies immediately to every frame with its id, as a drive in MIT mode does. Waiting processes may spin on the same
+processor.
 """
 
 from __future__ import annotations

@@ -242,7 +242,7 @@ class Recording:
         return rows
 
     def drains_before(self, number, second, rows):
-        """Return how many bus drains precede a part whose count begins anew. There is one drain a row.
+        """Return how many bus drains precede a part whose count restarts. There is one drain a row.
 
         rows : before the part
         """

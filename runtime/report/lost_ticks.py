@@ -46,7 +46,7 @@ def before_fault(result: RunResult) -> str:
 
 
 def cause(overruns: list[dict[str, Any]], first: float) -> str:
-    """Return what took the time of the ticks lost since tick `first`: the path of a block, or the machine.
+    """Return the cause of the ticks lost since tick `first`: the path of a block, or the machine.
 
     overruns : list of runtime.session.result.Result
     """

@@ -28,7 +28,7 @@ class Interface:
 
     bus : RigBus
     listens : (arbitration id, mask, is extended) of all frames that the devices receive; None for everything
-    speaks : (arbitration id, is extended) of all frames that they are sent
+    speaks : (arbitration id, is extended) of all frames sent to them
     machine : runtime.machine.probe.Machine, for the checks
 
     socket : bound

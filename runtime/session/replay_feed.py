@@ -16,7 +16,7 @@ Receive = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 
 
 class Feed:
-    """The clock and the buses of a replay. They read the recording as the run goes on.
+    """Clock and buses of a replay, which read the recording during the run.
 
     trial : Trial of the recording
     buses : names of the buses of the diagram that runs

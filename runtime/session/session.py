@@ -3,7 +3,7 @@
     result = Session(prepare(request)).carry_out()
 
 A Session owns everything that a run takes: the shared state, the guardian of a rig, the recorder process, real-time
-priority and the executor. Whatever ends `arm` gives back what it has taken; however `run` ends, it finishes.
+priority and the executor. If `arm` fails, it releases everything that it has acquired; `finish` always follows `run`.
 """
 
 from __future__ import annotations
@@ -178,9 +178,9 @@ class Session:
             page.push(RECORD_EVENT, json.dumps(table.event(control.values)).encode())
 
         def permitted() -> bool:
-            """Return whether every joint stands where its drive reads.
+            """Return whether the reading of every joint is confirmed.
 
-            Where one does not, the operator who has confirmed sees the present table again.
+            If one is not, the table is printed again.
             """
             if poses is None or not poses.look(control.values):
                 return True

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class EmulatedCubeMars(Emulated, Device):
-    """Emulated drive in MIT mode: outputs torque and answers each command with its state.
+    """Emulated drive in MIT mode: outputs torque and replies to each command with its state.
 
     Torque is the drive's law of the last command, up to the peak torque, and zero until it is enabled, after it
     is disabled and while it has a fault. `EmulatedCubeMars.of(robot["left/knee"])` emulates the drive of a robot's

@@ -56,7 +56,7 @@ def acceptance_filters(can_id: int) -> list[tuple[int, int, bool]]:
 
 
 def replies(can_id: int) -> list[tuple[int, int, bool, str]]:
-    """Return patterns of a status at rest: a current within ± QUIET, or the answer to a disable."""
+    """Return patterns of a status at rest: a current within ± QUIET, or the reply to a disable."""
     status = STATUS << 8 | can_id
     return [
         (status, 0x1FFFFFFF, True, pattern) for pattern in ("." * 8 + "00[01]", "." * 8 + "ff[ef]", "." * 14 + "77")

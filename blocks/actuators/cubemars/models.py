@@ -1,6 +1,6 @@
-"""The CubeMars AK models of board generations V1 and V2, which speak MIT mode.
+"""The CubeMars AK models of board generations V1 and V2, which use MIT mode.
 
-Three different torques, easily confused:
+Three different torques:
     rated   continuous torque
     peak    torque for seconds
     wire    value of the largest code: a scale, not a rating

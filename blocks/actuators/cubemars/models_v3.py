@@ -1,4 +1,4 @@
-"""The CubeMars models of board generation V3.0, which speak force control.
+"""The CubeMars models of board generation V3.0, which use force control.
 
 Wire ranges and torque constants: AKA Series Product Manual V3.0.0 and AK Series Product Manual V3.2.0, section 4.2.
 Ratings: the vendor's product pages; those of AK80-8 with a V3.0 board, whose motor is another than that of the V2
@@ -49,7 +49,7 @@ class Model(models.Motor):
 
     @property
     def motor(self) -> str:
-        """Its name without that of the board."""
+        """Name of the motor without the generation of its board."""
         return self.name.removesuffix("-V3.0")
 
 
@@ -79,7 +79,7 @@ def find(name: str) -> Model:
     """The model of that name, without regard to case, hyphens, spaces or underscores; '-V3.0' where the motor has other
     boards, too.
 
-    ValueError where it means another generation or more than one, or there is none.
+    ValueError for a model of another generation, of several generations, or an unknown one.
     """
     motor, generation = models.split(name)
     for model in MODELS.values():

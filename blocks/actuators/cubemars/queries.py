@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 MIT, SERVO = "CubeMars in MIT mode", "CubeMars in servo mode, or a V3.0 board"
 V3 = "CubeMars with a V3.0 board"
 V3_PURPOSE = "disable of V3.0 boards"
-DISABLED = 0x77  # error byte of a V3.0 board's answer to a disable
+DISABLED = 0x77  # error byte of a V3.0 board's reply to a disable
 LAST_KIND = 8  # of the commands in servo mode, force control of V3.0 boards
-NO_ID = 0xFE  # no id of a drive: identifiers that end so are answers of other vendors' drives
+NO_ID = 0xFE  # not the id of a drive: identifiers that end so are replies of other vendors' drives
 
 
 def state(identifier: int, extended: bool, data: bytes, can_id: int, model: Model | None = None) -> Answer | None:
@@ -75,7 +75,7 @@ def other_id(identifier: int, extended: bool, data: bytes, can_id: int) -> Any:
 
 
 def disable_v3(can_id: int) -> tuple[int, bool, bytes]:
-    """Return the disable of V3.0 boards, an empty frame: V1 and V2 have none, a RobStride takes it for `get id`."""
+    """Return the disable of V3.0 boards, an empty frame: V1 and V2 have none, a RobStride interprets it as `get id`."""
     return frames.frame(frames.DISABLE, can_id)
 
 
@@ -133,7 +133,7 @@ def reports(received: Sequence[tuple[int, bool, bytes]]) -> dict[int, Answer]:
 def all_reports(
     received: Sequence[tuple[int, bool, bytes]], can_ids: Sequence[int], before: Sequence[tuple[int, bool, bytes]]
 ) -> list[Answer]:
-    """Return the Answers to the query of V3.0 boards: drives that report, and boards that were asked."""
+    """Return the Answers to the query of V3.0 boards: drives that report, and boards that were queried."""
     return list((reports(before) | reports(received)).values())
 
 

@@ -1,10 +1,10 @@
-"""The zero of a CubeMars drive: its present position becomes 0. Nothing else can be set up on the bus.
+"""Zero of a CubeMars drive: its present position becomes 0. No other setting is available over CAN.
 
     MIT mode               FF..FE after a disable; then the drive may be silent for a second. Whether the zero is kept
                            without power depends on the firmware; a query after the next power cycle shows it
-    servo mode, V3.0       origin, until the power goes; with save into the drive's flash memory
+    servo mode, V3.0       origin, until power-off; with save, in the drive's flash memory
 
-A drive that carries current or moves is left alone.
+A drive that carries current or moves is not changed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 STILL_TOLERANCE = 0.02  # rad between two queries
 ZERO_TOLERANCE = 0.02  # rad
 QUERY_TIME = 0.25  # s: a drive in servo mode reports at 1 Hz to 500 Hz, mostly at 50 or more
-SILENT_TIME = 1.5  # s after which a drive in MIT mode answers again
+SILENT_TIME = 1.5  # s after which a drive in MIT mode responds again
 VENDOR_PROGRAM = (
     "the id, mode and limits of a CubeMars can be set only with CubeMars' software; over CAN only --zero is available. "
     "Connect the drive's serial port with the vendor's R-Link adapter, set the id and the mode (MIT or servo) on the "
@@ -80,7 +80,7 @@ def reader(can_id: int) -> Callable[..., Any]:
 
 
 def find(can_id: int, permanent: bool) -> Dialogue:
-    """Return the Target of an id, None where no CubeMars drive answers."""
+    """Return the Target of an id, None where no CubeMars drive responds."""
 
     def report():
         return queries.reports((yield Listen(QUERY_TIME))).get(can_id)

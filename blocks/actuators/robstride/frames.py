@@ -1,4 +1,4 @@
-"""Frames of the RobStride private protocol, as (arbitration id, is extended, data), and what its bits mean.
+"""Frames of the RobStride private protocol, as (arbitration id, is extended, data), and the meaning of their bits.
 
 RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1.
 """
@@ -6,7 +6,7 @@ RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1
 import struct
 
 OPERATION, FEEDBACK, ENABLE, STOP, SET_ZERO, READ, WRITE, REPORT_FAULTS, REPORT = 1, 2, 3, 4, 6, 17, 18, 21, 24  # types
-GET_ID, SET_ID, SAVE, PROTOCOL = 0, 7, 22, 25  # of setting up; 22 is another thing to a CyberGear: its baud rate
+GET_ID, SET_ID, SAVE, PROTOCOL = 0, 7, 22, 25  # of configuration; a CyberGear interprets 22 as its baud rate
 
 RUN_MODE, IQ_REF, SPD_REF, LIMIT_TORQUE = 0x7005, 0x7006, 0x700A, 0x700B
 LOC_REF, LIMIT_SPD, LIMIT_CUR, ACC_RAD, VEL_MAX, ACC_SET, CAN_TIMEOUT = (
@@ -22,7 +22,7 @@ WHOLE = {RUN_MODE: "<Bxxx", 0x7026: "<Hxx", CAN_TIMEOUT: "<I", 0x7029: "<Bxxx"} 
 WHOLE_OF_CYBERGEAR = {0x701D: "<hxx"}
 TIMEOUT_COUNTS = 20000  # of CAN_TIMEOUT, a second
 
-# The output `fault`: six bits of the feedback, one of ours, and from bit 8 on the 32 of a fault report.
+# The output `fault`: six bits of the feedback, one of this library, and from bit 8 on the 32 of a fault report.
 FAULTS = {
     0: "under-voltage",
     1: "over-current or driver",

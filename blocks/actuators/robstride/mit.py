@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from blocks.actuators.robstride.models import Model
 
 CLEAR_FAULT = b"\xff\xff\xff\xff\xff\xff\xff\xfb"
-FAULTS = b"\xff\xff\xff\xff\xff\xff\x00\xfb"  # asks for them
+FAULTS = b"\xff\xff\xff\xff\xff\xff\x00\xfb"  # query of the faults
 READ_AGAIN = 1.0  # s, when faults are read again
 READ, WRITE = 0x300, 0x400  # of parameters, with the drive's id
 OPERATION = b"\xff\xff\xff\xff\xff\xff\x00\xfc"  # of the modes: MIT 0, position 1, velocity 2
@@ -82,7 +82,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         )
 
     def torque_bytes(self) -> bytes:
-        """Return the torque limit at the motor, N·m, as four bytes to write: a second layer, which no proof counts."""
+        """Return the torque limit at the motor, N·m, as four bytes to write: a second layer, which no proof uses."""
         return struct.pack("<f", self.torque_limit / self.gear_ratio)
 
     def prepare(self, dt: float) -> None:

@@ -1,6 +1,6 @@
-"""The RobStride models and the CyberGear, which speak one protocol with ranges of their own.
+"""The RobStride models and the CyberGear, which share one protocol with different ranges.
 
-Three different torques, easily confused:
+Three different torques:
     rated   continuous torque
     peak    torque for seconds
     wire    value of the largest code: a scale, not a rating
@@ -43,7 +43,7 @@ class Model:
     no_load: float
     too_hot: float
     wire_position: float = 12.57  # rad
-    own_timeout: bool = True  # whether the drive can stop by itself when it receives nothing
+    own_timeout: bool = True  # whether the drive can stop itself when it receives nothing
 
     @property
     def torque_constant(self) -> float:
@@ -55,8 +55,8 @@ class Model:
         """rad at the output by a multiple of which a power cycle can shift the reading: a turn of the motor, if its
         encoder sits there.
 
-        Assumed, not verified: the manual's `zero_sta` speaks of a position within one turn at the start, and not on
-        which side of the gear.
+        Assumed, not verified: according to the manual's `zero_sta`, the position at the start is within one turn, on an
+        unspecified side of the gear.
         """
         return 2.0 * math.pi / self.gear
 

@@ -1,7 +1,7 @@
-"""Parameters of RobStride drives and of the CyberGear, by name: what is read with type 17 and written with type 18.
+"""Parameters of RobStride drives and of the CyberGear, by name, read with type 17 and written with type 18.
 
-RobStride user manuals of 2026-04-28, section 4.1.14; CyberGear manual, section 4.1.12. What is written is forgotten
-with the power, unless it is saved, which only a RobStride can.
+RobStride user manuals of 2026-04-28, section 4.1.14; CyberGear manual, section 4.1.12. Written values are lost at
+power-off unless they are saved, which only a RobStride can do.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from graph.names import suggestion
 
 @dataclass(frozen=True)
 class Parameter:
-    """writable : whether it may be written from here; cybergear : whether the CyberGear has it"""
+    """Parameter of a drive. writable : whether `configure` can write it; cybergear : whether the CyberGear has it"""
 
     index: int
     name: str
@@ -32,7 +32,7 @@ class Parameter:
         return self.layout(is_cybergear) != "<f"
 
     def value_of(self, data: bytes, is_cybergear: bool = False) -> float:
-        """A number from the eight bytes of an answer."""
+        """Return the number in the eight bytes of a reply."""
         return struct.unpack_from(self.layout(is_cybergear), data, 4)[0]
 
     def text(self, value: float) -> str:
@@ -75,7 +75,7 @@ PARAMETERS = {
 
 
 def find(name: str) -> Parameter:
-    """The Parameter of a name. ValueError with a suggestion if there is none."""
+    """Return the Parameter of a name. Raises ValueError with a suggestion for an unknown name."""
     for known, parameter in PARAMETERS.items():
         if known.lower() == name.lower():
             return parameter

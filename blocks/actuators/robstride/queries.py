@@ -1,4 +1,4 @@
-"""Queries of the state of a RobStride drive or a CyberGear, and the frames that set it up.
+"""Queries of the state of a RobStride drive or a CyberGear, and the frames that configure it.
 
     get id (type 0), read (type 17)     change nothing
     stop (type 4)                       answered with temperature and faults; leaves every drive as an uncontrolled
@@ -62,7 +62,7 @@ def stop(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
 
 
 def version(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
-    """A stop that a RobStride answers with its firmware. A CyberGear takes it for a stop."""
+    """Return a stop to which a RobStride replies with its firmware; for a CyberGear it is a plain stop."""
     return frames.frame(frames.STOP, host, can_id, VERSION.ljust(8, b"\0"))
 
 
@@ -75,7 +75,7 @@ def set_zero(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
 
 
 def save(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
-    """NEVER to a CyberGear: it changes its baud rate."""
+    """Return the frame that saves parameters. NEVER send it to a CyberGear, whose baud rate it changes."""
     return frames.frame(frames.SAVE, host, can_id, COUNTING)
 
 
@@ -84,7 +84,7 @@ def set_protocol(can_id: int, name: str, host: int = HOST) -> tuple[int, bool, b
 
 
 def identity(identifier: int, extended: bool, data: bytes, can_id: int) -> str | None:
-    """The drive's unique number in hex digits, None for another frame."""
+    """Return the unique number of a drive in hex digits, None for another frame."""
     if extended and identifier == frames.GET_ID << 24 | can_id << 8 | NEWCOMER:
         return bytes(data).hex().upper()
     return None
@@ -100,7 +100,7 @@ def reading(
 
 
 def firmware(identifier: int, extended: bool, data: bytes, can_id: int, host: int = HOST) -> str | None:
-    """Its firmware in words, None for another frame."""
+    """Return the firmware version as text, None for another frame."""
     if not is_feedback(identifier, extended, can_id, host) or bytes(data[:3]) != VERSION + b"\x56":
         return None
     return ".".join(map(str, data[3:]))

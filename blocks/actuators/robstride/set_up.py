@@ -1,6 +1,6 @@
 """The set-up of a RobStride drive or a CyberGear: its id, zero, protocol and parameters.
 
-The drive is stopped first, everything is read before and after, and a drive that runs is left alone.
+The drive is stopped first, everything is read before and after, and a running drive is not changed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from graph.family import Request
 
 MAX_VELOCITY, MAX_CURRENT = 0.1, 0.3  # rad/s and A of a drive at rest
-IDENTITY_TIME = 0.08  # s in which every drive with an id answers
+IDENTITY_TIME = 0.08  # s in which every drive with an id replies
 ZERO_TOLERANCE = 0.01  # rad
 # frame of the MIT protocol that selects the private protocol from the next power-on
 SWITCH_BACK = b"\xff\xff\xff\xff\xff\xff\x00\xfd"
@@ -91,7 +91,7 @@ def set_up(request: Request) -> Dialogue:
 
 
 def switch_back(can_id: int) -> Dialogue:
-    """Send a drive in the MIT protocol back to the private one; None where none answers in that."""
+    """Send a drive in the MIT protocol back to the private one; None where no drive responds in that protocol."""
     if (yield from in_mit_mode(can_id)) is None:
         return None
     yield Show((f"  id {can_id}: protocol: mit -> private, from the next power-on",))
@@ -123,7 +123,7 @@ class Drive:
         return [unique for frame in received if (unique := queries.identity(*frame, can_id=can_id)) is not None]
 
     def absent(self) -> Dialogue:
-        """Return None where no drive in the MIT protocol answers instead, raise Rejected where one does."""
+        """Return None unless a drive in the MIT protocol responds instead; then raise Rejected."""
         if (yield from in_mit_mode(self.can_id, attempts=1)) is None:
             return None
         raise Rejected(
@@ -135,7 +135,7 @@ class Drive:
         return (yield from queries.value(self.can_id, parameters.PARAMETERS[name]))
 
     def carry_out(self, request: Request) -> Dialogue:
-        """Report, ask, change, and read again; return whether everything was confirmed."""
+        """Show, confirm, write and read back; return whether every change was confirmed."""
         yield Show((f"id {self.can_id}, unique {self.unique}",))
         for parameter in reads(request):
             value = yield from self.read(parameter.name)
@@ -167,7 +167,7 @@ class Drive:
         return all(done)
 
     def refuse_running(self) -> Dialogue:
-        """Raise Rejected if it turns or carries current."""
+        """Raise Rejected if the drive turns or carries current."""
         velocity, current = (yield from self.read("mechVel")), (yield from self.read("iqf"))
         if velocity is None:
             raise Rejected(
@@ -182,7 +182,7 @@ class Drive:
             )
 
     def stop(self) -> Dialogue:
-        """Stop it, and find out whether it is a RobStride. Rejected if it does not confirm the stop."""
+        """Stop the drive, and detect whether it is a RobStride. Raises Rejected without a confirmed stop."""
         answer = yield from ask(queries.stop(self.can_id), "stop", queries.feedback_of(self.can_id))
         if answer is None or answer.enabled:
             raise Rejected(f"id {self.can_id} does not confirm that it has stopped; nothing was changed")
@@ -230,7 +230,7 @@ class Drive:
         before: dict[str, float],
         position: float | None,
     ) -> list[str]:
-        """Return lines with what is, and what will be."""
+        """Return lines with the present and the new values."""
 
         def now(value, parameter):
             return "not reported" if value is None else parameter.text(value)
@@ -291,7 +291,7 @@ class Drive:
 
 
 def same(parameter: Parameter, wanted: float, got: float | None) -> bool:
-    """Return whether what was read back is what was written, in single precision."""
+    """Return whether the value read back equals the written one in single precision."""
     if got is None:
         return False
     return got == int(wanted) if parameter.is_whole() else got == struct.unpack("<f", struct.pack("<f", wanted))[0]

@@ -1,4 +1,4 @@
-"""Emulated IMUs of InvenSense: they answer the same bytes, for a plant."""
+"""Emulated IMUs of InvenSense, with the same bytes as the real ones."""
 
 from blocks.controllers.joint import GRAVITY
 from blocks.i2c import I2cDevice
@@ -7,12 +7,12 @@ from cext.kernels import no_io
 from cext.kernels.devices.invensense import chips as kernels
 from graph import Input, Memory, Param
 
-FIELD = (20.0, 0.0, -44.0)  # µT, as in the middle of Europe: north and down
+FIELD = (20.0, 0.0, -44.0)  # µT, as in central Europe: north and down
 
 
 class _Emulated(I2cDevice):
-    """Ports, parameters and faults of an emulated IMU. It answers at the rates at which it would be asked; at
-    rest by default.
+    """Ports, parameters and faults of an emulated IMU. It replies at the rates of the
+    block's transfers, and is at rest by default.
     """
 
     address = InvenSense.parameters["address"]

@@ -11,7 +11,7 @@ from blocks.imus.invensense.ports import ACCEL_RANGES, AK09916_SCALE, GYRO_RANGE
 from cext.kernels.devices.invensense import chips as kernels
 from graph import Param
 
-BANK = 0x7F  # which of four banks of registers the others are in, << 4
+BANK = 0x7F  # selects the bank of the other registers, << 4
 WHO_AM_I, USER_CONTROL, POWER, POWER_2, INTERRUPT_PINS, BURST = 0x00, 0x03, 0x06, 0x07, 0x0F, 0x2D  # bank 0
 GYRO_DIVIDER, GYRO_CONFIG, ACCEL_DIVIDER, ACCEL_CONFIG = 0x00, 0x01, 0x10, 0x14  # bank 2
 RESET, AUTOMATIC_CLOCK, BYPASS = 0x80, 0x01, 0x02
@@ -89,7 +89,7 @@ class ICM20948(InvenSense):
             )
 
     def check(self) -> tuple[int, bytes]:
-        return POWER, bytes((AUTOMATIC_CLOCK,))  # a chip that has lost its settings sleeps
+        return POWER, bytes((AUTOMATIC_CLOCK,))  # a chip that lost its settings is in sleep mode
 
     def rounds(self) -> tuple[Round, ...]:
         inertial = Round(1.0 / self.rate, (Transfer(0, (Read(BURST, 14),)),))

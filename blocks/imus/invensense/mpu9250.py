@@ -21,7 +21,7 @@ SAMPLE_RATE_DIVIDER, CONFIG, INTERRUPT_PINS, BURST, USER_CONTROL, POWER, WHO_AM_
     0x75,
 )
 RESET, AUTOMATIC_CLOCK, BYPASS = 0x80, 0x01, 0x02
-# a bit of USER_CONTROL; of the bus inside; address, register, control of whom it asks
+# bit of USER_CONTROL; control of the internal bus; address, register and control of the chip read
 MASTER, MASTER_CONTROL, SLAVE = 0x20, 0x24, 0x25
 KHZ_400, READS, ENABLED = 0x0D, 0x80, 0x80
 # Hz of the gyroscope, code of both filters; the accelerometer's are near them

@@ -1,4 +1,4 @@
-"""What these IMUs share: ports, parameters, scales, and the calibration that is laid over what they measure."""
+"""Common parts of these IMUs: ports, parameters, scales, and the calibration applied to measurements."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from graph import Interval, Memory, Output, Param
 FULL = 32768.0  # codes of the range
 ACCEL_RANGES, GYRO_RANGES = (2, 4, 8, 16), (250, 500, 1000, 2000)  # g and °/s; the index is the code
 MAG_RATE = 100.0  # Hz, the fastest of both magnetometers
-AK8963_SCALE, AK09916_SCALE = 4912.0 / 32760.0, 0.15  # µT of a code of either magnetometer
-UNADJUSTED = b"\x80\x80\x80"  # factory adjustment of an AK8963 that changes nothing
+AK8963_SCALE, AK09916_SCALE = 4912.0 / 32760.0, 0.15  # µT per code of either magnetometer
+UNADJUSTED = b"\x80\x80\x80"  # neutral factory adjustment of an AK8963
 
 
 class InvenSense(I2cDevice):
@@ -71,7 +71,7 @@ class InvenSense(I2cDevice):
     hardware = (*I2cDevice.hardware, "calibration")
     known_addresses = (0x68, 0x69)
     mag_address = 0x0C
-    mag_scale = 0.0  # µT of a code
+    mag_scale = 0.0  # µT per code
     bypass = True  # whether the bus reads the magnetometer directly
 
     def configure(self) -> None:

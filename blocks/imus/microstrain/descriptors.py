@@ -1,7 +1,6 @@
-"""What the fields of MIP's data packets hold: the one table that the block, the emulator, the set-up and the tools
-read.
+"""Fields of MIP data packets: the table that the block, the emulator, the set-up and the tools share.
 
-Source: MicroStrain's MIP SDK 4.0 and the data communications protocol of the 3DM-GX5. Often mistaken: 80 10 and 80 11
+Source: MicroStrain's MIP SDK 4.0 and the data communications protocol of the 3DM-GX5. Note: 80 10 and 80 11
 are the stabilised vectors; the time since power-on of newer devices is D5.
 """
 
@@ -11,7 +10,7 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-SENSOR, FILTER, SHARED = 0x80, 0x82, 0x100  # sets; a shared field may stand in any
+SENSOR, FILTER, SHARED = 0x80, 0x82, 0x100  # sets; a shared field may be in any
 STANDARD_GRAVITY = 9.80665  # m/s²
 KINDS = {
     "f": 0,

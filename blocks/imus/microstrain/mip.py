@@ -1,4 +1,4 @@
-"""MIP in Python: packets made and read one at a time, for the set-up and the tools. A run reads them natively
+"""MIP in Python: construction and parsing of single packets, for the set-up and the tools. A run reads them natively
 (cext/kernels/devices/microstrain/mip.pyx).
 """
 
@@ -30,7 +30,7 @@ def packet(descriptor_set: int, *fields: tuple[int, bytes]) -> bytes:
 
 
 def fields(packet: bytes) -> list[tuple[int, bytes]]:
-    """(descriptor, data) of each field; [] where they do not fill the packet."""
+    """Return (descriptor, data) of each field; [] for a packet with inconsistent lengths."""
     found, at, end = [], 4, 4 + packet[3]
     while at < end:
         length = packet[at]
@@ -42,7 +42,7 @@ def fields(packet: bytes) -> list[tuple[int, bytes]]:
 
 
 def split(data: bytes) -> tuple[list[bytes], bytes, int]:
-    """(packets whose checksum is right, what is left and may be the beginning of another, how many were corrupt)"""
+    """Return (valid packets, remaining bytes, which may begin another packet, number of corrupt packets)."""
     found, at, corrupt = [], 0, 0
     while True:
         begin = data.find(SYNC[:1], at)
@@ -64,7 +64,7 @@ def split(data: bytes) -> tuple[list[bytes], bytes, int]:
 
 
 def decode(packet: Any) -> Any:
-    """{name: list of values in SI} of what a packet of data holds, as blocks.imus.microstrain.descriptors names it."""
+    """Return {name: list of values in SI} of a data packet, with the names of blocks.imus.microstrain.descriptors."""
     found = {}
     for descriptor, data in fields(packet):
         field = field_of(packet[2], descriptor)
@@ -75,5 +75,5 @@ def decode(packet: Any) -> Any:
 
 
 def command(descriptor_set: int, descriptor: int, form: str = "", *values: int) -> bytes:
-    """A packet with one command. form : of its values, as struct has it"""
+    """Return a packet with one command. form : format of its values, as for struct"""
     return packet(descriptor_set, (descriptor, struct.pack(">" + form, *values)))

@@ -1,4 +1,4 @@
-"""What MicroStrain's generations of sensors have: commands, data and base rate, for the emulator; a real one is asked.
+"""Commands, data and base rates of MicroStrain's sensor generations, for the emulator. Real sensors are queried.
 
 Source: MicroStrain's data communications protocols of the 3DM-GX5-25 and the 3DM-CV7-AHRS.
 """
@@ -49,7 +49,7 @@ MODELS = {
 
 
 def find(name: str) -> Model:
-    """The Model of that name. ValueError"""
+    """Return the Model of a name. Raises ValueError for an unknown name."""
     if name not in MODELS:
         raise ValueError(suggestion(name, MODELS) or f"expected one of {', '.join(MODELS)}, got {name!r}")
     return MODELS[name]

@@ -1,4 +1,4 @@
-"""Questions to a MicroStrain sensor, as dialogues: its identity, its commands, and its answer to any command."""
+"""Queries of a MicroStrain sensor, as dialogues: its identity, its commands, and its reply to any command."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Information:
         return bool(digits) and self.serial.endswith(digits)
 
     def proof(self) -> tuple[bytes, bytes]:
-        """Return (question, answer): with its serial number no other sensor gives this answer."""
+        """Return (query, reply); the reply contains the serial number and is unique to this sensor."""
         return QUESTION, bytes((2 + len(self.raw), ANSWER)) + self.raw
 
 

@@ -1,7 +1,7 @@
 """The set-up of a MicroStrain sensor before a run, as a dialogue.
 
-    base rate, formats                 what it sends, and how often
-    heading source, low-pass           where the block sets them
+    base rate, formats                 requested data and their rates
+    heading source, low-pass           if the block sets them
     streams, resume
 
 Two generations differ: the older has a format command for each set and calls the streams 1 and 3; the newer has one
@@ -34,7 +34,7 @@ VENDOR_PROGRAM = "MicroStrain's program SensorConnect shows which settings the s
 
 
 def set_up(device: Any) -> Iterator[Exchange]:
-    """Set a sensor up for a MicroStrain block; return (messages sent, remarks for the operator).
+    """Configure a sensor for a MicroStrain block; return (messages sent, remarks for the operator).
 
     Raises Rejected, NoReply, Refusal.
     """
@@ -150,7 +150,7 @@ class SetUp:
     def measure(self, magnetic: bool) -> Iterator[Exchange]:
         """Set whether the filter of the newer generation uses the magnetometer, as in MicroStrain's own examples.
 
-        A sensor without a magnetometer rejects the source as unknown, which is as good as switched off.
+        A sensor without a magnetometer rejects the source as unknown, which has the same effect as disabling it.
         """
         packet = mip.command(mip.COMMAND_FILTER, 0x50, "BHB", mip.WRITE, MAGNETOMETER_MEASUREMENT, magnetic)
         try:

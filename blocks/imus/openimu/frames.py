@@ -1,7 +1,7 @@
 """Frames of an OpenIMU: parameter groups of SAE J1939 that write and read its settings.
 
-An identifier is priority << 26 | group << 8 | source address. Ours come from address 0xF9, a service tool's, so that
-they end in a byte that is no drive's id. Settings begin with the address that they are for. (Aceinna OpenIMU300RI and
+An identifier is priority << 26 | group << 8 | source address. The source address is 0xF9, that of a service tool, so
+that the last byte is not the id of a drive. Settings begin with the address of their unit. (Aceinna OpenIMU300RI and
 335RI, CAN messages; SAE J1939-21.)
 """
 
@@ -28,7 +28,7 @@ RUNS_ALGORITHM, USES_FIELD, NEW_REQUEST, SWAPS_PITCH_AND_ROLL, ACCELERATION_IN_N
 )
 STOCK = RUNS_ALGORITHM | USES_FIELD | NEW_REQUEST | SWAPS_PITCH_AND_ROLL | ACCELERATION_IN_NWU
 RIGHT_HANDED = RUNS_ALGORITHM | USES_FIELD | NEW_REQUEST
-MIXES = SWAPS_PITCH_AND_ROLL | ACCELERATION_IN_NWU  # what takes acceleration and angular rate out of one frame
+MIXES = SWAPS_PITCH_AND_ROLL | ACCELERATION_IN_NWU  # puts acceleration and angular rate into different frames
 
 
 def setting(group: int, *data: Any) -> tuple[int, bool, bytes]:
@@ -36,19 +36,19 @@ def setting(group: int, *data: Any) -> tuple[int, bool, bytes]:
 
 
 def request(group: int, order: Any = "little") -> tuple[int, bool, bytes]:
-    """Of everybody who has such a group. order : of its bytes; "big" is that of older firmware."""
+    """Return a request to all nodes for a parameter group. order : byte order; "big" for older firmware"""
     return 6 << 26 | (REQUEST | EVERYBODY) << 8 | OURS, True, group.to_bytes(3, order)
 
 
 def behaviour(address: int, model: str) -> tuple[int, bool, bytes]:
     """Its axes: acceleration, angular rate and magnetic field in the frame that is printed on the case."""
-    if model == "335RI":  # bits to set, bits to take away, no new address
+    if model == "335RI":  # bits to set, bits to clear, no new address
         return setting(BEHAVIOUR, address, 0, 0, MIXES & 0xFF, MIXES >> 8, 0)
     return setting(BEHAVIOUR, address, RIGHT_HANDED & 0xFF, RIGHT_HANDED >> 8)
 
 
 def packet_type(address: int, types: int, model: str) -> tuple[int, bool, bytes]:
-    """The 335RI has priorities behind it, and a mask of those that change: none."""
+    """Return the frame that selects the packets. On a 335RI, priorities and a mask of changed ones follow: none."""
     return setting(PACKET_TYPE, address, types, 0, *((0, 0) if model == "335RI" else ()))
 
 

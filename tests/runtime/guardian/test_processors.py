@@ -37,7 +37,7 @@ def test_the_guardian_and_other_threads_avoid_the_processor_of_the_loop(tmp_path
         assert len(loop) == 1
         others = EVERYWHERE - loop
         assert threads(run.pid)["tickwork-watch"] == others
-        assert threads(guardian.pid) == {"tickwork-guard": EVERYWHERE, "tickwork-mourn": EVERYWHERE}
+        assert threads(guardian.pid) == {"tickwork-guard": EVERYWHERE, "tickwork-death": EVERYWHERE}
         assert [threads(process.pid) for process in (recorder, *recorder.children())] == [
             {"tickwork-parts": others},
             {"tickwork-record": others},
