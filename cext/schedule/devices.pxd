@@ -95,9 +95,11 @@ cdef class Devices:
     cdef int watch(self, int64_t now) noexcept nogil
     cdef int command(self) noexcept nogil
     cdef int transmit(self, int64_t now, SharedLayout *page) noexcept nogil
-    cdef int send(self, int bus, Frame *frames, int count, int64_t now, SharedLayout *page) noexcept nogil
+    cdef int send(self, int bus, Frame *frames, int count, int64_t now, SharedLayout *page, bint stopping) noexcept nogil
     cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, SharedLayout *page) noexcept nogil
-    cdef int pump(self, Device *device, int64_t now, SharedLayout *page) noexcept nogil
+    cdef int sent(self, int status, bint stopping, SharedLayout *page) noexcept nogil
+    cdef int pump(self, Device *device, int64_t now, SharedLayout *page, bint stopping) noexcept nogil
+    cdef bint holds_relay(self, const Device *device, int64_t now) noexcept nogil
     cdef int pump_all(self, int64_t now, SharedLayout *page) noexcept nogil
     cdef void begin_stop(self) noexcept nogil
     cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, SharedLayout *page) noexcept nogil

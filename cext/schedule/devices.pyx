@@ -352,9 +352,7 @@ cdef class Devices:
         cdef int bus, status
         cdef int first = 0
         for bus in range(self.bus_count):
-            if page != NULL and load_i32(&page.fence):
-                return FENCED
-            status = self.send(bus, &self.outgoing[first], self.outgoing_count[bus], now, page)
+            status = self.send(bus, &self.outgoing[first], self.outgoing_count[bus], now, page, False)
             if status != OK:
                 return status
             first += self.outgoing_count[bus]
@@ -377,7 +375,8 @@ cdef class Devices:
                     now = monotonic() - self.began
                 self.devices[number].asked = now
 
-    cdef int send(self, int bus, Frame *frames, int count, int64_t now, SharedLayout *page) noexcept nogil:
+    cdef int send(self, int bus, Frame *frames, int count, int64_t now, SharedLayout *page, bint stopping) noexcept nogil:
+        """Send frames; behind the fence only those of the safe stop. stopping : whether they belong to it"""
         cdef int index
         if count == 0:
             return OK
@@ -385,6 +384,8 @@ cdef class Devices:
             frames[index].time = now
             frames[index].bus = <uint8_t>bus
             frames[index].sent = 1
+        if not stopping and page != NULL and load_i32(&page.fence):     # last: the process may be suspended before
+            return FENCED
         count = (<BusEnd>self.bus_ends[bus]).bus.send((<BusEnd>self.bus_ends[bus]).bus.context, frames, count)
         if count < 0:
             self.failed.bus = bus
@@ -405,37 +406,46 @@ cdef class Devices:
         cdef int status = OK
         for number in range(self.count):
             device = &self.devices[number]
-            if not disable and page != NULL and load_i32(&page.fence):
-                return FENCED
             if enable and not self.has_answered(device) and device.enable.count > 0:
                 if device.rounds % device.enable.count == 0:       # less often for many frames, to limit the bus load
-                    status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page)
+                    status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page, disable)
                 device.rounds += 1
             if zero:
-                status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page)
+                status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page, disable)
             if not disable and device.relay > 0:
-                status |= self.pump(device, now, page)
+                status |= self.pump(device, now, page, False)
             if disable:
-                status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page)
-        return BUS_ERROR if status != OK else OK
+                status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page, True)
+        return self.sent(status, disable, page)
 
-    cdef int pump(self, Device *device, int64_t now, SharedLayout *page) noexcept nogil:
+    cdef int sent(self, int status, bint stopping, SharedLayout *page) noexcept nogil:
+        """Return OK, FENCED or BUS_ERROR from the combined bits of several statuses of `send`."""
+        if status == OK:
+            return OK
+        return FENCED if not stopping and page != NULL and load_i32(&page.fence) else BUS_ERROR
+
+    cdef int pump(self, Device *device, int64_t now, SharedLayout *page, bint stopping) noexcept nogil:
         """Send the next frame of a device that holds a relay, outside a tick."""
         cdef Frame[FRAMES_PER_DEVICE] frames
         cdef int count = device.encode(self.arena, device.encode_slots, device.encode_sizes, frames)
         device.pumped = now
-        return self.send(device.bus, frames, max(count, 0), now, page)
+        return self.send(device.bus, frames, max(count, 0), now, page, stopping)
+
+    cdef bint holds_relay(self, const Device *device, int64_t now) noexcept nogil:
+        """Return whether a relay has not dropped since its last frame.
+
+        now : ns since the begin of the run. On a rig the clock is read again, as the process may have been suspended.
+        """
+        return (monotonic() - self.began if self.alone else now) - device.pumped < device.relay
 
     cdef int pump_all(self, int64_t now, SharedLayout *page) noexcept nogil:
         """Send frames to the devices that hold relays, while the drives behind the relays start."""
         cdef int number
         cdef int status = OK
         for number in range(self.count):
-            if page != NULL and load_i32(&page.fence):
-                return FENCED
             if self.devices[number].relay > 0:
-                status |= self.pump(&self.devices[number], now, page)
-        return BUS_ERROR if status != OK else OK
+                status |= self.pump(&self.devices[number], now, page, False)
+        return self.sent(status, False, page)
 
     cdef void begin_stop(self) noexcept nogil:
         """Begin a safe stop. Damping depends on the first `since` of `send_stop`."""
@@ -466,18 +476,18 @@ cdef class Devices:
         for number in range(self.count):
             device = &self.devices[number]
             if device.relay > 0:
-                if disabling and since < self.longest_damping and now - device.pumped < device.relay:
-                    self.pump(device, now, page)
+                if disabling and since < self.longest_damping and self.holds_relay(device, now):
+                    self.pump(device, now, page, True)
             elif device.damped and (since < device.damping or not disabling):
                 if since >= device.damp_due:
                     batch = <Batch *>(<SpeedBands>device.bands).choose(now)
-                    self.send(device.bus, batch.frames, batch.count, now, page)
+                    self.send(device.bus, batch.frames, batch.count, now, page, True)
                     device.damp_due = next_due(device.damp_due, since, (<SpeedBands>device.bands).round)
                 due = min(due, device.damp_due)
             elif disabling:
                 device.damped = False
-                self.send(device.bus, device.zero.frames, device.zero.count, now, page)
-                self.send(device.bus, device.disable.frames, device.disable.count, now, page)
+                self.send(device.bus, device.zero.frames, device.zero.count, now, page, True)
+                self.send(device.bus, device.disable.frames, device.disable.count, now, page, True)
         return due
 
     cdef void note_speeds(self, SharedLayout *page) noexcept nogil:

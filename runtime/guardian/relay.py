@@ -6,6 +6,7 @@ import fcntl
 import os
 import struct
 from contextlib import suppress
+from time import monotonic_ns
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -29,13 +30,12 @@ class Relay:
         self.frames, self.hold = [bytes.fromhex(frame) for frame in relay["frames"]], round(relay["hold"] * 1e9)
         self.changed, self.sent = changed, 0
 
-    def change(self, now: int) -> None:
+    def change(self) -> None:
         """Change the line, unless the relay may have dropped, so that no drive gets its power again.
 
-        now : ns of CLOCK_MONOTONIC
-
-        Ignores a disconnected line.
+        Ignores a disconnected line. The clock is read here, as the process may have waited for a processor.
         """
+        now = monotonic_ns()
         if now - self.changed >= self.hold:
             return
         frame = self.frames[self.sent % 2]

@@ -76,7 +76,7 @@ class SafeStop:
         if disabling:
             self.damped = {name: damped for name, damped in self.damped.items() if now < damped.end}
             for relay in self.relays if self.damped else ():
-                relay.change(now)
+                relay.change()
         for name, damped in self.damped.items():
             if now >= damped.due:
                 self._send(self.waiting[name], damped.frames(now))

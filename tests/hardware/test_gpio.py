@@ -267,10 +267,10 @@ def test_after_kill_9_the_line_of_a_charge_pump_is_constant(chip):
 def test_the_guardian_toggles_the_level_of_a_line(chip):
     lines = StreamLines([ChargePump(name="pump", **at(chip, "SYNC"))])
     line = lines.lines["pump"][1]
-    relay = Relay({"descriptor": line.fileno(), "gpio": True, "frames": ["01", "00"], "hold": 0.1}, 0)
+    relay = Relay({"descriptor": line.fileno(), "gpio": True, "frames": ["01", "00"], "hold": 0.1}, time.monotonic_ns())
     levels = []
     for _ in range(4):
-        relay.change(1)
+        relay.change()
         levels.append(chip.value("SYNC"))
     lines.close()
     assert levels == [True, False, True, False]
