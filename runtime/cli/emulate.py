@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from runtime.base.errors import FAULT, OK, BadInput
+from runtime.base.errors import BadInput
 from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import print_lines, print_to_stderr, program
 from runtime.session.request import Request
@@ -12,7 +12,7 @@ DANGER = "a real drive would interpret emulated replies as commands, and move"
 
 
 def main(arguments):
-    """Run the command. Returns the exit code; Ctrl-C is a regular end."""
+    """Run the command. Returns the exit code, for a signal that of `run`."""
     options = parse(arguments)
     from graph import StreamDevice
     from runtime.diagrams.file import load
@@ -21,6 +21,7 @@ def main(arguments):
     from runtime.emulation.lines import NETWORK, SERIAL, EmulatedLines, lines_of
     from runtime.emulation.network_senders import NetworkSender
     from runtime.emulation.serving import Service
+    from runtime.report.summary import exit_code, stopped
     from runtime.rig import read
 
     rig = read(options.rig)
@@ -51,8 +52,10 @@ def main(arguments):
         outcome = service.run(options.duration)
         if outcome.faulted:
             print_to_stderr(_fault(outcome, buses))
+        elif reason := stopped(outcome):
+            print_to_stderr([reason])
         print_lines(summary(service.statistics, schedule))
-        return FAULT if outcome.faulted else OK
+        return exit_code(outcome)
     finally:
         lines.close()
         buses.close()
