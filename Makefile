@@ -14,7 +14,7 @@ unexport PYTHONDONTWRITEBYTECODE
 RUN ?= diagrams/knee_exo.py --duration 10
 TESTS ?=
 
-# The environment is .venv, whichever Python made it. A PYTHON that is asked for and is another version gets one of its own beside it.
+# The environment is .venv, made with any Python. A PYTHON of another version gets a separate environment beside it.
 version = $(shell "$(1)" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
 VENV := .venv
 ifneq ($(PYTHON),)
@@ -25,7 +25,7 @@ endif
 endif
 endif
 
-# An environment that was made elsewhere, or whose Python has gone or changed, is of no use and is made anew.
+# An environment from another place, or whose Python was removed or changed, is made again.
 USABLE := $(shell v="$(call version,$(VENV)/bin/python)"; [ -n "$$v" ] && [ -d "$(VENV)/lib/python$$v/site-packages/pip" ] && \
 	{ [ -L $(VENV) ] || grep -qF "$(CURDIR)/$(VENV)" $(VENV)/bin/activate; } && echo yes)
 ifneq ($(USABLE),yes)
@@ -38,15 +38,15 @@ SOURCES := $(shell find cext -name '*.pyx' -o -name '*.pxd' | LC_ALL=C sort)
 
 help:
 	echo "make run            set up .venv, build, and run: RUN='$(RUN)'"
-	echo "make test           set up .venv, build, lint, and run the tests; TESTS='tests/graph -k units' chooses"
+	echo "make test           set up .venv, build, lint, and run the tests; select with TESTS='tests/graph -k units'"
 	echo "make lint           check style and format with ruff, and types with pyright"
 	echo "make stubs          write the type stubs of blocks and of native modules"
-	echo "make test-hardware  those of real buses: SocketCAN on vcan0, here or under User Mode Linux, and real processes over UDP"
-	echo "make soak           the long tests"
-	echo "make build          compile what has changed"
-	echo "make wheel          wheel and source archive, into dist/"
-	echo "make clean          remove what was built"
-	echo "PYTHON=python3.12 make ...  with another Python"
+	echo "make test-hardware  run the tests of real buses: SocketCAN on vcan0, here or under User Mode Linux, and UDP"
+	echo "make soak           run the long tests"
+	echo "make build          compile changed modules"
+	echo "make wheel          write wheel and source archive to dist/"
+	echo "make clean          remove built files"
+	echo "PYTHON=python3.12 make ...  use another Python"
 
 run: $(VENV)/installed
 	exec $(VENV)/bin/python -m runtime $(RUN)
@@ -91,7 +91,7 @@ clean:
 
 FORCE:
 
-# What a recipe below may call.
+# Functions for the recipes below.
 
 define tools
 say() { echo "tickwork: $$*" >&2; }
@@ -106,13 +106,13 @@ find_python() {
         "$$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 10))' && python=$$candidate && return
         found="$${found:-$$candidate is Python $$("$$candidate" -c 'import platform; print(platform.python_version())')}"
     done
-    [ -n "$$found" ] || [ -z "$(PYTHON)" ] || stop "there is no Python called '$(PYTHON)'"
-    [ -n "$$found" ] || stop "Python is missing. Get it, and what else is needed, with: $$apt python3 python3-venv python3-dev gcc libc6-dev"
-    stop "$$found, and 3.10 or newer is needed: install a newer one beside it, then PYTHON=python3.12 make ..." \
-        "(Debian 12, Ubuntu 22.04 and Raspberry Pi OS 12 bring one)"
+    [ -n "$$found" ] || [ -z "$(PYTHON)" ] || stop "Python '$(PYTHON)' was not found"
+    [ -n "$$found" ] || stop "Python is missing. Install it and the other requirements: $$apt python3 python3-venv python3-dev gcc libc6-dev"
+    stop "$$found, but 3.10 or newer is required: install a newer one beside it, then PYTHON=python3.12 make ..." \
+        "(Debian 12, Ubuntu 22.04 and Raspberry Pi OS 12 include one)"
 }
 
-# Everything the build needs from the machine and does not find is told at once, with the packages that bring it.
+# Report everything that the build requires and that is missing on this machine, with the packages that contain it.
 survey() {
     local missing=() packages=() scratch
     scratch=$$(mktemp -d)
@@ -128,7 +128,7 @@ survey() {
     rm -rf "$$scratch"
     if [ $${#missing[@]} -gt 0 ]; then
         printf -v missing '%s, ' "$${missing[@]}"
-        stop "missing: $${missing%, }. Get it with: $$apt $${packages[*]}"
+        stop "missing: $${missing%, }. Install with: $$apt $${packages[*]}"
     fi
 }
 
@@ -136,7 +136,7 @@ python_package() {
     case "$${python##*/}" in python3.*) echo "$${python##*/}" ;; *) echo python3 ;; esac
 }
 
-# The compiler that CC names, or else the one Python was built with, or any: what makes a program of a small file.
+# Find a compiler that compiles a small program: CC, the one Python was built with, or any other.
 find_compiler() {
     local candidate candidates=("$${CC:-}")
     [ -n "$${CC:-}" ] || candidates=("$$("$$python" -c 'import sysconfig; print(sysconfig.get_config_var("CC"))')" cc gcc clang)
@@ -151,8 +151,8 @@ has_headers() {
     [ -e "$$("$$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')/Python.h" ] || [ -e $(VENV)/include/Python.h ]
 }
 
-# Debian keeps Python.h in a package of its own. It is unpacked into the environment, where every build in it looks; that takes no administrator
-# and leaves the system as it is.
+# Debian has Python.h in a separate package. It is unpacked into the environment, where builds find it; this requires no
+# administrator and does not change the system.
 fetch_headers() {
     local version package options=(-qq -o "Dir::State::Lists=$$1/lists" -o "Dir::Cache=$$1/cache")
     version=$$("$$python" -c 'import sys; print("%d.%d" % sys.version_info[:2]) if sys.base_prefix == "/usr" else sys.exit(1)') || return
@@ -168,18 +168,18 @@ fetch_headers() {
     ) >/dev/null 2>&1
 }
 
-# pip install, quiet unless it fails. It makes no bytecode: most of the modules are never imported. `compile_imports` makes it.
+# Run pip install, quietly unless it fails, and without bytecode: most modules are never imported. See `compile_imports`.
 install() {
     local log=$(VENV)/pip.log
     PIP_RETRIES=$${PIP_RETRIES:-2} $(VENV)/bin/python -m pip --disable-pip-version-check install --no-compile "$$@" >"$$log" 2>&1 && return
     if grep -q 'Retrying (' "$$log"; then
-        stop "pip cannot reach the package index: connect to the network, or tell pip of your proxy or mirror (details in $$log)"
+        stop "pip cannot reach the package index: connect to the network, or configure a proxy or mirror for pip (details in $$log)"
     fi
     tail -n 30 "$$log" >&2
-    stop "pip failed (all of it in $$log)"
+    stop "pip failed (complete output in $$log)"
 }
 
-# Make the bytecode of the libraries that a run imports, also where PYTHONDONTWRITEBYTECODE is set: every start would compile them again.
+# Compile the libraries that a run imports to bytecode, even if PYTHONDONTWRITEBYTECODE is set; otherwise every start would.
 compile_imports() {
     env -u PYTHONDONTWRITEBYTECODE $(VENV)/bin/python -c 'import $(RUN_IMPORTS)'
 }
@@ -187,8 +187,8 @@ compile_imports() {
 apt="$$([ "$$(id -u)" = 0 ] || echo 'sudo ')apt install"
 endef
 
-# Set up, step by step: environment, build tools, native code, Tickwork itself. A step is done when its file is newer than what it rests on;
-# the file has the time of the step's start, so that what is saved meanwhile counts as newer.
+# Steps of the set-up: environment, build tools, native code, Tickwork. A step is complete if its file is newer than its
+# prerequisites; the file has the start time of the step, so that changes during the step count as newer.
 
 $(VENV)/made:
 	$(tools)
@@ -204,7 +204,7 @@ $(VENV)/made:
 $(VENV)/tools: pyproject.toml $(VENV)/made
 	$(tools)
 	touch $@.start
-	say "installing what the build needs"
+	say "installing the build requirements"
 	eval "requirements=($$(sed -n '/^\[build-system\]/,/^$$/s/^requires = \[\(.*\)\]/\1/p' pyproject.toml | tr , ' '))"
 	install "$${requirements[@]}"
 	mv $@.start $@
@@ -222,14 +222,14 @@ $(VENV)/built: setup.py $(SOURCES) $(VENV)/sources $(VENV)/tools
 	mkdir -p build
 	if ! "$$python" setup.py -q build_ext --inplace >build/log 2>&1; then
 	    tail -n 60 build/log >&2
-	    stop "the native code does not compile (all of it in build/log)"
+	    stop "the native code does not compile (complete output in build/log)"
 	fi
 	mv $@.start $@
 
 $(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
 	$(tools)
 	touch $@.start
-	say "installing Tickwork and what it needs"
+	say "installing Tickwork and its requirements"
 	install --no-build-isolation -e .
 	compile_imports
 	mv $@.start $@
@@ -237,7 +237,7 @@ $(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
 $(VENV)/installed-test: pyproject.toml $(VENV)/tools | $(VENV)/built
 	$(tools)
 	touch $@.start
-	say "installing Tickwork, what it needs, and what its tests need"
+	say "installing Tickwork, its requirements and those of its tests"
 	install --no-build-isolation -e '.[test]'
 	compile_imports
 	cp -p $@.start $(VENV)/installed

@@ -237,7 +237,7 @@ def test_old_python_parses_entry_files_and_reports_required_version(monkeypatch)
     ):
         ast.parse((ROOT / "runtime" / name).read_text(), feature_version=(3, 6))
     monkeypatch.setattr(sys, "version_info", (3, 9, 2, "final", 0))
-    assert "Python 3.9, and 3.10 or newer is needed" in installation_check.problem()
+    assert "Python 3.9, but 3.10 or newer is required" in installation_check.problem()
 
 
 def test_entry_files_import_nothing_of_tickwork():

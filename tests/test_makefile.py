@@ -80,7 +80,7 @@ def test_compiler_without_output_is_rejected(clone, bare_path):
 
 
 def test_missing_requested_python_is_named(clone):
-    assert told(make("run", cwd=clone, PYTHON="python2.99")) == ["there is no Python called 'python2.99'"]
+    assert told(make("run", cwd=clone, PYTHON="python2.99")) == ["Python 'python2.99' was not found"]
 
 
 def test_old_python_is_reported_with_required_version(clone, bare_path):
@@ -91,7 +91,7 @@ def test_old_python_is_reported_with_required_version(clone, bare_path):
         pytest.skip("needs a Python 3.6 to 3.9 on the PATH")
     process = make("run", cwd=clone, PYTHON=old)
     [line] = told(process)
-    assert re.search(r"is Python 3\.[6-9]\.\d+, and 3\.10 or newer is needed", line) and "PYTHON=" in line
+    assert re.search(r"is Python 3\.[6-9]\.\d+, but 3\.10 or newer is required", line) and "PYTHON=" in line
 
 
 def old_python(name):

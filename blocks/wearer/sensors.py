@@ -14,21 +14,21 @@ from graph import Block, Input, Memory, Output, Param
 class SegmentIMU(Block):
     """Inertial sensor on a segment of a Walker: specific force, angular velocity and attitude.
 
-    f = Rᵀ (a + α × r + ω × (ω × r) − g) + bias + noise, and ω likewise, with the acceleration a of the proximal
-    joint and the place r of the sensor. Axes before the mounting error: x forward, y right, z down in a straight stand.
+    f = Rᵀ (a + α × r + ω × (ω × r) − g) + bias + noise, with the acceleration a of the proximal joint and the position
+    r of the sensor. Bias and noise are added to the angular velocity ω, too. Axes before the mounting error: x forward, y right, z down in a straight stand.
     At rest and upright f is (0, 0, -9.81) m/s². The noise is white, a function of seed and tick (Philox 4x64-10); the
-    zero of the gyroscope drifts as a random walk. The attitude is the true one of the sensor, from north, east, down,
+    bias of the gyroscope drifts as a random walk. The attitude is the true one of the sensor, from north, east, down,
     with north ahead. Example: `SegmentIMU(along=0.2, forward=0.08)(walker.left_thigh_motion)`.
     """
 
-    along = Param(0.0, "m", "place of the sensor from the proximal joint down the segment")
-    forward = Param(0.0, "m", "place of the sensor in front of the line between the joints")
-    mounting = Param((0.0, 0.0, 0.0), "rad", "roll, pitch and yaw of the sensor in the segment")
-    accel_bias = Param((0.0, 0.0, 0.0), "m/s²", "zero of the accelerometer")
-    gyro_bias = Param((0.0, 0.0, 0.0), "rad/s", "zero of the gyroscope at t = 0")
+    along = Param(0.0, "m", "distance of the sensor from the proximal joint along the segment")
+    forward = Param(0.0, "m", "distance of the sensor in front of the line between the joints")
+    mounting = Param((0.0, 0.0, 0.0), "rad", "roll, pitch and yaw of the sensor relative to the segment")
+    accel_bias = Param((0.0, 0.0, 0.0), "m/s²", "bias of the accelerometer")
+    gyro_bias = Param((0.0, 0.0, 0.0), "rad/s", "bias of the gyroscope at t = 0")
     accel_noise = Param(0.0, "m/s²", "standard deviation of a sample of the accelerometer", min=0.0)
     gyro_noise = Param(0.0, "rad/s", "standard deviation of a sample of the gyroscope", min=0.0)
-    gyro_drift = Param(0.0, "rad/s", "standard deviation of the gyroscope's zero after one second", min=0.0)
+    gyro_drift = Param(0.0, "rad/s", "standard deviation of the drift of the gyroscope's bias after one second", min=0.0)
     seed = Param(0, "1", "seed of noise and drift", min=0, max=2**53, fixed=True)
 
     motion = Input("any", "motion of the segment, an output of a Walker such as `left_thigh_motion`", shape=(9,))

@@ -103,7 +103,7 @@ def schedule(speed: Any, fastest: float) -> np.ndarray:
     """
     times, speeds = np.array(pairs(speed)).T
     if np.any(np.diff(times) <= 0.0):
-        raise ValueError(f"the times of the speed must increase: got {speed!r}")
+        raise ValueError(f"the times of `speed` must increase, got {speed!r}")
     if not np.all((speeds >= 0.0) & (speeds <= fastest)):
         raise ValueError(f"the speed must be from 0 to {fastest:.2f} m/s for this body and motion: got {speed!r}")
     if len(times) == 1:

@@ -51,7 +51,7 @@ def problem(command: str = "", folder: "str | None" = None) -> "str | None":
 def _old_python():
     """Return a message on a Python that is older than OLDEST_PYTHON."""
     if sys.version_info[:2] < OLDEST_PYTHON:
-        return "this is Python %d.%d, and %d.%d or newer is needed: %s" % (
+        return "this is Python %d.%d, but %d.%d or newer is required: %s" % (
             sys.version_info[:2] + OLDEST_PYTHON + (_remedy(),)
         )
     return None

@@ -156,7 +156,7 @@ def test_assistance_that_is_not_finite_reaches_the_outputs(value):
     "parameters, message",
     [
         ({"speed": "0:0 2"}, 'the speed must be a number in m/s or times and speeds as in "0:0 2:1.2"'),
-        ({"speed": "0:0 0:1"}, "the times of the speed must increase"),
+        ({"speed": "0:0 0:1"}, "the times of `speed` must increase"),
         ({"speed": 3.0}, r"the speed must be from 0 to 1.96 m/s for this body and motion: got 3.0"),
         ({"speed": math.nan}, "the speed must be"),
         ({"motion": "run"}, "must be one of walk"),
