@@ -46,6 +46,7 @@ class Trial:
     about, end, diagram : metadata of the recording; `end` and `diagram` may be None
     complete, trouble : whether the recording was finished and is undamaged; if not, the problem with the file, in one
         line. They check the whole file when they are first used
+    file : runtime.recording.parts.Recording that is read; None for a run without a file
     parts : [Path] of its files: several if another recorder continued it
     seams : of each part but the first, how it continues (runtime.recording.parts.Seam)
 
@@ -55,8 +56,8 @@ class Trial:
     def __init__(self, path, progress=lambda share: None):
         """Open a recording. progress : called with the fraction of an incomplete file that has been scanned"""
         self.path = Path(path)
-        self._file: Any = Recording(self.path, lambda part: Reader(part, progress))
-        self._recording: Any = self._file  # None if the values are not those of the file
+        self.file: Any = Recording(self.path, lambda part: Reader(part, progress))
+        self._recording: Any = self.file  # None if the values are not those of the file
         self._first, self._last = 0, None  # rows of the recording
         self._columns = {}  # {place: (array of signals that were read, its column)}
         self._diagram = self._recording.diagram
@@ -74,7 +75,7 @@ class Trial:
         """
         made = cls.__new__(cls)
         made.path, made.parts, made.seams, made.frames = Path(about["name"]), [], [], []
-        made._file, made._recording, made._columns = None, None, {}
+        made.file, made._recording, made._columns = None, None, {}
         made.end, made._diagram = end, diagram
         made.events = [*end["events"], end["end"]]
         made._describe(about)
@@ -97,7 +98,7 @@ class Trial:
 
         Raises BadInput if no part of it is readable.
         """
-        if self._file is not None and self._file.check(progress) and self._recording is not None:
+        if self.file is not None and self.file.check(progress) and self._recording is not None:
             self._forget()
 
     def _forget(self):
@@ -109,16 +110,16 @@ class Trial:
     @property
     def complete(self) -> bool:
         self.check()
-        return self._file is None or self._file.finished
+        return self.file is None or self.file.finished
 
     @property
     def trouble(self) -> str:
         self.check()
-        return "" if self._file is None else self._file.trouble
+        return "" if self.file is None else self.file.trouble
 
     @cached_property
     def end(self) -> Any:
-        return self._file.end
+        return self.file.end
 
     @cached_property
     def events(self) -> list:

@@ -3,40 +3,34 @@
 Every message is copied unchanged. A complete, undamaged recording is copied byte for byte.
 """
 
-import io
+from __future__ import annotations
+
 import json
 import os
+from collections.abc import Callable
 
+from runtime.analysis.trial import Trial
 from runtime.recording import messages
-from runtime.recording.chunks import Expander, walk_all
 from runtime.recording.files import WholeFile
-from runtime.recording.mcap_file import HEAD, MESSAGE, McapFile
-from runtime.recording.records import (
-    A_CHUNK,
-    A_MESSAGE,
-    ATTACHMENT,
-    CHANNEL,
-    DAMAGE,
-    DATA_END,
-    LIBRARY,
-    MAGIC,
-    SCHEMA,
-    compressed,
-    read,
-    walk,
-)
-
-FLUSH = 1 << 20  # bytes buffered in memory
+from runtime.recording.mcap_file import MESSAGE, McapFile
+from runtime.recording.parts import Recording
+from runtime.recording.reader import Reader
+from runtime.recording.records import LIBRARY
 
 
-def check(trial, kind):
-    pass
+def check(trial: Trial, kind: str) -> None:
+    """Accept every recording. Arguments are not used"""
 
 
-def write(trial, path, progress):
+def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
+    """Write the file.
+
+    path : of the file, which is overwritten
+    progress : called with the fraction that is done
+    """
     file = WholeFile(path, os.open(path, os.O_WRONLY | os.O_CLOEXEC))
     try:
-        copy = Copy(trial, file)
+        copy = Copy(trial.file, file)
         for number in range(len(trial.parts)):
             copy.part(number, lambda share: progress((number + share) / len(trial.parts)))
         copy.writer.finish()
@@ -45,68 +39,51 @@ def write(trial, path, progress):
 
 
 class Copy:
-    """Copy of the files of a Trial into one McapFile."""
+    """Copy of the files of a recording into one file.
 
-    def __init__(self, trial, file):
-        self.trial, self.writer = trial, McapFile(file)
+    recording : runtime.recording.parts.Recording
+    file : runtime.recording.files.WholeFile
+    """
+
+    def __init__(self, recording: Recording, file: WholeFile) -> None:
+        self.recording, self.writer = recording, McapFile(file)
         self.writer.begin(LIBRARY)
-        self.numbers = {}  # {topic: number of its channel}
+        self.numbers: dict[str, int] = {}  # {topic: number of its channel}
         self.began = 0  # ns of the wall clock at the start of the run
 
-    def part(self, number, progress):
-        from mcap.exceptions import McapError
-
-        path, seams = self.trial.parts[number], self.trial.seams
+    def part(self, number: int, progress: Callable[[float], None]) -> None:
+        """Copy one file. progress : called with the fraction of it that is done"""
+        reader, seams = self.recording.readers[number], self.recording.seams
         self.seam, self.following = (
             seams[number - 1] if number else None,
             seams[number] if number < len(seams) else None,
         )
         self.rows = self.seam.rows if self.seam else 0
-        schemas, topics = {}, {}  # of the part: {number: ...}
-        size = path.stat().st_size
-        self.expander = Expander(size)
-        with open(path, "rb", buffering=0) as stream:
-            for at, kind, data in walk_all(stream, len(MAGIC)):
-                try:
-                    self.record(kind, data, schemas, topics)
-                except (McapError, *DAMAGE):  # the reader has reported it
-                    return
-                if kind == DATA_END:
-                    return
-                if self.writer.file.waiting > FLUSH:
-                    self.writer.file.flush()
-                    progress(at / size)
+        contents, chunks = reader.contents, reader.contents.chunks
+        begin = chunks[0].at if chunks else reader.size
+        self.attachments(reader, [place for place in contents.attachments if place[0] < begin])
+        for channel, topic in contents.topics.items():
+            if topic not in self.numbers:
+                name, descriptor = contents.schemas[channel]
+                self.numbers[topic] = self.writer.channel(topic, descriptor, name)
+        for done, chunk in enumerate(reader.ahead(lambda _, chunk: chunk, range(len(chunks)))):
+            for data in chunk.in_order():
+                self.message(contents.topics[MESSAGE.unpack_from(data)[2]], data)
+            self.writer.file.flush()
+            progress(done / len(chunks))
+        self.attachments(reader, [place for place in contents.attachments if place[0] >= begin])
 
-    def record(self, kind, data, schemas, topics):
-        body = data[HEAD.size :]
-        if kind == A_CHUNK and compressed(data):
-            for _, inside, record in walk(io.BytesIO(self.expander.expand(read("Chunk", body))), 0):
-                if inside in (SCHEMA, CHANNEL, A_MESSAGE):
-                    self.record(inside, record, schemas, topics)
-        elif kind == A_MESSAGE:
-            self.message(topics[MESSAGE.unpack_from(data)[2]], data)
-        elif kind == SCHEMA:
-            schema = read("Schema", body)
-            schemas[schema.id] = schema
-        elif kind == CHANNEL:
-            channel = read("Channel", body)
-            topics[channel.id] = channel.topic
-            if channel.topic not in self.numbers:
-                schema = schemas[channel.schema_id]
-                self.numbers[channel.topic] = self.writer.channel(channel.topic, schema.data, schema.name)
-        elif kind == ATTACHMENT:
-            self.attachment(read("Attachment", body))
+    def attachments(self, reader: Reader, places: list[tuple[int, int]]) -> None:
+        """Copy attachments: the metadata from the first part, the end from the last. places : as in Contents"""
+        for attachment in reader.attachments(places):
+            if self.seam and attachment.name != "end.json" or self.following and attachment.name == "end.json":
+                continue
+            data, about = attachment.data, self.recording.about
+            if attachment.name == "about.json" and json.loads(data) != about:  # its first part was empty
+                data = json.dumps(about, ensure_ascii=False).encode()
+            self.writer.attach(attachment.name, attachment.media_type, data)
 
-    def attachment(self, attachment):
-        """Copy an attachment: the metadata from the first part, the end from the last."""
-        if self.seam and attachment.name != "end.json" or self.following and attachment.name == "end.json":
-            return
-        data = attachment.data
-        if attachment.name == "about.json" and json.loads(data) != self.trial.about:  # its first part was empty
-            data = json.dumps(self.trial.about, ensure_ascii=False).encode()
-        self.writer.attach(attachment.name, attachment.media_type, data)
-
-    def joined(self, body, drain):
+    def joined(self, body: bytes, drain: int) -> bytes | None:
         """Return a message CanFrames with the frames before the next part, None without any.
 
         drain : of the part; the time of drain 0 is that of the last drain in the previous part
@@ -119,14 +96,14 @@ class Copy:
             drained = self.seam.drained - self.began
         return messages.frames(drained, group) if group else None
 
-    def message(self, topic, data):
+    def message(self, topic: str, data: bytes) -> None:
         """Copy a message if it counts; the number of its drain continues from the previous part."""
         _, _, _, sequence, log_time, publish_time = MESSAGE.unpack_from(data)
         body, limit = data[MESSAGE.size :], self.following.rows if self.following else None
         if topic.startswith(messages.BUS):
             if self.following and self.rows > self.following.rows:
                 return
-            if self.trial.about["format"] == "1":
+            if self.recording.about["format"] == "1":
                 if self.following and self.following.since is not None and log_time >= self.following.since:
                     return
                 publish_time = publish_time if sequence or not self.seam else self.seam.drained

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import os
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from io import BytesIO
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, INDEX, MESSAGE, MESSAGE_REST, ZSTD
-from runtime.recording.mcap_file import STREAM as STREAM_KIND
-from runtime.recording.records import A_CHUNK, A_MESSAGE, AN_INDEX, CHANNEL, CHUNK_LIMIT, SCHEMA, compressed, walk
+from runtime.recording.mcap_file import CHUNK_HEAD, HEAD, INDEX, MESSAGE, MESSAGE_REST
+from runtime.recording.records import A_CHUNK, A_MESSAGE, AN_INDEX, CHANNEL, CHUNK_LIMIT, SCHEMA
 from runtime.recording.zstd_stream import decode
 
 FILE_RATIO_LIMIT, FILE_LIMIT_MINIMUM = 100, 16 << 20  # all chunks of a file: times its size, and at least these bytes
@@ -103,6 +102,12 @@ class Messages(NamedTuple):
             raise ValueError("a row of another size")
         return found
 
+    def in_order(self) -> Iterator[bytes]:
+        """Yield the message records in the order of the file."""
+        plain, head = self.data.tobytes(), HEAD.unpack_from
+        for at in np.sort(np.concatenate([NONE, *self.offsets.values()])).tolist():
+            yield plain[at : at + HEAD.size + head(plain, at)[1]]
+
     def until(self, limit: int) -> Messages:
         """Return the messages that begin before a position."""
         kept = {channel: offsets[offsets < limit] for channel, offsets in self.offsets.items()}
@@ -170,47 +175,6 @@ def load(descriptor: int, chunk: Chunk) -> Messages:
     return messages if chunk.limit is None else messages.until(chunk.limit)
 
 
-def unfinished(stream, at):
-    """Return (records, position behind it or None) of a zstd chunk without a head or without its end.
-
-    The records are those up to the last complete block; the position is None if the chunk has no end. Returns None for
-    anything else.
-
-    stream : file; at : where the chunk begins
-    """
-    stream.seek(at)
-    form = CHUNK_HEADS[ZSTD]
-    head = stream.read(form.size)
-    if len(head) < form.size or (head[0] != STREAM_KIND and not (head[0] == A_CHUNK and compressed(head))):
-        return None
-    frame = stream.read(CHUNK_LIMIT)
-    if head[0] == A_CHUNK and HEAD.size + HEAD.unpack_from(head)[1] <= form.size + len(frame):
-        return None
-    data, ends, ended = decode(frame, CHUNK_LIMIT)
-    end = 0
-    for place, _, record in walk(BytesIO(data), 0):
-        end = place + len(record)
-    return data[:end], at + form.size + ends[-1][0] if ended else None
-
-
-def walk_all(stream, at):
-    """Yield (position, kind, bytes) as `walk` does, including the messages of zstd chunks without head or end."""
-    end = at
-    while end is not None:
-        stream.seek(end)
-        for place, kind, data in walk(stream, end):
-            if kind == STREAM_KIND:
-                break
-            yield place, kind, data
-            end = place + len(data)
-        rest = unfinished(stream, end)
-        if rest is None:
-            return
-        place, (content, end) = end, rest
-        for _, kind, data in walk(BytesIO(content), 0):
-            yield place, kind, data
-
-
 def indexed(data: np.ndarray, indices: memoryview) -> dict[int, np.ndarray] | None:
     """Return {channel: offsets} of message indices, or None if they do not describe exactly these messages.
 
@@ -267,8 +231,8 @@ def walked(plain, only_messages=False):
     return Messages(data, {key: np.array(places, dtype=np.int64) for key, places in offsets.items()}, at, others)
 
 
-class Expander:
-    """Expansion of chunks with a limit for all of a file. size : bytes of the file"""
+class ExpansionLimit:
+    """Limit on what the chunks of a file expand to. size : of the file, in bytes"""
 
     def __init__(self, size: int) -> None:
         self.left = self.limit = max(FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT * size)
@@ -283,11 +247,6 @@ class Expander:
                 f"has a compressed chunk of {size} bytes, above the limit of {limit}, and is read up to there"
             )
         self.left -= size
-
-    def expand(self, chunk: Stored) -> Any:
-        """Count and expand a chunk. Returns and raises as the function `expand`, and raises TooLarge."""
-        self.admit(chunk.uncompressed_size)
-        return expand(chunk)
 
 
 def expand(chunk: Stored) -> Any:

@@ -19,6 +19,7 @@ from runtime.recording.records import (
     HEADER,
     MAGIC,
     RECORD_LIMIT,
+    SCHEMA,
     STATISTICS,
     read,
     walk,
@@ -35,6 +36,8 @@ class Contents:
     about, end, diagram : attachments of these names; None if the file has none
     library : program that wrote the file
     topics : {channel: topic}
+    schemas : {channel: (name of the message, serialised FileDescriptorSet)}
+    attachments : [(position of the record, its size in bytes)]
     chunks : [Chunk], in order
     finished, trouble : whether its recorder has written its end; if not, the problem with the file, in one line
     """
@@ -44,9 +47,17 @@ class Contents:
     diagram: Any = None
     library: str = ""
     topics: dict[int, str] = field(default_factory=dict)
+    schemas: dict[int, tuple[str, bytes]] = field(default_factory=dict)
+    attachments: list[tuple[int, int]] = field(default_factory=list)
     chunks: list[Chunk] = field(default_factory=list)
     finished: bool = False
     trouble: str = ""
+
+    def describe(self, channel: Any, schemas: dict[int, Any]) -> None:
+        """Take a channel. schemas : {number: record} of the file"""
+        schema = schemas.get(channel.schema_id)
+        self.topics.setdefault(channel.id, channel.topic)
+        self.schemas.setdefault(channel.id, ("", b"") if schema is None else (schema.name, schema.data))
 
     def attach(self, name, data):
         """Take an attachment. Raises ValueError if it is not JSON, and BadInput if it is nested too deep."""
@@ -72,7 +83,7 @@ def summarised(stream, size):
     summary = os.pread(stream.fileno(), size - tail - start, start)
     if checksum == 0 or zlib.crc32(footer[: HEAD.size + 16], zlib.crc32(summary)) != checksum:
         return None
-    contents, attachments, indices, written = Contents(finished=True), [], [], None
+    contents, attachments, indices, schemas, written = Contents(finished=True), [], [], {}, None
     try:
         head = HEAD.unpack(os.pread(stream.fileno(), HEAD.size, len(MAGIC)))
         if head[0] != HEADER or head[1] > RECORD_LIMIT:
@@ -80,17 +91,22 @@ def summarised(stream, size):
         contents.library = read("Header", os.pread(stream.fileno(), head[1], len(MAGIC) + HEAD.size)).library
         for _, kind, data in walk(io.BytesIO(summary), start):
             body = data[HEAD.size :]
-            if kind == CHANNEL:
-                channel = read("Channel", body)
-                contents.topics[channel.id] = channel.topic
+            if kind == SCHEMA:
+                schema = read("Schema", body)
+                schemas[schema.id] = schema
+            elif kind == CHANNEL:
+                contents.describe(read("Channel", body), schemas)
             elif kind == CHUNK_INDEX:
                 indices.append(read("ChunkIndex", body))
             elif kind == ATTACHMENT_INDEX:
                 attachments.append(read("AttachmentIndex", body))
             elif kind == STATISTICS:
                 written = read("Statistics", body).message_count
-        for entry in attachments:
-            if entry.name in ATTACHMENTS and entry.offset + entry.length <= size:
+        for entry in sorted(attachments, key=lambda entry: entry.offset):
+            if entry.offset + entry.length > size:
+                continue
+            contents.attachments.append((entry.offset, entry.length))
+            if entry.name in ATTACHMENTS:
                 data = os.pread(stream.fileno(), entry.length, entry.offset)
                 attachment = read("Attachment", data[HEAD.size :])
                 contents.attach(attachment.name, attachment.data)

@@ -23,11 +23,12 @@ from runtime.base.optional_dependencies import need
 from runtime.recording import read_ahead
 from runtime.recording.batches import NO_FRAMES, Rows
 from runtime.recording.check import Check
-from runtime.recording.chunks import FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT, MESSAGE_HEAD, Expander, Messages, load
+from runtime.recording.chunks import FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT, MESSAGE_HEAD, ExpansionLimit, Messages, load
 from runtime.recording.columns import Layout
 from runtime.recording.contents import Contents, summarised
+from runtime.recording.mcap_file import HEAD
 from runtime.recording.metadata import validate
-from runtime.recording.records import DAMAGE, LIBRARY, MAGIC
+from runtime.recording.records import DAMAGE, LIBRARY, MAGIC, read
 from runtime.recording.scan import Scan
 
 FRAMES_GROWTH = 4  # size of decoded frames, as a multiple of that of their messages
@@ -188,11 +189,17 @@ class Reader:
 
     def admitted(self, numbers: Iterable[int]) -> Iterator[int]:
         """Yield the numbers of chunks. Raises TooLarge at one that exceeds the limit on what the file expands to."""
-        expander = Expander(self.size)
+        expansion = ExpansionLimit(self.size)
         for number in numbers:
             if self.contents.chunks[number].compression:
-                expander.admit(self.contents.chunks[number].size)
+                expansion.admit(self.contents.chunks[number].size)
             yield number
+
+    def attachments(self, places: Iterable[tuple[int, int]]) -> Iterator[Any]:
+        """Yield attachments as records of the mcap package. places : as in Contents"""
+        with open(self.path, "rb", buffering=0) as stream:
+            for at, size in places:
+                yield read("Attachment", os.pread(stream.fileno(), size, at)[HEAD.size :])
 
     def with_messages(self, channels: Iterable[int], first: int = 0, last: int | None = None) -> list[int]:
         """Return the numbers of the chunks with messages of channels, of the rows from `first` to `last`."""

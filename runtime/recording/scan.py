@@ -8,7 +8,7 @@ from collections import Counter
 
 from runtime.base.errors import BadInput
 from runtime.recording.check import Check
-from runtime.recording.chunks import CHUNK_LIMIT, Chunk, Expander, Messages, TooLarge, head_of, load, walked
+from runtime.recording.chunks import CHUNK_LIMIT, Chunk, ExpansionLimit, Messages, TooLarge, head_of, load, walked
 from runtime.recording.chunks import STREAM as STREAM_OF_ZSTD
 from runtime.recording.columns import Layout
 from runtime.recording.contents import Contents
@@ -27,6 +27,7 @@ from runtime.recording.records import (
     HEADER,
     MAGIC,
     RECORD_LIMIT,
+    SCHEMA,
     STATISTICS,
     is_compressed,
     read,
@@ -57,8 +58,9 @@ class Scan:
 
         self.path, self.descriptor, self.size, self.deep = stream.name, stream.fileno(), size, deep
         self.contents = Contents()
-        self.expander, self.checker = Expander(size), None
+        self.expansion, self.checker = ExpansionLimit(size), None
         self.counts = Counter()  # {channel: number of messages}
+        self.schemas = {}  # {number: record}
         self.written = None  # messages that the recorder has counted
         self.unchecked = None  # position of a chunk with a wrong checksum
         self.is_cut = False  # in a zstd frame
@@ -98,7 +100,9 @@ class Scan:
             return self.loose(at, at)
         if end > self.size or kind == 0:
             return None
-        if kind in (HEADER, ATTACHMENT, CHANNEL, STATISTICS, FOOTER):
+        if kind == ATTACHMENT:
+            self.contents.attachments.append((at, end - at))
+        if kind in (HEADER, ATTACHMENT, SCHEMA, CHANNEL, STATISTICS, FOOTER):
             self.take(kind, self.bytes_at(at + HEAD.size, length))
         return end
 
@@ -117,9 +121,11 @@ class Scan:
                 ) from None
             if attachment.name == "about.json":
                 validate(self.path, contents.about)
+        elif kind == SCHEMA:
+            schema = read("Schema", body)
+            self.schemas[schema.id] = schema
         elif kind == CHANNEL:
-            channel = read("Channel", body)
-            contents.topics.setdefault(channel.id, channel.topic)
+            contents.describe(read("Channel", body), self.schemas)
         elif kind == STATISTICS:
             self.written = read("Statistics", body).message_count
         else:
@@ -152,8 +158,8 @@ class Scan:
         """Take the messages of a zstd chunk without a head or without its end, up to its last complete block."""
         begin = at + CHUNK_HEADS[ZSTD].size
         frame = self.bytes_at(begin, CHUNK_LIMIT)
-        content, ends, ended = decode(frame, min(CHUNK_LIMIT, self.expander.left))
-        self.expander.left -= len(content)
+        content, ends, ended = decode(frame, min(CHUNK_LIMIT, self.expansion.left))
+        self.expansion.left -= len(content)
         end = begin + ends[-1][0]
         counts, after = self.indices(end) if ended else ({}, end)
         self.is_cut = not ended and is_torn(frame[ends[-1][0] :])
@@ -201,11 +207,10 @@ class Scan:
         if self.deep or found is not None or not chunk.counts or not chunk.counts.keys() <= contents.topics.keys():
             if found is None:
                 if chunk.compression:
-                    self.expander.admit(chunk.size)
+                    self.expansion.admit(chunk.size)
                 found = load(self.descriptor, chunk)
             for kind, body in found.others:
-                if kind == CHANNEL:
-                    self.take(kind, body)
+                self.take(kind, body)
             if self.deep or chunk.headless:  # without a head there is no checksum
                 chunk.limit = self.check(found)
                 found = found if chunk.limit is None else found.until(chunk.limit)
