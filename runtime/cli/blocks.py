@@ -9,6 +9,7 @@ from runtime.diagrams.catalog import catalog
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code; raises BadInput for an unknown block or library."""
     parser = Parser("blocks", "List the installed blocks, or describe one.")
     parser.add_argument(
         "name",

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from graph.device import Device
-    from runtime.commissioning.calibration.measuring import Readings
+    from runtime.commissioning.calibration.measuring import OnRig, Readings
     from runtime.commissioning.calibration.result import Result
 
 EPILOG = """\
@@ -37,6 +37,7 @@ REPORT_PERIOD = 2.0  # s between progress reports
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code: 1 if a part could not be calibrated."""
     parser = Parser(
         "calibrate", "Find bias, offset and scale of an IMU, and write them to a TOML file for its block.", EPILOG
     )
@@ -108,7 +109,7 @@ def measured(options: Namespace) -> tuple[Device, Readings]:
         return sensor, watched(source, options)
 
 
-def watched(source, options):
+def watched(source: OnRig, options: Namespace) -> Readings:
     """Measure on a rig and report progress. Returns Readings; Ctrl-C ends the measurement early."""
     from runtime.commissioning.calibration.measuring import NOTHING
     from runtime.commissioning.calibration.result import find

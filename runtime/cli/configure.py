@@ -41,6 +41,7 @@ Changes that are not saved are lost when the drive is switched off.
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code: 1 if the operator declined a change."""
     parser = Parser(
         "configure",
         "Set up a drive, or find the offset, sign and range of a joint.",
@@ -85,7 +86,7 @@ def drive(options: Namespace) -> int:
         return OK if apply.carry_out(bus, request, options.yes) else CHECK_FAILED
 
 
-def configure_joint(options: Namespace):
+def configure_joint(options: Namespace) -> int:
     """Find the mounting of a joint and write it to the rig file. Returns the exit code."""
     if options.what is None or options.rig is None:
         raise BadInput("--joint needs the rig and the diagram: configure --joint left/knee --rig lab.toml knee.py")

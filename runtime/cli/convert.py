@@ -22,6 +22,7 @@ READING_SHARE = 0.5  # of the progress
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code; raises BadInput if a recording or a file cannot be used."""
     parser = Parser(
         "convert",
         "Write recordings in other formats: every sample of every signal, in order. "

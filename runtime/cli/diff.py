@@ -1,8 +1,11 @@
 """`diff A B`: compare two recordings."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from runtime.analysis import condition_table, difference_picture
 from runtime.analysis.compare import compare
@@ -14,6 +17,11 @@ from runtime.cli.reading import read
 from runtime.console.progress import Progress
 from runtime.console.terminal import print_lines
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from runtime.analysis.trial import Trial
+
 EPILOG = """\
 examples:
   diff run.mcap replay.mcap
@@ -23,6 +31,7 @@ examples:
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code: 1 if the recordings differ tick by tick."""
     parser = Parser("diff", "Compare two recordings: tick by tick, or with --strides over the gait cycle.", EPILOG)
     parser.add_argument("first", type=Path, metavar="A", help="the .mcap file of a recording")
     parser.add_argument("second", type=Path, metavar="B", help="the .mcap file of another recording")
@@ -51,7 +60,7 @@ def main(arguments: Sequence[str]) -> int:
     return OK if comparison.identical else CHECK_FAILED
 
 
-def compare_strides(here, there, options):
+def compare_strides(here: Trial, there: Trial, options: Namespace) -> int:
     """Print the table of two conditions and draw them. Returns OK. Raises BadInput."""
     compared = selection.conditions_of([here] if here.path == there.path else [here, there], options)
     if len(compared) != 2:

@@ -10,6 +10,7 @@ from runtime.session.request import Request
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code; raises BadInput if the drawing cannot be made."""
     parser = Parser("draw", "Draw a diagram from left to right. Feedback is drawn dashed, below.")
     add_options(parser, Request, "file", "rate", "settings")
     parser.add_argument(

@@ -1,12 +1,25 @@
 """`emulate FILE --rig RIG`: emulate the devices of a diagram on the buses of a rig."""
 
+from __future__ import annotations
+
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import BadInput
 from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import print_lines, print_to_stderr, program
 from runtime.session.request import Request
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from cext.schedule.outcome import Outcome
+    from graph import Diagram, Schedule
+    from runtime.emulation.buses import PlantBuses
+    from runtime.emulation.lines import EmulatedLines
+    from runtime.rig.file import RigFile
 
 DANGER = "a real drive would interpret emulated replies as commands, and move"
 
@@ -61,7 +74,8 @@ def main(arguments):
         buses.close()
 
 
-def parse(arguments):
+def parse(arguments: Sequence[str]) -> Namespace:
+    """Parse the arguments. Raises BadInput."""
     parser = Parser(
         "emulate", "Emulate the devices of a diagram on the real buses of a rig, for a run in another terminal."
     )
@@ -88,7 +102,7 @@ def parse(arguments):
     return parser.parse_args(arguments)
 
 
-def consent(real, given):
+def consent(real: Sequence[str], given: bool) -> None:
     """Ask the operator to confirm that no real drive is connected. Raises BadInput.
 
     real : names of the buses that are not virtual
@@ -111,7 +125,9 @@ def consent(real, given):
         raise BadInput("standard input ended before the confirmation that no real drive is connected")
 
 
-def _introduction(options, diagram, schedule, rig, given, serial):
+def _introduction(
+    options: Namespace, diagram: Diagram, schedule: Schedule, rig: RigFile, given: bool, serial: EmulatedLines
+) -> list[str]:
     kind = "the plant of the file" if given else "every device, each actuator on a free inertia"
     lines = [f"{schedule.name}: {kind}, at {schedule.rate:g} Hz"]
     for index, name in enumerate(schedule.buses):
@@ -128,19 +144,20 @@ def _introduction(options, diagram, schedule, rig, given, serial):
     return [*lines, f"in another terminal: {variable}{program()} {options.file} --rig {options.rig}", "Ctrl-C ends it"]
 
 
-def _title(block):
+def _title(block: Any) -> str:
     ids = ", ".join(f"{identifier:X}h" if extended else str(identifier) for identifier, extended in block.addresses())
     words = [block.path, getattr(block, "model", ""), f"id {ids}" if ids else ""]
     return "  ".join(filter(None, words))
 
 
-def _fault(outcome, buses):
+def _fault(outcome: Outcome, buses: PlantBuses) -> list[str]:
     where = outcome.culprit or ", ".join(buses.names)
     why = buses.explain(where) if where in buses.cans else str(outcome.error or "")
     return [f"tickwork: the emulation ended: {outcome.status} at {where}" + (f": {why}" if why else "")]
 
 
-def summary(statistics, schedule):
+def summary(statistics: Mapping[str, Any], schedule: Schedule) -> list[str]:
+    """Return the lines at the end. statistics : of the shared state"""
     frames, seconds = statistics["frames"], (statistics["last_tick"] + 1) / schedule.rate
     return [
         f"{schedule.name}: {seconds:.1f} s at {schedule.rate:g} Hz, {statistics['missed']} steps missed",

@@ -55,7 +55,7 @@ NAME_LENGTH_SHOWN = 80  # characters of a file name in an error
 MODULES = {"bench": "bench.command"}  # commands whose module has another name
 
 
-def main(arguments: Sequence[str] | None = None, folder=None) -> int:
+def main(arguments: Sequence[str] | None = None, folder: str | None = None) -> int:
     """Run a command line. Returns the exit code.
 
     folder : the working folder, if `python -m` has put it on the path
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None, folder=None) -> int:
     return code
 
 
-def system_error(error):
+def system_error(error: OSError) -> str | None:
     """Return the line on an OSError whose cause is the user's system; None for any other.
 
     The causes are a file name that the system refuses, a deleted working folder, and a limit (see `ulimit -a`).
@@ -122,7 +122,7 @@ def refusal(arguments: Sequence[str]) -> type[DiagramError] | tuple[Any, ...]:
     return DiagramError
 
 
-def command(arguments: Sequence[str], folder) -> int:
+def command(arguments: Sequence[str], folder: str | None) -> int:
     """Run the command that the first argument names; any other first argument is the diagram file of `run`."""
     if not arguments or arguments[0] in ("-h", "--help"):
         (print_lines if arguments else print_to_stderr)(usage())
@@ -140,8 +140,13 @@ def command(arguments: Sequence[str], folder) -> int:
     return run(first, arguments[1:], folder)
 
 
-def run(name: str, arguments: Sequence[str], folder) -> int:
-    """Import a command and run it. Returns the exit code."""
+def run(name: str, arguments: Sequence[str], folder: str | None) -> int:
+    """Import a command and run it. Returns the exit code.
+
+    name : of the command
+    arguments : after the name
+    folder : as of `main`
+    """
     module = import_module(f"runtime.cli.{MODULES.get(name, name)}")
     problem = installation_check.namesake(folder)  # after the imports that this command needs
     if problem is not None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from blocks.families import example_models, families, find_model
 from runtime.base.errors import BadInput
@@ -19,6 +19,11 @@ from runtime.commissioning.bus import entry, single_bus
 from runtime.console.terminal import print_lines
 from runtime.report import summary
 from runtime.session.request import Request
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from graph.family import Drive
 
 LIMIT_SHARE = 0.1  # default torque limit, share of the rated torque
 STIFFNESS_PER_LIMIT = 2.0  # 1/rad, default of --position
@@ -36,7 +41,8 @@ recording, and a safe stop at the end. Hold an emergency stop that cuts the powe
 """
 
 
-def main(arguments: Sequence[str]):
+def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code of the run."""
     parser = Parser(
         "move",
         "Move one actuator: with a torque, to a position, or at a velocity, within small limits.",
@@ -163,8 +169,8 @@ def main(arguments: Sequence[str]):
 UNITS = {"torque": "N·m", "position": "rad", "velocity": "rad/s"}
 
 
-def target_of(options):
-    """Return (kind of movement, target)."""
+def target_of(options: Namespace) -> tuple[str, float]:
+    """Return (kind of movement, target): N·m, rad or rad/s. Raises BadInput without one."""
     for kind in UNITS:
         if getattr(options, kind) is not None:
             return kind, getattr(options, kind)
@@ -182,8 +188,8 @@ def add_model(parser: Parser, text: str) -> None:
         how.add_argument(f"--{option}", dest="option", action="store_const", const=option, help="; ".join(lines))
 
 
-def model_of(options):
-    """Return (graph.family.Drive, model). BadInput"""
+def model_of(options: Namespace) -> tuple[Drive, Any]:
+    """Return (graph.family.Drive, model). Raises BadInput."""
     if not options.model:
         examples = ", ".join(f"--model {name}" for name in example_models())
         raise BadInput(f"no model given: it defines the encoded ranges, and drives do not report it. Pass {examples}")
@@ -193,7 +199,7 @@ def model_of(options):
         raise BadInput(f"--model {error}") from None
 
 
-def limit_of(options, model, kind, target):
+def limit_of(options: Namespace, model: Any, kind: str, target: float) -> float:
     """Return the torque limit in N·m. Raises BadInput for a target outside the limits."""
     if model.rated is None and options.limit is None:
         raise BadInput(
@@ -228,15 +234,18 @@ def limit_of(options, model, kind, target):
     return limit
 
 
-def check_law(model, settings) -> None:
+def check_law(model: Any, settings: Mapping[str, Any]) -> None:
     """Raise BadInput for a stiffness or damping outside the encoded range."""
     for name, highest in (("stiffness", model.wire_stiffness), ("damping", model.wire_damping)):
         if settings[name] > highest:
             raise BadInput(f"--{name} {settings[name]:g}: at most {highest:g} in the encoding of {model.name}")
 
 
-def value(option: str, unit: str) -> Callable[..., Any]:
-    """Return a converter of texts to finite numbers."""
+def value(option: str, unit: str) -> Callable[[str], float]:
+    """Return a converter of texts to finite numbers, which raises BadInput.
+
+    option, unit : for the message
+    """
 
     def parse(text):
         try:

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from runtime.base.errors import BadInput
 from runtime.base.options import count
@@ -54,13 +54,13 @@ class Parser(argparse.ArgumentParser):
         self.groups: dict[str, Any] = {}
         self.sections: dict[str | None, Any] = {None: self}
 
-    def section(self, title: str | None):
+    def section(self, title: str | None) -> Any:
         """Return the group of options that the help lists under a title; the parser for None."""
         if title not in self.sections:
             self.sections[title] = self.add_argument_group(title)
         return self.sections[title]
 
-    def group(self, name: str, section: str | None = None):
+    def group(self, name: str, section: str | None = None) -> Any:
         """Return the group of options that exclude each other under this name, in a section."""
         if name not in self.groups:
             self.groups[name] = self.section(section).add_mutually_exclusive_group()
@@ -82,7 +82,8 @@ class Parser(argparse.ArgumentParser):
         hint = suggestion(word.partition("=")[0], self._option_string_actions)
         return f"there is no option {word}" + (f"; {hint}" if hint else "")
 
-    def error(self, message: str):
+    def error(self, message: str) -> NoReturn:
+        """Raise BadInput with the message of argparse, or a clearer one where a file is missing."""
         if message.endswith("required: FILE"):
             message = "no diagram file given: pass one, such as diagrams/knee_exo.py"
         elif "required: RECORDING" in message:

@@ -34,6 +34,7 @@ examples:
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code; raises BadInput for an unknown signal or recording."""
     parser = Parser(
         "plot", "Plot signals of a recording with faults and marks, over time or over the gait cycle.", EPILOG
     )
@@ -71,7 +72,7 @@ def main(arguments: Sequence[str]) -> int:
     return OK
 
 
-def stride_plots(trials, options):
+def stride_plots(trials: Sequence[Trial], options: Namespace) -> list[tuple[str, Callable[..., Any]]]:
     """Return [("strides", function that draws the picture into a file)]."""
     need("matplotlib.figure", "a picture")
     from runtime.analysis import condition_picture, stride_picture

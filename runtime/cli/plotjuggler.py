@@ -31,6 +31,7 @@ examples:
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code."""
     parser = Parser("plotjuggler", "Write PlotJuggler's layout for a diagram, or send test data.", EPILOG)
     file, duration = {"nargs": "?"}, {"help": "with --dummy: stop after S seconds (default: Ctrl-C)"}
     add_options(parser, Request, "file", "rate", "settings", "duration", file=file, duration=duration)
@@ -66,14 +67,21 @@ def main(arguments: Sequence[str]) -> int:
     return stream(name, rate, signals, parameters, options.duration)
 
 
-def write(name, signals: Sequence[dict[str, Any]], parameters: dict[str, Any], output) -> int:
-    """Write the layout file. Returns the exit code."""
+def write(name: str, signals: Sequence[dict[str, Any]], parameters: dict[str, Any], output: Path | None) -> int:
+    """Write the layout file. Returns the exit code.
+
+    name : of the diagram, for the file without -o
+    signals : columns of the sink
+    parameters : of the PlotJuggler block
+    output : file from -o, or None
+    """
     from runtime.recorder.plotjuggler_layout import address, layout
 
     text = layout(name, signals, parameters["host"], parameters["port"])
     try:
         if output is None:
-            output, descriptor = create(name, ".xml")
+            path, descriptor = create(name, ".xml")
+            output = Path(path)
             with open(descriptor, "w", encoding="utf-8") as file:
                 file.write(text)
         else:

@@ -12,6 +12,7 @@ from runtime.session.request import Request
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code of the run."""
     parser = Parser("profile", "Run a diagram in simulation and print the time of each block in a tick.")
     duration = {"default": 5.0, "help": "stop after S seconds (default: 5)"}
     add_options(parser, Request, "file", "rate", "settings", "duration", "fast", "overrun", "spin", duration=duration)

@@ -1,9 +1,13 @@
 """`rate`: find the highest rate at which actuators miss no reply."""
 
+from __future__ import annotations
+
 import itertools
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from graph.budget import frame_bits
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
@@ -14,6 +18,12 @@ from runtime.cli.parsing import Parser, add_options
 from runtime.console.progress import Progress
 from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.session.request import Request
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from runtime.bench.rate.steps import Step
+    from runtime.rig.file import RigFile
 
 STEP_DURATION, PAPER_STEP_DURATION, PAPER_VALIDATION_DURATION = 2.0, 60.0, 300.0  # s
 BITRATE = 1e6  # bit/s
@@ -36,10 +46,10 @@ class Result:
     worst: float
     steps: int
     why: str = ""
-    validated: object = None
+    validated: Step | None = None
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code: 1 if a validation failed."""
     options = parse(arguments)
     rig = None
@@ -80,7 +90,8 @@ def main(arguments):
     return CHECK_FAILED if any(row.validated is not None and not row.validated.passed for row in results) else OK
 
 
-def parse(arguments):
+def parse(arguments: Sequence[str]) -> Namespace:
+    """Parse the arguments. Raises BadInput for options that exclude each other."""
     from blocks.families import benchmark
 
     typical = benchmark("can").parameters["model"]
@@ -161,8 +172,8 @@ def parse(arguments):
     return options
 
 
-def span(text):
-    """Return (lowest, highest) of "8" or "1..8"."""
+def span(text: str) -> tuple[int, int]:
+    """Return (lowest, highest) of "8" or "1..8". Raises BadInput."""
     first, dots, last = text.partition("..")
     read = count("--actuators", ACTUATORS_LIMIT)
     low, high = read(first), read(last if dots else first)
@@ -171,7 +182,7 @@ def span(text):
     return low, high
 
 
-def maker(options, bus):
+def maker(options: Namespace, bus: str) -> Callable[[int], Any]:
     """Return a function of a CAN id that makes an actuator of the model. Raises BadInput for an unknown model."""
     from blocks.families import find_model
 
@@ -182,8 +193,15 @@ def maker(options, bus):
     return lambda can_id: drive.block(options.model, bus=bus, can_id=can_id, name=f"actuator{can_id}", timeout=0.5)
 
 
-def one(options, make, ids, rig, bitrate, confirmed):
-    """Measure with these ids. Returns (Result, whether the operator has confirmed)."""
+def one(
+    options: Namespace, make: Callable[[int], Any], ids: list[int], rig: RigFile | None, bitrate: float, confirmed: bool
+) -> tuple[Result, bool]:
+    """Measure with these ids. Returns (Result, whether the operator has confirmed).
+
+    make : as returned by `maker`
+    bitrate : bit/s
+    confirmed : whether the operator has confirmed before
+    """
     from runtime.bench.rate.robot import robot
     from runtime.bench.rate.steps import OnRig, Simulated
 
@@ -213,17 +231,17 @@ def one(options, make, ids, rig, bitrate, confirmed):
     return Result(len(ids), rate, simulated.limit(), worst, len(steps), why, validated), confirmed or rig is not None
 
 
-def _failure(step):
+def _failure(step: Step) -> str:
     return step.why or f"{step.missed} of {step.commands} commands without a reply, {step.lost} ticks lost"
 
 
-def _validation(row):
+def _validation(row: Result) -> str:
     if row.validated is None:
         return ""
     return "  5 min: passed" if row.validated.passed else f"  5 min: {_failure(row.validated)}"
 
 
-def _picture(options, results):
+def _picture(options: Namespace, results: Sequence[Result]) -> None:
     from runtime.bench.rate.picture import draw
 
     try:

@@ -13,6 +13,7 @@ from runtime.session.replay_source import source_of
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code: 1 if the replay differs from the recording."""
     parser = Parser(
         "replay", "Run a recording again from its received frames, on the recorded clock, without hardware."
     )

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code of the run: 0, 3 after a fault, or 128 + the number of a signal."""
     from runtime.report import summary
 
     result = carried_out(parse_run(arguments))

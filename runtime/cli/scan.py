@@ -27,6 +27,7 @@ ID_LIMIT = 255
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code: 1 if a bus has a problem or no device responds."""
     parser = Parser(
         "scan",
         "List every drive and sensor that responds: on the buses of a rig, on one bus, or on all CAN interfaces "
@@ -116,6 +117,7 @@ def on_can(options: Namespace, others: Sequence[Any]) -> list[RigBus]:
 
 
 def write(path: Path, text: str) -> None:
+    """Write a new rig file. Raises BadInput if the file exists or cannot be written."""
     try:
         with open(path, "x", encoding="utf-8") as file:
             file.write(text)

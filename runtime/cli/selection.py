@@ -1,13 +1,25 @@
 """Options that select strides, of `plot --strides` and `diff --strides`."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from runtime.analysis.conditions import conditions
 from runtime.base.errors import BadInput
 from runtime.base.options import count
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from runtime.analysis.conditions import Condition
+    from runtime.analysis.trial import Trial
+    from runtime.cli.parsing import Parser
+
 OPTIONS = ("events", "between", "last", "per_kg")
 
 
-def add(parser) -> None:
+def add(parser: Parser) -> None:
     """Add the options to a Parser."""
     parser.add_argument(
         "--events",
@@ -34,8 +46,12 @@ def add(parser) -> None:
     )
 
 
-def check(options, strides) -> None:
-    """Raise BadInput for options that need --strides, or with a wrong value. strides : whether it was given"""
+def check(options: Namespace, strides: bool) -> None:
+    """Raise BadInput for options that need --strides, or with a wrong value.
+
+    options : whose `per_kg` becomes a number in kg, "mass" or None
+    strides : whether --strides was given
+    """
     for name in OPTIONS:
         if getattr(options, name) is not None and not strides:
             raise BadInput(f"--{name.replace('_', '-')} needs --strides")
@@ -48,6 +64,6 @@ def check(options, strides) -> None:
             raise BadInput("--per-kg needs a body mass in kg above 0, as in --per-kg 72")
 
 
-def conditions_of(trials, options):
+def conditions_of(trials: Sequence[Trial], options: Namespace) -> list[Condition]:
     """Return the Conditions of recordings. Raises BadInput."""
     return conditions(trials, options.events, options.between or (), options.last, options.per_kg)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from graph import Param
@@ -27,6 +27,7 @@ POLL_PERIOD = 0.001  # s
 
 
 def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code; raises BadInput if nothing was changed."""
     parser = Parser(
         "set", "Change live parameters of a run, or list them. The exit code is 0 if the run has applied them."
     )
@@ -70,8 +71,11 @@ def set_live(pid: int, settings: Sequence[tuple[str, str]]) -> list[str]:
     return [line for batch in changes for line in send(page, run_table, pid, batch)]
 
 
-def batches(groups) -> list[list[tuple[str | Parameter, float]]]:
-    """Return batches of at most CHANGE_LIMIT changes, each taken in one tick. Divide a group only if it exceeds one."""
+def batches(groups: Iterable[list[tuple[Parameter, float]]]) -> list[list[tuple[Parameter, float]]]:
+    """Return batches of at most CHANGE_LIMIT changes, each taken in one tick.
+
+    groups : changes that belong together; a group is divided only if it exceeds the limit
+    """
     collected = [[]]
     for group in groups:
         if len(collected[-1]) + len(group) > CHANGE_LIMIT:
@@ -108,10 +112,10 @@ def changes_of(run_table: Table, name: str, text: str) -> list[tuple[Parameter, 
     return [(known[path], value_of(known[path], name, text)) for path in paths]
 
 
-def value_of(parameter, name: str, text) -> float:
+def value_of(parameter: Parameter, name: str, text: str) -> float:
     """Convert a text to a value of a parameter. Raises BadInput."""
     types = {"float": float, "int": int, "bool": bool}
-    bounds = (
+    bounds: dict[str, Any] = (
         {}
         if parameter.dtype == "bool"
         else {"min": parameter.plain(parameter.low), "max": parameter.plain(parameter.high)}
@@ -125,7 +129,7 @@ def value_of(parameter, name: str, text) -> float:
         raise BadInput(f"{name}={text}: {which}{error}") from None
 
 
-def send(page: SharedState, run_table: Table, pid: int, changes):
+def send(page: SharedState, run_table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> list[str]:
     """Send changes to a run and wait until it has taken them. Returns lines. Raises BadInput if it does not."""
     before = table.values(page, run_table.parameters)
     writer = Writer(page)
@@ -167,8 +171,8 @@ def wait(page: SharedState, pid: int, until: float, problem: str) -> None:
     time.sleep(POLL_PERIOD)
 
 
-def line(parameter, before, value, tick, rate):
-    """Return the line of one change."""
+def line(parameter: Parameter, before: float, value: float, tick: int, rate: float) -> str:
+    """Return the line of one change. rate : Hz of the run"""
     text = f"{parameter.path}: {parameter.shown(before)} to {parameter.shown(value)} from tick {tick} on"
     seconds = abs(value - before) / parameter.slew if parameter.slew > 0.0 else 0.0
     return text + (f", over {seconds:.3g} s" if seconds * rate > 1.0 else "")

@@ -7,6 +7,7 @@ ADDRESS`, for the CAN sensors of a device family, show sensors.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from blocks.families import example_models, families
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
@@ -19,6 +20,12 @@ from runtime.commissioning.streaming import Watched, stream
 from runtime.console.terminal import print_lines
 from runtime.recording.files import make_folder
 from runtime.session.request import Request
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from graph.family import Node
+    from runtime.commissioning.streaming import StreamResult
 
 RATE_LIMIT = 500.0  # Hz; each query waits for its reply
 EPILOG = """\
@@ -34,7 +41,8 @@ No motor is enabled: the drive is queried with its disable or stop frame and can
 """
 
 
-def main(arguments: Sequence[str]):
+def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code: 1 without any answer."""
     kinds = {"imu": imu, "i2c": i2c}
     nodes = {kind.name.lower(): kind for family in families() for kind in family.nodes}
     if arguments and arguments[0] in nodes:
@@ -99,8 +107,12 @@ def add_showing(parser: Parser) -> None:
     )
 
 
-def show(watched, name: str, options):
-    """Stream to the viewers that the options name. Returns the totals."""
+def show(watched: Any, name: str, options: Namespace) -> StreamResult:
+    """Stream to the viewers that the options name. Returns the counts.
+
+    watched : as of runtime.commissioning.streaming.stream
+    name : of the device in files
+    """
     try:
         if options.record is not None:
             make_folder(options.record)
@@ -110,19 +122,19 @@ def show(watched, name: str, options):
         raise BadInput(f"{error.filename or 'stream'}: {error.strerror or error}") from None
 
 
-def ended(totals, text: str):
+def ended(totals: StreamResult, text: str) -> int:
     """Print the totals of a stream. Returns the exit code."""
     lost = f"; {totals.lost} datagrams were lost" if totals.lost else ""
     print_lines([f"{text}{lost}", *(f"written: {file}" for file in totals.files)])
     return OK if totals.answers else CHECK_FAILED
 
 
-def _comma_separated(text: str):
+def _comma_separated(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",")) if text else ()
 
 
-def imu(arguments):
-    """Run `stream imu`: sensors selected by the last digits of their serial numbers."""
+def imu(arguments: Sequence[str]) -> int:
+    """Run `stream imu`: sensors selected by the last digits of their serial numbers. Returns the exit code."""
     from runtime.commissioning.imus import WatchedImus
 
     kinds = [kind for family in families() for kind in family.sensors]
@@ -156,8 +168,8 @@ def imu(arguments):
     return ended(totals, f"{totals.answers} rows")
 
 
-def node(kind, arguments):
-    """Run `stream NAME`: one sensor on a CAN bus, by its source address. kind : graph.family.Node"""
+def node(kind: Node, arguments: Sequence[str]) -> int:
+    """Run `stream NAME`: one sensor on a CAN bus, by its source address. Returns the exit code."""
     from runtime.commissioning.watched_node import WatchedNode
 
     parser = Parser(
@@ -193,8 +205,8 @@ def node(kind, arguments):
     return ended(totals, f"{totals.answers} rows")
 
 
-def i2c(arguments):
-    """Run `stream i2c`: sensors on an I2C bus, by their addresses."""
+def i2c(arguments: Sequence[str]) -> int:
+    """Run `stream i2c`: sensors on an I2C bus, by their addresses. Returns the exit code."""
     from runtime.commissioning.watched_chips import WatchedChips, chip_names, place_of
 
     parser = Parser("stream i2c", f"Configure {', '.join(chip_names())} and show them live. Press Ctrl-C to end.")

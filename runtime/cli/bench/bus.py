@@ -76,6 +76,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def spread(values: np.ndarray) -> dict[str, float]:
+    """Return {"p50", "p99", "max"} of values, infinite where there are none."""
     if not len(values):
         return dict.fromkeys(("p50", "p99", "max"), math.inf)
     return {
@@ -86,4 +87,5 @@ def spread(values: np.ndarray) -> dict[str, float]:
 
 
 def row(name: str, results: dict[str, float]) -> str:
+    """Return a line of the table. results : as returned by `spread`"""
     return f"  {name:44}{results['p50']:9.2f}{results['p99']:9.2f}{results['max']:9.2f}"

@@ -1,5 +1,10 @@
 """`python -m runtime bench clock`."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import count
 from runtime.bench import goals
@@ -7,10 +12,15 @@ from runtime.bench.report import Report, machine, machine_lines
 from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from runtime.bench.report import Report
+
 RATES = (200, 1000, 2000)  # Hz
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code."""
     parser = Parser(
         "bench clock",
@@ -48,7 +58,7 @@ def main(arguments):
     return OK
 
 
-def _keep_part(report, rates, options, disturbed):
+def _keep_part(report: Report, rates: Sequence[int], options: Namespace, disturbed: bool) -> None:
     from runtime.bench import clock
     from runtime.bench.c_program import NoCompiler
     from runtime.machine.realtime import RealtimeRefused
@@ -86,7 +96,7 @@ def _keep_part(report, rates, options, disturbed):
     report.goals += goals.of_clock(results, disturbed)
 
 
-def _cost_part(report, ticks):
+def _cost_part(report: Report, ticks: int) -> None:
     from runtime.bench import costs, recorder_cost
 
     mcap, size = recorder_cost.measure(csv=False)

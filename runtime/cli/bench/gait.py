@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import number
@@ -47,9 +48,9 @@ def main(arguments: Sequence[str]) -> int:
     from runtime.bench import gait, gait_recordings
 
     names = dict(text.split("=", 1) if "=" in text else (text, "") for text in options.signal)
-    wrong = next((name for name in names if name not in known(gait_recordings)), None)
+    wrong = next((name for name in names if name not in _known(gait_recordings)), None)
     if wrong is not None:
-        raise BadInput(f"--signal {wrong}: expected {', '.join(known(gait_recordings))}, then = and a name")
+        raise BadInput(f"--signal {wrong}: expected {', '.join(_known(gait_recordings))}, then = and a name")
     report = Report(options.json)
     report.say([f"{options.rate:g} Hz; from the tenth strike on, while the estimators learn the wearer"])
     walks = {str(path): gait_recordings.legs(path, names) for path in options.recordings}
@@ -71,7 +72,7 @@ def main(arguments: Sequence[str]) -> int:
     return OK
 
 
-def known(recordings) -> list[str]:
+def _known(recordings: ModuleType) -> list[str]:
     return [f"{side}.{kind}" for side in recordings.SIDES for kind in recordings.COLUMNS]
 
 

@@ -1,5 +1,6 @@
 """`python -m runtime bench sensors`."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 
 from runtime.base.errors import OK, BadInput
@@ -9,7 +10,7 @@ from runtime.cli.bench.options import add_options
 from runtime.cli.parsing import Parser
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code."""
     parser = Parser(
         "bench sensors",
