@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 DANGER = "a real drive would interpret emulated replies as commands, and move"
 
 
-def main(arguments):
+def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code, for a signal that of `run`."""
     options = parse(arguments)
     from graph import StreamDevice
