@@ -29,7 +29,7 @@ class SegmentIMU(Block):
     gyro_bias = Param((0.0, 0.0, 0.0), "rad/s", "bias of the gyroscope at t = 0")
     accel_noise = Param(0.0, "m/s²", "standard deviation of a sample of the accelerometer", min=0.0)
     gyro_noise = Param(0.0, "rad/s", "standard deviation of a sample of the gyroscope", min=0.0)
-    gyro_drift = Param(0.0, "rad/s", "standard deviation of the drift of the gyroscope's bias after one second", min=0.0)
+    gyro_drift = Param(0.0, "rad/s", "standard deviation of the gyroscope's bias drift after one second", min=0.0)
     seed = Param(0, "1", "seed of noise and drift", min=0, max=2**53, fixed=True)
 
     motion = Input("any", "motion of the segment, an output of a Walker such as `left_thigh_motion`", shape=(9,))
