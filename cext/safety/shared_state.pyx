@@ -102,25 +102,20 @@ cdef class SharedState:
         commit(self.layout)
         return True
 
-    def drain(self, int most=4096, bint release=True, int64_t rows=1 << 62) -> list[tuple[int, bytes]]:
-        """Take up to `most` records and up to `rows` rows out of the ring. Returns a list of (kind, payload in bytes).
-
-        Without `release`, their space is kept until `release()`, so that a later reader finds them again.
-        """
+    def drain(self, int most=4096) -> list[tuple[int, bytes]]:
+        """Take up to `most` records out of the ring. Returns a list of (kind, payload in bytes)."""
         cdef SharedLayout *page = self.layout
         cdef uint64_t head = load_u64(&page.head)
         cdef Header *header
         cdef list records = []
         if self.cursor < page.tail:                     # another reader has taken records
             self.cursor = page.tail
-        while self.cursor != head and len(records) < most and rows > 0:
+        while self.cursor != head and len(records) < most:
             header = record_at(page, self.cursor)
             if header.kind != PADDING:
                 records.append((header.kind, (<char *>header + sizeof(Header))[:header.bytes]))
-                rows -= header.kind == ROW
             self.cursor += sizeof(Header) + header.bytes
-            if release:
-                store_u64(&page.tail, self.cursor)
+            store_u64(&page.tail, self.cursor)
         return records
 
     def release(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pkgutil
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,11 @@ from runtime.base.suggestions import suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+
+def modules_of(package: str) -> dict[str, str]:
+    """Return {name: "package.name"} of the modules of a package, which are not imported."""
+    return {info.name: f"{package}.{info.name}" for info in pkgutil.iter_modules(import_module(package).__path__)}
 
 
 class Plugins:

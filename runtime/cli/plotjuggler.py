@@ -102,7 +102,7 @@ def stream(
     name: str, rate: float, signals: Sequence[dict[str, Any]], parameters: dict[str, Any], duration: float | None
 ) -> int:
     """Send sine waves, each signal at a frequency of its own."""
-    from runtime.recorder.plotjuggler import PlotJugglerSender
+    from runtime.recorder.services.plotjuggler import PlotJugglerSender
 
     sender = PlotJugglerSender(
         {"name": name, "rate": rate}, {"path": "--dummy", "parameters": parameters, "columns": signals}

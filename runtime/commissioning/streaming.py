@@ -18,8 +18,8 @@ from runtime.base.errors import BadInput
 from runtime.commissioning.scan import merged_stop_queries, refuse_company
 from runtime.console.stderr import STDOUT, Terminal
 from runtime.console.terminal import print_lines
-from runtime.recorder.csv import CsvWriter
-from runtime.recorder.plotjuggler import PlotJugglerSender
+from runtime.recorder.services.csv import CsvWriter
+from runtime.recorder.services.plotjuggler import PlotJugglerSender
 from runtime.recording.ascii_units import ascii_name
 
 if TYPE_CHECKING:
@@ -142,8 +142,8 @@ def sinks_of(
             PlotJugglerSender(plan, {"parameters": dict(zip(("host", "port"), plotjuggler)), "columns": columns})
         )
     if rerun is not None:
-        from runtime.recorder.rerun.sender import RerunSender
         from runtime.recorder.rerun.target import PORT, WEB_PORT
+        from runtime.recorder.services.rerun import RerunSender
 
         sinks.append(
             RerunSender(

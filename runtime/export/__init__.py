@@ -13,7 +13,8 @@ An installed package adds a format in the entry-point group "tickwork.formats", 
     [project.entry-points."tickwork.formats"]
     h5 = "mylab.hdf5"
 
-Its module has two functions:
+A module of this package lists its formats with the extensions of their files, EXTENSIONS = {"mat": "mat"}. Every
+module has two functions:
 
     check(trial, kind)              raises BadInput or MissingExtra for a Trial that the format cannot hold
     write(trial, path, progress)    writes the file; `progress` is called with the fraction that is done, 0 to 1
@@ -21,25 +22,15 @@ Its module has two functions:
 
 import os
 from contextlib import suppress
+from importlib import import_module
 
-from runtime.base.plugins import Plugins
+from runtime.base.plugins import Plugins, modules_of
 from runtime.recording.files import create
 
-FORMATS = Plugins(
-    "tickwork.formats",
-    {
-        "mcap": "runtime.export.mcap",
-        "csv": "runtime.export.csv",
-        "parquet": "runtime.export.parquet",
-        "mat": "runtime.export.matlab",
-        "rrd": "runtime.export.rerun",
-        "sto": "runtime.export.opensim",
-        "mot": "runtime.export.opensim",
-        "candump": "runtime.export.candump",
-    },
-)
+MODULES = [import_module(module) for module in modules_of(__name__).values()]
+EXTENSIONS = {kind: extension for module in MODULES for kind, extension in module.EXTENSIONS.items()}
+FORMATS = Plugins("tickwork.formats", {kind: module.__name__ for module in MODULES for kind in module.EXTENSIONS})
 OPENSIM = ("sto", "mot")
-EXTENSIONS = {"candump": "can.log"}  # of formats that are not their own
 
 
 def convert(trial, kind, stem, progress=lambda share: None):

@@ -10,6 +10,7 @@ import numpy as np
 from runtime.base.errors import BadInput
 from runtime.recording.format import CLASSIC_BYTES, FD_FLAGS, ID_FLAGS, ID_MASK
 
+EXTENSIONS = {"candump": "can.log"}
 ERROR_FRAME = "20000080"  # identifier that python-can writes for every error frame: CAN_ERR_FLAG | CAN_ERR_BUSERROR
 
 

@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 
-from runtime.recorder.csv import Lines, header
+from runtime.recorder.services.csv import Lines, header
 from runtime.recording.ascii_units import ascii_name
 
+EXTENSIONS = {"csv": "csv"}
 INTEGER_LIMIT = 2.0**63
 
 

@@ -11,6 +11,7 @@ from runtime.base.optional_dependencies import need
 from runtime.base.unique_name import unique
 from runtime.recording.ascii_units import ascii_name
 
+EXTENSIONS = {"mat": "mat"}
 VARIABLE = "trial"
 OWN = ("time", "tick", "units", "paths", "fields", "rate")
 NAME_LENGTH_LIMIT = 63  # characters

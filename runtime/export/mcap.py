@@ -17,6 +17,8 @@ from runtime.recording.parts import Recording
 from runtime.recording.reader import Reader
 from runtime.recording.records import LIBRARY
 
+EXTENSIONS = {"mcap": "mcap"}
+
 
 def check(trial: Trial, kind: str) -> None:
     """Accept every recording. Arguments are not used"""

@@ -21,6 +21,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+EXTENSIONS = {"sto": "sto", "mot": "mot"}
 EXAMPLE = '"left/knee.position" = "knee_angle_l"'
 
 

@@ -14,6 +14,7 @@ from runtime.analysis.trial import DTYPES, Trial, holds
 from runtime.base.optional_dependencies import need
 from runtime.recording.batches import Rows
 
+EXTENSIONS = {"parquet": "parquet"}
 ROW_GROUP = 100_000  # rows
 ABOUT = "tickwork"  # key of the file's metadata
 DICTIONARY_LIMIT = 1 << 14  # different values of a signal in a row group

@@ -8,6 +8,7 @@ from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.recorder.rerun.scene import Scene
 
+EXTENSIONS = {"rrd": "rrd"}
 FLUSH_TIMEOUT = 60.0  # s, for a slow disk
 
 

@@ -14,8 +14,8 @@ from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT
 from runtime.console.stderr import Terminal
 from runtime.live import table
 from runtime.recorder.report import ending
+from runtime.recorder.services.strides import StrideAverage
 from runtime.recorder.status import StatusLine
-from runtime.recorder.strides import StrideAverage
 from runtime.recording.changes import Changes
 
 

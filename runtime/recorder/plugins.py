@@ -1,16 +1,11 @@
-"""Services of the recorder process by name: of this package and of installed packages."""
+"""Services of the recorder process by name: the modules of runtime.recorder.services, and those of installed packages.
 
-from runtime.base.plugins import Plugins
+The SERVICE of a module is its class. The `service` of a Sink is the name of the module.
+"""
+
+from runtime.base.plugins import Plugins, modules_of
 
 SERVICES = Plugins(
-    "tickwork.sinks",
-    {
-        "mcap": "runtime.recorder.mcap:FlightLog",
-        "candump": "runtime.recorder.canlog:CanLog",
-        "csv": "runtime.recorder.csv:CsvWriter",
-        "strides": "runtime.recorder.strides:StrideAverage",
-        "plotjuggler": "runtime.recorder.plotjuggler:PlotJugglerSender",
-        "rerun": "runtime.recorder.rerun.sender:RerunSender",
-    },
+    "tickwork.sinks", {name: f"{module}:SERVICE" for name, module in modules_of("runtime.recorder.services").items()}
 )
 LOGS = ("mcap", "candump")  # services of a recording with files, without a Sink

@@ -312,7 +312,7 @@ def test_missing_library_is_reported_with_its_extra(command_line, recording, mon
 
 def test_unreadable_or_unwritable_file_is_reported_in_one_line(command_line, recording, tmp_path):
     assert command_line.refused("convert", recording) == (
-        "no format given: pass --to mcap|csv|parquet|mat|rrd|sto|mot|candump or --opensim"
+        "no format given: pass --to candump|csv|mat|mcap|sto|mot|parquet|rrd or --opensim"
     )
     assert command_line.refused("convert").startswith("no recording given: pass the .mcap file of a run")
     assert command_line.refused("convert", recording, "--to", " , ").startswith("no format given")

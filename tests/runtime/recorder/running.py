@@ -15,9 +15,9 @@ from runtime.recorder import RecorderProcess
 from runtime.recording.ascii_units import ascii_name
 from runtime.recording.format import FRAME
 
-CSV = "runtime.recorder.csv:CsvWriter"
-JUGGLER = "runtime.recorder.plotjuggler:PlotJugglerSender"
-STRIDES = "runtime.recorder.strides:StrideAverage"
+CSV = "runtime.recorder.services.csv:CsvWriter"
+JUGGLER = "runtime.recorder.services.plotjuggler:PlotJugglerSender"
+STRIDES = "runtime.recorder.services.strides:StrideAverage"
 
 
 def columns(*described):

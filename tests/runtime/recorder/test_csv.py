@@ -15,7 +15,7 @@ from cext.safety.shared_state import SharedState
 from graph import Diagram
 from graph.units import canonical
 from runtime.base.errors import BadInput
-from runtime.recorder.csv import CsvWriter
+from runtime.recorder.services.csv import CsvWriter
 from runtime.recording.ascii_units import ascii_name
 from runtime.recording.files import WholeFile, create
 from tests.runtime.recorder.running import CSV, Counter, columns, plan, read_csv, record, row, run, sink

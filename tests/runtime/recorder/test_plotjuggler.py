@@ -12,7 +12,7 @@ import pytest
 from blocks.sinks import PlotJuggler
 from runtime.base.errors import BadInput
 from runtime.recorder import RecorderError
-from runtime.recorder.plotjuggler import PlotJugglerSender
+from runtime.recorder.services.plotjuggler import PlotJugglerSender
 from runtime.recording.signal_selection import select
 from tests.runtime.recorder.running import JUGGLER, columns, counting, plan, record, row, run, sink
 
@@ -244,7 +244,7 @@ def test_refused_datagrams_are_counted_and_reported_once(tmp_path, capfd):
 
 ROAMING = """
 import subprocess
-from runtime.recorder import plotjuggler
+from runtime.recorder.services import plotjuggler
 
 def ip(*words):
     subprocess.run(["ip", *words], check=True)

@@ -12,6 +12,7 @@ from runtime.base.errors import BadInput
 from runtime.base.plugins import Plugins
 from runtime.export import FORMATS
 from runtime.recorder.plugins import SERVICES
+from runtime.recorder.service import Service
 from tests.checkout import ROOT
 from tests.runtime.runs import environment, write
 
@@ -127,7 +128,7 @@ def test_builtin_plugins_load_without_distribution_and_are_not_replaced(lab, mon
     monkeypatch.syspath_prepend(str(lab / "site"))
     for name, place in SERVICES.own.items():
         service = SERVICES.load(name)
-        assert f"{service.__module__}:{service.__name__}" == place
+        assert f"{service.__module__}:SERVICE" == place and issubclass(service, Service)
     for name, place in FORMATS.own.items():
         assert FORMATS.load(name).__name__ == place
     assert list(SERVICES) == [*SERVICES.own, "counter"] and SERVICES.load("counter").__name__ == "CounterService"

@@ -533,7 +533,7 @@ def test_files_of_a_rejected_recording_are_removed(tmp_path):
     "service, match",
     [
         ("no_such_package.csv:Writer", "mine cannot start: ModuleNotFoundError: No module named 'no_such_package'"),
-        ("runtime.recorder.csv:NoSuchWriter", "mine cannot start: AttributeError: .*NoSuchWriter"),
+        ("runtime.recorder.services.csv:NoSuchWriter", "mine cannot start: AttributeError: .*NoSuchWriter"),
         (STRIDES, "mine cannot start: ValueError: wire all five inputs"),
     ],
 )

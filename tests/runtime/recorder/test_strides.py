@@ -11,7 +11,7 @@ from cext.safety.ring_batch import Batch
 from cext.safety.shared_state import SharedState
 from runtime.analysis.average_stride import CURVES, resample
 from runtime.recorder import RecorderProcess
-from runtime.recorder.strides import StrideAverage
+from runtime.recorder.services.strides import StrideAverage
 from tests.runtime.recorder.running import STRIDES, columns, plan, record, row, sink
 from tests.runtime.recorder.test_process import writers
 from tests.runtime.terminals import patient

@@ -28,7 +28,7 @@ from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
 from tests.runtime.runs import KNEE_EXO, descendant, environment, finished, knee, started, writer_of
 from tests.runtime.terminals import patient
 
-RERUN = "runtime.recorder.rerun.sender:RerunSender"
+RERUN = "runtime.recorder.services.rerun:RerunSender"
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs rerun-sdk")
 LEG = (
     "left/knee.position rad",

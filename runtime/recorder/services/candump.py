@@ -7,7 +7,7 @@ the order in which the control process handled them.
 """
 
 import os
-from typing import TextIO, cast
+from typing import Any, TextIO, cast
 
 from runtime.recorder.service import Service
 from runtime.recording.files import WholeFile, create
@@ -16,7 +16,7 @@ from runtime.recording.format import BUS_BYTE, Frame
 FLUSH_FRAMES = 1000
 
 
-def on_can(plan):
+def on_can(plan: dict[str, Any]) -> list[bool]:
     """Return for each bus whether it is CAN."""
     return [medium == "can" for medium in plan.get("media", ["can"] * len(plan["buses"]))]
 
@@ -27,10 +27,10 @@ class CanLog(Service):
     title = "CAN log"
 
     @classmethod
-    def applies(cls, plan):
+    def applies(cls, plan: dict[str, Any]) -> bool:
         return plan.get("can_log", False) and any(on_can(plan))
 
-    def open(self):
+    def open(self) -> None:
         self.on_can = on_can(self.plan)
         stem = os.path.join(self.plan["folder"], self.plan["stem"])
         self.file = WholeFile(*create(stem, ".can.log"), self.durable)
@@ -38,7 +38,7 @@ class CanLog(Service):
         self.frames = 0
         self.began = None
 
-    def begin(self, about):
+    def begin(self, about: dict[str, Any]) -> None:
         """Import python-can, which takes a tenth of a second."""
         from can import Message
         from can.io.canutils import CanutilsLogWriter
@@ -46,7 +46,7 @@ class CanLog(Service):
         self.writer = CanutilsLogWriter(cast(TextIO, self.file))  # it calls `write` and `close`
         self.message = Message(data=b"", check=False)  # reused for every frame
 
-    def frame(self, payload):
+    def frame(self, payload: bytes) -> None:
         if not self.on_can[payload[BUS_BYTE]]:
             return
         frame = Frame.unpack(payload)
@@ -71,10 +71,13 @@ class CanLog(Service):
         if self.frames % FLUSH_FRAMES == 0:
             self.file.flush()
 
-    def flush(self):
+    def flush(self) -> None:
         self.file.flush()
 
-    def close(self):
+    def close(self) -> dict[str, Any]:
         self.file.close()
         self.files[self.file.path] = f"{self.frames} CAN frames"
         return {"file": self.file.path, "frames": self.frames}
+
+
+SERVICE = CanLog

@@ -4,6 +4,7 @@ Each part of a recording has its own average; `plot --strides` reads all parts.
 """
 
 import os
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ BLOCK_ROWS = 1024
 class StrideAverage(Service):
     """Serves blocks.recorders.StrideReport: columns phase, walking, angle, velocity, torque, in this order."""
 
-    def open(self):
+    def open(self) -> None:
         if len(self.sink["columns"]) != len(INPUTS):
             raise ValueError("wire all five inputs: phase, walking, angle, velocity, torque")
         self.columns = [column["index"] for column in self.sink["columns"]]
@@ -25,19 +26,19 @@ class StrideAverage(Service):
         self.title = self.sink["parameters"].get("title") or path.rpartition("/")[0] or path
         self.average, self.rows = AverageStride(self.plan["rate"]), []
 
-    def records(self, batch):
+    def records(self, batch: Any) -> None:
         if batch.rows:
             self.rows += batch.table(float(self.plan["rate"]), self.columns, [False] * len(INPUTS))
             if len(self.rows) >= BLOCK_ROWS:
                 self.add_rows()
 
-    def add_rows(self):
+    def add_rows(self) -> None:
         """Add the rows that have arrived to the average."""
         rows = np.array(self.rows, dtype=float).reshape(-1, 2 + len(INPUTS))
         self.average.add(rows[:, 1].astype(np.int64), rows[:, 2:])
         self.rows.clear()
 
-    def close(self):
+    def close(self) -> dict[str, Any]:
         self.add_rows()
         sources = {signal["index"]: signal["path"] for signal in self.plan["signals"]}
         signals = {name: sources[column["index"]] for name, column in zip(INPUTS, self.sink["columns"])}
@@ -48,7 +49,7 @@ class StrideAverage(Service):
         )
 
     @classmethod
-    def conclude(cls, plan, services):
+    def conclude(cls, plan: dict[str, Any], services: list[Any]) -> dict[str, Any]:
         """Draw all legs in one picture. Returns `strides` for the report: a dict per leg in s, N·m, J, rad and W.
 
         Drawing takes a second or more. A run that a signal has ended therefore has no picture; `plot --strides` draws
@@ -71,3 +72,6 @@ class StrideAverage(Service):
             "strides": results,
             "files": {path: "the average stride of " + " and ".join(r["title"] for r in walked)},
         }
+
+
+SERVICE = StrideAverage

@@ -13,6 +13,7 @@ from collections import deque
 from dataclasses import asdict
 from importlib.util import find_spec
 from time import monotonic
+from typing import Any
 
 from runtime.base.child_process import ChildProcess
 from runtime.base.optional_dependencies import need
@@ -33,17 +34,17 @@ SOCKET_BUFFER_SIZE = 1 << 20  # bytes
 class RerunError(OSError):
     """Rerun cannot show the run. The text is the reason in one line."""
 
-    def __init__(self, text):
+    def __init__(self, text: str) -> None:
         super().__init__(0, text)
 
 
 class Feeder(ChildProcess):
     """The process runtime.recorder.rerun.process. descriptor : its end of the socket"""
 
-    def __init__(self, descriptor):
+    def __init__(self, descriptor: int) -> None:
         super().__init__("runtime.recorder.rerun.process", (descriptor,), (descriptor,))
 
-    def answer(self, timeout):
+    def answer(self, timeout: float) -> dict[str, Any] | None:
         """Return the next answer; {"gone": ...} if the process has died, None after `timeout` s."""
         try:
             answer = self._answer(timeout)
@@ -51,7 +52,8 @@ class Feeder(ChildProcess):
             return None
         return {"gone": "its process died"} if answer is None else answer
 
-    def end(self):
+    def end(self) -> None:
+        """Kill the process, if it still runs."""
         os.close(self._answers)
         self._orders.close()
         if self._child.poll() is None:
@@ -64,7 +66,7 @@ class RerunSender(Service):
 
     elsewhere = True
 
-    def open(self):
+    def open(self) -> None:
         parameters = self.sink["parameters"]
         target = parse(parameters["target"], parameters["port"])
         if find_spec("rerun") is None:
@@ -102,10 +104,10 @@ class RerunSender(Service):
         answer = self.child.answer(READY_TIMEOUT) or {"error": f"it was not ready within {READY_TIMEOUT:g} s"}
         if "ready" not in answer:
             self.end_process()
-            raise RerunError(answer.get("error") or answer.get("gone"))
+            raise RerunError(str(answer.get("error") or answer.get("gone")))
         self.greeting = answer["ready"]
 
-    def row(self, tick, time, values):
+    def row(self, tick: int, time: float, values: list[float]) -> None:
         batch = self.batch
         batch.append(tick)
         batch.append(time)
@@ -115,11 +117,11 @@ class RerunSender(Service):
         if now - self.sent > BATCH_DURATION or len(batch) > BATCH_ROW_LIMIT * (2 + len(values)):
             self.hand_over(now)
 
-    def event(self, event):
+    def event(self, event: dict[str, Any]) -> None:
         self.hand_over(monotonic())
         self.put(EVENT, json.dumps(event).encode())
 
-    def flush(self):
+    def flush(self) -> None:
         if self.greeting:
             self.say(f"tickwork: {self.greeting}")
             self.greeting = ""
@@ -129,21 +131,23 @@ class RerunSender(Service):
         if answer is not None:
             raise RerunError(answer.get("gone", "it has ended"))
 
-    def hand_over(self, now):
+    def hand_over(self, now: float) -> None:
+        """Send the rows of the open batch. now : s of the monotonic clock"""
         self.sent = now
         if self.batch:
             self.put(ROWS, self.batch.tobytes())
             self.batch = array("d")
         self.drain(STALL_TIMEOUT if self.plan["virtual"] else 0.0)
 
-    def put(self, kind, content):
+    def put(self, kind: int, content: bytes) -> None:
+        """Add a message to the queue. Rows are dropped and counted while the queue is full."""
         if self.held > QUEUE_LIMIT and kind == ROWS:
             self.lost += len(content) // (8 * (2 + len(self.sink["columns"])))
             return
         self.waiting.append(memoryview(HEAD.pack(len(content), kind) + content))
         self.held += len(content)
 
-    def drain(self, timeout):
+    def drain(self, timeout: float) -> None:
         """Send the queue until the socket is full; wait up to `timeout` s each time it is."""
         while self.waiting:
             try:
@@ -162,7 +166,7 @@ class RerunSender(Service):
             else:
                 self.waiting[0] = self.waiting[0][taken:]
 
-    def close(self):
+    def close(self) -> dict[str, Any]:
         if self.child is None:
             return {}
         shown, problem = 0, None
@@ -186,8 +190,12 @@ class RerunSender(Service):
             )
         return result | ({"problem": f"{self.sink['path']}: {problem}"} if problem else {})
 
-    def end_process(self):
+    def end_process(self) -> None:
+        """End the process that feeds Rerun."""
         self.socket.close()
         child, self.child = self.child, None
         if child is not None:
             child.end()
+
+
+SERVICE = RerunSender

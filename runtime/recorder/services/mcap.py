@@ -29,7 +29,7 @@ ROW_HEAD = 2  # numbers before the signals of a row
 JSON_MEDIA_TYPE = "application/json"
 
 
-def version(signals):
+def version(signals: list[dict[str, Any]]) -> str:
     """Return the format of a recording: "3" if signals have periods, which readers of format "2" do not expect."""
     return "3" if any(signal.get("every", 1) > 1 for signal in signals) else "2"
 
@@ -40,10 +40,10 @@ class FlightLog(Service):
     title = "flight log"
 
     @property
-    def unfinished(self):
+    def unfinished(self) -> str:
         return self.file.path
 
-    def open(self):
+    def open(self) -> None:
         stem = os.path.join(self.plan["folder"], self.plan["stem"])
         self.file = WholeFile(*create(stem, ".mcap"), self.durable)
         claim(self.file.descriptor)
@@ -52,7 +52,7 @@ class FlightLog(Service):
         self.encoder: Any = None
         self.begun, self.began = False, 0
 
-    def begin(self, about):
+    def begin(self, about: dict[str, Any]) -> None:
         """Import the writer and write the attachments and channels. about : dict"""
         self.writer = writer = McapFile(self.file, self.plan.get("compression", ZSTD))
         writer.begin(LIBRARY)
@@ -77,7 +77,7 @@ class FlightLog(Service):
         self.events = writer.channel(messages.EVENTS, *messages.simple(own_event, messages.EVENT))
         self.encoder = Encoder(float(self.plan["rate"]), templates, tick, buses)
 
-    def begin_run(self):
+    def begin_run(self) -> None:
         """Read the clock at the start of the run and write it as the first event. In virtual time it is 0."""
         if not self.begun:
             self.begun = True
@@ -86,7 +86,7 @@ class FlightLog(Service):
                 self.began = self.page.wall
                 self.event({"event": "begin", "tick": -1, "wall": self.page.wall, "monotonic": self.page.began})
 
-    def records(self, batch):
+    def records(self, batch: Any) -> None:
         assert self.page is not None and self.writer is not None
         self.begin_run()
         at, first_tick = 0, self.page.first_tick
@@ -95,17 +95,17 @@ class FlightLog(Service):
             if at < batch.size:
                 self.write_encoded()
 
-    def write_encoded(self):
+    def write_encoded(self) -> None:
         """Pass the encoded messages to the file."""
         if self.encoder.size:
             self.writer.messages(*self.encoder.take())
 
-    def end_group(self):
+    def end_group(self) -> None:
         """Encode the frames since the last row or drain, and pass all messages to the file."""
         self.encoder.end_group(self.writer.size)
         self.write_encoded()
 
-    def event(self, event):
+    def event(self, event: dict[str, Any]) -> None:
         assert self.page is not None and self.writer is not None
         self.begin_run()
         self.end_group()
@@ -113,22 +113,25 @@ class FlightLog(Service):
         data = messages.event(event["event"], event.get("tick", -1), json.dumps(event))
         self.writer.message(self.events, at, data, at)
 
-    def flush(self):
+    def flush(self) -> None:
         if self.writer is None:
             self.file.flush()
         else:
             self.end_group()
             self.writer.flush()
 
-    def end(self, report):
+    def end(self, report: dict[str, Any]) -> None:
         """Write end.json and the summary of the file."""
         if self.writer is not None:
             self.end_group()
             self.writer.attach("end.json", JSON_MEDIA_TYPE, json.dumps(report).encode())
             self.writer.finish()
 
-    def close(self):
+    def close(self) -> dict[str, Any]:
         self.file.close()
         rows, frames = (0, 0) if self.encoder is None else (self.encoder.row_count, self.encoder.frame_count)
         self.files[self.file.path] = f"{rows} ticks of {len(self.plan['signals'])} signals, {frames} frames"
         return {"file": self.file.path, "rows": rows, "frames": frames, "bytes": self.file.size}
+
+
+SERVICE = FlightLog

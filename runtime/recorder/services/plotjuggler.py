@@ -10,6 +10,7 @@ counted and dropped.
 
 import re
 import socket
+from collections.abc import Sequence
 from contextlib import suppress
 from time import monotonic
 from typing import Any
@@ -29,7 +30,7 @@ _ELEMENT = re.compile(r"^(.*?)((?:\[\d+\])+)$")
 class PlotJugglerSender(Service):
     """Serves blocks.sinks.PlotJuggler."""
 
-    def open(self):
+    def open(self) -> None:
         parameters = self.sink["parameters"]
         host, port = parameters["host"], parameters["port"]
         try:
@@ -51,7 +52,7 @@ class PlotJugglerSender(Service):
         # no report of a missing listener for a block of the diagram itself
         self.silent = not self.sink.get("wanted", True)
 
-    def row(self, tick, time, values):
+    def row(self, tick: int, time: float, values: list[float]) -> None:
         if self.decimation > 1:
             if tick // self.decimation == self.last:
                 return
@@ -71,19 +72,20 @@ class PlotJugglerSender(Service):
                 self.gather(datagram)
             index += 1
 
-    def reopen(self):
+    def reopen(self) -> None:
         """Open a new socket with the present address of this machine."""
         self.socket.close()
         self.socket = self.connected()
 
-    def connected(self):
+    def connected(self) -> socket.socket:
+        """Return a new socket to the address of PlotJuggler."""
         made = socket.socket(*self.kind)
         made.setblocking(False)
         with suppress(OSError):  # no network yet
             made.connect(self.address)  # so that a refused datagram raises ConnectionRefusedError
         return made
 
-    def gather(self, message):
+    def gather(self, message: bytes) -> None:
         """Add a message to the next datagram, which is sent once full."""
         if self.waiting and sum(map(len, self.waiting)) + len(self.waiting) + len(message) + 2 > DATAGRAM_LIMIT:
             self.flush()
@@ -91,12 +93,13 @@ class PlotJugglerSender(Service):
         if len(self.waiting) >= self.batch * len(self.messages):
             self.flush()
 
-    def flush(self):
+    def flush(self) -> None:
         if self.waiting:
             waiting, self.waiting = self.waiting, []
             self.send(b"[" + b",".join(waiting) + b"]")
 
-    def send(self, datagram):
+    def send(self, datagram: bytes) -> None:
+        """Send a datagram without waiting, or count it as lost."""
         for _ in range(2):
             try:
                 self.socket.sendto(datagram, self.address)
@@ -124,7 +127,7 @@ class PlotJugglerSender(Service):
                     self.reopen()
                 return
 
-    def lose(self, reason, error):
+    def lose(self, reason: str, error: OSError) -> None:
         """Count a lost datagram and report the first one."""
         if not self.silent and not self.reported:
             self.reported = True
@@ -132,20 +135,22 @@ class PlotJugglerSender(Service):
         self.lost += 1
         self.problem = error.strerror
 
-    def report_recovery(self):
+    def report_recovery(self) -> None:
         """Report the first recovery of the network; later ones are not reported."""
         if not self.returned:
             self.returned = True
             self.report(f"sending works again; {self.cut} datagrams were lost")
 
-    def report(self, text):
+    def report(self, text: str) -> None:
+        """Print a line on the terminal."""
         self.say(f"tickwork: {self.sink.get('path', 'PlotJuggler')}: {text}")
 
     @property
-    def where(self):
+    def where(self) -> str:
+        """Address of PlotJuggler, as text."""
         return f"{self.address[0]} port {self.address[1]}"
 
-    def close(self):
+    def close(self) -> dict[str, Any]:
         self.flush()
         self.socket.close()
         return {"datagrams": self.sent, "lost": self.lost, "trouble": self.problem, "to": self.where}
@@ -158,14 +163,14 @@ class Message:
     positions : their indices among the values of the sink
     """
 
-    def __init__(self, columns, positions=None):
+    def __init__(self, columns: Sequence[dict[str, Any]], positions: Sequence[int] | None = None) -> None:
         self.columns = list(columns)
         self.positions = list(range(len(self.columns))) if positions is None else positions
         self.content: dict = {TIMESTAMP: 0.0}
         self.places = [self.place(column["path"]) for column in self.columns]
         self.kinds = [{"int": whole, "bool": truth}.get(column["dtype"]) for column in self.columns]
 
-    def place(self, path) -> tuple[dict | list, Any]:
+    def place(self, path: str) -> tuple[dict | list, Any]:
         """Return (container, key) of a column's value. A path that conflicts with another becomes a top-level key."""
         names = re.split(r"[/.]", path)
         match = _ELEMENT.match(names[-1])
@@ -194,13 +199,15 @@ class Message:
         container[key] = None
         return container, key
 
-    def free(self, path):
+    def free(self, path: str) -> str:
+        """Return an unused top-level key that begins with a path, and reserve it."""
         while path in self.content:
             path += "_"
         self.content[path] = None
         return path
 
-    def encode(self, time, values):
+    def encode(self, time: float, values: Sequence[float]) -> bytes:
+        """Return the message as JSON. time : s; values : of the sink"""
         self.content[TIMESTAMP] = time
         for (container, key), position, kind in zip(self.places, self.positions, self.kinds):
             value = values[position]
@@ -208,10 +215,11 @@ class Message:
         return msgspec.json.encode(self.content)  # NaN and infinities become null
 
     @property
-    def divisible(self):
+    def divisible(self) -> bool:
+        """Whether the message has several columns."""
         return len(self.columns) > 1
 
-    def split(self):
+    def split(self) -> "list[Message]":
         """Return two or more messages with the same columns, divided by their outermost names or else in halves."""
         names = [re.split(r"[/.]", column["path"]) for column in self.columns]
         groups = {}
@@ -229,9 +237,14 @@ class Message:
         ]
 
 
-def whole(value):
+def whole(value: float) -> int | None:
+    """Return a number as an int, None if it is not finite."""
     return int(value) if abs(value) < float("inf") else None
 
 
-def truth(value):
+def truth(value: float) -> bool | None:
+    """Return a number as a bool, None for NaN."""
     return bool(value) if value == value else None
+
+
+SERVICE = PlotJugglerSender

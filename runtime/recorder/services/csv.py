@@ -7,6 +7,7 @@ convert back to the same number; ints and bools are integers; non-finite values 
 import csv
 import io
 import os
+from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
@@ -24,7 +25,7 @@ NOT_A_NUMBER = b"null"
 class CsvWriter(Service):
     """Serves blocks.recorders.CsvRecorder."""
 
-    def open(self):
+    def open(self) -> None:
         parameters, columns = self.sink["parameters"], self.sink["columns"]
         delimiter = parameters.get("delimiter", ",")
         self.flush_rows = parameters.get("flush_rows", 200)
@@ -45,7 +46,7 @@ class CsvWriter(Service):
         self.file.write(header(columns, delimiter))
         self.file.flush()
 
-    def records(self, batch):
+    def records(self, batch: Any) -> None:
         if self.file is None or not batch.rows:
             return
         rows = batch.table(float(self.plan["rate"]), self.columns, self.whole, self.every)
@@ -61,24 +62,24 @@ class CsvWriter(Service):
             self.write(rows[:count])
             rows = rows[count:]
 
-    def row(self, tick, time, values):
+    def row(self, tick: int, time: float, values: list[float]) -> None:
         """Write one row, without a ring to take batches from."""
         if self.file is not None:
             self.file.write(self.lines.line(time, tick, values))
             self.rows += 1
 
-    def write(self, rows):
+    def write(self, rows: list[list[float]]) -> None:
         """Write rows, and flush the file if it is due."""
         self.file.write(self.lines.text(rows))
         self.rows += len(rows)
         if self.rows % self.flush_rows == 0:
             self.file.flush()
 
-    def flush(self):
+    def flush(self) -> None:
         if self.file is not None:
             self.file.flush()
 
-    def close(self):
+    def close(self) -> dict[str, Any]:
         if self.file is None:
             return {"rows": 0}
         self.file.close()
@@ -86,7 +87,7 @@ class CsvWriter(Service):
         return {"file": self.file.path, "rows": self.rows, "bytes": self.file.size}
 
 
-def place_of(path, columns):
+def place_of(path: str | None, columns: list[dict[str, Any]]) -> int | None:
     """Return the index of the column with a path, None for an empty path. Raises BadInput."""
     paths = [column["path"] for column in columns]
     if not path:
@@ -98,7 +99,7 @@ def place_of(path, columns):
     return paths.index(path)
 
 
-def name_of(file):
+def name_of(file: str | None) -> str:
     """Return the file name of the parameter `file` without .csv, "" for none. Raises BadInput for a path."""
     name = (file or "").strip()
     if os.path.basename(name) != name or name.strip(".") == "" != name:
@@ -112,11 +113,11 @@ def name_of(file):
 class Lines:
     """Converter of rows to lines of CSV. columns : of the sink"""
 
-    def __init__(self, columns, delimiter=","):
+    def __init__(self, columns: list[dict[str, Any]], delimiter: str = ",") -> None:
         self.delimiter = delimiter.encode()
         self.whole = [2 + index for index, column in enumerate(columns) if column["dtype"] != "float"]
 
-    def line(self, time, tick, values):
+    def line(self, time: float, tick: int, values: Sequence[float]) -> bytes:
         """Return the line of a tick as bytes."""
         cells = [time, tick, *values]
         for index in self.whole:
@@ -124,7 +125,7 @@ class Lines:
                 cells[index] = int(cells[index])
         return self.text([cells])
 
-    def text(self, rows):
+    def text(self, rows: Sequence[Sequence[float]]) -> bytes:
         """Return the lines of rows as bytes. rows : [[time, tick, values with ints for ints and bools]]"""
         text = encode(rows)[2:-2]  # JSON numbers are valid CSV and ten times faster than repr
         if NOT_A_NUMBER in text:
@@ -134,7 +135,7 @@ class Lines:
         return text if self.delimiter == b"," else text.replace(b",", self.delimiter)
 
 
-def header(columns, delimiter):
+def header(columns: list[dict[str, Any]], delimiter: str) -> str:
     """Return the first line."""
     names = ["time [s]", "tick"]
     for column in columns:
@@ -143,3 +144,6 @@ def header(columns, delimiter):
     line = io.StringIO()
     csv.writer(line, delimiter=delimiter, lineterminator="\n").writerow(names)
     return line.getvalue()
+
+
+SERVICE = CsvWriter
