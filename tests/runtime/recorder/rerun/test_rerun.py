@@ -354,7 +354,7 @@ def test_server_on_all_addresses_is_announced_with_reachable_one():
 
 
 @pytest.mark.parametrize(
-    "speaks, words", [(b"HTTP/1.1 400 Bad Request\r\n", "is not a viewer of Rerun"), (b"", "is not a viewer of Rerun")]
+    "speaks, words", [(b"HTTP/1.1 400 Bad Request\r\n", "is not a Rerun viewer"), (b"", "is not a Rerun viewer")]
 )
 def test_listener_that_is_not_a_viewer_is_reported_before_run(speaks, words):
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -512,7 +512,7 @@ def test_lost_viewer_does_not_stop_the_other_sink(tmp_path):
     page.close()
     report = recorder.finish()
     assert any(
-        re.match(r"rerun( stopped at [\d.]+ s)?: no viewer of Rerun answers on 127\.0\.0\.1", problem)
+        re.match(r"rerun( stopped at [\d.]+ s)?: no Rerun viewer responds on 127\.0\.0\.1", problem)
         for problem in report["problems"]
     )
     assert runtime.load(tmp_path / "bench_1.mcap").tick.tolist() == list(range(100))
@@ -538,7 +538,7 @@ def test_full_disk_is_reported_and_run_continues(tmp_path):
 @needs_rerun
 def test_sink_that_cannot_start_is_reported_before_run(tmp_path):
     where = {"port": free_port(), "web_port": 9090}
-    with pytest.raises(RecorderError, match="cannot start: no viewer of Rerun answers on 127.0.0.1 port"):
+    with pytest.raises(RecorderError, match="cannot start: no Rerun viewer responds on 127.0.0.1 port"):
         record(plan(None, sink(RERUN, "rerun", columns(*LEG), target=f"127.0.0.1:{where['port']}", **where)), [])
     with pytest.raises(RecorderError, match="No such file or directory"):
         record(plan(None, sink(RERUN, "rerun", columns(*LEG), target=str(tmp_path / "nowhere" / "a.rrd"), **where)), [])
