@@ -93,7 +93,7 @@ class KneeEvents(_Events):
     (terminal swing: Winter 1991)
     """
 
-    lead = Param(0.031, "1", "strike after the end of the extension, as a fraction of a stride", min=0.0, max=0.2)
+    lead = Param(0.033, "1", "strike after the end of the extension, as a fraction of a stride", min=0.0, max=0.2)
     smallest = Param(0.2, "rad", "smallest height of a swing", above=0.0)
 
     angle = Input("rad", "knee flexion")

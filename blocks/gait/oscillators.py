@@ -11,11 +11,11 @@ from graph import Block, Input, Memory, Output, Param
 class AdaptiveOscillator(Block):
     """Gait phase from coupled oscillators that learn frequency and shape of an angle.
 
-    θ̂ = α₀ + Σ αᵢ sin φᵢ,  e = θ − θ̂,  φ̇ᵢ = i ω + ν e / Σα cos φᵢ,  ω̇ = ν_ω e / Σα cos φ₁,  α̇ᵢ = η e sin φᵢ,  α̇₀ = η e.
-    (Righetti et al. 2006; Ronsse et al. 2013) The phase is φ₁ less its value at heel strike, the mean of the first ten
-    after 4 s; then `correction` of the difference is corrected at each strike (Yan et al. 2017). Limits: locks within
-    about five strides, and lags while the speed changes. Direct feedthrough; NaN and infinity give NaN and are not
-    stored.
+    θ̂ = α₀ + Σ αᵢ sin φᵢ,  e = θ − θ̂,  φ̇ᵢ = i ω + ν e / Σα cos φᵢ,  ω̇ = ν_ω e / Σα cos φ₁,  α̇ᵢ = η e sin φᵢ,  α̇₀ =
+    η e. (Righetti et al. 2006; Ronsse et al. 2013) The phase is φ₁ less its value at heel strike, the mean of the first
+    ten after 4 s; then `correction` of the difference is corrected at each strike (Yan et al. 2017). Limits: locks
+    within about five strides, and lags while the speed changes. Direct feedthrough; NaN and infinity give NaN and are
+    not stored.
     """
 
     start = Param(0.9, "Hz", "frequency at the start", above=0.2, max=2.5, fixed=True)
@@ -48,8 +48,8 @@ class PhaseKalmanFilter(Block):
     Fourier series of 8 harmonics, the mean of the last ten strides between heel strikes. The noise of each measurement
     is relative to the standard deviation of angle and velocity over a stride, so that amplitude, sign and segment make
     no difference. Errors are limited to three standard deviations. `walking` is true above 0.3 Hz while the angle
-    follows the waveform. Limits: two strides are learned first; a strike detected late delays the phase by as much.
-    Direct feedthrough; NaN and infinity give NaN and are not stored.
+    follows the waveform; after a stop the phase starts at the first strike. Limits: two strides are learned first; a
+    strike detected late delays the phase by as much. Direct feedthrough; NaN and infinity give NaN and are not stored.
     (phase-based Kalman filter: Thatte et al. 2019; Medrano et al. 2023)
     """
 
@@ -69,7 +69,7 @@ class PhaseKalmanFilter(Block):
     covariance = Memory((0.0,) * 16, "covariance of the state")
     waveform = Memory((0.0,) * 17, "mean, cosine and sine amplitudes")
     stride = Memory(0.0, "angles since the last strike")
-    learning = Memory((math.inf,) + (0.0,) * 6, "time since strike, samples, strides, rejected, on, misfit, unlike")
+    learning = Memory((math.inf,) + (0.0,) * 8, "learning of the waveform, and checks of the filter")
 
     kernel = kernels.phase_kalman
 

@@ -13,6 +13,7 @@ cdef enum:
 
 cdef double TURN = 6.283185307179586
 cdef double CADENCE_LIMIT = 2.5         # Hz
+cdef double MISFIT_LIMIT = 0.5           # mean squared deviation over the variance of a stride
 cdef double WALKING_CADENCE = 0.3       # Hz, below it the leg stands
 
 
@@ -199,7 +200,7 @@ cdef struct Kalman:
     int32_t stride              # the angles since the last strike
     int32_t learning            # see below
 
-KALMAN = items((<Kalman *>ITEMS)[0], "state[4] covariance[16] waveform[17] stride[...] learning[7]")
+KALMAN = items((<Kalman *>ITEMS)[0], "state[4] covariance[16] waveform[17] stride[...] learning[9]")
 
 cdef enum:
     SINCE = 0                   # s since the last strike
@@ -209,6 +210,8 @@ cdef enum:
     RUNNING = 4                 # 1 once the filter runs
     MISFIT = 5                  # mean squared deviation
     UNLIKE = 6                  # consecutive strikes at another phase
+    LOST = 7                    # 1 if the leg stood, or moved unlike the waveform, since the last strike
+    CADENCE = 8                 # Hz, of the last stride
 
 
 cdef inline void spectrum(const double *x, int n, double *mean, double *cosines, double *sines) noexcept nogil:
@@ -301,22 +304,25 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
         arena[at.deviation] = NAN
         return OK
     learning[SINCE] += dt
-    # 1. A stride between two strikes enters the waveform.
+    # 1. A stride between two strikes enters the waveform. The filter starts at a strike: after two strides, at the first
+    #    one after standing, and at the second in a row that it did not expect.
     if strike != 0.0:
+        learning[UNLIKE] = learning[UNLIKE] + 1.0 if fabs(nearest(x[0])) > 0.15 else 0.0
         if learning[SINCE] >= 0.4 and learning[SINCE] <= 2.5 and learning[SAMPLES] <= sizes.stride:
             learn(w, learning, arena + at.stride, <int>learning[SAMPLES])
-            learning[UNLIKE] = learning[UNLIKE] + 1.0 if fabs(nearest(x[0])) > 0.15 else 0.0
-            if learning[STRIDES] >= 2.0 and (learning[RUNNING] == 0.0 or learning[UNLIKE] >= 2.0):
-                learning[RUNNING] = 1.0
-                x[0] = 0.0
-                x[1] = 1.0 / learning[SINCE]
-                x[2] = 1.0
-                x[3] = 0.0
-                for i in range(16):
-                    p[i] = 0.0
-                p[0] = p[10] = p[15] = 1e-3
-                p[5] = 1e-2
-                learning[MISFIT] = 0.0
+            if learning[STRIDES] >= 2.0 and learning[RUNNING] == 0.0:
+                learning[RUNNING] = learning[LOST] = 1.0
+            if learning[LOST] == 0.0 or learning[CADENCE] == 0.0:
+                learning[CADENCE] = 1.0 / learning[SINCE]
+        if learning[RUNNING] != 0.0 and (learning[LOST] != 0.0 or learning[UNLIKE] >= 2.0):
+            learning[LOST] = learning[UNLIKE] = learning[MISFIT] = 0.0
+            x[0] = x[3] = 0.0
+            x[1] = learning[CADENCE]
+            x[2] = 1.0
+            for i in range(16):
+                p[i] = 0.0
+            p[0] = p[10] = p[15] = 1e-3
+            p[5] = 1e-2
         learning[SINCE] = 0.0
         learning[SAMPLES] = 0.0
     if learning[SAMPLES] < sizes.stride:
@@ -382,6 +388,8 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
         x[1] = max(0.0, min(CADENCE_LIMIT, x[1]))
         x[2] = max(0.3, min(2.0, x[2]))
         learning[MISFIT] += (deviation * deviation - learning[MISFIT]) * min(1.0, 5.0 * dt)
+        if x[1] < WALKING_CADENCE or learning[MISFIT] > MISFIT_LIMIT:
+            learning[LOST] = 1.0
         if not is_finite(x[0] + x[1] + x[2] + x[3]):
             learning[RUNNING] = learning[STRIDES] = 0.0
             x[0] = 0.0
@@ -391,7 +399,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
     if learning[RUNNING] != 0.0:
         arena[at.phase] = x[0]
         arena[at.frequency] = x[1]
-        arena[at.walking] = x[1] > WALKING_CADENCE and learning[MISFIT] < 0.5
+        arena[at.walking] = x[1] > WALKING_CADENCE and learning[MISFIT] < MISFIT_LIMIT
     return OK
 
 

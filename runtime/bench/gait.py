@@ -235,7 +235,7 @@ def errors(walk: Walk, strikes: ArrayLike, phase: np.ndarray) -> dict[str, float
         "strikes": len(late) + missed,
         "missed": missed,
         "invented": int(invented),
-        "median_ms": 1e3 * float(np.median(late)) if late else math.nan,
+        "median_ms": round(1e3 * float(np.median(late)), 6) if late else math.nan,
         "p95_ms": 1e3 * float(np.percentile(late, 95)) if late else math.nan,
         "phase_rms_percent": 100.0 * float(np.sqrt(np.mean(difference**2))),
     }

@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from blocks.wearer import Walker
+from graph import Diagram
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
 from runtime.bench.gait import Leg
+from runtime.session.simulate import simulate
 
 # Names of each signal in a CSV file, with `lt` or `rt` for SIDE; the first one that exists is used.
 COLUMNS = {
@@ -22,35 +25,19 @@ COLUMNS = {
 }
 SIDES = {"left": "lt", "right": "rt"}
 CONTACT_LOAD = 0.05  # of the largest load: contact
-# Flexion in degrees at every 5 % of an average stride of 20 adults at 1.2 m/s, from heel strike, rounded.
-# (Bovi et al. 2011, Gait & Posture 33:6-13)
-HIP_FLEXION = (33, 32, 30, 25, 20, 14, 8, 2, -3, -6, -8, -7, -2, 7, 17, 25, 31, 34, 33, 31)
-KNEE_FLEXION = (8, 13, 19, 19, 16, 13, 10, 8, 7, 9, 14, 23, 37, 53, 62, 62, 54, 39, 19, 5)
-STANCE_SHARE = 0.62  # of the stride
-STRIDES = 60
-STRIDE_TIME, STRIDE_TIME_DEVIATION = 1.1, 0.02  # s
+SPEED = 1.2  # m/s, of the built-in walk
+DURATION = 66.0  # s
 RATE = 200.0  # Hz
-HARMONICS = 6
 
 
 def built_in() -> list[Leg]:
-    """Return one leg of an average adult with varying stride times: series of hip and knee, shank from both."""
-    random = np.random.default_rng(1)
-    ends = np.cumsum(STRIDE_TIME + STRIDE_TIME_DEVIATION * random.normal(size=STRIDES))
-    time = np.arange(0.0, ends[-1], 1.0 / RATE)
-    stride = np.searchsorted(ends, time, side="right")
-    begins = np.concatenate(([0.0], ends))
-    phase = (time - begins[stride]) / (begins[stride + 1] - begins[stride])
-    thigh, knee = series(HIP_FLEXION, phase), series(KNEE_FLEXION, phase)
-    contact = (phase < STANCE_SHARE).astype(float)
-    return [Leg("left", time, {"thigh": thigh, "shank": thigh - knee, "knee": knee}, contact)]
-
-
-def series(degrees: tuple[int, ...], phase: np.ndarray) -> np.ndarray:
-    """Return the Fourier series of a table over the stride, in rad."""
-    spectrum = np.fft.rfft(np.radians(degrees)) / len(degrees)
-    terms = [spectrum[k] * np.exp(2j * np.pi * k * phase) for k in range(1, HARMONICS + 1)]
-    return spectrum[0].real + 2.0 * np.sum(terms, axis=0).real
+    """Return the left leg of a Walker at constant speed."""
+    with Diagram("walk", RATE) as diagram:
+        Walker(speed=SPEED, name="walker")()
+    walk = simulate(diagram, DURATION)
+    angles = {"thigh": "thigh_pitch", "shank": "shank_pitch", "knee": "knee_angle"}
+    signals = {name: walk[f"walker.left_{signal}"] for name, signal in angles.items()}
+    return [Leg("left", walk.time, signals, walk["walker.left_contact"].astype(float))]
 
 
 def legs(path: Path, names: Mapping[str, str]) -> list[Leg]:

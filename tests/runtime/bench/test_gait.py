@@ -11,7 +11,7 @@ from tests.shared import shared
 
 @pytest.fixture
 def short(monkeypatch):
-    monkeypatch.setattr(gait_recordings, "STRIDES", 40)
+    monkeypatch.setattr(gait_recordings, "DURATION", 45.0)
 
 
 def test_the_estimators_reach_their_goals_on_the_built_in_walk(command_line, short):
