@@ -87,7 +87,7 @@ class KneeEvents(_Events):
     def __init__(
         self,
         shortest: float | Live = 0.5,
-        lead: float | Live = 0.031,
+        lead: float | Live = 0.033,
         smallest: float | Live = 0.2,
         **options: Unpack[BlockOptions],
     ) -> None: ...

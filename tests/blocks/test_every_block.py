@@ -35,6 +35,7 @@ EXAMPLES = {
     "PID": ({}, TAMED | {"kd": 0.1, "filter_time": 0.01, "c": 0.5}),
     "PD": ({}, {"kd": 0.1, "filter_time": 0.01, "c": 0.5}),
     "TorqueProfile": ({}, {"points": ((0.1, 3.0), (0.6, -8.0))}),
+    "TorqueGate": ({}, {"mode": "damping"}, {"mode": "hold"}),
     "FeedForward": ({}, {"friction": 2.0}),
     "Limb": ({}, {"lower": 0.0}),
     "StepSource": ({"time": 0.1},),

@@ -1,0 +1,100 @@
+"""Whether the wearer walks, stands, or does neither as expected, and torques that fade with it."""
+
+from __future__ import annotations
+
+from cext.kernels import gait_state as kernels
+from graph import Block, Input, Interval, Memory, Output, Param
+
+MODES = ("zero", "damping", "hold")
+
+
+class GaitState(Block):
+    """State of the gait from both legs: 2 walking, 1 standing, 0 unknown, and its confidence.
+
+    Standing: both velocities are below `still_velocity` for `still_time`. Walking: both legs walk, and their phases are
+    half a stride apart within `tolerance`, in a mean of 0.3 s. All else, such as squats, in which both knees move
+    together, is unknown. The confidence is 1 in standing and 1 − deviation / tolerance in walking. In recorded walking
+    of 1.3 m/s both thighs are below 0.25 rad/s for 0 s at a time, both knees for 0.015 s. Limits: walking below about
+    0.4 m/s pauses for longer than `still_time`. Direct feedthrough; NaN and infinity give a NaN confidence.
+    """
+
+    still_velocity = Param(0.25, "rad/s", "largest velocity of a leg that stands", above=0.0)
+    still_time = Param(0.15, "s", "time after which slow legs stand", above=0.0)
+    tolerance = Param(0.15, "1", "largest deviation of the phases from half a stride", above=0.0, max=0.5)
+
+    left_phase = Input("1", "gait phase of the left leg")
+    right_phase = Input("1", "gait phase of the right leg")
+    left_walking = Input("1", "true while the left phase is known", dtype=bool)
+    right_walking = Input("1", "true while the right phase is known", dtype=bool)
+    left_velocity = Input("rad/s", "velocity of the left thigh or knee")
+    right_velocity = Input("rad/s", "velocity of the right thigh or knee")
+    state = Output("1", "2 walking, 1 standing, 0 unknown", dtype=int, range=(0.0, 2.0))
+    walking = Output("1", "true in walking", dtype=bool, range=(0.0, 1.0))
+    standing = Output("1", "true in standing", dtype=bool, range=(0.0, 1.0))
+    confidence = Output("1", "confidence of the state", range=(0.0, 1.0))
+    track = Memory((0.0, 0.5), "time without motion, mean deviation of the phases")
+
+    kernel = kernels.gait_state
+
+
+class StrideEnvelope(Block):
+    """Check of each stride against the wearer's own: deviation = (u − mean(phase)) / max(deviations · SD, smallest).
+
+    Mean and standard deviation are learned in 50 bins of the phase, the first `strides` of each alone, later ones with
+    a weight of 5 %. `inside` becomes false when the deviation has been above 1 for `outside_time`, and true again
+    after `recovery` inside; strides outside are not learned. Limits: a stumble that leaves the angle in its usual
+    range at that phase shows later, in another signal, or not at all. Direct feedthrough; NaN and infinity give NaN.
+    (deviation from a mean trajectory: Lawson et al. 2010)
+    """
+
+    deviations = Param(4.0, "1", "half width of the envelope, in standard deviations", above=0.0)
+    smallest = Param(0.15, "any", "smallest half width, in the unit of u", above=0.0)
+    strides = Param(5, "1", "strides that are learned first", min=2, max=100)
+    outside_time = Param(0.04, "s", "time outside after which a stride has left", min=0.0)
+    recovery = Param(1.0, "s", "time inside after which it is trusted again", min=0.0)
+
+    phase = Input("1", "gait phase, 0 at heel strike")
+    u = Input("any", "angle or other signal of the leg")
+    walking = Input("1", "true while the phase is known", dtype=bool, default=True)
+    inside = Output("1", "false after the envelope was left", dtype=bool, range=(0.0, 1.0))
+    deviation = Output("1", "deviation over the half width, 0 while it is learned")
+    means = Memory((0.0,) * 50, "mean of each bin")
+    variances = Memory((0.0,) * 50, "variance of each bin")
+    counts = Memory((0.0,) * 50, "samples in each bin")
+    track = Memory((0.0, 0.0, 0.0, -1.0), "time outside, time inside, whether it was left, last bin")
+
+    kernel = kernels.stride_envelope
+
+
+class TorqueGate(Block):
+    """Fade of a torque: y = s u + (1 − s) rest, s from 0 to 1 in `fade_in` and back in `fade_out` seconds.
+
+    s rises while `enable` is true. rest is 0 in the mode "zero", −damping · ω within ±limit in the mode "damping", and
+    the last torque while enabled in the mode "hold". With the standing of a GaitState a fade of 0.1 s ends the torque
+    0.25 s after the last motion. Direct feedthrough; NaN passes and infinity becomes NaN.
+    """
+
+    mode = Param("zero", "1", "torque while disabled", choices=MODES)
+    fade_in = Param(0.5, "s", "time from 0 to the full torque", above=0.0)
+    fade_out = Param(0.1, "s", "time from the full torque to 0", above=0.0)
+    damping = Param(1.0, "N·m·s/rad", "damping in the mode damping", min=0.0)
+    limit = Param(5.0, "N·m", "largest damping torque", min=0.0)
+
+    u = Input("N·m", "torque")
+    enable = Input("1", "true while the torque may act", dtype=bool)
+    velocity = Input("rad/s", "joint velocity, for the mode damping", default=0.0)
+    y = Output("N·m", "faded torque")
+    mode_number = Memory(0.0, "index of the mode")
+    track = Memory((0.0, 0.0), "share s, held torque")
+
+    kernel = kernels.torque_gate.renamed(mode="mode_number")
+
+    def configure(self) -> None:
+        self.mode_number = float(MODES.index(self.mode))
+
+    def output_range(self, u: Interval, enable: Interval, velocity: Interval) -> Interval:
+        faded = u | Interval.point(0.0)
+        if self.mode != "damping":
+            return faded
+        limit = self.span("limit").high
+        return faded | Interval(-limit, limit)

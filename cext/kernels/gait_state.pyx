@@ -1,0 +1,151 @@
+# cython: freethreading_compatible=True
+"""Walking or standing, strides outside their envelope, and torques that fade with either."""
+
+from libc.math cimport NAN, fabs, floor, sqrt
+from libc.stdint cimport int32_t
+
+from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
+from cext.kernels.limits cimport clip, is_finite
+
+cdef double AGREEMENT_TIME = 0.3        # s, time constant of the comparison of both legs
+
+
+cdef struct State:
+    int32_t left_phase, right_phase, left_walking, right_walking, left_velocity, right_velocity
+    int32_t state, walking, standing, confidence, still_velocity, still_time, tolerance
+    int32_t track               # s without motion, mean deviation from half a stride
+
+STATE = items((<State *>ITEMS)[0], "track[2]")
+
+
+cdef int state_kernel(double *arena, const State *at, const State *sizes) noexcept nogil:
+    cdef double phases = arena[at.left_phase] - arena[at.right_phase]
+    cdef double flags = arena[at.left_walking] + arena[at.right_walking]
+    cdef double left = arena[at.left_velocity]
+    cdef double right = arena[at.right_velocity]
+    cdef double *track = arena + at.track
+    cdef double apart, share
+    if not is_finite(phases + flags + left + right):
+        arena[at.state] = arena[at.walking] = arena[at.standing] = 0.0
+        arena[at.confidence] = NAN
+        return OK
+    # 1. Standing: neither leg has moved for a while.
+    if fabs(left) < arena[at.still_velocity] and fabs(right) < arena[at.still_velocity]:
+        track[0] += arena[DT]
+    else:
+        track[0] = 0.0
+    # 2. Walking: both legs walk, half a stride apart.
+    apart = phases - 0.5
+    apart = fabs(apart - floor(apart + 0.5))
+    share = min(1.0, arena[DT] / AGREEMENT_TIME)
+    if flags < 2.0:
+        apart = 0.5
+    track[1] += share * (apart - track[1])
+    arena[at.standing] = track[0] >= arena[at.still_time] - 0.5 * arena[DT]
+    arena[at.walking] = arena[at.standing] == 0.0 and flags == 2.0 and track[1] < arena[at.tolerance]
+    arena[at.state] = 2.0 * arena[at.walking] + arena[at.standing]
+    arena[at.confidence] = 1.0 if arena[at.standing] != 0.0 else max(0.0, 1.0 - track[1] / arena[at.tolerance]) \
+        if flags == 2.0 else 0.0
+    return OK
+
+
+cdef struct Envelope:
+    int32_t phase, u, walking, inside, deviation, deviations, smallest, strides, outside_time, recovery
+    int32_t means, variances, counts
+    int32_t track               # see below
+
+ENVELOPE = items((<Envelope *>ITEMS)[0], "means[50] variances[50] counts[50] track[4]")
+
+cdef enum:
+    BINS = 50
+    OUTSIDE = 0                 # s
+    INSIDE = 1                  # s
+    LEFT = 2                    # 1 after the envelope was left
+    BIN = 3                     # last one
+
+
+cdef int envelope_kernel(double *arena, const Envelope *at, const Envelope *sizes) noexcept nogil:
+    cdef double phase = arena[at.phase]
+    cdef double u = arena[at.u]
+    cdef double walking = arena[at.walking]
+    cdef double *mean = arena + at.means
+    cdef double *variance = arena + at.variances
+    cdef double *count = arena + at.counts
+    cdef double *m = arena + at.track
+    cdef double x, share, expected, spread, difference
+    cdef int i, j
+    if not is_finite(phase + u) or walking != walking:
+        arena[at.inside] = 0.0
+        arena[at.deviation] = NAN
+        return OK
+    arena[at.deviation] = 0.0
+    if walking == 0.0:
+        m[OUTSIDE] = m[INSIDE] = m[LEFT] = 0.0
+        arena[at.inside] = 1.0
+        return OK
+    x = BINS * (phase - floor(phase))
+    i = min(<int>x, BINS - 1)
+    j = (i + 1) % BINS
+    share = x - i
+    if count[i] >= arena[at.strides] and count[j] >= arena[at.strides]:
+        # 1. Deviation from the mean stride, over the half width of the envelope.
+        expected = (1.0 - share) * mean[i] + share * mean[j]
+        spread = sqrt((1.0 - share) * variance[i] + share * variance[j])
+        arena[at.deviation] = (u - expected) / max(arena[at.deviations] * spread, arena[at.smallest])
+    if fabs(arena[at.deviation]) > 1.0:
+        m[OUTSIDE] += arena[DT]
+        m[INSIDE] = 0.0
+        if m[OUTSIDE] >= arena[at.outside_time] - 0.5 * arena[DT]:
+            m[LEFT] = 1.0
+    else:
+        m[OUTSIDE] = 0.0
+        m[INSIDE] += arena[DT]
+        if m[INSIDE] >= arena[at.recovery]:
+            m[LEFT] = 0.0
+    arena[at.inside] = m[LEFT] == 0.0
+    # 2. Strides inside enter the envelope, one sample a bin, at its begin.
+    if i != <int>m[BIN]:
+        m[BIN] = i
+        if m[LEFT] == 0.0:
+            difference = u - mean[i]
+            count[i] += 1.0
+            share = max(1.0 / count[i], 0.05)
+            mean[i] += share * difference
+            variance[i] = (1.0 - share) * (variance[i] + share * difference * difference)
+    return OK
+
+
+cdef struct Gate:
+    int32_t u, enable, velocity, y, fade_in, fade_out, damping, limit
+    int32_t mode                # 0 zero, 1 damping, 2 hold
+    int32_t track               # share that passes, held torque
+
+GATE = items((<Gate *>ITEMS)[0], "track[2]")
+
+
+cdef int gate_kernel(double *arena, const Gate *at, const Gate *sizes) noexcept nogil:
+    cdef double u = arena[at.u]
+    cdef double enable = arena[at.enable]
+    cdef double velocity = arena[at.velocity]
+    cdef double *m = arena + at.track
+    cdef double rest = 0.0
+    if not is_finite(u) or not is_finite(velocity) or enable != enable:
+        arena[at.y] = NAN
+        return OK
+    if enable != 0.0:
+        m[0] = min(1.0, m[0] + arena[DT] / arena[at.fade_in])
+    else:
+        m[0] = max(0.0, m[0] - arena[DT] / arena[at.fade_out])
+    if arena[at.mode] == 1.0:
+        rest = clip(-arena[at.damping] * velocity, -arena[at.limit], arena[at.limit])
+    elif arena[at.mode] == 2.0:
+        if enable != 0.0:
+            m[1] = u
+        rest = m[1]
+    arena[at.y] = m[0] * u + (1.0 - m[0]) * rest
+    return OK
+
+
+gait_state = export(<kernel_t>state_kernel, STATE)
+stride_envelope = export(<kernel_t>envelope_kernel, ENVELOPE)
+torque_gate = export(<kernel_t>gate_kernel, GATE)
