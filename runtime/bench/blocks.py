@@ -84,7 +84,7 @@ class Ticks:
         self.executor = Executor(self.program, RATE)
 
     def restart(self) -> None:
-        pass
+        """Do nothing: each call of `advance` starts at tick 0."""
 
     def advance(self, ticks: int) -> float:
         """Run so many ticks. Returns the processor time of this thread, in s."""

@@ -1,5 +1,6 @@
-"""What buses cost, and how fast the motors are stopped after kill -9. Measured on sockets of this machine: CAN hardware
-adds its own.
+"""Cost of buses, and time from kill -9 to the stop of the motors, over sockets of this machine.
+
+CAN hardware adds its own.
 """
 
 from __future__ import annotations
@@ -60,8 +61,12 @@ with Diagram("bench", rate=200) as diagram:
 
 
 def host_cost(frames: int = 8, rounds: int = 20_000) -> tuple[list[int], list[int]]:
-    """(ns of a tick's receive and send through a bus, ns of the two system calls alone), two lists, over UDP on
-    loopback.
+    """Time a bus over UDP on the loopback interface.
+
+    frames : per tick, received and sent
+    rounds : ticks
+
+    Returns (ns of each tick's receive and send through a bus, ns of the two system calls alone).
     """
     with ExitStack() as stack:
         own, other = (stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2))
@@ -83,7 +88,12 @@ def host_cost(frames: int = 8, rounds: int = 20_000) -> tuple[list[int], list[in
 
 
 @contextmanager
-def drives(channel: str, *identifiers: int):
+def drives(channel: str, *identifiers: int) -> Iterator[subprocess.Popen[str]]:
+    """Context manager of a process that emulates drives. Raises OSError if it does not start.
+
+    channel : multicast group
+    identifiers : ids of the drives
+    """
     process = subprocess.Popen(
         [sys.executable, "-m", "runtime.bench.drives", channel, *map(str, identifiers)],
         cwd=ROOT,
@@ -108,8 +118,9 @@ def channel() -> str:
 
 
 def round_trips(chunks: int = 10, trips: int = 200) -> tuple[list[float], list[float]]:
-    """(s of round trips to a drive through python-can alone, s of the same through the guardian), two lists; chunks
-    taken in turn.
+    """Time round trips to an emulated drive, in alternating chunks.
+
+    Returns (s of each through python-can alone, s of each through the guardian). Raises OSError without a reply.
     """
     group = channel()
     direct, carried = [], []
@@ -140,6 +151,7 @@ def _trip(send: Callable[..., Any], answered: Callable[..., Any]) -> float:
 
 
 def send(bus: BusABC) -> None:
+    """Send the command of zero torque to the drive ID."""
     bus.send(can.Message(arbitration_id=ID, is_extended_id=False, data=COMMAND))
 
 
@@ -150,7 +162,7 @@ def _answered(bus: BusABC) -> bool:
 
 @contextmanager
 def through_guardian(group: str) -> Iterator[BusEnd]:
-    """A bus as the loop has it when the guardian carries its frames."""
+    """Context manager of the loop's end of a bus whose frames the guardian carries."""
     page, lines, bell = SharedState(1 << 16), Lines(1), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
     guardian = GuardianProcess(page, lines, bell, [])
     try:
@@ -183,10 +195,11 @@ def through_guardian(group: str) -> Iterator[BusEnd]:
 
 
 def kills(count: int = 100) -> list[float]:
-    """s from kill -9 of a run until both its drives had their last first stop frame, of every kill; inf where one had
-    none.
+    """Kill runs, and time the stop of their drives.
+
+    Returns s from kill -9 of each run to the first stop frame of the later of its two drives; inf without one.
     """
-    found = []
+    stop_times = []
     with tempfile.TemporaryDirectory() as folder:
         robot, rig = Path(folder, "robot.py"), Path(folder, "rig.toml")
         robot.write_text(ROBOT)
@@ -196,9 +209,9 @@ def kills(count: int = 100) -> list[float]:
             bus = node(group)
             stack.callback(bus.shutdown)
             for _ in range(count):
-                found.append(_one_kill(bus, robot, rig))
-                time.sleep(0.3)  # its guardian lets the bus go
-    return found
+                stop_times.append(_one_kill(bus, robot, rig))
+                time.sleep(0.3)  # its guardian releases the bus
+    return stop_times
 
 
 def _one_kill(bus: BusABC, robot: Path, rig: Path) -> float:
@@ -230,12 +243,13 @@ def _one_kill(bus: BusABC, robot: Path, rig: Path) -> float:
         process.wait()
 
 
-def listen(bus: BusABC, seconds: float, wanted: Callable[..., Any]) -> Message | None:
+def listen(bus: BusABC, seconds: float, matches: Callable[[Message], bool]) -> Message | None:
+    """Return the first message that matches, or None without one within `seconds`."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         if select.select([bus], [], [], 0.1)[0]:
             message = bus.recv(0)
-            if message is not None and wanted(message):
+            if message is not None and matches(message):
                 return message
     return None
 

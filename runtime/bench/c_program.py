@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sysconfig
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 FLAGS = ("-O2", "-ffp-contract=off", "-fno-math-errno", "-falign-loops=32")  # as in setup.py
@@ -48,7 +49,7 @@ class NoCompiler(Exception):
     """The C compiler is missing, or it fails."""
 
 
-def build(text: str):
+def build(text: str) -> Callable[..., float]:
     """Compile C source and load its function `run`.
 
     text : C source that defines `double run(long, long, double *, double *)`

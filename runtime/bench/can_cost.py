@@ -1,11 +1,15 @@
 """Cost of eight drives a tick; and eight motors at 1000 Hz on two buses, beside a loop in C."""
 
+from __future__ import annotations
+
 import ctypes
 import socket
 import subprocess
 import sys
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from blocks.families import benchmark
 from blocks.limiters import TorqueLimiter
@@ -23,6 +27,9 @@ from runtime.bench.c_program import C_GRID, build
 from runtime.bench.rate.robot import UNLIMITED
 from runtime.console.progress import rounds
 from runtime.machine.realtime import Realtime
+
+if TYPE_CHECKING:
+    from graph import Schedule
 
 ROOT = Path(__file__).parents[2]
 SO_TIMESTAMPNS = 35
@@ -82,8 +89,8 @@ double run(long period, long ticks, double *room, double *unused)
 
 
 @contextmanager
-def ends():
-    """Two datagram sockets on loopback that are connected to each other; the first stamps what arrives."""
+def ends() -> Iterator[list[socket.socket]]:
+    """Context manager of two connected UDP sockets on the loopback interface, which time-stamp what they receive."""
     with ExitStack() as stack:
         pair = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
         for end in pair:
@@ -94,7 +101,7 @@ def ends():
         yield pair
 
 
-def robot(buses=1, drives=DRIVES):
+def robot(buses: int = 1, drives: int = DRIVES) -> Diagram:
     """Return the Diagram of drives with a sine of torque, behind limiters.
 
     The replies of a measurement are fixed. The sine is therefore below the torque at which a drive must follow: on a
@@ -112,8 +119,11 @@ def robot(buses=1, drives=DRIVES):
     return diagram
 
 
-def native(rounds):
-    """ns of each tick: (on a bus without system calls, over a socket, the socket's two calls alone)"""
+def native(rounds: int) -> tuple[list[int], list[int], list[int]]:
+    """Time ticks of DRIVES drives.
+
+    Returns ns of each tick (on a bus without system calls, over a socket, of the socket's two calls alone).
+    """
     schedule = compile(robot())
     bus = MemoryBus()
     alone = time_of_control(Program(schedule, [bus.host]), bus.device, ANSWERS, rounds, RATE)
@@ -125,8 +135,11 @@ def native(rounds):
 
 
 @contextmanager
-def motors(count):
-    """Sockets at whose far ends a process plays so many motors each."""
+def motors(count: int) -> Iterator[list[socket.socket]]:
+    """Context manager of BUSES sockets, at whose other ends a process emulates `count` motors each.
+
+    Raises OSError if the process does not start.
+    """
     with ExitStack() as stack:
         pairs = [stack.enter_context(ends()) for _ in range(BUSES)]
         numbers = [pair[1].fileno() for pair in pairs]
@@ -149,29 +162,28 @@ def motors(count):
             process.stdout.close()
 
 
-def fast_motors(seconds, repeats):
-    """[(answers missed, grid points missed, commands) of Tickwork, the same of C], chunks in turn, both with what
-    `--realtime try` gets.
+def fast_motors(seconds: float, repeats: int) -> list[list[int]]:
+    """Command motors at RATE from Tickwork and from a loop in C, in alternating chunks, both with `--realtime try`.
 
-    NoCompiler where there is none.
+    Returns [replies missed, grid points missed, commands] of Tickwork and of C. Raises NoCompiler or OSError.
     """
     loop = build(C_LOOP)
     count = DRIVES // BUSES
     ticks = max(2 * STARTING, round(seconds * RATE))
     schedule = compile(robot(BUSES, count))
-    found = [[0, 0, 0], [0, 0, 0]]
+    totals = [[0, 0, 0], [0, 0, 0]]
     with motors(count) as sockets, Realtime("try"):
         for _ in rounds("measuring", repeats):
             for which, chunk in enumerate(
                 (lambda: our_chunk(schedule, sockets, ticks), lambda: c_chunk(loop, sockets, count, ticks))
             ):
                 for place, value in enumerate((*chunk(), DRIVES * (ticks - STARTING))):
-                    found[which][place] += value
-    return found
+                    totals[which][place] += value
+    return totals
 
 
-def our_chunk(schedule, sockets, ticks):
-    """(answers missed, grid points missed)"""
+def our_chunk(schedule: Schedule, sockets: Sequence[socket.socket], ticks: int) -> tuple[int, int]:
+    """Run Tickwork. Returns (replies missed, grid points missed)."""
     page = SharedState(1 << 20)
     program = Program(schedule, [SocketCan(end, shared=True).end for end in sockets])
     program.count_from(STARTING)
@@ -181,7 +193,12 @@ def our_chunk(schedule, sockets, ticks):
     return sum(program.missed.values()), page.statistics()["missed"]
 
 
-def c_chunk(loop, sockets, count, ticks):
+def c_chunk(loop: Callable[..., float], sockets: Sequence[socket.socket], count: int, ticks: int) -> tuple[int, int]:
+    """Run the loop in C. Returns (replies missed, grid points missed).
+
+    loop : compiled C_LOOP
+    count : motors on each socket
+    """
     room = (ctypes.c_double * 16)(BUSES, count, *(end.fileno() for end in sockets))
     room[15] = STARTING
     return int(loop(round(1e9 / RATE), ticks, room, room)), int(room[14])

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -80,6 +80,7 @@ class Kept:
     each: list = field(default_factory=list)
 
     def add(self, lateness: np.ndarray, period: np.ndarray, ticks: int, missed: int) -> None:
+        """Add the samples of a chunk. lateness, period : counts; ticks, missed : grid points"""
         if lateness.any():
             self.each.append(percentile(lateness, 0.99))
         self.lateness, self.period = self.lateness + lateness, self.period + period
@@ -95,7 +96,7 @@ class Kept:
 
 
 class Pass(Block):
-    """A Python block that does next to nothing."""
+    """Python block with a minimal step: y = 0.5 u."""
 
     u = Input("any")
     y = Output("any")
@@ -105,20 +106,30 @@ class Pass(Block):
 
 
 def diagram(rate: float, python_blocks: int = 0, signals: int = SIGNALS) -> Diagram:
-    """Native blocks with so many signals in all, every one recorded, and Python blocks one behind the other."""
+    """Return a diagram of native blocks and a chain of Python blocks.
+
+    signals : number of signals in all; every one is recorded
+    """
     with Diagram("clock", rate) as made:
-        heard = Sine(name="sine0")()
+        signal = Sine(name="sine0")()
         for index in range(python_blocks):
-            heard = Pass(name=f"python{index}")(heard)
+            signal = Pass(name=f"python{index}")(signal)
         for index in range(1, (signals - python_blocks) // 2):
             Gain(2.0, name=f"gain{index}")(Sine(name=f"sine{index}")())
-        Gain(2.0, name="gain0")(heard)
+        Gain(2.0, name="gain0")(signal)
         CsvRecorder()
     return made
 
 
 def chunk(rate: float, seconds: float, python_blocks: int, realtime: str, folder: str) -> Result:
-    """One run with a recorder that writes files. Returns the Result."""
+    """Carry out one run with a recorder that writes files. Returns its Result.
+
+    rate : Hz
+    seconds : duration
+    python_blocks : number of Python blocks
+    realtime : as of `--realtime`
+    folder : of the recording
+    """
     made = diagram(rate, python_blocks)
     schedule = compile(made)
     request = Request(Path(__file__), duration=seconds, record=Path(folder), realtime=realtime)
@@ -129,20 +140,26 @@ def chunk(rate: float, seconds: float, python_blocks: int, realtime: str, folder
     return result
 
 
-def c_chunk(loop, rate, seconds: float, realtime: str) -> tuple[np.ndarray, np.ndarray, int]:
-    """Run the C loop. Returns what the executor counts of itself: lateness and |period - T| of its ticks, in ns, and
-    the grid points missed.
+def c_chunk(
+    loop: Callable[..., float], rate: float, seconds: float, realtime: str
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Run the loop in C. Returns what the executor measures of itself.
+
+    That is the lateness and |period - T| of its ticks, in ns, and the number of missed grid points.
     """
     ticks = round(seconds * rate)
     late, unused = (ctypes.c_double * ticks)(), (ctypes.c_double * 1)()
     with Realtime(realtime):
         loop(round(1e9 / rate), ticks, late, unused)
-    return kept_time(np.frombuffer(late).astype(np.int64), round(1e9 / rate))
+    return kept_time(np.frombuffer(memoryview(late)).astype(np.int64), round(1e9 / rate))
 
 
 def kept_time(late: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, int]:
-    """(lateness behind the grid point that was awaited, |period - T|, grid points missed). late : ns, of every grid
-    point, -1 where it was missed
+    """Return (lateness of each tick, |period - T|, number of missed grid points), in ns.
+
+    late : lateness of every grid point in ns, -1 for a missed one. The result is that behind the grid point that was
+        awaited
+    period : ns
     """
     ran = np.flatnonzero(late >= 0)
     missed = np.diff(ran, prepend=-1) - 1
@@ -158,9 +175,17 @@ def measure(
     load: bool = False,
     busy_thread: bool = False,
 ) -> dict[int, dict[str, Kept]]:
-    """{rate: {contender: Kept}}. NoCompiler where there is no C compiler."""
+    """Measure the contenders in alternating chunks. Returns {rate: {contender: Kept}}. Raises NoCompiler.
+
+    rates : Hz
+    seconds : duration of a chunk
+    repeats : chunks of each contender and rate
+    realtime : as of `--realtime`
+    load : whether every processor is kept busy by another process
+    busy_thread : whether a Python thread of this process is kept busy
+    """
     loop = build(C_LOOP)
-    found = {rate: {name: Kept() for name in (C, NATIVE, PYTHON)} for rate in rates}
+    results = {rate: {name: Kept() for name in (C, NATIVE, PYTHON)} for rate in rates}
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         if load:
@@ -168,7 +193,7 @@ def measure(
         if busy_thread:
             stack.enter_context(busy())
         for _ in rounds("measuring", repeats):
-            for rate, contenders in found.items():
+            for rate, contenders in results.items():
                 late, off, missed = c_chunk(loop, rate, seconds, realtime)
                 contenders[C].add(counts_of(late), counts_of(off), len(late), missed)
                 for name, python_blocks in ((NATIVE, 0), (PYTHON, PYTHON_BLOCKS)):
@@ -177,12 +202,12 @@ def measure(
                     assert page is not None
                     late, off = page.counts("lateness"), page.counts("period")
                     contenders[name].add(late, off, statistics["ticks"], statistics["missed"])
-    return found
+    return results
 
 
 @contextmanager
 def loaded() -> Iterator[None]:
-    """Every processor busy with another process."""
+    """Context manager in which other processes keep every processor busy."""
     busy = [sys.executable, "-c", "while True: pass"]
     children = [subprocess.Popen(busy, preexec_fn=end_with_parent) for _ in range(os.cpu_count() or 1)]
     try:
@@ -196,7 +221,7 @@ def loaded() -> Iterator[None]:
 
 @contextmanager
 def busy() -> Iterator[None]:
-    """A Python thread of this process that never rests."""
+    """Context manager in which a Python thread of this process never rests."""
     done = False
 
     def work():

@@ -30,7 +30,7 @@ POINTS = 10**9
 
 
 def recording(rounds: int = 7, ticks: int = 10_000) -> float:
-    """s that a tick takes longer when 60 signals are recorded than when none are."""
+    """Return the time in s that recording 60 signals adds to a tick."""
 
     def recorded(signals):
         with Diagram("recorded", 1000) as made:
@@ -47,25 +47,25 @@ def recording(rounds: int = 7, ticks: int = 10_000) -> float:
         for schedule in schedules:
             page = SharedState((ticks + 1) * 8 * (3 + len(schedule.columns)))
             uninterrupted(Executor(Program(schedule), 1000, page=page, virtual=True).run(ticks))
-            found = page.statistics()
-            took.append(found["busy"] / found["ticks"])
+            counts = page.statistics()
+            took.append(counts["busy"] / counts["ticks"])
         differences.append(took[1] - took[0])
     return statistics.median(differences)
 
 
 def histogram_add(rounds: int = 9) -> float:
-    """s of one add."""
+    """Return the duration in s of adding a value to a histogram."""
     durations = np.random.default_rng(1).lognormal(np.log(25_000.0), 1.0, 4096).astype(np.int64)
     return statistics.median(time_of_add(durations, 50) for _ in range(rounds)) * 1e-9
 
 
 def stamp(rounds: int = 9) -> float:
-    """s of one look at the clock, with its histogram."""
+    """Return the duration in s of a time stamp with its histogram."""
     return statistics.median(time_of_lap() for _ in range(rounds))
 
 
 def drift() -> float:
-    """s by which 10**9 points of the grid, the farthest off of some rates, are off."""
+    """Return the error in s of 10⁹ grid points, the largest over RATES."""
     signals = Signals()
     clocks = [(rate, DeadlineClock(float(rate), signals)) for rate in RATES]
     return max(abs(clock.grid(POINTS) - POINTS * 10**9 / Fraction(rate)) for rate, clock in clocks) * 1e-9
@@ -82,13 +82,13 @@ def growth(few: int = 10_000, many: int = 10_000_000) -> int:
 
 
 def resident() -> int:
-    """Bytes."""
+    """Return the resident memory of this process in bytes."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def knee_minute() -> tuple[float, float]:
-    """(s of loop time, s of waiting for the recorder) of 60 s of the knee exoskeleton in virtual time."""
+    """Return (s of loop time, s of waiting for the recorder) of 60 s of the knee exoskeleton in virtual time."""
     result = Session(prepare(Request(KNEE_EXO, duration=60.0, fast=True, no_record=True))).carry_out()
     uninterrupted(result.outcome)
-    found = result.statistics
-    return found["busy"], found["waited_for_recorder"]
+    counts = result.statistics
+    return counts["busy"], counts["waited_for_recorder"]

@@ -17,40 +17,50 @@ from runtime.guardian.wires import keep_apart
 from runtime.machine.realtime import Realtime
 
 if TYPE_CHECKING:
-    pass
+    from can import BusABC
 
 NO_TORQUE = 0x7FF  # code
 
 
-def node(channel: str):
+def node(channel: str) -> BusABC:
+    """Return a node on a multicast group. channel : its address"""
     bus = can.Bus(interface="udp_multicast", channel=channel)
     keep_apart(bus.fileno())
     return bus
 
 
-def reply(motor: int, data) -> bytes:
-    """Of a drive at zero that gives the torque it is commanded, 30 °C, no error."""
+def reply(motor: int, data: bytes | bytearray) -> bytes:
+    """Return the reply of a drive at zero that produces the commanded torque: 30 °C, no error.
+
+    motor : id
+    data : of the command
+    """
     special = data[:7] == b"\xff" * 7
     torque = NO_TORQUE if special else (data[6] & 15) << 8 | data[7]
     return bytes([motor, 0x7F, 0xFF, 0x7F, 0xF0 | torque >> 8, torque & 0xFF, 70, 0])
 
 
-def main(channel, *identifiers) -> None:
+def main(channel: str, *identifiers: str) -> None:
+    """Emulate drives until killed, and print a line when they are ready.
+
+    channel : multicast group
+    identifiers : ids of the drives
+    """
     bus, own = node(channel), Counter()
     motors = set(map(int, identifiers))
     Realtime("try").obtain()
     print("ready", flush=True)
     while True:
-        heard = bus.recv()
-        if heard is None:
+        received = bus.recv()
+        if received is None:
             continue
-        frame = heard.arbitration_id, bytes(heard.data)
-        if own[frame]:  # it hands us our own, too
+        frame = received.arbitration_id, bytes(received.data)
+        if own[frame]:  # the interface also returns frames of this node
             own[frame] -= 1
-        elif heard.arbitration_id in motors and heard.dlc == 8:
-            answer = reply(heard.arbitration_id, heard.data)
-            own[heard.arbitration_id, answer] += 1
-            bus.send(can.Message(arbitration_id=heard.arbitration_id, is_extended_id=False, data=answer))
+        elif received.arbitration_id in motors and received.dlc == 8:
+            answer = reply(received.arbitration_id, received.data)
+            own[received.arbitration_id, answer] += 1
+            bus.send(can.Message(arbitration_id=received.arbitration_id, is_extended_id=False, data=answer))
 
 
 if __name__ == "__main__":

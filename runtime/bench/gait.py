@@ -63,14 +63,17 @@ class Walk:
 
 
 def steady(time: np.ndarray) -> np.ndarray:
+    """Return the speed relative to the recording: constant. time : s"""
     return np.ones_like(time)
 
 
 def sine(time: np.ndarray) -> np.ndarray:
+    """Return the speed relative to the recording: a sine of 0.8 to 1.4 over 15 s. time : s"""
     return 1.1 + 0.3 * np.sin(2.0 * np.pi * time / 15.0)
 
 
 def steps(time: np.ndarray) -> np.ndarray:
+    """Return the speed relative to the recording: a new one of STEP_SPEEDS every STEP_TIME. time : s"""
     return np.array(STEP_SPEEDS)[(time // STEP_TIME).astype(int) % len(STEP_SPEEDS)]
 
 

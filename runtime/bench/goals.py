@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +53,7 @@ class Goal:
 
     @property
     def reached(self) -> bool:
+        """Whether the measured value meets the goal."""
         return self.value >= self.bound if self.at_least else self.value <= self.bound
 
 
@@ -64,6 +65,12 @@ def of_blocks(rows: dict[str, dict[str, float]]) -> list[Goal]:
 
 
 def of_compiles(compiles: Sequence[Compiles], exponent: float, n_log_n: float) -> list[Goal]:
+    """Return the goals of compiling.
+
+    compiles : of blocks.compiles, smallest first
+    exponent : p of a time that grows as blocks^p
+    n_log_n : p of a time that grows as n log n
+    """
     return [
         Goal(f"compile {compiles[0].blocks} blocks", compiles[0].compile.median, COMPILE_MS, "ms"),
         Goal("growth of the compile time, p in blocks^p", exponent, n_log_n, ""),
@@ -71,6 +78,7 @@ def of_compiles(compiles: Sequence[Compiles], exponent: float, n_log_n: float) -
 
 
 def of_start(results: dict[str, tuple[Times, Times]]) -> list[Goal]:
+    """Return the goals of a start. results : of starting.measure"""
     times, memory = results["run"]
     return [
         Goal("from process start to the first tick", times.median, START_MS, "ms"),
@@ -97,6 +105,7 @@ def of_clock(results: dict[int, dict[str, Kept]], disturbed: bool) -> list[Goal]
 
 
 def of_costs(results: dict[str, float]) -> list[Goal]:
+    """Return the goals of the parts of a tick and of the recorder. results : {name with its unit: value}"""
     return [
         Goal("60 recorded signals", results["recorded_signals_us"], RECORDED_US, "µs per tick"),
         Goal("adding to a histogram", results["histogram_add_ns"], HISTOGRAM_ADD_NS, "ns"),
@@ -108,6 +117,7 @@ def of_costs(results: dict[str, float]) -> list[Goal]:
 
 
 def of_bus(results: dict[str, Any]) -> list[Goal]:
+    """Return the goals of a bus and of the guardian. results : of the command `bench bus`"""
     return [
         Goal("a bus, without its two system calls", results["beyond_us"]["p50"], BUS_US, "µs per tick"),
         Goal("the guardian, added to p99 of a round trip", results["added_p99_us"], GUARDIAN_US, "µs"),
@@ -121,6 +131,7 @@ def of_bus(results: dict[str, Any]) -> list[Goal]:
 
 
 def of_can(results: dict[str, dict[str, Any]]) -> list[Goal]:
+    """Return the goals of drives on CAN. results : of the command `bench can`"""
     return [
         Goal("eight drives, without system calls", results["native_us"]["p50"], DRIVES_US, "µs per tick"),
         Goal(
@@ -132,7 +143,8 @@ def of_can(results: dict[str, dict[str, Any]]) -> list[Goal]:
     ]
 
 
-def of_sensors(results):
+def of_sensors(results: Mapping[str, Any]) -> list[Goal]:
+    """Return the goals of inertial sensors. results : of sensors.summary"""
     return [
         Goal("eight sensors, share of one processor", results["processor"], SENSORS_SHARE, ""),
         Goal("packets lost or corrupt", results["lost"] + results["corrupt"] + results["overflows"], 0, ""),
@@ -163,17 +175,17 @@ def of_views(viewed: Kept, alone: Kept, dropped: int) -> list[Goal]:
 
 def of_gait(legs: Sequence[dict[str, dict[str, dict[str, float]]]]) -> list[Goal]:
     """Return the goals of the estimators that need no contact, worst leg. legs : {estimator: {condition: errors}}"""
-    found = []
+    goals = []
     for name in GAIT_ESTIMATORS:
         rows = [leg[name] for leg in legs if name in leg]
         if not rows:
             continue
         lost = max(row["steady"]["missed"] + row["steady"]["invented"] for row in rows)
-        found.append(Goal(f"{name}, steady: missed and invented", lost, 0.0, "strikes"))
-        found.append(
+        goals.append(Goal(f"{name}, steady: missed and invented", lost, 0.0, "strikes"))
+        goals.append(
             Goal(f"{name}, steady: timing", max(row["steady"]["median_ms"] for row in rows), GAIT_TIMING_MS, "ms")
         )
         for condition, bound in GAIT_PHASE_PERCENT.items():
             worst = max(row[condition]["phase_rms_percent"] for row in rows)
-            found.append(Goal(f"{name}, {condition}: phase", worst, bound, "% RMS"))
-    return found
+            goals.append(Goal(f"{name}, {condition}: phase", worst, bound, "% RMS"))
+    return goals

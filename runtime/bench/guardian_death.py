@@ -44,7 +44,11 @@ def deaths(interface: str, count: int) -> list[float]:
 
 
 def one_death(commands: Callable[..., Any], robot: Path, rig: Path) -> float:
-    """commands : returns (s of the wall clock, id, data) of the frames since the last call, within s"""
+    """Kill the guardian of a run. Returns s to the first stop frame of the later of its two drives; inf without one.
+
+    commands : function of a duration in s that returns (s of the wall clock, id, data) of the frames sent to the
+        drives since the last call
+    """
     process = subprocess.Popen(
         [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"],
         cwd=bus.ROOT,
@@ -87,18 +91,21 @@ def guardian_of(pid: int) -> int:
 
 @contextmanager
 def multicast() -> Iterator[tuple[str, Callable[..., Any]]]:
-    """Two drives on udp_multicast: its channel, and the commands that a third node receives."""
+    """Context manager of two emulated drives on udp_multicast.
+
+    Returns (channel, function of a duration in s that returns the received commands).
+    """
     group = bus.channel()
     with bus.drives(group, 1, 2):
         node = bus.node(group)
 
         def commands(seconds):
-            found, deadline = [], time.monotonic() + seconds
+            frames, deadline = [], time.monotonic() + seconds
             while (message := node.recv(max(0.0, deadline - time.monotonic()))) is not None:
                 data = bytes(message.data)
                 if data[0] != message.arbitration_id:
-                    found.append((message.timestamp, message.arbitration_id, data))
-            return found
+                    frames.append((message.timestamp, message.arbitration_id, data))
+            return frames
 
         try:
             yield group, commands
@@ -108,7 +115,10 @@ def multicast() -> Iterator[tuple[str, Callable[..., Any]]]:
 
 @contextmanager
 def adapter() -> Iterator[tuple[str, Callable[..., Any]]]:
-    """An slcan adapter on a pty with two drives behind it: its port, and the commands that it was given."""
+    """Context manager of an slcan adapter on a pseudo-terminal, with two emulated drives behind it.
+
+    Returns (port, function of a duration in s that returns the received commands).
+    """
     master, port = pty.openpty()
     tty.setraw(port)
     name = os.ttyname(port)
@@ -137,9 +147,9 @@ def adapter() -> Iterator[tuple[str, Callable[..., Any]]]:
 
     def commands(seconds):
         time.sleep(seconds)
-        found = received[:]
-        del received[: len(found)]
-        return found
+        frames = received[:]
+        del received[: len(frames)]
+        return frames
 
     thread = threading.Thread(target=play, daemon=True)
     thread.start()

@@ -18,8 +18,12 @@ THREAD = "tickwork-i2c"
 
 @dataclass(frozen=True)
 class Cost:
-    """processor : share of one; exchanges : a second, switches of the multiplexer among them; each : s of one; answers
-    : a second
+    """Cost of the thread of an I2C bus.
+
+    processor : share of one
+    exchanges : per second, including switches of the multiplexer
+    each : s of one exchange
+    answers : per second
     """
 
     processor: float
@@ -28,7 +32,8 @@ class Cost:
     answers: float
 
 
-def measure(seconds):
+def measure(seconds: float) -> Cost:
+    """Run the thread with SENSORS emulated IMUs. Returns its Cost."""
     wires = MemoryI2c((0x70,))
     bus = I2cBus(wires)
     with Diagram("bench", rate=RATE):
@@ -56,11 +61,11 @@ def measure(seconds):
     return Cost(spent / took, made / took, spent / made, came / took)
 
 
-def _answered(bus):
-    return sum(told["answers"] for told in bus.counts["devices"])
+def _answered(bus: I2cBus) -> int:
+    return sum(counts["answers"] for counts in bus.counts["devices"])
 
 
-def processor_time():
-    """s that the thread has had of a processor."""
-    found = [task for task in Path("/proc/self/task").iterdir() if (task / "comm").read_text().strip() == THREAD]
-    return sum(int((task / "schedstat").read_text().split()[0]) for task in found) * 1e-9
+def processor_time() -> float:
+    """Return the processor time of the thread, in s."""
+    tasks = [task for task in Path("/proc/self/task").iterdir() if (task / "comm").read_text().strip() == THREAD]
+    return sum(int((task / "schedstat").read_text().split()[0]) for task in tasks) * 1e-9

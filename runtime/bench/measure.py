@@ -1,21 +1,27 @@
-"""Contenders that are timed in turn, round by round.
-
-A contender has
-
-    name
-    restart()           go back to before the first tick
-    advance(ticks)      run so many ticks more; returns the processor time that they took, in s. Some contenders start
-                        at tick 0 in each call
-"""
+"""Contenders that are timed in turn, round by round."""
 
 from __future__ import annotations
 
 import gc
 import statistics
 from collections.abc import Sequence
-from typing import Any
+from typing import Protocol
 
 from runtime.console.progress import rounds
+
+
+class Contender(Protocol):
+    """Program whose ticks are timed."""
+
+    name: str
+
+    def restart(self) -> None:
+        """Return to the state before the first tick."""
+        ...
+
+    def advance(self, ticks: int) -> float:
+        """Run more ticks; some contenders start at tick 0 in each call. Returns their processor time, in s."""
+        ...
 
 
 class Times:
@@ -26,14 +32,17 @@ class Times:
 
     @property
     def least(self) -> float:
+        """Shortest duration, µs."""
         return min(self.rounds)
 
     @property
     def median(self) -> float:
+        """Median of the rounds, µs."""
         return statistics.median(self.rounds)
 
     @property
     def most(self) -> float:
+        """Longest duration, µs."""
         return max(self.rounds)
 
     def over(self, other: Times) -> float:
@@ -41,8 +50,8 @@ class Times:
         return statistics.median(mine / theirs for mine, theirs in zip(self.rounds, other.rounds))
 
 
-def calibrate(contender, seconds: float) -> int:
-    """Return the number of ticks that take about so long."""
+def calibrate(contender: Contender, seconds: float) -> int:
+    """Return the number of ticks that take about `seconds`."""
     contender.restart()
     ticks = 1
     while (took := contender.advance(ticks)) < 0.2 * seconds:
@@ -50,8 +59,14 @@ def calibrate(contender, seconds: float) -> int:
     return max(1, round(ticks * seconds / took))
 
 
-def interleave(contenders: Sequence[Any], seconds: float, repeats: int) -> dict[str, Times]:
-    """Time contenders in turn. Returns {name: Times} of `repeats` rounds of about so many seconds each."""
+def interleave(contenders: Sequence[Contender], seconds: float, repeats: int) -> dict[str, Times]:
+    """Time contenders in turn.
+
+    seconds : approximate duration of a round
+    repeats : rounds of each contender
+
+    Returns {name: Times}.
+    """
     ticks = {contender: calibrate(contender, seconds) for contender in contenders}
     times = {contender: [] for contender in contenders}
     collecting = gc.isenabled()

@@ -15,7 +15,13 @@ from graph import Diagram, compile
 from runtime.machine.realtime import Realtime
 
 
-def main(rate, count, *descriptors) -> None:
+def main(rate: str, count: str, *descriptors: str) -> None:
+    """Emulate motors until killed, and print a line when they are ready.
+
+    rate : steps per second
+    count : motors on each bus
+    descriptors : of a socket per bus
+    """
     typical = benchmark("can")
     with Diagram("motors", rate=float(rate)) as motors:
         for bus in range(len(descriptors)):

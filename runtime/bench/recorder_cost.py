@@ -4,6 +4,7 @@ import math
 import os
 import tempfile
 import time
+from typing import Any
 
 from cext.safety.ring_batch import read
 from cext.safety.shared_state import RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW, SharedState
@@ -15,7 +16,7 @@ FLUSH_TICKS = 100
 PERIOD_NS = round(1e9 / RATE)
 
 
-def columns():
+def columns() -> list[dict[str, Any]]:
     """Return the description of the signals, as in the plan of a recorder."""
     return [
         {
@@ -29,13 +30,13 @@ def columns():
     ]
 
 
-def values(tick):
+def values(tick: int) -> list[float]:
     """Return the signals of a tick: sinusoids and, for every third signal, a step function."""
     wave = math.sin(0.01 * tick)
     return [wave * (index + 1) if index % 3 else float(math.floor(wave * index)) for index in range(SIGNALS)]
 
 
-def tick_records(tick):
+def tick_records(tick: int) -> list[tuple[int, bytes]]:
     """Return the records of a tick in the ring: [(kind, payload)]."""
     data = round(32767 * math.sin(0.01 * tick)).to_bytes(2, "big", signed=True) + b"\x7f\xf0\0\0\x07\xff"
     time_ns = PERIOD_NS * tick
@@ -48,8 +49,12 @@ def tick_records(tick):
     return [drain, *((RECORD_FRAME, frame) for frame in received + sent), (RECORD_ROW, row)]
 
 
-def measure(csv, ticks=20_000, compression="zstd"):
-    """Return (s of processor time per tick, bytes per tick of the .mcap file). csv : whether a CSV file is written"""
+def measure(csv: bool, ticks: int = 20_000, compression: str = "zstd") -> tuple[float, float]:
+    """Return (s of processor time per tick, bytes per tick of the .mcap file).
+
+    csv : whether a CSV file is written as well
+    compression : of the .mcap file
+    """
     sink = {"service": "csv", "path": "csv", "parameters": {}, "columns": columns()}
     with tempfile.TemporaryDirectory() as folder:
         plan = {

@@ -11,11 +11,13 @@ from typing import Any
 from runtime.console.terminal import print_lines
 
 
-def machine():
+def machine() -> dict[str, Any]:
+    """Return the Python version and the machine, for the JSON document."""
     return {"python": platform.python_version(), "machine": platform.machine(), "processors": os.cpu_count()}
 
 
 def machine_lines() -> list[str]:
+    """Return the line on the Python version and the machine."""
     return ["Python {python} on {machine}, {processors} processors".format(**machine())]
 
 
@@ -31,11 +33,16 @@ class Report:
         self.goals = []
 
     def say(self, lines: Sequence[str], **data: Any) -> None:
+        """Print lines, or collect data for the JSON document.
+
+        data : {key of the document: value}
+        """
         self.data |= data
         if not self.as_json:
             print_lines(lines)
 
     def finish(self) -> None:
+        """Print the goals, or the JSON document."""
         if self.as_json:
             goals = [
                 {

@@ -34,8 +34,8 @@ PACKETS = 4000  # pairs, of the parser's stream
 
 
 @contextmanager
-def plugged_in() -> Iterator[Any]:
-    """Eight emulated sensors in a process of their own: the folder of their ports."""
+def plugged_in() -> Iterator[Path]:
+    """Context manager of eight emulated sensors in a process of their own. Returns the folder of their ports."""
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.Popen(
             [sys.executable, "-m", "runtime.bench.sensor_process", folder, str(RATE), *SERIALS],
@@ -57,8 +57,11 @@ def plugged_in() -> Iterator[Any]:
             process.stdout.close()
 
 
-def loop(sensors):
-    """A loop of ten native blocks, and these sensors."""
+def loop(sensors: Path | None) -> tuple[Diagram, list[Any]]:
+    """Return the diagram of ten native blocks and the sensors, and the blocks of the sensors.
+
+    sensors : folder of the ports, None for no sensors
+    """
     with Diagram("bench", rate=LOOP) as made:
         for index in range(5):
             Gain(2.0, name=f"gain{index}")(Sine(name=f"sine{index}")())
@@ -89,9 +92,10 @@ class Beside:
     missed: int = 0
 
 
-def chunk(found, seconds, sensors=None, realtime: str = "off") -> None:
-    """One run, added to what was found. sensors : folder of the ports, None for the loop alone. OSError where they do
-    not answer
+def chunk(totals: Beside, seconds: float, sensors: Path | None = None, realtime: str = "off") -> None:
+    """Carry out one run, and add its samples to `totals`. Raises OSError if the sensors do not reply.
+
+    sensors : folder of the ports, None for the loop alone
     """
     made, devices = loop(sensors)
     schedule = compile(made)
@@ -105,24 +109,24 @@ def chunk(found, seconds, sensors=None, realtime: str = "off") -> None:
         executor = Executor(control, LOOP, page=page)
         processor, wall = time.process_time(), time.perf_counter()
         uninterrupted(executor.run(round(seconds * LOOP), arming_timeout=5.0))
-        found.processor += time.process_time() - processor
-        found.wall += time.perf_counter() - wall
-    found.lateness = found.lateness + page.counts("lateness")
-    found.missed += page.statistics()["missed"]
+        totals.processor += time.process_time() - processor
+        totals.wall += time.perf_counter() - wall
+    totals.lateness = totals.lateness + page.counts("lateness")
+    totals.missed += page.statistics()["missed"]
     for device in devices:
 
-        def told(name):
+        def reported(name: str) -> int:
             return int(control.final[schedule.signals[f"{device.path}.{name}"].slot])
 
-        found.packets += told("packets")
-        found.lost += told("lost")
-        found.corrupt += told("corrupt")
-        found.overflows += lines.lines[device.bus][1].counts["overflows"]
+        totals.packets += reported("packets")
+        totals.lost += reported("lost")
+        totals.corrupt += reported("corrupt")
+        totals.overflows += lines.lines[device.bus][1].counts["overflows"]
     lines.close()
 
 
-def measure(seconds, repeats, realtime: str = "off"):
-    """(the loop alone, the loop beside eight sensors), each a Beside, chunks taken in turn"""
+def measure(seconds: float, repeats: int, realtime: str = "off") -> tuple[Beside, Beside]:
+    """Measure (the loop alone, the loop beside eight sensors) in alternating chunks."""
     alone, beside = Beside(), Beside()
     with plugged_in() as folder:
         chunk(Beside(), 0.2, folder, realtime)  # set up once
@@ -135,10 +139,8 @@ def measure(seconds, repeats, realtime: str = "off"):
 # The parser
 
 
-def parsed(repeats):
-    """(MB/s natively, in frames of 64 bytes as a run has them; MB/s in Python), the best of so many chunks taken in
-    turn
-    """
+def parsed(repeats: int) -> tuple[float, float]:
+    """Return (MB/s natively, in frames of 64 bytes as in a run; MB/s in Python), each the best of `repeats` chunks."""
     typical = benchmark("stream")
     assert typical.stream is not None and typical.parse is not None
     data = typical.stream(PACKETS, RATE)
@@ -157,8 +159,8 @@ def parsed(repeats):
     return 1e-6 / best[0], 1e-6 / best[1]
 
 
-def summary(alone, beside, native, python):
-    """Numbers of a report."""
+def summary(alone: Beside, beside: Beside, native: float, python: float) -> dict[str, Any]:
+    """Return the figures of the report. native, python : MB/s of the parsers"""
     return {
         "processor": beside.processor / beside.wall,
         "processor_alone": alone.processor / alone.wall,

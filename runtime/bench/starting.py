@@ -6,7 +6,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from runtime.base.errors import BadInput
 from runtime.base.system import end_with_parent
@@ -17,25 +19,27 @@ from runtime.live.running import page_of
 IMPORTS = "numpy, can"
 BARE = {"Python alone": "pass", f"import {IMPORTS}": f"import {IMPORTS}"}
 TIMEOUT = 60.0  # s
+T = TypeVar("T")
 
 # The peak of this program alone: the figure of wait4 includes the parent's memory before exec.
 PRINT_MEMORY = "print(next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM:')))"
 
 
-def measure(file, repeats):
-    """{what: (Times in ms, Times of resident memory in MB)} of bare imports and of a run of a diagram file, taken in
-    turn.
+def measure(file: Path, repeats: int) -> dict[str, tuple[Times, Times]]:
+    """Start bare imports and a run of a diagram file in turn.
+
+    Returns {name: (Times in ms, Times of resident memory in MB)}. Raises BadInput if a start fails.
     """
-    found = {what: ([], []) for what in (*BARE, "run")}
+    samples = {what: ([], []) for what in (*BARE, "run")}
     for _ in rounds("starting", repeats):
-        for what, (times, memory) in found.items():
+        for what, (times, memory) in samples.items():
             seconds, kilobytes = first_tick(file) if what == "run" else bare(BARE[what])
             times.append(seconds * 1e3)
             memory.append(kilobytes / 1024)
-    return {what: (Times(times), Times(memory)) for what, (times, memory) in found.items()}
+    return {what: (Times(times), Times(memory)) for what, (times, memory) in samples.items()}
 
 
-def bare(program):
+def bare(program: str) -> tuple[float, int]:
     """Run a short program in a new Python process. Returns (duration in s, peak resident memory in kB)."""
     began = time.monotonic()
     child = subprocess.run([sys.executable, "-c", f"{program}\n{PRINT_MEMORY}"], stdout=subprocess.PIPE, text=True)
@@ -45,8 +49,8 @@ def bare(program):
     return took, int(child.stdout)
 
 
-def first_tick(file):
-    """(s from start to first tick, resident memory in kB right after it) of a run."""
+def first_tick(file: Path) -> tuple[float, int]:
+    """Start a run. Returns (s from start to first tick, resident memory in kB right after it)."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.time_ns()
         child = subprocess.Popen(
@@ -64,23 +68,24 @@ def first_tick(file):
             child.kill()
             raise
         finally:
-            _, complaint = child.communicate(timeout=TIMEOUT)
+            child.communicate(timeout=TIMEOUT)
     return seconds, kilobytes
 
 
-def wait_for(child, look):
-    """What `look` gives once it is something. BadInput if the process ends before."""
+def wait_for(child: subprocess.Popen[bytes], look: Callable[[], T | None]) -> T:
+    """Return the first true result of `look`. Raises BadInput if the process ends before or TIMEOUT passes."""
     deadline = time.monotonic() + TIMEOUT
     while child.poll() is None and time.monotonic() < deadline:
-        found = look()
-        if found:
-            return found
+        result = look()
+        if result:
+            return result
         time.sleep(0.001)
-    complaint = child.stderr.read().decode().strip() if child.poll() is not None else f"no output within {TIMEOUT:g} s"
-    raise BadInput(f"the run did not reach its first tick: {complaint}")
+    assert child.stderr is not None
+    message = child.stderr.read().decode().strip() if child.poll() is not None else f"no output within {TIMEOUT:g} s"
+    raise BadInput(f"the run did not reach its first tick: {message}")
 
 
-def resident(pid):
-    """Resident memory of a process in kB."""
+def resident(pid: int) -> int:
+    """Return the resident memory of a process in kB."""
     status = Path("/proc", str(pid), "status").read_text()
     return int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmRSS:")))

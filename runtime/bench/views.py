@@ -26,7 +26,7 @@ from runtime.console.progress import rounds
 
 
 def viewers() -> list[str]:
-    """List what ALL turns on, by name. Rerun is in it only where it is installed."""
+    """Return the names of the recorders and viewers of ALL. Rerun is included only where it is installed."""
     rerun = ["Rerun's file", "Rerun's server"] if find_spec("rerun") is not None else []
     return ["CSV", "MCAP", "PlotJuggler", *rerun]
 

@@ -22,6 +22,7 @@ from runtime.machine.realtime import RealtimeRefused
 from runtime.recorder import RecorderError
 from runtime.session.prepare import Prepared
 from runtime.session.request import Request
+from runtime.session.result import Result
 from runtime.session.session import Session
 
 RATE, SIGNALS = 1000, 100  # Hz
@@ -46,8 +47,15 @@ def diagram(viewed: bool, folder: Path, port: int) -> Diagram:
     return made
 
 
-def chunk(viewed, seconds, realtime, folder, port):
-    """Run the diagram. Returns the Result."""
+def chunk(viewed: bool, seconds: float, realtime: str, folder: Path, port: int) -> Result:
+    """Run the diagram. Returns the Result.
+
+    viewed : whether with all recorders and viewers
+    seconds : duration
+    realtime : as of `--realtime`
+    folder : of the recording
+    port : UDP port to which PlotJuggler's packets are sent
+    """
     made = diagram(viewed, folder, port)
     schedule = compile(made)
     request = Request(
@@ -62,9 +70,10 @@ def chunk(viewed, seconds, realtime, folder, port):
     ).carry_out()
 
 
-def main(name: str, seconds, realtime, folder, port) -> None:
+def main(name: str, seconds: str, realtime: str, folder: str, port: str) -> None:
+    """Carry out the run, and print its report as JSON. Arguments as on the command line."""
     try:
-        result = chunk(name == ALL, float(seconds), realtime, folder, int(port))
+        result = chunk(name == ALL, float(seconds), realtime, Path(folder), int(port))
     except (RealtimeRefused, RecorderError) as error:
         report = {"refused": str(error)}
     else:
@@ -76,7 +85,7 @@ def main(name: str, seconds, realtime, folder, port) -> None:
     print(json.dumps(report))
 
 
-def _free_port():
+def _free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]

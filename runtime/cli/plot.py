@@ -88,8 +88,8 @@ def stride_plots(trials: Sequence[Trial], options: Namespace) -> list[tuple[str,
     [first, *others] = compared
     if others or first.mass is not None:
         return [("strides", lambda file, kind: condition_picture.draw(compared, file, kind))]
-    found = legs(first.trial, first.events, first.between, first.last)
-    return [("strides", lambda file, kind: stride_picture.draw(first.trial.about["name"], found, file, kind))]
+    both_legs = legs(first.trial, first.events, first.between, first.last)
+    return [("strides", lambda file, kind: stride_picture.draw(first.trial.about["name"], both_legs, file, kind))]
 
 
 def plots(trial: Trial, options: Namespace) -> list[tuple[str, Callable[..., Any]]]:

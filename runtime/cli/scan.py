@@ -57,24 +57,24 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     if options.write_rig is not None and options.write_rig.exists():
         raise BadInput(f"--write-rig {options.write_rig}: the file exists and is not overwritten")
-    wanted = ids(options.ids) if isinstance(options.ids, str) else options.ids
+    can_ids = ids(options.ids) if isinstance(options.ids, str) else options.ids
     reports, buses, refused = [], [], []
     everywhere = not (options.channel or options.interface or options.bus)
     sensors, unasked = imus.look() if everywhere else ([], [])
     others = ports_inventory.look({each.port for each in sensors}) if everywhere and options.rig is None else ([], [])
     try:
-        wanted_buses = on_can(options, sensors or unasked)
+        selected = on_can(options, sensors or unasked)
     except BadInput:
         if not options.json:
             print_lines(ports_inventory.text(others))
         raise
-    for about in wanted_buses:
+    for about in selected:
         try:
             if about.interface == I2C:
                 reports.append(look(about))
             else:
                 with ToolBus(about) as bus:
-                    reports.append(scan(bus, wanted, options.listen))
+                    reports.append(scan(bus, can_ids, options.listen))
             buses.append(about)
         except Refused as error:
             refused.append(error.trouble)

@@ -30,10 +30,10 @@ def examine(machine: Machine, wants: Wants) -> list[Finding]:
     findings = []
     for check in CHECKS:
         try:
-            found = check(machine, wants)
+            result = check(machine, wants)
         except Exception as error:
-            found = Finding(
+            result = Finding(
                 check.__name__.lstrip("_").replace("_", " "), UNKNOWN, f"check failed: {type(error).__name__}: {error}"
             )
-        findings += found if isinstance(found, list) else [found] if found else []
+        findings += result if isinstance(result, list) else [result] if result else []
     return findings

@@ -52,24 +52,24 @@ def idle_states(machine: Machine, wants: Wants) -> Finding:
     if not states:
         return Finding("idle states", OK, "none")
     deepest = max(states, key=states.__getitem__)
-    found = f"{deepest} takes {states[deepest]} µs to wake up"
+    state = f"{deepest} takes {states[deepest]} µs to wake up"
     if states[deepest] <= WAKE_LATENCY_LIMIT:
-        return Finding("idle states", OK, found)
+        return Finding("idle states", OK, state)
     device = machine.devices("cpu_dma_latency")
     if device and device[0].usable:
-        return Finding("idle states", OK, f"{found}; --realtime prevents it")
+        return Finding("idle states", OK, f"{state}; --realtime prevents it")
     if not device:
         return Finding(
             "idle states",
             WORSE,
-            f"{found}, and there is no {IDLE_DEVICE}",
+            f"{state}, and there is no {IDLE_DEVICE}",
             "the loop wakes late by this time",
             "boot with cpuidle.off=1",
         )
     return Finding(
         "idle states",
         WORSE,
-        f"{found}, and {machine.user} may not open {IDLE_DEVICE}",
+        f"{state}, and {machine.user} may not open {IDLE_DEVICE}",
         "the loop wakes late by this time",
         'add the group realtime and a udev rule: KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"',
         "limits",

@@ -18,6 +18,7 @@ FREE_SPACE_WORSE, FREE_SPACE_BAD = 2 << 30, 100 << 20  # bytes: an hour of 60 si
 
 
 def python(machine: Machine, wants: Wants) -> Finding:
+    """Return the finding on the interpreter: version, and whether it is a debug build."""
     version = f"{platform.python_implementation()} {platform.python_version()}"
     kind = ", free-threaded" if sysconfig.get_config_var("Py_GIL_DISABLED") else ""
     if sysconfig.get_config_var("Py_DEBUG") or hasattr(sys, "gettotalrefcount"):

@@ -22,9 +22,9 @@ def text(report: Mapping[str, Any], console: Console) -> list[str]:
         for section in (_ports, _schedule, holds, _proofs, _buses):
             lines += section(report, console)
     for problem in report["errors"]:
-        lines += complaint(problem, console, console.error, "error")
+        lines += diagnostic_lines(problem, console, console.error, "error")
     for problem in report["warnings"]:
-        lines += complaint(problem, console, console.warn, "warning")
+        lines += diagnostic_lines(problem, console, console.warn, "warning")
     return [*lines, "", _verdict(report, console)]
 
 
@@ -233,7 +233,9 @@ def _buses(report: Mapping[str, Any], console: Console) -> list[str]:
 # Errors and warnings
 
 
-def complaint(problem: Mapping[str, str], console: Console, style: Callable[[str], str], severity: str) -> list[str]:
+def diagnostic_lines(
+    problem: Mapping[str, str], console: Console, style: Callable[[str], str], severity: str
+) -> list[str]:
     """Return the lines of a diagnostic, in the format of a run's errors."""
     subject = ".".join(word for word in (problem["path"], problem["port"]) if word)
     mark = f"{severity} {problem['code']}"

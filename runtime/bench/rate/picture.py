@@ -27,7 +27,13 @@ def draw(rows: Sequence[tuple[int, float, float, float]], title: str, file: Bina
         axis.plot(x, top, color=BLUE, linewidth=1.2, label="bus full, with the bits that were sent")
         axis.plot(x, bottom, color=BLUE, linewidth=1.2, linestyle=":", label="bus full, with the worst stuffing")
     axis.plot(
-        counts, [found for _, found, _, _ in rows], "o", color=ORANGE, markersize=7, label="no answer missed", zorder=4
+        counts,
+        [measured for _, measured, _, _ in rows],
+        "o",
+        color=ORANGE,
+        markersize=7,
+        label="no answer missed",
+        zorder=4,
     )
     for (name, rate), marker in zip(PAPER.items(), "sD"):
         axis.plot(
@@ -40,15 +46,17 @@ def draw(rows: Sequence[tuple[int, float, float, float]], title: str, file: Bina
             zorder=3,
             label=f"paper: {name}, {rate:.0f} Hz",
         )
-    for count, found, _, _ in rows:
-        axis.annotate(f"{found:.0f}", (count, found), textcoords="offset points", xytext=(6, 6), fontsize=8, color=INK)
+    for count, measured, _, _ in rows:
+        axis.annotate(
+            f"{measured:.0f}", (count, measured), textcoords="offset points", xytext=(6, 6), fontsize=8, color=INK
+        )
     axis.set_yscale("log")
     ticks = [200, 500, 1000, 2000, 5000]
     axis.set_yticks(ticks, [str(tick) for tick in ticks])
     axis.minorticks_off()
     axis.set_xticks(range(1, max(max(counts), PAPER_COUNT) + 1))
     axis.set_xlim(0.6, max(max(counts), PAPER_COUNT) + 0.6)
-    axis.set_ylim(150, max(6000, 1.3 * max(found for _, found, _, _ in rows)))
+    axis.set_ylim(150, max(6000, 1.3 * max(measured for _, measured, _, _ in rows)))
     axis.set_xlabel("actuators on one bus", color=INK)
     axis.set_ylabel("rate [Hz]", color=INK)
     axis.set_title(title, fontsize=11, fontweight="bold", color=INK)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from graph import Diagram
@@ -15,11 +15,13 @@ CODES = 0.6  # of a code: where the driver truncates zero to the code below the 
 ACTUATORS_LIMIT = 8
 
 
-def robot(make: Callable[..., Any], ids, rate: float, upper: bool = False) -> Diagram:
-    """The Diagram.
+def robot(make: Callable[[int], Any], ids: Iterable[int], rate: float, upper: bool = False) -> Diagram:
+    """Return the diagram of actuators that receive zero torque.
 
-    make : (can_id) -> actuator
-    upper : whether zero is the code above the middle of its range, as Epically Powerful sends it
+    make : function of a CAN id that returns an actuator
+    ids : CAN ids
+    rate : Hz
+    upper : whether zero is encoded as the code above the middle of its range, as Epically Powerful does
     """
     with Diagram("rate", rate=rate) as diagram:
         for can_id in ids:
@@ -29,7 +31,7 @@ def robot(make: Callable[..., Any], ids, rate: float, upper: bool = False) -> Di
     return diagram
 
 
-def _zero_from_above(block) -> dict[str, float]:
+def _zero_from_above(block: Any) -> dict[str, float]:
     position, velocity, _, _, torque = block.wire
     return {
         "position_command": CODES * 2.0 * position / 0xFFFF,
@@ -39,7 +41,7 @@ def _zero_from_above(block) -> dict[str, float]:
 
 
 def plant(diagram: Diagram, rate: float) -> Diagram:
-    """Its drives, emulated, held still. rate in Hz"""
+    """Return a plant of the emulated drives, held still. rate : Hz"""
     with Diagram("drives", rate=rate) as drives:
         for block in diagram:
             if hasattr(block, "emulator") and block.addresses():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 LOWEST_RATE, HIGHEST_RATE = 50.0, 9000.0  # Hz, of the paper
@@ -10,8 +11,12 @@ RESOLUTION = 100.0  # Hz, of the paper
 
 @dataclass(frozen=True)
 class Step:
-    """One rate that was tried. missed : commands without an answer; lost : ticks that the loop did not run; why : what
-    ended it before
+    """One rate that was tried.
+
+    rate : Hz
+    commands, missed : number of commands, and of those without a reply
+    lost, ticks : grid points that the loop missed, and ticks that it ran
+    why : what ended the step early, "" for nothing
     """
 
     rate: float
@@ -23,7 +28,7 @@ class Step:
 
     @property
     def passed(self) -> bool:
-        """Every command was answered, and the loop was there for all but one in a hundred."""
+        """Whether every command was answered, and at most one grid point in a hundred was missed."""
         return (
             not self.why
             and self.missed == 0
@@ -33,9 +38,18 @@ class Step:
 
 
 def highest(
-    attempt, low: float = LOWEST_RATE, high: float = HIGHEST_RATE, resolution: float = RESOLUTION
+    attempt: Callable[[float], Step],
+    low: float = LOWEST_RATE,
+    high: float = HIGHEST_RATE,
+    resolution: float = RESOLUTION,
 ) -> tuple[float, list[Step]]:
-    """(highest rate that passed, 0.0 if none did; every Step). attempt : gives the Step of a rate"""
+    """Search for the highest rate that passes, by bisection.
+
+    attempt : function of a rate in Hz that returns its Step
+    low, high, resolution : Hz
+
+    Returns (highest rate that passed, 0.0 if none did; every Step).
+    """
     if not 0.0 < low < high or not resolution > 0.0:
         raise ValueError(
             f"expected 0 < low < high and resolution > 0, got low={low!r}, high={high!r}, resolution={resolution!r} Hz"

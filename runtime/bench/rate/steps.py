@@ -1,8 +1,12 @@
 """One step of the search: command the actuators for some seconds at one rate, and count the missing replies."""
 
+from __future__ import annotations
+
 import signal
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from cext.bus.timed_bus import TimedBus
 from cext.schedule.executor import Executor
@@ -11,6 +15,10 @@ from graph import compile
 from runtime.base.ending import Interrupted, uninterrupted
 from runtime.bench.rate.robot import UNLIMITED, plant, robot
 from runtime.bench.rate.search import Step
+
+if TYPE_CHECKING:
+    from cext.schedule.outcome import Outcome
+    from runtime.rig.file import RigFile
 
 SLOW, FAST = 50.0, 1e9  # Hz and bit/s, at which a bus carries any eight actuators, and a bit takes a whole number of ns
 RESOLUTION = 2e-6  # s per actuator between polls of the emulated drives: one replies while others receive commands
@@ -24,18 +32,26 @@ class Simulated:
     make, upper : as of runtime.bench.rate.robot.robot; bitrate in bit/s; seconds : of each step
     """
 
-    def __init__(self, make, ids, bitrate=1e6, seconds=2.0, upper=False):
+    def __init__(
+        self,
+        make: Callable[[int], Any],
+        ids: list[int],
+        bitrate: float = 1e6,
+        seconds: float = 2.0,
+        upper: bool = False,
+    ) -> None:
         self.make, self.ids, self.bitrate, self.seconds, self.upper = make, ids, bitrate, seconds, upper
         self.enables = False
         self.enables = self.run(SLOW, 2, FAST)[1].status == "no answer"
 
-    def __call__(self, rate):
+    def __call__(self, rate: float) -> Step:
         ticks = max(10, round(self.seconds * rate))
         program, outcome, _ = self.run(rate, ticks, self.bitrate)
         why = "" if outcome.status == "ok" else outcome.status
         return Step(rate, ticks * len(self.ids), sum(program.missed.values()), 0, ticks, why)
 
-    def run(self, rate, ticks, bitrate):
+    def run(self, rate: float, ticks: int, bitrate: float) -> tuple[Program, Outcome, TimedBus]:
+        """Run the actuators at a rate. Returns (Program of the robot, Outcome, bus)."""
         diagram = robot(self.make, self.ids, rate, self.upper)
         substeps = max(1, round(1.0 / (rate * RESOLUTION * len(self.ids))))
         schedule = compile(diagram)
@@ -54,7 +70,7 @@ class Simulated:
         outcome = executor.run(ticks, fade=0.0, arming_timeout=ARMING, stopping_timeout=0.0)
         return program, uninterrupted(outcome), bus
 
-    def limit(self):
+    def limit(self) -> float:
         """Return the rate in Hz at which the frames of a tick fill the bus, stuff bits included."""
         few, many = 10, 20
         bits = [self.run(SLOW, ticks, FAST)[2].busy * FAST for ticks in (few, many)]
@@ -69,11 +85,20 @@ class OnRig:
     say : as of runtime.session.session.Session
     """
 
-    def __init__(self, make, ids, rig, seconds=2.0, confirmed=False, realtime="try", say=lambda lines: None):
+    def __init__(
+        self,
+        make: Callable[[int], Any],
+        ids: list[int],
+        rig: RigFile,
+        seconds: float = 2.0,
+        confirmed: bool = False,
+        realtime: str = "try",
+        say: Callable[[list[str]], object] = lambda lines: None,
+    ) -> None:
         self.make, self.ids, self.rig, self.seconds = make, ids, rig, seconds
         self.confirmed, self.realtime, self.say = confirmed, realtime, say
 
-    def __call__(self, rate):
+    def __call__(self, rate: float) -> Step:
         from runtime.base.errors import BadInput
         from runtime.recorder import can_ask
         from runtime.rig import RigBuses
