@@ -61,7 +61,7 @@ def climbs(room, name):
     return name == "." or name == "tests" or FLOORS.get(name, -1) > FLOORS[room]
 
 
-def test_imports_only_go_down():
+def test_packages_import_only_packages_below_them():
     found = []
     for room in FLOORS:
         for path in sorted((ROOT / room).rglob("*")):

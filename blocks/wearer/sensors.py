@@ -16,10 +16,10 @@ class SegmentIMU(Block):
 
     f = Rᵀ (a + α × r + ω × (ω × r) − g) + bias + noise, with the acceleration a of the proximal joint and the position
     r of the sensor. Bias and noise are added to the angular velocity ω, too. Axes before the mounting error: x forward,
-    y right, z down in a straight stand.
-    At rest and upright f is (0, 0, -9.81) m/s². The noise is white, a function of seed and tick (Philox 4x64-10); the
-    bias of the gyroscope drifts as a random walk. The attitude is the true one of the sensor, from north, east, down,
-    with north ahead. Example: `SegmentIMU(along=0.2, forward=0.08)(walker.left_thigh_motion)`.
+    y right, z down in a straight stand. At rest and upright f is (0, 0, -9.81) m/s². The noise is white, a function of
+    seed and tick (Philox 4x64-10); the bias of the gyroscope drifts as a random walk. The attitude is the true one of
+    the sensor, relative to north, east, down, with north ahead. Example:
+    `SegmentIMU(along=0.2, forward=0.08)(walker.left_thigh_motion)`.
     """
 
     along = Param(0.0, "m", "distance of the sensor from the proximal joint along the segment")

@@ -214,7 +214,7 @@ def limit_of(options: Namespace, model: Any, kind: str, target: float) -> float:
         allowed = (
             f"--limit {abs(target):g} allows it"
             if abs(target) <= model.rated
-            else (f"its rated torque is {model.rated:g} N·m")
+            else f"the highest limit is its rated torque, {model.rated:g} N·m"
         )
         raise BadInput(
             f"--torque {target:g} exceeds the limit of {limit:g} N·m ({limit / model.rated:.0%} of rated); {allowed}"

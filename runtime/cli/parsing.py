@@ -90,6 +90,8 @@ class Parser(argparse.ArgumentParser):
             message = (
                 "no recording given: pass the .mcap file of a run, such as recordings/knee_exo_2026-11-21_10-00-00.mcap"
             )
+        elif "arguments are required: " in message:
+            message = f"missing argument {message.rpartition('required: ')[2].partition(',')[0]}"
         raise BadInput(f"{message} ({program()} {self.name} --help lists the options)")
 
 

@@ -99,7 +99,7 @@ def absent(bus, machine):
         remedy = f"sudo modprobe vcan && sudo ip link add {name} type vcan && sudo ip link set {name} up"
     else:
         remedy = others(bus, machine)
-    return RigProblem("TW112", f"[bus.{bus.name}] no such interface: {name}", remedy)
+    return RigProblem("TW112", f'[bus.{bus.name}] channel = "{name}"', remedy)
 
 
 def others(bus, machine):

@@ -59,7 +59,7 @@ def test_a_transfer_function_in_s_by_tustin(numerator, denominator):
     )
 
 
-def test_state_space():
+def test_state_space_equals_python_controls():
     A, B, C, D = ((0.9, 0.1), (-0.2, 0.8)), ((0.0,), (0.1,)), ((1.0, 0.5),), ((0.3,),)
     assert output(lambda signal: StateSpace(A, B, C, D)(signal)) == pytest.approx(
         response(control.ss(A, B, C, D, H)), abs=1e-12

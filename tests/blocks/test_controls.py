@@ -93,7 +93,7 @@ def test_reader_thread_delivers_events(pad):
     assert wired["left_y"] == pytest.approx((2 * (29900 + 32768) / 65535 - 1 - 0.1) / 0.9)
 
 
-def test_in_simulation():
+def test_controls_report_emulated_events():
     with Diagram("robot", rate=200) as robot:
         Keyboard(name="keys")
         GameController(name="pad", dead_zone=0.0)

@@ -36,7 +36,7 @@ def test_division_by_zero_is_infinite_or_nan():
 
 
 @given(anything)
-def test_absolute_value_and_sign(u):
+def test_absolute_value_and_sign_equal_their_definition(u):
     assert Abs().step(u) == abs(u)
     assert Sign().step(u) == (u > 0.0) - (u < 0.0)
 
@@ -104,7 +104,7 @@ def test_a_constant_polynomial_and_a_power_of_zero_let_nan_pass():
     "method, wanted",
     [("nearest", [-2, -2, 0, 0, 2, 2, 3]), ("floor", [-3, -2, -1, 0, 1, 2, 2]), ("ceil", [-2, -1, 0, 1, 2, 3, 3])],
 )
-def test_rounding_to_whole_numbers(method, wanted):
+def test_rounding_follows_the_method(method, wanted):
     block = Round(method)
     assert [block.step(u) for u in (-2.5, -1.5, -0.5, 0.5, 1.5, 2.5, 2.75)] == wanted
     assert block.step(math.inf) == math.inf and math.isnan(block.step(math.nan))

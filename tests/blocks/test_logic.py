@@ -65,7 +65,7 @@ def test_a_comparison_of_different_units_does_not_compile():
 
 @pytest.mark.parametrize("count", [2, 3, 5])
 @pytest.mark.parametrize("kind, rule", [(And, all), (Or, any), (Xor, lambda values: sum(values) % 2 == 1)])
-def test_truth_tables(kind, rule, count):
+def test_logic_blocks_follow_their_truth_tables(kind, rule, count):
     for values in itertools.product((False, True), repeat=count):
         assert kind(count).step(*values) is rule(values)
 

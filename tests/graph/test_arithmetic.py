@@ -44,7 +44,7 @@ def test_every_operator_computes_its_equation():
     assert [values[signal.path] for signal in made] == expected
 
 
-def test_elements_slices_and_stacks():
+def test_elements_slices_and_stacks_have_their_values():
     with Diagram("d", rate=10) as diagram:
         rate = Gyro()()
         one, two, back = rate[1], rate[:2], stack(rate[2], rate[0], 7.0)

@@ -19,7 +19,7 @@ def actuators(count, rate):
     return diagram
 
 
-def test_frame_lengths():
+def test_frame_lengths_match_the_standard():
     assert frame_bits(8, False) == (pytest.approx(115.1, abs=0.01), 135)
     assert frame_bits(8, True) == (pytest.approx(135.1, abs=0.01), 160)
     assert frame_bits(0, False) == (47, 55)

@@ -80,7 +80,7 @@ def test_outputs_come_in_their_types():
     )
 
 
-def test_nan_returns_nan():
+def test_a_block_returns_nan_for_nan():
     assert math.isnan(Gain().step(math.nan)) and math.isnan(TorqueLimiter(limit=1.0).step(math.nan))
 
 

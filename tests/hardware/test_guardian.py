@@ -75,7 +75,7 @@ def run(tmp_path, request):
         process.communicate(timeout=30)
 
 
-def test_kill_9(run):
+def test_kill_9_of_the_run_stops_the_motors(run):
     process, listener = run
     killed = time.monotonic()
     process.kill()
@@ -98,7 +98,7 @@ def test_kill_stop_and_kill_cont(run):
 
 
 @pytest.mark.parametrize("run", ["while tick == 60: pass\n        return 2.0"], indirect=True)
-def test_a_block_that_hangs(run):
+def test_a_hanging_block_stops_the_motors(run):
     process, listener = run
     assert listener.listen(10.0, lambda data: data == DISABLE)
     last = max(at for at, data in listener.commands if data not in (ENABLE, NOTHING, DISABLE))

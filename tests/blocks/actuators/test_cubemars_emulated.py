@@ -99,7 +99,7 @@ def test_drive_produces_torque_only_while_enabled():
     assert torque(wired) == 0.0, "enabling again does not take up an old command"
 
 
-def test_enabling_twice_changes_nothing():
+def test_a_second_enable_has_no_effect():
     wired = emulated()
     wired.hear(1, ENABLE)
     wired.hear(1, command(torque=5.0))

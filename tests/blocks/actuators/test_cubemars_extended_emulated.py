@@ -99,7 +99,7 @@ def test_drive_replies_to_each_command_or_reports_periodically():
     assert reports == list(range(0, 100, 5))
 
 
-def test_force_control_sends_enable_only_if_configured():
+def test_emulated_force_control_needs_no_enable_unless_configured():
     wired = board()
     assert torque(wired) == 0.0 and wired["enabled"] == 0.0
     told(wired, 8, force(torque=5.0))

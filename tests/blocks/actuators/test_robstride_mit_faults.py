@@ -84,7 +84,7 @@ def test_fault_replies_follow_the_read_and_are_not_motion():
         (1 << 16, "little", 1 << 16),
     ],
 )
-def test_fault_words_are_decoded_from_the_lowest_bit(word, order, read):
+def test_fault_words_are_decoded_in_the_byte_order_that_has_only_known_bits(word, order, read):
     wired = drive()
     wired.hear(0x305, WRITTEN)
     assert wired.hear(0xFD, faults(word, order)) == ANSWERED and wired["fault"] == read

@@ -104,7 +104,7 @@ def test_fields_of_any_length_are_parsed(fields, descriptor_set):
 
 
 @pytest.mark.soak
-def test_a_million_spoilt_streams():
+def test_a_million_corrupted_streams_are_parsed_safely():
     """One parser receives all of them, as in a run, and must find the next valid packet after each."""
     chance = random.Random(7)
     sensor = Hearing(channels=("gyro", "ticks"))

@@ -222,7 +222,7 @@ class From(Block):
 
 @pytest.mark.parametrize("kind", [ADS1115, NAU7802])
 @pytest.mark.parametrize("fault, old", [("silent", True), ("not_ready", True), ("stuck", False)])
-def test_faults_in_a_simulation(kind, fault, old):
+def test_faults_of_emulated_converters_take_effect(kind, fault, old):
     """The age of a silent or never ready sensor grows; a stuck sensor repeats its value at zero age."""
 
     class Wave(Block):

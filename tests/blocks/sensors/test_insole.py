@@ -217,7 +217,7 @@ def received(opened, insole, wanted, speak):
 
 
 @pytest.mark.parametrize("transport", ["udp", "tcp"])
-def test_over_a_real_socket(transport, insole):
+def test_insole_frames_are_read_over_a_real_socket(transport, insole):
     """200 frames as a bridge sends them, over loopback: all are there, in order."""
     pressures = [random_pressures(seed) for seed in range(4)]
     kind = socket.SOCK_DGRAM if transport == "udp" else socket.SOCK_STREAM

@@ -208,17 +208,17 @@ def storm(seed, streams):
     return taken
 
 
-def test_mutated_streams():
+def test_mutated_streams_are_parsed_safely():
     assert storm(1, 3000) > 3000
 
 
 @pytest.mark.soak
-def test_a_million_mutated_streams():
+def test_a_million_mutated_streams_are_parsed_safely():
     for seed in range(100):
         storm(seed, 10_000)
 
 
-def test_lines_of_numbers(parser):
+def test_text_lines_of_numbers_are_parsed(parser):
     wired = parser(("force", "float32", "N", 2.0), ("accel", "int16[2]"), format="lines")
     assert hear(wired, b"half a line,4\n" + b"# begins\r\n" + b"9, 1.5,-2,3e1\r\n") == [TAKEN]
     assert wired["force"] == 3.0 and list(wired["accel"]) == [-2.0, 30.0] and counts(wired) == (1, 0, 0)

@@ -7,7 +7,7 @@ from graph.conformance import check_block
 
 
 @pytest.mark.parametrize("kind", [CadenceMeter, LeakyAccumulator])
-def test_conforms(kind):
+def test_block_passes_the_conformance_test(kind):
     assert check_block(kind)
 
 

@@ -10,7 +10,7 @@ from graph.family import Request
 
 
 @pytest.mark.parametrize("kind", [GaitDrive, EmulatedGaitDrive])
-def test_conforms(kind):
+def test_block_passes_the_conformance_test(kind):
     assert check_block(kind)
 
 

@@ -66,7 +66,7 @@ def test_the_legend_lists_exactly_the_families_in_the_drawing():
     assert "feedback" in found
 
 
-def test_every_family_looks_different():
+def test_every_kind_of_block_has_its_own_colour():
     assert (
         len({family.edge for family in FAMILIES.values()})
         == len({family.head for family in FAMILIES.values()})

@@ -76,15 +76,16 @@ def test_unknown_options_and_unexpected_arguments_are_reported(command_line):
     assert command_line.refused(KNEE_EXO, "ten").startswith("unexpected argument 'ten'")
     assert command_line.refused(KNEE_EXO, "--rate").startswith("argument --rate: expected one argument")
     assert "not allowed with" in command_line.refused(KNEE_EXO, "--record", "here", "--no-record")
+    assert command_line.refused("emulate", KNEE_EXO).startswith("missing argument --rig (")
 
 
 @pytest.mark.parametrize("value", ["0", "-3", "nan", "inf", "-inf", "fast", "", "1/2", "200Hz"])
-def test_an_impossible_rate(command_line, value):
+def test_an_impossible_rate_is_rejected_on_the_command_line(command_line, value):
     assert command_line.refused(KNEE_EXO, f"--rate={value}") == f"--rate {value}: expected a number of Hz above 0"
 
 
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "long", "10s"])
-def test_an_impossible_duration(command_line, value):
+def test_an_impossible_duration_is_rejected(command_line, value):
     assert command_line.refused(KNEE_EXO, f"--duration={value}") == (
         f"--duration {value}: expected a number of seconds above 0"
     )
@@ -201,7 +202,7 @@ def test_the_default_folder_that_cannot_be_written(command_line):
 @pytest.mark.parametrize(
     "address", ["", "host:", ":9870", "host:port", "host:0", "host:65536", "host:-1", "1.2.3.4:98.7"]
 )
-def test_an_impossible_address(command_line, address):
+def test_an_impossible_address_is_rejected(command_line, address):
     assert command_line.refused(KNEE_EXO, "--plotjuggler", address) == (
         f"--plotjuggler {address}: expected HOST:PORT, as in 127.0.0.1:9870"
     )

@@ -174,7 +174,7 @@ def test_without_confirmation_or_yes_nothing_is_armed(tmp_path):
         ),
         (["3", "--torque", "1", "--model", "AK80-8-V3.0"], "its rated torque is not published: pass a --limit"),
         (["3", "--torque", "1", "--model", "AK80-8", "--servo", "--mit"], "not allowed with"),
-        (["3", "--torque", "10", "--model", "AK80-9"], "its rated torque is 9 N·m"),
+        (["3", "--torque", "10", "--model", "AK80-9"], "the highest limit is its rated torque, 9 N·m"),
         (
             ["3", "--torque", "1", "--model", "AK80-9", "--limit", "12"],
             "--limit 12: at most the rated torque of AK80-9, 9 N·m",

@@ -123,7 +123,7 @@ def test_a_mistyped_file_is_suggested(tmp_path, refused):
     assert refused("robto.py") == "file robto.py does not exist: did you mean 'robot.py'?"
 
 
-def test_a_folder(tmp_path, refused):
+def test_a_folder_in_place_of_a_file_is_reported(tmp_path, refused):
     (tmp_path / "robots").mkdir()
     assert refused("robots") == "robots is a folder: name a diagram file in it, such as robots/knee_exo.py"
     knee(tmp_path / "robots")
@@ -131,7 +131,7 @@ def test_a_folder(tmp_path, refused):
 
 
 @pytest.mark.parametrize("content", [b"\x7fELF\x02\x01\x01\x00\x00\x00", b"\x00", b"x = 1\n\x00\xff"])
-def test_a_binary_file(tmp_path, refused, content):
+def test_a_binary_file_is_reported(tmp_path, refused, content):
     (tmp_path / "robot.py").write_bytes(content)
     assert refused("robot.py") == "robot.py is not text: a diagram file is Python"
 
@@ -261,7 +261,7 @@ def test_a_plant_function_without_a_robot_argument_is_reported(tmp_path, refused
     )
 
 
-def test_a_diagram_without_blocks(tmp_path, refused):
+def test_a_diagram_without_blocks_is_reported(tmp_path, refused):
     write(tmp_path, "from graph import Diagram\n\nwith Diagram('empty', rate=100) as diagram:\n    pass\n")
     assert refused("robot.py") == "robot.py: the diagram 'empty' has no blocks: make them inside `with Diagram(...)`"
 

@@ -148,7 +148,7 @@ def test_preemption_models_are_detected(look, changes, found):
         ("500000", WORSE, "50 % of the time"),
     ],
 )
-def test_shares_of_real_time(look, runtime, verdict, found):
+def test_real_time_shares_are_checked(look, runtime, verdict, found):
     assert one(look(PI_4, {"/proc/sys/kernel/sched_rt_runtime_us": runtime}), "real-time share") == (verdict, found)
 
 
@@ -159,7 +159,7 @@ def test_shares_of_real_time(look, runtime, verdict, found):
         ("armv7l", "32", (BAD, "32-bit programs (armv7l)")),
     ],
 )
-def test_systems_of_32_bits(look, machine, bits, found):
+def test_systems_of_32_bits_are_bad(look, machine, bits, found):
     findings = look(PI_4, {"/commands/uname -m": machine, "/commands/getconf LONG_BIT": bits})
     assert one(findings, "word size") == found and cure(findings, "word size") == "install the 64-bit Raspberry Pi OS"
 

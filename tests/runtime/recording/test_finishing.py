@@ -130,7 +130,7 @@ def test_after_kill_9_of_every_process_the_file_can_be_repaired(command_line):
 
 
 @pytest.mark.parametrize("further", [pytest.param(0, marks=pytest.mark.soak), 10])
-def test_parts_become_one_recording(command_line, further):
+def test_parts_are_joined_to_one_recording(command_line, further):
     """further : ticks that a recorder which was stopped had written, and the next one did too."""
     folder = command_line.folder
     first = part(folder, "cut", range(110 + further), compression="none")

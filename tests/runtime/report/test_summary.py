@@ -42,7 +42,7 @@ def walked():
         (outcome(number=signal.SIGHUP), 129),
     ],
 )
-def test_exit_codes(ended, code):
+def test_exit_codes_follow_the_outcome(ended, code):
     assert summary.exit_code(ended) == code
 
 

@@ -281,13 +281,13 @@ def test_a_port_that_does_not_exist(there):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
-def test_a_port_without_permission(there):
+def test_a_port_without_permission_is_reported(there):
     os.chmod(os.path.realpath(there / "tty133931"), 0)
     trouble = one(port=str(there / "tty133931"))
     assert trouble.code == "TW124" and "udevadm" in trouble.hint
 
 
-def test_port_without_response(there):
+def test_a_port_without_response_is_reported(there):
     master, slave = os.openpty()
     trouble = one(port=os.ttyname(slave))
     os.close(master)

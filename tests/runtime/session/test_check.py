@@ -331,7 +331,7 @@ def test_the_bar_of_an_interval_shows_its_position_in_the_limit():
     assert bar(proof | {"low": None}).strip() == ""
 
 
-def test_intervals_as_text():
+def test_intervals_are_formatted_with_infinities():
     assert [interval(*ends) for ends in ((-1.0, 2.5), (0.0, None), (None, 3.0), (None, None))] == [
         "[-1, 2.5]",
         "[0, ∞]",

@@ -118,7 +118,7 @@ def limited(tmp_path, folder, **limits):
         ({}, "robot.py", "robot.py is not a folder"),
     ],
 )
-def test_insufficient_memory_is_reported_before_the_run(tmp_path, limits, folder, text):
+def test_insufficient_resources_are_reported_before_the_run(tmp_path, limits, folder, text):
     process = limited(tmp_path, folder, **limits)
     assert process.returncode == 2 and text in process.stderr, process.stderr
     assert process.stdout == "" and len(process.stderr.splitlines()) == 1
