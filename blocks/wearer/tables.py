@@ -82,6 +82,12 @@ def over_speed(motion: str, height: float) -> tuple[np.ndarray, np.ndarray]:
     return speeds, natural_spline(speeds, np.array([row(entry) for entry in knots]))
 
 
+def speed_of(stride_time: float, speeds: np.ndarray, cubics: np.ndarray) -> float:
+    """Return the speed in m/s of strides of a duration in s, within the range of the table."""
+    frequencies = np.append(cubics[:, 0, 0], cubics[-1, :, 0] @ (speeds[-1] - speeds[-2]) ** np.arange(4))
+    return float(np.interp(1.0 / stride_time, frequencies, speeds))
+
+
 def natural_spline(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the coefficients, power by power, of the natural cubic spline through y at x."""
     h = np.diff(x)

@@ -8,7 +8,8 @@ import numpy as np
 
 from blocks.wearer.body import plan
 from blocks.wearer.norms import MOTIONS
-from blocks.wearer.tables import over_speed, schedule
+from blocks.wearer.recording import samples
+from blocks.wearer.tables import over_speed, schedule, speed_of
 from cext.kernels.wearer import walker as kernels
 from graph import Block, Input, Memory, Output, Param
 
@@ -48,6 +49,11 @@ class Walker(Block):
     stride ahead. `*_motion` of a segment has its proximal joint in world coordinates and its pitch: a point r of the
     segment has the acceleration a + α × r + ω × (ω × r).
 
+    A recording has the columns time, hip_flexion_lt_deg, knee_flexion_lt_deg, ankle_dorsiflexion_lt_deg and those of
+    the right leg (`rt`), or OpenSim's hip_flexion_l, knee_angle_l and ankle_angle_l in degrees. It repeats. Its strides
+    begin at the rise of contact_lt, or where the foot is furthest in front of the other; moments, forces and the pelvis
+    follow from the phase as in a walk of that stride time.
+
     Limits: the pelvis follows the reference and does not deviate. Step length and cadence do not adapt to the robot.
     Both legs have the same mean motion. There is no stumbling, turning or slope; on stairs the pelvis stays level. The
     reaction of the ground to a deviation is limited to the body weight.
@@ -73,6 +79,13 @@ class Walker(Block):
     )
     reflex_delay = Param(
         0.05, "s", "delay of the second part of that stiffness", min=0.0, max=0.3, fixed=True, kernel=False
+    )
+
+    recording = Param(
+        "",
+        "1",
+        "path of a recorded motion, a CSV file or OpenSim's .mot; it replaces speed, motion, start and variability",
+        file=True,
     )
 
     for side in SIDES:
@@ -107,6 +120,7 @@ class Walker(Block):
     pieces = Memory(0.0, "pieces of the speed over time")
     knots = Memory(0.0, "speeds of the table")
     table = Memory(0.0, "height, then the cubics over the speed")
+    samples = Memory(0.0, "rate and samples of the recording")
     history = Memory(0.0, "deviations of the last moments")
     state = Memory(0.0, "phase, draws of the stride, deviations, present row of the table")
 
@@ -116,7 +130,11 @@ class Walker(Block):
 
     def configure(self) -> None:
         speeds, cubics = over_speed(self.motion, self.height)
-        self.pieces = schedule(self.speed, speeds[-1]).ravel()
+        speed = self.speed
+        if self.recording:
+            self.samples, stride_time = samples(self.recording)
+            speed = speed_of(stride_time, speeds, cubics) if stride_time else 0.0
+        self.pieces = schedule(speed, speeds[-1]).ravel()
         self.knots = speeds
         self.table = np.concatenate([[self.height], cubics.ravel()])
         self.body = plan(self.mass, self.height)

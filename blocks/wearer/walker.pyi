@@ -3,6 +3,7 @@ from typing import Any, Literal, NamedTuple
 from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.signal import Operand, Signal
+from blocks.wearer.recording import samples
 from graph import Block, Input, Memory, Output, Param
 
 SIDES: tuple[Any, ...]
@@ -23,6 +24,7 @@ class Walker(Block):
     seed: Param[int]
     strength: Param[float]
     reflex_delay: Param[float]
+    recording: Param[str]
     left_hip_assistance: Input
     left_knee_assistance: Input
     left_ankle_assistance: Input
@@ -87,6 +89,7 @@ class Walker(Block):
     pieces: Memory
     knots: Memory
     table: Memory
+    samples: Memory
     history: Memory
     state: Memory
     def __init__(
@@ -100,6 +103,7 @@ class Walker(Block):
         seed: int = 0,
         strength: float = 1.0,
         reflex_delay: float = 0.05,
+        recording: str = '',
         **options: Unpack[BlockOptions],
     ) -> None: ...
     class Outputs(NamedTuple):

@@ -10,6 +10,7 @@ from cext.kernels.wearer.leg cimport (
     BODY_MASS, FOOT_LENGTH, HEEL, MASS, SHANK_LENGTH, THIGH_LENGTH, WEIGHT, Direction, Geometry, Symmetric,
     contact_arms, directions, gravity, inertia, solve, times,
 )
+from cext.kernels.wearer.recording cimport SAMPLE, play
 from cext.kernels.wearer.reference cimport (
     FREQUENCY, PITCH, Blend, Course, Path, at_time, blend, contact, ease, joints,
 )
@@ -63,12 +64,12 @@ cdef struct State:
     Blend blend
 
 cdef struct Walker:
-    int32_t body, muscles, variation, pieces, knots, table, history, state
+    int32_t body, muscles, variation, pieces, knots, table, samples, history, state
     Rest inputs                 # assistance: left hip, knee, ankle, right hip, knee, ankle
     Rest outputs
 
 WALKER = items((<Walker *>ITEMS)[0], "body[...] muscles[...] variation[...] pieces[...] knots[...] table[...] "
-    "history[...] state[...]")
+    "samples[...] history[...] state[...]")
 
 cdef double FLAT_STIFFNESS = 600.0  # N·m/rad of the ground under the flat foot that bears the body weight
 cdef double FLAT_RANGE = 0.1    # rad, pitch of a foot that still touches with heel and ball
@@ -87,33 +88,29 @@ cdef int walker_kernel(double *arena, const Walker *at, const Walker *sizes) noe
     cdef double height = arena[at.table]            # of the body in m, before the coefficients
     cdef Course course
     cdef Blend *row = &state.blend
-    cdef Path phase, hips, ahead
+    cdef Path hips, ahead
+    cdef Path phases[2]
     cdef Path q[2][3]
+    cdef Path recorded[6]
     cdef double moments[2][3]
     cdef double motion[9]
-    cdef double leg_phase, value, first, second, move, rest
-    cdef double gate, gate_first, gate_second, frequency
-    cdef int side
+    cdef double stride, first, second
+    cdef bint played = sizes.samples > SAMPLE
+    cdef int side, j
 
     # 1. Speed, and the row of the tables for it.
     at_time(arena + at.pieces, sizes.pieces // 8, arena[TIME], &course)
     blend(arena + at.knots, sizes.knots - 1, arena + at.table + 1, &course, row)
-    # 2. Phase of the stride: the left leg's, the right one's is half a stride ahead.
-    for side in range(2):
-        follow(&state.draws[side], side, <uint64_t>variation.seed, floor(state.phase + 0.5 * side))
-    gate, gate_first = 1.0, 0.0
-    if course.speed < HALT:
-        ease(course.speed / HALT if course.speed > 0.0 else 0.0, &gate, &gate_first, &gate_second)
-        gate_first *= course.rate / HALT
-    phase.x = state.phase - floor(state.phase)
-    ease(phase.x, &value, &first, &second)
-    move = variation.stride_time * (state.draws[0].after[STRIDE_TIME] - state.draws[0].before[STRIDE_TIME])
-    rest = 1.0 + variation.stride_time * state.draws[0].before[STRIDE_TIME] + move * value
-    frequency = row.value[FREQUENCY] * gate
-    phase.v = frequency * rest
-    phase.a = (row.first[FREQUENCY] * gate + row.value[FREQUENCY] * gate_first) * rest + frequency * move * first * phase.v
+    ease(course.speed / SHUFFLE if 0.0 < course.speed < SHUFFLE else <double>(course.speed > 0.0), &stride, &first,
+        &second)
+    # 2. Phases of the legs.
+    if played:
+        play(arena + at.samples, sizes.samples // SAMPLE, arena[TIME], recorded, phases, &stride)
+        course.speed *= stride
+    else:
+        advance(state, variation, &course, phases)
     # 3. Reference motion.
-    joints(row, &phase, q[0], q[1], moments[0], moments[1], &hips, &ahead)
+    joints(row, phases, q[0], q[1], moments[0], moments[1], &hips, &ahead)
     motion[0] = state.distance + height * ahead.x
     motion[2] = course.speed + height * ahead.v
     motion[4] = course.rate + height * ahead.a
@@ -122,24 +119,46 @@ cdef int walker_kernel(double *arena, const Walker *at, const Walker *sizes) noe
     memmove(arena + out[PELVIS_MOTION], motion, sizeof(motion))
     arena[out[WALKING_SPEED]] = course.speed
     # 4. Each leg.
-    ease(course.speed / SHUFFLE if 0.0 < course.speed < SHUFFLE else <double>(course.speed > 0.0), &gate, &first,
-        &second)
     for side in range(2):
-        leg_phase = phase.x + 0.5 * side
-        leg_phase -= floor(leg_phase)
-        vary(&state.draws[side], variation, row.value + 2, leg_phase, &phase, q[side], moments[side])
-        step_leg(arena, at, sizes, side, leg_phase, gate, motion, q[side], moments[side], out + side * OF_LEG)
-    state.phase_rate, state.phase_acceleration = phase.v, phase.a
+        for j in range(3):
+            if played:
+                q[side][j] = recorded[3 * side + j]
+                moments[side][j] *= stride
+        if not played:
+            vary(&state.draws[side], variation, row.value + 2, &phases[side], q[side], moments[side])
+        step_leg(arena, at, sizes, side, phases[side].x, stride, motion, q[side], moments[side], out + side * OF_LEG)
+    state.phase_rate, state.phase_acceleration = phases[0].v, phases[0].a
     state.speed, state.speed_rate = course.speed, course.rate
     return OK
 
 
-cdef inline void vary(const Draws *draws, const Variation *variation, const double *means, double x,
-        const Path *phase, Path *q, double *moments) noexcept nogil:
-    """Apply gain and offset of the stride to the joints of a leg. means : of the angles; x : phase of the leg"""
+cdef inline void advance(State *state, const Variation *variation, const Course *course, Path *phases) noexcept nogil:
+    """Compute the phases, the right leg's half a stride ahead of the left one's, and draw what a new stride needs."""
+    cdef double frequency = state.blend.value[FREQUENCY]
+    cdef double frequency_rate = state.blend.first[FREQUENCY]
+    cdef double gate, gate_first, gate_second, value, first, second, move, rest
+    cdef int side
+    for side in range(2):
+        phases[side].x = state.phase + 0.5 * side
+        follow(&state.draws[side], side, <uint64_t>variation.seed, floor(phases[side].x))
+        phases[side].x -= floor(phases[side].x)
+    if course.speed < HALT:             # the stride slows down to a stand
+        ease(course.speed / HALT if course.speed > 0.0 else 0.0, &gate, &gate_first, &gate_second)
+        frequency_rate = frequency_rate * gate + frequency * gate_first * course.rate / HALT
+        frequency *= gate
+    ease(phases[0].x, &value, &first, &second)
+    move = variation.stride_time * (state.draws[0].after[STRIDE_TIME] - state.draws[0].before[STRIDE_TIME])
+    rest = 1.0 + variation.stride_time * state.draws[0].before[STRIDE_TIME] + move * value
+    phases[0].v = phases[1].v = frequency * rest
+    phases[0].a = phases[1].a = frequency_rate * rest + frequency * move * first * phases[0].v
+
+
+cdef inline void vary(const Draws *draws, const Variation *variation, const double *means, const Path *phase,
+        Path *q, double *moments) noexcept nogil:
+    """Apply gain and offset of the stride to the joints of a leg. means : of the angles; phase : of the leg"""
     cdef double s, first, second, v, a, gain, gain_v, gain_a, swing
     cdef int j
-    ease(x, &s, &first, &second)
+    ease(phase.x, &s, &first, &second)
     v = first * phase.v
     a = second * phase.v * phase.v + first * phase.a
     for j in range(3):
