@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-def unique(name: str, is_taken: Callable[[str], bool], length_limit: int | None = None) -> str | None:
+def unique(name: str, is_taken: Callable[[str], bool], length_limit: int | None = None) -> str:
     """Return the name, or else the first of name_2, name_3, ... that is not taken.
 
     is_taken : function of a name
@@ -20,3 +20,4 @@ def unique(name: str, is_taken: Callable[[str], bool], length_limit: int | None 
         candidate = name if length_limit is None else name[: length_limit - len(suffix)]
         if not is_taken(candidate + suffix):
             return candidate + suffix
+    raise AssertionError

@@ -5,8 +5,14 @@
 The format is that of `candump -L`, as python-can writes it. R: received; T: sent by the run.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
+from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
 from runtime.recording.format import CLASSIC_BYTES, FD_FLAGS, ID_FLAGS, ID_MASK
 
@@ -14,18 +20,24 @@ EXTENSIONS = {"candump": "can.log"}
 ERROR_FRAME = "20000080"  # identifier that python-can writes for every error frame: CAN_ERR_FLAG | CAN_ERR_BUSERROR
 
 
-def check(trial, kind):
+def check(trial: Trial, kind: str) -> None:
+    """Raise BadInput for a recording without a CAN bus. kind : not used"""
     if not on_can(trial.about):
         raise BadInput(f"{trial.path} has no CAN bus")
 
 
-def on_can(about):
+def on_can(about: dict[str, Any]) -> dict[int, str]:
     """Return {index: name} of the buses that are CAN. A recording without their media has CAN only."""
     media = about.get("media") or ["can"] * len(about["buses"])
     return {index: bus for index, (bus, medium) in enumerate(zip(about["buses"], media)) if medium == "can"}
 
 
-def write(trial, path, progress):
+def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
+    """Write the file.
+
+    path : of the file, which is overwritten
+    progress : called with the fraction that is done
+    """
     buses, began, done = on_can(trial.about), trial.began, 0
     names = {index: f"can{bus}" if bus.isdigit() else bus for index, bus in buses.items()}
     with open(path, "w", encoding="utf-8", newline="\n") as file:
@@ -41,8 +53,15 @@ def write(trial, path, progress):
             progress(done / max(1, len(trial)))
 
 
-def line(time, bus, word, flags, sent, data):
-    """Return the line of a frame. time : s; word : identifier with the flag bits of SocketCAN"""
+def line(time: float, bus: str, word: int, flags: int, sent: int, data: bytes) -> str:
+    """Return the line of a frame.
+
+    time : s
+    bus : name of the interface
+    word : identifier with the flag bits of SocketCAN
+    flags : of CAN FD
+    sent : whether the run sent it
+    """
     identifier, end = word & ID_MASK, " T\n" if sent else " R\n"
     if word & ID_FLAGS["error"]:
         head, end = ERROR_FRAME, "\n"

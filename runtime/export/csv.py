@@ -3,10 +3,15 @@
 A signal is nan in lines without it.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from runtime.analysis.trial import Trial
 from runtime.recorder.services.csv import Lines, header
 from runtime.recording.ascii_units import ascii_name
 
@@ -14,11 +19,16 @@ EXTENSIONS = {"csv": "csv"}
 INTEGER_LIMIT = 2.0**63
 
 
-def check(trial, kind):
-    pass
+def check(trial: Trial, kind: str) -> None:
+    """Accept every recording. Arguments are not used"""
 
 
-def write(trial, path, progress):
+def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
+    """Write the file.
+
+    path : of the file, which is overwritten
+    progress : called with the fraction that is done
+    """
     columns = [{**signal, "ascii_unit": ascii_name(signal["unit"])} for signal in trial.signals.values()]
     lines, rate, done = Lines(columns), trial.about["rate"], 0
     whole = [2 + index for index, column in enumerate(columns) if column["dtype"] != "float"]
@@ -36,10 +46,12 @@ def write(trial, path, progress):
             progress(done / max(1, len(trial)))
 
 
-def exact(rows, times, whole):
+def exact(rows: np.ndarray, times: np.ndarray, whole: list[int]) -> list[tuple[Any, ...]]:
     """Return rows for Lines.text; [] if they have values that JSON or an integer lacks.
 
-    rows : as in a Batch; whole : their columns with integers
+    rows : as in a Batch
+    times : of the rows, in s
+    whole : columns with integers
     """
     if not len(rows) or not np.isfinite(rows[:, 2:]).all() or not (np.abs(rows[:, whole]) < INTEGER_LIMIT).all():
         return []

@@ -4,8 +4,13 @@ Names that are illegal in MATLAB are replaced by unique legal ones; `trial.paths
 elements).
 """
 
-import re
+from __future__ import annotations
 
+import re
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.base.unique_name import unique
@@ -22,7 +27,8 @@ KEYWORDS = frozenset(
 VARIABLE_SIZE_LIMIT = 2**31 - 1  # bytes
 
 
-def check(trial, kind):
+def check(trial: Trial, kind: str) -> None:
+    """Raise MissingExtra without SciPy, and BadInput for a recording above the size limit. kind : not used"""
     need("scipy.io", "a MATLAB file")
     size = 8 * len(trial) * len(trial.signals)
     if size > VARIABLE_SIZE_LIMIT:
@@ -32,7 +38,12 @@ def check(trial, kind):
         )
 
 
-def write(trial, path, progress):
+def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
+    """Write the file.
+
+    path : of the file, which is overwritten
+    progress : not used: the file is written at once
+    """
     values, units, paths, fields = Struct(OWN), Struct(OWN), Struct(OWN), Struct()
     for name, value in trial.fields.items():
         fields.put([name], value)
@@ -53,14 +64,15 @@ def write(trial, path, progress):
 
 
 class Struct:
-    """Nested dicts with legal names. taken : names that its outermost level must not use"""
+    """Nested dicts with legal names. taken : names that are not available at the outermost level"""
 
-    def __init__(self, taken=()):
-        self.content, self.taken = {}, set(taken)
+    def __init__(self, taken: Iterable[str] = ()) -> None:
+        self.content: dict[str, Any] = {}
+        self.taken = set(taken)
         self.names, self.inside = {}, {}  # {(name, is a leaf): legal name}, {legal name: Struct}
 
-    def put(self, names, leaf):
-        """Add a leaf. names : from the outermost to the signal's own"""
+    def put(self, names: list[str], leaf: Any) -> None:
+        """Add a leaf. names : from the outermost level to that of the leaf"""
         first, *rest = names
         key = first, not rest
         name = self.names.get(key)
@@ -77,14 +89,14 @@ class Struct:
         inner.put(rest, leaf)
 
 
-def legal(name, taken):
-    """Return a name that MATLAB accepts and that is not taken."""
+def legal(name: str, taken: set[str]) -> str:
+    """Return a similar name that MATLAB accepts and that is not taken."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", name)[:NAME_LENGTH_LIMIT]
     if not name or not name[0].isalpha() or name in KEYWORDS:
         name = f"x{name}"
     return unique(name, taken.__contains__, NAME_LENGTH_LIMIT)
 
 
-def filled(content):
+def filled(content: dict[str, Any]) -> dict[str, Any]:
     """Replace structs without fields, which cannot be written, by an empty value."""
     return {name: (filled(value) or []) if isinstance(value, dict) else value for name, value in content.items()}

@@ -6,12 +6,17 @@ at spaces, and takes a header line with `=` as a setting: names contain neither 
 (.sto) Files)
 """
 
+from __future__ import annotations
+
 import copy
 import re
 import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
 
 import numpy as np
 
+from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
 from runtime.base.unique_name import unique
@@ -25,7 +30,7 @@ EXTENSIONS = {"sto": "sto", "mot": "mot"}
 EXAMPLE = '"left/knee.position" = "knee_angle_l"'
 
 
-def read_names(path):
+def read_names(path: Path) -> dict[str, str]:
     """Read {signal: coordinate} from a TOML file with lines like "left/knee.position" = "knee_angle_l".
 
     Raises BadInput.
@@ -55,7 +60,7 @@ def read_names(path):
     return content
 
 
-def named(trial, names, path):
+def named(trial: Trial, names: dict[str, str], path: Path) -> Trial:
     """Return a Trial whose signals have the names of coordinates. names : of `read_names(path)`. Raises BadInput."""
     for signal in names:
         if signal not in trial.signals:
@@ -71,16 +76,20 @@ def named(trial, names, path):
     return made
 
 
-def missed(trial):
+def missed(trial: Trial) -> int:
     """Return the number of missing ticks between the first and the last."""
     return int(trial.tick[-1] - trial.tick[0]) + 1 - len(trial) if len(trial) else 0
 
 
-def check(trial, kind):
+def check(trial: Trial, kind: str) -> None:
+    """Raise BadInput for a .mot file without coordinates, or with one in another unit than rad or m.
+
+    kind : "sto" or "mot"
+    """
     if kind == "mot" and not coordinates(trial):
         raise BadInput(
             f"{trial.path} has no joint angle: .mot contains signals called `position` or `angle`, in rad, "
-            "or those that --names names; "
+            "or those that --names lists; "
             ".sto contains all"
         )
     for path in coordinates(trial) if kind == "mot" else ():
@@ -90,8 +99,8 @@ def check(trial, kind):
             )
 
 
-def coordinates(trial):
-    """Return the signals of a .mot file: those that were named, else every joint angle."""
+def coordinates(trial: Trial) -> list[str]:
+    """Return the signals of a .mot file: those that --names lists, else every joint angle."""
     return [path for path, signal in trial.signals.items() if "coordinate" in signal] or [
         path
         for path, signal in trial.signals.items()
@@ -99,8 +108,12 @@ def coordinates(trial):
     ]
 
 
-def write(trial, path, progress):
-    """Write the file, with missing rows and samples filled in by Trial.resample."""
+def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
+    """Write the file, with missing rows and samples filled in by Trial.resample.
+
+    path : of the file, which is overwritten
+    progress : called with the fraction that is done
+    """
     if missed(trial) or any(trial.every(name) > 1 for name in trial.signals):
         trial = trial.resample(trial.about["rate"])
     paths = coordinates(trial) if path.endswith(".mot") else list(trial.signals)
@@ -122,7 +135,7 @@ def write(trial, path, progress):
             progress(done / max(1, len(trial)))
 
 
-def labels(names):
+def labels(names: Iterable[str]) -> list[str]:
     """Return the names of columns, without spaces, each once."""
     made = {}  # ordered
     for name in names:
@@ -130,6 +143,6 @@ def labels(names):
     return list(made)
 
 
-def text(value, whole):
-    """Return the fewest digits that read back as the same number."""
+def text(value: float, whole: bool) -> str:
+    """Return the fewest digits that read back as the same number. whole : whether it is an int or bool"""
     return str(int(value)) if whole and np.isfinite(value) else repr(value)

@@ -1,9 +1,13 @@
 """Rerun export, with the layout in the file. Signals that were recorded at a lower rate are held in between."""
 
+from __future__ import annotations
+
 import os
+from collections.abc import Callable
 
 import numpy as np
 
+from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.recorder.rerun.scene import Scene
@@ -12,13 +16,19 @@ EXTENSIONS = {"rrd": "rrd"}
 FLUSH_TIMEOUT = 60.0  # s, for a slow disk
 
 
-def check(trial, kind):
+def check(trial: Trial, kind: str) -> None:
+    """Raise MissingExtra without Rerun. Arguments are not used"""
     # the library would otherwise report this on standard error
     os.environ.setdefault("RUST_LOG", "off")
     need("rerun", "a file of Rerun")
 
 
-def write(trial, path, progress):
+def write(trial: Trial, path: str, progress: Callable[[float], None]) -> None:
+    """Write the file.
+
+    path : of the file, which is overwritten
+    progress : called with the fraction that is done
+    """
     rr = need("rerun", "a file of Rerun")
     from runtime.recorder.rerun.blueprint import blueprint
     from runtime.recorder.rerun.stream import Stream
@@ -48,8 +58,8 @@ def write(trial, path, progress):
     recording.disconnect()
 
 
-def hold(values, before):
-    """Replace NaN by the value in front of it, as a viewer shows it. before : value in front of the first one"""
+def hold(values: np.ndarray, before: float) -> None:
+    """Replace each NaN by the last value before it, as viewers show it. before : last value before the array"""
     known = np.flatnonzero(~np.isnan(values))
     places = np.searchsorted(known, np.arange(len(values)), side="right")
     values[:] = np.concatenate(([before], values[known]))[places]

@@ -12,6 +12,8 @@ most, where dt is the time since the previous tick.
 """
 
 import math
+from collections.abc import Iterator
+from typing import Any
 
 from runtime.recording.format import CHANGE
 
@@ -23,10 +25,10 @@ ORIGINS = {1: "keys", 2: "replay"}
 class Changes:
     """Decoder of changes. parameters : live parameters of the run, in the order of the shared state"""
 
-    def __init__(self, parameters):
+    def __init__(self, parameters: Any) -> None:
         self.parameters = parameters
 
-    def events(self, payload):
+    def events(self, payload: bytes) -> Iterator[dict[str, Any]]:
         """Yield the events of one record of the ring. payload : bytes"""
         for tick, kind, origin, writer, index, value, before, slew in CHANGE.iter_unpack(payload):
             when = {"tick": tick, "by": ORIGINS.get(origin) or f"set {writer}"}

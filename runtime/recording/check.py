@@ -1,9 +1,11 @@
 """Check of the messages of a recording, chunk by chunk: sizes, times, frames and events."""
 
+from typing import Any
+
 import numpy as np
 
-from runtime.recording.chunks import NONE, gathered
-from runtime.recording.columns import HEADS, TICK, Damaged
+from runtime.recording.chunks import NONE, Messages, gathered
+from runtime.recording.columns import HEADS, TICK, Damaged, Layout
 from runtime.recording.mcap_file import MESSAGE_REST
 
 NO_TIMES = np.zeros(0, dtype=np.int64)
@@ -12,11 +14,10 @@ NO_TIMES = np.zeros(0, dtype=np.int64)
 class Check:
     """Check of chunks in order.
 
-    layout : Layout
     before : {channel: number of messages before the first of these chunks}
     """
 
-    def __init__(self, layout, before):
+    def __init__(self, layout: Layout, before: dict[Any, int]) -> None:
         self.layout = layout
         self.begun = {channel for channel, count in before.items() if count}
         # log times of rows and ticks without counterpart, of the subsystems that begin with the same row as the ticks
@@ -27,10 +28,8 @@ class Check:
             and (subsystem.every == 1 or channel not in self.begun)
         }
 
-    def first_damaged(self, chunk):
-        """Return the position of the first message that cannot be understood or that lacks its row; None without one.
-
-        chunk : Messages
+    def first_damaged(self, chunk: Messages) -> int | None:
+        """Return the position of the first message that is invalid or lacks its row; None without one.
 
         Raises BadInput if the rows are not of the recorded signals.
         """
@@ -58,8 +57,12 @@ class Check:
                 bad.append(damage.offset)
         return int(min(bad)) if bad else None
 
-    def lonely(self, chunk, channel, times):
-        """Return [offset of the first tick whose time is not that of its row in a subsystem]."""
+    def lonely(self, chunk: Messages, channel: int, times: dict[int, Any]) -> list[int]:
+        """Return [offset of the first tick whose time is not that of its row in a subsystem].
+
+        channel : of the subsystem
+        times : {channel: log times of its messages, in ns}
+        """
         rows, ticks = self.open[channel]
         before, every = len(ticks), self.layout.subsystems[channel].every
         times_of_ticks, offsets = times[self.layout.tick], chunk.offsets.get(self.layout.tick, NONE)

@@ -204,8 +204,8 @@ def indexed(data: np.ndarray, indices: memoryview) -> dict[int, np.ndarray] | No
     return found if total == len(data) else None
 
 
-def walked(plain, only_messages=False):
-    """Return the Messages of bytes without an index, up to an incomplete record or one that cannot stand here.
+def walked(plain: Any, only_messages: bool = False) -> Messages:
+    """Return the Messages of bytes without an index, up to an incomplete record or one that is not valid in a chunk.
 
     only_messages : whether any other record ends them
     """

@@ -1,11 +1,13 @@
 """Rows, frames and events of the messages of a chunk, as NumPy arrays."""
 
+from typing import Any
+
 import numpy as np
 
 from runtime.base.errors import BadInput
 from runtime.recording import messages
 from runtime.recording.batches import FRAME
-from runtime.recording.chunks import MESSAGE_HEAD, NONE, gathered
+from runtime.recording.chunks import MESSAGE_HEAD, NONE, Messages, gathered
 from runtime.recording.format import FD_FLAGS, ID_FLAGS
 from runtime.recording.json_text import parsed_json
 from runtime.recording.mcap_file import HEAD, MESSAGE
@@ -18,9 +20,9 @@ FRAME_TAG = messages.FRAMES << 3 | messages.WIRE_LENGTH  # in front of a frame
 
 
 class Damaged(ValueError):
-    """A message that cannot be understood. offset : its position in the chunk"""
+    """An invalid message. offset : its position in the chunk"""
 
-    def __init__(self, offset):
+    def __init__(self, offset: int) -> None:
         super().__init__(f"a damaged message at byte {offset} of its chunk")
         self.offset = int(offset)
 
@@ -34,17 +36,17 @@ class Layout:
 
     rows : {channel: dtype of a message}, of the subsystems and of the tick
     subsystems : {channel: Subsystem}
-    complete : channels of `rows` with a message in every row
     tick, events : channels; None if the file has none
     buses : {channel: index of the bus}
 
     Raises BadInput if the channels are not those of the signals.
     """
 
-    def __init__(self, path, about, topics):
+    def __init__(self, path: Any, about: Any, topics: dict[int, str]) -> None:
         channels = {topic: channel for channel, topic in topics.items()}
         self.path, self.topics = path, topics
-        self.tick, self.events = channels.get(messages.ROW_END), channels.get(messages.EVENTS)
+        self.tick: Any = channels.get(messages.ROW_END)
+        self.events: Any = channels.get(messages.EVENTS)
         self.decode = frames_of_format_1 if about["format"] == "1" else frames_of_format_2
         self.buses = {
             channels[messages.BUS + bus]: index
@@ -62,16 +64,17 @@ class Layout:
             self.subsystems[channel], self.rows[channel] = subsystem, subsystem.dtype()
 
     @property
-    def complete(self):
+    def complete(self) -> list[int]:
+        """Channels of `rows` with a message in every row."""
         return [channel for channel in self.rows if channel == self.tick or self.subsystems[channel].every == 1]
 
-    def mismatch(self):
+    def mismatch(self) -> BadInput:
+        """Return the error of a file whose channels are not those of its signals."""
         return BadInput(f"{self.path} is damaged: its rows do not match the signals in its about.json")
 
-    def frames(self, chunk, began, rows):
+    def frames(self, chunk: Messages, began: int, rows: int) -> Any:
         """Return the frames of a chunk as an array of FRAME, in order. Raises Damaged.
 
-        chunk : Messages
         began : time at which the run started, in ns of the file
         rows : rows that were complete before the chunk
         """
@@ -91,7 +94,7 @@ class Layout:
         found, places = np.concatenate(parts), np.concatenate(places)
         return found[np.lexsort((np.concatenate(order), self.groups(chunk, found, places)))]
 
-    def groups(self, chunk, frames, places):
+    def groups(self, chunk: Messages, frames: Any, places: np.ndarray) -> np.ndarray:
         """Return for each frame the number of its group: messages of several buses whose frames have one order.
 
         places : offset of the message of each frame
@@ -105,11 +108,11 @@ class Layout:
             begins[1:] |= values[1:] != values[:-1]
         return np.cumsum(begins)[of_frame]
 
-    def events_of(self, chunk):
-        """Return [event] of a chunk. Raises Damaged."""
+    def events_of(self, chunk: Messages) -> list[dict[str, Any]]:
+        """Return the events of a chunk. Raises Damaged."""
         found = []
         for offset in chunk.offsets.get(self.events, NONE).tolist():
-            length = HEAD.unpack_from(chunk.data, offset)[1]
+            length = HEAD.unpack_from(chunk.data.data, offset)[1]
             body = chunk.data[offset + MESSAGE.size : offset + HEAD.size + length].tobytes()
             try:
                 event = parsed_json(messages.read(messages.EVENT, body)["json"])
@@ -119,8 +122,12 @@ class Layout:
         return found
 
 
-def frames_of_format_1(data, offsets, began):
+def frames_of_format_1(data: np.ndarray, offsets: np.ndarray, began: int) -> tuple[Any, np.ndarray, np.ndarray]:
     """Decode messages with one frame each.
+
+    data : of the chunk, as an array of bytes
+    offsets : of the message records
+    began : time at which the run started, in ns of the file
 
     Returns (array of FRAME, offset of the message of each, number that orders those of all buses). Raises Damaged.
     """
@@ -132,8 +139,8 @@ def frames_of_format_1(data, offsets, began):
     return made, offsets, offsets
 
 
-def frames_of_format_2(data, offsets, began):
-    """Decode messages with the frames of one bus drain each. Result as that of frames_of_format_1."""
+def frames_of_format_2(data: np.ndarray, offsets: np.ndarray, began: int) -> tuple[Any, np.ndarray, np.ndarray]:
+    """Decode messages with the frames of one bus drain each. Arguments and result as of frames_of_format_1."""
     heads = gathered(data, offsets, HEADS)
     ends = offsets + HEAD.size + heads["length"].astype(np.int64)
     at = offsets + MESSAGE.size
@@ -165,7 +172,9 @@ def frames_of_format_2(data, offsets, began):
     return made, offsets[item], np.where(order < 0, number, order)
 
 
-def decoded(data, offsets, at, ends, fields):
+def decoded(
+    data: np.ndarray, offsets: np.ndarray, at: np.ndarray, ends: np.ndarray, fields: Any
+) -> tuple[Any, dict[str, np.ndarray]]:
     """Decode messages CanFrame.
 
     data : array of bytes
@@ -211,8 +220,12 @@ def decoded(data, offsets, at, ends, fields):
     return made, others
 
 
-def flag(made, name, values):
-    """Set a flag of frames."""
+def flag(made: Any, name: str, values: np.ndarray) -> None:
+    """Set a flag of frames.
+
+    made : array of FRAME
+    values : of the flag in each frame
+    """
     if name in ID_FLAGS:
         made["id"] |= np.where(values, np.uint32(ID_FLAGS[name]), np.uint32(0))
     elif name in FD_FLAGS:

@@ -1,5 +1,7 @@
 """Contents of a recording's file, and how a complete file lists them in its summary."""
 
+from __future__ import annotations
+
 import io
 import os
 import struct
@@ -59,13 +61,13 @@ class Contents:
         self.topics.setdefault(channel.id, channel.topic)
         self.schemas.setdefault(channel.id, ("", b"") if schema is None else (schema.name, schema.data))
 
-    def attach(self, name, data):
+    def attach(self, name: str, data: bytes) -> None:
         """Take an attachment. Raises ValueError if it is not JSON, and BadInput if it is nested too deep."""
         if name in ATTACHMENTS:
             setattr(self, name.removesuffix(".json"), parsed_json(data))
 
 
-def summarised(stream, size):
+def summarised(stream: Any, size: int) -> Contents | None:
     """Return the Contents of a complete file from its summary; None if the file has no valid one.
 
     stream : file, unbuffered
@@ -123,7 +125,7 @@ def summarised(stream, size):
     return contents if contents.about is not None and contents.end is not None and written == counted else None
 
 
-def chunk_of(index):
+def chunk_of(index: Any) -> Chunk | None:
     """Return the Chunk of a ChunkIndex; None if its fields contradict each other."""
     head = CHUNK_HEAD.size + len(index.compression)
     end = index.chunk_start_offset + index.chunk_length

@@ -16,23 +16,23 @@ INCOMPLETE, DELETED = "incomplete", "deleted while it was written"  # remarks on
 AT_ONCE = 16 << 10
 
 
-def is_shared(folder):
+def is_shared(folder: str) -> bool:
     """Return whether the group of a folder may read the recordings in it."""
     mode = os.stat(folder).st_mode
     return bool(mode & stat.S_ISGID and mode & stat.S_IRGRP)
 
 
-def mode_in(folder):
+def mode_in(folder: str) -> int:
     """Return the permissions of a new file in a folder, before the umask."""
     return 0o640 if is_shared(folder or ".") else 0o600
 
 
-def private(path, flags):
-    """Open a file with the permissions of a recording. An opener for `open`"""
+def private(path: str, flags: int) -> int:
+    """Open a file with the permissions of a recording and return its descriptor. An opener for `open`"""
     return os.open(path, flags, mode_in(os.path.dirname(path)))
 
 
-def make_folder(path):
+def make_folder(path: str | os.PathLike[str]) -> list[str]:
     """Create a folder and its parents for their owner, and for the group of a shared folder.
 
     Returns the created folders, outermost first. Raises FileExistsError if the path is not a folder.
@@ -70,7 +70,7 @@ def create(stem: Any, ending: str, overwrite: bool = False) -> tuple[str, int]:
     raise AssertionError
 
 
-def reserve(folder, stem):
+def reserve(folder: str, stem: str) -> tuple[str, str, int]:
     """Reserve an unused stem in a folder by creating its sidecar. Returns (stem, path of the sidecar, descriptor)."""
     number = 0
     while True:
@@ -85,7 +85,7 @@ def reserve(folder, stem):
             pass
 
 
-def claim(descriptor):
+def claim(descriptor: int) -> bool:
     """Lock a file while it is open here or in a forked process. Returns False if another process has locked it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -104,7 +104,7 @@ class WholeFile:
     durable : whether `close` waits for the disk
     """
 
-    def __init__(self, path, descriptor, durable=True):
+    def __init__(self, path: str, descriptor: int, durable: bool = True) -> None:
         self.path = path
         self.descriptor: Any = descriptor
         self.durable = durable
@@ -112,19 +112,19 @@ class WholeFile:
         self.size = 0  # bytes of complete pieces in the file
         self.waiting = 0  # bytes in memory
 
-    def write(self, piece):
-        """Add a piece. piece : bytes or str"""
+    def write(self, piece: bytes | str) -> int:
+        """Add a piece and return its size in bytes."""
         if isinstance(piece, str):
             piece = piece.encode()
         self.pieces.append(piece)
         self.waiting += len(piece)
         return len(piece)
 
-    def tell(self):
-        """Return the position behind the last piece, in bytes."""
+    def tell(self) -> int:
+        """Return the position of the end of the last piece, in bytes."""
         return self.size + self.waiting
 
-    def flush(self):
+    def flush(self) -> None:
         """Write all pieces. Raises OSError, after removing an incomplete piece from the file."""
         pieces, self.pieces, self.waiting = self.pieces, [], 0
         data = memoryview(b"".join(pieces))
@@ -139,13 +139,13 @@ class WholeFile:
             raise
         self.size += written
 
-    def let_go(self):
+    def let_go(self) -> None:
         """Close the file without writing: another process has written it."""
         if self.descriptor is not None:
             os.close(self.descriptor)
             self.descriptor = None
 
-    def close(self):
+    def close(self) -> None:
         """Flush and close, and wait for the disk if `durable`. Does nothing if it is closed."""
         if self.descriptor is None:
             return

@@ -4,7 +4,7 @@ A row is doubles: the tick, its lateness in s, the recorded signals. A frame and
 """
 
 from struct import Struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 CHANGE = Struct("=q4i3d")  # struct Change of cext/ring/mailbox.pxd
 FRAME = Struct("=qIBBBB64s")  # struct Frame of cext/abi.pxd
@@ -15,15 +15,15 @@ FD_FLAGS = {"rate_switch": 1, "error_state": 2, "fd": 4}  # of struct canfd_fram
 CLASSIC_BYTES = 8  # of data at most, without CAN FD
 
 
-def row_struct(signals):
-    """Return the Struct of a row. signals : how many are recorded"""
+def row_struct(signals: int) -> Struct:
+    """Return the Struct of a row. signals : number of recorded signals"""
     return Struct(f"={2 + signals}d")
 
 
 class Frame(NamedTuple):
-    """A frame of a bus.
+    """Frame of a bus.
 
-    time : ns since the run began
+    time : ns since the start of the run
     id : without the flag bits
     bus : number of the bus
     data : bytes, 64 at most
@@ -42,7 +42,8 @@ class Frame(NamedTuple):
     data: bytes
 
     @classmethod
-    def unpack(cls, payload):
+    def unpack(cls, payload: bytes) -> Any:
+        """Return the Frame of a struct Frame."""
         time, word, length, flags, bus, sent, data = FRAME.unpack(payload)
         extended, remote, error = (bool(word & bit) for bit in ID_FLAGS.values())
         rate_switch, error_state, fd = (bool(flags & bit) for bit in FD_FLAGS.values())
@@ -52,12 +53,13 @@ class Frame(NamedTuple):
             time, identifier, extended, remote, error, fd, rate_switch, error_state, bool(sent), bus, data[:length]
         )
 
-    def pack(self):
+    def pack(self) -> bytes:
+        """Return the struct Frame."""
         word = self.id | sum(bit for name, bit in ID_FLAGS.items() if getattr(self, name))
         flags = sum(bit for name, bit in FD_FLAGS.items() if getattr(self, name))
         return FRAME.pack(self.time, word, len(self.data), flags, self.bus, self.sent, self.data)
 
     @property
-    def truths(self):
-        """The flags in the order of runtime.recording.messages.FRAME."""
+    def truths(self) -> tuple[bool, ...]:
+        """Flags in the order of runtime.recording.messages.FRAME."""
         return self[2:9]

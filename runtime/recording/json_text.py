@@ -1,15 +1,16 @@
 """JSON of an untrusted recording, with a limit on its depth."""
 
 import json
+from typing import Any
 
 DEPTH_LIMIT = 64  # levels of lists and objects
 
 
 class TooDeep(ValueError):
-    """JSON that is nested deeper than any that a recorder writes."""
+    """JSON that is nested deeper than that of a recorder."""
 
 
-def parsed_json(text):
+def parsed_json(text: bytes | str) -> Any:
     """Return the content of a JSON text. Raises ValueError; TooDeep if it could not be processed recursively."""
     try:
         content = json.loads(text)

@@ -17,6 +17,7 @@ flushes. (MCAP specification, mcap.dev/spec)
 import os
 import zlib
 from array import array
+from collections.abc import Iterator
 from struct import Struct
 from typing import Any
 
@@ -61,28 +62,28 @@ class McapFile:
         self.size = 0  # bytes of messages in the open chunk
         self.waiting, self.waiting_size = [], 0  # messages that are not compressed yet, and their bytes
 
-    def begin(self, library):
+    def begin(self, library: str) -> None:
         """Write the header. library : name of the program"""
         from mcap.records import Header
 
         self.file.write(self.magic)
         self.record(Header(profile="", library=library))
 
-    def record(self, record):
+    def record(self, record: Any) -> int:
         """Write a record of the mcap package and return its size in bytes."""
         builder = self.builder()
         record.write(builder)
         return self.file.write(builder.end())
 
-    def attach(self, name, media_type, data):
-        """Write an attachment. data : bytes"""
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Write an attachment."""
         from mcap.records import Attachment
 
         self.end_chunk()
         attachment = Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
         self.attached(attachment, self.file.tell(), self.record(attachment))
 
-    def attached(self, attachment, offset, length):
+    def attached(self, attachment: Any, offset: int, length: int) -> None:
         """Add an attachment to the summary. offset, length : of its record in the file, in bytes"""
         from mcap.records import AttachmentIndex
 
@@ -98,11 +99,11 @@ class McapFile:
             )
         )
 
-    def channel(self, topic, descriptor, name):
+    def channel(self, topic: str, descriptor: bytes, name: str) -> int:
         """Write a channel of Protobuf messages and return its number.
 
         descriptor : serialised FileDescriptorSet
-        name : of the message in it
+        name : of the message in the descriptor
         """
         from mcap.records import Channel, Schema
 
@@ -117,15 +118,15 @@ class McapFile:
         self.counts[number] = 0
         return number
 
-    def message(self, channel, log_time, data, publish_time, sequence=0):
-        """Write a message. log_time, publish_time : ns; data : bytes"""
+    def message(self, channel: int, log_time: int, data: bytes, publish_time: int, sequence: int = 0) -> None:
+        """Write a message. log_time, publish_time : ns"""
         record = MESSAGE.pack(self.kind, MESSAGE_REST + len(data), channel, sequence, log_time, publish_time) + data
         self.messages(record, {channel: PLACE.pack(log_time, self.size)})
 
-    def messages(self, data, index):
+    def messages(self, data: bytes, index: dict[int, bytes]) -> None:
         """Write message records to the open chunk, and end it if it has CHUNK bytes.
 
-        data : bytes of the records
+        data : message records
         index : {channel: log time in ns and position in the chunk, in turn, as bytes of uint64}
         """
         if self.start is None:
@@ -142,11 +143,11 @@ class McapFile:
         if self.size >= CHUNK:
             self.end_chunk()
 
-    def begin_chunk(self, start):
-        """Begin an empty chunk. start : of its head in the file"""
+    def begin_chunk(self, start: int) -> None:
+        """Begin an empty chunk. start : position of its head in the file"""
         self.start, self.index, self.size, self.checksum = start, {}, 0, 0
 
-    def add(self, data, index):
+    def add(self, data: bytes, index: dict[int, bytes]) -> None:
         """Add messages to the index of the open chunk. Arguments as for `messages`."""
         for channel, places in index.items():
             known = self.index.get(channel)
@@ -157,18 +158,18 @@ class McapFile:
         self.size += len(data)
         self.checksum = zlib.crc32(data, self.checksum)
 
-    def compress(self):
+    def compress(self) -> None:
         """Compress the waiting messages to a complete block."""
         if self.compressor is not None and self.waiting:
             data, self.waiting, self.waiting_size = b"".join(self.waiting), [], 0
             self.file.write(self.compressor.block(data))
 
-    def flush(self):
+    def flush(self) -> None:
         """Write all messages to the file, which then ends with a complete block. Raises OSError."""
         self.compress()
         self.file.flush()
 
-    def end_chunk(self):
+    def end_chunk(self) -> None:
         """End the open chunk, if any: write its indices, then its head. Raises OSError."""
         if self.start is None:
             return
@@ -181,19 +182,19 @@ class McapFile:
         start = self.start
         os.pwrite(self.file.descriptor, self.complete(end), start)
 
-    def write_indices(self):
+    def write_indices(self) -> None:
         """Write the message indices of the open chunk in the order of channels."""
         self.index = dict(sorted(self.index.items()))
         for index in self.indices():
             self.file.write(index)
 
-    def indices(self):
+    def indices(self) -> Iterator[bytes]:
         """Yield the message index of each channel of the open chunk, as bytes."""
         for channel, places in self.index.items():
             data = places.tobytes()
             yield INDEX.pack(self.opcode.MESSAGE_INDEX, INDEX.size - HEAD.size + len(data), channel, len(data)) + data
 
-    def complete(self, end, compression=None, checksum=None):
+    def complete(self, end: int, compression: str | None = None, checksum: int | None = None) -> bytes:
         """Close the open chunk, add it to the summary and return its head as bytes.
 
         end : position in the file, where its indices begin
@@ -239,7 +240,7 @@ class McapFile:
             end - start - form.size,
         )
 
-    def finish(self):
+    def finish(self) -> None:
         """End the open chunk and write the summary. Raises OSError."""
         from mcap.records import DataEnd
 
@@ -247,7 +248,7 @@ class McapFile:
         self.record(DataEnd(data_section_crc=0))
         self.summarise()
 
-    def summarise(self):
+    def summarise(self) -> None:
         """Write the summary, the footer and the end of the file."""
         from mcap.records import Footer, Statistics, SummaryOffset
 
@@ -291,14 +292,14 @@ class McapFile:
         self.file.write(self.magic)
 
 
-def reserved(compression):
+def reserved(compression: str) -> bytes:
     """Return the record that reserves space for the head of a chunk. compression : "zstd" or ""."""
     form = CHUNK_HEADS[compression]
     kind, length = (STREAM, STREAM_LENGTH) if compression else (ROOM, form.size)
     return form.pack(kind, length - HEAD.size, 0, 0, 0, 0, len(compression), compression.encode(), 0)
 
 
-def compression_level(text):
+def compression_level(text: str) -> int | None:
     """Return the level of zstd of a compression as text, None for "none". Raises BadInput."""
     name, _, level = text.partition(":")
     if text == "none":

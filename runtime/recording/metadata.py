@@ -1,6 +1,7 @@
 """Validation of a recording's metadata."""
 
 import re
+from typing import Any
 
 from runtime.base.errors import BadInput
 
@@ -8,7 +9,7 @@ FORMATS = ("1", "2", "3")
 LINE_BREAKING = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # in a name: would begin another line on a terminal
 
 
-def validate(path, about):
+def validate(path: Any, about: Any) -> None:
     """Raise BadInput if the content of about.json does not describe the messages of a recording."""
     if isinstance(about, dict) and about.get("format") not in FORMATS:
         raise BadInput(
@@ -20,8 +21,8 @@ def validate(path, about):
         raise BadInput(f"{path} is damaged: its about.json does not list the signals")
 
 
-def describes_signals(about):
-    """Return whether all fields are there that describe the messages."""
+def describes_signals(about: Any) -> bool:
+    """Return whether about.json has all fields that describe the messages."""
     try:
         texts = [
             about["name"],

@@ -6,14 +6,16 @@ Part 2 of `trial.mcap` is `trial_part2.mcap` beside it, and so on. Together they
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from runtime.base.errors import BadInput
 from runtime.recording.batches import NO_FRAMES, Batch, Rows
+from runtime.recording.reader import Reader
 
 PART = re.compile(r"(.+)_part(\d+)")
 
@@ -33,8 +35,8 @@ class Seam:
     drained: int
 
 
-def heads(paths):
-    """Return those paths that do not continue another one of them, as [Path]."""
+def heads(paths: Iterable[str | Path]) -> list[Path]:
+    """Return those paths that do not continue another one of them."""
     paths = [Path(path) for path in paths]
     names = {(path.parent, path.stem) for path in paths}
     return [
@@ -42,11 +44,10 @@ def heads(paths):
     ]
 
 
-def readers_of(path, read):
+def readers_of(path: Path, read: Callable[[Path], Reader]) -> tuple[list[Reader], dict[str, Any]]:
     """Return the readers of a file and of the parts that continue it, and the metadata of the first one.
 
-    path : Path of the file
-    read : function of a path that returns a runtime.recording.reader.Reader
+    read : function that opens one file
 
     Raises BadInput.
     """
@@ -71,12 +72,12 @@ def readers_of(path, read):
     return readers, about
 
 
-def is_unbegun(reader):
+def is_unbegun(reader: Reader) -> bool:
     """Return whether the recorder of a part was killed before it wrote the begin of the run."""
     return not any(event["event"] == "begin" for event in reader.events)
 
 
-def are_of_one_run(readers, second):
+def are_of_one_run(readers: list[Reader], second: Reader) -> bool:
     """Return whether a part has the diagram, the signals and, if known, the start of the parts before it."""
     here, there = (
         (part.about.get("hash"), [signal["path"] for signal in part.about["signals"]]) for part in (readers[0], second)
@@ -87,22 +88,22 @@ def are_of_one_run(readers, second):
 class Recording:
     """Parts of one run as one recording.
 
-    path : Path of the first part
-    read : function of a path that returns a runtime.recording.reader.Reader
+    path : of the first part
+    read : function that opens one file
 
     readers : of the parts
-    about, end, diagram, finished, trouble : as in Contents, of the first or the last part
+    about, diagram : as in Contents, of the first part
     seams : [Seam] of each part but the first
 
     Raises BadInput.
     """
 
-    def __init__(self, path, read):
+    def __init__(self, path: Path, read: Callable[[Path], Reader]) -> None:
         self.readers, self.about = readers_of(path, read)
         self.diagram = self.readers[0].diagram
         self.arrange()
 
-    def arrange(self):
+    def arrange(self) -> None:
         """Place the rows and frames of every part."""
         self.seams: list[Seam] = []
         self.began = self.readers[0].began if len(self.readers) > 1 else 0
@@ -115,23 +116,27 @@ class Recording:
             self.seams.append(self.seam(number, second))
 
     @property
-    def end(self):
+    def end(self) -> Any:
+        """Content of end.json of the last part; None if it has none."""
         return self.readers[-1].end
 
     @property
-    def finished(self):
+    def finished(self) -> bool:
+        """Whether the recorder has completed the last part."""
         return self.readers[-1].finished
 
     @property
-    def trouble(self):
+    def trouble(self) -> str:
+        """Problem with the last part, in one line; "" without one."""
         return self.readers[-1].trouble
 
     @property
-    def paths(self):
+    def paths(self) -> list[Path]:
+        """Paths of the parts."""
         return [reader.path for reader in self.readers]
 
-    def check(self, progress=lambda share: None):
-        """Check every message. Returns whether the number of rows has changed. Raises BadInput."""
+    def check(self, progress: Callable[[float], None] = lambda share: None) -> bool:
+        """Check every message. Arguments, result and errors as of Reader.check."""
         count, changed = len(self.readers), False
         for number, reader in enumerate(self.readers):
             changed |= reader.check(lambda share, number=number: progress((number + share) / count))
@@ -139,20 +144,20 @@ class Recording:
             self.arrange()
         return changed
 
-    def starts(self, count=None):
+    def starts(self, count: int | None = None) -> list[int]:
         """Return the number of rows before each part, and of all. count : of parts"""
         starts = [0]
         for number, reader in enumerate(self.readers[:count]):
             starts.append(min([starts[-1] + len(reader), *(seam.rows for seam in self.seams[number:])]))
         return starts
 
-    def __len__(self):
+    def __len__(self) -> int:
         """Return the number of complete rows."""
         return self.starts()[-1]
 
     @property
-    def events(self):
-        """Events of all parts: [dict]."""
+    def events(self) -> list[dict[str, Any]]:
+        """Events of all parts."""
         return [
             event
             for number, reader in enumerate(self.readers)
@@ -173,7 +178,7 @@ class Recording:
                 parts.append(reader.rows(places, low - begin, high - begin))
         return Rows(*map(np.concatenate, zip(*parts)))
 
-    def row_from(self, name, value):
+    def row_from(self, name: str, value: float) -> int:
         """Return the number of the first row whose tick or time is `value` or more. name : "tick" or "time" """
         starts = self.starts()
         for reader, begin, end in zip(self.readers, starts, starts[1:]):
@@ -182,7 +187,7 @@ class Recording:
                 return begin + row
         return starts[-1]
 
-    def adjusted(self, number, frames):
+    def adjusted(self, number: int, frames: Any) -> Any:
         """Return frames of a part with the numbers of all parts, without those that do not count."""
         starts = self.starts(number)
         frames = frames.copy()
@@ -200,16 +205,16 @@ class Recording:
                 frames = frames[kept]
         return frames
 
-    def is_cut(self, seam, number):
+    def is_cut(self, seam: Seam, number: int) -> bool:
         """Return whether a seam removes rows of the parts before it."""
         return seam.since is not None or self.starts(number)[-1] + len(self.readers[number]) > seam.rows
 
-    def frames_of(self, number):
+    def frames_of(self, number: int) -> Iterator[Any]:
         """Yield the frames of the chunks of a part."""
         for frames in self.readers[number].frames():
             yield self.adjusted(number, frames)
 
-    def last_frames(self, count):
+    def last_frames(self, count: int) -> Iterator[Any]:
         """Yield the frames of the first `count` parts by chunks, from the last to the first."""
         for number in reversed(range(count)):
             reader = self.readers[number]
@@ -217,8 +222,11 @@ class Recording:
                 for frames in reader.frames([chunk]):
                     yield self.adjusted(number, frames)
 
-    def seam(self, number, second):
-        """Return the Seam of a part. A recorder that was stopped before it was killed leaves rows that it has, too."""
+    def seam(self, number: int, second: Reader) -> Seam:
+        """Return the Seam of a part.
+
+        A recorder that was stopped before it was killed leaves rows that this part contains as well.
+        """
         rows = beyond = self.starts(number)[-1]
         if len(second):
             beyond = self.row_before(number, int(second.rows([], 0, 1).tick[0]), rows)
@@ -232,8 +240,8 @@ class Recording:
         self.seams.pop()
         return Seam(beyond, since, offset, self.began + drained)
 
-    def row_before(self, number, tick, rows):
-        """Return how many rows of the first `number` parts precede a tick."""
+    def row_before(self, number: int, tick: int, rows: int) -> int:
+        """Return the number of rows of the first `number` parts that precede a tick. rows : of all these parts"""
         starts = self.starts(number)
         for reader, begin, end in zip(self.readers[:number], starts, starts[1:]):
             row = reader.row_from("tick", tick)
@@ -241,7 +249,7 @@ class Recording:
                 return begin + row
         return rows
 
-    def drains_before(self, number, second, rows):
+    def drains_before(self, number: int, second: Reader, rows: int) -> int:
         """Return how many bus drains precede a part whose count restarts. There is one drain a row.
 
         rows : before the part
@@ -252,7 +260,7 @@ class Recording:
             return max((int(frames["drain"].max()) for frames in self.last_frames(number) if len(frames)), default=0)
         return here + rows - there
 
-    def batches(self, frames=True):
+    def batches(self, frames: bool = True) -> Iterator[Batch]:
         """Yield Batches, in order: one a chunk, and a last one without rows for the frames after the last row.
 
         frames : whether they are read
@@ -270,8 +278,12 @@ class Recording:
         yield Batch(np.empty((0, 2 + len(self.about["signals"]))), pending)
 
 
-def difference(parts, last):
-    """Return drain less row of the first or last frame after the first row; None without one."""
+def difference(parts: Iterable[Any], last: bool) -> int | None:
+    """Return the drain minus the row of a frame after the first row; None without one.
+
+    parts : arrays of FRAME
+    last : whether it is the last such frame of the first array that has one; else the first one
+    """
     for frames in parts:
         after = frames[frames["row"] > 0]
         if len(after):

@@ -1,6 +1,4 @@
-"""What a recording says of where it came from: the diagram and its settings, versions, the state of the user's
-repository, the machine.
-"""
+"""Provenance of a recording: its diagram and settings, versions, the user's repository, and the machine."""
 
 import json
 import os
@@ -8,13 +6,14 @@ import platform
 import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 PACKAGES = ("tickwork", "numpy", "networkx", "python-can")
 GIT_TIMEOUT = 2.0  # s, for a repository on a slow disk
 
 
-def gather(plan):
-    """A dict that JSON can carry: the plan's own words and what the machine adds."""
+def gather(plan: dict[str, Any]) -> dict[str, Any]:
+    """Return the provenance of a run for JSON. plan : of the recorder"""
     metadata = plan.get("metadata", {})
     return {
         "name": plan["name"],
@@ -33,7 +32,8 @@ def gather(plan):
     }
 
 
-def versions():
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of the installed packages in PACKAGES."""
     found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
@@ -43,7 +43,8 @@ def versions():
     return found
 
 
-def machine():
+def machine() -> dict[str, Any]:
+    """Return the name, the system and the processor of this machine."""
     return {
         "node": platform.node(),
         "system": f"{platform.system()} {platform.release()}",
@@ -53,8 +54,8 @@ def machine():
     }
 
 
-def processor():
-    """The model of the processor, or of the board."""
+def processor() -> str | None:
+    """Return the model of the board or of the processor; None if unknown."""
     board = Path("/proc/device-tree/model")
     try:
         if board.exists():
@@ -65,9 +66,12 @@ def processor():
         return None
 
 
-def repository(file):
-    """Revision of the git repository that a file stands in, and whether it holds changes that are in no revision; None
-    without one.
+def repository(file: str | None) -> dict[str, Any] | None:
+    """Return the state of the git repository of a file; None without one.
+
+    revision : of the last commit
+    dirty : whether tracked files have uncommitted changes; None if unknown
+    tracked : whether the file is tracked
     """
     if not file:
         return None
@@ -84,8 +88,8 @@ def repository(file):
     }
 
 
-def git(folder, *words):
-    """What git prints, or None where it cannot."""
+def git(folder: str, *words: str) -> str | None:
+    """Return the output of a git command; None if it fails."""
     environment = {**os.environ, "GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
     try:
         done = subprocess.run(

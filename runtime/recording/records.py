@@ -2,6 +2,8 @@
 
 import io
 import struct
+from collections.abc import Iterator
+from typing import Any
 
 from runtime.recording.files import AT_ONCE
 from runtime.recording.mcap_file import CHUNK_HEAD, CHUNK_HEADS, HEAD, ROOM, STREAM
@@ -20,7 +22,7 @@ RECORD_LIMIT = 64 << 20  # bytes: an attachment
 COMPRESSION_AT = 37  # bytes into a chunk's record
 
 
-def walk(stream, at):
+def walk(stream: Any, at: int) -> Iterator[tuple[int, int, bytes]]:
     """Yield (position, kind, bytes) of every record, up to an incomplete one.
 
     The records of an uncompressed chunk follow its head; a compressed chunk is one record. Of a zstd chunk without a
@@ -41,8 +43,8 @@ def walk(stream, at):
         at, place = at + size, place + size
 
 
-def length_of(window, place):
-    """Return the bytes of a record; of an uncompressed chunk only those of its head.
+def length_of(window: bytes, place: int) -> int:
+    """Return the size of a record in bytes; of an uncompressed chunk only those of its head.
 
     HEAD.size for a record whose head is incomplete.
     """
@@ -55,19 +57,19 @@ def length_of(window, place):
     return CHUNK_HEAD.size if plain else HEAD.size + length
 
 
-def read(kind, body):
-    """Parse a record with the mcap package. kind : name of its class; body : bytes behind its head"""
+def read(kind: str, body: bytes) -> Any:
+    """Parse a record with the mcap package. kind : name of its class; body : bytes after its head"""
     from mcap import records
     from mcap.data_stream import ReadDataStream
 
     return getattr(records, kind).read(ReadDataStream(io.BytesIO(body)))
 
 
-def is_compressed(head, name):
+def is_compressed(head: bytes, name: str) -> bool:
     """Return whether the head of a chunk has a compression. name : "zstd", "lz4" or "" for none"""
     return head[COMPRESSION_AT:].startswith(len(name).to_bytes(4, "little") + name.encode())
 
 
-def compressed(head):
+def compressed(head: bytes) -> bool:
     """Return whether a chunk is compressed. head : the first 49 bytes of its record"""
     return is_compressed(head, "lz4") or is_compressed(head, "zstd")

@@ -5,6 +5,8 @@ Chunks are skipped, unless they are to be checked.
 
 import os
 from collections import Counter
+from collections.abc import Callable
+from typing import Any
 
 from runtime.base.errors import BadInput
 from runtime.recording.check import Check
@@ -53,7 +55,7 @@ class Scan:
     Raises BadInput if the file is not a recording that can be read.
     """
 
-    def __init__(self, stream, size, deep, progress):
+    def __init__(self, stream: Any, size: int, deep: bool, progress: Callable[[float], None]) -> None:
         from mcap.exceptions import McapError
 
         self.path, self.descriptor, self.size, self.deep = stream.name, stream.fileno(), size, deep
@@ -80,10 +82,11 @@ class Scan:
         self.contents.trouble = self.trouble()
         self.contents.finished = not self.contents.trouble
 
-    def bytes_at(self, at, length):
+    def bytes_at(self, at: int, length: int) -> bytes:
+        """Return the bytes at a position of the file; fewer at its end."""
         return os.pread(self.descriptor, length, at)
 
-    def record(self, at):
+    def record(self, at: int) -> int | None:
         """Take the record at a position. Returns the position of the next one, or None at the end."""
         head = self.bytes_at(at, HEAD.size)
         if len(head) < HEAD.size:
@@ -106,8 +109,8 @@ class Scan:
             self.take(kind, self.bytes_at(at + HEAD.size, length))
         return end
 
-    def take(self, kind, body):
-        """Take a record that is not part of a chunk."""
+    def take(self, kind: int, body: bytes) -> None:
+        """Take a record that is not a message. body : bytes after its head"""
         contents = self.contents
         if kind == HEADER:
             contents.library = read("Header", body).library
@@ -131,8 +134,8 @@ class Scan:
         else:
             contents.finished = True
 
-    def chunk(self, at, end):
-        """Take a chunk."""
+    def chunk(self, at: int, end: int) -> int | None:
+        """Take a chunk. end : of its record. Returns as `record`"""
         raw = self.bytes_at(at, HEAD_LIMIT)
         compressed = not is_compressed(raw, "")
         if not compressed and end > self.size:
@@ -154,8 +157,11 @@ class Scan:
             return self.loose(at, at + CHUNK_HEAD.size)
         return None if chunk.limit is not None else after
 
-    def stream(self, at):
-        """Take the messages of a zstd chunk without a head or without its end, up to its last complete block."""
+    def stream(self, at: int) -> int | None:
+        """Take the messages of a zstd chunk without a head or without its end, up to its last complete block.
+
+        Returns as `record`.
+        """
         begin = at + CHUNK_HEADS[ZSTD].size
         frame = self.bytes_at(begin, CHUNK_LIMIT)
         content, ends, ended = decode(frame, min(CHUNK_LIMIT, self.expansion.left))
@@ -172,8 +178,12 @@ class Scan:
             self.good = end
         return after if ended else None
 
-    def loose(self, at, begin):
-        """Take messages that are not in a chunk, or in one with a wrong checksum."""
+    def loose(self, at: int, begin: int) -> int | None:
+        """Take messages that are not in a chunk, or in one with a wrong checksum. Returns as `record`.
+
+        at : of their chunk, if any
+        begin : of the first message
+        """
         window, limit = WINDOW, RECORD_LIMIT
         while True:
             raw = self.bytes_at(begin, window)
@@ -190,7 +200,7 @@ class Scan:
         self.add(chunk, found)
         return None if chunk.limit is not None else after
 
-    def indices(self, at):
+    def indices(self, at: int) -> tuple[dict[int, int], int]:
         """Return ({channel: number of messages}, position of their end) of the message indices at a position."""
         counts = {}
         while len(head := self.bytes_at(at, INDEX.size)) == INDEX.size:
@@ -201,7 +211,7 @@ class Scan:
             at += HEAD.size + length
         return counts, at
 
-    def add(self, chunk, found: Messages | None = None):
+    def add(self, chunk: Chunk, found: Messages | None = None) -> None:
         """Add a chunk, read if necessary. found : its messages, if they have been read"""
         contents = self.contents
         if self.deep or found is not None or not chunk.counts or not chunk.counts.keys() <= contents.topics.keys():
@@ -220,7 +230,7 @@ class Scan:
         contents.chunks.append(chunk)
         self.counts.update(chunk.counts)
 
-    def check(self, found):
+    def check(self, found: Messages) -> int | None:
         """Return the position of the first damaged message of a chunk; None without one."""
         contents = self.contents
         if contents.about is None:
@@ -229,7 +239,7 @@ class Scan:
             self.checker = Check(Layout(self.path, contents.about, dict(contents.topics)), self.counts)
         return self.checker.first_damaged(found)
 
-    def trouble(self):
+    def trouble(self) -> str:
         """Return the problem with the file, in one line; "" without one."""
         contents, path = self.contents, self.path
         if not contents.finished:
@@ -241,8 +251,8 @@ class Scan:
             return f"{path} is damaged: {count} of its {self.written} messages are readable"
         return "" if contents.end is not None else f"{path} {COMPLETED}"
 
-    def matter(self):
-        """Return the problem with a file that is good up to a byte."""
+    def matter(self) -> str:
+        """Return the problem with a file that is undamaged up to a byte, as the end of a sentence."""
         if self.is_cut:
             return CUT
         head = self.bytes_at(self.good, HEAD.size)
