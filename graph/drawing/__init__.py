@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from graph.compiler import examine
 from graph.diagram import Diagram
 from graph.drawing.cards import block_card, signal_text
-from graph.drawing.compose import collect, lay_out
 from graph.drawing.mermaid import mermaid
 from graph.drawing.model import Drawing
 from graph.drawing.outline import outline
@@ -33,6 +32,8 @@ def draw(diagram: Diagram, *, all_ports: bool = False, place: Callable[[Any], st
     all_ports : include the ports that are not wired
     place : converts the Location of a block to text
     """
+    from graph.drawing.compose import collect, lay_out  # imports networkx: 20 MB and 0.1 s
+
     found = examine(diagram)
     root = outline(diagram, found.taps)
     laid = lay_out(root, found, all_ports)
