@@ -16,7 +16,6 @@ WITHOUT_DOCSTRINGS = (
     "runtime/recorder",
     "runtime/recorder/rerun",
     "runtime/recording",
-    "runtime/rig",
 )  # folders with public functions or classes that lack one
 WITHOUT_METHOD_DOCSTRINGS = (
     "blocks",
@@ -36,7 +35,6 @@ WITHOUT_METHOD_DOCSTRINGS = (
     "runtime/recorder",
     "runtime/recorder/rerun",
     "runtime/recording",
-    "runtime/rig",
 )
 WITHOUT_ANNOTATIONS = (
     "cext",
@@ -45,7 +43,6 @@ WITHOUT_ANNOTATIONS = (
     "runtime/recorder",
     "runtime/recorder/rerun",
     "runtime/recording",
-    "runtime/rig",
 )
 STEPS = ("step", "reset", "update")  # methods of blocks, which the class describes
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)

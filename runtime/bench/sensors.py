@@ -100,8 +100,8 @@ def chunk(totals: Beside, seconds: float, sensors: Path | None = None, realtime:
     made, devices = loop(sensors)
     schedule = compile(made)
     lines = StreamLines(devices)
-    if lines.troubles:
-        raise OSError(str(lines.troubles[0]))
+    if lines.problems:
+        raise OSError(str(lines.problems[0]))
     page = SharedState(1 << 22)
     with Realtime(realtime):
         lines.start(PRIORITY - 1 if realtime != "off" else 0)

@@ -77,7 +77,7 @@ def main(arguments: Sequence[str]) -> int:
                     reports.append(scan(bus, can_ids, options.listen))
             buses.append(about)
         except Refused as error:
-            refused.append(error.trouble)
+            refused.append(error.problem)
     print_to_stderr([*map(str, refused), *unasked])
     if options.json:
         troubles = [{"code": trouble.code, "message": trouble.message, "hint": trouble.hint} for trouble in refused]

@@ -283,7 +283,7 @@ def opened(bus: RigBus) -> ToolBus:
     try:
         return ToolBus(bus)
     except Refused as refused:
-        raise BadInput(str(refused.trouble)) from None
+        raise BadInput(str(refused.problem)) from None
 
 
 def in_candump(identifier: int, extended: bool, data: bytes) -> str:

@@ -44,7 +44,7 @@ def look(baudrate: int = 115200) -> tuple[list[Found], list[str]]:
             Found(names[sensor.kind], path, about.serial, about.model, about.firmware, about.options, sensor.kind)
         )
     seen.close()
-    return sensors, [str(trouble) for trouble in seen.troubles]
+    return sensors, [str(trouble) for trouble in seen.problems]
 
 
 def text(sensors: Sequence[Found]) -> list[str]:
@@ -94,9 +94,9 @@ class WatchedImus(WatchedBlocks):
         outputs = (*channels, *("euler",) * ("quaternion" in channels))
         super().__init__(diagram, lambda block: [name for name in block.outputs if name in outputs])
         self.lines = StreamLines(blocks)
-        if self.lines.troubles:
+        if self.lines.problems:
             self.lines.close()
-            raise BadInput("\n".join(map(str, self.lines.troubles)))
+            raise BadInput("\n".join(map(str, self.lines.problems)))
         self.lines.start(0)
         for block in blocks:
             self.lines.lines[block.bus][1].begin(time.monotonic_ns())

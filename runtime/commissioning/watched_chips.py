@@ -72,9 +72,9 @@ class WatchedChips(WatchedBlocks):
             except BusTaken as taken:
                 raise BadInput(f"{bus.channel} is controlled by {taken.owner}: end that process first") from None
             except SeveralRefused as refused:
-                raise BadInput("\n".join(map(str, refused.troubles))) from None
+                raise BadInput("\n".join(map(str, refused.problems))) from None
             except Refused as refused:
-                raise BadInput(str(refused.trouble)) from None
+                raise BadInput(str(refused.problem)) from None
             self.responded = set()
             self.interface.start(0)
             self.interface.wires.begin(time.monotonic_ns())

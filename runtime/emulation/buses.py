@@ -52,7 +52,7 @@ class PlantBuses:
                 try:
                     self.cans[name] = self.open(rig.buses[name], machine or Machine())
                 except Refused as refused:
-                    troubles.append(refused.trouble)
+                    troubles.append(refused.problem)
             if self.carried and not troubles:
                 troubles += self.carry()
             if troubles:

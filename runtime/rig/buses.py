@@ -25,7 +25,17 @@ from runtime.rig.streams import StreamLines
 from runtime.rig.udp import UdpInterface, failed
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from cext.bus.memory_bus import BusEnd
+    from cext.lines.stream import Stream
+    from cext.safety.shared_state import SharedState
+    from graph import Diagram
+    from graph.schedule import Schedule
     from runtime.guardian.plan_types import PlanBus, PlanRelay
+    from runtime.rig.file import RigBus, RigFile
+    from runtime.rig.streams import StreamInterface
 
 SEE_PYTHON_CAN = "interface and channel are python-can's: see its documentation of this interface"
 GONE = (errno.ENODEV, errno.ENXIO)
@@ -37,8 +47,14 @@ ONE_PROCESS = ("virtual",)  # kinds whose nodes must be in the process that open
 
 @dataclass
 class OpenBus:
-    interface: object  # Interface, or Carried
-    can: object  # SocketCan, or Line
+    """Bus of a rig that is open.
+
+    interface : its interface or line
+    can : its end for the loop
+    """
+
+    interface: Interface | Carried | UdpInterface | I2cInterface | StreamInterface
+    can: SocketCan | Line | I2cInterface | Stream
 
 
 class Carried:
@@ -46,11 +62,11 @@ class Carried:
 
     virtual, remarks, strangers = False, (), None
 
-    def __init__(self, bus):
+    def __init__(self, bus: RigBus) -> None:
         self.bus = bus
 
-    def close(self):
-        pass
+    def close(self) -> None:
+        """The guardian closes the interface."""
 
 
 class RigBuses:
@@ -65,8 +81,8 @@ class RigBuses:
     names : of the buses, in the order of the schedule
     """
 
-    def __init__(self, rig, robot, names, machine=None):
-        self.rig, self.buses, troubles = rig, {}, []
+    def __init__(self, rig: RigFile, robot: Diagram, names: Sequence[str], machine: Machine | None = None) -> None:
+        self.rig, self.buses, problems = rig, {}, []
         self.locks, self.guardian, self.report = [], None, None
         self.lines, self.bell = None, -1
         devices = [block for block in robot if isinstance(block, Device)]
@@ -74,26 +90,27 @@ class RigBuses:
         kinds = [rig.buses[name].interface for name in names if self.media[name] == "can"]
         if any(kind not in NATIVE for kind in kinds):
             self.lines, self.bell = Lines(len(names)), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        self.streams = StreamLines([block for block in devices if block.medium == "stream"])
-        troubles += self.streams.troubles
+        self.streams = StreamLines([block for block in devices if isinstance(block, StreamDevice)])
+        problems += self.streams.problems
         for index, name in enumerate(names):
             if self.media[name] == "stream":
                 if name in self.streams.lines:
                     self.buses[name] = OpenBus(*self.streams.lines[name])
                 continue
             try:
-                self.buses[name] = self.open(
+                self.buses[name] = self._open(
                     index, name, [block for block in devices if block.bus == name], machine or Machine()
                 )
             except SeveralRefused as refused:
-                troubles += refused.troubles
+                problems += refused.problems
             except Refused as refused:
-                troubles.append(refused.trouble)
-        if troubles:
+                problems.append(refused.problem)
+        if problems:
             self.close()
-            raise RigError(rig.path, dict.fromkeys(troubles))
+            raise RigError(rig.path, dict.fromkeys(problems))
 
-    def open(self, index, name, devices, machine):
+    def _open(self, index, name, devices, machine):
+        """Open the interface of a bus. Raises Refused."""
         bus = self.rig.buses[name]
         if (bus.interface == I2C) != (self.media[name] == "i2c"):
             raise Refused(
@@ -146,16 +163,16 @@ class RigBuses:
             interface, SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=TX_QUEUE_FULL_LIMIT)
         )
 
-    def ends(self):
+    def ends(self) -> list[BusEnd]:
         """Return the robot's end of each bus, in the order of the schedule."""
         return [bus.can.end for bus in self.buses.values()]
 
     @property
-    def carries(self):
-        """Return whether the guardian carries the frames of any bus."""
+    def carries(self) -> bool:
+        """Whether the guardian carries the frames of any bus."""
         return self.lines is not None
 
-    def watch(self, page, schedule, robot, priority):
+    def watch(self, page: SharedState, schedule: Schedule, robot: Diagram, priority: int | None) -> None:
         """Start the guardian, which opens the remaining interfaces. Raises RigError.
 
         page : of the run; robot : Diagram; priority : of the loop's SCHED_FIFO, or None
@@ -191,7 +208,7 @@ class RigBuses:
         try:
             self.guardian.configure(guardians_plan(buses, schedule, robot, priority, relays))
         except GuardianError as error:
-            troubles = [
+            problems = [
                 RigProblem(
                     "TW119",
                     f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}",
@@ -200,28 +217,29 @@ class RigBuses:
                 for name, why in error.problems.items()
             ]
             raise RigError(
-                self.rig.path, troubles or [RigProblem("TW120", str(error), "see its message on the terminal")]
+                self.rig.path, problems or [RigProblem("TW120", str(error), "see its message on the terminal")]
             ) from None
 
-    def start_sensors(self, priority):
+    def start_sensors(self, priority: int) -> None:
         """Start the threads that read devices other than CAN. priority : of SCHED_FIFO if granted, else 0"""
         self.streams.start(priority)
         for name, bus in self.buses.items():
             if self.media[name] == "i2c":
                 bus.interface.start(priority)
 
-    def take_over(self):
+    def take_over(self) -> tuple[str, ...]:
         """Stop the actuators without the guardian. Returns the names of those that did not confirm."""
         assert self.guardian is not None
-        died, troubles, stop = self.guardian.take_over()
-        self.report = {"stop": None, "troubles": troubles, "died": died, "taken_over": stop}
+        died, problems, stop = self.guardian.take_over()
+        self.report = {"stop": None, "troubles": problems, "died": died, "taken_over": stop}
         return tuple(stop["unconfirmed"])
 
-    def remarks(self):
+    def remarks(self) -> list[str]:
         """Return remarks for the operator before the run."""
         return [f"{self.rig.path}: {remark}" for bus in self.buses.values() for remark in bus.interface.remarks]
 
-    def close(self):
+    def close(self) -> None:
+        """End the guardian, and close all interfaces, lines and locks."""
         if self.guardian is not None:
             self.guardian.kill()
         self.streams.close()
@@ -233,16 +251,17 @@ class RigBuses:
             os.close(self.bell)
             self.bell = -1
 
-    def finish(self):
+    def finish(self) -> dict[str, dict[str, Any]]:
         """Close the interfaces and return {bus: its counts, state and foreign IDs} as plain data."""
         if self.guardian is not None and self.report is None:
             self.report = self.guardian.finish()
-        self.after = {name: self.count(bus) for name, bus in self.buses.items()}
+        self.after = {name: self._count(bus) for name, bus in self.buses.items()}
         self.close()
         return self.after
 
-    def count(self, bus):
-        strangers, ids = bus.interface.strangers.heard() if bus.interface.strangers is not None else (0, [])
+    def _count(self, bus):
+        """Return the counts, state and foreign IDs of a bus as plain data."""
+        strangers, ids = bus.interface.strangers.counts() if bus.interface.strangers is not None else (0, [])
         return {
             "interface": bus.interface.bus.interface,
             "channel": bus.interface.bus.channel,
@@ -252,7 +271,7 @@ class RigBuses:
             "worst_state": getattr(bus.can, "worst", None),
         }
 
-    def correct(self, frames):
+    def correct(self, frames: dict[str, int]) -> dict[str, int]:
         """Return the frame counts of a run, {kind: number}, with those that did not reach the robot.
 
         Call it after `finish`.
@@ -266,11 +285,11 @@ class RigBuses:
         corrected["foreign"] += strangers - total["errors"]
         return corrected
 
-    def strangers(self):
+    def strangers(self) -> dict[str, list[str]]:
         """Return the IDs of frames from unknown nodes, by bus."""
         return {name: bus["stranger_ids"] for name, bus in self.after.items() if bus["stranger_ids"]}
 
-    def sensors(self):
+    def sensors(self) -> list[str]:
         """Return 'shank 200 Hz' for each I2C device, with its errors."""
         lines = []
         for name, bus in self.after.items():
@@ -283,7 +302,7 @@ class RigBuses:
                 lines.append(words)
         return lines
 
-    def failures(self):
+    def failures(self) -> list[tuple[str, dict[str, Any], str]]:
         """Return (path, counts, last error) of the I2C devices that failed to reply at times."""
         return [
             (path, counts, error_in_words(counts["error"]))
@@ -293,7 +312,7 @@ class RigBuses:
             if counts["failures"]
         ]
 
-    def unheard(self):
+    def unheard(self) -> list[str]:
         """Return the channels on which no node acknowledged frames."""
         return [
             bus["channel"]
@@ -301,8 +320,8 @@ class RigBuses:
             if self.media[name] == "can" and (bus["worst_state"] in ("passive", "off") or bus["refused"])
         ]
 
-    def line(self, name):
-        """Return the port of a serial line, and whether it is present, as text."""
+    def line(self, name: str) -> str:
+        """Return the port of a serial line, and whether it is connected, as text. name : of the bus"""
         bus = self.buses[name]
         counts = self.after[name] if hasattr(self, "after") else bus.can.counts
         lost, back = counts["losses"], counts["returns"]
@@ -315,8 +334,8 @@ class RigBuses:
         other = ", replaced by another device" if lost > back and counts["strangers"] else ""
         return f"{bus.interface.bus.channel}{gone}{other}"
 
-    def explain(self, name):
-        """Return why a bus failed, and the remedy."""
+    def explain(self, name: str) -> tuple[str, str]:
+        """Return (why a bus failed, remedy). name : of the bus"""
         bus = self.buses[name].interface.bus
         if isinstance(self.buses[name].can, Line):
             reason = (self.report or {}).get("troubles", {}).get(name) or "it accepts no frames"
@@ -328,26 +347,27 @@ class RigBuses:
         )
 
 
-def in_words(trouble, bus, virtual):
-    """Return the error of a SocketCan as text, and its remedy.
+def in_words(error: int | str | None, bus: RigBus, virtual: bool) -> tuple[str, str]:
+    """Return (the failure of a SocketCan as text, its remedy).
 
+    error : errno, "bus-off" or "full"
     bus : RigBus
     virtual : whether all nodes are processes of this machine
     """
     channel = bus.channel
-    if trouble == "bus-off":
+    if error == "bus-off":
         return (f"{channel} is bus-off after too many errors", f"{WIRING}; then: {again(bus)}")
-    if trouble == "full":
+    if error == "full":
         return (
             f"the queue of {channel} was full for {TX_QUEUE_FULL_LIMIT} ticks: no node acknowledges its frames, "
             "or the bus is overloaded",
             f"{WIRING}; for a longer queue: sudo ip link set {channel} txqueuelen 128",
         )
-    if trouble == errno.ENETDOWN:
+    if error == errno.ENETDOWN:
         return f"{channel} went down", take_up(bus, virtual)
-    if trouble in GONE:
+    if error in GONE:
         return f"{channel} disappeared: its adapter was unplugged or lost power", (
             f"plug it in, then: {take_up(bus, virtual)}"
         )
-    reason = os.strerror(trouble) if trouble else "sending and receiving failed"
+    reason = os.strerror(error) if isinstance(error, int) and error else "sending and receiving failed"
     return f"{channel}: {reason}", f"see: ip -details -statistics link show {channel}"

@@ -1,9 +1,19 @@
 """Chips of an I2C bus, through multiplexers, with smbus2: for set-up and for listing."""
 
+from __future__ import annotations
+
 import errno
+from typing import TYPE_CHECKING
 
 from blocks.families import families
 from blocks.i2c import CHANNELS, MUX
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from types import TracebackType
+
+    from smbus2 import SMBus
+
 
 FIRST, LAST = 0x08, 0x77  # range of device addresses
 # memories: probed by reading a byte, since a write without data could damage their content
@@ -13,7 +23,7 @@ FRAGILE = {*range(0x30, 0x38), *range(0x50, 0x60)}
 class NoAnswer(Exception):
     """No acknowledge from an address. error : OSError; address : of the chip; mux : whether it is a multiplexer"""
 
-    def __init__(self, error, address, mux=False):
+    def __init__(self, error: OSError, address: int, mux: bool = False) -> None:
         super().__init__(f"{address:#04x}: {error}")
         self.errno, self.address, self.mux = error.errno, address, mux
 
@@ -21,15 +31,16 @@ class NoAnswer(Exception):
 class Chips:
     """I2C chips behind multiplexers. wires : smbus2.SMBus, or an object with its methods"""
 
-    def __init__(self, wires):
+    def __init__(self, wires: SMBus) -> None:
         self.wires = wires
         self.open = (0, 0)  # multiplexer and channel that this object has opened; 0: none
 
-    def close(self):
+    def close(self) -> None:
+        """Close the adapter of the bus."""
         self.wires.close()
 
-    def read(self, address, register, count):
-        """Read `count` bytes from a register.
+    def read(self, address: int, register: int, count: int) -> bytes:
+        """Return `count` bytes from a register. Raises NoAnswer.
 
         An adapter without block transfers reads a word, two bytes on the bus, for two bytes.
         """
@@ -40,7 +51,8 @@ class Chips:
                 return self.wires.read_word_data(address, register).to_bytes(2, "little")
             return bytes(self.wires.read_i2c_block_data(address, register, count))
 
-    def write(self, address, register, data):
+    def write(self, address: int, register: int, data: bytes) -> None:
+        """Write bytes to a register. Raises NoAnswer."""
         with answered(address):
             if len(data) == 1:
                 self.wires.write_byte_data(address, register, data[0])
@@ -49,7 +61,7 @@ class Chips:
             else:
                 self.wires.write_i2c_block_data(address, register, list(data))
 
-    def probe(self, address):
+    def probe(self, address: int) -> None:
         """Raise NoAnswer if no device acknowledges an address."""
         with answered(address):
             if address in FRAGILE:
@@ -62,8 +74,12 @@ class Chips:
                     raise
                 self.wires.read_byte(address)
 
-    def switch(self, mux, channel):
-        """Open one channel only. mux : address of the multiplexer, 0 to close all"""
+    def switch(self, mux: int, channel: int) -> None:
+        """Open one channel only, and close that of another multiplexer. Raises NoAnswer.
+
+        mux : address of the multiplexer, 0 to close all
+        channel : 0 to 7
+        """
         if self.open == (mux, channel):
             return
         if self.open[0] and self.open[0] != mux:
@@ -73,7 +89,8 @@ class Chips:
             self.select(mux, 1 << channel)
             self.open = (mux, channel)
 
-    def select(self, mux, mask):
+    def select(self, mux: int, mask: int) -> None:
+        """Write the mask of open channels to a multiplexer. Raises NoAnswer."""
         try:
             with answered(mux):
                 self.wires.write_byte(mux, mask)
@@ -81,12 +98,12 @@ class Chips:
             error.mux = True
             raise
 
-    def leave(self):
+    def leave(self) -> None:
         """Close the open channel."""
         self.switch(0, 0)
 
-    def answering(self, outside=False):
-        """Return the responding addresses on the open channel and the bus. outside : on the bus only"""
+    def answering(self, outside: bool = False) -> list[int]:
+        """Return the responding addresses on the open channel and the bus. outside : close all channels before"""
         if outside:
             try:
                 self.switch(0, 0)
@@ -108,13 +125,15 @@ class Chips:
 class answered:
     """Context manager that converts an OSError to NoAnswer."""
 
-    def __init__(self, address):
+    def __init__(self, address: int) -> None:
         self.address = address
 
     def __enter__(self):
         return self
 
-    def __exit__(self, kind, error, trace):
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if isinstance(error, OSError):
             raise NoAnswer(error, self.address) from None
 
@@ -122,7 +141,7 @@ class answered:
 class KnownChips:
     """Identification of chips by their registers. chips : Chips"""
 
-    def __init__(self, chips):
+    def __init__(self, chips: Chips) -> None:
         self.chips = chips
         self.registers, self.guesses = {}, {}  # by address: [(register, {value: name}, mask)], and names
         for chip in (chip for family in families() for chip in family.chips):
@@ -133,8 +152,8 @@ class KnownChips:
                     self.guesses[address] = chip.name
         self.guesses |= {address: "TCA9548A multiplexer" for address in range(MUX, MUX + 8)}
 
-    def name(self, address):
-        """Return (name, how it is known): "" twice where nothing is."""
+    def name(self, address: int) -> tuple[str, str]:
+        """Return (name, evidence) of the chip at an address on the open channel: "" twice for an unknown chip."""
         read = {}
         for register, values, mask in self.registers.get(address, ()):
             if register not in read:
@@ -147,18 +166,18 @@ class KnownChips:
                 return values[value & mask], f"register {register:#04x} is {value:#04x}"
         return (self.guesses[address], "by its address") if address in self.guesses else ("", "")
 
-    def everywhere(self):
-        """Return all chips as [(mux, channel, address, name, how)]; mux is 0 on the bus itself.
+    def everywhere(self) -> list[tuple[int, int, int, str, str]]:
+        """Return all chips as [(mux, channel, address, name, evidence)]; mux is 0 on the bus itself.
 
         Chips on the bus itself are listed once.
         """
         self.chips.leave()
-        here = self.chips.answering()
-        muxes = [address for address in here if MUX <= address < MUX + 8]
+        on_bus = self.chips.answering()
+        muxes = [address for address in on_bus if MUX <= address < MUX + 8]
         for mux in muxes:
             self.chips.select(mux, 0)  # a previous run may have left channels open
-        here = [address for address in self.chips.answering()]
-        chips = [(0, 0, address, *self.name(address)) for address in here]
+        on_bus = [address for address in self.chips.answering()]
+        chips = [(0, 0, address, *self.name(address)) for address in on_bus]
         for mux in muxes:
             for channel in range(CHANNELS):
                 try:
@@ -168,11 +187,12 @@ class KnownChips:
                 chips += [
                     (mux, channel, address, *self.name(address))
                     for address in self.chips.answering()
-                    if address not in here
+                    if address not in on_bus
                 ]
         self.chips.leave()
         return chips
 
 
-def in_hex(addresses):
+def in_hex(addresses: Iterable[int]) -> str:
+    """Return addresses as text: '0x48, 0x68', or 'none'."""
     return ", ".join(f"{address:#04x}" for address in addresses) or "none"

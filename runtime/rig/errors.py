@@ -1,8 +1,16 @@
 """Error codes of rigs. docs/rigs.md explains each of them."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from runtime.base.errors import BadInput
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
 
 CODES = {
     "TW101": "unreadable rig file",
@@ -53,16 +61,16 @@ class RigProblem:
 
 
 class RigError(BadInput):
-    """A rig that cannot be used. troubles : list of RigProblem"""
+    """A rig that cannot be used. path : of the rig file; problems : its RigProblems"""
 
-    def __init__(self, path, troubles):
-        self.troubles = tuple(troubles)
-        super().__init__("\n".join(f"{path}: {trouble}" for trouble in self.troubles))
+    def __init__(self, path: str | Path, problems: Iterable[RigProblem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(f"{path}: {problem}" for problem in self.problems))
 
 
 class Refused(Exception):
-    """A bus of a rig that cannot be used. trouble : RigProblem"""
+    """A bus or device of a rig that cannot be used. problem : RigProblem"""
 
-    def __init__(self, trouble):
-        super().__init__(str(trouble))
-        self.trouble = trouble
+    def __init__(self, problem: RigProblem) -> None:
+        super().__init__(str(problem))
+        self.problem = problem

@@ -11,14 +11,22 @@
 This module checks the file itself; runtime.rig.overrides applies it to a diagram.
 """
 
+from __future__ import annotations
+
 import re
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from graph.names import suggestion
+from runtime.rig.bus import BITRATE_MAXIMUM, RigBus
 from runtime.rig.errors import RigError, RigProblem
 from runtime.rig.udp import EXAMPLE, UDP, Endpoint
+
+if TYPE_CHECKING:
+    pass
+
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -26,7 +34,7 @@ else:
     import tomli as tomllib
 
 SOCKETCAN, I2C = "socketcan", "i2c"
-BITRATE_MINIMUM, BITRATE_MAXIMUM = 10_000, 1_000_000  # bit/s, of classic CAN
+BITRATE_MINIMUM = 10_000  # bit/s
 INTERFACE_NAME_LIMIT = 15  # characters of a network interface
 KEYS = {  # of a bus: type, example, whether it is required
     "interface": (str, '"socketcan"', True),
@@ -41,42 +49,21 @@ WORDS = {str: "text", int: "a whole number of bit/s", bool: "true or false", dic
 
 
 @dataclass(frozen=True)
-class RigBus:
-    """Interface of a logical bus.
-
-    interface : kind of python-can, udp, or i2c
-    channel : name of the interface
-    bitrate : bit/s
-    fd : whether it carries CAN FD
-    peer : destination of UDP datagrams, "" for none
-    options : further arguments of the python-can interface
-    """
-
-    name: str
-    interface: str
-    channel: str
-    bitrate: int = BITRATE_MAXIMUM
-    fd: bool = False
-    peer: str = ""
-    options: dict = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class RigFile:
     """Rig file. buses : RigBus by logical name; devices : {path: {parameter: value}}; text : unchanged file content"""
 
     path: Path
     text: str
-    buses: dict
-    devices: dict
+    buses: dict[str, RigBus]
+    devices: dict[str, dict[str, Any]]
 
 
-def read(path):
+def read(path: str | Path) -> RigFile:
     """Read the rig file at a path. Raises RigError with every problem of the file."""
     return parse(Path(path), text_of(Path(path)))
 
 
-def parse(path, text):
+def parse(path: str | Path, text: str) -> RigFile:
     """Parse the text of a rig file. path : for messages. Raises RigError."""
     try:
         content = tomllib.loads(text)
@@ -84,22 +71,23 @@ def parse(path, text):
         hint = 'quote text with "", and a path in a name: [device."left/knee"]'
         raise RigError(path, [RigProblem("TW101", f"invalid TOML: {error}", hint)]) from None
     hint = 'write [bus.NAME] or [device."PATH"]'
-    troubles = [
+    problems = [
         RigProblem(
             "TW102", f"[{key}]: unknown table: a rig has [bus] and [device]", suggestion(key, ("bus", "device")) or hint
         )
         for key in content
         if key not in ("bus", "device")
     ]
-    buses = {name: bus(name, table, troubles) for name, table in tables(content, "bus", "NAME", troubles)}
-    devices = dict(tables(content, "device", '"PATH"', troubles))
-    troubles += shared_channels([bus for bus in buses.values() if bus is not None])
-    if troubles:
-        raise RigError(path, troubles)
-    return RigFile(path, text, buses, devices)
+    buses = {name: _bus(name, table, problems) for name, table in _tables(content, "bus", "NAME", problems)}
+    devices = dict(_tables(content, "device", '"PATH"', problems))
+    problems += _shared_channels([bus for bus in buses.values() if bus is not None])
+    if problems:
+        raise RigError(path, problems)
+    return RigFile(Path(path), text, {name: bus for name, bus in buses.items() if bus is not None}, devices)
 
 
-def text_of(path):
+def text_of(path: Path) -> str:
+    """Return the text of a rig file, with the line ends of Linux. Raises RigError."""
     if path.is_dir():
         raise RigError(path, [RigProblem("TW101", "is a folder", "pass a rig file, such as lab.toml")])
     try:
@@ -113,14 +101,14 @@ def text_of(path):
         raise RigError(path, [RigProblem("TW101", f"cannot be read: {error.strerror}")]) from None
 
 
-def tables(content, kind, name, troubles):
+def _tables(content, kind, name, problems):
     """Yield (name, table) of every [kind.name]."""
     entries = content.get(kind, {})
     if not isinstance(entries, dict):
-        troubles.append(RigProblem("TW102", f"{kind} = {entries!r}: expected a table", f"write [{kind}.{name}]"))
+        problems.append(RigProblem("TW102", f"{kind} = {entries!r}: expected a table", f"write [{kind}.{name}]"))
         return []
     hint = f"write [{kind}.{name}], followed by its keys"
-    troubles += [
+    problems += [
         RigProblem("TW102", f"[{kind}] {key} = {value!r}: expected a table", hint)
         for key, value in entries.items()
         if not isinstance(value, dict)
@@ -128,98 +116,99 @@ def tables(content, kind, name, troubles):
     return [(key, value) for key, value in entries.items() if isinstance(value, dict)]
 
 
-def bus(name, table, troubles):
-    """Return the RigBus of a table; None if it is invalid, with the problems added to `troubles`."""
-    before = len(troubles)
+def _bus(name, table, problems):
+    """Return the RigBus of a table; None if it is invalid, with the problems added to `problems`."""
+    before = len(problems)
 
-    def wrong(message, hint):
-        troubles.append(RigProblem("TW102", f"[bus.{name}] {message}", hint))
+    def report(message, hint):
+        problems.append(RigProblem("TW102", f"[bus.{name}] {message}", hint))
 
     for key in table:
         if key not in KEYS:
-            wrong(f"{key}: unknown key", suggestion(key, KEYS) or f"it has {', '.join(KEYS)}")
+            report(f"{key}: unknown key", suggestion(key, KEYS) or f"it has {', '.join(KEYS)}")
     for key, (kind, example, needed) in KEYS.items():
         if key not in table:
             if needed and not any(suggestion(other, (key,)) for other in table if other not in KEYS):
-                wrong(f"{key} is missing", f"write {key} = {example}")
+                report(f"{key} is missing", f"write {key} = {example}")
         elif type(table[key]) is not kind or table[key] == "":
-            wrong(f"{key} = {table[key]!r}: expected {WORDS[kind]}", f"write {key} = {example}")
-    if len(troubles) > before:
+            report(f"{key} = {table[key]!r}: expected {WORDS[kind]}", f"write {key} = {example}")
+    if len(problems) > before:
         return None
     parsed = RigBus(name, **table)
     if parsed.interface == I2C:
-        check_i2c(parsed, table, wrong)
-        return parsed if len(troubles) == before else None
+        _check_i2c(parsed, table, report)
+        return parsed if len(problems) == before else None
     if not BITRATE_MINIMUM <= parsed.bitrate <= BITRATE_MAXIMUM:
-        wrong(
+        report(
             f"bitrate = {parsed.bitrate}: outside the range of CAN, {BITRATE_MINIMUM} to {BITRATE_MAXIMUM} bit/s",
             "write bitrate = 1_000_000",
         )
     if parsed.interface == SOCKETCAN and not re.fullmatch(r"[^/\s]{1,%d}" % INTERFACE_NAME_LIMIT, parsed.channel):
-        wrong(
+        report(
             f"channel = {parsed.channel!r}: not a valid name of a network interface",
             'write channel = "can0"; `ip link` lists the interfaces of this machine',
         )
-    check_options(parsed, wrong)
+    _check_options(parsed, report)
     if parsed.interface == UDP:
-        check_udp(parsed, wrong)
+        _check_udp(parsed, report)
     elif parsed.peer:
-        wrong("peer: only valid for UDP", "remove it")
-    if parsed.interface not in (SOCKETCAN, UDP) and parsed.interface not in kinds():
-        wrong(
+        report("peer: only valid for UDP", "remove it")
+    if parsed.interface not in (SOCKETCAN, UDP) and parsed.interface not in _kinds():
+        report(
             f"interface = {parsed.interface!r}: python-can has no such interface",
-            suggestion(parsed.interface, [*kinds(), UDP, I2C]) or 'write interface = "socketcan"',
+            suggestion(parsed.interface, [*_kinds(), UDP, I2C]) or 'write interface = "socketcan"',
         )
-    return parsed if len(troubles) == before else None
+    return parsed if len(problems) == before else None
 
 
-def check_options(bus, wrong):
-    """Check the options of a bus. wrong : callback for (message, hint)"""
+def _check_options(bus, report):
+    """Check the options of a bus. report : callback for (message, hint)"""
     if bus.options and bus.interface in (SOCKETCAN, UDP):
-        wrong(f"options: {bus.interface} does not use python-can and has no options", "remove them")
+        report(f"options: {bus.interface} does not use python-can and has no options", "remove them")
     for key, value in bus.options.items():
         if key in OWN:
-            wrong(f"options.{key}: key of the bus itself", f"write {key} in [bus.{bus.name}]")
-        elif not is_plain(value):
-            wrong(f"options.{key} = {value}: expected text, a number, true or false, or a list of those", "remove it")
+            report(f"options.{key}: key of the bus itself", f"write {key} in [bus.{bus.name}]")
+        elif not _is_plain(value):
+            report(f"options.{key} = {value}: expected text, a number, true or false, or a list of those", "remove it")
 
 
-def is_plain(value):
-    return all(map(is_plain, value)) if isinstance(value, list) else isinstance(value, (str, int, float, bool))
+def _is_plain(value):
+    """Return whether a value is text, a number, a bool or a list of those."""
+    return all(map(_is_plain, value)) if isinstance(value, list) else isinstance(value, (str, int, float, bool))
 
 
-def check_udp(bus, wrong):
-    """Check a UDP bus. wrong : callback for (message, hint)"""
+def _check_udp(bus, report):
+    """Check a UDP bus. report : callback for (message, hint)"""
     for key in ("channel", "peer"):
         text = getattr(bus, key)
         try:
             if text:
                 Endpoint(text)
         except ValueError as error:
-            wrong(
+            report(
                 f"{key} = {text!r}: {error}",
                 f"write {key} = " + (EXAMPLE if key == "channel" else '"192.168.4.2:9871"'),
             )
     if bus.fd:
-        wrong("fd = true: UDP carries classic CAN frames only", "remove it")
+        report("fd = true: UDP carries classic CAN frames only", "remove it")
 
 
-def check_i2c(bus, table, wrong):
-    """Check an I2C bus. wrong : callback for (message, hint)"""
+def _check_i2c(bus, table, report):
+    """Check an I2C bus. report : callback for (message, hint)"""
     for key in table:
         if key not in ("interface", "channel"):
-            wrong(
+            report(
                 f"{key}: not valid for an I2C bus",
                 "remove it; the clock is set in the system's configuration: dtparam=i2c_arm_baudrate",
             )
     if not bus.channel.startswith("/dev/"):
-        wrong(
+        report(
             f"channel = {bus.channel!r}: expected a device file in /dev",
             'write channel = "/dev/i2c-1"; ls /dev/i2c-* lists the buses of this machine',
         )
 
 
-def kinds():
+def _kinds():
     """Return the interface names of python-can.
 
     Its import takes 0.1 s, so this is not called for SocketCAN.
@@ -229,7 +218,8 @@ def kinds():
     return sorted(VALID_INTERFACES)
 
 
-def shared_channels(buses):
+def _shared_channels(buses):
+    """Yield a RigProblem for each bus with the channel of another."""
     first = {}
     for bus in buses:
         other = first.setdefault((bus.interface, bus.channel), bus)

@@ -3,24 +3,45 @@
 Keys of `opening`: chip, pin (name or number), active_low, output; for an input, bias and debounce (s).
 """
 
+from __future__ import annotations
+
 import errno
 import os
 from datetime import timedelta
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.line import Opened, one_by_one
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from graph import StreamDevice
+
 
 EVENT = 48  # bytes of struct gpio_v2_line_event
 CONSUMER = "tickwork"
 
 
-def open_lines(devices):
+def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | RigProblem]:
     """Open the lines of `devices`. Returns {device: Opened or RigProblem}."""
     return one_by_one(devices, lambda device: opened(device.path, **device.opening()))
 
 
-def opened(path, chip, pin, active_low, output, bias="as_is", debounce=0.0):
+def opened(
+    path: str, chip: str, pin: str, active_low: bool, output: bool, bias: str = "as_is", debounce: float = 0.0
+) -> Opened:
+    """Request a GPIO line. Raises Refused.
+
+    path : of the device, for messages
+    chip : device file, such as /dev/gpiochip0
+    pin : name of the line, or its number on the chip
+    active_low : whether a low level is 1
+    output : whether it is an output
+    bias : "as_is", "pull_up", "pull_down" or "disabled", of an input
+    debounce : s, of an input
+    """
     name = f'[device."{path}"] {chip} {pin}'
     if not pin:
         hint = 'write pin = "GPIO17", or its number on the chip; list the names: gpioinfo'
@@ -47,11 +68,12 @@ def opened(path, chip, pin, active_low, output, bias="as_is", debounce=0.0):
     try:
         request = gpiod.request_lines(str(chip), {int(pin) if pin.isdecimal() else pin: settings}, consumer=CONSUMER)
     except (OSError, ValueError) as error:
-        raise Refused(in_words(name, chip, pin, error)) from None
+        raise Refused(_open_problem(name, chip, pin, error)) from None
     return Opened(os.dup(request.fd), f"{chip} {pin}", record=EVENT, is_gpio=True, close=request.release)
 
 
-def in_words(name, chip, pin, error):
+def _open_problem(name, chip, pin, error):
+    """Return a RigProblem that explains why a line cannot be requested."""
     number = getattr(error, "errno", None)
     if not os.path.exists(chip):
         return RigProblem(
@@ -59,7 +81,7 @@ def in_words(name, chip, pin, error):
         )
     if number in (errno.EACCES, errno.EPERM):
         return RigProblem(
-            "TW118", f"{name}: {os.strerror(number)}", f"sudo usermod -aG {group_of(chip)} $USER, then log in again"
+            "TW118", f"{name}: {os.strerror(number)}", f"sudo usermod -aG {_group_of(chip)} $USER, then log in again"
         )
     if number == errno.EBUSY:
         return RigProblem("TW119", f"{name}: in use by another process", "find it: gpioinfo")
@@ -70,7 +92,7 @@ def in_words(name, chip, pin, error):
     return RigProblem("TW119", f"{name}: {os.strerror(number)}", "check that it is a GPIO chip: gpiodetect")
 
 
-def group_of(path):
+def _group_of(path):
     """Return the name of the group with access to a file."""
     import grp
 

@@ -4,12 +4,15 @@ Errors name the cause: a missing bus and how to enable it, missing permission, a
 responding addresses.
 """
 
+from __future__ import annotations
+
 import errno
 import os
 import stat
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from blocks.i2c import I2cDevice
 from cext.lines.i2c import I2cBus
@@ -17,6 +20,14 @@ from cext.lines.i2c_adapters import LinuxAdapter
 from runtime.rig.chips import Chips, NoAnswer, in_hex
 from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.serial_port import permission
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from blocks.i2c import Transfer
+    from cext.lines.i2c import I2cAdapter
+    from runtime.rig.file import RigBus
+
 
 NODES = "i2c-*"  # in /dev
 ENABLE = (
@@ -27,9 +38,10 @@ ENABLE = (
 
 
 class I2cInterface:
-    """Bus with all its devices set up.
+    """Bus with all its devices set up. Raises SeveralRefused with the problems of its devices.
 
-    bus : RigBus; devices : blocks.i2c.I2cDevice that are on it
+    bus : RigBus
+    devices : that are on it
     opened : return value of `open_adapter` for that bus
 
     wires : cext.lines.i2c.I2cBus
@@ -38,38 +50,40 @@ class I2cInterface:
 
     virtual, strangers = False, None
 
-    def __init__(self, bus, devices: Sequence[I2cDevice], opened=None):
+    def __init__(
+        self, bus: RigBus, devices: Sequence[I2cDevice], opened: tuple[Chips, I2cAdapter] | None = None
+    ) -> None:
         self.bus, self.devices, self.remarks = bus, devices, []
         self.identities = {}  # values of the identity registers, to recognise a chip after a reconnect
         chips, adapter = opened or open_adapter(bus)
-        troubles = []
+        problems = []
         try:
             self.wires = I2cBus(adapter, bus.name)
             for device in devices:
-                self.release(device, chips)
+                self._release(device, chips)
             for device in sorted(devices, key=lambda device: (device.place, device.address)):
                 try:
-                    self.set_up(device, chips)
-                    self.hand_over(device)
+                    self._set_up(device, chips)
+                    self._hand_over(device)
                 except Refused as refused:
-                    troubles.append(refused.trouble)
+                    problems.append(refused.problem)
             chips.leave()
         finally:
             chips.close()
-        if troubles:
-            raise SeveralRefused(troubles)
+        if problems:
+            raise SeveralRefused(problems)
 
-    def release(self, device, chips):
+    def _release(self, device, chips):
         """Close channels that a previous run left open. Errors are reported later."""
         try:
             chips.switch(device.mux, device.channel)
-            if device.release() and not self.mismatch(device, chips):
+            if device.release() and not self._mismatch(device, chips):
                 for write in device.release():
                     chips.write(device.address, write.register, write.data)
         except NoAnswer:
             pass
 
-    def mismatch(self, device, chips):
+    def _mismatch(self, device, chips):
         """Return (Identity, value) if a chip identifies as another kind, else None."""
         for identity in device.identities():
             value = chips.read(device.address, identity.register, 1)[0]
@@ -77,31 +91,32 @@ class I2cInterface:
                 return identity, value
         return None
 
-    def set_up(self, device, chips):
+    def _set_up(self, device, chips):
         """Set up a device. Raises Refused with the cause."""
         entry = f'[device."{device.path}"]'
         try:
             chips.switch(device.mux, device.channel)
-            self.recognise(device, chips, entry)
+            self._check_identity(device, chips, entry)
             for write in device.set_up():
                 at = device.address if write.address is None else write.address
                 chips.write(at, write.register, write.data)
                 time.sleep(write.wait)
-            self.learn(device, chips, entry)
+            self._read_settings(device, chips, entry)
         except NoAnswer as error:
-            raise Refused(self.no_reply(device, chips, error, entry)) from None
+            raise Refused(self._no_reply(device, chips, error, entry)) from None
 
-    def recognise(self, device, chips, entry):
+    def _check_identity(self, device, chips, entry):
+        """Read the identity registers of a chip. Raises Refused for another kind of chip."""
         if not device.identities():
             chips.probe(device.address)
-        mismatch = self.mismatch(device, chips)
+        mismatch = self._mismatch(device, chips)
         if mismatch is not None:
             identity, value = mismatch
             expected = " or ".join(f"{value:#04x} ({name})" for value, name in identity.values.items())
             raise Refused(
                 RigProblem(
                     "TW134",
-                    f"{entry} {self.where(device)}: its identity register is {value:#04x}, "
+                    f"{entry} {self._place_text(device)}: its identity register is {value:#04x}, "
                     f"but that of a {device.kind} is {expected}",
                     f"another chip has this address; {in_hex(chips.answering())} reply, and `python -m runtime scan` "
                     "identifies them",
@@ -115,7 +130,9 @@ class I2cInterface:
             if name != device.kind:
                 self.remarks.append(f"{device.path} is a {name}")
 
-    def learn(self, device, chips, entry):
+    def _read_settings(self, device, chips, entry):
+        """Read back the settings of a device. Raises Refused if they are not those that were written."""
+
         def read(register, count, address=None):
             return chips.read(device.address if address is None else address, register, count)
 
@@ -127,7 +144,7 @@ class I2cInterface:
             device.learn(read, write)
         except ValueError as error:
             raise Refused(
-                RigProblem("TW129", f"{entry} {self.where(device)}: {error}", "see docs/sensors.md")
+                RigProblem("TW129", f"{entry} {self._place_text(device)}: {error}", "see docs/sensors.md")
             ) from None
         check = device.check()
         if check is not None:
@@ -140,22 +157,23 @@ class I2cInterface:
                 raise Refused(
                     RigProblem(
                         "TW129",
-                        f"{entry} {self.where(device)}: {what}",
+                        f"{entry} {self._place_text(device)}: {what}",
                         "check for a long wire, missing pull-ups, two chips at one address, or a chip that only "
                         "looks like one",
                     )
                 )
 
-    def where(self, device):
+    def _place_text(self, device):
+        """Return the channel, multiplexer and address of a device as text."""
         there = f", multiplexer {device.mux:#04x} channel {device.channel}" if device.mux else ""
         return f"{self.bus.channel}{there}, address {device.address:#04x}"
 
-    def no_reply(self, device, chips, error, entry):
+    def _no_reply(self, device, chips, error, entry):
         """Return a RigProblem that explains why a chip did not reply."""
         if error.errno == errno.EBUSY:
             return RigProblem(
                 "TW135",
-                f"{entry} {self.where(device)}: address in use by a kernel driver",
+                f"{entry} {self._place_text(device)}: address in use by a kernel driver",
                 "unload it: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt",
             )
         if error.mux:
@@ -168,7 +186,7 @@ class I2cInterface:
         if error.errno in (errno.ETIMEDOUT, errno.EAGAIN):
             return RigProblem(
                 "TW128",
-                f"{entry} {self.where(device)}: the bus is stuck: {os.strerror(error.errno)}",
+                f"{entry} {self._place_text(device)}: the bus is stuck: {os.strerror(error.errno)}",
                 "a device holds a line low: power-cycle the sensors; check the pull-ups, all to one voltage",
             )
         replying = in_hex(chips.answering())
@@ -176,12 +194,13 @@ class I2cInterface:
         what = f"at {error.address:#04x}, inside it, " if error.address != device.address else ""
         return RigProblem(
             "TW128",
-            f"{entry} {self.where(device)}: no reply {what}({os.strerror(error.errno)})",
+            f"{entry} {self._place_text(device)}: no reply {what}({os.strerror(error.errno)})",
             f"on {place} {replying} repl{'ies' if replying.count('0x') == 1 else 'y'}: correct address, mux or channel "
             f"in {entry}, or check its supply",
         )
 
-    def hand_over(self, device):
+    def _hand_over(self, device):
+        """Add a device to the native bus."""
         at = device.address
         check = device.check()
         self.wires.add(
@@ -197,7 +216,7 @@ class I2cInterface:
         )
 
     @property
-    def counts(self):
+    def counts(self) -> dict[str, Any]:
         """Return the counts of the thread, those of devices by path."""
         counts = self.wires.counts
         order = sorted(self.devices, key=lambda device: (device.place, device.address))
@@ -207,35 +226,37 @@ class I2cInterface:
 
     end = property(lambda self: self.wires.end)
 
-    def start(self, priority):
+    def start(self, priority: int) -> None:
+        """Start the thread that reads the devices. priority : of SCHED_FIFO if granted, else 0"""
         self.wires.start(priority)
 
-    def close(self):
+    def close(self) -> None:
+        """End the thread, and close the bus."""
         self.wires.stop()
 
 
 class SeveralRefused(Refused):
-    """Several unusable devices of one bus. troubles : list of RigProblem"""
+    """Several unusable devices of one bus. problems : list of RigProblem"""
 
-    def __init__(self, troubles):
-        super().__init__(troubles[0])
-        self.troubles = troubles
+    def __init__(self, problems: Sequence[RigProblem]) -> None:
+        super().__init__(problems[0])
+        self.problems = problems
 
 
-def error_in_words(error):
+def error_in_words(error: int) -> str:
     """Return the last error of a device as text. error : number that cext.lines.i2c counts"""
     return {-1: "it lost its settings", -2: "another kind of chip replies instead"}.get(error) or os.strerror(error)
 
 
-def exchange(transfer, address):
-    """Convert a transfer to the arguments of cext.lines.i2c.I2cBus.add."""
+def exchange(transfer: Transfer, address: int) -> tuple[Any, ...]:
+    """Convert a transfer to the arguments of cext.lines.i2c.I2cBus.add. address : of the device"""
     steps = tuple(
         (step.register, step.count if hasattr(step, "count") else bytes(step.data)) for step in transfer.steps
     )
     return transfer.number, address if transfer.address is None else transfer.address, steps, bytes(transfer.appended)
 
 
-def open_adapter(bus):
+def open_adapter(bus: RigBus) -> tuple[Chips, LinuxAdapter]:
     """Open the bus of a RigBus. Returns (Chips, LinuxAdapter). Raises Refused."""
     name = f"[bus.{bus.name}] {bus.channel}"
     try:
@@ -262,8 +283,8 @@ def open_adapter(bus):
         raise Refused(RigProblem("TW131", f"{name}: {error.strerror}", known())) from None
 
 
-def in_words(name, path, error):
-    """Return a RigProblem that explains why a bus cannot be opened."""
+def in_words(name: str, path: str, error: OSError) -> RigProblem:
+    """Return a RigProblem that explains why a bus cannot be opened. name : of the bus, for the message"""
     if error.errno in (errno.EACCES, errno.EPERM):
         return RigProblem("TW132", f"{name}: {error.strerror}", permission(path))
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
@@ -273,12 +294,13 @@ def in_words(name, path, error):
     return RigProblem("TW119", f"{name}: {error.strerror}", "see: ls -l /dev/i2c-*")
 
 
-def known(folder="/dev"):
+def known(folder: str = "/dev") -> str:
+    """Return a hint that lists the I2C buses of this machine. folder : of the device files"""
     there = paths(folder)
     return (f"there is {', '.join(there)}; " if there else "no I2C bus is enabled; ") + ENABLE
 
 
-def paths(folder="/dev"):
+def paths(folder: str = "/dev") -> list[str]:
     """Return the paths of all I2C buses of this machine."""
     buses = [str(path) for path in Path(folder).glob(NODES) if path.name.removeprefix("i2c-").isdigit()]
     return sorted(buses, key=lambda path: int(path.rpartition("-")[2]))

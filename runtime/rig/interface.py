@@ -5,13 +5,23 @@ other frames arrive at a second socket that a tick never reads: the kernel count
 so that their IDs can be reported.
 """
 
+from __future__ import annotations
+
 import errno
 import os
 import socket
 import struct
+from typing import TYPE_CHECKING
 
 from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.interface_checks import absent, look, refused, take_up
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from runtime.machine.probe import Machine
+    from runtime.rig.file import RigBus
+
 
 SO_TIMESTAMPNS, SO_MEMINFO = 35, 55  # Linux constants that Python's socket lacks
 SOL_CAN_RAW, FILTER, ERROR_FILTER, RECEIVE_OWN, FD_FRAMES, JOIN_FILTERS = 101, 1, 2, 4, 5, 6
@@ -38,68 +48,78 @@ class Interface:
     Raises Refused.
     """
 
-    def __init__(self, bus, listens, speaks, machine):
+    def __init__(
+        self,
+        bus: RigBus,
+        listens: Sequence[tuple[int, int, bool]] | None,
+        speaks: Sequence[tuple[int, bool]],
+        machine: Machine,
+    ) -> None:
         self.bus, self.strangers = bus, None
-        self.socket = new_socket(bus)
+        self.socket = _new_socket(bus)
         try:
             fitness = look(bus, machine)
             self.virtual, self.remarks = fitness.virtual, fitness.remarks
-            self.set_up(listens, speaks)
+            self._set_up(listens, speaks)
         except OSError as error:
             self.close()
-            raise Refused(self.in_words(error, machine)) from None
+            raise Refused(self._problem(error, machine)) from None
         except Refused:
             self.close()
             raise
 
-    def set_up(self, listens, speaks):
+    def _set_up(self, listens, speaks):
         if self.bus.fd:
             self.socket.setsockopt(SOL_CAN_RAW, FD_FRAMES, 1)
         self.socket.setsockopt(SOL_CAN_RAW, RECEIVE_OWN, 0)
         self.socket.setsockopt(SOL_CAN_RAW, ERROR_FILTER, ERROR_CLASSES)
         self.socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         if listens is not None and len(listens) + len(speaks) <= FILTER_LIMIT:
-            self.socket.setsockopt(SOL_CAN_RAW, FILTER, b"".join(pattern(*heard) for heard in listens))
+            self.socket.setsockopt(SOL_CAN_RAW, FILTER, b"".join(_filter(*each) for each in listens))
             self.strangers = Strangers(self.bus, listens, speaks)
         self.socket.bind((self.bus.channel,))
 
-    def close(self):
+    def close(self) -> None:
+        """Close the sockets."""
         self.socket.close()
         if self.strangers is not None:
             self.strangers.close()
 
-    def in_words(self, error, machine):
+    def _problem(self, error, machine):
         """Return an error of the system as a RigProblem."""
         name = self.bus.channel
         if error.errno in (errno.EPERM, errno.EACCES):
-            return denied(error)
+            return _permission_problem(error)
         if error.errno in (errno.ENODEV, errno.ENXIO):
             return absent(self.bus, machine)
         if error.errno == errno.ENETDOWN:
-            return refused(self.bus, "TW114", f"{name} is down", take_up(self.bus, self.virtual)).trouble
-        return other(self.bus, error)
+            return refused(self.bus, "TW114", f"{name} is down", take_up(self.bus, self.virtual)).problem
+        return _other_problem(self.bus, error)
 
 
 class Strangers:
     """Frames of unknown nodes, which the kernel counts at no cost to a tick."""
 
-    def __init__(self, bus, listens, speaks):
+    def __init__(
+        self, bus: RigBus, listens: Sequence[tuple[int, int, bool]], speaks: Sequence[tuple[int, bool]]
+    ) -> None:
         ours: list[tuple[int, int, bool]] = [
             *listens,
             *((identifier, EXTENDED_MASK if extended else STANDARD_MASK, extended) for identifier, extended in speaks),
         ]
-        self.socket = new_socket(bus)
+        self.socket = _new_socket(bus)
         self.socket.setblocking(False)
-        self.socket.setsockopt(SOL_CAN_RAW, FILTER, b"".join(pattern(*heard, INVERTED) for heard in ours))
+        self.socket.setsockopt(SOL_CAN_RAW, FILTER, b"".join(_filter(*each, INVERTED) for each in ours))
         self.socket.setsockopt(SOL_CAN_RAW, JOIN_FILTERS, 1)
         # the smallest possible buffer: further frames are counted, not kept
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
         self.socket.bind((bus.channel,))
 
-    def close(self):
+    def close(self) -> None:
+        """Close the socket."""
         self.socket.close()
 
-    def heard(self):
+    def counts(self) -> tuple[int, list[str]]:
         """Return (number of frames, IDs of the first few in the format of candump)."""
         dropped = MEMINFO.unpack(self.socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size))[-1]
         names = []
@@ -113,13 +133,13 @@ class Strangers:
             )
 
 
-def pattern(identifier, mask, extended, inverted=0):
+def _filter(identifier, mask, extended, inverted=0):
     """Return one kernel filter: data frames whose identifiers equal this one in the bits of the mask."""
     kind = EXTENDED if extended else 0
     return struct.pack("=II", identifier | kind | inverted, mask | EXTENDED | REMOTE)
 
 
-def new_socket(bus):
+def _new_socket(bus):
     """Create an unbound raw CAN socket. Raises Refused."""
     family = getattr(socket, "AF_CAN", None)
     if family is None:
@@ -127,10 +147,10 @@ def new_socket(bus):
     try:
         return socket.socket(family, socket.SOCK_RAW, socket.CAN_RAW)
     except PermissionError as error:
-        raise Refused(denied(error)) from None
+        raise Refused(_permission_problem(error)) from None
     except OSError as error:
         if error.errno not in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT, errno.ESOCKTNOSUPPORT):
-            raise Refused(other(bus, error)) from None
+            raise Refused(_other_problem(bus, error)) from None
         raise Refused(
             RigProblem(
                 "TW111",
@@ -141,14 +161,16 @@ def new_socket(bus):
         ) from None
 
 
-def other(bus, error):
+def _other_problem(bus, error):
+    """Return the problem of an interface that cannot be opened for an unexpected reason."""
     name = bus.channel
     return RigProblem(
         "TW119", f"[bus.{bus.name}] {name}: {error.strerror}", f"see: ip -details -statistics link show {name}"
     )
 
 
-def denied(error):
+def _permission_problem(error):
+    """Return the problem of a process that may not open CAN sockets."""
     return RigProblem(
         "TW118",
         f"the system provides no CAN socket: {error.strerror}",

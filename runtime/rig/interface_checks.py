@@ -1,11 +1,21 @@
 """Checks of a CAN interface: present, up, at the configured bitrate, and not bus-off."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from graph.names import suggestion
 from runtime.machine.can import ARPHRD_CAN, bring_up
 from runtime.rig.errors import Refused, RigProblem
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from runtime.machine.probe import Machine
+    from runtime.rig.file import RigBus
+
 
 UP = 1  # IFF_UP
 VIRTUAL = ("vcan", "vxcan")  # kinds whose nodes are all processes of this machine
@@ -19,10 +29,10 @@ class Fitness:
     """Result of the checks. virtual : whether all nodes are processes of this machine; remarks : for the operator"""
 
     virtual: bool
-    remarks: list = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
 
-def look(bus, machine):
+def look(bus: RigBus, machine: Machine) -> Fitness:
     """Check the interface of a bus. Returns its Fitness. Raises Refused with the remedy.
 
     bus : RigBus
@@ -33,17 +43,17 @@ def look(bus, machine):
     if not machine.exists(folder):
         raise Refused(absent(bus, machine))
     if machine.read(f"{folder}/type") != ARPHRD_CAN:
-        raise refused(bus, "TW113", f"{name} is not a CAN interface", others(bus, machine))
+        raise refused(bus, "TW113", f"{name} is not a CAN interface", _interfaces_text(bus, machine))
     about = link(name, machine)
-    virtual = about.get("info_kind", family(name)) in VIRTUAL
+    virtual = about.get("info_kind", _name_family(name)) in VIRTUAL
     if not int(machine.read(f"{folder}/flags") or "1", 16) & UP:
         raise refused(bus, "TW114", f"{name} is down", take_up(bus, virtual))
     if bus.fd and int(machine.read(f"{folder}/mtu") or FD_MTU) < FD_MTU:
-        raise refused(bus, "TW117", f"{name} does not carry CAN FD", with_fd(bus, virtual))
-    return Fitness(virtual, [] if virtual else list(controller(bus, about.get("info_data") or {})))
+        raise refused(bus, "TW117", f"{name} does not carry CAN FD", _fd_commands(bus, virtual))
+    return Fitness(virtual, [] if virtual else list(_controller(bus, about.get("info_data") or {})))
 
 
-def link(name, machine):
+def link(name: str, machine: Machine) -> dict[str, Any]:
     """Return what iproute2 reports about the kind of an interface; {} for nothing."""
     try:
         links = json.loads(machine.output("ip", "-details", "-json", "link"))
@@ -52,7 +62,7 @@ def link(name, machine):
     return next((link.get("linkinfo") or {} for link in links if link.get("ifname") == name), {})
 
 
-def controller(bus, data):
+def _controller(bus, data):
     """Yield remarks on a real controller. Raises Refused for another bitrate or bus-off."""
     name, state = bus.channel, data.get("state")
     bitrate = (data.get("bittiming") or {}).get("bitrate")
@@ -68,24 +78,28 @@ def controller(bus, data):
         yield f"{name} is {state}: frames were lost or not acknowledged; {WIRING}"
 
 
-def refused(bus, code, message, hint):
+def refused(bus: RigBus, code: str, message: str, hint: str) -> Refused:
+    """Return the Refused of a bus. code : key of CODES"""
     return Refused(RigProblem(code, f"[bus.{bus.name}] {message}", hint))
 
 
-def family(name):
+def _name_family(name):
+    """Return the name of an interface without its number: 'can' of 'can0'."""
     return name.rstrip("0123456789")
 
 
-def take_up(bus, virtual=False):
+def take_up(bus: RigBus, virtual: bool = False) -> str:
     """Return the command that brings an interface up."""
     return f"sudo ip link set {bus.channel} up" if virtual else bring_up(bus.channel, bus.bitrate)
 
 
-def again(bus):
+def again(bus: RigBus) -> str:
+    """Return the command that takes an interface down and brings it up again."""
     return f"sudo ip link set {bus.channel} down && {take_up(bus)}"
 
 
-def with_fd(bus, virtual):
+def _fd_commands(bus, virtual):
+    """Return the commands that bring an interface up with CAN FD."""
     change = f"mtu {FD_MTU}" if virtual else f"type can bitrate {bus.bitrate} dbitrate {DATA_BITRATE} fd on"
     return (
         f"sudo ip link set {bus.channel} down && sudo ip link set {bus.channel} {change} && sudo ip link set "
@@ -93,16 +107,17 @@ def with_fd(bus, virtual):
     )
 
 
-def absent(bus, machine):
+def absent(bus: RigBus, machine: Machine) -> RigProblem:
+    """Return the problem of an interface that does not exist."""
     name = bus.channel
-    if family(name) == "vcan":
+    if _name_family(name) == "vcan":
         remedy = f"sudo modprobe vcan && sudo ip link add {name} type vcan && sudo ip link set {name} up"
     else:
-        remedy = others(bus, machine)
+        remedy = _interfaces_text(bus, machine)
     return RigProblem("TW112", f'[bus.{bus.name}] channel = "{name}"', remedy)
 
 
-def others(bus, machine):
+def _interfaces_text(bus, machine):
     """Return a hint that lists the CAN interfaces of this machine."""
     names = [path.split("/")[-2] for path in machine.glob("sys/class/net/*/type") if machine.read(path) == ARPHRD_CAN]
     if not names:

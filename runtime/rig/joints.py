@@ -1,27 +1,36 @@
 """Joint ranges, which a rig must give for every joint before a run."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from graph import Actuator
 from runtime.rig.errors import RigError, RigProblem
 
+if TYPE_CHECKING:
+    from graph import Diagram
+    from runtime.rig.file import RigFile
 
-def require_ranges(rig, diagram):
+
+def require_ranges(rig: RigFile, diagram: Diagram) -> None:
     """Raise RigError for the joints whose range neither the rig nor the diagram gives.
 
     rig : RigFile that has been applied to the diagram
     """
-    troubles = [
-        missing(block, rig)
+    problems = [
+        _problem(block, rig)
         for block in diagram
         if isinstance(block, Actuator)
         and "position" in block.outputs
         and block.outputs["position"].unit == "rad"
         and not getattr(block, "range", ())
     ]
-    if troubles:
-        raise RigError(rig.path, troubles)
+    if problems:
+        raise RigError(rig.path, problems)
 
 
-def missing(block, rig):
+def _problem(block, rig):
+    """Return the problem of a joint without a range."""
     entry = f'[device."{block.path}"]'
     if "range" not in block.hardware:
         kind = type(block).__name__

@@ -1,9 +1,20 @@
 """What the module of a kind of line returns for each device: an open line, or the reason it could not be opened."""
 
+from __future__ import annotations
+
 import os
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from runtime.rig.errors import Refused
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from serial import Serial
+
+    from graph import StreamDevice
+    from runtime.rig.errors import RigProblem
 
 
 @dataclass
@@ -20,30 +31,32 @@ class Opened:
     fd: int
     channel: str
     path: str = ""
-    setup: tuple = ()
+    setup: tuple[bytes, ...] = ()
     record: int = 1
     is_gpio: bool = False
     reconnects: bool = False
-    proof: tuple = (b"", b"")
-    remarks: tuple = ()
-    close: object = None
+    proof: tuple[bytes, bytes] = (b"", b"")
+    remarks: tuple[str, ...] = ()
+    close: Callable[[], object] | None = None
 
 
-def one_by_one(devices, opened):
+def one_by_one(
+    devices: Iterable[StreamDevice], opened: Callable[[StreamDevice], Opened]
+) -> dict[StreamDevice, Opened | RigProblem]:
     """Return {device: Opened or RigProblem} for lines that are independent of each other.
 
     opened : makes the Opened of a device, or raises Refused
     """
-    found = {}
+    results = {}
     for device in devices:
         try:
-            found[device] = opened(device)
+            results[device] = opened(device)
         except Refused as refused:
-            found[device] = refused.trouble
-    return found
+            results[device] = refused.problem
+    return results
 
 
-def let_go(port):
+def detach(port: Serial) -> int:
     """Close an open pyserial port; return its descriptor, which the caller now owns."""
     descriptor = os.dup(port.fileno())
     port.close()

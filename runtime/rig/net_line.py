@@ -8,22 +8,32 @@ Keys of `opening`:
 A lost connection is made again as soon as the server accepts it.
 """
 
+from __future__ import annotations
+
 import errno
 import os
 import socket
+from typing import TYPE_CHECKING
 
 from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.line import Opened, one_by_one
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from graph import StreamDevice
+
+
 CONNECT_TIMEOUT = 3.0  # s
 
 
-def open_lines(devices):
+def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | RigProblem]:
     """Open the lines of `devices`. Returns {device: Opened or RigProblem}."""
-    return one_by_one(devices, lambda device: opened(device.path, **device.opening()))
+    return one_by_one(devices, lambda device: _open(device.path, **device.opening()))
 
 
-def opened(path, transport, address):
+def _open(path, transport, address):
+    """Open a network line. Raises Refused."""
     name = f'[device."{path}"] address = "{address}"'
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
@@ -36,12 +46,13 @@ def opened(path, transport, address):
         else:
             end = socket.create_connection((host, int(port)), CONNECT_TIMEOUT)
     except OSError as error:
-        raise Refused(in_words(name, transport, port, error)) from None
+        raise Refused(_open_problem(name, transport, port, error)) from None
     end.setblocking(False)
     return Opened(end.detach(), f"{transport} {address}", reconnects=transport == "tcp")
 
 
-def in_words(name, transport, port, error):
+def _open_problem(name, transport, port, error):
+    """Return a RigProblem that explains why a line cannot be opened."""
     if isinstance(error, socket.gaierror):
         return RigProblem("TW122", f"{name}: {error.strerror}", "write an IP address, as in 192.168.1.7:5005")
     if transport == "udp" and error.errno == errno.EADDRINUSE:

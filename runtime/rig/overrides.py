@@ -1,31 +1,39 @@
 """Changes that a rig makes to a diagram: hardware parameters of devices, and bitrates of buses."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from graph import Device, DiagramError
 from graph.names import suggestion
 from runtime.rig.errors import RigError, RigProblem
 
+if TYPE_CHECKING:
+    from graph import Diagram
+    from runtime.rig.file import RigFile
 
-def override(rig, diagram):
+
+def override(rig: RigFile, diagram: Diagram) -> None:
     """Apply a rig to a diagram before it is compiled. Raises RigError with every mismatch of the two.
 
     rig : RigFile
     """
     devices = {block.path: block for block in diagram if isinstance(block, Device)}
-    troubles = list(unmapped(rig, {block.bus for block in devices.values() if block.medium != "stream"}))
+    problems = list(_unmapped(rig, {block.bus for block in devices.values() if block.medium != "stream"}))
     for path, values in rig.devices.items():
         if path in devices:
-            troubles += changed(devices[path], values)
+            problems += _changed(devices[path], values)
         else:
-            troubles.append(unknown_path(path, diagram, devices))
-    troubles += other_bitrates(rig, devices.values())
-    if troubles:
-        raise RigError(rig.path, troubles)
+            problems.append(_unknown_path(path, diagram, devices))
+    problems += _other_bitrates(rig, devices.values())
+    if problems:
+        raise RigError(rig.path, problems)
     for block in devices.values():
         if block.medium == "can":
             block.bitrate = float(rig.buses[block.bus].bitrate)
 
 
-def other_bitrates(rig, devices):
+def _other_bitrates(rig, devices):
     """Yield a RigProblem for each device with another bitrate than its bus."""
     for device in devices:
         bus = rig.buses.get(device.bus)
@@ -40,9 +48,10 @@ def other_bitrates(rig, devices):
             )
 
 
-def unmapped(rig, wanted):
-    for name in sorted(wanted - rig.buses.keys()):
-        near = suggestion(name, rig.buses.keys() - wanted)
+def _unmapped(rig, names):
+    """Yield a RigProblem for each bus of the diagram without an interface. names : of its buses"""
+    for name in sorted(names - rig.buses.keys()):
+        near = suggestion(name, rig.buses.keys() - names)
         yield RigProblem(
             "TW104",
             f"no interface for bus {name!r}" + (f"; {near}" if near else ""),
@@ -50,7 +59,7 @@ def unmapped(rig, wanted):
         )
 
 
-def unknown_path(path, diagram, devices):
+def _unknown_path(path, diagram, devices):
     """Return the RigProblem of a path without a device."""
     if path in diagram.blocks:
         kind = type(diagram.blocks[path]).__name__
@@ -66,7 +75,7 @@ def unknown_path(path, diagram, devices):
     )
 
 
-def changed(device, values):
+def _changed(device, values):
     """Set the valid values of a device; yield a RigProblem for each invalid one."""
     for name, value in values.items():
         entry = f'[device."{device.path}"] {name}'

@@ -1,26 +1,34 @@
 """Serial ports of this machine: listing, identification, and opening with the cause of errors."""
 
+from __future__ import annotations
+
 import errno
 import os
 import stat
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from graph.names import suggestion
 from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.serial_port import holder, permission
 
+if TYPE_CHECKING:
+    from serial import Serial
+    from serial.tools.list_ports_common import ListPortInfo
+
+
 BY_ID = Path("/dev/serial/by-id")
 
 
-def listed():
+def listed() -> list[ListPortInfo]:
     """Return pyserial's ListPortInfo of every port with a device."""
     from serial.tools.list_ports import comports
 
     return sorted((port for port in comports() if port.hwid != "n/a"), key=lambda port: port.device)
 
 
-def by_id(path, folder=BY_ID):
+def by_id(path: str | Path, folder: Path = BY_ID) -> str:
     """Return the by-id path of a port, which is independent of the USB socket; the path itself if there is none."""
     real = os.path.realpath(path)
     for link in sorted(folder.glob("*")) if folder.is_dir() else ():
@@ -29,14 +37,14 @@ def by_id(path, folder=BY_ID):
     return str(path)
 
 
-def with_serial(device_path, digits):
+def with_serial(device_path: str, digits: str) -> str:
     """Return the path of the port whose USB serial number ends with `digits`. Raises Refused."""
-    there = listed()
-    matches = [port for port in there if digits and (port.serial_number or "").endswith(digits)]
+    known = listed()
+    matches = [port for port in known if digits and (port.serial_number or "").endswith(digits)]
     if len(matches) == 1:
         return matches[0].device
     seen = (
-        ", ".join(f"{port.serial_number or 'no serial number'} ({port.device})" for port in there)
+        ", ".join(f"{port.serial_number or 'no serial number'} ({port.device})" for port in known)
         or "no serial port at all"
     )
     if not digits:
@@ -57,8 +65,13 @@ def with_serial(device_path, digits):
     )
 
 
-def open_port(device_path, path, baudrate, timeout=0.0):
-    """Open a port for exclusive use. Returns pyserial's Serial. Raises Refused with the cause."""
+def open_port(device_path: str, path: str | Path, baudrate: int, timeout: float = 0.0) -> Serial:
+    """Open a port for exclusive use. Raises Refused with the cause.
+
+    device_path : of the device behind it, for messages; "" for none
+    baudrate : bit/s
+    timeout : s that a read waits
+    """
     import serial
 
     try:
@@ -66,29 +79,30 @@ def open_port(device_path, path, baudrate, timeout=0.0):
             port = serial.Serial(str(path), baudrate, timeout=timeout, write_timeout=1.0, exclusive=True)
             port.reset_input_buffer()
             return port
-        raise Refused(RigProblem("TW125", f"{device(device_path)}{path} is not a serial port", others(path)))
+        raise Refused(RigProblem("TW125", f"{_prefix(device_path)}{path} is not a serial port", _ports_text(path)))
     except OSError as error:  # includes pyserial's SerialException
-        raise Refused(in_words(device_path, path, error, baudrate)) from None
+        raise Refused(_open_problem(device_path, path, error, baudrate)) from None
     except ValueError as error:
         raise Refused(
             RigProblem(
-                "TW119", f"{device(device_path)}{path}: {error}", f"check that the port supports {baudrate} bit/s"
+                "TW119", f"{_prefix(device_path)}{path}: {error}", f"check that the port supports {baudrate} bit/s"
             )
         ) from None
 
 
-def device(device_path):
+def _prefix(device_path):
     """Return the prefix of messages about a device's port; "" without a device."""
     return f'[device."{device_path}"] ' if device_path else ""
 
 
-def in_words(device_path, path, error, baudrate):
-    name = f"{device(device_path)}{path}"
+def _open_problem(device_path, path, error, baudrate):
+    """Return a RigProblem that explains why a port cannot be opened."""
+    name = f"{_prefix(device_path)}{path}"
     number = error.errno or getattr(error.__context__, "errno", None)
     if number in (errno.EACCES, errno.EPERM):
         return RigProblem("TW124", f"{name}: {os.strerror(number)}", permission(path))
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
-        return RigProblem("TW125", f"{name}: no such port", others(path))
+        return RigProblem("TW125", f"{name}: no such port", _ports_text(path))
     if number in (errno.EBUSY, errno.EAGAIN):
         owner = locker(path) or holder(path) or f"a process that this user cannot see; find it: sudo fuser -v {path}"
         return RigProblem(
@@ -101,7 +115,7 @@ def in_words(device_path, path, error, baudrate):
     )
 
 
-def locker(path):
+def locker(path: str | Path) -> str:
     """Return 'NAME (process PID)' of the owner of a port's lock; "" if this user cannot see it."""
     with suppress(OSError):
         about = os.stat(path)
@@ -113,9 +127,10 @@ def locker(path):
     return ""
 
 
-def others(path):
-    there = [port.device for port in listed()]
-    near = suggestion(str(path), there)
+def _ports_text(path):
+    """Return a hint that lists the ports of this machine, with the best match first."""
+    known = [port.device for port in listed()]
+    near = suggestion(str(path), known)
     return (f"{near} " if near else "") + (
-        f"there are {', '.join(there)}" if there else "no serial port found: check that it is plugged in"
+        f"there are {', '.join(known)}" if known else "no serial port found: check that it is plugged in"
     )

@@ -4,13 +4,25 @@ A joint is armed if its reading lies in its range and no reading one motor turn 
 a known pose of its rig, a pose that the operator states, a reference that measures the same angle.
 """
 
+from __future__ import annotations
+
 import math
 import re
+from typing import TYPE_CHECKING
 
 from graph import Actuator, Device
 from graph.names import suggestion
 from graph.signal import Signal
 from runtime.base.errors import BadInput
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy as np
+
+    from graph import Diagram
+    from graph.schedule import Schedule
+
 
 RANGE_MARGIN, RANGE_MARGIN_MINIMUM = 0.01, 0.02  # permitted excess over a range: fraction of the range, rad
 # rad, of a stated pose without a wake shift; else a quarter of that shift
@@ -26,7 +38,7 @@ class Poses:
     refusals : {path: reason not to arm} of the newest `look`
     """
 
-    def __init__(self, diagram, schedule, stated=None):
+    def __init__(self, diagram: Diagram, schedule: Schedule, stated: Mapping[str, float] | None = None) -> None:
         self.schedule, self.stated, self.refusals = schedule, dict(stated or {}), {}
         self.joints = [
             block
@@ -39,10 +51,10 @@ class Poses:
                 hint = suggestion(path, paths) or f"its joints are {', '.join(paths) or 'none'}"
                 raise BadInput(f"--pose {path}: {diagram.name} has no such joint with a range; {hint}")
         self.references = {
-            block: self.reference(diagram, block) for block in self.joints if getattr(block, "reference", "")
+            block: self._reference_slot(diagram, block) for block in self.joints if getattr(block, "reference", "")
         }
 
-    def reference(self, diagram, block):
+    def _reference_slot(self, diagram, block):
         """Return the slot of a joint's reference. Raises BadInput."""
         match = re.fullmatch(r"(.+)\.(\w+?)(?:\[(\d+)\])?", block.reference)
         path, port, index = match.groups() if match else (block.reference, "", None)
@@ -65,20 +77,20 @@ class Poses:
             )
         return place.slot + int(index or 0)
 
-    def look(self, values):
+    def look(self, values: Sequence[float] | np.ndarray) -> dict[str, str]:
         """Return {path: reason not to arm}. values : the arena"""
         reasons = {
-            block.path: verdict(
+            block.path: _refusal(
                 block,
                 float(values[self.schedule.signals[Signal(block, "position").path].slot]),
-                self.evidence(block, values),
+                self._evidence(block, values),
             )
             for block in self.joints
         }
         self.refusals = {path: why for path, why in reasons.items() if why}
         return self.refusals
 
-    def evidence(self, block, values):
+    def _evidence(self, block, values):
         """Yield (text, rad, tolerance in rad) of all evidence for the position of a joint."""
         shift = getattr(block, "shift", 0.0)
         fine = shift / 4.0 if shift else STATED_TOLERANCE
@@ -90,7 +102,7 @@ class Poses:
             yield f"its reference {block.reference}", float(values[self.references[block]]), fine
 
 
-def verdict(block, position, evidence):
+def _refusal(block, position, evidence):
     """Return why a joint is not armed at a reading, "" if it is. position : rad"""
     path, (low, high), shift = block.path, block.range, getattr(block, "shift", 0.0)
     if not math.isfinite(position):
@@ -99,14 +111,15 @@ def verdict(block, position, evidence):
     for source, angle, tolerance in evidence:
         decided = True
         if not abs(position - angle) <= tolerance:  # NaN of a reference, too
-            return (
-                f"{reads}, but {source} is {angle:.3f} ± {tolerance:.3g} rad{turned(block, position, angle, tolerance)}"
-            )
+            turns = _turns_text(block, position, angle, tolerance)
+            return f"{reads}, but {source} is {angle:.3f} ± {tolerance:.3g} rad{turns}"
     margin = max(RANGE_MARGIN * (high - low), RANGE_MARGIN_MINIMUM)
     others = readings(position, shift, low - margin, high + margin)
     bounds = f"{low:g} to {high:g} rad"
     if not low - margin <= position <= high + margin:
-        off = f"; if the joint is inside, its reading is wrong, and it may be at {listed(others)}" if others else ""
+        off = (
+            f"; if the joint is inside, its reading is wrong, and it may be at {_angles_text(others)}" if others else ""
+        )
         return (
             f"{reads}, outside its range {bounds}: move it inside by hand, or correct `offset` and `range` in the "
             f"rig{off}"
@@ -115,14 +128,14 @@ def verdict(block, position, evidence):
         lie = "lies" if len(others) == 1 else "lie"
         return (
             f"{reads}; a power cycle can shift it by {shift:.3f} rad ({math.degrees(shift):.3g}°), and "
-            f"{listed(others)} {lie} in its range {bounds}, too: "
+            f"{_angles_text(others)} {lie} in its range {bounds}, too: "
             "hold it at a known pose (known_pose = [ANGLE, TOLERANCE] in the rig), give it a `reference`, or state "
             f"its position: --pose {path}=ANGLE"
         )
     return ""
 
 
-def turned(block, position, angle, tolerance):
+def _turns_text(block, position, angle, tolerance):
     """Return a clause that explains a difference between reading and evidence."""
     shift = getattr(block, "shift", 0.0)
     turns = round((angle - position) / shift) if shift and math.isfinite(angle) else 0
@@ -136,7 +149,7 @@ def turned(block, position, angle, tolerance):
     )
 
 
-def readings(position, shift, low, high):
+def readings(position: float, shift: float, low: float, high: float) -> list[float]:
     """Return the other possible angles of a joint with this reading, in ascending order."""
     if not shift > 0.0:
         return []
@@ -144,7 +157,8 @@ def readings(position, shift, low, high):
     return [position + turns * shift for turns in range(first, last + 1) if turns]
 
 
-def listed(angles):
+def _angles_text(angles):
+    """Return the angles nearest to 0 as text, at most OTHER_READINGS_LIMIT."""
     shown = sorted(angles, key=abs)[:OTHER_READINGS_LIMIT]
     texts = [f"{angle:.3f}" for angle in sorted(shown)]
     more = f" and {len(angles) - OTHER_READINGS_LIMIT} more" if len(angles) > OTHER_READINGS_LIMIT else ""

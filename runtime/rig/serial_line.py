@@ -8,25 +8,37 @@ Keys of `opening`:
     setup       messages, as bytes, sent on connect and after every reconnect
 """
 
+from __future__ import annotations
+
 import time
+from typing import TYPE_CHECKING
 
 from runtime.rig import ports
-from runtime.rig.line import Opened, let_go, one_by_one
+from runtime.rig.line import Opened, detach, one_by_one
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from typing import Any
+
+    from graph import StreamDevice
+    from runtime.rig.errors import RigProblem
+
 
 BAUDRATE = 115200
 SETUP_PAUSE = 0.02  # s between messages of the set-up
 
 
-def open_lines(devices):
+def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | RigProblem]:
     """Open the lines of `devices`. Returns {device: Opened or RigProblem}."""
     return one_by_one(devices, lambda device: opened(device, device.opening()))
 
 
-def opened(device, wanted):
-    path = wanted.get("port") or ports.with_serial(device.path, wanted.get("serial", ""))
-    port = ports.open_port(device.path, path, wanted.get("baudrate", BAUDRATE))
-    for message in wanted.get("setup", ()):
+def opened(device: StreamDevice, options: Mapping[str, Any]) -> Opened:
+    """Open the port of a device and send its set-up. options : of `opening`. Raises Refused."""
+    path = options.get("port") or ports.with_serial(device.path, options.get("serial", ""))
+    port = ports.open_port(device.path, path, options.get("baudrate", BAUDRATE))
+    for message in options.get("setup", ()):
         port.write(message)
         port.flush()
         time.sleep(SETUP_PAUSE)
-    return Opened(let_go(port), path, path=ports.by_id(path), setup=tuple(wanted.get("setup", ())))
+    return Opened(detach(port), path, path=ports.by_id(path), setup=tuple(options.get("setup", ())))

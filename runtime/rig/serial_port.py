@@ -1,5 +1,7 @@
 """Checks of serial ports with CAN adapters such as slcan, before the guardian opens them."""
 
+from __future__ import annotations
+
 import errno
 import getpass
 import grp
@@ -7,16 +9,21 @@ import os
 import stat
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from graph.names import suggestion
 from runtime.machine.ports import SERIAL
 from runtime.rig.errors import Refused, RigProblem
 from runtime.rig.udp import holder_of
 
+if TYPE_CHECKING:
+    from runtime.rig.file import RigBus
+
+
 RULES = "/etc/udev/rules.d/70-tickwork.rules"
 
 
-def look_at_port(bus, folder="/dev"):
+def look_at_port(bus: RigBus, folder: str = "/dev") -> None:
     """Raise Refused if the channel of a bus is a device that cannot be opened. Ignores other channels.
 
     bus : RigBus
@@ -28,28 +35,29 @@ def look_at_port(bus, folder="/dev"):
     name = f"[bus.{bus.name}] {path}"
     try:
         if not stat.S_ISCHR(os.stat(path).st_mode):
-            raise Refused(RigProblem("TW125", f"{name} is not a serial port", known(path, folder)))
+            raise Refused(RigProblem("TW125", f"{name} is not a serial port", _ports_text(path, folder)))
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
-        raise Refused(in_words(name, path, error, folder)) from None
+        raise Refused(_open_problem(name, path, error, folder)) from None
     os.close(descriptor)
     owner = holder(path)
     if owner:
-        raise Refused(taken(name, owner))
+        raise Refused(_in_use(name, owner))
 
 
-def in_words(name, path, error, folder):
+def _open_problem(name, path, error, folder):
     """Return a RigProblem that explains why a port cannot be opened."""
     if error.errno in (errno.EACCES, errno.EPERM):
         return RigProblem("TW124", f"{name}: {error.strerror}", permission(path))
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
-        return RigProblem("TW125", f"{name}: no such port", known(path, folder))
+        return RigProblem("TW125", f"{name}: no such port", _ports_text(path, folder))
     if error.errno == errno.EBUSY:
-        return taken(name, holder(path))
+        return _in_use(name, holder(path))
     return RigProblem("TW119", f"{name}: {error.strerror}", "check that the adapter is plugged in and powered")
 
 
-def taken(name, owner):
+def _in_use(name, owner):
+    """Return the problem of a port that another process has open. owner : that process, "" if unknown"""
     remedy = "end that process first: two readers of a port each lose data"
     if owner:
         return RigProblem("TW126", f"{name} is in use by {owner}", remedy)
@@ -60,13 +68,13 @@ def taken(name, owner):
     )
 
 
-def holder(path):
+def holder(path: str | Path) -> str:
     """Return the process that has a port open, in the format of runtime.rig.udp.holder_of."""
     real = os.path.realpath(path)
     return holder_of(lambda target: target == real)
 
 
-def permission(path):
+def permission(path: str | Path) -> str:
     """Return the commands that give this user access to a port."""
     group = "dialout"
     with suppress(OSError, KeyError):
@@ -82,10 +90,10 @@ def permission(path):
     return f"sudo usermod -aG {group} {user}, then log in again; or give all users access: {rule}"
 
 
-def known(path, folder):
+def _ports_text(path, folder):
     """Return a hint that lists the ports of this machine, with the best match first."""
-    there = sorted(str(port) for pattern in SERIAL for port in Path(folder).glob(pattern))
-    if not there:
+    names = sorted(str(port) for pattern in SERIAL for port in Path(folder).glob(pattern))
+    if not names:
         return "no serial port found: check that the adapter is plugged in"
-    near = suggestion(path, there)
-    return (f"{near} " if near else "") + f"there are {', '.join(there)}"
+    near = suggestion(path, names)
+    return (f"{near} " if near else "") + f"there are {', '.join(names)}"

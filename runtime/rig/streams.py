@@ -7,12 +7,21 @@ thread reads them all.
 A module of KINDS has `open_lines(devices)`, which returns {device: Opened or RigProblem} (runtime.rig.line).
 """
 
+from __future__ import annotations
+
 import importlib
 import os
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from cext.lines.streams import Streams
 from runtime.rig.line import Opened
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from graph import StreamDevice
+
 
 KINDS = {  # kind of line: the module that opens it
     "dialogue": "runtime.rig.dialogue_line",
@@ -38,11 +47,11 @@ class StreamInterface:
 
     virtual, strangers = False, None
 
-    def __init__(self, bus, remarks):
+    def __init__(self, bus: Line, remarks: Sequence[str]) -> None:
         self.bus, self.remarks = bus, remarks
 
-    def close(self):
-        pass
+    def close(self) -> None:
+        """StreamLines closes the line."""
 
 
 class StreamLines:
@@ -51,23 +60,24 @@ class StreamLines:
     devices : graph.StreamDevice of the robot on its rig
 
     lines : {name of the bus: (StreamInterface, cext.lines.streams.Stream)} of the lines that could be opened
-    troubles : of the others
+    problems : of the others
     """
 
-    def __init__(self, devices):
-        self.streams, self.lines, self.troubles, self.closers = None, {}, [], []
+    def __init__(self, devices: Sequence[StreamDevice]) -> None:
+        self.streams, self.lines, self.problems, self.closers = None, {}, [], []
         if not devices:
             return
         self.streams = streams = Streams()
         for kind in sorted({device.line for device in devices}):
-            here = [device for device in devices if device.line == kind]
-            for device, opened in importlib.import_module(KINDS[kind]).open_lines(here).items():
+            of_kind = [device for device in devices if device.line == kind]
+            for device, opened in importlib.import_module(KINDS[kind]).open_lines(of_kind).items():
                 if isinstance(opened, Opened):
-                    self.add(streams, device, kind, opened)
+                    self._add(streams, device, kind, opened)
                 else:
-                    self.troubles.append(opened)
+                    self.problems.append(opened)
 
-    def add(self, streams, device, kind: str, opened):
+    def _add(self, streams, device, kind: str, opened):
+        """Add an open line to the thread that reads them."""
         stream = streams.add(
             opened.fd,
             device.bus,
@@ -86,18 +96,18 @@ class StreamLines:
             stream,
         )
 
-    def start(self, priority):
+    def start(self, priority: int) -> None:
         """Start to read. priority : of SCHED_FIFO if granted, else 0"""
         if self.streams is not None:
             self.streams.start(priority)
 
-    def close(self):
-        """Stop to read, and close every line."""
+    def close(self) -> None:
+        """End the reading thread, and close every line."""
         if self.streams is None:
             return
         self.streams.end()
         for _, stream in self.lines.values():
-            stream.close()  # other processes may open the port from here on
+            stream.close()  # other processes may open the port from of_kind on
         self.streams, closers, self.closers = None, self.closers, []
         for close in closers:
             close()

@@ -9,14 +9,24 @@ For buttons and sensors on a network. Only the loop receives and sends, not the 
 on such a bus.
 """
 
+from __future__ import annotations
+
 import errno
 import ipaddress
 import os
 import socket
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from runtime.rig.errors import Refused, RigProblem
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from graph import Device
+    from runtime.rig.bus import RigBus
+
 
 UDP = "udp"
 SO_TIMESTAMPNS = 35  # Linux constant that Python's socket lacks
@@ -27,7 +37,7 @@ EXAMPLE = '"0.0.0.0:9871" (any address of this machine), "127.0.0.1:9871" or "[:
 class Endpoint(tuple):
     """(address, port) of a channel such as 0.0.0.0:9871 or [::]:9871. Raises ValueError with the reason."""
 
-    def __new__(cls, text):
+    def __new__(cls, text: str) -> Endpoint:
         host, colon, port = text.rpartition(":")
         bracketed = host.startswith("[") and host.endswith("]")
         if not colon or (":" in host and not bracketed):
@@ -43,7 +53,8 @@ class Endpoint(tuple):
         return super().__new__(cls, (str(address), int(port)))
 
     @property
-    def family(self):
+    def family(self) -> socket.AddressFamily:
+        """Address family of its socket: IPv4 or IPv6."""
         return socket.AF_INET6 if ":" in self[0] else socket.AF_INET
 
 
@@ -58,7 +69,7 @@ class UdpInterface:
 
     virtual, strangers = True, None
 
-    def __init__(self, bus, devices):
+    def __init__(self, bus: RigBus, devices: Sequence[Device]) -> None:
         self.bus, self.remarks = bus, []
         moving = [device.path for device in devices if device.zero_frames() or device.disable_frames()]
         if moving:
@@ -70,25 +81,26 @@ class UdpInterface:
                     "UDP is for buttons and sensors; connect actuators by CAN",
                 )
             )
-        here = Endpoint(bus.channel)
-        self.socket = socket.socket(here.family, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
+        local = Endpoint(bus.channel)
+        self.socket = socket.socket(local.family, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
         try:
             self.socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
-            self.socket.bind(here)
+            self.socket.bind(local)
             if bus.peer:
                 self.socket.connect(Endpoint(bus.peer))
         except OSError as error:
             self.close()
-            raise Refused(in_words(bus, here, error)) from None
+            raise Refused(_open_problem(bus, local, error)) from None
 
-    def close(self):
+    def close(self) -> None:
+        """Close the socket."""
         self.socket.close()
 
 
-def in_words(bus, here, error):
+def _open_problem(bus, local, error):
     """Return a RigProblem that explains why a socket could not be bound."""
-    address, port = here
+    address, port = local
     if error.errno == errno.EADDRINUSE:
         owner = owner_of(port)
         return RigProblem(
@@ -112,19 +124,17 @@ def in_words(bus, here, error):
     return RigProblem("TW119", f"[bus.{bus.name}] udp {bus.channel}: {error.strerror}", "see: ip address; ss -ulnp")
 
 
-def failed(trouble, bus):
-    """Return why a bus failed in a run, and the remedy. trouble : errno"""
-    if trouble == errno.ECONNREFUSED:
+def failed(error: int | str | None, bus: RigBus) -> tuple[str, str]:
+    """Return (why a bus failed in a run, remedy). error : errno"""
+    if error == errno.ECONNREFUSED:
         return f"no program receives at {bus.peer}", "check its power and its program"
-    if trouble in (errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ENETDOWN):
-        return f"no route to {bus.peer}: {os.strerror(trouble)}", "see: ip address; ip route"
-    return (
-        f"udp {bus.channel}: {os.strerror(trouble) if trouble and trouble > 0 else 'it accepts no datagrams'}",
-        "see: ip address; ss -ulnp",
-    )
+    if error in (errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ENETDOWN):
+        return f"no route to {bus.peer}: {os.strerror(error)}", "see: ip address; ip route"
+    reason = os.strerror(error) if isinstance(error, int) and error > 0 else "it accepts no datagrams"
+    return f"udp {bus.channel}: {reason}", "see: ip address; ss -ulnp"
 
 
-def owner_of(port):
+def owner_of(port: int) -> str:
     """Return 'NAME (process PID)' of the process that has bound a UDP port; "" if this user cannot see it."""
     inodes = set()
     for table in ("udp", "udp6"):
@@ -136,7 +146,7 @@ def owner_of(port):
     return holder_of(lambda target: target in inodes)
 
 
-def holder_of(is_it):
+def holder_of(is_it: Callable[[str], bool]) -> str:
     """Return 'NAME (process PID)' of the first process with a matching open file; "" if this user cannot see it.
 
     is_it : predicate of the target of a descriptor link
@@ -150,7 +160,7 @@ def holder_of(is_it):
     return ""
 
 
-def addresses():
+def addresses() -> list[str]:
     """Return the IPv4 addresses of this machine."""
     own = set()
     with suppress(OSError):

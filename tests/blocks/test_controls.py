@@ -129,4 +129,4 @@ def test_missing_device_is_reported(tmp_path):
     ):
         with pytest.raises(Refused) as caught:
             evdev_line.opened("pad", device)
-        assert caught.value.trouble.code == "TW127" and words in caught.value.trouble.message
+        assert caught.value.problem.code == "TW127" and words in caught.value.problem.message

@@ -205,23 +205,23 @@ def test_missing_pin_chip_or_package_is_reported(monkeypatch):
     with pytest.raises(Refused) as caught:
         gpio_line.opened("stop", **EStopSwitch(name="stop").opening())
     assert (
-        caught.value.trouble.code == "TW127" and caught.value.trouble.message == '[device."stop"] has no chip and pin'
+        caught.value.problem.code == "TW127" and caught.value.problem.message == '[device."stop"] has no chip and pin'
     )
     monkeypatch.setitem(__import__("sys").modules, "gpiod", None)
     with pytest.raises(Refused) as caught:
         gpio_line.opened("stop", **EStopSwitch(name="stop", pin="GPIO17").opening())
-    assert caught.value.trouble.hint == "pip install 'tickwork[gpio]'"
+    assert caught.value.problem.hint == "pip install 'tickwork[gpio]'"
 
 
 def test_missing_chip_is_reported_with_its_path(tmp_path):
     pytest.importorskip("gpiod")
     with pytest.raises(Refused) as caught:
         gpio_line.opened("button", **GpioInput(name="button", chip="/dev/gpiochip99", pin="17").opening())
-    assert caught.value.trouble.code == "TW127" and "there is no such chip" in caught.value.trouble.message
+    assert caught.value.problem.code == "TW127" and "there is no such chip" in caught.value.problem.message
     for path in ("/dev/null", str(tmp_path / "file")):
         (tmp_path / "file").write_text("")
         with pytest.raises(Refused) as caught:
             gpio_line.opened("button", **GpioInput(name="button", chip=path, pin="GPIO17").opening())
-        assert caught.value.trouble.code in ("TW119", "TW127")
+        assert caught.value.problem.code in ("TW119", "TW127")
     with pytest.raises(Refused):
         gpio_line.opened("sync", **SyncOut(name="sync", chip="/dev/gpiochip99", pin="4").opening())

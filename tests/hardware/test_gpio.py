@@ -89,7 +89,7 @@ class RealLines(Rig):
             CsvRecorder()
         self.schedule = compile(robot)
         self.lines = StreamLines([block for block in robot if isinstance(block, StreamDevice)])
-        assert not self.lines.troubles, self.lines.troubles
+        assert not self.lines.problems, self.lines.problems
         memory = {name: MemoryBus() for name in self.schedule.buses if name not in self.lines.lines}
         ends = [memory[name].host if name in memory else self.lines.lines[name][1].end for name in self.schedule.buses]
         self.control, self.plant, substeps = Program(self.schedule, ends), None, 1
@@ -282,7 +282,7 @@ def test_rejected_requests_are_explained(chip):
     def refused(**how):
         with pytest.raises(Refused) as caught:
             opened("button", **GpioInput(name="button", **at(chip, **how)).opening())
-        return caught.value.trouble
+        return caught.value.problem
 
     assert refused(name="GPIO17").code == "TW127" and refused(name="9").code == "TW127"
     with gpiod.request_lines(chip.path, {"BUTTON": None}, consumer="another"):

@@ -68,7 +68,7 @@ def spare():
 def refused(channel, fd=False):
     with pytest.raises(Refused) as caught:
         Opened(channel, fd=fd)
-    return caught.value.trouble
+    return caught.value.problem
 
 
 # Starting

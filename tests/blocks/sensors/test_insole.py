@@ -256,8 +256,8 @@ def test_invalid_address_is_reported():
     ):
         with pytest.raises(Refused) as caught:
             net_line.opened("left/sole", transport, address)
-        assert caught.value.trouble.code == code and words in caught.value.trouble.message and caught.value.trouble.hint
-        assert caught.value.trouble.message.startswith('[device."left/sole"] address = ')
+        assert caught.value.problem.code == code and words in caught.value.problem.message and caught.value.problem.hint
+        assert caught.value.problem.message.startswith('[device."left/sole"] address = ')
     taken.close()
 
 

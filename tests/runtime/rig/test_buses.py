@@ -112,7 +112,7 @@ def opened(tmp_path):
 def test_interface_limited_to_one_process_is_reported(opened):
     with pytest.raises(RigError) as caught:
         opened('[bus.legs]\ninterface = "virtual"\nchannel = "legs"\n')
-    [trouble] = caught.value.troubles
+    [trouble] = caught.value.problems
     assert (trouble.code, trouble.message) == (
         "TW105",
         "[bus.legs] interface = 'virtual' has no nodes outside the process that opens it",

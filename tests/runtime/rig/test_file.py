@@ -34,9 +34,9 @@ def troubles(path):
     """(code, message, hint) of everything that is wrong."""
     with pytest.raises(RigError) as caught:
         read(path)
-    for trouble, line in zip(caught.value.troubles, str(caught.value).split(f"{path}: ")[1:]):
+    for trouble, line in zip(caught.value.problems, str(caught.value).split(f"{path}: ")[1:]):
         assert line.startswith(f"error {trouble.code} ") and trouble.message in line
-    return [(trouble.code, trouble.message, trouble.hint) for trouble in caught.value.troubles]
+    return [(trouble.code, trouble.message, trouble.hint) for trouble in caught.value.problems]
 
 
 def test_a_rig_is_read(written):
@@ -153,7 +153,7 @@ def test_two_buses_cannot_share_an_interface(written):
     [(code, message, hint)] = troubles(written(text))
     assert (code, message) == (
         "TW102",
-        "[bus.arms] channel = 'can0' is also used by [bus.legs] too",
+        "[bus.arms] channel = 'can0' is also used by [bus.legs]",
     ) and hint.startswith("use a separate interface")
 
 

@@ -36,7 +36,7 @@ def imus(*kinds, **parameters):
 def refused(wires, *devices):
     with pytest.raises(SeveralRefused) as found:
         opened(wires, *devices)
-    return [str(trouble) for trouble in found.value.troubles]
+    return [str(trouble) for trouble in found.value.problems]
 
 
 def test_chip_is_identified_configured_and_polled():
@@ -197,7 +197,7 @@ def test_settings_that_read_back_differently_are_reported():
 def test_missing_bus_is_reported_with_way_to_enable_it(tmp_path):
     with pytest.raises(Refused) as found:
         open_adapter(RigBus("imus", "i2c", "/dev/i2c-77"))
-    said = str(found.value.trouble)
+    said = str(found.value.problem)
     assert "TW131" in said and "no such bus" in said and "raspi-config nonint do_i2c 0" in said and "jetson-io" in said
     with pytest.raises(Refused, match="TW131.*is not an I2C bus"):
         open_adapter(RigBus("imus", "i2c", str(tmp_path)))

@@ -28,7 +28,7 @@ def looked(tmp_path):
 def refusal(looked, *trees, **how):
     with pytest.raises(Refused) as caught:
         looked(*trees, **how)
-    trouble = caught.value.trouble
+    trouble = caught.value.problem
     return trouble.code, trouble.message, trouble.hint
 
 

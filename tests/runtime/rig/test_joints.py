@@ -36,7 +36,7 @@ def troubles(tmp_path, text="", kind=CubeMars, **parameters):
     try:
         require_ranges(rig, robot)
     except RigError as error:
-        return [(trouble.code, trouble.message, trouble.hint) for trouble in error.troubles]
+        return [(trouble.code, trouble.message, trouble.hint) for trouble in error.problems]
     return []
 
 

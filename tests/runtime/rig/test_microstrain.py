@@ -117,7 +117,7 @@ def test_sensors_are_matched_by_last_serial_digits_on_any_port(there, opened):
         {"serial": "0001", "attitude": "sensor", "rate": 100.0},
     )
     lines = opened(devices)
-    assert lines.troubles == []
+    assert lines.problems == []
     lines.start(0)
     blocks = [Hearing(**{name: getattr(device, name) for name in ("serial", "rate", "attitude")}) for device in devices]
     streams = [lines.lines[device.bus][1] for device in devices]
@@ -186,7 +186,7 @@ def streaming(plug, opened):
     sensors = plug("133931")
     devices, _ = robot({"serial": "133931"})
     lines = opened(devices)
-    assert lines.troubles == []
+    assert lines.problems == []
     lines.start(0)
     stream, block = lines.lines["imu_0"][1], Hearing()
     stream.begin(time.monotonic_ns())

@@ -38,7 +38,7 @@ def fitted(tmp_path):
 def troubles(fitted, text):
     with pytest.raises(RigError) as caught:
         fitted(text)
-    return [(trouble.code, trouble.message, trouble.hint) for trouble in caught.value.troubles]
+    return [(trouble.code, trouble.message, trouble.hint) for trouble in caught.value.problems]
 
 
 def test_hardware_parameters_are_those_of_the_rig_and_others_stay(fitted):
@@ -77,7 +77,7 @@ def test_device_bitrate_that_differs_from_bus_is_reported(fitted):
     legs = LEGS.replace("500_000", "1_000_000")
     with pytest.raises(RigError) as caught:
         fitted(legs, with_imu())
-    [trouble] = caught.value.troubles
+    [trouble] = caught.value.problems
     assert trouble.code == "TW103" and trouble.message == "[bus.legs] has 1000 kbit/s, but imu is set to 250 kbit/s"
     assert trouble.hint.endswith('write [device."imu"] bitrate = 1000000')
     fitted(legs + '[device."imu"]\nbitrate = 1_000_000\n', with_imu())

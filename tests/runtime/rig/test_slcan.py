@@ -170,7 +170,7 @@ def test_an_adapter_without_drives_is_not_armed(tmp_path):
 def refusal(channel, **options):
     with pytest.raises(Refused) as refused:
         look_at_port(RigBus("legs", "slcan", channel), **options)
-    return refused.value.trouble
+    return refused.value.problem
 
 
 def test_a_missing_port_is_reported_with_the_present_ones(tmp_path):
@@ -220,7 +220,7 @@ os.setgroups([]); os.setgid(65534); os.setuid(65534)
 try:
     look_at_port(RigBus("legs", "slcan", {channel!r}))
 except Refused as refused:
-    print(refused.trouble)
+    print(refused.problem)
 """
 
 
@@ -281,7 +281,7 @@ def test_interface_options_are_passed_on_unchanged(tmp_path):
 def test_invalid_options_are_reported(tmp_path, line, message, hint):
     with pytest.raises(RigError) as raised:
         read(rig_of(tmp_path, "/dev/ttyACM0", line))
-    assert [(trouble.code, trouble.message, trouble.hint) for trouble in raised.value.troubles] == [
+    assert [(trouble.code, trouble.message, trouble.hint) for trouble in raised.value.problems] == [
         ("TW102", message, hint)
     ]
 

@@ -120,7 +120,7 @@ def test_unsupported_keys_are_reported(tmp_path):
     )
     with pytest.raises(RigError) as raised:
         read(rig)
-    assert [trouble.message for trouble in raised.value.troubles] == [
+    assert [trouble.message for trouble in raised.value.problems] == [
         "[bus.estop] peer = 'button': expected ADDRESS:PORT",
         "[bus.estop] fd = true: UDP carries classic CAN frames only",
         "[bus.legs] peer: only valid for UDP",
@@ -136,7 +136,7 @@ def refusal(tmp_path, channel, build=EStopHeartbeat):
     rig = read(write(tmp_path, f'[bus.estop]\ninterface = "udp"\nchannel = "{channel}"\n', "lab.toml"))
     with pytest.raises(RigError) as raised:
         RigBuses(rig, robot, ["estop"]).close()
-    [trouble] = raised.value.troubles
+    [trouble] = raised.value.problems
     return trouble
 
 
@@ -180,7 +180,7 @@ if os.getuid() == 0:
 try:
     UdpInterface(RigBus("estop", "udp", "127.0.0.1:80"), [])
 except Refused as refused:
-    print(refused.trouble)
+    print(refused.problem)
 """
     said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT).stdout
     assert said.startswith("error TW123 privileged port: [bus.estop] port 80 is privileged") and "9871" in said

@@ -1,0 +1,27 @@
+"""Interface of a logical bus, as a rig file names it."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+BITRATE_MAXIMUM = 1_000_000  # bit/s, of classic CAN
+
+
+@dataclass(frozen=True)
+class RigBus:
+    """Interface of a logical bus.
+
+    interface : kind of python-can, udp, or i2c
+    channel : name of the interface
+    bitrate : bit/s
+    fd : whether it carries CAN FD
+    peer : destination of UDP datagrams, "" for none
+    options : further arguments of the python-can interface
+    """
+
+    name: str
+    interface: str
+    channel: str
+    bitrate: int = BITRATE_MAXIMUM
+    fd: bool = False
+    peer: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
