@@ -173,7 +173,7 @@ def port_card(port: Any) -> dict[str, str]:
     }
     if getattr(port, "default", None) is not None:
         card["default"] = quantity(port.default, port.unit)
-    if getattr(port, "range", None) is not None:
+    if getattr(port, "range", None) is not None and port.dtype != "bool":
         card["range"] = interval_text(port.range, port.unit)
     return card
 

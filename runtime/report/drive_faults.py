@@ -95,8 +95,8 @@ def wire_cure(block: Any, value: float) -> str:
 def _implausible(block: Any, about: str, value: float, bound: float) -> str:
     if about == "temperature":
         return (
-            f"implausible temperature {value:g} °C: the drive's sensor is defective, or the drive is not a "
-            f"{block.spec.name}"
+            f"implausible temperature {value:g} °C: the drive's sensor is defective, or the drive is not of the "
+            f"model {block.spec.name}"
         )
     return f"the drive reports an impossible {about}, {value if math.isfinite(value) else str(float(value))}"
 

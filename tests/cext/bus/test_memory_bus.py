@@ -70,7 +70,7 @@ def test_program_requires_one_end_per_bus():
         for bus in ("a", "b"):
             CubeMars("AK80-9", bus=bus, name=bus)(torque_command=0.0)
     schedule = compile(robot)
-    with pytest.raises(ValueError, match="the schedule has 2 buses, but 1 ends were given"):
+    with pytest.raises(ValueError, match="the schedule has 2 buses, but 1 bus ends were given"):
         Program(schedule, [MemoryBus().host])
     with pytest.raises(TypeError):
         Program(schedule, [MemoryBus(), MemoryBus()])

@@ -105,7 +105,7 @@ SAID = {
             "model": "RS02",
             "faults": ', temperature=StepSource(before=30.0, after=-100.0, time=0.2, unit="°C")()',
         },
-        r"implausible temperature -100 °C: the drive's sensor is defective, or the drive is not a RS02",
+        r"implausible temperature -100 °C: the drive's sensor is defective, or the drive is not of the model RS02",
     ),
 }
 
