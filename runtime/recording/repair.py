@@ -48,7 +48,7 @@ from runtime.recording.records import (
     read,
     walk,
 )
-from runtime.recording.zstd_stream import END, decode, is_torn
+from runtime.recording.zstd_stream import END, decode, is_torn, raw_blocks
 
 FOOTER_REST = Struct("<QQI")  # summary and its offsets begin, checksum
 SLICE = 128 << 10  # bytes that are looked through at once
@@ -83,7 +83,9 @@ class Repair:
         self.indices = 0  # position of the first index
         self.claimed = None  # (bytes, checksum) of the messages in the head of the chunk
         self.compression = ""  # of the chunk
+        self.damaged = False  # whether a complete block has a record that does not belong there
         self.ended = True  # whether the zstd frame of the chunk is complete
+        self.tail = b""  # complete messages of the chunk, behind the blocks that stay
         self.heads = []  # [(position, bytes)] of chunks to write
         self.over = False  # whether the end of the data was reached
         self.stream.seek(0)
@@ -149,11 +151,15 @@ class Repair:
         _, _, channel, _, log_time, _ = MESSAGE.unpack_from(data)
         self.writer.add(data, {channel: PLACE.pack(log_time, self.writer.size)})
 
+    def is_message(self, record):
+        """Return whether a message record is of a channel of the file."""
+        return len(record) >= MESSAGE.size and MESSAGE.unpack_from(record)[2] in self.writer.counts
+
     def take_frame(self, at):
         """Take a zstd chunk, or the part of it in which the file ends. Returns where that ends, None if it is invalid.
 
-        Kept are the blocks up to the last one that ends with a complete message. `ended` is then False if blocks are
-        missing.
+        The blocks up to the last one that ends with a complete message are kept. `ended` is then False if blocks are
+        missing, and `tail` has the complete messages of the others.
         """
         form = CHUNK_HEADS[ZSTD]
         self.stream.seek(at)
@@ -166,14 +172,17 @@ class Repair:
         known = kind == A_CHUNK and form.size - HEAD.size < length < CHUNK_LIMIT
         frame = self.stream.read(length - form.size + HEAD.size if known else CHUNK_LIMIT)
         content, ends, ended = decode(frame, CHUNK_LIMIT)
-        complete = {0}
+        complete, whole = {0}, 0
         self.begin_chunk(at, ZSTD, (size, checksum) if kind == A_CHUNK and compressed_size == len(frame) else None)
         for place, message, record in walk(io.BytesIO(content), 0):
-            if message != A_MESSAGE:
+            if message != A_MESSAGE or not self.is_message(record):
+                self.damaged = True
                 return None
-            complete.add(place + len(record))
+            whole = place + len(record)
+            complete.add(whole)
         kept = max(entry for entry in ends if entry[1] in complete)
-        for _, _, record in walk(io.BytesIO(content[: kept[1]]), 0):
+        self.tail = content[kept[1] : whole]
+        for _, _, record in walk(io.BytesIO(content[:whole]), 0):
             self.count(record)
         self.ended = ended and kept == ends[-1]
         if self.writer.size:
@@ -221,7 +230,7 @@ class Repair:
                     f"{self.path} was truncated before its first record, or is not a recording: it contains nothing "
                     "to repair"
                 )
-            if not self.over and not self.is_torn():
+            if self.damaged or not self.over and not self.is_torn():
                 raise RepairFailed(
                     f"{self.path} is damaged from byte {self.at} of {self.size} on: `convert` writes the part before "
                     "into a new file"
@@ -243,6 +252,10 @@ class Repair:
         writer, file = self.writer, self.file
         if not writer.size:
             writer.start = None
+        elif self.tail:
+            blocks = raw_blocks(self.tail)
+            os.pwrite(file.descriptor, blocks, self.good)  # before the blocks that they replace are removed
+            self.good += len(blocks)
         os.ftruncate(file.descriptor, self.good)
         os.lseek(file.descriptor, self.good, os.SEEK_SET)
         file.size = self.good

@@ -40,6 +40,12 @@ class Compressor:
         return data
 
 
+def raw_blocks(data: bytes) -> bytes:
+    """Return data as blocks that are not compressed and do not end the frame."""
+    pieces = (data[at : at + BLOCK_LIMIT] for at in range(0, len(data), BLOCK_LIMIT))
+    return b"".join((RAW << 1 | len(piece) << 3).to_bytes(BLOCK_HEAD, "little") + piece for piece in pieces)
+
+
 def is_torn(data: bytes) -> bool:
     """Return whether the rest of a file begins with an incomplete block, or one whose end is zeros after a power cut.
 

@@ -27,9 +27,10 @@ from cext.safety.shared_state import RECORD_EVENT, SharedState
 from runtime.base.errors import BadInput
 from runtime.recorder.recording import Recording
 from runtime.recording import mcap_file
-from runtime.recording.mcap_file import CHUNK_HEADS, HEAD, STREAM
-from runtime.recording.records import A_CHUNK, MAGIC, walk
+from runtime.recording.mcap_file import CHUNK_HEADS, HEAD, STREAM, reserved
+from runtime.recording.records import A_CHUNK, A_MESSAGE, MAGIC, walk
 from runtime.recording.repair import Backlog, Repair, RepairFailed
+from runtime.recording.zstd_stream import BLOCK_LIMIT, decode, raw_blocks
 from tests.runtime.recorder.running import CSV, columns, frame, plan, row, sink
 from tests.runtime.recorder.test_mcap import chunks, unfinished
 from tests.runtime.runs import environment
@@ -292,6 +293,46 @@ def test_repair_keeps_a_wrong_checksum(tmp_path, long):
         assert "wrong checksum" in runtime.load(tmp_path / "a.mcap").trouble
     with pytest.raises(ValueError, match="crc validation failed"):
         indexed(found)
+
+
+DAMAGE = {  # {name: (position in a message record, bytes written there)}
+    "none": (0, b""),
+    "kind": (0, b"\7"),
+    "chunk": (0, bytes([A_CHUNK])),
+    "short": (1, bytes(8)),
+    "long": (1, (1 << 20).to_bytes(8, "little")),
+    "channel": (9, b"\xff\xff"),
+    "time": (15, bytes(8)),
+}
+
+
+def checked_rows(path):
+    trial = runtime.load(path)
+    trial.check()
+    return trial.rows
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_repair_keeps_everything_that_was_read_of_an_open_chunk(tmp_path, monkeypatch, damage):
+    """A block of the chunk ends within a message, and a message in front of that is damaged."""
+    data = write(tmp_path, monkeypatch, "zstd", 60, 6, 1 << 20, 400)
+    begin = chunks(data)[0].chunk_start_offset
+    frame = data[begin + CHUNK_HEADS["zstd"].size :]
+    content, ends, _ = decode(frame, 1 << 20)
+    content = bytearray(content[: BLOCK_LIMIT + 1000])
+    found = [at for at, kind, _ in walk(io.BytesIO(content), 0) if kind == A_MESSAGE]
+    shift, replacement = DAMAGE[damage]
+    at = found[-6] + shift
+    content[at : at + len(replacement)] = replacement
+    path, whole = tmp_path / "cut.mcap", runtime.load(tmp_path / "long.mcap").rows
+    path.write_bytes(data[:begin] + reserved("zstd") + frame[: ends[0][0]] + raw_blocks(bytes(content)))
+    rows = checked_rows(path)
+    assert 28 < len(rows) < 32 and (rows == whole[: len(rows)]).all()
+    try:
+        Repair(str(path)).finish()
+    except RepairFailed:
+        assert damage in ("kind", "chunk", "short", "channel")
+    assert checked_rows(path).tobytes() == rows.tobytes()
 
 
 def test_active_recordings_and_other_files_are_not_repaired(tmp_path, short):
