@@ -1,4 +1,4 @@
-"""Chains of blocks: what a native block and a Python block cost a tick, and how the time of a compile grows."""
+"""Chains of blocks: cost of native and Python blocks per tick, and growth of the time of a compile."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COMPILE_REPEATS = {65: 9, 330: 5, 3330: 3}  # {groups: compiles}: 198, 993 and 9
 
 
 class End(Sink):
-    """The end of a chain."""
+    """End of a chain."""
 
     u = Input("any", "any signal")
     variadic = False

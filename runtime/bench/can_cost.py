@@ -1,4 +1,4 @@
-"""Cost of eight drives a tick; and eight motors at 1000 Hz on two buses, beside a loop in C."""
+"""Cost of eight drives per tick; and eight motors at 1000 Hz on two buses, compared with a loop in C."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""How well the executor keeps its clock, beside a loop in C that only sleeps, built here and now: chunks in turn,
-samples pooled.
+"""Lateness of the executor, compared with a loop in C that only sleeps.
+
+The loop is compiled on this machine. Chunks alternate, and their samples are pooled.
 """
 
 from __future__ import annotations

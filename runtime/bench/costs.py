@@ -1,4 +1,4 @@
-"""What single parts of a tick cost: recording, a histogram, a stamp; the grid, memory, and a minute in virtual time."""
+"""Costs of the parts of a tick: recording, histogram, time stamp; drift, memory, and a minute in virtual time."""
 
 import os
 import statistics

@@ -1,5 +1,4 @@
-"""Drives on udp_multicast that are held still, as a process of their own: `python -m runtime.bench.drives CHANNEL
-ID...`.
+"""Process of emulated drives on udp_multicast, held still: `python -m runtime.bench.drives CHANNEL ID...`.
 
 Each replies immediately to every frame with its id, as a drive in MIT mode does. Waiting processes may spin on the same
 processor.

@@ -1,5 +1,6 @@
-"""How fast a run stops its motors after its guardian, which carries their frames, has been killed: on udp_multicast and
-on slcan over a pty.
+"""Time from the death of the guardian that carries a run's frames to the stop of the motors.
+
+Measured on udp_multicast and on slcan over a pseudo-terminal.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""What the thread of an I2C bus costs by itself: three IMUs behind a multiplexer, on chips in memory, so that no
-adapter's driver is in it.
-"""
+"""Cost of the thread of an I2C bus: three IMUs behind a multiplexer, on chips in memory, without a driver."""
 
 import time
 from dataclasses import dataclass

@@ -1,6 +1,4 @@
-"""From the start of a process to its first tick, and what memory it then has: the real command line, looked at from
-outside.
-"""
+"""Time from the start of a process to its first tick, and its memory then: of the command line, in a new process."""
 
 import subprocess
 import sys

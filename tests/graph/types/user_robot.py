@@ -7,6 +7,7 @@ from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Sum
 from blocks.states import StateMachine
 from graph import Block, Diagram, Input, Live, Output, Param, stack, subsystem
+from runtime import load, run
 
 
 class Spring(Block):
@@ -53,3 +54,10 @@ with Diagram("robot", rate=200) as diagram:
     both = stack(spring.torque, phase * walking)[0]
     knee(torque_command=TorqueLimiter(limit=5.0)(both + machine.level))
     print(f"{diagram.name}: {diagram['left/knee'].path}, {len(diagram)} blocks, {value}")
+
+trial = run(diagram, duration=1.0, settings={"left/knee.limit": 10.0}, seed=1)
+print(trial["left/knee.position"].max(), trial.time[-1], trial.fault, load("a.mcap").unit("left/knee.position"))
+trial.tme  # wrong: no attribute of a trial
+load("a.mcap").tme  # wrong: no attribute of a trial
+print(load(["a.mcap", "b.mcap"]).labels)
+run(diagram, duration="1")  # wrong: a text for a number
