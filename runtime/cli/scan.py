@@ -80,12 +80,12 @@ def main(arguments: Sequence[str]) -> int:
             refused.append(error.problem)
     print_to_stderr([*map(str, refused), *unasked])
     if options.json:
-        troubles = [{"code": trouble.code, "message": trouble.message, "hint": trouble.hint} for trouble in refused]
+        problems = [{"code": problem.code, "message": problem.message, "hint": problem.hint} for problem in refused]
         report = {
             "buses": [plain(report) for report in reports],
             "sensors": [imus.plain(each) for each in sensors],
             **ports_inventory.plain(others),
-            "troubles": troubles,
+            "troubles": problems,
         }
         print_lines([json.dumps(report, indent=2, ensure_ascii=False)])
     else:

@@ -44,7 +44,7 @@ def look(baudrate: int = 115200) -> tuple[list[Found], list[str]]:
             Found(names[sensor.kind], path, about.serial, about.model, about.firmware, about.options, sensor.kind)
         )
     seen.close()
-    return sensors, [str(trouble) for trouble in seen.problems]
+    return sensors, [str(problem) for problem in seen.problems]
 
 
 def text(sensors: Sequence[Found]) -> list[str]:

@@ -42,7 +42,7 @@ class PlantBuses:
 
     def __init__(self, rig: RigFile, names: Iterable[str], machine: Machine | None = None) -> None:
         self.rig, self.names, self.remarks, self.real = rig, list(names), [], []
-        self.locks, self.interfaces, self.cans, troubles = [], {}, {}, []
+        self.locks, self.interfaces, self.cans, problems = [], {}, {}, []
         self.lines, self.bell, self.carrier = None, -1, None
         self.carried = [name for name in names if rig.buses[name].interface not in (SOCKETCAN, UDP)]
         if self.carried:
@@ -52,11 +52,11 @@ class PlantBuses:
                 try:
                     self.cans[name] = self.open(rig.buses[name], machine or Machine())
                 except Refused as refused:
-                    troubles.append(refused.problem)
-            if self.carried and not troubles:
-                troubles += self.carry()
-            if troubles:
-                raise RigError(rig.path, dict.fromkeys(troubles))
+                    problems.append(refused.problem)
+            if self.carried and not problems:
+                problems += self.carry()
+            if problems:
+                raise RigError(rig.path, dict.fromkeys(problems))
         except BaseException:
             self.close()
             raise
@@ -133,15 +133,11 @@ class PlantBuses:
 
     def explain(self, name: str) -> str:
         """Return why a bus has failed. name : of the bus"""
-        trouble = self.cans[name].trouble
+        cause = self.cans[name].trouble
         if name in self.carried and self.carrier is not None and not self.carrier.alive:
             return "the process that carries its frames has ended"
         return (
-            trouble
-            if isinstance(trouble, str)
-            else os.strerror(trouble)
-            if trouble and trouble > 0
-            else "it accepts no frames"
+            cause if isinstance(cause, str) else os.strerror(cause) if cause and cause > 0 else "it accepts no frames"
         )
 
     def close(self) -> None:

@@ -24,15 +24,15 @@ def main(answers: int, control: int, lines: int, bell: int) -> None:
         file.write(NAME)
     with open(ORDERS, "rb", buffering=0, closefd=False) as orders:
         plan = json.loads(orders.readline() or b"[]")
-    wires, troubles = [], {}
+    wires, failures = [], {}
     for bus in plan:
         try:
             wires.append(open_wire(bus))
         except CannotOpen as error:
-            troubles[bus["name"]] = str(error)
+            failures[bus["name"]] = str(error)
     with suppress(BrokenPipeError):
-        os.write(answers, json.dumps(troubles).encode() + b"\n")
-    if not troubles and plan:
+        os.write(answers, json.dumps(failures).encode() + b"\n")
+    if not failures and plan:
         _carry(wires, Lines(fd=lines), bell, control)
     for wire in wires:
         wire.close()

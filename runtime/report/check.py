@@ -255,9 +255,9 @@ def _verdict(report: Mapping[str, Any], console: Console) -> str:
         if bound["bound"] != "proved":
             rest.setdefault(claim(bound), []).append(bound["actuator"])
     proved = len(actuators) - sum(map(len, rest.values()))
-    said = [f"every command of {count(proved, 'actuator')} is proved"] if proved > 0 else []
-    said += [words.format(" and ".join(paths)) for words, paths in rest.items()]
-    return console.ok("ok: " + ", ".join([*said, warnings]))
+    statements = [f"every command of {count(proved, 'actuator')} is proved"] if proved > 0 else []
+    statements += [words.format(" and ".join(paths)) for words, paths in rest.items()]
+    return console.ok("ok: " + ", ".join([*statements, warnings]))
 
 
 def claim(bound: Mapping[str, Any]) -> str:

@@ -76,7 +76,7 @@ def in_words(coverage: Sequence[dict[str, bool | str]]) -> tuple[str, str]:
         by.setdefault((each["covered"], each["by"]), []).append(each["failure"])
     texts = {
         covered: "; ".join(
-            f"{', '.join(failures)} ({who})" for (is_so, who), failures in by.items() if is_so == covered
+            f"{', '.join(failures)} ({component})" for (is_so, component), failures in by.items() if is_so == covered
         )
         for covered in (True, False)
     }
