@@ -12,10 +12,8 @@ WITHOUT_DOCSTRINGS = (
     "blocks/imus",
     "blocks/imus/openimu",
     "runtime/analysis",
-    "runtime/export",
     "runtime/recorder",
     "runtime/recorder/rerun",
-    "runtime/recording",
 )  # folders with public functions or classes that lack one
 WITHOUT_METHOD_DOCSTRINGS = (
     "blocks",
@@ -31,19 +29,10 @@ WITHOUT_METHOD_DOCSTRINGS = (
     "graph",
     "graph/drawing",
     "runtime/analysis",
-    "runtime/export",
     "runtime/recorder",
     "runtime/recorder/rerun",
-    "runtime/recording",
 )
-WITHOUT_ANNOTATIONS = (
-    "cext",
-    "runtime/analysis",
-    "runtime/export",
-    "runtime/recorder",
-    "runtime/recorder/rerun",
-    "runtime/recording",
-)
+WITHOUT_ANNOTATIONS = ("cext", "runtime/analysis", "runtime/recorder", "runtime/recorder/rerun")
 STEPS = ("step", "reset", "update")  # methods of blocks, which the class describes
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 MODULES = {path: ast.parse(path.read_text()) for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))}

@@ -20,10 +20,14 @@ module has two functions:
     write(trial, path, progress)    writes the file; `progress` is called with the fraction that is done, 0 to 1
 """
 
+from __future__ import annotations
+
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
 
+from runtime.analysis.trial import Trial
 from runtime.base.plugins import Plugins, modules_of
 from runtime.recording.files import create
 
@@ -33,14 +37,16 @@ FORMATS = Plugins("tickwork.formats", {kind: module.__name__ for module in MODUL
 OPENSIM = ("sto", "mot")
 
 
-def convert(trial, kind, stem, progress=lambda share: None):
-    """Write a Trial as `stem` with the extension of its kind, numbered if that exists. Returns the path.
+def convert(trial: Trial, kind: str, stem: str, progress: Callable[[float], None] = lambda share: None) -> str:
+    """Write a Trial to a file and return its path.
 
     The file is renamed after it is complete, so that a file with this name has every sample, even after a power loss.
 
+    kind : a format, from FORMATS
+    stem : path without the extension; a number is appended if the file exists
     progress : called with the fraction that is done
 
-    Raises BadInput, MissingExtra or OSError, with nothing left behind.
+    Raises BadInput, MissingExtra or OSError. No file remains then.
     """
     module = FORMATS.load(kind)
     trial.check()
@@ -59,7 +65,7 @@ def convert(trial, kind, stem, progress=lambda share: None):
     return path
 
 
-def reserved(stem, extension):
+def reserved(stem: str, extension: str) -> str:
     """Create an empty file under an unused path, and return the path."""
     path, descriptor = create(stem, f".{extension}")
     os.close(descriptor)

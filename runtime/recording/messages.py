@@ -9,6 +9,7 @@ it or sent after it, until the next drain or row. Recordings of format 1 have on
 """
 
 import re
+from collections.abc import Callable, Iterable
 from itertools import groupby
 from struct import Struct
 from typing import Any
@@ -36,7 +37,7 @@ TICK_BYTES = Struct("<BqBdBd")
 TICK_ROW = [("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u1"), ("lateness", "<f8")]
 
 
-def varint(value):
+def varint(value: int) -> bytes:
     """Return a non-negative integer as the bytes of a Protobuf varint."""
     data = bytearray()
     while value > 127:
@@ -45,23 +46,28 @@ def varint(value):
     return bytes([*data, value])
 
 
-def tag(number, wire):
-    """Return the bytes in front of a field."""
+def tag(number: int, wire: int) -> bytes:
+    """Return the bytes before a field. wire : WIRE_FIXED64, WIRE_LENGTH, WIRE_FIXED32 or WIRE_VARINT"""
     return varint(number << 3 | wire)
 
 
-def tick(number, time, lateness):
+def tick(number: int, time: float, lateness: float) -> bytes:
     """Return a message Tick. time, lateness : s"""
     return TICK_BYTES.pack(1 << 3 | WIRE_FIXED64, number, 2 << 3 | WIRE_FIXED64, time, 3 << 3 | WIRE_FIXED64, lateness)
 
 
-def fixed64(number, value):
+def fixed64(number: int, value: int) -> bytes:
     """Return a field sfixed64."""
     return tag(number, WIRE_FIXED64) + value.to_bytes(8, "little", signed=True)
 
 
-def frame(time, identifier, flags, data, order=None):
-    """Return a message CanFrame. flags : a bool for each of FLAGS; order : None with one bus"""
+def frame(time: int, identifier: int, flags: Iterable[bool], data: bytes, order: int | None = None) -> bytes:
+    """Return a message CanFrame.
+
+    time : ns since the start of the run
+    flags : a bool for each of FLAGS
+    order : as in FRAME; None with one bus
+    """
     fields = [fixed64(1, time), tag(2, WIRE_FIXED32), identifier.to_bytes(4, "little")]
     fields += [tag(number, WIRE_VARINT) + b"\1" for number, flag in enumerate(flags, 3) if flag]
     fields += [tag(len(FRAME) - 1, WIRE_LENGTH), varint(len(data)), data]
@@ -70,13 +76,13 @@ def frame(time, identifier, flags, data, order=None):
     return b"".join(fields)
 
 
-def frames(drained, group):
+def frames(drained: int, group: Iterable[bytes]) -> bytes:
     """Return a message CanFrames. drained : ns since the start of the run; group : messages CanFrame"""
     head = tag(FRAMES, WIRE_LENGTH)
     return fixed64(DRAINED, drained) + b"".join(head + varint(len(item)) + item for item in group)
 
 
-def split_frames(data):
+def split_frames(data: bytes) -> tuple[int, list[bytes]]:
     """Return (ns of the drain since the start of the run, [message CanFrame]) of a message CanFrames."""
     drained, group, at = 0, [], 0
     while at < len(data):
@@ -90,19 +96,19 @@ def split_frames(data):
     return drained, group
 
 
-def event(kind, at, text):
+def event(kind: str, at: int, text: str) -> bytes:
     """Return a message Event. kind : its name; at : tick; text : JSON"""
-    kind, text = kind.encode(), text.encode()
+    name, content = kind.encode(), text.encode()
     return b"".join(
         (
             tag(1, WIRE_LENGTH),
-            varint(len(kind)),
-            kind,
+            varint(len(name)),
+            name,
             tag(2, WIRE_FIXED64),
             at.to_bytes(8, "little", signed=True),
             tag(3, WIRE_LENGTH),
-            varint(len(text)),
-            text,
+            varint(len(content)),
+            content,
         )
     )
 
@@ -165,12 +171,12 @@ class Subsystem:
         self._items: list[Any] = [item for text in pieces for item in (text, 0.0)]
         self._pack = Struct("<" + "".join(f"{len(text)}sd" for text in pieces)).pack
 
-    def encode(self, values):
+    def encode(self, values: Iterable[float]) -> bytes:
         """Return the message as bytes. values : in the order of `columns`"""
         self._items[1::2] = values
         return self._pack(*self._items)
 
-    def template(self):
+    def template(self) -> tuple[bytes, list[tuple[int, int]]]:
         """Return (message without its values as bytes, [(position of a value in it, index of its signal)])."""
         body, places = bytearray(), []
         for column, text in zip(self.columns, self._items[::2]):
@@ -179,7 +185,7 @@ class Subsystem:
             body += bytes(8)
         return bytes(body), places
 
-    def dtype(self):
+    def dtype(self) -> Any:
         """Return the NumPy dtype of the message: a field for each value, named by the index of its signal."""
         import numpy as np
 
@@ -191,21 +197,7 @@ class Subsystem:
             at += 8
         return np.dtype({"names": names, "formats": ["<f8"] * len(names), "offsets": offsets, "itemsize": at})
 
-    def fill(self, rows, bodies):
-        """Copy the values of messages to their columns of an array.
-
-        rows : array (messages, signals)
-        bodies : the messages, as bytes
-
-        Raises ValueError if the messages have other signals.
-        """
-        import numpy as np
-
-        values = np.frombuffer(b"".join(bodies), dtype=self.dtype())
-        for place in self.columns:
-            rows[:, place] = values[str(place)]
-
-    def descriptor(self):
+    def descriptor(self) -> tuple[bytes, str]:
         """Return (serialised FileDescriptorSet, name of the message in it)."""
         outer = [(field, MESSAGE, OPTIONAL, f"{self.name}.{message(field)}") for field, _ in self.blocks]
         nested = {
@@ -215,7 +207,7 @@ class Subsystem:
         return descriptor(self.name, outer, nested)
 
 
-def subsystems(name, signals):
+def subsystems(name: str, signals: Iterable[dict[str, Any]]) -> list[Subsystem]:
     """Return the Subsystems of the signals of a row, in order of their first signal.
 
     A subsystem whose signals have different periods has one for each: "/left", then "/left_every_4".
@@ -239,12 +231,12 @@ def subsystems(name, signals):
     return made
 
 
-def topic_of(folder):
+def topic_of(folder: str) -> str:
     """Return the topic of a subsystem, which differs from the recorder's own topics."""
     return f"/{folder}_" if folder.split("/")[0].rstrip("_") == PACKAGE else f"/{folder}"
 
 
-def split(path):
+def split(path: str) -> tuple[str, str, str]:
     """Return ("left", "shank_imu", "gyro") of "left/shank_imu.gyro[1]"; the block is "" for a path without a port."""
     folder, _, rest = path.rpartition("/")
     block, _, signal = re.sub(r"(\[\d+(, ?\d+)*\])+$", "", rest).rpartition(".")
@@ -254,10 +246,10 @@ def split(path):
 class Names:
     """Unique names that Protobuf accepts. taken : names that are not available"""
 
-    def __init__(self, taken=()):
+    def __init__(self, taken: Iterable[str] = ()) -> None:
         self.taken = set(taken)
 
-    def free(self, text, beside=lambda name: name):
+    def free(self, text: str, beside: Callable[[str], str] = lambda name: name) -> str:
         """Return an unused name similar to a text, and take it.
 
         beside : function of the name, whose result must be unused, too, and is taken: fields and nested messages share
@@ -268,29 +260,29 @@ class Names:
         return name
 
 
-def identifier(text):
+def identifier(text: str) -> str:
     """Return a text as an identifier of Protobuf."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", text)
     return name if re.match("[A-Za-z]", name) else f"x{name}"
 
 
-def message(field):
+def message(field: str) -> str:
     """Return the name of the nested message type of a field, which must differ from that of the field."""
     return f"{field}_t"
 
 
-def simple(name, fields):
+def simple(name: str, fields: Iterable[tuple[str, int]]) -> tuple[bytes, str]:
     """Return (serialised FileDescriptorSet, name) of a flat message. fields : as in TICK"""
     return descriptor(name, [(field, kind, OPTIONAL, "") for field, kind in fields], {})
 
 
-def frames_descriptor():
+def frames_descriptor() -> tuple[bytes, str]:
     """Return (serialised FileDescriptorSet, name) of the message CanFrames."""
     fields = [("drained", SFIXED64, OPTIONAL, ""), ("frames", MESSAGE, REPEATED, "CanFrames.Frame")]
     return descriptor("CanFrames", fields, {"Frame": [(field, kind, OPTIONAL, "") for field, kind in FRAME]})
 
 
-def descriptor(name, fields, nested):
+def descriptor(name: str, fields: Any, nested: dict[str, Any]) -> tuple[bytes, str]:
     """Return (serialised FileDescriptorSet, name) of a message.
 
     fields : [(name, FieldDescriptorProto.Type, label, name of the message type or "")]

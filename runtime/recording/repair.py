@@ -11,8 +11,10 @@ follow from the rest are overwritten. A file that is damaged, and not just torn,
 import io
 import os
 import zlib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from struct import Struct
+from typing import Any
 
 from runtime.recording.files import AT_ONCE, WholeFile, claim
 from runtime.recording.mcap_file import (
@@ -64,7 +66,7 @@ class Repair:
     Raises RepairFailed and OSError, as `finish` does. `look` raises OSError.
     """
 
-    def __init__(self, path):
+    def __init__(self, path: str) -> None:
         self.path = path
         descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
         self.file = WholeFile(path, descriptor)
@@ -93,7 +95,7 @@ class Repair:
         self.at = len(MAGIC)
         self.records = walk(self.stream, self.at)
 
-    def look(self):
+    def look(self) -> bool:
         """Scan the next slice. Returns whether more follows."""
         from mcap.exceptions import McapError
 
@@ -108,7 +110,7 @@ class Repair:
             self.at = self.at if end is None else end
         return self.looking
 
-    def take(self, at, kind, data):
+    def take(self, at: int, kind: int, data: bytes) -> int | None:
         """Take a record. Returns where the next one begins, None if it is not valid here or is the last one."""
         writer, body, end = self.writer, data[HEAD.size :], at + len(data)
         if at == len(MAGIC):
@@ -142,20 +144,21 @@ class Repair:
             self.good = end
         return end
 
-    def begin_chunk(self, at, compression, claimed):
+    def begin_chunk(self, at: int, compression: str, claimed: tuple[int, int] | None) -> None:
+        """Begin a chunk. claimed : (bytes, checksum) of its messages, if its head has them"""
         self.writer.begin_chunk(at)
         self.compression, self.claimed = compression, claimed
 
-    def count(self, data):
+    def count(self, data: bytes) -> None:
         """Take a message of the open chunk."""
         _, _, channel, _, log_time, _ = MESSAGE.unpack_from(data)
         self.writer.add(data, {channel: PLACE.pack(log_time, self.writer.size)})
 
-    def is_message(self, record):
+    def is_message(self, record: bytes) -> bool:
         """Return whether a message record is of a channel of the file."""
         return len(record) >= MESSAGE.size and MESSAGE.unpack_from(record)[2] in self.writer.counts
 
-    def take_frame(self, at):
+    def take_frame(self, at: int) -> int | None:
         """Take a zstd chunk, or the part of it in which the file ends. Returns where that ends, None if it is invalid.
 
         The blocks up to the last one that ends with a complete message are kept. `ended` is then False if blocks are
@@ -192,7 +195,7 @@ class Repair:
         self.records = walk(self.stream, end)
         return end
 
-    def is_expected(self, at, data):
+    def is_expected(self, at: int, data: bytes) -> bool:
         """Return whether a record is one of the indices of the open chunk, which ends with the last of them."""
         writer = self.writer
         if not self.expected:
@@ -207,7 +210,7 @@ class Repair:
             self.end_chunk(self.indices)
         return True
 
-    def end_chunk(self, end):
+    def end_chunk(self, end: int) -> None:
         """Close the chunk, whose indices begin at `end`."""
         checksum = None
         if self.claimed is not None and self.claimed[0] == self.writer.size:
@@ -215,7 +218,7 @@ class Repair:
         start = self.writer.start
         self.heads.append((start, self.writer.complete(end, self.compression, checksum)))
 
-    def finish(self):
+    def finish(self) -> bool:
         """Scan the rest, complete the file and close it. Returns whether it was incomplete.
 
         Raises RepairFailed and OSError.
@@ -240,14 +243,14 @@ class Repair:
         finally:
             self.close()
 
-    def is_torn(self):
+    def is_torn(self) -> bool:
         """Return whether the rest of the file is one incomplete record or block, or zeros after a power cut."""
         if self.ended:
             return torn(self.stream, self.at, self.size)
         self.stream.seek(self.at)
         return is_torn(self.stream.read())
 
-    def complete(self):
+    def complete(self) -> None:
         """Replace what follows the last complete record by the end of a file."""
         writer, file = self.writer, self.file
         if not writer.size:
@@ -270,16 +273,16 @@ class Repair:
             os.pwrite(file.descriptor, head, start)
         writer.finish()
 
-    def close(self):
+    def close(self) -> None:
         """Close the file."""
         self.looking = False
         self.file.close()
 
 
-def finish(path, progress=lambda share: None):
+def finish(path: str, progress: Callable[[float], None] = lambda share: None) -> None:
     """Complete a file in place, if it is not complete. Raises RepairFailed and OSError.
 
-    progress : called with the completed share
+    progress : called with the fraction that has been scanned
     """
     repair = Repair(path)
     try:
@@ -297,12 +300,12 @@ class Backlog:
     paths : of the files
     """
 
-    def __init__(self, paths):
+    def __init__(self, paths: list[str]) -> None:
         self.paths = paths
         self.waiting, self.repairs = list(paths), []
         self.problems = {}  # {path: line of text}
 
-    def look(self):
+    def look(self) -> bool:
         """Scan the next slice, which takes up to 20 ms. Returns whether more follows."""
         if self.waiting:
             with self.reported(self.waiting[0]):
@@ -311,7 +314,7 @@ class Backlog:
             del self.waiting[0]
         return bool(self.waiting)
 
-    def scan(self, path):
+    def scan(self, path: str) -> bool:
         """Scan the next slice of a file. Returns whether more follows."""
         if not os.path.getsize(path):  # its recorder died before it wrote anything
             return False
@@ -319,7 +322,7 @@ class Backlog:
             self.repairs.append(Repair(path))
         return self.repairs[-1].look()
 
-    def finish(self):
+    def finish(self) -> list[str]:
         """Complete all files. Returns problems as lines of text."""
         while self.look():
             pass
@@ -329,7 +332,7 @@ class Backlog:
         return [*self.problems.values()]
 
     @contextmanager
-    def reported(self, path):
+    def reported(self, path: str) -> Iterator[None]:
         """Keep a failure as the problem of a file."""
         try:
             yield
@@ -339,7 +342,7 @@ class Backlog:
             self.problems[path] = f"{path} was not completed: {getattr(error, 'strerror', None) or repr(error)}"
 
 
-def torn(stream, at, size):
+def torn(stream: Any, at: int, size: int) -> bool:
     """Return whether the rest of a file is one incomplete record, or zeros after a power cut. at : where it begins"""
     stream.seek(at)
     head = stream.read(CHUNK_HEADS[ZSTD].size)
@@ -351,7 +354,7 @@ def torn(stream, at, size):
     return head[0] in KINDS and whole < (RECORD_LIMIT if head[0] == ATTACHMENT else CHUNK) and at + whole > size
 
 
-def finished(stream, size):
+def finished(stream: Any, size: int) -> bool:
     """Return whether a file is complete: its summary is valid, and every chunk in it has its head."""
     end = HEAD.size + FOOTER_REST.size + len(MAGIC)
     if size < end:
