@@ -141,12 +141,15 @@ def _missing(needs=NEEDS):
 def explain(error: ImportError) -> str:
     """Return one line on an ImportError of a library or of outdated compiled modules. Raises all others again.
 
-    error : ImportError of importing `runtime.cli.main`
+    error : ImportError of importing `runtime.cli.main` or a command
     """
     culprit = (error.name or "").split(".")[0]
     if culprit in ("blocks", "graph", "runtime"):
         raise error
-    first_line = str(error).strip().split("\n")[0]
+    cause = error  # NumPy replaces an error by advice
+    while cause.__cause__ is not None:
+        cause = cause.__cause__
+    first_line = str(cause).strip().split("\n")[0]
     if culprit == "cext":
         return "the compiled modules do not match their sources (%s): %s" % (
             first_line,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -82,9 +83,18 @@ def main(arguments: Sequence[str] | None = None, folder: str | None = None) -> i
             raise
         print_to_stderr([f"tickwork: {line}"])
         code = BAD_INPUT
+    except ImportError as error:
+        print_to_stderr([f"tickwork: {installation_check.explain(error)}"])
+        code = BAD_INPUT
+    except MemoryError:
+        print_to_stderr(["tickwork: out of memory: compare `ulimit -v` and `free`"])
+        code = BAD_INPUT
     except ending.Interrupted as interrupt:
         print_to_stderr([f"tickwork: {ending.stopped_by(interrupt.number)}"])
         code = 128 + interrupt.number
+    except KeyboardInterrupt:  # raised by user code: SIGINT raises Interrupted
+        print_to_stderr(["tickwork: stopped by a KeyboardInterrupt in user code; nothing is armed"])
+        code = 128 + signal.SIGINT
     ending.handled()
     print_lines([])  # flush what the user's code has printed
     return code

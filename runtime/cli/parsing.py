@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from runtime.base.errors import BadInput
 from runtime.base.options import count
 from runtime.base.suggestions import suggestion
-from runtime.console.terminal import program
+from runtime.console.terminal import print_lines, program
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -81,6 +81,10 @@ class Parser(argparse.ArgumentParser):
             return f"unexpected argument {word!r}"
         hint = suggestion(word.partition("=")[0], self._option_string_actions)
         return f"there is no option {word}" + (f"; {hint}" if hint else "")
+
+    def print_help(self, file=None) -> None:
+        """Write the help to standard output. file : ignored"""
+        print_lines(self.format_help().splitlines())
 
     def error(self, message: str) -> NoReturn:
         """Raise BadInput with the message of argparse, or a clearer one where a file is missing."""

@@ -43,6 +43,8 @@ def read_names(path: Path) -> dict[str, str]:
         raise BadInput(f"--names {path}: not UTF-8 text") from None
     except tomllib.TOMLDecodeError as error:
         raise BadInput(f"--names {path}: invalid TOML: {error}; write {EXAMPLE}") from None
+    except RecursionError:
+        raise BadInput(f"--names {path}: invalid TOML: too many nested brackets; write {EXAMPLE}") from None
     if not content:
         raise BadInput(f"--names {path}: no signals; write {EXAMPLE}")
     taken = {"time": "the time"}

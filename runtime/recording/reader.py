@@ -70,6 +70,8 @@ class Reader:
     def __init__(self, path: Path, progress: Callable[[float], None]) -> None:
         need("mcap.stream_reader", "reading a recording")
         self.path, self.checked = path, False
+        if path.is_fifo():  # `open` would wait for its writer
+            raise BadInput(f"{path} is a pipe, and a recording is not read in order: pass a file")
         try:
             with open(path, "rb", buffering=0) as stream:
                 self.size = os.fstat(stream.fileno()).st_size

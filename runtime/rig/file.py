@@ -70,6 +70,9 @@ def parse(path: str | Path, text: str) -> RigFile:
     except tomllib.TOMLDecodeError as error:
         hint = 'quote text with "", and a path in a name: [device."left/knee"]'
         raise RigError(path, [RigProblem("TW101", f"invalid TOML: {error}", hint)]) from None
+    except RecursionError:
+        problem = RigProblem("TW101", "invalid TOML: too many nested brackets", "remove brackets")
+        raise RigError(path, [problem]) from None
     hint = 'write [bus.NAME] or [device."PATH"]'
     problems = [
         RigProblem(

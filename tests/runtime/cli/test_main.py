@@ -397,6 +397,40 @@ def test_a_closed_output_pipe_does_not_hide_a_fault(tmp_path):
     assert process.wait(60) == 3 and error.startswith("FAULT at knee")
 
 
+def test_a_closed_output_pipe_does_not_break_the_help(tmp_path):
+    process = started("check", "--help", cwd=tmp_path)
+    process.stdout.close()
+    error = process.stderr.read()
+    process.stderr.close()
+    assert (process.wait(60), error) == (OK, "")
+
+
+def test_a_file_that_raises_keyboard_interrupt_ends_the_command_as_ctrl_c_does(command_line):
+    write(command_line.folder, "raise KeyboardInterrupt")
+    code, out, error = command_line("check", "robot.py")
+    assert (code, out) == (130, "") and "KeyboardInterrupt in user code" in error and "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (
+            ImportError("libx.so: failed to map segment"),
+            "a library cannot be imported (libx.so: failed to map segment)",
+        ),
+        (MemoryError(), "out of memory"),
+    ],
+)
+def test_a_library_that_a_command_cannot_load_is_reported_in_one_line(command_line, monkeypatch, error, text):
+    def run(name, arguments, folder):
+        if isinstance(error, ImportError):
+            raise ImportError("advice") from error
+        raise error
+
+    monkeypatch.setattr("runtime.cli.main.run", run)
+    assert text in command_line.refused("doctor")
+
+
 def test_a_full_disk_behind_standard_output_is_reported(tmp_path):
     knee(tmp_path)
     with open("/dev/full", "w") as full:

@@ -1,11 +1,14 @@
 """A recording is opened without being read: chunks are read when their signals are asked for, and once."""
 
+import os
+
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 
 import runtime
 from cext.safety.shared_state import RECORD_EVENT, SharedState
+from runtime.base.errors import BadInput
 from runtime.recording import reader
 from tests.runtime.recorder.running import CSV, columns, frame, plan, record, row, sink
 
@@ -166,3 +169,9 @@ def test_table_and_plot_read_the_recording_in_one_pass(path, tmp_path, loads):
     with open(tmp_path / "plot.png", "wb") as file:
         plots.over_time(runtime.load(path), [["leg0/block.x1", "leg1/block.x31"], ["leg1/block.x59"]], "", file, "png")
     assert len(loads) <= count + count + 1  # and the events
+
+
+def test_a_pipe_is_refused_before_it_is_opened(tmp_path):
+    os.mkfifo(tmp_path / "run.mcap")
+    with pytest.raises(BadInput, match="run.mcap is a pipe"):
+        runtime.load(tmp_path / "run.mcap")

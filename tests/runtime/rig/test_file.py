@@ -174,6 +174,8 @@ def test_invalid_toml_is_reported_with_its_line(written):
     )
     [(_, message, _)] = troubles(written("[bus.legs]\nfd = true\nfd = false\n"))
     assert "line 3" in message
+    [(code, message, _)] = troubles(written("a = " + "[" * 5000))
+    assert code == "TW101" and message.startswith("invalid TOML: ")
 
 
 def test_unreadable_file_is_reported(written, tmp_path):
