@@ -85,7 +85,7 @@ class Repair:
         self.indices = 0  # position of the first index
         self.claimed = None  # (bytes, checksum) of the messages in the head of the chunk
         self.compression = ""  # of the chunk
-        self.damaged = False  # whether a complete block has a record that does not belong there
+        self.damaged = False  # whether complete blocks have a record that does not belong there, or a part of one
         self.ended = True  # whether the zstd frame of the chunk is complete
         self.tail = b""  # complete messages of the chunk, behind the blocks that stay
         self.heads = []  # [(position, bytes)] of chunks to write
@@ -183,6 +183,9 @@ class Repair:
                 return None
             whole = place + len(record)
             complete.add(whole)
+        if ended and whole < len(content):
+            self.damaged = True
+            return None
         kept = max(entry for entry in ends if entry[1] in complete)
         self.tail = content[kept[1] : whole]
         for _, _, record in walk(io.BytesIO(content[:whole]), 0):
