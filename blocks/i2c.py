@@ -80,6 +80,7 @@ class I2cDevice(Device):
     abstract = True
     medium = "i2c"
     kind = ""  # name of the chip
+    register_bytes = 1  # bytes of one register
     known_addresses = ()  # selectable with its pins
     address_hint = (
         "each chip on a bus segment needs a unique address: select another with its pins, or connect one "
@@ -181,6 +182,10 @@ class I2cDevice(Device):
     def rounds(self) -> Any:
         """Return every Round."""
         return ()
+
+    def factory_registers(self) -> dict[tuple[int, int], bytes]:
+        """Return {(address, register): bytes} of an emulated chip after power-on; the other registers are 0."""
+        return {}
 
 
 def listed(addresses: tuple[int, ...]) -> str:

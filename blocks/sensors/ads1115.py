@@ -60,6 +60,7 @@ class ADS1115(I2cDevice):
 
     hardware = (*I2cDevice.hardware, "full_scale")
     kind = "ADS1115"
+    register_bytes = 2
     known_addresses = ADDRESSES
     channel_names = tuple(INPUTS)
     decode = kernels.ads_decode
@@ -148,6 +149,7 @@ class EmulatedADS1115(I2cDevice):
     kind, known_addresses, check_channels = ADS1115.kind, ADDRESSES, ADS1115.check_channels
     configuration, period = ADS1115.configuration, ADS1115.period
     decode = no_io.ignore_all
+    timeout: Any = 0.0  # nothing replies to an emulator
     encode = kernels.ads_answers
 
     @classmethod

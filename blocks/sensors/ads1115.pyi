@@ -82,7 +82,6 @@ class EmulatedADS1115(I2cDevice):
         address: int = 72,
         mux: int = 0,
         channel: int = 0,
-        timeout: float = 0.1,
         channels: Sequence[Any] | np.ndarray = ...,
         full_scale: float = 4.096,
         rate: int = 860,

@@ -161,6 +161,7 @@ class EmulatedNAU7802(I2cDevice):
     state = Memory((0.0,) * 4, "time of the next reply, 1 while stuck, stuck value")
 
     kind, known_addresses = NAU7802.kind, NAU7802.known_addresses
+    timeout: Any = 0.0  # nothing replies to an emulator
     decode = no_io.ignore_all
     encode = kernels.nau_answers
 

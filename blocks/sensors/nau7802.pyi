@@ -100,7 +100,6 @@ class EmulatedNAU7802(I2cDevice):
         address: int = 42,
         mux: int = 0,
         channel: int = 0,
-        timeout: float = 0.1,
         rate: int = 80,
         gain: int = 128,
         **options: Unpack[BlockOptions],

@@ -78,13 +78,14 @@ cdef class I2cAdapter:
         """
         cdef uint8_t[READ_LIMIT] buffer
         cdef int error
+        cdef bint reads = data is None
+        cdef int size = count if data is None else <int>len(data)
         if not 0 <= count <= READ_LIMIT or (data is not None and len(data) > READ_LIMIT):
             raise ValueError("an exchange has at most %d bytes" % READ_LIMIT)
         if data is not None:
             memcpy(buffer, <const char *>data, len(data))
-        error = self.adapter.exchange(
-            self.adapter.context, <uint8_t>address, register, data is None, buffer,
-            count if data is None else <int>len(data))
+        with nogil:
+            error = self.adapter.exchange(self.adapter.context, <uint8_t>address, register, reads, buffer, size)
         if error:
             raise OSError(error, os.strerror(error))
         return bytes(buffer[:count])

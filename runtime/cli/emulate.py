@@ -15,6 +15,7 @@ from runtime.session.request import Request
 if TYPE_CHECKING:
     from argparse import Namespace
 
+    from blocks.i2c import I2cDevice
     from cext.schedule.outcome import Outcome
     from graph import Diagram, Schedule
     from runtime.emulation.buses import PlantBuses
@@ -49,12 +50,12 @@ def main(arguments: Sequence[str]) -> int:
         raise BadInput(
             f"{options.rig}: the plant emulates a device on bus {missing!r}, but the rig has no [bus.{missing}]"
         )
-    buses = PlantBuses(rig, [name for name in schedule.buses if name not in on_lines])
     emulators = {block.bus: block for block in diagram if isinstance(block, StreamDevice)}
     senders = {
         name: NetworkSender(**device.opening(), message_bytes=emulators[name].message_bytes)
         for name, device in networks.items()
     }
+    buses = PlantBuses(rig, [name for name in schedule.buses if name not in on_lines], chips=_chips_of(robot, diagram))
     lines = EmulatedLines(terminals, options.lines, senders)
     try:
         print_to_stderr(buses.remarks)
@@ -72,6 +73,21 @@ def main(arguments: Sequence[str]) -> int:
     finally:
         lines.close()
         buses.close()
+
+
+def _chips_of(robot: Diagram, plant: Diagram) -> dict[str, list[tuple[I2cDevice, I2cDevice]]]:
+    """Return {name of an I2C bus: [(device of the robot, its emulator)]}."""
+    from blocks.i2c import I2cDevice
+
+    def places(diagram: Diagram) -> dict[tuple[str, int, int], I2cDevice]:
+        devices = [block for block in diagram if isinstance(block, I2cDevice)]
+        return {(block.bus, block.place, block.address): block for block in devices}
+
+    emulators, chips = places(plant), {}
+    for place, device in places(robot).items():
+        if place in emulators:
+            chips.setdefault(device.bus, []).append((device, emulators[place]))
+    return chips
 
 
 def parse(arguments: Sequence[str]) -> Namespace:
@@ -145,7 +161,7 @@ def _introduction(
 
 
 def _title(block: Any) -> str:
-    ids = ", ".join(f"{identifier:X}h" if extended else str(identifier) for identifier, extended in block.addresses())
+    ids = ", ".join(map(str, block.displayed_addresses()))
     words = [block.path, getattr(block, "model", ""), f"id {ids}" if ids else ""]
     return "  ".join(filter(None, words))
 

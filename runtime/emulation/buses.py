@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cext.bus.memory_bus import MemoryBus
@@ -14,15 +15,17 @@ from cext.ring.rings import Line, Lines
 from cext.safety.thresholds import TX_QUEUE_FULL_LIMIT
 from runtime.base.child_process import ChildProcess
 from runtime.base.errors import BadInput
+from runtime.emulation.i2c_server import I2cServer
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.machine.probe import Machine
 from runtime.rig.buses import ONE_PROCESS, SEE_PYTHON_CAN
 from runtime.rig.errors import Refused, RigError, RigProblem
-from runtime.rig.file import SOCKETCAN, UDP
+from runtime.rig.file import EMULATED, I2C, SOCKETCAN, UDP
 from runtime.rig.interface import Interface
 from runtime.rig.serial_port import look_at_port
 
 if TYPE_CHECKING:
+    from blocks.i2c import I2cDevice
     from cext.bus.memory_bus import BusEnd
     from runtime.rig.file import RigBus, RigFile
 
@@ -35,16 +38,23 @@ class PlantBuses:
 
     rig : RigFile
     names : of the buses, in the order of the plant's schedule
+    chips : {name of an I2C bus: (device of the robot, its emulator) of each device}
 
     remarks : for the operator
     real : channels on which there may be real drives
     """
 
-    def __init__(self, rig: RigFile, names: Iterable[str], machine: Machine | None = None) -> None:
+    def __init__(
+        self,
+        rig: RigFile,
+        names: Iterable[str],
+        machine: Machine | None = None,
+        chips: Mapping[str, Sequence[tuple[I2cDevice, I2cDevice]]] | None = None,
+    ) -> None:
         self.rig, self.names, self.remarks, self.real = rig, list(names), [], []
-        self.locks, self.interfaces, self.cans, problems = [], {}, {}, []
-        self.lines, self.bell, self.carrier = None, -1, None
-        self.carried = [name for name in names if rig.buses[name].interface not in (SOCKETCAN, UDP)]
+        self.locks, self.interfaces, self.servers, self.cans, problems = [], {}, [], {}, []
+        self.lines, self.bell, self.carrier, self.chips = None, -1, None, chips or {}
+        self.carried = [name for name in names if rig.buses[name].interface not in (SOCKETCAN, UDP, I2C)]
         if self.carried:
             self.lines, self.bell = Lines(len(self.carried)), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         try:
@@ -61,7 +71,7 @@ class PlantBuses:
             self.close()
             raise
 
-    def open(self, bus: RigBus, machine: Machine) -> SocketCan | Line | MemoryBus:
+    def open(self, bus: RigBus, machine: Machine) -> SocketCan | Line | MemoryBus | I2cServer:
         """Return the end of one bus: a SocketCan, a Line, or an unconnected MemoryBus.
 
         Raises Refused if it cannot be opened.
@@ -79,6 +89,14 @@ class PlantBuses:
                 f"{self.rig.path}: [bus.{bus.name}] is UDP, which is not emulated; start the sender itself"
             )
             return MemoryBus()
+        if bus.interface == I2C and not bus.channel.startswith(EMULATED):
+            raise Refused(
+                RigProblem(
+                    "TW105",
+                    f"[bus.{bus.name}] channel = {bus.channel!r}: chips on a real I2C bus cannot be emulated",
+                    f'write channel = "{EMULATED}/tmp/{bus.name}" in the rig file of the run and of emulate',
+                )
+            )
         try:
             self.locks.append(BusLock(f"emulator/{bus.interface}", bus.channel))
         except BusTaken as taken:
@@ -89,6 +107,10 @@ class PlantBuses:
                     "end that process first: two emulators would reply to every frame twice",
                 )
             ) from None
+        if bus.interface == I2C:
+            server = I2cServer(Path(bus.channel.removeprefix(EMULATED)), self.chips.get(bus.name, ()))
+            self.servers.append(server)
+            return server
         if bus.interface != SOCKETCAN:
             look_at_port(bus)
             self.real += [bus.channel] * (bus.interface not in ONE_MACHINE)
@@ -144,7 +166,7 @@ class PlantBuses:
         """End the process that carries frames, and close the interfaces and locks. May be called again."""
         if self.carrier is not None:
             self.carrier.close()
-        for interface in self.interfaces.values():
+        for interface in (*self.interfaces.values(), *self.servers):
             interface.close()
         for lock in self.locks:
             lock.close()

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from smbus2 import SMBus
 
+    from cext.lines.i2c import I2cAdapter
 
 FIRST, LAST = 0x08, 0x77  # range of device addresses
 # memories: probed by reading a byte, since a write without data could damage their content
@@ -31,7 +32,7 @@ class NoAnswer(Exception):
 class Chips:
     """I2C chips behind multiplexers. wires : smbus2.SMBus, or an object with its methods"""
 
-    def __init__(self, wires: SMBus) -> None:
+    def __init__(self, wires: SMBus | AdapterWires) -> None:
         self.wires = wires
         self.open = (0, 0)  # multiplexer and channel that this object has opened; 0: none
 
@@ -136,6 +137,52 @@ class answered:
     ) -> None:
         if isinstance(error, OSError):
             raise NoAnswer(error, self.address) from None
+
+
+class AdapterWires:
+    """Methods of smbus2.SMBus for an adapter that is no /dev/i2c-*. All raise OSError without an acknowledge."""
+
+    def __init__(self, adapter: I2cAdapter) -> None:
+        self.adapter = adapter
+
+    def close(self) -> None:
+        """Leave the adapter open: its owner closes it."""
+
+    def write_quick(self, address: int) -> None:
+        """Address a device without data."""
+        self.adapter.exchange_bytes(address, -1, b"")
+
+    def read_byte(self, address: int) -> int:
+        """Read one byte, without a register."""
+        return self.adapter.exchange_bytes(address, -1, count=1)[0]
+
+    def write_byte(self, address: int, value: int) -> None:
+        """Write one byte, without a register."""
+        self.adapter.exchange_bytes(address, -1, bytes((value,)))
+
+    def read_byte_data(self, address: int, register: int) -> int:
+        """Read one byte of a register."""
+        return self.adapter.exchange_bytes(address, register, count=1)[0]
+
+    def write_byte_data(self, address: int, register: int, value: int) -> None:
+        """Write one byte to a register."""
+        self.adapter.exchange_bytes(address, register, bytes((value,)))
+
+    def read_word_data(self, address: int, register: int) -> int:
+        """Read two bytes, least significant first."""
+        return int.from_bytes(self.adapter.exchange_bytes(address, register, count=2), "little")
+
+    def write_word_data(self, address: int, register: int, value: int) -> None:
+        """Write two bytes, least significant first."""
+        self.adapter.exchange_bytes(address, register, value.to_bytes(2, "little"))
+
+    def read_i2c_block_data(self, address: int, register: int, length: int) -> list[int]:
+        """Read `length` bytes from a register on."""
+        return list(self.adapter.exchange_bytes(address, register, count=length))
+
+    def write_i2c_block_data(self, address: int, register: int, data: Iterable[int]) -> None:
+        """Write bytes from a register on."""
+        self.adapter.exchange_bytes(address, register, bytes(data))
 
 
 class KnownChips:

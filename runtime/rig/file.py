@@ -34,6 +34,7 @@ else:
     import tomli as tomllib
 
 SOCKETCAN, I2C = "socketcan", "i2c"
+EMULATED = "unix:"  # start of the channel of an I2C bus whose chips `emulate` emulates
 BITRATE_MINIMUM = 10_000  # bit/s
 INTERFACE_NAME_LIMIT = 15  # characters of a network interface
 KEYS = {  # of a bus: type, example, whether it is required
@@ -204,9 +205,9 @@ def _check_i2c(bus, table, report):
                 f"{key}: not valid for an I2C bus",
                 "remove it; the clock is set in the system's configuration: dtparam=i2c_arm_baudrate",
             )
-    if not bus.channel.startswith("/dev/"):
+    if not bus.channel.startswith(("/dev/", EMULATED)):
         report(
-            f"channel = {bus.channel!r}: expected a device file in /dev",
+            f"channel = {bus.channel!r}: expected a device file in /dev, or {EMULATED}PATH for `emulate`",
             'write channel = "/dev/i2c-1"; ls /dev/i2c-* lists the buses of this machine',
         )
 

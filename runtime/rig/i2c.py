@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import errno
 import os
+import socket
 import stat
+import struct
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,8 +19,10 @@ from typing import TYPE_CHECKING
 from blocks.i2c import I2cDevice
 from cext.lines.i2c import I2cBus
 from cext.lines.i2c_adapters import LinuxAdapter
-from runtime.rig.chips import Chips, NoAnswer, in_hex
+from cext.lines.i2c_socket import SocketAdapter
+from runtime.rig.chips import AdapterWires, Chips, NoAnswer, in_hex
 from runtime.rig.errors import Refused, RigProblem
+from runtime.rig.file import EMULATED
 from runtime.rig.serial_port import permission
 
 if TYPE_CHECKING:
@@ -30,6 +34,7 @@ if TYPE_CHECKING:
 
 
 NODES = "i2c-*"  # in /dev
+EXCHANGE_TIMEOUT_US = 30_000  # µs, of an emulated bus
 ENABLE = (
     "Raspberry Pi: sudo raspi-config nonint do_i2c 0, which makes /dev/i2c-1; Jetson: /dev/i2c-7 (Orin) or "
     "/dev/i2c-1 is on the header, "
@@ -256,9 +261,11 @@ def exchange(transfer: Transfer, address: int) -> tuple[Any, ...]:
     return transfer.number, address if transfer.address is None else transfer.address, steps, bytes(transfer.appended)
 
 
-def open_adapter(bus: RigBus) -> tuple[Chips, LinuxAdapter]:
-    """Open the bus of a RigBus. Returns (Chips, LinuxAdapter). Raises Refused."""
+def open_adapter(bus: RigBus) -> tuple[Chips, I2cAdapter]:
+    """Open the bus of a RigBus. Returns (Chips, I2cAdapter). Raises Refused."""
     name = f"[bus.{bus.name}] {bus.channel}"
+    if bus.channel.startswith(EMULATED):
+        return open_emulated(name, bus.channel.removeprefix(EMULATED))
     try:
         if not stat.S_ISCHR(os.stat(bus.channel).st_mode):
             raise Refused(RigProblem("TW131", f"{name} is not an I2C bus", known()))
@@ -281,6 +288,23 @@ def open_adapter(bus: RigBus) -> tuple[Chips, LinuxAdapter]:
     except OSError as error:
         wires.close()
         raise Refused(RigProblem("TW131", f"{name}: {error.strerror}", known())) from None
+
+
+def open_emulated(name: str, path: str) -> tuple[Chips, I2cAdapter]:
+    """Connect to the chips of `emulate`. Returns (Chips, SocketAdapter). Raises Refused.
+
+    name : of the bus, for the message
+    """
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as end:
+        try:
+            end.connect(path)
+        except OSError as error:
+            hint = "start `python -m runtime emulate` with this rig first, in another terminal"
+            raise Refused(RigProblem("TW131", f"{name}: {error.strerror}", hint)) from None
+        # time-out of an exchange, struct timeval
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, EXCHANGE_TIMEOUT_US))
+        adapter = SocketAdapter(end.fileno())
+    return Chips(AdapterWires(adapter)), adapter
 
 
 def in_words(name: str, path: str, error: OSError) -> RigProblem:

@@ -1,8 +1,19 @@
 """Emulated IMUs of InvenSense, with the same bytes as the real ones."""
 
+from typing import Any
+
 from blocks.controllers.joint import GRAVITY
 from blocks.i2c import I2cDevice
-from blocks.imus.invensense.ports import AK09916_SCALE, AK8963_SCALE, UNADJUSTED, Bypass, InvenSense
+from blocks.imus.invensense.ports import (
+    AK09916_SCALE,
+    AK09916_WHO_AM_I,
+    AK8963_ADJUSTMENT,
+    AK8963_SCALE,
+    AK8963_WHO_AM_I,
+    UNADJUSTED,
+    Bypass,
+    InvenSense,
+)
 from cext.kernels import no_io
 from cext.kernels.devices.invensense import chips as kernels
 from graph import Input, Memory, Param
@@ -41,6 +52,7 @@ class _Emulated(I2cDevice):
     fuses = Memory((128.0,) * 3, "factory adjustment of the magnetometer")
     state = Memory((0.0,) * 7, "times of the next replies, and the values repeated while stuck")
 
+    timeout: Any = 0.0  # nothing replies to an emulator
     decode = no_io.ignore_all
     scales_of, mag_rate = InvenSense.scales_of, InvenSense.mag_rate
     bypass = True
@@ -85,6 +97,12 @@ class EmulatedMPU9250(_Emulated):
         self.fuses = tuple(map(float, self.adjustment))
         self.periods = (*self.periods[:2], float(self.magnetometer and not self.bypass))
 
+    def factory_registers(self) -> dict[tuple[int, int], bytes]:
+        return {
+            (self.mag_address, AK8963_WHO_AM_I): b"\x48",
+            (self.mag_address, AK8963_ADJUSTMENT): bytes(self.adjustment),
+        }
+
 
 class EmulatedICM20948(_Emulated):
     """Emulated ICM-20948: sends the content of its registers at the rate of its block's transfers. At rest by default.
@@ -95,3 +113,6 @@ class EmulatedICM20948(_Emulated):
 
     encode = kernels.icm_answers
     mag_scale = AK09916_SCALE
+
+    def factory_registers(self) -> dict[tuple[int, int], bytes]:
+        return {(self.mag_address, AK09916_WHO_AM_I): b"\x09"}

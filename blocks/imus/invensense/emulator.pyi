@@ -1,10 +1,10 @@
 # Generated from the declarations by `python -m graph.stubs`. Do not edit.
-from typing import Any
 from collections.abc import Sequence
 from typing_extensions import Unpack
 import numpy as np
 from graph.block import BlockOptions
 from graph.signal import Operand
+from typing import Any
 from blocks.i2c import I2cDevice
 from graph import Input, Memory, Param
 
@@ -39,7 +39,6 @@ class _Emulated(I2cDevice):
         address: int = 104,
         mux: int = 0,
         channel: int = 0,
-        timeout: float = 0.1,
         rate: float = 200.0,
         accel_range: int = 8,
         gyro_range: int = 1000,
@@ -70,7 +69,6 @@ class EmulatedMPU9250(_Emulated):
         address: int = 104,
         mux: int = 0,
         channel: int = 0,
-        timeout: float = 0.1,
         rate: float = 200.0,
         accel_range: int = 8,
         gyro_range: int = 1000,
@@ -91,6 +89,7 @@ class EmulatedMPU9250(_Emulated):
         mag_overflow: Operand = ...,
         mag_not_ready: Operand = ...,
     ) -> EmulatedMPU9250: ...
+    def factory_registers(self) -> dict[tuple[int, int], bytes]: ...
 class EmulatedICM20948(_Emulated):
     mag_scale: Any
     def __init__(
@@ -99,7 +98,6 @@ class EmulatedICM20948(_Emulated):
         address: int = 104,
         mux: int = 0,
         channel: int = 0,
-        timeout: float = 0.1,
         rate: float = 200.0,
         accel_range: int = 8,
         gyro_range: int = 1000,
@@ -118,3 +116,4 @@ class EmulatedICM20948(_Emulated):
         mag_overflow: Operand = ...,
         mag_not_ready: Operand = ...,
     ) -> EmulatedICM20948: ...
+    def factory_registers(self) -> dict[tuple[int, int], bytes]: ...

@@ -7,7 +7,7 @@ from typing import Any
 
 from blocks.i2c import Identity, Read, Round, Transfer, Write
 from blocks.imus.invensense.emulator import EmulatedICM20948
-from blocks.imus.invensense.ports import ACCEL_RANGES, AK09916_SCALE, GYRO_RANGES, InvenSense
+from blocks.imus.invensense.ports import ACCEL_RANGES, AK09916_SCALE, AK09916_WHO_AM_I, GYRO_RANGES, InvenSense
 from cext.kernels.devices.invensense import chips as kernels
 from graph import Param
 
@@ -19,7 +19,7 @@ LOW_PASSES = {197: 0, 152: 1, 120: 2, 51: 3, 24: 4, 12: 5, 6: 6}  # Hz of the gy
 INTERNAL_RATE = 1125.0  # Hz, with one of these filters
 FILTERED = 0x01
 
-MAG_WHO_AM_I, MAG_STATUS, MAG_CONTROL_2, MAG_CONTROL_3 = 0x01, 0x10, 0x31, 0x32
+MAG_STATUS, MAG_CONTROL_2, MAG_CONTROL_3 = 0x10, 0x31, 0x32
 MAG_100_HZ, MAG_RESET = 0x08, 0x01
 MAG_BYTES = 9  # ST1, three axes, one without meaning, ST2
 
@@ -81,7 +81,7 @@ class ICM20948(InvenSense):
     def learn(self, read: Callable[..., Any], write: Callable[..., Any]) -> None:
         if not self.magnetometer:
             return
-        found = read(MAG_WHO_AM_I, 1, self.mag_address)[0]
+        found = read(AK09916_WHO_AM_I, 1, self.mag_address)[0]
         if found != 0x09:
             raise ValueError(
                 f"its magnetometer identifies itself as {found:#04x} instead of 0x09 (AK09916). To read the other "

@@ -27,7 +27,6 @@ BYPASS: int
 LOW_PASSES: dict[Any, Any]
 INTERNAL_RATE: float
 FILTERED: int
-MAG_WHO_AM_I: int
 MAG_STATUS: int
 MAG_CONTROL_2: int
 MAG_CONTROL_3: int

@@ -7,7 +7,16 @@ from typing import Any
 
 from blocks.i2c import Identity, Read, Round, Transfer, Write
 from blocks.imus.invensense.emulator import EmulatedMPU9250
-from blocks.imus.invensense.ports import ACCEL_RANGES, AK8963_SCALE, GYRO_RANGES, UNADJUSTED, Bypass, InvenSense
+from blocks.imus.invensense.ports import (
+    ACCEL_RANGES,
+    AK8963_ADJUSTMENT,
+    AK8963_SCALE,
+    AK8963_WHO_AM_I,
+    GYRO_RANGES,
+    UNADJUSTED,
+    Bypass,
+    InvenSense,
+)
 from cext.kernels.devices.invensense import chips as kernels
 from graph import Param
 
@@ -28,7 +37,7 @@ KHZ_400, READS, ENABLED = 0x0D, 0x80, 0x80
 LOW_PASSES = {184: 1, 92: 2, 41: 3, 20: 4, 10: 5, 5: 6}
 INTERNAL_RATE = 1000.0  # Hz, with one of these filters
 
-MAG_WHO_AM_I, MAG_STATUS, MAG_CONTROL, MAG_CONTROL_2, MAG_ADJUSTMENT = 0x00, 0x02, 0x0A, 0x0B, 0x10
+MAG_STATUS, MAG_CONTROL, MAG_CONTROL_2 = 0x02, 0x0A, 0x0B
 MAG_POWER_DOWN, MAG_FUSES, MAG_100_HZ_16_BITS, MAG_RESET = 0x00, 0x0F, 0x16, 0x01
 MAG_BYTES = 8  # ST1, three axes, ST2
 
@@ -113,7 +122,7 @@ class MPU9250(InvenSense):
         if not self.bypass:
             write(Write(USER_CONTROL, b"\x00"))
             write(Write(INTERRUPT_PINS, bytes((BYPASS,)), 0.001))
-        found = read(MAG_WHO_AM_I, 1, self.mag_address)[0]
+        found = read(AK8963_WHO_AM_I, 1, self.mag_address)[0]
         if found != 0x48:
             raise ValueError(
                 f"its magnetometer identifies itself as {found:#04x} instead of 0x48 (AK8963). To read the other "
@@ -121,7 +130,7 @@ class MPU9250(InvenSense):
             )
         write(self.mag_write(MAG_CONTROL, MAG_POWER_DOWN, 0.001))
         write(self.mag_write(MAG_CONTROL, MAG_FUSES, 0.001))
-        self.adjustment = bytes(read(MAG_ADJUSTMENT, 3, self.mag_address))
+        self.adjustment = bytes(read(AK8963_ADJUSTMENT, 3, self.mag_address))
         write(self.mag_write(MAG_CONTROL, MAG_POWER_DOWN, 0.001))
         for one in (self.mag_write(MAG_CONTROL, MAG_100_HZ_16_BITS, 0.001), *self.asks_by_itself()):
             write(one)

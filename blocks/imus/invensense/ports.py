@@ -15,6 +15,7 @@ FULL = 32768.0  # codes of the range
 ACCEL_RANGES, GYRO_RANGES = (2, 4, 8, 16), (250, 500, 1000, 2000)  # g and °/s; the index is the code
 MAG_RATE = 100.0  # Hz, the fastest of both magnetometers
 AK8963_SCALE, AK09916_SCALE = 4912.0 / 32760.0, 0.15  # µT per code of either magnetometer
+AK8963_WHO_AM_I, AK8963_ADJUSTMENT, AK09916_WHO_AM_I = 0x00, 0x10, 0x01  # registers
 UNADJUSTED = b"\x80\x80\x80"  # neutral factory adjustment of an AK8963
 
 

@@ -9,6 +9,9 @@ GYRO_RANGES: tuple[Any, ...]
 MAG_RATE: float
 AK8963_SCALE: float
 AK09916_SCALE: float
+AK8963_WHO_AM_I: int
+AK8963_ADJUSTMENT: int
+AK09916_WHO_AM_I: int
 UNADJUSTED: bytes
 class InvenSense(I2cDevice):
     address: Param[int]

@@ -92,6 +92,63 @@ def test_insoles_send_datagrams_and_serve_a_connection(tmp_path):
     assert "Traceback" not in err + second.stderr
 
 
+CHIPS = """
+from blocks.imus import ICM20948, MPU9250
+from blocks.recorders import CsvRecorder
+from blocks.sensors import ADS1115, NAU7802
+from graph import Diagram
+
+
+def build():
+    with Diagram("leg", rate=200) as diagram:
+        MPU9250(name="shank", bus="chips", mux=0x70, channel=2)
+        ICM20948(name="thigh", bus="chips", mux=0x70, channel=1, address=0x69)
+        ADS1115(name="insole", bus="chips", channels=("a0", "a1"))
+        NAU7802(name="handle", bus="chips", capacity=100.0, sensitivity=0.002)
+        CsvRecorder()
+    return diagram
+
+
+def plant(robot):
+    with Diagram("plant", rate=1000) as plant:
+        robot["insole"].emulator(name="insole")(a0=1.0, a1=2.0)
+        robot["shank"].emulator(name="shank", adjustment=(100, 128, 160))(mag=(10.0, 20.0, 30.0))
+        robot["thigh"].emulator(name="thigh")(accel=(1.0, 2.0, 3.0))
+        robot["handle"].emulator(name="handle")(ratio=0.0005)
+    return plant
+"""
+
+
+def test_chips_on_i2c_are_set_up_and_read_over_a_socket(tmp_path):
+    robot = write(tmp_path, CHIPS, "robot.py")
+    # a socket's path has 107 bytes at most, so this one is not in the folder of the test
+    rig = write(tmp_path, f'[bus.chips]\ninterface = "i2c"\nchannel = "unix:/tmp/chips{os.getpid()}"\n', "lab.toml")
+    early = finished(robot, "--rig", rig, "--yes", "--duration", "0.3", "--no-record", cwd=tmp_path)
+    assert early.returncode == BAD_INPUT and "start `python -m runtime emulate` with this rig first" in early.stderr
+    plant = started("emulate", robot, "--rig", rig, cwd=tmp_path)
+    try:
+        assert "thigh  id 0x70.1 0x69" in "".join(read_until(plant.stdout, "Ctrl-C ends it"))
+        for folder in ("first", "second"):  # a second run sets the same chips up again
+            run = finished(robot, "--rig", rig, "--yes", "--duration", "0.3", "--record", folder, cwd=tmp_path)
+            assert run.returncode == OK, run.stderr
+        plant.send_signal(signal.SIGINT)
+        plant.communicate(timeout=10)
+    finally:
+        plant.kill()
+        plant.communicate()
+    table = Files(tmp_path / "second").table
+    for name, value in {
+        "insole.a0 [V]": 1.0,
+        "insole.a1 [V]": 2.0,
+        "shank.mag[0] [uT]": 10.0,
+        "shank.mag[2] [uT]": 30.0,
+        "thigh.accel[2] [m/s^2]": 3.0,
+        "handle.counts": 1073742.0,
+        "shank.errors": 0.0,
+    }.items():
+        assert table[name][-1] == pytest.approx(value, abs=0.1), name
+
+
 POWERED = """
 from blocks.actuators import CubeMars
 from blocks.charge_pump import ChargePump

@@ -151,10 +151,9 @@ def test_invalid_entry_is_reported_with_correction(written, text, message, hint)
 def test_two_buses_cannot_share_an_interface(written):
     text = "".join(f'[bus.{name}]\ninterface = "socketcan"\nchannel = "can0"\n' for name in ("legs", "arms"))
     [(code, message, hint)] = troubles(written(text))
-    assert (code, message) == (
-        "TW102",
-        "[bus.arms] channel = 'can0' is also used by [bus.legs]",
-    ) and hint.startswith("use a separate interface")
+    assert (code, message) == ("TW102", "[bus.arms] channel = 'can0' is also used by [bus.legs]") and hint.startswith(
+        "use a separate interface"
+    )
 
 
 def test_all_mistakes_are_reported_together(written):

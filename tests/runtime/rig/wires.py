@@ -3,47 +3,10 @@ tests/hardware.
 """
 
 from cext.lines.i2c_memory import MemoryI2c
+from runtime.rig.chips import AdapterWires as Wires
 from runtime.rig.chips import Chips
 from runtime.rig.file import RigBus
 from runtime.rig.i2c import I2cInterface
-
-
-class Wires:
-    """wires : MemoryI2c"""
-
-    def __init__(self, wires):
-        self.wires = wires
-
-    def close(self):
-        pass
-
-    def write_quick(self, address):
-        self.wires.exchange_bytes(address, -1, b"")
-
-    def read_byte(self, address):
-        return self.wires.exchange_bytes(address, -1, count=1)[0]
-
-    def write_byte(self, address, value):
-        self.wires.exchange_bytes(address, -1, bytes((value,)))
-
-    def read_byte_data(self, address, register):
-        return self.wires.exchange_bytes(address, register, count=1)[0]
-
-    def write_byte_data(self, address, register, value):
-        self.wires.exchange_bytes(address, register, bytes((value,)))
-
-    def read_word_data(self, address, register):
-        return int.from_bytes(self.wires.exchange_bytes(address, register, count=2), "little")
-
-    def write_word_data(self, address, register, value):
-        self.wires.exchange_bytes(address, register, value.to_bytes(2, "little"))
-
-    def read_i2c_block_data(self, address, register, length):
-        return list(self.wires.exchange_bytes(address, register, count=length))
-
-    def write_i2c_block_data(self, address, register, data):
-        self.wires.exchange_bytes(address, register, bytes(data))
-
 
 BUS = RigBus("imus", "i2c", "/dev/i2c-1")
 ADJUSTMENT = bytes((176, 100, 166))
