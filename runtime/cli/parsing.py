@@ -82,7 +82,7 @@ class Parser(argparse.ArgumentParser):
         hint = suggestion(word.partition("=")[0], self._option_string_actions)
         return f"there is no option {word}" + (f"; {hint}" if hint else "")
 
-    def print_help(self, file=None) -> None:
+    def print_help(self, file: Any = None) -> None:
         """Write the help to standard output. file : ignored"""
         print_lines(self.format_help().splitlines())
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 NODES = "i2c-*"  # in /dev
-EXCHANGE_TIMEOUT_US = 30_000  # µs, of an emulated bus
+EXCHANGE_TIMEOUT_US = 500_000  # µs, of an emulated bus: its emulator is an ordinary process
 ENABLE = (
     "Raspberry Pi: sudo raspi-config nonint do_i2c 0, which makes /dev/i2c-1; Jetson: /dev/i2c-7 (Orin) or "
     "/dev/i2c-1 is on the header, "

@@ -101,10 +101,10 @@ from graph import Diagram
 
 def build():
     with Diagram("leg", rate=200) as diagram:
-        MPU9250(name="shank", bus="chips", mux=0x70, channel=2)
-        ICM20948(name="thigh", bus="chips", mux=0x70, channel=1, address=0x69)
-        ADS1115(name="insole", bus="chips", channels=("a0", "a1"))
-        NAU7802(name="handle", bus="chips", capacity=100.0, sensitivity=0.002)
+        MPU9250(name="shank", bus="chips", timeout=1.0, mux=0x70, channel=2)
+        ICM20948(name="thigh", bus="chips", timeout=1.0, mux=0x70, channel=1, address=0x69)
+        ADS1115(name="insole", bus="chips", timeout=1.0, channels=("a0", "a1"))
+        NAU7802(name="handle", bus="chips", timeout=1.0, capacity=100.0)
         CsvRecorder()
     return diagram
 
