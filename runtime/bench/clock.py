@@ -78,7 +78,7 @@ class Kept:
     period: np.ndarray = field(default_factory=lambda: counts_of([]))
     ticks: int = 0
     missed: int = 0
-    each: list = field(default_factory=list)
+    each: list[float] = field(default_factory=list)
 
     def add(self, lateness: np.ndarray, period: np.ndarray, ticks: int, missed: int) -> None:
         """Add the samples of a chunk. lateness, period : counts; ticks, missed : grid points"""

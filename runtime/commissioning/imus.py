@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from blocks.families import families
-from graph import Diagram
+from graph import Diagram, StreamDevice
 from runtime.base.errors import BadInput
 from runtime.commissioning.watched import WatchedBlocks
 from runtime.rig.dialogue_line import Seen
@@ -30,7 +30,7 @@ class Found:
     model: str
     firmware: str
     options: str
-    block: type
+    block: type[StreamDevice]
 
 
 def look(baudrate: int = 115200) -> tuple[list[Found], list[str]]:

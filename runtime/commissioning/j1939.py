@@ -34,12 +34,12 @@ class Node:
     """
 
     address: int
-    sends: dict = field(default_factory=dict)
+    sends: dict[str, float] = field(default_factory=dict)
     manufacturer: int | None = None
     function: int | None = None
     unique: str = ""
     firmware: str = ""
-    remarks: list = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
     @property
     def family(self) -> str:

@@ -48,15 +48,15 @@ class Report:
     interface: str
     channel: str
     bitrate: int
-    drives: list = field(default_factory=list)
-    nodes: list = field(default_factory=list)
-    commanded: list = field(default_factory=list)
-    others: list = field(default_factory=list)
-    remarks: list = field(default_factory=list)
-    sent: list = field(default_factory=list)
+    drives: list[Answer] = field(default_factory=list)
+    nodes: list[j1939.Node] = field(default_factory=list)
+    commanded: list[int] = field(default_factory=list)
+    others: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    sent: list[tuple[int, bool, bytes, str]] = field(default_factory=list)
     refused: int = 0
     errors: int = 0
-    chips: list = field(default_factory=list)
+    chips: list[Any] = field(default_factory=list)
 
 
 def scan(bus: ToolBus, ids: Sequence[int], listen: float) -> Report:
@@ -130,7 +130,7 @@ def merged_stop_queries(can_id: int, model: Any) -> list[tuple[tuple[int, bool, 
 
     model : model within a family, or None
     """
-    readers: dict = {None: []}
+    readers: dict[Any, list[Any]] = {None: []}
     for query in (query for family in families() for query in family.stop_queries(can_id, model)):
         readers[query.frame] = [
             *(readers.pop(query.frame, ()) if query.frame is not None else readers[None]),

@@ -81,10 +81,16 @@ def sent(report: Report, verbose: bool) -> list[str]:
     if not report.sent:
         return ["  sent: nothing"]
     if verbose:
-        return ["  sent:", *(f"    {in_candump(*frame)}  {why}" for *frame, why in report.sent)]
+        return [
+            "  sent:",
+            *(
+                f"    {in_candump(identifier, extended, data)}  {why}"
+                for identifier, extended, data, why in report.sent
+            ),
+        ]
     groups = {}
-    for *frame, why in report.sent:
-        groups.setdefault(why, []).append(in_candump(*frame))
+    for identifier, extended, data, why in report.sent:
+        groups.setdefault(why, []).append(in_candump(identifier, extended, data))
     return [
         f"  sent: {why}, {count(len(frames), 'frame')}"
         + (f", {frames[0]} to {frames[-1]}" if len(frames) > 1 else f", {frames[0]}")

@@ -46,7 +46,7 @@ class StreamResult:
 
     answers: int = 0
     asked: int = 0
-    files: tuple = ()
+    files: tuple[str, ...] = ()
     lost: int = 0
 
 

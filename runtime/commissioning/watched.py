@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cext.schedule.kernel_table import feed
 from graph import Device, compile
+from graph.arena_layout import KernelTable
 from runtime.commissioning.streaming import column
 
 if TYPE_CHECKING:
@@ -21,9 +22,9 @@ class Fed:
     """A block, the arena slots of its outputs, and the names of the outputs to show."""
 
     block: Device
-    table: object
-    items: dict  # {name: (slot, length)}
-    channels: tuple
+    table: KernelTable
+    items: dict[str, tuple[int, int]]  # {name: (slot, length)}
+    channels: tuple[str, ...]
 
 
 class WatchedBlocks:

@@ -40,7 +40,9 @@ class EmulatedLines:
     paths : {name: path of the terminal, for the robot}
     """
 
-    def __init__(self, names: Iterable[str], folder: Path | None = None, senders: dict | None = None) -> None:
+    def __init__(
+        self, names: Iterable[str], folder: Path | None = None, senders: dict[str, NetworkSender] | None = None
+    ) -> None:
         self.streams, self.lines, self.paths, self.kept, self.links = Streams(), {}, {}, [], []
         self.senders: dict[str, NetworkSender] = senders or {}
         for name in names:

@@ -69,9 +69,9 @@ class Replayed:
     comparison: Comparison
     frame: int | None
     frames: int
-    files: list
+    files: list[str]
     fault: int | None
-    end: dict
+    end: dict[str, Any]
 
     @property
     def same(self) -> bool:

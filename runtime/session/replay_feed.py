@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cext.bus.memory_bus import BusEnd
 from cext.bus.replay_bus import ReplayBus, ReplayClock
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
@@ -50,7 +51,7 @@ class Feed:
         )
         self.give(first)
 
-    def ends(self) -> list:
+    def ends(self) -> list[BusEnd]:
         """Return the robot's end of each bus, in the order of the diagram's buses."""
         return [bus.host for _, _, bus in self.buses]
 

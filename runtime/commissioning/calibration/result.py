@@ -28,9 +28,9 @@ class Result:
     """
 
     calibration: Calibration
-    parts: list
-    missing: dict
-    faces: list
+    parts: list[str]
+    missing: dict[str, str]
+    faces: list[str]
     rates: np.ndarray
     gravity: np.ndarray
     field: np.ndarray
