@@ -8,45 +8,50 @@ Angles are knee flexion: 0 rad with the leg straight, positive as it bends. Posi
 """
 
 from blocks.actuators import CubeMars
-from blocks.controllers import GaitPhase, Impedance, TorqueProfile
+from blocks.controllers import GaitPhase, TorqueProfile
 from blocks.filters import Butterworth
+from blocks.gait import GaitState, TorqueGate
 from blocks.limiters import TorqueLimiter
-from blocks.mathematics import Sum
 from blocks.models import Limb, RecordedKnee, WalkingKnee
 from blocks.recorders import CsvRecorder, StrideReport
 from blocks.sinks import PlotJuggler
 from graph import Diagram, deg, subsystem
 
-# Torque profile (gait phase, N·m): support the knee under load, lift it into swing, brake it before heel strike.
-PROFILE = ((0.02, 0.0), (0.14, -9.0), (0.32, 0.0), (0.48, 0.0), (0.60, 7.0), (0.74, 0.0), (0.88, 4.0), (0.97, 0.0))
+# Torque profile (gait phase, N·m) in the direction of motion: extend the knee in mid-stance, lift it into swing.
+PROFILE = ((0.12, 0.0), (0.22, -9.0), (0.34, 0.0), (0.48, 0.0), (0.60, 7.0), (0.72, 0.0))
 
 
 def build(assistance=1.0):
     """Return the robot. assistance : scale of the torque profile, from 0 to 1"""
     with Diagram("knee_exo", rate=200) as diagram:
-        leg("left", 1, assistance, invert=False)
-        leg("right", 2, assistance, invert=True)
+        left, right = knee("left", 1, invert=False), knee("right", 2, invert=True)
+        state = GaitState(name="state")(
+            **{f"left_{name}": signal for name, signal in left[1].items()},
+            **{f"right_{name}": signal for name, signal in right[1].items()},
+        )
+        for side, (drive, gait) in (("left", left), ("right", right)):
+            assist(side, drive, gait, state.walking, assistance)
         CsvRecorder()
         PlotJuggler()
     return diagram
 
 
-def leg(side, can_id, assistance, invert):
-    """Add one leg, in the order of the signal flow: knee motion, gait phase, assistive torque."""
+def knee(side, can_id, invert):
+    """Return the actuator of one knee, and its gait: phase, walking and velocity."""
     with subsystem(side):
-        knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, invert=invert, name="knee")
-        velocity = Butterworth(order=2, cutoff=20.0)(knee.velocity)
+        drive = CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, invert=invert, name="knee")
+        velocity = Butterworth(order=2, cutoff=20.0)(drive.velocity)
+        gait = GaitPhase(threshold=0.7)(angle=drive.position, velocity=velocity)
+    return drive, {"phase": gait.phase, "walking": gait.walking, "velocity": velocity}
 
-        gait = GaitPhase(threshold=0.7)(angle=knee.position, velocity=velocity)
-        profile = TorqueProfile(PROFILE, scale=assistance, name="profile")(phase=gait.phase, enable=gait.walking)
-        damper = Impedance(stiffness=0.0, damping=0.3, name="damper")(position=knee.position, velocity=velocity)
 
-        torque = TorqueLimiter(limit=12.0, slew=200.0)(Sum("++")(profile, damper))
+def assist(side, knee, gait, walking, assistance):
+    """Command one knee: the profile over the gait phase, faded out when both legs do not walk."""
+    with subsystem(side):
+        profile = TorqueProfile(PROFILE, scale=assistance, name="profile")(phase=gait["phase"], enable=gait["walking"])
+        torque = TorqueLimiter(limit=12.0, slew=200.0)(TorqueGate(name="gate")(u=profile, enable=walking))
         knee(torque_command=torque)
-
-        StrideReport(positive="flexion")(
-            phase=gait.phase, walking=gait.walking, angle=knee.position, velocity=velocity, torque=knee.torque
-        )
+        StrideReport(positive="flexion")(angle=knee.position, torque=knee.torque, **gait)
 
 
 def plant(robot, gait="", stride_time=1.1):

@@ -14,12 +14,14 @@ from cext.kernels import controllers as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 
 GRAVITY = 9.80665  # m/s², standard
+ZERO = Interval.point(0.0)
 
 
 class Impedance(Block):
     """Virtual spring and damper about an equilibrium: τ = K (θ₀ − θ) − B ω.   (Hogan 1985)
 
-    Direct feedthrough; NaN passes.
+    An input adds to each parameter: for a stiffness that depends on the gait, connect `extra_stiffness` and set
+    `stiffness` to 0. Direct feedthrough; NaN passes.
     """
 
     stiffness = Param(30.0, "N·m/rad", "stiffness K", min=0.0, max=150.0, live=True)
@@ -28,12 +30,22 @@ class Impedance(Block):
     position = Input("rad", "joint angle θ")
     velocity = Input("rad/s", "joint velocity ω")
     equilibrium = Input("rad", "equilibrium angle θ₀", default=0.0)
+    extra_stiffness = Input("N·m/rad", "stiffness that adds to K", default=0.0)
+    extra_damping = Input("N·m·s/rad", "damping that adds to B", default=0.0)
     torque = Output("N·m", "torque τ")
 
     kernel = kernels.impedance
 
-    def output_range(self, position: Interval, velocity: Interval, equilibrium: Interval) -> Interval:
-        return self.span("stiffness") * (equilibrium - position) - self.span("damping") * velocity
+    def output_range(
+        self,
+        position: Interval,
+        velocity: Interval,
+        equilibrium: Interval,
+        extra_stiffness: Interval = ZERO,
+        extra_damping: Interval = ZERO,
+    ) -> Interval:
+        stiffness, damping = self.span("stiffness") + extra_stiffness, self.span("damping") + extra_damping
+        return stiffness * (equilibrium - position) - damping * velocity
 
 
 class Admittance(Block):

@@ -4,16 +4,20 @@ from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.declarations import Live
 from graph.signal import Operand, Signal
+from typing import Any
 import numpy as np
 from graph import Block, Input, Memory, Output, Param
 
 GRAVITY: float
+ZERO: Any
 class Impedance(Block):
     stiffness: Param[float]
     damping: Param[float]
     position: Input
     velocity: Input
     equilibrium: Input
+    extra_stiffness: Input
+    extra_damping: Input
     torque: Output
     def __init__(
         self,
@@ -21,7 +25,14 @@ class Impedance(Block):
         damping: float | Live = 1.0,
         **options: Unpack[BlockOptions],
     ) -> None: ...
-    def __call__(self, position: Operand = ..., velocity: Operand = ..., equilibrium: Operand = ...) -> Signal: ...
+    def __call__(
+        self,
+        position: Operand = ...,
+        velocity: Operand = ...,
+        equilibrium: Operand = ...,
+        extra_stiffness: Operand = ...,
+        extra_damping: Operand = ...,
+    ) -> Signal: ...
 class Admittance(Block):
     inertia: Param[float]
     damping: Param[float]

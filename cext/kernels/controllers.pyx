@@ -9,14 +9,15 @@ from cext.kernels.limits cimport clip
 
 
 cdef struct Impedance:
-    int32_t position, velocity, equilibrium, torque, stiffness, damping
+    int32_t position, velocity, equilibrium, torque, stiffness, damping, extra_stiffness, extra_damping
 
 IMPEDANCE = items((<Impedance *>ITEMS)[0])
 
 
 cdef int impedance_kernel(double *arena, const Impedance *at, const Impedance *sizes) noexcept nogil:
-    arena[at.torque] = arena[at.stiffness] * (arena[at.equilibrium]
-        - arena[at.position]) - arena[at.damping] * arena[at.velocity]
+    cdef double stiffness = arena[at.stiffness] + arena[at.extra_stiffness]
+    cdef double damping = arena[at.damping] + arena[at.extra_damping]
+    arena[at.torque] = stiffness * (arena[at.equilibrium] - arena[at.position]) - damping * arena[at.velocity]
     return OK
 
 

@@ -24,6 +24,16 @@ def test_an_impedance_is_a_spring_and_a_damper():
     assert np.array_equal(torque, 40.0 * (equilibrium - position) - 2.5 * velocity)
 
 
+def test_inputs_add_to_the_stiffness_and_damping_of_an_impedance():
+    random = np.random.default_rng(9)
+    position, velocity = random.normal(size=(2, 100))
+    stiffness, damping = random.uniform(0.0, 50.0, size=(2, 100))
+    inputs = {"position": position, "velocity": velocity, "extra_stiffness": stiffness, "extra_damping": damping}
+    inputs["equilibrium"] = np.full(100, 0.2)
+    torque = both_ways(lambda: Impedance(stiffness=0.0, damping=2.5), **inputs)["torque"]
+    assert np.array_equal(torque, stiffness * (0.2 - position) - (2.5 + damping) * velocity)
+
+
 def test_an_impedance_pulls_toward_its_equilibrium_and_against_motion():
     spring = Impedance(stiffness=30.0, damping=1.0)
     assert (

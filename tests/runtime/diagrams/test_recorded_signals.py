@@ -72,10 +72,10 @@ def test_selection_is_a_setting_and_is_replayed(robot, command_line):
 def test_inputs_of_other_sinks_are_recorded(command_line):
     from tests.runtime.runs import KNEE_EXO
 
-    code, out, _ = command_line(KNEE_EXO, "--fast", "--duration", "1", "--set", "csv_recorder.record=*/damper.torque")
+    code, out, _ = command_line(KNEE_EXO, "--fast", "--duration", "1", "--set", "csv_recorder.record=*/gate.y")
     assert code == OK and "no complete stride" in out
     names = set(runtime.load(recording(command_line.folder)).names)
-    assert {"left/damper.torque", "right/damper.torque", "left/knee.position"} <= names
+    assert {"left/gate.y", "right/gate.y", "left/knee.position"} <= names
     assert "left/knee.current" not in names and "left/profile.torque" not in names
 
 

@@ -437,7 +437,7 @@ def test_settings_of_the_recorded_run_are_used_again(recorded, command_line):
         "--set",
         "assistance=0.5",
         "--set",
-        "left/damper.damping=0.4",
+        "left/gate.fade_in=0.4",
     )
     code, out, err = command_line("replay", file)
     assert (code, err) == (OK, "") and "100 ticks" in out and "the recorded diagram" in out
