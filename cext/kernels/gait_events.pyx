@@ -59,7 +59,7 @@ cdef struct Contact:
     int32_t window              # see below
     int32_t state               # contact, time below the falling threshold, time without contact
 
-CONTACT = items((<Contact *>ITEMS)[0], "timing[4] recent[9] window[8] state[3]")
+CONTACT = items((<Contact *>ITEMS)[0], "timing[4] recent[9] window[9] state[3]")
 
 cdef enum:
     ZERO = 0
@@ -70,6 +70,7 @@ cdef enum:
     OLD_LOW = 5                 # of the window before
     OLD_HIGH = 6
     FILLED = 7                  # samples in `recent`
+    LOST = 8                    # s since the last sample that was not lost
 
 
 cdef inline double median(double *recent, double *filled, double x) noexcept nogil:
@@ -102,9 +103,12 @@ cdef int contact_kernel(double *arena, const Contact *at, const Contact *sizes) 
         arena[at.contact] = NAN
         arena[at.load] = NAN
         return finish(arena, &at.events, True)
-    # 1. A lost sample reads 0, which is implausible where the zero of the sensor is elsewhere.
-    if force == 0.0 and fabs(w[ZERO]) > 0.05 * (w[PEAK] - w[ZERO]) and w[FILLED] > 0.0:
+    # 1. A lost sample reads 0, which is implausible for a moment where the zero of the sensor is elsewhere.
+    if force == 0.0 and w[PEAK] > w[ZERO] and fabs(w[ZERO]) > 0.05 * (w[PEAK] - w[ZERO]) and w[LOST] < RELEASE_TIME:
         force = (arena + at.recent)[MEDIAN_COUNT - 1]
+        w[LOST] += arena[DT]
+    elif force != 0.0:
+        w[LOST] = 0.0
     # 2. Zero and peak: extremes of the last one to two windows. A window without a step, as in standing, is left out.
     smooth = median(arena + at.recent, w + FILLED, force)
     w[WINDOW_LOW] = min(w[WINDOW_LOW], smooth)

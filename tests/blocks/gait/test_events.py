@@ -46,6 +46,12 @@ def test_contact_loses_no_strike_at_a_tenth_of_the_force_with_drift_and_drop_out
         assert np.median(np.abs(late(outputs, strikes))) < 0.015
 
 
+def test_contact_may_begin_in_stance_with_any_zero():
+    force, strikes = vertical_force(np.full(12, 1.1))
+    for zero in (0.0, 60.0, -60.0):
+        late(inside(ContactEvents, force=force[40:] + zero), strikes - 0.2)
+
+
 def test_contact_recovers_from_a_jump_of_its_zero_and_holds_during_standing():
     force, strikes = vertical_force(np.full(30, 1.1))
     jumped = 0.1 * force + np.where(np.arange(len(force)) > 10 * 220, 60.0, 0.0)
