@@ -78,7 +78,7 @@ def of_csv(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, str
             rows = [row for row in csv.reader(stream) if row]
         values = np.array([[float(text) if text else math.nan for text in row] for row in rows[1:]])
     except (OSError, UnicodeDecodeError, csv.Error, ValueError) as error:
-        raise BadInput(f"cannot read {path}: {error}") from None
+        raise BadInput(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     header = [name.strip() for name in rows[0]] if rows else []
     names = [name.split(" [")[0] for name in header]
     if "time" not in names or values.shape != (len(rows) - 1, len(names)) or len(values) < 100:
@@ -93,5 +93,8 @@ def of_csv(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, str
 def of_recording(path: Path, names: Mapping[str, str]) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, str]]:
     """Return the same from a recording. names : signals to read"""
     trial = Trial(path)
-    known = [name for name in names.values() if name in trial.signals]
-    return (trial.time, {name: trial[name].astype(float) for name in known}, {name: trial.unit(name) for name in known})
+    try:
+        columns = {name: trial[name].astype(float) for name in names.values()}
+    except KeyError as error:
+        raise BadInput(error.args[0]) from None
+    return trial.time, columns, {name: trial.unit(name) for name in columns}

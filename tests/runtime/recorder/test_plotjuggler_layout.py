@@ -22,7 +22,7 @@ def names(message, path=""):
 
 def test_every_curve_of_the_layout_is_sent_by_a_run(command_line):
     code, out, err = command_line("plotjuggler", KNEE_EXO)
-    assert (code, err) == (OK, "") and out.startswith("knee_exo.xml: 36 signals; in PlotJuggler: File, Load Layout")
+    assert (code, err) == (OK, "") and out.startswith("knee_exo.xml: 38 signals; in PlotJuggler: File, Load Layout")
     root = ElementTree.parse(command_line.folder / "knee_exo.xml").getroot()
     curves = [curve.get("name") for curve in root.iter("curve")]
     with Listener() as listener:
@@ -34,7 +34,7 @@ def test_every_curve_of_the_layout_is_sent_by_a_run(command_line):
     assert set(curves) <= set(sent) and {"/left/knee/position", "/left/knee/torque", "/right/gait_phase/phase"} <= set(
         curves
     )
-    assert [tab.get("tab_name") for tab in root.iter("Tab")] == ["left", "right"]
+    assert [tab.get("tab_name") for tab in root.iter("Tab")] == ["left", "right", "knee_exo"]
     assert root.find("previouslyLoaded_Streamer").get("name") == "UDP Server"
     plugin = root.find("Plugins/plugin")
     assert (plugin.get("ID"), plugin.get("port"), plugin.get("protocol"), plugin.get("timestamp")) == (
@@ -127,7 +127,7 @@ def test_dummy_sends_test_waves(command_line):
     ]
     with Listener() as listener:
         command_line("plotjuggler", KNEE_EXO, "--dummy", listener.address, "--duration", "0.05")
-        assert len(names(listener.rest()[0])) == 37
+        assert len(names(listener.rest()[0])) == 39
 
 
 def test_missing_listener_is_reported_at_once(command_line):

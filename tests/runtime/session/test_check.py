@@ -71,7 +71,7 @@ def columns(found, width=100):
 def test_every_port_has_its_unit_its_wire_and_its_range(exo):
     limiter = block(exo, "left/torque_limiter")
     assert limiter["inputs"] == [
-        {"name": "torque", "unit": "N·m", "shape": "", "dtype": "float", "source": "left/sum.y"}
+        {"name": "torque", "unit": "N·m", "shape": "", "dtype": "float", "source": "left/gate.y"}
     ]
     limited = {"name": "limited", "unit": "N·m", "shape": "", "dtype": "float", "low": -12.0, "high": 12.0}
     assert limiter["outputs"] == [limited | {"targets": ["left/knee.torque_command"]}]
