@@ -36,7 +36,9 @@ class ContactEvents(_Events):
     contact = Output("1", "true while the foot carries load", dtype=bool)
     load = Output("1", "force relative to zero and peak")
     recent = Memory((0.0,) * 9, "last samples")
-    window = Memory((math.inf, -math.inf, 0.0, math.inf, -math.inf, math.inf, -math.inf, 0.0, 0.0), "zero, peak, windows")
+    window = Memory(
+        (math.inf, -math.inf, 0.0, math.inf, -math.inf, math.inf, -math.inf, 0.0, 0.0), "zero, peak, windows"
+    )
     state = Memory((0.0, 0.0, 0.0), "contact, time below the falling threshold, time without contact")
 
     kernel = kernels.contact_events
