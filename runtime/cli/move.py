@@ -107,7 +107,8 @@ def main(arguments: Sequence[str]) -> int:
         parser,
         Request,
         "rate",
-        *("record", "no_record", "plotjuggler", "realtime", "yes", "overrun", "spin"),
+        *("yes", "record", "no_record", "plotjuggler", "realtime", "overrun", "spin"),
+        in_sections=True,
         rate={"default": 200.0, "help": "ticks per second (default: 200)"},
         yes={"help": "arm without waiting for Enter"},
     )

@@ -133,17 +133,18 @@ def instance(kind: type[Request], options: Namespace, **more: Any) -> Request:
 
 def add_bus(parser: Parser) -> None:
     """Add the options that select a bus."""
-    parser.add_argument("--rig", type=Path, metavar="FILE", help="select the buses of a rig file, such as lab.toml")
-    parser.add_argument("--bus", metavar="NAME", help="select one bus of the rig")
-    parser.add_argument(
+    bus = parser.section("bus")
+    bus.add_argument("--rig", type=Path, metavar="FILE", help="select the buses of a rig file, such as lab.toml")
+    bus.add_argument("--bus", metavar="NAME", help="select one bus of the rig")
+    bus.add_argument(
         "--interface",
         metavar="KIND",
         help="without a rig: an interface of python-can, such as socketcan or slcan; or i2c",
     )
-    parser.add_argument(
+    bus.add_argument(
         "--channel", metavar="NAME", help="channel of the interface, such as can0, /dev/ttyACM0 or /dev/i2c-1"
     )
-    parser.add_argument(
+    bus.add_argument(
         "--bitrate",
         type=count("--bitrate"),
         metavar="BPS",

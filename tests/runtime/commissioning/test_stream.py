@@ -106,7 +106,7 @@ def test_an_absent_drive_and_another_controller_are_reported(command_line):
     "words, said",
     [
         (["foot", "3"], "stream foot: expected stream actuator ID, or stream imu, openimu or i2c"),
-        (["actuator"], "required: ID"),
+        (["actuator"], "missing argument ID"),
         (["actuator", "3", "--rate", "1000"], "--rate 1000: at most 500 Hz"),
         (["actuator", "3", "--model", "AK80"], "is not a CubeMars model"),
     ],
