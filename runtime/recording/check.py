@@ -33,6 +33,11 @@ class Check:
 
         Raises BadInput if the rows are not of the recorded signals.
         """
+        bad = [self.first_damaged_row(chunk), first_damaged_content(self.layout, chunk)]
+        return min((offset for offset in bad if offset is not None), default=None)
+
+    def first_damaged_row(self, chunk: Messages) -> int | None:
+        """Return the position of the first invalid row, or tick without its row. Errors as of `first_damaged`"""
         layout, bad = self.layout, []
         bad += [offsets[0] for channel, offsets in chunk.offsets.items() if channel not in layout.topics]
         times = {}
@@ -50,11 +55,6 @@ class Check:
         for channel in self.open:
             if layout.subsystems[channel].every == 1 or not bad:  # the others need the number of each tick
                 bad += self.lonely(chunk, channel, times)
-        for content in (lambda: layout.frames(chunk, 0, 0), lambda: layout.events_of(chunk)):
-            try:
-                content()
-            except Damaged as damage:
-                bad.append(damage.offset)
         return int(min(bad)) if bad else None
 
     def lonely(self, chunk: Messages, channel: int, times: dict[int, Any]) -> list[int]:
@@ -76,3 +76,14 @@ class Check:
         if not differ.any():
             return []
         return [offsets[max(0, int(np.argmax(differ)) - before)]]
+
+
+def first_damaged_content(layout: Layout, chunk: Messages) -> int | None:
+    """Return the position of the first invalid message with frames or an event; None without one."""
+    bad = []
+    for content in (lambda: layout.frames(chunk, 0, 0), lambda: layout.events_of(chunk)):
+        try:
+            content()
+        except Damaged as damage:
+            bad.append(damage.offset)
+    return min(bad, default=None)

@@ -22,7 +22,7 @@ from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.recording import read_ahead
 from runtime.recording.batches import NO_FRAMES, Rows
-from runtime.recording.check import Check
+from runtime.recording.check import Check, first_damaged_content
 from runtime.recording.chunks import FILE_LIMIT_MINIMUM, FILE_RATIO_LIMIT, MESSAGE_HEAD, ExpansionLimit, Messages, load
 from runtime.recording.columns import Layout
 from runtime.recording.contents import Contents, summarised
@@ -138,11 +138,19 @@ class Reader:
     def is_valid(self, progress: Callable[[float], None]) -> bool:
         """Return whether every message of every chunk is valid."""
         chunks, check = self.contents.chunks, Check(self.layout, {})
+
+        def content(number: int, messages: Messages) -> tuple[Messages, int | None]:
+            return messages, first_damaged_content(self.layout, messages)
+
         try:
-            for number, messages in enumerate(self.ahead(lambda _, messages: messages, range(len(chunks)))):
+            for number, (messages, damaged) in enumerate(self.ahead(content, range(len(chunks)))):
                 progress(number / len(chunks))
                 counts = {channel: len(offsets) for channel, offsets in messages.offsets.items()}
-                if counts != chunks[number].counts or check.first_damaged(messages) is not None:
+                if (
+                    counts != chunks[number].counts
+                    or damaged is not None
+                    or check.first_damaged_row(messages) is not None
+                ):
                     return False
         except (OSError, BadInput):
             raise
