@@ -22,6 +22,9 @@ class DiskSync:
         self._thread.start()
 
     def _run(self) -> None:
+        for folder in {os.path.dirname(path) or "." for path in self._paths}:
+            with suppress(OSError):
+                self.sync(folder)  # otherwise a power cut can take the names of new files
         while not self._over.wait(SYNC_PERIOD):
             for path in self._paths:
                 with suppress(OSError):  # deleted, or of a file system without it
@@ -29,7 +32,7 @@ class DiskSync:
 
     @staticmethod
     def sync(path: str) -> None:
-        """Wait until the content of a file is on the disk. Raises OSError."""
+        """Wait until the content of a file or folder is on the disk. Raises OSError."""
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:
             os.fdatasync(descriptor)

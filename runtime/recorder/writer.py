@@ -25,7 +25,9 @@ FLUSH_PERIOD = 0.5  # s
 # of a flush in virtual time, so that the files of two equal runs are flushed at the same rows
 FLUSH_ROWS, FLUSH_SIZE = 250, 128 << 10  # rows; bytes
 UNLIMITED = 1 << 62
-FLUSH_SHARE = 0.25  # of the ring; a flush is due when more than this is not released
+# fractions of the ring; a flush is due when more than this is not released. In virtual time the rows decide, if the
+# ring has space for so many: when records are read depends on the scheduler
+FLUSH_SHARE, FLUSH_SHARE_VIRTUAL = 0.25, 0.5
 TERMINAL_POLL_PERIOD = 0.1  # s, of the process group in the foreground
 
 
@@ -129,7 +131,7 @@ def drain(page, control, recording, status, panel, checkpoint, idle):
         recording.take(records)
         now = time.monotonic()
         due = recording.ticks - flushed >= per_flush if virtual else now >= flush_at
-        if due or page.held > FLUSH_SHARE:
+        if due or page.held > (FLUSH_SHARE_VIRTUAL if virtual else FLUSH_SHARE):
             recording.flush()
             checkpoint.save(recording.checkpoint())
             flush_at, flushed = now + FLUSH_PERIOD, recording.ticks

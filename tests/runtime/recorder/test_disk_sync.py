@@ -12,20 +12,21 @@ from runtime.recorder.recording import Recording
 from tests.runtime.recorder.running import CSV, columns, plan, sink
 
 
-def test_files_are_synced_once_a_period_until_it_is_stopped(tmp_path, monkeypatch):
+def test_folder_is_synced_once_and_files_once_a_period_until_it_is_stopped(tmp_path, monkeypatch):
     synced = []
     monkeypatch.setattr(disk_sync, "SYNC_PERIOD", 0.01)
     monkeypatch.setattr(os, "fdatasync", lambda descriptor: synced.append(os.readlink(f"/proc/self/fd/{descriptor}")))
     (tmp_path / "a.mcap").write_bytes(b"x")
     sync = DiskSync([str(tmp_path / "gone.csv"), str(tmp_path / "a.mcap")])
     deadline = time.monotonic() + 10.0
-    while len(synced) < 3 and time.monotonic() < deadline:
+    while len(synced) < 4 and time.monotonic() < deadline:
         time.sleep(0.005)
     sync.stop()
     sync._thread.join(10.0)
     count = len(synced)
     time.sleep(0.05)
-    assert count >= 3 and len(synced) == count and set(synced) == {str(tmp_path / "a.mcap")}
+    assert count >= 4 and len(synced) == count
+    assert synced[0] == str(tmp_path) and set(synced[1:]) == {str(tmp_path / "a.mcap")}
 
 
 @pytest.mark.parametrize(("virtual", "waits"), [(False, {".csv", ".log", ".mcap", ".part"}), (True, set())])
