@@ -5,7 +5,12 @@ should.
 import numpy as np
 import pytest
 
-from graph import compile
+import runtime
+from blocks.clock import Clock
+from blocks.logic import Compare, Switch
+from blocks.sources import Sine
+from blocks.wearer import Walker
+from graph import Diagram, compile
 from runtime.diagrams.file import build_plant, load
 from tests.blocks.running import run
 from tests.runtime.runs import KNEE_EXO, TORQUE_STEP
@@ -139,6 +144,29 @@ def test_no_assistance_before_first_stride_estimate(walked):
     for side in SIDES:
         assert unknown[walked[f"{side}/gait_phase.walking"] == 0.0].all()
         assert np.all(walked[f"{side}/gate.y"][unknown] == 0.0)
+
+
+def stopping(robot):
+    """A Walker that stops at 8 s, and squats from 10 s on."""
+    with Diagram("wearer", rate=5 * robot.rate) as wearer:
+        adult = Walker("0:1.2 7.2:1.2 8:0", name="walker")()
+        for side in SIDES:
+            drive = robot[f"{side}/knee"].emulator()
+            bend = Sine(0.55, 0.5, -np.pi / 2.0, bias=0.55, unit="rad", name=f"{side}_bend")()
+            speed = Sine(0.55 * np.pi, 0.5, 0.0, unit="rad/s", name=f"{side}_speed")()
+            squats = Compare(">=", name=f"{side}_late")(Clock(name=f"{side}_clock")().time, 10.0)
+            angle, velocity = (getattr(adult, f"{side}_knee_{name}") for name in ("angle", "velocity"))
+            drive(position=Switch()(squats, bend, angle), velocity=Switch()(squats, speed, velocity))
+    return wearer
+
+
+def test_standing_and_squats_get_no_torque():
+    trial = runtime.run(KNEE_EXO, 18.0, plant=stopping)
+    moving = np.maximum(*(np.abs(trial[f"{side}/knee.velocity"]) for side in SIDES)) > 0.3
+    still = trial.time[np.flatnonzero(moving & (trial.time < 10.0))[-1]]
+    assert 7.0 < still < 9.5 and np.abs(trial["left/knee.torque_sent"][trial.time < 7.0]).max() > 5.0
+    for side in SIDES:
+        assert np.abs(trial[f"{side}/knee.torque_sent"][trial.time > still + 0.3]).max() <= TORQUE_STEP
 
 
 def test_assistance_scales_only_the_profile(walked):
