@@ -38,8 +38,9 @@ class PhasePortrait(Block):
     """Gait phase from angle and velocity of a thigh: phase = atan2(−ω / ω_max, 2 (θ − θ_mid) / range) − offset.
 
     The extremes of the last stride scale the portrait; the offset is the angle of the portrait at heel strike, the mean
-    of the first ten. It responds at once, needs no timing, and never runs backwards. Limits: the phase is not linear in
-    time (5 to 8 % RMS of a stride), and it stands still with the thigh. Direct feedthrough; NaN and infinity give NaN.
+    of the first ten. The phase responds at once, never runs backwards, and waits at 1 for the strike. Limits: it is not
+    linear in time (4 to 7 % RMS of a stride), and stands still with the thigh. Direct feedthrough; NaN and infinity
+    give NaN.
     (Villarreal et al. 2016; Quintero et al. 2018)
     """
 

@@ -89,6 +89,7 @@ cdef int portrait_kernel(double *arena, const Portrait *at, const Portrait *size
     cdef double strike = arena[at.strike]
     cdef double *e = arena + at.extremes
     cdef double *zero = arena + at.zero
+    cdef double *latest = arena + at.latest
     cdef double turns, advance
     cdef int k
     if not (is_finite(angle) and is_finite(velocity)) or strike != strike:
@@ -115,10 +116,15 @@ cdef int portrait_kernel(double *arena, const Portrait *at, const Portrait *size
     arena[at.walking] = 0.0
     if zero[2] >= 3.0:
         turns = wrapped(turns - atan2(zero[1], zero[0]) / TURN)
-        advance = nearest(turns - arena[at.latest])
-        if advance >= 0.0 or advance < -0.25:       # noise does not run it backwards
-            arena[at.latest] = turns
-        arena[at.phase] = arena[at.latest]
+        advance = nearest(turns - latest[0])
+        # Noise does not run the phase backwards, and only a strike begins a stride: the thigh turns back before it.
+        if strike != 0.0:
+            latest[0] = turns if turns < 0.5 else 0.0
+        elif advance >= 0.0 and turns >= latest[0]:
+            latest[0] = turns
+        elif advance > 0.0:
+            latest[0] = 1.0
+        arena[at.phase] = latest[0]
         arena[at.walking] = zero[3] < 3.0
     return OK
 
