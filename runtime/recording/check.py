@@ -54,10 +54,10 @@ class Check:
             times[channel] = heads["log_time"]
         for channel in self.open:
             if layout.subsystems[channel].every == 1 or not bad:  # the others need the number of each tick
-                bad += self.lonely(chunk, channel, times)
+                bad += self.ticks_without_row(chunk, channel, times)
         return int(min(bad)) if bad else None
 
-    def lonely(self, chunk: Messages, channel: int, times: dict[int, Any]) -> list[int]:
+    def ticks_without_row(self, chunk: Messages, channel: int, times: dict[int, Any]) -> list[int]:
         """Return [offset of the first tick whose time is not that of its row in a subsystem].
 
         channel : of the subsystem

@@ -97,10 +97,10 @@ class Messages(NamedTuple):
         Raises ValueError if a message has another size.
         """
         record = np.dtype([*MESSAGE_HEAD, ("body", kind)])
-        found = gathered(self.data, self.offsets.get(channel, NONE), record)
-        if np.any(found["length"] != record.itemsize - HEAD.size):
+        messages = gathered(self.data, self.offsets.get(channel, NONE), record)
+        if np.any(messages["length"] != record.itemsize - HEAD.size):
             raise ValueError("a row of another size")
-        return found
+        return messages
 
     def in_order(self) -> Iterator[bytes]:
         """Yield the message records in the order of the file."""
@@ -181,27 +181,32 @@ def indexed(data: np.ndarray, indices: memoryview) -> dict[int, np.ndarray] | No
     data : array of bytes
     indices : bytes of the MessageIndex records
     """
-    at, found = 0, {}
+    at, offsets_of = 0, {}
     while at + INDEX.size <= len(indices):
         kind, length, channel, size = INDEX.unpack_from(indices, at)
         at += INDEX.size
-        if kind != AN_INDEX or length != INDEX.size - HEAD.size + size or size % PLACE.itemsize or channel in found:
+        if (
+            kind != AN_INDEX
+            or length != INDEX.size - HEAD.size + size
+            or size % PLACE.itemsize
+            or channel in offsets_of
+        ):
             return None
         if at + size > len(indices):
             return None
-        found[channel] = np.frombuffer(indices, PLACE, size // PLACE.itemsize, at)["offset"].astype(np.int64)
-        if np.any(found[channel][1:] <= found[channel][:-1]):
+        offsets_of[channel] = np.frombuffer(indices, PLACE, size // PLACE.itemsize, at)["offset"].astype(np.int64)
+        if np.any(offsets_of[channel][1:] <= offsets_of[channel][:-1]):
             return None
         at += size
     try:
-        heads = gathered(data, np.concatenate([NONE, *found.values()]), BEGIN)
+        heads = gathered(data, np.concatenate([NONE, *offsets_of.values()]), BEGIN)
     except ValueError:
         return None
-    channels = np.repeat(np.array([*found], dtype="<u2"), [len(offsets) for offsets in found.values()])
+    channels = np.repeat(np.array([*offsets_of], dtype="<u2"), [len(offsets) for offsets in offsets_of.values()])
     if np.any(heads["kind"] != A_MESSAGE) or np.any(heads["channel"] != channels):
         return None
     total = int(heads["length"].astype(np.int64).sum()) + HEAD.size * len(heads)
-    return found if total == len(data) else None
+    return offsets_of if total == len(data) else None
 
 
 def walked(plain: Any, only_messages: bool = False) -> Messages:

@@ -91,8 +91,8 @@ class Layout:
                 order.append(in_group)
         if len(parts) < 2:
             return parts[0] if parts else np.zeros(0, dtype=FRAME)
-        found, places = np.concatenate(parts), np.concatenate(places)
-        return found[np.lexsort((np.concatenate(order), self.groups(chunk, found, places)))]
+        frames, places = np.concatenate(parts), np.concatenate(places)
+        return frames[np.lexsort((np.concatenate(order), self.groups(chunk, frames, places)))]
 
     def groups(self, chunk: Messages, frames: Any, places: np.ndarray) -> np.ndarray:
         """Return for each frame the number of its group: messages of several buses whose frames have one order.
@@ -110,16 +110,16 @@ class Layout:
 
     def events_of(self, chunk: Messages) -> list[dict[str, Any]]:
         """Return the events of a chunk. Raises Damaged."""
-        found = []
+        events = []
         for offset in chunk.offsets.get(self.events, NONE).tolist():
             length = HEAD.unpack_from(chunk.data.data, offset)[1]
             body = chunk.data[offset + MESSAGE.size : offset + HEAD.size + length].tobytes()
             try:
                 event = parsed_json(messages.read(messages.EVENT, body)["json"])
-                found.append(event if isinstance(event["event"], str) else None)
+                events.append(event if isinstance(event["event"], str) else None)
             except (ValueError, LookupError, TypeError):
                 raise Damaged(offset) from None
-        return found
+        return events
 
 
 def frames_of_format_1(data: np.ndarray, offsets: np.ndarray, began: int) -> tuple[Any, np.ndarray, np.ndarray]:

@@ -267,8 +267,8 @@ class Recording:
         """
         starts, pending, done = self.starts(), NO_FRAMES, 0
         for number, reader in enumerate(self.readers):
-            for rows, found in reader.stream(frames):
-                pending = np.concatenate((pending, self.adjusted(number, found))) if frames else found
+            for rows, part in reader.stream(frames):
+                pending = np.concatenate((pending, self.adjusted(number, part))) if frames else part
                 rows = rows[: max(0, starts[number + 1] - done)]
                 if len(rows):
                     done += len(rows)

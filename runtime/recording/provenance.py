@@ -34,13 +34,13 @@ def gather(plan: dict[str, Any]) -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the installed packages in PACKAGES."""
-    found = {"python": platform.python_version()}
+    numbers = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
-            found[package] = version(package)
+            numbers[package] = version(package)
         except PackageNotFoundError:
             pass
-    return found
+    return numbers
 
 
 def machine() -> dict[str, Any]:

@@ -83,7 +83,7 @@ class Reader:
         except OSError as error:
             raise BadInput(f"{path}: {error.strerror}") from None
         if contents.about is None:
-            raise BadInput(f"{path} {self.what_else(contents)}")
+            raise BadInput(f"{path} {self.not_a_recording(contents)}")
         validate(path, contents.about)
         self.about = contents.about
         self.take(contents)
@@ -132,7 +132,7 @@ class Reader:
         with open(self.path, "rb", buffering=0) as stream:
             contents = Scan(stream, os.fstat(stream.fileno()).st_size, deep, progress).contents
         if contents.about is None:
-            raise BadInput(f"{self.path} {self.what_else(contents)}")
+            raise BadInput(f"{self.path} {self.not_a_recording(contents)}")
         self.take(contents)
 
     def is_valid(self, progress: Callable[[float], None]) -> bool:
@@ -168,7 +168,7 @@ class Reader:
         """Whether the recorder has completed the file."""
         return self.contents.finished
 
-    def what_else(self, contents: Contents) -> str:
+    def not_a_recording(self, contents: Contents) -> str:
         """Return the problem with a file that is not a recording, as the end of a sentence."""
         with open(self.path, "rb") as stream:
             mcap = stream.read(len(MAGIC)) == MAGIC
@@ -263,7 +263,7 @@ class Reader:
 
         partial = {channel: fields.pop(channel) for channel in [*fields] if channel not in layout.complete}
         numbers: Iterable[int] = self.with_messages(fields, first, last)
-        if partial and numbers:  # the messages are in front of the tick of their row, at most one chunk before it
+        if partial and numbers:  # the messages are before the tick of their row, at most one chunk before it
             numbers = range(max(0, min(numbers) - 1), max(numbers) + 1)
 
         def fill(number: int, chunk: Messages) -> dict[int, Any]:
@@ -281,7 +281,7 @@ class Reader:
 
         samples = list(self.ahead(fill, numbers))
         for channel, targets in partial.items() if len(rows.tick) else ():
-            for records in (found[channel] for found in samples):
+            for records in (records_of[channel] for records_of in samples):
                 at, bodies = placed(records, rows.tick)
                 for target, name in targets:
                     target[at] = bodies[name]

@@ -94,13 +94,13 @@ class Scan:
         kind, length = HEAD.unpack(head)
         end = at + HEAD.size + length
         if kind == ROOM and length == CHUNK_HEAD.size - HEAD.size:
-            return self.loose(at, at + CHUNK_HEAD.size)
+            return self.unchunked(at, at + CHUNK_HEAD.size)
         if kind == STREAM:
             return self.stream(at)
         if kind == A_CHUNK:
             return self.chunk(at, end)
         if kind == A_MESSAGE and end <= self.size:
-            return self.loose(at, at)
+            return self.unchunked(at, at)
         if end > self.size or kind == 0:
             return None
         if kind == ATTACHMENT:
@@ -139,7 +139,7 @@ class Scan:
         raw = self.bytes_at(at, HEAD_LIMIT)
         compressed = not is_compressed(raw, "")
         if not compressed and end > self.size:
-            return self.loose(at, at + CHUNK_HEAD.size)
+            return self.unchunked(at, at + CHUNK_HEAD.size)
         if end > self.size:
             return self.stream(at) if is_compressed(raw, ZSTD) else None
         head, compression, expanded, _, stored = head_of(raw)
@@ -154,7 +154,7 @@ class Scan:
             if compressed:
                 raise
             self.unchecked = at if self.unchecked is None else self.unchecked
-            return self.loose(at, at + CHUNK_HEAD.size)
+            return self.unchunked(at, at + CHUNK_HEAD.size)
         return None if chunk.limit is not None else after
 
     def stream(self, at: int) -> int | None:
@@ -178,7 +178,7 @@ class Scan:
             self.good = end
         return after if ended else None
 
-    def loose(self, at: int, begin: int) -> int | None:
+    def unchunked(self, at: int, begin: int) -> int | None:
         """Take messages that are not in a chunk, or in one with a wrong checksum. Returns as `record`.
 
         at : of their chunk, if any
@@ -187,17 +187,17 @@ class Scan:
         window, limit = WINDOW, RECORD_LIMIT
         while True:
             raw = self.bytes_at(begin, window)
-            found = walked(raw, only_messages=True)
-            torn = len(raw) - found.end < MESSAGE.size or raw[found.end] == A_MESSAGE
+            messages = walked(raw, only_messages=True)
+            torn = len(raw) - messages.end < MESSAGE.size or raw[messages.end] == A_MESSAGE
             if not torn or len(raw) < window or window > limit:
                 break
             window *= 4
-        end = begin + found.end
-        if not found.end:
+        end = begin + messages.end
+        if not messages.end:
             return begin if begin > at else None
         counts, after = self.indices(end)
-        chunk = Chunk(at, begin, found.end, "", found.end, after, counts, headless=True)
-        self.add(chunk, found)
+        chunk = Chunk(at, begin, messages.end, "", messages.end, after, counts, headless=True)
+        self.add(chunk, messages)
         return None if chunk.limit is not None else after
 
     def indices(self, at: int) -> tuple[dict[int, int], int]:
@@ -211,39 +211,39 @@ class Scan:
             at += HEAD.size + length
         return counts, at
 
-    def add(self, chunk: Chunk, found: Messages | None = None) -> None:
-        """Add a chunk, read if necessary. found : its messages, if they have been read"""
+    def add(self, chunk: Chunk, messages: Messages | None = None) -> None:
+        """Add a chunk, read if necessary. messages : its messages, if they have been read"""
         contents = self.contents
-        if self.deep or found is not None or not chunk.counts or not chunk.counts.keys() <= contents.topics.keys():
-            if found is None:
+        if self.deep or messages is not None or not chunk.counts or not chunk.counts.keys() <= contents.topics.keys():
+            if messages is None:
                 if chunk.compression:
                     self.expansion.admit(chunk.size)
-                found = load(self.descriptor, chunk)
-            for kind, body in found.others:
+                messages = load(self.descriptor, chunk)
+            for kind, body in messages.others:
                 self.take(kind, body)
             if self.deep or chunk.headless:  # without a head there is no checksum
-                chunk.limit = self.check(found)
-                found = found if chunk.limit is None else found.until(chunk.limit)
-            chunk.counts = {channel: len(offsets) for channel, offsets in found.offsets.items()}
+                chunk.limit = self.check(messages)
+                messages = messages if chunk.limit is None else messages.until(chunk.limit)
+            chunk.counts = {channel: len(offsets) for channel, offsets in messages.offsets.items()}
         if chunk.limit is not None:
             self.good = chunk.at if chunk.compression else chunk.begin + chunk.limit
         contents.chunks.append(chunk)
         self.counts.update(chunk.counts)
 
-    def check(self, found: Messages) -> int | None:
+    def check(self, messages: Messages) -> int | None:
         """Return the position of the first damaged message of a chunk; None without one."""
         contents = self.contents
         if contents.about is None:
             raise ValueError("messages before the metadata")
         if self.checker is None or not self.deep or self.checker.layout.topics != contents.topics:
             self.checker = Check(Layout(self.path, contents.about, dict(contents.topics)), self.counts)
-        return self.checker.first_damaged(found)
+        return self.checker.first_damaged(messages)
 
     def trouble(self) -> str:
         """Return the problem with the file, in one line; "" without one."""
         contents, path = self.contents, self.path
         if not contents.finished:
-            return f"{path} {self.refused or self.matter()}"
+            return f"{path} {self.refused or self.damage()}"
         if self.unchecked is not None:
             return f"{path} is damaged after byte {self.unchecked}: wrong checksum"
         count = sum(self.counts.values())
@@ -251,7 +251,7 @@ class Scan:
             return f"{path} is damaged: {count} of its {self.written} messages are readable"
         return "" if contents.end is not None else f"{path} {COMPLETED}"
 
-    def matter(self) -> str:
+    def damage(self) -> str:
         """Return the problem with a file that is undamaged up to a byte, as the end of a sentence."""
         if self.is_cut:
             return CUT
