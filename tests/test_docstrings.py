@@ -11,7 +11,6 @@ WITHOUT_DOCSTRINGS = (
     "blocks/actuators/robstride",
     "blocks/imus",
     "blocks/imus/openimu",
-    "runtime/analysis",
     "runtime/recorder",
     "runtime/recorder/rerun",
 )  # folders with public functions or classes that lack one
@@ -28,16 +27,19 @@ WITHOUT_METHOD_DOCSTRINGS = (
     "blocks/sensors",
     "graph",
     "graph/drawing",
-    "runtime/analysis",
     "runtime/recorder",
     "runtime/recorder/rerun",
 )
-WITHOUT_ANNOTATIONS = ("cext", "runtime/analysis", "runtime/recorder", "runtime/recorder/rerun")
+WITHOUT_ANNOTATIONS = ("cext", "runtime/recorder", "runtime/recorder/rerun")
 STEPS = ("step", "reset", "update")  # methods of blocks, which the class describes
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 MODULES = {path: ast.parse(path.read_text()) for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))}
 FOLDERS = sorted({str(path.parent.relative_to(ROOT)) for path in MODULES})
-CLASSES = {node.name: node for tree in MODULES.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+CLASSES = {}  # by name, since a base class is known by its name only
+for _tree in MODULES.values():
+    for _node in ast.walk(_tree):
+        if isinstance(_node, ast.ClassDef):
+            CLASSES.setdefault(_node.name, []).append(_node)
 
 
 def public(nodes, kinds):
@@ -60,12 +62,10 @@ def methods(kind):
 def inherits_docstring(kind, name):
     """Whether a base class in this tree documents a method or an attribute of this name."""
     for base in map(ast.unparse, kind.bases):
-        parent = CLASSES.get(base.rpartition(".")[2].partition("[")[0])
-        if parent is None or parent is kind:
-            continue
-        own = [each for each in public(parent.body, FUNCTIONS) if each.name == name and ast.get_docstring(each)]
-        if own or inherits_docstring(parent, name):
-            return True
+        for parent in CLASSES.get(base.rpartition(".")[2].partition("[")[0], ()):
+            own = [each for each in public(parent.body, FUNCTIONS) if each.name == name and ast.get_docstring(each)]
+            if parent is not kind and (own or inherits_docstring(parent, name)):
+                return True
     return False
 
 

@@ -6,9 +6,15 @@ over the phase and added to running sums. A stride with missing ticks, a non-fin
 excluded and counted.
 """
 
-from typing import Any, NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 
 POINTS = 101  # 0, 1, ... 100 % of the stride
 GRID = np.linspace(0.0, 1.0, POINTS)
@@ -54,7 +60,7 @@ class AverageStride:
         self.time = self.positive_work = self.negative_work = self.peak = 0.0
         self.sums = Sums()
 
-    def add(self, ticks: Any, samples: Any) -> None:
+    def add(self, ticks: np.ndarray, samples: np.ndarray) -> None:
         """Add rows, in the order of ticks.
 
         ticks : array (rows,)
@@ -94,7 +100,7 @@ class AverageStride:
         """Number of samples of the present stride."""
         return sum(map(len, self.stride))
 
-    def extend(self, samples: Any) -> None:
+    def extend(self, samples: np.ndarray) -> None:
         """Extend the present stride, if there is one."""
         if self.stride is None or not len(samples):
             return
@@ -110,7 +116,7 @@ class AverageStride:
             self.in_strides += self.samples
         self.stride = None
 
-    def complete(self, after: Any, end: int) -> None:
+    def complete(self, after: np.ndarray, end: int) -> None:
         """Average a complete stride unless it is excluded. after, end : first sample of the next one, and its tick"""
         count = self.samples
         duration = count / self.rate
@@ -180,13 +186,13 @@ class AverageStride:
         return found
 
 
-def left_out_text(result):
-    """Return why strides were excluded, such as '1 with missed ticks, 2 longer than 4 s'."""
+def left_out_text(result: dict[str, Any]) -> str:
+    """Return why strides were excluded, such as '1 with missed ticks, 2 longer than 4 s'. result : of AverageStride"""
     return ", ".join(f"{count} {reason}" for reason, count in result["left_out_because"].items())
 
 
-def signals_texts(result):
-    """Return the signals of the figures, without the folder of the leg, as two texts."""
+def signals_texts(result: dict[str, Any]) -> tuple[str, str]:
+    """Return the signals of the figures, without the folder of the leg, as two texts. result : of `legs.measured`"""
     signals = {name: path.removeprefix(f"{result['title']}/") for name, path in result["signals"].items()}
     return f"work of {signals['torque']} and {signals['velocity']}", (
         f"angle {signals['angle']}, phase {signals['phase']}"
@@ -200,19 +206,19 @@ class Sums:
         self.count = 0
         self.mean, self.squares = np.zeros((len(CURVES), POINTS)), np.zeros((len(CURVES), POINTS))
 
-    def add(self, curves: Any) -> None:
+    def add(self, curves: np.ndarray) -> None:
         """Add the curves of a stride, an array (CURVES, POINTS)."""
         self.count += 1
         difference = curves - self.mean
         self.mean += difference / self.count
         self.squares += difference * (curves - self.mean)
 
-    def sd(self) -> Any:
+    def sd(self) -> np.ndarray:
         """Return the sample standard deviation; zero for a single stride."""
         return np.sqrt(self.squares / max(1, self.count - 1))
 
 
-def resample(phases: Any, *curves: Any) -> Any:
+def resample(phases: np.ndarray | Sequence[float], *curves: np.ndarray | Sequence[float]) -> np.ndarray:
     """Resample curves to 0, 1, ... 100 % of the stride, linearly. Samples that do not advance the phase are skipped.
 
     phases : array (samples,); the first is 0 or less, the last 1 or more
@@ -225,6 +231,6 @@ def resample(phases: Any, *curves: Any) -> Any:
     return np.array([np.interp(GRID, phases[advances], np.asarray(values)[advances]) for values in curves])
 
 
-def trapezoid(values: Any, dt: float) -> float:
+def trapezoid(values: np.ndarray, dt: float) -> float:
     """Return the integral of samples over time by the trapezoidal rule. dt : s"""
     return float(dt * (values.sum() - 0.5 * (values[0] + values[-1])))

@@ -1,9 +1,18 @@
 """Comparison of two recordings, signal by signal and tick by tick."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import Any
+
+    from runtime.analysis.trial_data import TrialData
 
 
 @dataclass(frozen=True)
@@ -37,14 +46,15 @@ class Comparison:
     """
 
     ticks: int
-    missing: tuple
-    only_here: list
-    only_there: list
-    same: list
-    differences: list
+    missing: tuple[int, int]
+    only_here: list[str]
+    only_there: list[str]
+    same: list[str]
+    differences: list[Difference]
 
     @property
-    def identical(self):
+    def identical(self) -> bool:
+        """Whether both recordings have the same ticks, and the signals of the first with the same bits."""
         return not (self.differences or self.only_here or any(self.missing))
 
 
@@ -54,7 +64,7 @@ class Comparer:
     here, there : {path: signal} of the recordings, in the order of their rows
     """
 
-    def __init__(self, here, there):
+    def __init__(self, here: Mapping[str, dict[str, Any]], there: Mapping[str, dict[str, Any]]) -> None:
         self.signals = {path: signal for path, signal in here.items() if path in there}
         places = {path: index for index, path in enumerate(there)}
         self.here = [index for index, path in enumerate(here) if path in places]
@@ -65,9 +75,9 @@ class Comparer:
         steps = [math.lcm(signal.get("every", 1), there[path].get("every", 1)) for path, signal in self.signals.items()]
         self.steps = np.array(steps, dtype=np.int64)  # ticks from one common sample of a signal to the next
         self.compared = np.zeros(len(steps), dtype=np.int64)  # samples of each signal
-        self.found = {}  # {path: [ticks, first, here, there, largest, sum of squares]} of the signals that differ
+        self.sums = {}  # {path: [ticks, first, here, there, largest, sum of squares]} of the signals that differ
 
-    def add(self, ticks, here, there):
+    def add(self, ticks: np.ndarray, here: np.ndarray, there: np.ndarray) -> None:
         """Add a block of ticks that both have.
 
         ticks : int64 array (n,)
@@ -87,14 +97,14 @@ class Comparer:
             with np.errstate(invalid="ignore"):
                 off = np.where(where, np.abs(a[:, column] - b[:, column]), 0.0)
             off[np.isnan(off)] = np.inf
-            entry = self.found.setdefault(
+            entry = self.sums.setdefault(
                 self.paths[column], [0, int(ticks[first]), float(a[first, column]), float(b[first, column]), 0.0, 0.0]
             )
             entry[0] += int(where.sum())
             entry[4] = max(entry[4], float(off.max()))
             entry[5] += float(np.sum(off * off))
 
-    def result(self, order, here, there):
+    def result(self, order: Sequence[str], here: int, there: int) -> Comparison:
         """Return the Comparison.
 
         order : paths in the order of the tick, if known, so that causes precede effects
@@ -106,7 +116,7 @@ class Comparer:
             Difference(
                 path, self.signals[path]["unit"], count, first, a, b, largest, float(np.sqrt(squares / samples[path]))
             )
-            for path, (count, first, a, b, largest, squares) in self.found.items()
+            for path, (count, first, a, b, largest, squares) in self.sums.items()
         ]
         differences.sort(
             key=lambda difference: (difference.first, rank.get(difference.path, len(rank)), difference.path)
@@ -116,12 +126,12 @@ class Comparer:
             (here - self.ticks, there - self.ticks),
             self.only_here,
             self.only_there,
-            [path for path in self.paths if path not in self.found],
+            [path for path in self.paths if path not in self.sums],
             differences,
         )
 
 
-def compare(here, there, order=()):
+def compare(here: TrialData, there: TrialData, order: Sequence[str] = ()) -> Comparison:
     """Compare two recordings.
 
     here, there : Trial

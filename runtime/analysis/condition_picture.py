@@ -1,5 +1,9 @@
 """Plots of conditions over the gait cycle: mean and standard deviation, one colour per condition."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -9,11 +13,18 @@ from runtime.analysis.condition_table import MINUS, deviation
 from runtime.analysis.picture import COLOURS, GREY, INK, plain, short
 from runtime.base.errors import BadInput
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import BinaryIO
+
+    from runtime.analysis.conditions import Condition
+
+
 ROWS = (("angle", "deg"), ("torque", "N·m"), ("power", "W"))
 LABEL_WIDTH = 60  # characters of a condition
 
 
-def draw(conditions, file, kind):
+def draw(conditions: Sequence[Condition], file: BinaryIO, kind: str) -> None:
     """Plot angle, torque and power of every leg.
 
     conditions : [Condition], as many as COLOURS or fewer
@@ -22,11 +33,11 @@ def draw(conditions, file, kind):
 
     Raises BadInput.
     """
-    check(conditions)
+    _check(conditions)
     known = [condition.legs() for condition in conditions]
     titles = list(dict.fromkeys(title for legs in known for title in legs))
-    made = picture.figure(4.6 * len(titles) + 1.2, 7.8)
-    axes = made.subplots(len(ROWS), len(titles), sharex=True, sharey="row", squeeze=False)
+    figure = picture.figure(4.6 * len(titles) + 1.2, 7.8)
+    axes = figure.subplots(len(ROWS), len(titles), sharex=True, sharey="row", squeeze=False)
     per_kg = conditions[0].mass is not None
     for column, title in enumerate(titles):
         legs = [(number, legs[title]) for number, legs in enumerate(known) if title in legs]
@@ -36,7 +47,7 @@ def draw(conditions, file, kind):
             toe_offs = {leg.toe_off for _, leg in legs}
             for number, leg in legs:
                 values = leg.curves(name)
-                plot(axis, np.degrees(values) if name == "angle" else values, COLOURS[number])
+                _plot(axis, np.degrees(values) if name == "angle" else values, COLOURS[number])
                 if leg.toe_off is not None:
                     colour = GREY if len(toe_offs) == 1 else COLOURS[number]
                     axis.axvline(100.0 * leg.toe_off, color=colour, linewidth=0.9, linestyle=":", zorder=2)
@@ -45,49 +56,53 @@ def draw(conditions, file, kind):
                 sign = f"\n{first.positive} +" if first.positive and name != "power" else ""
                 unit = f"{unit}/kg" if per_kg and name != "angle" else unit
                 axis.set_ylabel(plain(f"{first.joint} {name} [{unit}]{sign}"), color=INK)
-        heading(axes[0][column], title, legs, per_kg)
+        _heading(axes[0][column], title, legs, per_kg)
         axes[-1][column].set_xlabel("gait cycle [%]", color=INK)
-    made.align_ylabels(axes[:, 0])
+    figure.align_ylabels(axes[:, 0])
     toe_off = any(leg.toe_off is not None for legs in known for leg in legs.values())
-    legend(made, conditions, toe_off)
-    picture.save(made, file, kind)
+    _legend(figure, conditions, toe_off)
+    picture.save(figure, file, kind)
 
 
-def draw_signals(conditions, paths, file, kind):
-    """Plot scalar signals, one plot each. paths : [path]. Other arguments and errors: see `draw`. KeyError"""
-    check(conditions)
-    made = picture.figure(8.0, 1.4 + 2.2 * len(paths))
-    axes = made.subplots(len(paths), 1, sharex=True, squeeze=False)[:, 0]
+def draw_signals(conditions: Sequence[Condition], paths: Sequence[str], file: BinaryIO, kind: str) -> None:
+    """Plot scalar signals, one plot each. paths : of the signals
+
+    Other arguments and errors are those of `draw`. Raises KeyError for an unknown signal.
+    """
+    _check(conditions)
+    figure = picture.figure(8.0, 1.4 + 2.2 * len(paths))
+    axes = figure.subplots(len(paths), 1, sharex=True, squeeze=False)[:, 0]
     for axis, path in zip(axes, paths):
         picture.gait_cycle(axis)
         counts = []
         for condition, colour in zip(conditions, COLOURS):
             values = condition.curves(path)
             counts.append(len(values))
-            plot(axis, values, colour)
+            _plot(axis, values, colour)
         unit = conditions[0].trial.unit(path)
-        count = strides_text(counts[0]) if len(set(counts)) == 1 else f"{', '.join(map(str, counts))} strides"
+        count = _strides_text(counts[0]) if len(set(counts)) == 1 else f"{', '.join(map(str, counts))} strides"
         axis.set_title(plain(f"{path}, {count}"), loc="left", fontsize=9, color=INK)
         axis.set_ylabel("" if unit in ("1", "any") else f"[{unit}]", color=INK)
     axes[-1].set_xlabel("gait cycle [%]", color=INK)
-    made.align_ylabels(axes)
-    legend(made, conditions, toe_off=False)
-    picture.save(made, file, kind)
+    figure.align_ylabels(axes)
+    _legend(figure, conditions, toe_off=False)
+    picture.save(figure, file, kind)
 
 
-def check(conditions):
+def _check(conditions):
+    """Raise BadInput for more conditions than COLOURS."""
     if len(conditions) > len(COLOURS):
         raise BadInput(
             f"{len(conditions)} conditions: at most {len(COLOURS)} can be distinguished in one picture. Pass fewer"
         )
 
 
-def plot(axis, values, colour):
+def _plot(axis, values, colour):
     """Plot mean and standard deviation of curves. values : (strides, 101)"""
     picture.mean_and_sd(axis, values.mean(axis=0), deviation(values), colour)
 
 
-def heading(axis, title, legs, per_kg):
+def _heading(axis, title, legs, per_kg):
     """Write the name of a leg, with a line of figures for each condition in its colour."""
     unit = "J/kg" if per_kg else "J"
     for line, (number, leg) in enumerate(reversed(legs)):
@@ -112,11 +127,13 @@ def heading(axis, title, legs, per_kg):
     axis.set_title(plain(title), fontsize=11, fontweight="bold", color=INK, pad=10 + 11 * len(legs))
 
 
-def strides_text(count):
+def _strides_text(count):
+    """Return a number of strides as text."""
     return f"{count} stride{'s' * (count > 1)}"
 
 
-def legend(made, conditions, toe_off):
+def _legend(figure, conditions, toe_off):
+    """Draw the legend of all plots."""
     marks = [
         *(
             Line2D([], [], color=colour, linewidth=2.0, label=plain(short(condition.label, LABEL_WIDTH)))
@@ -128,4 +145,4 @@ def legend(made, conditions, toe_off):
         marks.append(
             Line2D([], [], color=GREY, linewidth=0.9, linestyle=":", label="toe-off (event_phase of GaitPhase)")
         )
-    made.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)
+    figure.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)

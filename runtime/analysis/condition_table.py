@@ -6,13 +6,22 @@ The effect is the difference in standard deviations over strides, pooled over bo
     curves                  d = RMS(m₂ − m₁) / RMS(s), over the gait cycle
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from runtime.base.errors import BadInput
 from runtime.recording.messages import split
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from runtime.analysis.conditions import Condition, Leg
+
 
 ANGLE, TORQUE, POWER = range(3)  # among CURVES
 FIGURES = (  # of a stride: name, unit, function of a Stride, whether it scales with body mass
@@ -25,6 +34,7 @@ FIGURES = (  # of a stride: name, unit, function of a Stride, whether it scales 
 )
 SIGNAL_LIMIT = 10  # signals of a leg in the table
 EFFECT_LIMIT = 99.0  # larger effects are printed as ">99"
+Differences: TypeAlias = "tuple[tuple[int, int], list[Row], list[Row]]"
 MINUS = str.maketrans("-", "−")
 
 
@@ -49,7 +59,7 @@ class Row:
     at: float | None = None
 
 
-def compare(first, second):
+def compare(first: Condition, second: Condition) -> dict[str, Differences]:
     """Return {title of a leg: (strides of both, figures, signals)}: [Row] each, in order of their effect.
 
     first, second : Condition
@@ -57,7 +67,7 @@ def compare(first, second):
     Raises BadInput if they have no leg in common.
     """
     mine, others = first.legs(), second.legs()
-    found = {}
+    differences = {}
     for title in [title for title in mine if title in others]:
         a, b = mine[title], others[title]
         per_kg = "/kg" if first.mass is not None else ""
@@ -65,15 +75,15 @@ def compare(first, second):
             figure(name, unit + per_kg * scales, *(np.array([of(one) for one in leg.strides]) for leg in (a, b)))
             for name, unit, of, scales in FIGURES
         ]
-        found[title] = (len(a.strides), len(b.strides)), ranked(figures), ranked(signals(a, b))[:SIGNAL_LIMIT]
-    if not found:
+        differences[title] = (len(a.strides), len(b.strides)), ranked(figures), ranked(signals(a, b))[:SIGNAL_LIMIT]
+    if not differences:
         raise BadInput(
             f"{first.label} has {', '.join(mine)} and {second.label} has {', '.join(others)}: no leg in common"
         )
-    return found
+    return differences
 
 
-def figure(name, unit, a, b):
+def figure(name: str, unit: str, a: np.ndarray, b: np.ndarray) -> Row:
     """Return the Row of a figure. a, b : value of each stride"""
     spread = np.sqrt((deviation(a) ** 2 + deviation(b) ** 2) / 2)
     difference = float(b.mean() - a.mean())
@@ -88,7 +98,7 @@ def figure(name, unit, a, b):
     )
 
 
-def signals(a, b):
+def signals(a: Leg, b: Leg) -> Iterator[Row]:
     """Yield a Row for each float signal of a leg's subsystem that both conditions have. a, b : Leg"""
     folder = split(a.signals["angle"])[0]
     here, there = a.condition.trial, b.condition.trial
@@ -119,26 +129,27 @@ def signals(a, b):
         )
 
 
-def deviation(values):
+def deviation(values: np.ndarray) -> np.ndarray:
     """Return the sample standard deviation over the strides; 0 for a single one."""
     return values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1:])
 
 
-def rms(values):
+def rms(values: np.ndarray) -> float:
+    """Return the root mean square of values."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def share(difference, of):
+def share(difference: float, of: float) -> float:
     """Return a difference relative to something: 0 for none, infinite relative to 0."""
     return 0.0 if difference == 0.0 else difference / of if of > 0.0 else math.copysign(math.inf, difference)
 
 
-def ranked(rows):
+def ranked(rows: Iterable[Row]) -> list[Row]:
     """Return the rows in order of their effect; beyond EFFECT_LIMIT, where strides hardly vary, of their size."""
     return sorted(rows, key=lambda row: (min(row.effect, EFFECT_LIMIT), abs(row.relative)), reverse=True)
 
 
-def table(first, second, comparison):
+def table(first: Condition, second: Condition, comparison: dict[str, Differences]) -> list[str]:
     """Return the lines for standard output. comparison : as `compare` returns it"""
     lines = [f"A  {first.label}", f"B  {second.label}"]
     for title, (counts, figures, curves) in comparison.items():
@@ -174,7 +185,7 @@ def table(first, second, comparison):
     return [*lines, "", "effect: difference in standard deviations of the strides, the clearest first"]
 
 
-def columns(head, rows):
+def columns(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Return lines of a table: the first column on the left, the others on the right."""
     widths = [max(len(row[place]) for row in [head, *rows]) for place in range(len(head))]
     return [
@@ -183,20 +194,25 @@ def columns(head, rows):
     ]
 
 
-def spread_text(spread):
-    """Return "mean ± standard deviation", with three digits of the mean."""
+def spread_text(spread: tuple[float, float] | None) -> str:
+    """Return "mean ± standard deviation", with three digits of the mean; "" for a curve, which has neither."""
+    if spread is None:
+        return ""
     mean, deviation = spread
     digits = max(0, 2 - math.floor(math.log10(abs(mean)))) if mean else 2
     return f"{mean:.{digits}f} ± {deviation:.{digits}f}".translate(MINUS)
 
 
-def signed(value):
+def signed(value: float) -> str:
+    """Return a number with its sign and three digits; '0' for zero."""
     return f"{value:+.3g}".translate(MINUS) if value else "0"
 
 
-def percent(row):
+def percent(row: Row) -> str:
+    """Return the relative difference of a row in percent; '' if it is infinite."""
     return f"{100.0 * row.relative:+.0f} %".translate(MINUS) if math.isfinite(row.relative) else ""
 
 
-def effect_text(value):
+def effect_text(value: float) -> str:
+    """Return an effect as text; '>99' above EFFECT_LIMIT."""
     return f">{EFFECT_LIMIT:.0f}" if value > EFFECT_LIMIT else f"{value:.1f}"

@@ -4,8 +4,10 @@ plot without.mcap assisted.mcap --strides
 plot trial.mcap --strides --between "mark 1" "mark 2" --between "mark 3" "mark 4" --last 20
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +18,10 @@ from runtime.analysis.trial import Trial
 from runtime.analysis.trials import labels
 from runtime.base.errors import BadInput
 from runtime.recording.messages import split
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 
 GAIT_PHASE = "blocks.controllers.gait:GaitPhase"
 
@@ -37,7 +43,7 @@ class Condition:
     last: int | None = None
     mass: float | None = None
 
-    def legs(self) -> dict[str, "Leg"]:
+    def legs(self) -> dict[str, Leg]:
         """Return the legs by title. Raises BadInput without a stride."""
         scale = 1.0 if self.mass is None else 1.0 / self.mass
         return {
@@ -45,7 +51,7 @@ class Condition:
             for result, each in measured(self.trial, self.events, self.between, self.last)
         }
 
-    def curves(self, path) -> np.ndarray:
+    def curves(self, path: str) -> np.ndarray:
         """Return a scalar signal over the gait cycle, as (strides, 101), without strides that are not finite.
 
         Raises KeyError, or BadInput without a stride or for a vector.
@@ -74,7 +80,7 @@ class Leg:
     signals: dict[str, str]
     strides: list[Stride]
 
-    def curves(self, name) -> np.ndarray:
+    def curves(self, name: str) -> np.ndarray:
         """Return a curve of each stride, as (strides, 101). name : "angle", "torque" or "power" """
         return np.array([stride.curves[CURVES.index(name)] for stride in self.strides])
 
@@ -107,7 +113,7 @@ class Leg:
         return None
 
 
-def scaled(stride, scale):
+def scaled(stride: Stride, scale: float) -> Stride:
     """Return a Stride with its torque, power and work multiplied by `scale`."""
     factors = np.array([1.0 if name == "angle" else scale for name in CURVES])[:, np.newaxis]
     return stride._replace(
@@ -117,7 +123,13 @@ def scaled(stride, scale):
     )
 
 
-def conditions(trials, events=None, sections=(), last=None, per_kg=None) -> list[Condition]:
+def conditions(
+    trials: Sequence[Trial],
+    events: str | None = None,
+    sections: Sequence[tuple[str, str]] = (),
+    last: int | None = None,
+    per_kg: float | str | None = None,
+) -> list[Condition]:
     """Return the Conditions of recordings: one for each section of each trial.
 
     trials : [Trial]
@@ -128,17 +140,17 @@ def conditions(trials, events=None, sections=(), last=None, per_kg=None) -> list
 
     Raises BadInput.
     """
-    made = []
+    result = []
     for trial, name in zip(trials, trial_labels(trials)):
-        mass = body_mass(trial) if per_kg == "mass" else per_kg
+        mass = body_mass(trial) if isinstance(per_kg, str) else per_kg
         for section in sections or [None]:
             words = [] if section is None else [" to ".join(map(time_text, section))]
             label = ", ".join([name] * (len(trials) > 1 or not words) + words)
-            made.append(Condition(label, trial, events, section, last, mass))
-    return made
+            result.append(Condition(label, trial, events, section, last, mass))
+    return result
 
 
-def time_text(text):
+def time_text(text: str) -> str:
     """Return a time for a label: seconds with their unit, others as they are."""
     try:
         return f"{float(text):g} s"
@@ -146,13 +158,13 @@ def time_text(text):
         return text
 
 
-def trial_labels(trials):
+def trial_labels(trials: Sequence[Trial]) -> list[str]:
     """Return a label for each trial: its field "condition" if each has another one, else its unique file name."""
     fields = [trial.fields.get("condition", "") for trial in trials]
     return fields if all(fields) and len(set(fields)) == len(fields) else labels([trial.path for trial in trials])
 
 
-def body_mass(trial):
+def body_mass(trial: Trial) -> float:
     """Return the field "mass" of a recording in kg. Raises BadInput."""
     text: Any = trial.fields.get("mass", "")
     try:

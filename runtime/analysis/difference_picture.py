@@ -1,16 +1,26 @@
 """Differences of two recordings as a table and as a plot: `python -m runtime diff A B`."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from typing import BinaryIO
+
+    from runtime.analysis.compare import Comparison, Difference
+    from runtime.analysis.trial_data import TrialData
+
 
 TABLE_ROW_LIMIT = 20
 PLOT_SIGNAL_LIMIT = 6
 WINDOW = 4.0  # s of the plot, around the largest difference
 
 
-def table(here, there, comparison):
-    """Return the lines for standard output."""
+def table(here: TrialData, there: TrialData, comparison: Comparison) -> list[str]:
+    """Return the lines of a table of the differences, at most TABLE_ROW_LIMIT."""
     lines = [f"{here.path.name} and {there.path.name}: {comparison.ticks} ticks in both"]
     if any(comparison.missing):
         lines.append(f"  {comparison.missing[0]} ticks only in the first, {comparison.missing[1]} only in the second")
@@ -31,12 +41,12 @@ def table(here, there, comparison):
     return lines + [f"  {len(comparison.same)} signals are the same, bit for bit"]
 
 
-def rank(comparison):
+def rank(comparison: Comparison) -> list[Difference]:
     """Return the differences, the earliest first, then the largest."""
     return sorted(comparison.differences, key=lambda d: (d.first, -d.rms))
 
 
-def draw(file, kind, here, there, comparison):
+def draw(file: BinaryIO, kind: str, here: TrialData, there: TrialData, comparison: Comparison) -> None:
     """Plot the first signals that differ: both around their largest difference, and the difference over time.
 
     file : open for writing bytes; kind : "png" or "svg"
@@ -45,10 +55,10 @@ def draw(file, kind, here, there, comparison):
     from runtime.analysis.picture import plain
 
     ticks, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
-    chosen = rank(comparison)[:PLOT_SIGNAL_LIMIT]
-    figure = picture.figure(12.0, 1.2 + 1.8 * len(chosen), dpi=120)
-    rows = figure.subplots(len(chosen), 2, squeeze=False, width_ratios=(3, 2))
-    for (near, far), d in zip(rows, chosen):
+    shown_first = rank(comparison)[:PLOT_SIGNAL_LIMIT]
+    figure = picture.figure(12.0, 1.2 + 1.8 * len(shown_first), dpi=120)
+    rows = figure.subplots(len(shown_first), 2, squeeze=False, width_ratios=(3, 2))
+    for (near, far), d in zip(rows, shown_first):
         both = ticks % math.lcm(here.every(d.path), there.every(d.path)) == 0
         time = here.time[mine[both]]
         a, b = here.column(d.path)[mine[both]].astype(float), there.column(d.path)[others[both]].astype(float)

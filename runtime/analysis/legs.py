@@ -1,5 +1,9 @@
 """The legs of a recording, and the strides of each: `plot --strides` and `diff --strides`."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from runtime.analysis.average_stride import INPUTS, AverageStride, Stride
@@ -7,6 +11,13 @@ from runtime.analysis.resample import at_ticks
 from runtime.analysis.strides import beginnings, interval, phase_of
 from runtime.base.errors import BadInput
 from runtime.recording.messages import split
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from typing import Any
+
+    from runtime.analysis.trial_data import TrialData
+
 
 JOINT = ("position", "velocity", "torque")
 CURVES_OF = ("angle", "velocity", "torque")  # the same, as inputs of a StrideReport
@@ -28,12 +39,25 @@ class EachStride(AverageStride):
         self.each.append(stride)
 
 
-def legs(trial, events=None, between=None, last=None):
-    """Return the legs for runtime.analysis.stride_picture. Arguments and errors: see `measured`."""
+def legs(
+    trial: TrialData,
+    events: str | Sequence[float] | np.ndarray | None = None,
+    between: tuple[str, str] | None = None,
+    last: int | None = None,
+) -> list[dict[str, Any]]:
+    """Return the results of `measured` without the single strides, for runtime.analysis.stride_picture.
+
+    Arguments and errors are those of `measured`.
+    """
     return [result for result, _ in measured(trial, events, between, last)]
 
 
-def measured(trial, events=None, between=None, last=None):
+def measured(
+    trial: TrialData,
+    events: str | Sequence[float] | np.ndarray | None = None,
+    between: tuple[str, str] | None = None,
+    last: int | None = None,
+) -> list[tuple[dict[str, Any], list[Stride]]]:
     """Return [(result of AverageStride, [Stride])] of each leg, from the recorded rows.
 
     The legs are those of the diagram's StrideReports with the same signals, so that the figures equal those of the run;
@@ -75,14 +99,14 @@ def measured(trial, events=None, between=None, last=None):
     return [({**one, "title": one["path"] if several else one["title"]}, each) for one, each in found]
 
 
-def averaged(trial, ticks, samples):
+def averaged(trial: TrialData, ticks: np.ndarray, samples: np.ndarray) -> EachStride:
     """Return the EachStride of rows. ticks, samples : as for AverageStride.add"""
     average = EachStride(trial.about["rate"])
     average.add(ticks, samples)
     return average
 
 
-def reports(trial):
+def reports(trial: TrialData) -> list[tuple[str, str, dict[str, str]]]:
     """Return [(title, path, {input: signal})] of the diagram's StrideReports whose signals were recorded."""
     diagram, found = trial.diagram or {}, []
     for block in diagram.get("blocks", []):
@@ -100,8 +124,8 @@ def reports(trial):
     return found
 
 
-def joints(trial):
-    """Return the same for every joint with position, velocity and torque; its phase is not included."""
+def joints(trial: TrialData) -> Iterator[tuple[str, str, dict[str, str]]]:
+    """Yield (title, path, {input: signal}) of every joint with position, velocity and torque, without its phase."""
     for path in trial.names:
         folder, block, port = split(path)
         stem = f"{folder}/{block}".lstrip("/")
@@ -109,7 +133,9 @@ def joints(trial):
             yield folder or stem, stem, {name: f"{stem}.{port}" for name, port in zip(CURVES_OF, JOINT)}
 
 
-def gait(trial, signals, events):
+def gait(
+    trial: TrialData, signals: dict[str, str], events: str | Sequence[float] | np.ndarray | None
+) -> tuple[slice, np.ndarray, np.ndarray]:
     """Return (rows, phase, walking) of the part of the recording with strides, and add the names to `signals`.
 
     events : as for Trial.strides
@@ -133,7 +159,7 @@ def gait(trial, signals, events):
     )
 
 
-def phase_between(trial, times):
+def phase_between(trial: TrialData, times: np.ndarray) -> tuple[slice, np.ndarray, np.ndarray]:
     """Return (rows, phase, walking) from the tick before the first event to the last one.
 
     The phase is the fraction of the time to the next event. times : s

@@ -1,9 +1,19 @@
 """What all pictures share: colours, frames of plots, labels and the file."""
 
+from __future__ import annotations
+
 import warnings
+from typing import TYPE_CHECKING
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from typing import BinaryIO
+
+    import numpy as np
+    from matplotlib.axes import Axes
+
 
 INK, GREY, FAINT, AXIS = "#333333", "#666666", "#DDDDDD", "#888888"
 # distinct for colour-blind readers (Okabe and Ito 2008)
@@ -11,14 +21,14 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 BLUE, ORANGE, GREEN = COLOURS[:3]
 
 
-def figure(width, height, dpi=150):
-    """Make a figure. width, height : inches"""
+def figure(width: float, height: float, dpi: float = 150) -> Figure:
+    """Return a new figure. width, height : inches"""
     made = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
     FigureCanvasAgg(made)
     return made
 
 
-def frame(axis):
+def frame(axis: Axes) -> None:
     """Draw the grid and the left and lower axis of a plot, and nothing else around it."""
     axis.grid(color=FAINT, linewidth=0.7)
     axis.set_axisbelow(True)
@@ -27,7 +37,7 @@ def frame(axis):
         spine.set_color(AXIS)
 
 
-def gait_cycle(axis):
+def gait_cycle(axis: Axes) -> None:
     """Draw the frame of a plot over the gait cycle in %, and a line at zero."""
     axis.axhline(0.0, color="#AAAAAA", linewidth=0.8, zorder=1)
     axis.set_xlim(0, 100)
@@ -37,24 +47,24 @@ def gait_cycle(axis):
     axis.tick_params(colors=INK, labelsize=9, length=3)
 
 
-def mean_and_sd(axis, mean, sd, colour):
+def mean_and_sd(axis: Axes, mean: np.ndarray, sd: np.ndarray, colour: str) -> None:
     """Plot a mean with a band of one standard deviation. mean, sd : arrays at 0, 1, ... 100 % of the stride"""
     cycle = range(len(mean))
     axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0, zorder=2)
     axis.plot(cycle, mean, color=colour, linewidth=2.0, zorder=3)
 
 
-def plain(text):
+def plain(text: str) -> str:
     """Escape the dollar signs of a label, which would begin a formula."""
     return text.replace("$", r"\$")
 
 
-def short(name, width):
+def short(name: str, width: int) -> str:
     """Shorten a name to so many characters. Most of its end is kept, where names differ."""
     return name if len(name) <= width else f"{name[: width // 3]}…{name[1 + width // 3 - width :]}"
 
 
-def save(figure, file, kind="png"):
+def save(figure: Figure, file: BinaryIO, kind: str = "png") -> None:
     """Write a figure. file : binary file, open for writing; kind : "png" or "svg" """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # such a character is drawn as a box

@@ -1,18 +1,30 @@
 """Resampling of signals to other times."""
 
+from __future__ import annotations
+
 import copy
 import os
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from runtime.base.errors import BadInput
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from runtime.analysis.trial_data import TrialData
+
 
 QUATERNION = "quaternion"  # name of a port with a quaternion of four elements
 MEMORY_FRACTION_LIMIT = 0.5  # of the rows; resampling needs the same again
 UNIT = 1e-3  # tolerance of the squared norm of a unit quaternion, for rounded sensor values
 
 
-def resampled(trial, rate):
+T = TypeVar("T", bound="TrialData")
+
+
+def resampled(trial: T, rate: float) -> T:
     """Return a Trial with rows at integer multiples of 1 / rate. rate : Hz. Raises BadInput for an empty trial."""
     if not rate > 0.0 or not np.isfinite(rate):
         raise BadInput(f"resample({rate!r}): expected a rate in Hz above 0")
@@ -45,7 +57,7 @@ def resampled(trial, rate):
     return made
 
 
-def over_times(trial, path, at):
+def over_times(trial: TrialData, path: str, at: np.ndarray) -> np.ndarray:
     """Return a signal at other times, from its samples, as (times, elements); NaN without a sample.
 
     at : s; before the first sample and after the last one, the signal is that sample
@@ -56,7 +68,7 @@ def over_times(trial, path, at):
     return interpolate(kind_of(trial, path), times, samples, np.clip(at, times[0], times[-1]))
 
 
-def at_ticks(trial, path):
+def at_ticks(trial: TrialData, path: str) -> np.ndarray:
     """Return a signal over the ticks, interpolated if it was recorded at a lower rate. Type as of Trial[path]."""
     samples = trial[path]
     if trial.every(path) == 1:
@@ -64,7 +76,7 @@ def at_ticks(trial, path):
     return over_times(trial, path, trial.time).reshape(-1, *samples.shape[1:]).astype(samples.dtype)
 
 
-def at_rate(event, old, new):
+def at_rate(event: dict[str, Any], old: float, new: float) -> dict[str, Any]:
     """Convert the tick of an event to another rate. It is fractional if it lies between the new ticks."""
     tick = event.get("tick")
     if tick is None or tick <= 0:  # -1: before the first
@@ -73,7 +85,7 @@ def at_rate(event, old, new):
     return {**event, "tick": int(at) if at.is_integer() else at}
 
 
-def kind_of(trial, path):
+def kind_of(trial: TrialData, path: str) -> str | tuple[float, float]:
     """Return how a signal continues between samples.
 
     "held", "turning" for quaternions, "straight", or (low, high), the ends of its circle.
@@ -89,7 +101,7 @@ def kind_of(trial, path):
     return "straight"
 
 
-def turns(values):
+def turns(values: np.ndarray) -> bool:
     """Return whether four dimensionless elements are a unit quaternion in every finite sample.
 
     A one-hot vector of integers is not.
@@ -102,9 +114,10 @@ def turns(values):
     )
 
 
-def interpolate(kind, time, values, at):
+def interpolate(kind: str | tuple[float, float], time: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Interpolate values to other times; exact at samples.
 
+    kind : as `kind_of` returns it
     values : (samples, elements) at `time`, which increases
     at : times of the result
 
@@ -121,19 +134,19 @@ def interpolate(kind, time, values, at):
     with np.errstate(invalid="ignore", over="ignore"):
         if kind == "turning":
             between = turned(before, after, share)
-        elif kind == "straight":
+        elif isinstance(kind, str):
             between = straight(before, after, share)
         else:
             between = gone_round(before, after, share, *kind)
     return np.where(share == 0.0, before, np.where(share == 1.0, after, between))
 
 
-def straight(before, after, share):
+def straight(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Interpolate between two numbers without overflow. Equal numbers keep their bits."""
     return np.where(before == after, np.where(share < 0.5, before, after), (1.0 - share) * before + share * after)
 
 
-def gone_round(before, after, share, low, high):
+def gone_round(before: np.ndarray, after: np.ndarray, share: np.ndarray, low: float, high: float) -> np.ndarray:
     """Interpolate on a circle on the shorter way; `low` and `high` are the same point."""
     turn = high - low
     way = after - before
@@ -141,7 +154,7 @@ def gone_round(before, after, share, low, high):
     return np.where(between < low, between + turn, np.where(between > high, between - turn, between))
 
 
-def turned(before, after, share):
+def turned(before: np.ndarray, after: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Interpolate between two unit quaternions on the shorter way, at a constant rate. (Shoemake 1985)"""
     cosine = np.sum(before * after, axis=1, keepdims=True)
     after = np.where(cosine < 0.0, -after, after)

@@ -1,6 +1,9 @@
 """Plot of the average stride: angle, torque and power over the gait cycle, one column a leg."""
 
+from __future__ import annotations
+
 from math import degrees
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -9,6 +12,13 @@ from matplotlib.patches import Patch
 from runtime.analysis import picture
 from runtime.analysis.average_stride import left_out_text, signals_texts
 from runtime.analysis.picture import BLUE, GREEN, GREY, INK, ORANGE, plain, short
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any, BinaryIO
+
+    from matplotlib.axes import Axes
+
 
 # {curve of a leg: label, colour, conversion from SI}: blue for the leg, orange for the actuator, green for the power
 ROWS = (
@@ -19,7 +29,7 @@ ROWS = (
 TITLE_WIDTH, NOTE_WIDTH = 38, 76  # characters of a title, and of a line of the small print above the plots
 
 
-def draw(name, legs, file, kind="png"):
+def draw(name: str, legs: Sequence[dict[str, Any]], file: BinaryIO, kind: str = "png") -> None:
     """Write the plot.
 
     name : of the diagram
@@ -50,7 +60,7 @@ def draw(name, legs, file, kind="png"):
     picture.save(made, file, kind)
 
 
-def title(axis, leg):
+def title(axis: Axes, leg: dict[str, Any]) -> None:
     """Write the name of the leg with its figures below."""
     count = leg["strides"]
     lines = [*([f"excluded: {left_out_text(leg)}"] if leg["left_out"] else []), *signals_texts(leg)]

@@ -1,6 +1,9 @@
 """Signals over the gait cycle: begin and end of strides in a recording, and a signal in each."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,14 +11,26 @@ from runtime.analysis.average_stride import STRIDE_LIMIT, STRIDE_MINIMUM, WRAP
 from runtime.analysis.resample import at_ticks, over_times
 from runtime.base.errors import BadInput
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
-def strides(trial, path, events=None, points=101, between=None, last=None):
-    """Return the result of Trial.strides."""
+    from runtime.analysis.trial_data import TrialData
+
+
+def strides(
+    trial: TrialData,
+    path: str,
+    events: str | Sequence[float] | np.ndarray | None = None,
+    points: int = 101,
+    between: tuple[str, str] | None = None,
+    last: int | None = None,
+) -> np.ndarray:
+    """Return the result of Trial.strides, with its arguments."""
     _, shape = trial.find(path)
     return over(trial, path, bounds(trial, path, events, between, last), points).reshape(-1, points, *shape)
 
 
-def over(trial, path, spans, points=101):
+def over(trial: TrialData, path: str, spans: np.ndarray, points: int = 101) -> np.ndarray:
     """Return a signal over intervals, as (spans, points, elements). spans : (n, 2) array in s"""
     places, _ = trial.find(path)
     if not len(spans):
@@ -24,7 +39,7 @@ def over(trial, path, spans, points=101):
     return over_times(trial, path, at.ravel()).reshape(len(spans), points, len(places))
 
 
-def moment(trial, text):
+def moment(trial: TrialData, text: str) -> float:
     """Return the time of "mark 2", "start", "end" or a number of seconds, in s. Raises BadInput."""
     if text in ("start", "end"):
         return float(trial.time[0 if text == "start" else -1]) if len(trial) else 0.0
@@ -41,8 +56,11 @@ def moment(trial, text):
     return time
 
 
-def interval(trial, between=None):
-    """Return (begin, end) in s. between : two times for `moment`, in order; None for the whole recording"""
+def interval(trial: TrialData, between: tuple[str, str] | None = None) -> tuple[float, float]:
+    """Return (begin, end) in s. Raises BadInput.
+
+    between : two times for `moment`, in order; None for the whole recording
+    """
     if between is None:
         return -math.inf, math.inf
     begin, end = (moment(trial, text) for text in between)
@@ -51,7 +69,13 @@ def interval(trial, between=None):
     return begin, end
 
 
-def bounds(trial, path, events=None, between=None, last=None):
+def bounds(
+    trial: TrialData,
+    path: str,
+    events: str | Sequence[float] | np.ndarray | None = None,
+    between: tuple[str, str] | None = None,
+    last: int | None = None,
+) -> np.ndarray:
     """Return the times at which complete strides begin and end, as a (strides, 2) array in s.
 
     path : of the signal
@@ -78,7 +102,7 @@ def bounds(trial, path, events=None, between=None, last=None):
     return spans if last is None else spans[max(0, len(spans) - last) :]
 
 
-def phase_of(trial, path):
+def phase_of(trial: TrialData, path: str) -> tuple[str, str | None]:
     """Return (path of the phase, path of `walking` or None) of the innermost subsystem with a gait phase.
 
     Raises BadInput unless there is exactly one.
@@ -100,7 +124,7 @@ def phase_of(trial, path):
     return gaits[0], walking if walking in trial.signals else None
 
 
-def beginnings(trial, path):
+def beginnings(trial: TrialData, path: str) -> np.ndarray:
     """Return the times in s at which strides begin, from a bool or a gait phase. path : of the signal"""
     values = at_ticks(trial, path)
     if values.ndim != 1:

@@ -1,9 +1,18 @@
 """A recording as a pandas DataFrame."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from runtime.base.optional_dependencies import need
 
+if TYPE_CHECKING:
+    import pandas
 
-def table(trial):
+    from runtime.analysis.trial_data import TrialData
+
+
+def table(trial: TrialData) -> pandas.DataFrame:
     """Return the DataFrame that Trial.table describes. Raises MissingExtra."""
     pandas = need("pandas", "a table")
     signals = trial.read(trial.signals)

@@ -6,8 +6,11 @@ trials["subject"]                   # of each row
 trials[0]                           # the first Trial
 """
 
+from __future__ import annotations
+
 import glob
 import os
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,21 +20,27 @@ from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.recording.parts import heads
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+    from pathlib import Path
 
-def load(path):
+    import pandas
+
+
+def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Trial | Trials:
     """Return the Trial of a path, or the Trials of a pattern or a list of paths. Raises BadInput."""
     if not isinstance(path, (str, os.PathLike)):
-        paths = list(path)
+        paths = [os.fspath(entry) for entry in path]
         if not paths:
             raise BadInput("load([]): name a recording, a pattern, or several recordings")
         return Trials([Trial(entry) for entry in heads(paths)])
     path = os.path.expanduser(path)
     if os.path.exists(path) or not glob.has_magic(path):
         return Trial(path)
-    found = sorted(glob.glob(path, recursive=True))
-    if not found:
+    paths = sorted(glob.glob(path, recursive=True))
+    if not paths:
         raise BadInput(f"no such recording: {path}")
-    return Trials([Trial(entry) for entry in heads(found)])
+    return Trials([Trial(entry) for entry in heads(paths)])
 
 
 OWN = ("trial", "tick", "time")  # columns of every table
@@ -46,7 +55,7 @@ class Trials:
         "trial.NAME"
     """
 
-    def __init__(self, trials):
+    def __init__(self, trials: Iterable[Trial]) -> None:
         self.trials = list(trials)
         self.labels = labels([trial.path for trial in self.trials])
         self._fields = {
@@ -57,15 +66,15 @@ class Trials:
     def __repr__(self):
         return "\n".join([f"<Trials: {len(self)}, {len(self.names)} columns>", *(f"  {trial!r}" for trial in self)])
 
-    def __len__(self):
+    def __len__(self) -> int:
         """Return the number of trials."""
         return len(self.trials)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[Trial]:
         return iter(self.trials)
 
     @property
-    def names(self):
+    def names(self) -> list[str]:
         """Columns: "trial", the fields, "tick", "time", and the signals of all trials."""
         return [
             "trial",
@@ -76,7 +85,8 @@ class Trials:
         ]
 
     @property
-    def time(self):
+    def time(self) -> np.ndarray:
+        """Time of each row within its trial, in s."""
         return self["time"]
 
     def __getitem__(self, name):
@@ -92,7 +102,7 @@ class Trials:
         if name == "trial" or name in self.fields:
             words = self.labels if name == "trial" else self.words(name)
             return np.repeat(np.array(words, dtype=str), [len(trial) for trial in self.trials])
-        parts = [signal(trial, name) for trial in self.trials]
+        parts = [_signal(trial, name) for trial in self.trials]
         shape = next((part.shape[1:] for part in parts if part is not None), None)
         if shape is None:
             return self.trials[0][name]  # raises with a suggestion
@@ -101,22 +111,25 @@ class Trials:
             [np.full((len(trial), *shape), np.nan) if part is None else part for trial, part in zip(self.trials, parts)]
         )
 
-    def words(self, field):
+    def words(self, field: str) -> list[str]:
         """Return the field of each trial, "" if it is missing. field : name of the column"""
         return [trial.fields.get(self._fields[field], "") for trial in self.trials]
 
-    def check(self, name, parts):
-        """Raise BadInput if a signal has different units or shapes."""
+    def check(self, name: str, parts: Sequence[np.ndarray | None]) -> None:
+        """Raise BadInput if a signal has different units or shapes.
+
+        parts : its values in each trial, None where it is missing
+        """
         known = {}
         for trial, label, part in zip(self.trials, self.labels, parts):
             if part is not None:
                 elements = f" of {' by '.join(map(str, part.shape[1:]))}" if part.ndim > 1 else ""
                 known.setdefault(f"[{trial.unit(name)}]{elements}", label)
         if len(known) > 1:
-            said = ", ".join(f"{what} in {where}" for what, where in known.items())
-            raise BadInput(f"{name} differs between trials: {said}. Load trials in which it is equal")
+            kinds = ", ".join(f"{what} in {where}" for what, where in known.items())
+            raise BadInput(f"{name} differs between trials: {kinds}. Load trials in which it is equal")
 
-    def strides(self, path, events=None, points=101):
+    def strides(self, path: str, events: str | None = None, points: int = 101) -> np.ndarray:
         """Return the strides of every trial in order, as (strides, points, ...).
 
         events : a path, as for Trial.strides
@@ -124,15 +137,15 @@ class Trials:
         self.check(path, [trial[path] for trial in self.trials])
         return np.concatenate([trial.strides(path, events, points) for trial in self.trials])
 
-    def resample(self, rate):
+    def resample(self, rate: float) -> Trials:
         """Return the trials at a fixed rate in Hz, as Trial.resample does."""
         return Trials([trial.resample(rate) for trial in self.trials])
 
-    def table(self):
+    def table(self) -> pandas.DataFrame:
         """Return all trials as one pandas DataFrame. Raises MissingExtra or BadInput."""
         pandas = need("pandas", "a table")
         for name in dict.fromkeys(name for trial in self.trials for name in trial.names):
-            self.check(name, [signal(trial, name) for trial in self.trials])
+            self.check(name, [_signal(trial, name) for trial in self.trials])
         fields = {name: self.words(name) for name in self.fields}
         parts = []
         for number, trial in enumerate(self.trials):
@@ -145,7 +158,7 @@ class Trials:
         return made
 
 
-def labels(paths):
+def labels(paths: Sequence[Path]) -> list[str]:
     """Return unique names of files, without their common folders and ending."""
     names = [path.stem for path in paths]
     if len(set(names)) == len(names):
@@ -155,7 +168,8 @@ def labels(paths):
     return [os.path.join(os.path.relpath(folder, above), name) for folder, name in zip(folders, names)]
 
 
-def signal(trial, name):
+def _signal(trial, name):
+    """Return a signal over the ticks; None if the trial has none of this name."""
     try:
         return trial.column(name)
     except KeyError:

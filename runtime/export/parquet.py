@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from runtime.analysis.trial import DTYPES, Trial, holds
+from runtime.analysis.trial import Trial
+from runtime.analysis.trial_data import DTYPES, holds
 from runtime.base.optional_dependencies import need
 from runtime.recording.batches import Rows
 
