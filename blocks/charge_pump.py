@@ -126,6 +126,7 @@ class ChargePump(GpioLine, StreamDevice):
         return not self.protects or device.path in self.protects or device.bus in self.protects
 
     def fault_in_words(self, code: int) -> str:
+        """Return the text of a code of `fault`; "" for 0."""
         return "its line is disconnected, so the relay opens" if code else ""
 
     def output_range(self) -> dict[str, Interval]:

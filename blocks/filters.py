@@ -53,6 +53,10 @@ class Butterworth(Biquads):
             )
 
     def design(self, dt: float) -> list[tuple[float, ...]]:
+        """Return the biquads (b0, b1, b2, a1, a2). dt : s
+
+        Raises ValueError for a cutoff at or above half the rate.
+        """
         check_frequency("a cutoff", max(self.cutoff) if isinstance(self.cutoff, tuple) else self.cutoff, dt)
         return biquads.butterworth(self.order, self.cutoff, self.btype, dt)
 
@@ -68,6 +72,10 @@ class Notch(Biquads):
     q = Param(30.0, "1", "quality factor: the frequency divided by the -3 dB bandwidth", above=0.0, fixed=True)
 
     def design(self, dt: float) -> list[tuple[float, ...]]:
+        """Return the biquad (b0, b1, b2, a1, a2). dt : s
+
+        Raises ValueError for a frequency or a bandwidth that the rate is too low for.
+        """
         check_frequency("a frequency", self.frequency, dt)
         if self.frequency / self.q * dt >= 0.5:
             raise ValueError(

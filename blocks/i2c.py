@@ -129,6 +129,7 @@ class I2cDevice(Device):
         return 1 + CHANNELS * (self.mux - MUX) + self.channel if self.mux else 0
 
     def own_identity(self) -> int:
+        """Return the identifier of its frames: number of the bus segment and address."""
         return self.place << 8 | self.address
 
     def chips(self) -> tuple[int, ...]:

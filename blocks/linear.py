@@ -152,6 +152,7 @@ class BiquadCascade(Biquads):
         self.sos = tuple(map(tuple, rows.tolist()))
 
     def design(self, dt: float) -> list[tuple[float, ...]]:
+        """Return the biquads (b0, b1, b2, a1, a2), with a0 divided out. dt : s"""
         return [(b0 / a0, b1 / a0, b2 / a0, a1 / a0, a2 / a0) for b0, b1, b2, a0, a1, a2 in self.sos]
 
 

@@ -77,6 +77,7 @@ class StateMachine(Block):
         self.code = [number for operation in operations for number in operation] or [0.0, 0.0]
 
     def check_states(self, outputs: dict[str, Output]) -> None:
+        """Raise ValueError unless each state has a value for each output, and for nothing else."""
         if not self.states:
             raise ValueError("a state machine requires at least one state")
         for state, values in self.states.items():
@@ -93,6 +94,10 @@ class StateMachine(Block):
                 )
 
     def index(self, state: str, where: str) -> float:
+        """Return the number of a state. where : transition that names it, for the message
+
+        Raises ValueError for an unknown state.
+        """
         if state not in self.names:
             raise ValueError(f"{where!r}: there is no state {state!r}. The states are {', '.join(self.names)}")
         return float(self.names.index(state))

@@ -70,28 +70,39 @@ class Assembly:
         }
 
     def place_signal(self, block: Block, name: str, port: Output) -> SignalPlace:
+        """Reserve the slots of an output in the arena, and return its place."""
         shape = self.facts.shapes[block, name]
         slot = self.layout.reserve(size_of(shape))
         return SignalPlace(f"{block.path}.{name}", slot, shape, port.dtype, self.facts.units[block, name], port.circle)
 
     def size(self, block: Block, name: str) -> int:
+        """Return the number of slots of a port. name : of the port"""
         return size_of(self.facts.shapes[block, name])
 
     def input_slot(self, block: Block, name: str) -> int:
+        """Return the first slot that an input reads: of the signal that is connected to it, or of its constant."""
         source = self.facts.sources[block, name]
         return self.places[source].slot if isinstance(source, Signal) else self.constants[block, name]
 
     # Steps
 
     def native_step(self, block: Block, kernel: Kernel) -> Step:
+        """Return the step that calls a kernel of a block."""
         return Step(block.path, block.every, self.conditions(block), kernel=kernel, table=self.table(block, kernel))
 
     def table(self, block: Block, kernel: Kernel) -> KernelTable:
+        """Return the table with the slots of the items that a kernel names."""
         return kernel_table(block, kernel, self.items[block])
 
     def python_step(
         self, block: Block, method: Callable[..., Any], names: Sequence[str], outputs: dict[str, Output]
     ) -> Step:
+        """Return the step that calls a Python method of a block.
+
+        method : bound method
+        names : of its arguments
+        outputs : that it returns, in order
+        """
         return Step(
             block.path,
             block.every,
@@ -103,14 +114,17 @@ class Assembly:
         )
 
     def conditions(self, block: Block) -> tuple[int, ...]:
+        """Return the slots of the signals that must be true for a block to run."""
         return tuple(self.places[condition].slot for condition in block.conditions)
 
     def argument(self, block: Block, name: str) -> tuple[str, int, str, tuple[int, ...]]:
+        """Return (name, slot, dtype, shape) of an argument of a Python method: an input, `t`, `dt` or `tick`."""
         if name in CLOCK and name not in block.inputs:
             return name, CLOCK[name], "int" if name == "tick" else "float", ()
         return name, self.input_slot(block, name), block.inputs[name].dtype, self.facts.shapes[block, name]
 
     def result(self, block: Block, name: str, port: Output) -> tuple[Any, ...]:
+        """Return (name, slot, dtype, shape, low, high) of an output that a Python method returns."""
         declared = port.range or EVERYTHING
         return (
             name,
@@ -122,6 +136,7 @@ class Assembly:
         )
 
     def output_step(self, block: Block) -> Step:
+        """Return the step that computes the outputs of a block."""
         if block.is_python:
             return self.python_step(block, block.step, block.step_inputs(), block.outputs)
         return self.native_step(block, block.kernel)
@@ -135,6 +150,7 @@ class Assembly:
         return None
 
     def update_steps(self) -> list[Step]:
+        """Return the steps of the update phase, those with the same rate and conditions together."""
         steps = [
             self.native_step(block, block.update_kernel) for block in self.blocks if block.update_kernel is not None
         ]
@@ -148,6 +164,7 @@ class Assembly:
     # Schedule
 
     def schedule(self) -> Schedule:
+        """Return the Schedule."""
         facts = self.facts
         output = [self.output_step(block) for block in facts.order]
         settle = {block: step for block in facts.order if (step := self.settle_step(block)) is not None}
@@ -229,6 +246,8 @@ class Assembly:
         return parameters
 
     def device_steps(self, block: Device, buses: Sequence[str]) -> DeviceSteps:
+        """Return the decode and encode steps of a device, and its frames. buses : names in the order of the schedule"""
+
         def slot(name):
             return self.places[Signal(block, name)].slot if name in block.outputs else -1
 
@@ -264,12 +283,17 @@ class Assembly:
         return stop and replace(stop, round=max(stop.round, damping_round(block.bus, self.blocks)))
 
     def ready_place(self, block: Device) -> dict[str, int]:
+        """Return the slot and size of a device's `ready` memory; {} if it has none."""
         if block.ready is None:
             return {}
         slot, size = self.memory[block][block.ready][:2]
         return {"ready": slot, "ready_size": size}
 
     def watch_steps(self, block: Device, slot: Callable[[str | None], int]) -> WatchSteps | None:
+        """Return what the drive monitor of a device reads; None for a device without one.
+
+        slot : function that returns the slot of an output by its name
+        """
         watch = block.watched()
         if watch is None:
             return None

@@ -143,6 +143,7 @@ class Compilation:
     # Wires
 
     def check_names(self) -> None:
+        """Report names that are used twice, and invalid names of buses."""
         for wanted, block in self.diagram.duplicates:
             first = self.diagram[wanted]
             self.report(
@@ -162,6 +163,7 @@ class Compilation:
                     self.report("TW010", f"its bus: {wrong.message}", block, "", block.location, wrong.hint)
 
     def check_wires(self) -> None:
+        """Find the source of each input; report inputs that are connected twice, or not at all."""
         for wire in self.diagram.wires:
             if wire.block.variadic:
                 label = wire.port or wire.source.path
@@ -219,6 +221,7 @@ class Compilation:
                 self.report("TW017", str(error), block, hint="use numbers only, or remove `jit = True`")
 
     def check_steps(self) -> None:
+        """Report blocks without a step or a kernel."""
         for block in self.blocks:
             works = computes(block) or block.update_kernel is not None or block.has_python_update and not block.outputs
             if not works and not isinstance(block, (Device, Sink)):
@@ -262,6 +265,7 @@ class Compilation:
                 )
 
     def check_shapes(self) -> None:
+        """Infer the shape of each port, and report connections between different shapes."""
         self.shapes = infer_shapes(self.blocks, self.sources)
         for (block, name), source in self.wired_inputs():
             wanted = self.shapes[block, name]
@@ -277,6 +281,7 @@ class Compilation:
                 )
 
     def check_units(self) -> None:
+        """Infer the unit of each port, and report connections between different units."""
         self.units, shared = self.units, self.shared_units = infer_units(self.blocks, self.sources, self.attempt)
         for (block, name), source in self.wired_inputs():
             unit = block.inputs[name].unit
@@ -298,6 +303,7 @@ class Compilation:
         return [((block, name), self.sources[block, name]) for block in self.blocks for name in block.inputs]
 
     def unit_hint(self, got: str, wanted: str) -> str:
+        """Return how to convert one unit to another explicitly; "" if that is impossible."""
         try:
             units.conversion(got, wanted)
         except ValueError:
@@ -305,15 +311,18 @@ class Compilation:
         return f"units are not converted implicitly: connect signal.to({wanted!r})"
 
     def where(self, block: Block, name: str) -> Location:
+        """Return where an input was connected, or where its block was made."""
         wire = self.wires.get((block, name))
         return wire.where if wire else block.location
 
     def origin(self, source: np.ndarray | Signal) -> str:
+        """Return ' from PATH' for a signal, "" for a constant."""
         return f" from {source.path}" if isinstance(source, Signal) else ""
 
     # Devices
 
     def check_actuators(self) -> None:
+        """Report actuators without a connected command."""
         for block in self.blocks:
             if isinstance(block, Actuator) and block.inputs and not any((block, n) in self.wires for n in block.inputs):
                 self.report(
@@ -359,6 +368,7 @@ class Compilation:
                 )
 
     def check_timeouts(self) -> None:
+        """Report devices whose timeout is shorter than two ticks."""
         for block in self.blocks:
             if isinstance(block, Device) and 0.0 < block.timeout < 2.0 / self.diagram.rate:
                 self.report(
@@ -370,6 +380,7 @@ class Compilation:
                 )
 
     def check_addresses(self) -> None:
+        """Report devices with the same address on one bus."""
         taken = {}
         for block in self.blocks:
             for address in block.addresses() if isinstance(block, Device) else ():
@@ -424,6 +435,7 @@ class Compilation:
                 )
 
     def check_buses(self) -> None:
+        """Compute the load of each bus and serial line, and report overloaded ones."""
         self.loads = bus_loads([block for block in self.blocks if isinstance(block, Device)], self.diagram.rate)
         for load in self.loads:
             there = [block for block in self.blocks if isinstance(block, Device) and block.bus == load.bus]
@@ -439,6 +451,7 @@ class Compilation:
         self.check_line_speeds()
 
     def check_line_speeds(self) -> None:
+        """Report serial lines that cannot carry the messages of their device, or only just."""
         for load in line_loads([block for block in self.blocks if isinstance(block, Device)]):
             what = (
                 f"{load.messages:g} messages per second, at least {load.bytes:g} bytes, use {load.share:.0%} of "
@@ -481,6 +494,7 @@ class Compilation:
                 )
 
     def check_rates(self) -> None:
+        """Report what the rates and conditions of subsystems do not permit, and find held signals."""
         self.holds = []
         for block in self.blocks:
             if block.every != 1 and (isinstance(block, Device) or isinstance(block, Sink) and not block.accepts_every):
@@ -533,6 +547,7 @@ class Compilation:
     # Order
 
     def sort(self) -> None:
+        """Sort the blocks by their dependencies within a tick, and report algebraic loops."""
         graph = dependencies(self.blocks, self.sources)
         self.order = cluster(graph)
         if len(self.order) == len(graph):
@@ -554,6 +569,7 @@ class Compilation:
     # Range proof
 
     def prove(self) -> None:
+        """Find the range of every signal, and prove the commands of every actuator."""
         self.ranges = find_ranges(self.blocks, self.order, self.sources, self.attempt)
         self.proofs, self.torque_bounds = [], {}
         for block in self.blocks:
@@ -566,6 +582,7 @@ class Compilation:
                 )
 
     def prove_command(self, block: Actuator, name: str, limit: Interval) -> None:
+        """Prove that a command of an actuator stays within its limit, or report it. name : of the input"""
         source = self.sources[block, name]
         interval = interval_of(source, self.ranges)
         bounded_by = source.block.path if isinstance(source, Signal) else "a constant"
@@ -597,6 +614,7 @@ class Compilation:
         )
 
     def check_use(self) -> None:
+        """Warn of blocks whose outputs are not connected, unless a sink records everything."""
         used = {wire.source.block for wire in self.diagram.wires if isinstance(wire.source, Signal)}
         used |= {condition.block for block in self.blocks for condition in block.conditions}
         if any(isinstance(block, Sink) and block not in self.taps for block in self.blocks):

@@ -127,9 +127,11 @@ class Drive:
         self.tick = 0
 
     def shape_of(self, port: Port) -> tuple[int, ...]:
+        """Return the shape of a port; that of this drive if the port has any shape."""
         return self.shape if port.shape is ... else port.shape
 
     def draw(self, intervals: dict[str, Interval] | None = None) -> dict[str, float | np.ndarray]:
+        """Return random values for all inputs. intervals : {input: Interval}, -3 to 3 by default"""
         return {
             name: self.value(port, (intervals or {}).get(name, Interval(-3.0, 3.0)))
             for name, port in self.block.inputs.items()
@@ -143,6 +145,8 @@ class Drive:
         }
 
     def value(self, port: Input, interval: Interval) -> float | np.ndarray:
+        """Return a random value for an input: often an end of the interval."""
+
         def one():
             if port.dtype == "bool":
                 return self.random.random() < 0.5
@@ -153,6 +157,7 @@ class Drive:
         return np.array([one() for _ in range(int(np.prod(shape)))], dtype=float).reshape(shape) if shape else one()
 
     def constant(self, value: float) -> dict[str, float | np.ndarray]:
+        """Return {input: value} with the same value for all inputs."""
         return {
             name: np.full(self.shape_of(port), value) if self.shape_of(port) else value
             for name, port in self.block.inputs.items()

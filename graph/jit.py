@@ -106,6 +106,7 @@ class Rewriter(ast.NodeTransformer):
         self.block, self.slots, self.outputs, self.arguments = block, slots, outputs, arguments
 
     def kernel(self, function: FunctionDef) -> Module:
+        """Return the module with the kernel of a method, as a syntax tree. Raises CannotCompile."""
         reads = [self.read(name) for name in self.arguments]
         tree = ast.parse("def kernel(arena, slots, sizes):\n    return 0")
         self.generic_visit(body := ast.Module(function.body, []))
@@ -115,6 +116,7 @@ class Rewriter(ast.NodeTransformer):
         return ast.fix_missing_locations(tree)
 
     def read(self, name: str) -> stmt:
+        """Return the statement that reads an argument of the method from the arena."""
         if name in CLOCK and name not in self.block.inputs:
             value = f"arena[{CLOCK[name]}]"
             value = f"int({value})" if name == "tick" else value
@@ -125,6 +127,7 @@ class Rewriter(ast.NodeTransformer):
         return ast.parse(f"{name} = {value}").body[0]
 
     def visit_Attribute(self, node: Attribute) -> AST:
+        """Replace an attribute of self by its slot in the arena."""
         if not (isinstance(node.value, ast.Name) and node.value.id == "self"):
             return self.generic_visit(node)
         if node.attr not in self.slots:
@@ -138,6 +141,7 @@ class Rewriter(ast.NodeTransformer):
         return ast.copy_location(place, node)
 
     def visit_Return(self, node: Return) -> list[stmt]:
+        """Replace a return by stores to the outputs and the status 0."""
         self.generic_visit(node)
         stores = []
         values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
@@ -153,9 +157,11 @@ class Rewriter(ast.NodeTransformer):
         return [*stores, ast.parse("return 0").body[0]]
 
     def visit_Name(self, node: Name) -> Name:
+        """Reject uses of self other than its attributes."""
         if node.id == "self":
             raise CannotCompile(f"line {node.lineno} of the method uses self without an attribute")
         return node
 
     def visit_FunctionDef(self, node: FunctionDef) -> FunctionDef:
+        """Reject a function inside the method."""
         raise CannotCompile(f"line {node.lineno} of the method defines a function")

@@ -166,9 +166,11 @@ class ReachCheck:
         return leads
 
     def outputs_in(self, block: Block, unit: str) -> list[Signal]:
+        """Return the outputs of a block with a unit."""
         return [Signal(block, name) for name in block.outputs if self.units[block, name] == unit]
 
     def reach_of(self, actuator: Any, unit: str) -> Any:
+        """Return the reach of an actuator's measurement or command in a unit; None if it has none."""
         return next(
             (reach for name, reach in self.reaches[actuator].items() if self.units.get((actuator, name)) == unit), None
         )
@@ -176,6 +178,7 @@ class ReachCheck:
     # Values compared with a measurement
 
     def look_beside_measurements(self, block: Block) -> None:
+        """Check the setpoints of a block that compares them with the position or velocity of an actuator."""
         for unit in (POSITION, VELOCITY):
             measured = {
                 (actuator, name): None
@@ -221,6 +224,7 @@ class ReachCheck:
         return range_of(block, source.port, promised(block))
 
     def values_of(self, block: Block, name: str) -> list[Value]:
+        """Return the values that a parameter can have: as built, and within its live bounds. name : of the parameter"""
         built, span = Interval.point(float(getattr(block, name))), block.span(name)
         values = [Value("", built, certain=False)]
         return values if span == built else [*values, Value(f"the live bounds of {name} allow ", span, chosen=True)]
@@ -348,6 +352,12 @@ class ReachCheck:
         return None if of(interval * Interval.point(10.0)) == made else made
 
     def at_command(self, commands: dict[Any, None], unit: str, value: Value, block: Block, port: str) -> None:
+        """Check a value that reaches the commands of actuators.
+
+        commands : (actuator, input) pairs, in order
+        unit : of the value
+        block, port : that the value belongs to
+        """
         for actuator, name in commands:
             reach = self.reach_of(actuator, unit)
             if (actuator.path, name) in self.unproved or unit == TORQUE and inside(value.interval, reach.drive):
@@ -370,6 +380,12 @@ class ReachCheck:
         words: str,
         severity: str,
     ) -> None:
+        """Report a value outside the limits of an actuator, once for each parameter or input and unit.
+
+        block, name : that the value belongs to
+        words : what the limits are
+        severity : "error" or "warning"
+        """
         if (block, name, unit) in self.reported:
             return
         self.reported.add((block, name, unit))

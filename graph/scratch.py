@@ -29,6 +29,10 @@ class Scratch:
         self.arena: Any = None  # made at the first step, when shapes are known
 
     def build(self, inputs: dict[str, Any]) -> None:
+        """Reserve the arena of the block. inputs : {name: value}, which decide the free shape
+
+        Raises TypeError if the block needs a sampling period and has none.
+        """
         block = self.block
         given = (np.shape(inputs[n]) for n, p in block.inputs.items() if p.shape is ...)
         free = next((shape for shape in given if shape), ())
@@ -100,6 +104,7 @@ class Scratch:
         return self.tables[kernel]
 
     def call(self, kernel: Kernel) -> None:
+        """Call a kernel of the block on its arena. Raises ArithmeticError at a status other than 0."""
         status = call_kernel(kernel, self.arena, self.table(kernel))
         if status != 0:
             raise ArithmeticError(f"the kernel of {self.block.path} returned status {status}")

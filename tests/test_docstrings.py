@@ -7,29 +7,10 @@ import pytest
 from tests.checkout import PACKAGES, ROOT
 
 WITHOUT_DOCSTRINGS = (
-    "blocks/actuators/cubemars",
-    "blocks/actuators/robstride",
-    "blocks/imus",
-    "blocks/imus/openimu",
     "runtime/recorder",
     "runtime/recorder/rerun",
 )  # folders with public functions or classes that lack one
-WITHOUT_METHOD_DOCSTRINGS = (
-    "blocks",
-    "blocks/_plumbing",
-    "blocks/actuators",
-    "blocks/actuators/cubemars",
-    "blocks/actuators/robstride",
-    "blocks/imus",
-    "blocks/imus/invensense",
-    "blocks/imus/microstrain",
-    "blocks/imus/openimu",
-    "blocks/sensors",
-    "graph",
-    "graph/drawing",
-    "runtime/recorder",
-    "runtime/recorder/rerun",
-)
+WITHOUT_METHOD_DOCSTRINGS = ("runtime/recorder", "runtime/recorder/rerun")
 WITHOUT_ANNOTATIONS = ("cext", "runtime/recorder", "runtime/recorder/rerun")
 STEPS = ("step", "reset", "update")  # methods of blocks, which the class describes
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)

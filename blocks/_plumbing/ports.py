@@ -16,9 +16,11 @@ class UnitOfOutput:
     """Mixin of blocks whose parameter `unit` is the unit of their output y."""
 
     def configure(self) -> None:
+        """Check the parameter `unit` and write it in its canonical form. Raises ValueError."""
         self.unit = units.canonical(self.unit)
 
     def output_units(self, **inputs: str) -> dict[str, str]:
+        """Return the unit of `y`, whatever those of the inputs are."""
         return {"y": self.unit}
 
 

@@ -101,6 +101,7 @@ class Emulated:
     find: Any  # function of a name that returns a model
 
     def configure(self) -> None:
+        """Look up the model, and set the position after the power cycle. Raises ValueError for an unknown model."""
         self.spec = self.find(self.model)
         self.wire = self.at_joint(self.spec)
         if self.peak is None:
@@ -109,5 +110,6 @@ class Emulated:
         self.state = (0.0, -self.turns * shift, 0.0, 0.0, 0.0, 0.0, shift)
 
     def output_range(self, **inputs: Interval) -> dict[str, Interval]:
+        """Return the ranges of torque and enabled."""
         peak: Any = self.peak
         return {"torque": Interval(-peak, peak), "enabled": Interval(0.0, 1.0)}

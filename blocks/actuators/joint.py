@@ -196,6 +196,7 @@ class Joint:
     hot: float | None
 
     def configure(self) -> None:
+        """Look up the model, and derive the encoded ranges and limits at the joint. Raises ValueError."""
         spec = self.spec = self.find(self.model)
         self.model = spec.name
         self.wire = self.at_joint(spec)
@@ -224,6 +225,7 @@ class Joint:
         self.known_pose = pose_of(self.known_pose, self.shift)
 
     def check_temperatures(self) -> None:
+        """Raise ValueError unless the temperature thresholds are in ascending order."""
         self.hot = self.warning_temperature
         if not self.warning_temperature <= self.derating_temperature < self.fault_temperature:
             raise ValueError(
@@ -232,6 +234,7 @@ class Joint:
             )
 
     def watched(self) -> Watch:
+        """Return the thresholds of the drive monitor."""
         return Watch(
             rated=self.rated_torque(),
             limit=self.torque_limit,
@@ -256,6 +259,7 @@ class Joint:
         )
 
     def motion_of_any_mode(self) -> dict[str, Any]:
+        """Return the fields of `Motion` that do not depend on the mode of the drive."""
         position, velocity = self.feedback_ends()
         return {
             "range": self.range,
@@ -325,6 +329,7 @@ class Joint:
         return float(limit)
 
     def command_limits(self) -> dict[str, Interval]:
+        """Return the range in which each command must lie, {input: Interval}."""
         position, velocity, stiffness, damping, torque = self.limits[:5]
         return {
             "torque_command": Interval(-torque, torque),
@@ -347,6 +352,7 @@ class Joint:
         }
 
     def rating(self) -> str:
+        """Return the source of the command limits as text."""
         source = f"{self.limit} torque" if isinstance(self.limit, str) else "its limit"
         return f"{source} and encoded ranges of {self.spec.name}"
 
@@ -368,6 +374,7 @@ class Joint:
         )
 
     def output_range(self, **commands: Interval) -> dict[str, Interval]:
+        """Return the ranges of the outputs, as the replies encode them."""
         position = self.wire[0] + abs(self.offset)
         velocity, torque = self.wire[1], self.wire[4]
         return {

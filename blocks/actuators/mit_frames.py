@@ -31,14 +31,18 @@ class StopInMitMode:
     replies: Any
 
     def traffic(self) -> list[tuple[int, bool]]:
+        """Return the command and the reply of a tick, of 8 bytes each."""
         return [(8, False), (8, False)]
 
     def zero_frames(self) -> list[tuple[int, bool, bytes]]:
+        """Return the frame that commands zero torque."""
         return [(self.can_id, False, NOTHING)]
 
     def disable_frames(self) -> list[tuple[int, bool, bytes]]:
+        """Return the frame that leaves the MIT mode."""
         return [(self.can_id, False, DISABLE)]
 
     def damped_stop(self) -> DampedStop | None:
+        """Return the DampedStop, chosen by the velocity in the replies; None without damping."""
         velocity = ReplyField(tuple(self.replies()), first=24, bits=12, low=-self.wire[1], high=self.wire[1])
         return damped_stop(self, lambda damping: [(self.can_id, False, damped(damping / self.wire[3]))], velocity)

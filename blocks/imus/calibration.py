@@ -56,6 +56,7 @@ class Calibration:
 
     @classmethod
     def of(cls, text: str, path: str | Path = "calibration") -> Calibration:
+        """Return the Calibration in the text of a calibration file. Raises ValueError. path : for messages"""
         try:
             content = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
@@ -114,10 +115,17 @@ class Calibration:
 
 
 def is_number(x: float) -> bool:
+    """Return whether a value is a finite int or float."""
     return isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x)
 
 
 def table(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> dict[str, list[Any]]:
+    """Return a table of a calibration file; {} if it is missing. Raises ValueError.
+
+    content : of the file
+    part : name of the table
+    path : of the file, for messages
+    """
     found = content.get(part, {})
     if not isinstance(found, dict):
         raise ValueError(f"{path}: {part} must be a table: write [{part}]")
@@ -128,6 +136,10 @@ def table(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> di
 
 
 def vector(content: dict[str, dict[str, Any]], part: str, name: str, path: str | Path) -> tuple[float, ...]:
+    """Return three numbers of a calibration file; zeros if they are missing. Raises ValueError.
+
+    part, name : of the table and of the key
+    """
     value = table(content, part, path).get(name, NOTHING)
     if not (isinstance(value, (list, tuple)) and len(value) == 3 and all(map(is_number, value))):
         raise ValueError(f"{path}: [{part}] {name}: expected three finite numbers, got {value!r}")
@@ -135,6 +147,7 @@ def vector(content: dict[str, dict[str, Any]], part: str, name: str, path: str |
 
 
 def matrix(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> Any:
+    """Return the matrix of a table as three rows; the identity if it is missing. Raises ValueError."""
     value = table(content, part, path).get("matrix", SAME)
     right = (
         isinstance(value, (list, tuple))
@@ -147,16 +160,19 @@ def matrix(content: dict[str, dict[str, Any]], part: str, path: str | Path) -> A
 
 
 def numbers(values: tuple[float, float, float]) -> str:
+    """Return three numbers in TOML."""
     return "[" + ", ".join(repr(float(value)) for value in values) + "]"
 
 
 def rows(
     values: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]],
 ) -> list[str]:
+    """Return the lines of a matrix in TOML."""
     return ["matrix = [", *(f"    {numbers(row)}," for row in values), "]"]
 
 
 def quoted(value: str) -> str:
+    """Return a number or text in TOML."""
     return (
         repr(value)
         if isinstance(value, (int, float))

@@ -78,6 +78,7 @@ class ADS1115(I2cDevice):
         self.layout = (self.full_scale / 32768.0, RANGES[self.full_scale], *places)
 
     def check_channels(self) -> None:
+        """Raise ValueError for unknown, repeated or no channels."""
         unknown = next((name for name in self.channels if name not in INPUTS), None)
         if unknown is not None:
             raise ValueError(f"channels: unknown channel {unknown!r}. The channels are {', '.join(INPUTS)}")
@@ -100,6 +101,7 @@ class ADS1115(I2cDevice):
         return 1.0 / (CLOCK_RATE_MINIMUM * self.rate) + WAKE_UP_TIME
 
     def start(self, name: str) -> Write:
+        """Return the write that starts the conversion of a channel. name : of the channel"""
         return Write(CONFIG, self.configuration(name).to_bytes(2, "big"))
 
     def set_up(self) -> tuple[Write, ...]:

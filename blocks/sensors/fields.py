@@ -46,14 +46,17 @@ class Field:
 
     @property
     def numbers(self) -> int:
+        """Number of values."""
         return self.count or 1
 
     @property
     def size(self) -> int:
+        """Size in bytes."""
         return SIZES[self.type] * self.numbers
 
     @property
     def shape(self) -> tuple[int, ...]:
+        """Shape of its port: () for a single value."""
         return () if self.count is None else (self.count,)
 
     @property
@@ -62,11 +65,13 @@ class Field:
         return int if self.type.startswith(("int", "uint")) and self.scale == 1.0 else float
 
     def output(self) -> Output:
+        """Return the output of a sensor that receives it."""
         return Output(
             self.unit, f"transmitted {self.type} times {self.scale:g}", shape=self.shape, dtype=self.dtype
         ).named(self.name)
 
     def input(self) -> Input:
+        """Return the input of an emulator that transmits it."""
         default = 0.0 if self.count is None else (0.0,) * self.count
         return Input(
             self.unit, f"value to transmit as {self.type}", shape=self.shape, dtype=self.dtype, default=default

@@ -105,6 +105,7 @@ class NAU7802(I2cDevice):
 
     @property
     def control_1(self) -> int:
+        """Return the value of the register CTRL1: supply voltage and gain."""
         return SUPPLIES[self.supply] << 3 | GAINS.index(self.gain)
 
     def set_up(self) -> tuple[Write, ...]:
@@ -167,6 +168,7 @@ class EmulatedNAU7802(I2cDevice):
 
     @classmethod
     def of(cls, amplifier: NAU7802, **parameters: Any) -> EmulatedNAU7802:
+        """Return the emulator of an amplifier, with its parameters. parameters : that differ"""
         return cls(**{name: getattr(amplifier, name) for name in cls.parameters} | parameters)
 
     def configure(self) -> None:

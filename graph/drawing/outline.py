@@ -40,6 +40,11 @@ class Level:
         signal: Signal,
         delayed: bool,
     ) -> None:
+        """Add a link between two things of this level or of levels inside it; a link that exists is not doubled.
+
+        source, target : (thing, its port); the thing is None for the border of this level
+        delayed : whether the signal arrives one tick later
+        """
         link = self.links.get((source, target))
         if link is None:
             self.links[source, target] = Link(source, target, signal, delayed)

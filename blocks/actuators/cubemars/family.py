@@ -44,6 +44,8 @@ def wire_servo(joint: Any, movement: Any, target: Any, wave: Any) -> None:
 
 
 class CubeMarsFamily(Family):
+    """Device family of CubeMars drives, in MIT mode, servo mode and with firmware 3."""
+
     name = "CubeMars"
     drives = (
         Drive(CubeMarsV3, models_v3.find),

@@ -37,6 +37,7 @@ EXTENDED_FAULTS = FAULTS | {0x2C: "lost power during the run", 0x77: "reports th
 
 
 def frame(kind: int, can_id: int, data: bytes = b"") -> tuple[int, bool, bytes]:
+    """Return a frame with an extended id. kind : of the command"""
     return kind << 8 | can_id, True, bytes(data)
 
 
@@ -76,6 +77,7 @@ def velocity_field(can_id: int, code: float) -> ReplyField:
 
 
 def in_words(code: int) -> str:
+    """Return the text of a fault code."""
     return EXTENDED_FAULTS.get(code, f"code {code}, not listed in the manual")
 
 

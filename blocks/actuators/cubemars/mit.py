@@ -44,6 +44,7 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         return "; ".join(self.rejected_in_words(length, frames, first_byte) for length, frames in lengths.items())
 
     def rejected_in_words(self, length: int, frames: int, first_byte: int) -> str:
+        """Describe replies that `decode` rejected. length : bytes; frames : number of them"""
         replies = f"{frames} repl{'y' if frames == 1 else 'ies'}"
         if length == self.reply:
             return (

@@ -35,10 +35,12 @@ class Motor:
 
     @property
     def rated_current(self) -> float | None:
+        """Rated current in A, as amplitude; None if unknown."""
         return None if self.rated_rms_current is None else math.sqrt(2.0) * self.rated_rms_current
 
     @property
     def peak_current(self) -> float | None:
+        """Peak current in A, as amplitude; None if unknown."""
         return None if self.peak_rms_current is None else math.sqrt(2.0) * self.peak_rms_current
 
     @property
@@ -161,4 +163,5 @@ def spelt(name: str) -> str:
 
 
 def plain(name: str) -> str:
+    """Return a model name in upper case, without separators."""
     return "".join(letter for letter in str(name).upper() if letter.isalnum())

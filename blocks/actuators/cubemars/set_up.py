@@ -76,6 +76,7 @@ def set_up(request: Request) -> Dialogue:
 
 
 def reader(can_id: int) -> Callable[..., Any]:
+    """Return a function that reads the state of a drive from a frame, for `graph.dialogue.ask`."""
     return lambda *frame: queries.state(*frame, can_id=can_id)
 
 

@@ -44,6 +44,7 @@ class Reporting:
     offset: Any
 
     def check_reports(self) -> None:
+        """Raise ValueError if the timeout is shorter than two reports."""
         self.reports_a_tick = 1
         if self.report_rate > 0.0 and 0.0 < self.timeout < 2.0 / self.report_rate:
             raise ValueError(
@@ -52,9 +53,11 @@ class Reporting:
             )
 
     def prepare(self, dt: float) -> None:
+        """Compute the reports in a tick. dt : s"""
         self.reports_a_tick = max(1, math.ceil(self.report_rate * dt)) if dt is not None else 1
 
     def feedback_range(self) -> dict[str, Interval]:
+        """Return the ranges that its reports encode, {output: Interval}."""
         position, velocity = frames.DEGREES / 0.1 * self.scales[0] + abs(self.offset), 32768 * self.scales[1]
         torque = 327.68 * self.scales[2]
         return {
@@ -72,15 +75,19 @@ class ExtendedFrames:
     can_id: Any
 
     def fault_in_words(self, code: int) -> str:
+        """Return the text of a fault code."""
         return frames.in_words(code)
 
     def addresses(self) -> list[tuple[int, bool]]:
+        """Return its id, which is extended."""
         return [(self.can_id, True)]
 
     def acceptance_filters(self) -> list[tuple[int, int, bool]]:
+        """Return the filters of its reports."""
         return frames.acceptance_filters(self.can_id)
 
     def replies(self) -> list[tuple[int, int, bool, str]]:
+        """Return the reports that confirm a safe stop."""
         return frames.replies(self.can_id)
 
 
@@ -151,6 +158,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         return damped_stop(self, self.damping_frames, frames.velocity_field(self.can_id, self.scales[1]))
 
     def damping_frames(self, damping: float) -> list[tuple[int, bool, bytes]]:
+        """Return the frame that damps the joint. damping : N·m·s/rad"""
         code = int(damping / self.wire[3] * 0xFFF)
         return [frames.frame(frames.FORCE, self.can_id, bytes([0, code >> 8, code & 0xFF, *NOTHING[3:]]))]
 

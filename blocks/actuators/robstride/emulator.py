@@ -82,6 +82,7 @@ class EmulatedRobStride(Emulated, Device):
         return values
 
     def unique_bytes(self) -> tuple[float, ...]:
+        """Return the unique number as bytes, derived from model and id by default. Raises ValueError."""
         import hashlib  # 4 MB
 
         text = self.unique or hashlib.blake2b(f"{self.spec.name} {self.can_id}".encode(), digest_size=8).hexdigest()
@@ -90,6 +91,7 @@ class EmulatedRobStride(Emulated, Device):
         return tuple(map(float, bytes.fromhex(text)))
 
     def firmware_bytes(self) -> tuple[float, ...]:
+        """Return the firmware version as five numbers. Raises ValueError."""
         text = self.firmware or models.MIT_FIRMWARE.get(self.spec.name, "0")
         parts = [int(part) if part.isdigit() else -1 for part in text.split(".")]
         if len(parts) > 5 or not all(0 <= part <= 255 for part in parts):

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 
 class RobStrideFamily(Family):
+    """Device family of RobStride and CyberGear drives, with the private and the MIT protocol."""
+
     name = "RobStride"
     precedence = 1
     drives = (

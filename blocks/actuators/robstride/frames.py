@@ -60,6 +60,7 @@ def write(index: int, value: float, can_id: int, host_id: int) -> tuple[int, boo
 
 
 def read(index: int, can_id: int, host_id: int) -> tuple[int, bool, bytes]:
+    """Return the frame that reads a parameter. index : of the parameter"""
     return frame(READ, host_id, can_id, struct.pack("<Hxxxxxx", index))
 
 
@@ -74,6 +75,7 @@ def reports(on: bool, can_id: int, host_id: int) -> tuple[int, bool, bytes]:
 
 
 def meanings(is_cybergear: bool) -> dict[int, str]:
+    """Return {bit: text} of the faults."""
     return FAULTS_OF_CYBERGEAR if is_cybergear else FAULTS
 
 
@@ -97,6 +99,7 @@ def in_words(fault: int, meanings: dict[int, str] = FAULTS) -> str:
 
 
 def bit_in_words(bit: int) -> str:
+    """Return the name of a fault bit whose meaning is unknown."""
     return f"bit {bit}" if bit < REPORTED else f"bit {bit - REPORTED} of the fault report"
 
 

@@ -118,6 +118,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         ]
 
     def write_frames(self) -> list[tuple[int, bool, bytes]]:
+        """Return the frames that set the CAN timeout and the torque limit; none if the firmware cannot."""
         if not self.ready:
             return []
         counts = frames.timeout_counts(self.can_timeout).to_bytes(4, "little")
@@ -144,6 +145,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         )
 
     def remedy(self) -> str:
+        """Return why the drive is not ready, and the remedy."""
         return (
             f"can_timeout is {self.can_timeout:g} s: {self.spec.name} has it in MIT mode from firmware "
             f"{models.MIT_FIRMWARE[self.spec.name]} "

@@ -62,6 +62,7 @@ class Model:
 
     @property
     def is_cybergear(self) -> bool:
+        """Whether it is a CyberGear, whose frames differ."""
         return self.name == "CyberGear"
 
 

@@ -25,10 +25,12 @@ class Parameter:
     cybergear: bool = False
 
     def layout(self, is_cybergear: bool = False) -> str:
+        """Return the struct format of its value."""
         layouts = WHOLE | WHOLE_OF_CYBERGEAR if is_cybergear else WHOLE
         return layouts.get(self.index, "<f")
 
     def is_whole(self, is_cybergear: bool = False) -> bool:
+        """Return whether its value is an integer."""
         return self.layout(is_cybergear) != "<f"
 
     def value_of(self, data: bytes, is_cybergear: bool = False) -> float:
@@ -36,6 +38,7 @@ class Parameter:
         return struct.unpack_from(self.layout(is_cybergear), data, 4)[0]
 
     def text(self, value: float) -> str:
+        """Return a value with its unit as text."""
         return f"{value:.6g}" + (f" {self.unit}" if self.unit != "1" else "")
 
 

@@ -213,9 +213,11 @@ class RobStride(Joint, Actuator):
         return [(8, True)] * (2 * count)
 
     def write(self, index: int, value: float) -> tuple[int, bool, bytes]:
+        """Return the frame that writes a parameter. index : of the parameter"""
         return frames.write(index, value, self.can_id, self.host_id)
 
     def command(self, kind: int) -> tuple[int, bool, bytes]:
+        """Return a frame without data. kind : of the command"""
         return frames.frame(kind, self.host_id, self.can_id)
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:
@@ -262,6 +264,7 @@ class RobStride(Joint, Actuator):
         return damped_stop(self, self.damping_frames, velocity)
 
     def damping_frames(self, damping: float) -> list[tuple[int, bool, bytes]]:
+        """Return the frame that damps the joint. damping : N·m·s/rad"""
         code = int(damping / self.wire[3] * 0xFFFF)
         return [
             (
@@ -281,6 +284,7 @@ class RobStride(Joint, Actuator):
         return tuple(f"{family} warning: {frames.warning_in_words(bit, meanings)}" for bit in range(32))
 
     def remedy(self) -> str:
+        """Return why the drive is not ready, and the remedy."""
         return (
             f"can_timeout is {self.can_timeout:g} s: update the drive's firmware, or set can_timeout=0 and rely "
             "on the guardian alone"

@@ -41,10 +41,12 @@ COUNTING = bytes([1, 2, 3, 4, 5, 6, 7, 8])
 
 
 def get_id(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
+    """Return the frame that asks for the unique number of a drive."""
     return frames.frame(frames.GET_ID, host, can_id)
 
 
 def read(index: int, can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
+    """Return the frame that reads a parameter. index : of the parameter"""
     return frames.read(index, can_id, host)
 
 
@@ -58,6 +60,7 @@ def write(
 
 
 def stop(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
+    """Return the frame that disables a drive."""
     return frames.frame(frames.STOP, host, can_id)
 
 
@@ -67,10 +70,12 @@ def version(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
 
 
 def set_id(can_id: int, new: int, host: int = HOST) -> tuple[int, bool, bytes]:
+    """Return the frame that changes the id of a drive. new : id"""
     return frames.frame(frames.SET_ID, new << 8 | host, can_id)
 
 
 def set_zero(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
+    """Return the frame that makes the present position the zero."""
     return frames.frame(frames.SET_ZERO, host, can_id, bytes([1]).ljust(8, b"\0"))
 
 
@@ -80,6 +85,7 @@ def save(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
 
 
 def set_protocol(can_id: int, name: str, host: int = HOST) -> tuple[int, bool, bytes]:
+    """Return the frame that selects a protocol after the next power cycle. name : key of PROTOCOLS"""
     return frames.frame(frames.PROTOCOL, host, can_id, bytes([*COUNTING[:6], PROTOCOLS[name], 8]))
 
 
@@ -136,6 +142,7 @@ def feedback(
 
 
 def is_feedback(identifier: int, extended: bool, can_id: int, host: int = HOST) -> bool:
+    """Return whether an identifier is that of a drive's feedback."""
     return extended and identifier & 0x1F00FFFF == frames.FEEDBACK << 24 | can_id << 8 | host
 
 

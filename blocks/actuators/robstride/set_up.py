@@ -68,6 +68,10 @@ def writes(request: Request) -> list[tuple[Parameter, float]]:
 
 
 def named(name: str, option: str) -> Parameter:
+    """Return a parameter by its name. option : of the command, for the message
+
+    Raises Rejected for an unknown parameter.
+    """
     try:
         return parameters.find(name)
     except ValueError as error:
@@ -104,6 +108,8 @@ def switch_back(can_id: int) -> Dialogue:
 
 
 def in_mit_mode(can_id: int, attempts: int = 2) -> Dialogue:
+    """Return the state of a drive in MIT mode, which this disables; None if it does not reply."""
+
     def read(*frame):
         return queries.state_in_mit_mode(*frame, can_id=can_id)
 
@@ -118,6 +124,7 @@ class Drive:
         self.is_robstride = False  # not known before it has been stopped
 
     def identities(self, can_id: Any) -> Dialogue:
+        """Return the unique numbers of the drives that respond to an id."""
         yield Send(queries.get_id(can_id), "get id")
         received = yield Listen(IDENTITY_TIME)
         return [unique for frame in received if (unique := queries.identity(*frame, can_id=can_id)) is not None]
@@ -132,6 +139,7 @@ class Drive:
         )
 
     def read(self, name: str) -> Dialogue:
+        """Return the value of a parameter; None if the drive does not report it. name : of the parameter"""
         return (yield from queries.value(self.can_id, parameters.PARAMETERS[name]))
 
     def carry_out(self, request: Request) -> Dialogue:
@@ -216,6 +224,7 @@ class Drive:
         return (yield from ask(disable_in_mit_mode(can_id), "disable", read, attempts=1)) is not None
 
     def need_robstride(self, what: str) -> None:
+        """Raise Rejected if the drive may be a CyberGear. what : setting that is not written then"""
         if not self.is_robstride:
             raise Rejected(
                 f"{what}: id {self.can_id} did not report the firmware of a RobStride, so it may be a CyberGear, which "
@@ -246,6 +255,7 @@ class Drive:
         return lines
 
     def write(self, parameter: Parameter, value: float) -> Dialogue:
+        """Write a parameter and read it back. Returns whether the drive has the value."""
         yield Send(queries.write(parameter, value, self.can_id), f"write {parameter.name}")
         yield Listen(0.05)
         after = yield from self.read(parameter.name)
@@ -257,6 +267,7 @@ class Drive:
         return False
 
     def zero(self) -> Dialogue:
+        """Make the present position the zero. Returns whether the drive reports a position of 0 afterwards."""
         yield Send(queries.set_zero(self.can_id), "set zero")
         yield Listen(0.2)
         after = yield from self.read("mechPos")
@@ -266,6 +277,7 @@ class Drive:
         return confirmed
 
     def save(self) -> Dialogue:
+        """Save the parameters. Returns whether the drive confirms it."""
         read = queries.feedback_of(self.can_id)
         answer = yield from ask(queries.save(self.can_id), "save", read, timeout=0.5, attempts=1)
         silent = (
@@ -275,12 +287,17 @@ class Drive:
         return answer is not None
 
     def switch(self, name: Any) -> Dialogue:
+        """Select a protocol for the time after the next power cycle. name : key of PROTOCOLS
+
+        Returns True: the drive does not confirm it.
+        """
         yield Send(queries.set_protocol(self.can_id, name), "set protocol")
         yield Listen(0.1)
         yield Show((f"sent: protocol {name}; {POWER_CYCLE}",))
         return True
 
     def rename(self, new: Any) -> Dialogue:
+        """Change the id. Returns whether the drive, and no other, responds to the new one only."""
         yield Send(queries.set_id(self.can_id, new), "set id")
         yield Listen(0.2)
         after = yield from self.identities(new)

@@ -113,6 +113,7 @@ class MPU9250(InvenSense):
         return tuple(Write(register, bytes((value,))) for register, value in values)
 
     def mag_write(self, register: int, value: int, wait: float) -> Write:
+        """Return a write to a register of the magnetometer. wait : s afterwards"""
         return Write(register, bytes((value,)), wait, self.mag_address)
 
     def learn(self, read: Callable[..., Any], write: Callable[..., Any]) -> None:

@@ -85,6 +85,7 @@ class InvenSense(I2cDevice):
         self.mag_map = (*np.ravel(found.mag_matrix), *found.mag_offset)
 
     def scales_of(self) -> tuple[float, float, float]:
+        """Return the values of one count: acceleration in m/s², angular velocity in rad/s, magnetic field."""
         return self.accel_range * GRAVITY / FULL, math.radians(self.gyro_range) / FULL, self.mag_scale
 
     def chips(self) -> tuple[int, ...]:
@@ -92,6 +93,7 @@ class InvenSense(I2cDevice):
 
     @property
     def mag_rate(self) -> float:
+        """Return the sampling rate of the magnetometer in Hz; 0 without one."""
         return min(self.rate, MAG_RATE) if self.magnetometer else 0.0
 
     def output_range(self) -> dict[str, Interval]:

@@ -48,6 +48,7 @@ class Field:
 
     @property
     def kind(self) -> int:
+        """Number of its layout in the kernel."""
         return KINDS[self.layout[0]]
 
     def decode(self, data: Any) -> Any:

@@ -52,6 +52,7 @@ class SetUp:
         self.messages, self.remarks = [mip.command(mip.BASE, mip.IDLE)], []
 
     def send(self) -> Iterator[Exchange]:
+        """Set the format of its messages, the heading source and the low-pass. Raises Rejected or NoReply."""
         formats = {descriptor_set: self.fields(descriptor_set) for descriptor_set in (SENSOR, FILTER)}
         lacking = [field.name for field in self.device.fields if not self.has(field)]
         if lacking:
@@ -75,12 +76,14 @@ class SetUp:
         yield from self.apply(mip.command(mip.BASE, mip.RESUME), "to resume")
 
     def has(self, field: Field) -> bool:
+        """Return whether the sensor can send a field."""
         return field.set << 8 | field.descriptor in self.known or (
             field.set == 0x100
             and any(descriptor_set << 8 | field.descriptor in self.known for descriptor_set in (SENSOR, FILTER))
         )
 
     def has_set(self, descriptor_set: int) -> bool:
+        """Return whether the sensor has any command or field of a descriptor set."""
         return any(number >> 8 == descriptor_set for number in self.known)
 
     def fields(self, descriptor_set: int) -> list[int]:
@@ -98,6 +101,7 @@ class SetUp:
         return list(dict.fromkeys(([] if time_of is None else [time_of]) + wanted))
 
     def format(self, descriptor_set: int, fields: Sequence[int]) -> Iterator[Exchange]:
+        """Select the fields that the sensor sends in a descriptor set."""
         decimation = (yield from self.decimation(descriptor_set)) if fields else 1
         body = b"".join(struct.pack(">BH", field, decimation) for field in fields)
         if self.newer:
@@ -128,6 +132,7 @@ class SetUp:
         return round(ratio)
 
     def heading(self) -> Iterator[Exchange]:
+        """Select the heading source of its filter. Raises Rejected if it cannot use a magnetometer."""
         if not self.device.heading:
             return
         magnetic = self.device.heading == "magnetometer"
@@ -162,6 +167,7 @@ class SetUp:
             self.messages.append(packet)
 
     def low_pass(self) -> Iterator[Exchange]:
+        """Set the low-pass of the selected sensor channels. Does nothing without a cutoff."""
         cutoff = self.device.low_pass
         if cutoff <= 0.0:
             return
@@ -189,10 +195,15 @@ class SetUp:
         self.messages.append(packet)
 
     def ask(self, packet: bytes, what: str) -> Iterator[Exchange]:
+        """Send a packet and return the reply. Raises Rejected if the sensor refuses it.
+
+        what : name of the packet, for the message
+        """
         try:
             return (yield from ask(packet))
         except Refusal as refusal:
             self.refuse(f"{what}: {refusal}", VENDOR_PROGRAM)
 
     def refuse(self, message: str, hint: str) -> Any:
+        """Raise Rejected."""
         raise Rejected(message, hint)

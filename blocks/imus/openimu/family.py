@@ -28,6 +28,8 @@ def set_up(imu: Any) -> Any:
 
 
 class OpenImuFamily(Family):
+    """Device family of ACEINNA's OpenIMU."""
+
     name = "OpenIMU"
     bus_hint = "an OpenIMU has 250 kbit/s as delivered"
     nodes = (

@@ -32,6 +32,7 @@ MIXES = SWAPS_PITCH_AND_ROLL | ACCELERATION_IN_NWU  # puts acceleration and angu
 
 
 def setting(group: int, *data: Any) -> tuple[int, bool, bytes]:
+    """Return the frame of a setting. group : parameter group; data : bytes"""
     return 6 << 26 | group << 8 | OURS, True, bytes(data)
 
 
@@ -41,7 +42,7 @@ def request(group: int, order: Any = "little") -> tuple[int, bool, bytes]:
 
 
 def behaviour(address: int, model: str) -> tuple[int, bool, bytes]:
-    """Its axes: acceleration, angular rate and magnetic field in the frame that is printed on the case."""
+    """Return the frame that aligns all measurements with the axes that are printed on the case."""
     if model == "335RI":  # bits to set, bits to clear, no new address
         return setting(BEHAVIOUR, address, 0, 0, MIXES & 0xFF, MIXES >> 8, 0)
     return setting(BEHAVIOUR, address, RIGHT_HANDED & 0xFF, RIGHT_HANDED >> 8)
@@ -53,12 +54,15 @@ def packet_type(address: int, types: int, model: str) -> tuple[int, bool, bytes]
 
 
 def packet_rate(address: int, divider: int) -> tuple[int, bool, bytes]:
+    """Return the frame that sets the packet rate. divider : of 100 Hz, 0 for none"""
     return setting(PACKET_RATE, address, divider)
 
 
 def filters(address: int, rate: float, acceleration: int) -> tuple[int, bool, bytes]:
+    """Return the frame that sets the low-pass filters. rate, acceleration : cutoffs in Hz"""
     return setting(FILTERS, address, rate, acceleration)
 
 
 def orientation(address: int, word: int) -> tuple[int, bool, bytes]:
+    """Return the frame that sets the axes. word : orientation of the manual"""
     return setting(ORIENTATION, address, word >> 8, word & 0xFF)
