@@ -105,7 +105,9 @@ def files_of(package):
     return sorted(paths)
 
 
-@pytest.mark.parametrize("page", ["README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))])
+@pytest.mark.parametrize(
+    "page", ["README.md", "Makefile", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]
+)
 def test_pages_contain_no_banned_phrase(page):
     banned = findings(ROOT / page)
     assert not banned, "\n" + "\n".join(banned)
