@@ -12,10 +12,10 @@ from blocks.controllers import GaitPhase, TorqueProfile
 from blocks.filters import Butterworth
 from blocks.gait import GaitState, TorqueGate
 from blocks.limiters import TorqueLimiter
-from blocks.models import Limb, RecordedKnee, WalkingKnee
 from blocks.recorders import CsvRecorder, StrideReport
 from blocks.sinks import PlotJuggler
-from graph import Diagram, deg, subsystem
+from blocks.wearer import Walker, walking_speed
+from graph import Diagram, subsystem
 
 # Torque profile (gait phase, N·m) in the direction of motion: extend the knee in mid-stance, lift it into swing.
 PROFILE = ((0.12, 0.0), (0.22, -9.0), (0.34, 0.0), (0.48, 0.0), (0.60, 7.0), (0.72, 0.0))
@@ -55,13 +55,17 @@ def assist(side, knee, gait, walking, assistance):
 
 
 def plant(robot, gait="", stride_time=1.1):
-    """Return the wearer, an average adult, at 5 steps per tick. gait : recording of knee flexion in degrees"""
+    """Return the wearer, an average adult, at 5 steps per tick. gait : recording of the joints of both legs"""
     with Diagram("wearer", rate=5 * robot.rate) as wearer:
-        for side, column, start in (("left", "knee_flexion_lt_deg", 0.0), ("right", "knee_flexion_rt_deg", 0.5)):
-            with subsystem(side):
-                motion = RecordedKnee(gait, column) if gait else WalkingKnee(stride_time, start)
-                drive = robot[f"{side}/knee"].emulator()
-                limb = Limb(inertia=0.35, lower=deg(-1), start=motion.at_start)
-                limb(torque=drive.torque, angle=motion.angle, rate=motion.velocity, acceleration=motion.acceleration)
-                drive(position=limb.position, velocity=limb.velocity)
+        adult = Walker(walking_speed(stride_time), recording=gait, variability=0.0)
+        drives = [drive_of(robot, side) for side in ("left", "right")]
+        motion = adult(left_knee_assistance=drives[0].torque, right_knee_assistance=drives[1].torque)
+        drives[0](position=motion.left_knee_angle, velocity=motion.left_knee_velocity)
+        drives[1](position=motion.right_knee_angle, velocity=motion.right_knee_velocity)
     return wearer
+
+
+def drive_of(robot, side):
+    """Return the emulated drive of one knee, in the subsystem of its leg."""
+    with subsystem(side):
+        return robot[f"{side}/knee"].emulator()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import shorten
 
 import numpy as np
 
@@ -82,7 +83,8 @@ def find(candidates: Sequence[str], names: Sequence[str], file: str) -> int:
     for candidate in candidates:
         if candidate in names:
             return names.index(candidate)
-    raise ValueError(f"{file} has no column {' or '.join(map(repr, candidates))}")
+    available = shorten(", ".join(names), 200, placeholder=" ...") or "none"
+    raise ValueError(f"{file} has no column {' or '.join(map(repr, candidates))}; it has {available}")
 
 
 def closed(angles: np.ndarray, seam: int) -> np.ndarray:

@@ -84,8 +84,15 @@ def over_speed(motion: str, height: float) -> tuple[np.ndarray, np.ndarray]:
 
 def speed_of(stride_time: float, speeds: np.ndarray, cubics: np.ndarray) -> float:
     """Return the speed in m/s of strides of a duration in s, within the range of the table."""
-    frequencies = np.append(cubics[:, 0, 0], cubics[-1, :, 0] @ (speeds[-1] - speeds[-2]) ** np.arange(4))
-    return float(np.interp(1.0 / stride_time, frequencies, speeds))
+    steps = [np.linspace(0.0, length, 100) for length in np.diff(speeds)]
+    at = np.concatenate([begin + x for begin, x in zip(speeds, steps)])
+    frequencies = np.concatenate([np.polyval(piece[::-1, 0], x) for piece, x in zip(cubics, steps)])
+    return float(np.interp(1.0 / stride_time, frequencies, at))
+
+
+def walking_speed(stride_time: float, height: float = BODY_HEIGHT) -> float:
+    """Return the speed in m/s at which the average adult has strides of a duration in s. height : m"""
+    return speed_of(stride_time, *over_speed("walk", height))
 
 
 def natural_spline(x: np.ndarray, y: np.ndarray) -> np.ndarray:

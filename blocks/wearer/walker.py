@@ -22,7 +22,7 @@ MOTION = "x, z of {} [m], their velocities and accelerations, pitch [rad], its v
 # stiffness in s, stiffness and damping of the delayed part, range of the joint in rad.
 MUSCLES = (
     (45.0, 2.0, 3.0, 0.01, 30.0, 2.0, -0.7, 2.2),
-    (10.0, 3.0, 0.5, 0.01, 50.0, 3.0, -0.15, 2.5),
+    (25.0, 3.0, 2.0, 0.01, 30.0, 1.5, -0.15, 2.5),
     (15.0, 4.0, 0.5, 0.01, 10.0, 0.5, -1.0, 0.8),
 )
 # Standard deviations from stride to stride of one adult at 1.2 m/s.
@@ -37,17 +37,17 @@ class Walker(Block):
     The reference motion is the mean of 20 adults, a series of 12 harmonics over the stride, interpolated between
     walking speeds and joined smoothly to standing. (Bovi et al. 2011) Torques of a robot make the legs deviate from it:
 
-        M(q) δ'' + B δ' + K δ + gravity + reflex(δ(t - delay)) = assistance
+        M(q) δ'' + B δ' + K δ + gravity + reflex(δ(t - delay)) = (1 - adaptation) assistance
 
     with the inertia of thigh, shank and foot (de Leva 1996), and in stance that of the body over the foot. K grows with
     the moment of the joint, at the ankle by 4 N·m/rad per N·m: its stiffness in stance is up to 5.4 N·m/rad per kg
     (Ficanha et al. 2018). In swing the hip has 34 to 66 N·m/rad and the knee few (van der Kooij et al. 2022).
 
     Angles are positive in flexion (dorsiflexion at the ankle), pitches with the front up; x is forward and z up.
-    `*_torque` is the net torque of the muscles in the direction of flexion, the nominal moment plus what K, B and the
-    reflex add; `*_power` is that torque times the velocity. The phase is 0 at heel strike; the right leg is half a
-    stride ahead. `*_motion` of a segment has its proximal joint in world coordinates and its pitch: a point r of the
-    segment has the acceleration a + α × r + ω × (ω × r).
+    `*_torque` is the net torque of the muscles in the direction of flexion: the nominal moment, less the adapted share
+    of the assistance, plus what K, B and the reflex add; `*_power` is that torque times the velocity. The phase is 0 at
+    heel strike; the right leg is half a stride ahead. `*_motion` of a segment has its proximal joint in world
+    coordinates and its pitch: a point r of the segment has the acceleration a + α × r + ω × (ω × r).
 
     A recording has the columns time, hip_flexion_lt_deg, knee_flexion_lt_deg, ankle_dorsiflexion_lt_deg and those of
     the right leg (`rt`), or OpenSim's hip_flexion_l, knee_angle_l and ankle_angle_l in degrees. It repeats. Its strides
@@ -71,11 +71,18 @@ class Walker(Block):
     strength = Param(
         1.0,
         "1",
-        "scale of the stiffness and damping of the muscles against deviations",
+        "scale of the muscles' stiffness and damping without delay against deviations",
         above=0.0,
         max=10.0,
         fixed=True,
         kernel=False,
+    )
+    adaptation = Param(
+        0.8,
+        "1",
+        "share of the assistance by which the wearer has learned to reduce the torque of the muscles",
+        min=0.0,
+        max=1.0,
     )
     reflex_delay = Param(
         0.05, "s", "delay of the second part of that stiffness", min=0.0, max=0.3, fixed=True, kernel=False
@@ -138,8 +145,7 @@ class Walker(Block):
         self.knots = speeds
         self.table = np.concatenate([[self.height], cubics.ravel()])
         self.body = plan(self.mass, self.height)
-        scale = np.array([self.strength] * 6 + [1.0, 1.0])
-        scale[3] = 1.0
+        scale = np.array([self.strength] * 3 + [1.0] * 5)  # a larger delayed part would be unstable
         self.muscles = (np.array(MUSCLES) * scale).ravel()
         deviations = (*GAIN_DEVIATIONS, *OFFSET_DEVIATIONS, STRIDE_TIME_DEVIATION)
         self.variation = (float(self.seed), *(self.variability * value for value in deviations))

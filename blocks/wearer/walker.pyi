@@ -2,6 +2,7 @@
 from typing import Any, Literal, NamedTuple
 from typing_extensions import Unpack
 from graph.block import BlockOptions
+from graph.declarations import Live
 from graph.signal import Operand, Signal
 from blocks.wearer.recording import samples
 from graph import Block, Input, Memory, Output, Param
@@ -23,6 +24,7 @@ class Walker(Block):
     variability: Param[float]
     seed: Param[int]
     strength: Param[float]
+    adaptation: Param[float]
     reflex_delay: Param[float]
     recording: Param[str]
     left_hip_assistance: Input
@@ -102,6 +104,7 @@ class Walker(Block):
         variability: float = 1.0,
         seed: int = 0,
         strength: float = 1.0,
+        adaptation: float | Live = 0.8,
         reflex_delay: float = 0.05,
         recording: str = '',
         **options: Unpack[BlockOptions],

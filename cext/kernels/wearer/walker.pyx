@@ -53,6 +53,7 @@ cdef struct Leg:                # of a leg, what the update needs from the step
     double deviation[3]
     double velocity[3]
     double acceleration[3]
+    double yielded[3]           # torque that the muscles leave to the robot, N·m
 
 cdef struct State:
     double phase                # of the left leg, in strides since the start
@@ -65,6 +66,7 @@ cdef struct State:
 
 cdef struct Walker:
     int32_t body, muscles, variation, pieces, knots, table, samples, history, state
+    int32_t adaptation
     Rest inputs                 # assistance: left hip, knee, ankle, right hip, knee, ankle
     Rest outputs
 
@@ -76,6 +78,7 @@ cdef double FLAT_RANGE = 0.1    # rad, pitch of a foot that still touches with h
 cdef double CONTACT_LOAD = 0.03 # body weights, least load of a foot in contact
 cdef double SHUFFLE = 0.25      # m/s, speed below which both feet keep their load
 cdef double HALT = 0.15         # m/s, speed below which the stride slows down to a stand
+cdef double ADAPTATION_TIME = 0.05      # s
 cdef double RANGE_STIFFNESS = 800.0     # N·m/rad outside the range of a joint
 cdef double RANGE_DAMPING = 20.0        # N·m·s/rad
 
@@ -203,7 +206,7 @@ cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, 
         leg.stiffness[j] = muscles[j].stiffness + muscles[j].per_moment * fabs(nominal)
         leg.damping[j] = muscles[j].damping + muscles[j].per_stiffness * leg.stiffness[j]
         leg.reflex[j] = -muscles[j].reflex_stiffness * delayed[j] - muscles[j].reflex_damping * delayed[3 + j]
-        torque = nominal - leg.stiffness[j] * leg.deviation[j] - leg.damping[j] * leg.velocity[j] + leg.reflex[j]
+        torque = nominal - leg.yielded[j] - leg.stiffness[j] * leg.deviation[j] - leg.damping[j] * leg.velocity[j] + leg.reflex[j]
         arena[out[5 * j + ANGLE]] = angle[j]
         arena[out[5 * j + VELOCITY]] = rate[j]
         arena[out[5 * j + ACCELERATION]] = acceleration[j]
@@ -284,12 +287,16 @@ cdef int walker_update(double *arena, const Walker *at, const Walker *sizes) noe
     cdef double pitch = arena[each(at, at.outputs)[PELVIS_MOTION] + 6]
     cdef double *oldest = arena + at.history + 12 * <int>state.head
     cdef double torque[3]
+    cdef double share = dt / (dt + ADAPTATION_TIME)
+    cdef double *yielded
     cdef int side, j
     for side in range(2):
+        yielded = state.legs[side].yielded
         for j in range(3):
             oldest[6 * side + j] = state.legs[side].deviation[j]
             oldest[6 * side + 3 + j] = state.legs[side].velocity[j]
-            torque[j] = arena[assistance[3 * side + j]]
+            torque[j] = arena[assistance[3 * side + j]] - yielded[j]
+            yielded[j] += share * (arena[at.adaptation] * arena[assistance[3 * side + j]] - yielded[j])
         move_leg(arena + at.body, <const Muscle *>(arena + at.muscles), pitch, dt, torque, &state.legs[side])
     state.head += 1.0
     if 12 * <int>state.head >= sizes.history:

@@ -123,14 +123,21 @@ def test_constant_torque_in_a_stand_is_balanced_by_muscles_gravity_and_ground():
 
 
 def test_assistance_in_the_direction_of_the_moment_unloads_the_joint(steady):
-    """Plantarflexion by 10 N·m in late stance: the muscles give less by that within 30 %, the joint moves further."""
-    names = {joint: f"left_{joint}_assistance" for joint in JOINTS}
-    assisted = walk(4.0, speed=1.2, variability=0.0, assistance={names["ankle"]: -10.0})
+    """Plantarflexion by 10 N·m in late stance: the muscles give less by that within 30 %.
+
+    Muscles that have not adapted yield only as far as the motion changes, and the ankle moves further.
+    """
     late = (steady["left_phase"] > 0.3) & (steady["left_phase"] < 0.55) & (steady["time"] > 1.0)
-    relief = assisted["left_ankle_torque"][late].mean() - steady["left_ankle_torque"][late].mean()
     assert steady["left_ankle_torque"][late].mean() < -60.0
-    assert 7.0 < relief < 13.0
-    assert assisted["left_ankle_angle"][late].mean() < steady["left_ankle_angle"][late].mean() - 0.01
+    reliefs = []
+    for adaptation in (0.0, 0.8):
+        assisted = walk(
+            4.0, speed=1.2, variability=0.0, adaptation=adaptation, assistance={"left_ankle_assistance": -10.0}
+        )
+        reliefs.append((assisted["left_ankle_torque"] - steady["left_ankle_torque"])[late].mean())
+        if adaptation == 0.0:
+            assert (assisted["left_ankle_angle"] - steady["left_ankle_angle"])[late].mean() < -0.005
+    assert 1.0 < reliefs[0] < reliefs[1] and 7.0 < reliefs[1] < 13.0
 
 
 @pytest.mark.parametrize("torque", [100.0, -100.0])

@@ -168,15 +168,18 @@ def test_a_setting_that_breaks_the_proof_is_refused_by_the_compiler(command_line
 
 
 def test_unusable_gait_file_is_reported(command_line):
-    line = line_of(KNEE_EXO, "RecordedKnee(gait")
+    line = line_of(KNEE_EXO, "recording=gait")
     assert command_line.refused(KNEE_EXO, "--set", "gait=nowhere.csv") == (
-        f"{KNEE_EXO}:{line}: error TW010 wrong parameter: left/recorded_knee: cannot read nowhere.csv: No such file "
-        "or directory"
+        f"{KNEE_EXO}:{line}: error TW010 wrong parameter: walker: cannot read nowhere.csv: No such file or directory"
     )
-    write(command_line.folder, "time," + ",".join(f"column_{n}" for n in range(500)) + "\n1,2\n", "walk.csv")
+    write(
+        command_line.folder,
+        "time," + ",".join(f"column_{n}" for n in range(500)) + "\n1" + 500 * ",1" + "\n",
+        "walk.csv",
+    )
     complaint = command_line.refused(KNEE_EXO, "--set", "gait=walk.csv")
     assert (
-        "walk.csv has no column 'knee_flexion_lt_deg'; it has time, column_0, column_1, " in complaint
+        "walk.csv has no column 'hip_flexion_lt_deg' or 'hip_flexion_l'; it has time, column_0, column_1, " in complaint
         and len(complaint) < 600
     )
 

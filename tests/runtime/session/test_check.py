@@ -178,7 +178,7 @@ def test_buses_and_plant_are_reported(exo):
     [bus] = exo["buses"]
     assert (bus["bus"], bus["devices"], bus["bitrate"]) == ("legs", ["left/knee", "right/knee"], 1e6)
     assert 0.0 < bus["typical"] < bus["worst"] < 0.7
-    assert exo["plant"] == {"given": True, "blocks": 6, "rate": 1000.0}
+    assert exo["plant"] == {"given": True, "blocks": 3, "rate": 1000.0}
 
 
 def test_rates_conditions_and_holds_of_the_gil_are_reported(tmp_path):
