@@ -1,7 +1,7 @@
 """Walking adult: the wearer of a robot in simulation."""
 
-from blocks.wearer.sensors import SegmentIMU
+from blocks.wearer.sensors import SegmentIMU, SoleForce
 from blocks.wearer.tables import walking_speed
 from blocks.wearer.walker import Walker
 
-__all__ = ["SegmentIMU", "Walker", "walking_speed"]
+__all__ = ["SegmentIMU", "SoleForce", "Walker", "walking_speed"]

@@ -8,6 +8,7 @@ import numpy as np
 
 from blocks._plumbing.ports import finite_numbers
 from cext.kernels.wearer import sensors as kernels
+from cext.kernels.wearer import soles
 from graph import Block, Input, Memory, Output, Param
 
 
@@ -55,6 +56,37 @@ class SegmentIMU(Block):
         )
         self.rotation = np.array([*np.ravel(matrix), *q])
         self.accel_offset, self.gyro_offset = self.accel_bias, self.gyro_bias
+
+
+class SoleForce(Block):
+    """Force sensors under a foot of a Walker: total, heel and forefoot force and the centre of pressure.
+
+    Heel and forefoot bear the vertical force in the shares with which their centre is that of the Walker, as far as it
+    lies between them. Each sensor adds zero, drift and white noise, a function of seed and tick; a dropped sample reads
+    as no load. `force` and `centre` suit EmulatedInsole, `heel` and `forefoot` single sensors such as FSRs.
+    """
+
+    length = Param(0.258, "m", "length of the foot, 0.152 of the body height", above=0.0)
+    heel_at = Param(0.15, "1", "place of the heel's sensor from the heel, in lengths of the foot", min=0.0, max=0.4)
+    forefoot_at = Param(0.75, "1", "place of the forefoot's sensor from the heel", min=0.5, max=1.0)
+    forefoot_strike = Param(0.0, "1", "1 for a wearer who lands on the forefoot, 0 on the heel", min=0.0, max=1.0)
+    gain = Param(1.0, "1", "measured over true force", min=0.0)
+    zero = Param(0.0, "N", "total force that is measured without a load")
+    zero_drift = Param(0.0, "N/s", "drift of the zero", fixed=True)
+    noise = Param(0.0, "N", "standard deviation of a sample of the total force", min=0.0)
+    dropped = Param(0.0, "1", "share of samples that are lost", min=0.0, max=1.0)
+    seed = Param(0, "1", "seed of noise and lost samples", min=0, max=2**53, fixed=True)
+
+    ground_force = Input("N", "ground force, forward and up, such as `left_ground_force` of a Walker", shape=(2,))
+    centre_of_pressure = Input("m", "centre of pressure from the heel, such as `left_centre_of_pressure`")
+    phase = Input("1", "gait phase of the leg, such as `left_phase`", default=0.5)
+    force = Output("N", "vertical force")
+    centre = Output("m", "centre of pressure from the heel")
+    heel = Output("N", "force under the heel")
+    forefoot = Output("N", "force under the forefoot")
+    drift = Memory(0.0, "drift of the zero")
+
+    kernel = soles.sole_force
 
 
 def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

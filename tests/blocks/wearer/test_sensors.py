@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blocks.wearer import SegmentIMU, Walker
+from blocks.wearer import SegmentIMU, SoleForce, Walker
 from graph import Diagram, DiagramError
 from tests.blocks.running import run
 
@@ -66,3 +66,45 @@ def test_noise_bias_and_drift_are_as_stated():
 def test_a_bias_of_two_numbers_is_rejected():
     with Diagram("walk", rate=500), pytest.raises(DiagramError, match="gyro_bias must have three numbers"):
         SegmentIMU(gyro_bias=(0.1, math.pi))
+
+
+def soles(seconds=4.0, rate=200, **parameters: Any):
+    with Diagram("walk", rate=rate) as diagram:
+        walker = Walker(name="w", variability=0.0)()
+        SoleForce(name="sole", **parameters)(
+            walker.left_ground_force, centre_of_pressure=walker.left_centre_of_pressure, phase=walker.left_phase
+        )
+    recording = run(diagram, round(seconds * rate))
+    assert recording.outcome.status == "ok"
+    return recording
+
+
+def test_heel_and_forefoot_share_the_ground_force_about_its_centre():
+    recording = soles()
+    heel, forefoot, force = (recording[f"sole.{name}"] for name in ("heel", "forefoot", "force"))
+    assert heel + forefoot == pytest.approx(force, abs=1e-9)
+    assert np.array_equal(force, recording["w.left_ground_force[1]"])
+    centre = recording["w.left_centre_of_pressure"]
+    between = (force > 100.0) & (centre > 0.15 * 0.258) & (centre < 0.75 * 0.258)
+    moment = 0.258 * (0.15 * heel + 0.75 * forefoot)
+    assert moment[between] == pytest.approx((centre * force)[between], abs=1e-9)
+    assert np.argmax(np.where(recording["w.left_phase"] < 0.1, heel, 0.0)) > 0 and heel.max() > 300.0
+
+
+def test_forefoot_striker_loads_the_forefoot_first():
+    normal, striker = soles(), soles(forefoot_strike=1.0)
+    early = (normal["w.left_phase"] < 0.06) & (normal["sole.force"] > 50.0)
+    assert np.all(normal["sole.heel"][early] > normal["sole.forefoot"][early])
+    assert np.all(striker["sole.forefoot"][early] > striker["sole.heel"][early])
+    late = normal["w.left_phase"] > 0.2
+    assert np.array_equal(normal["sole.heel"][late], striker["sole.heel"][late])
+
+
+def test_zero_drift_gain_and_lost_samples_are_as_stated():
+    ideal, drifting, lossy = soles(10.0), soles(10.0, zero=20.0, zero_drift=4.0, gain=0.1), soles(10.0, dropped=0.02)
+    expected = 0.1 * ideal["sole.force"] + 20.0 + 4.0 * (ideal.time + 0.005)
+    assert drifting["sole.force"] == pytest.approx(expected, abs=1e-9)
+    loaded = ideal["sole.force"] > 10.0
+    assert np.mean(lossy["sole.force"][loaded] == 0.0) == pytest.approx(0.02, abs=0.012)
+    noisy = soles(10.0, noise=5.0, seed=7)
+    assert (noisy["sole.force"] - ideal["sole.force"]).std() == pytest.approx(5.0, rel=0.06)
