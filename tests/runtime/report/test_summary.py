@@ -60,7 +60,7 @@ def test_the_summary_counts_ticks_strides_torque_and_work(walked):
     assert "  buses       legs: 4008 frames sent, 4008 received" in lines
     for side in ("left", "right"):
         [line] = [line for line in lines if line.startswith(f"  {side}")]
-        for part in ("strides of 1.10 s", "peak torque 8.", "positive work ", " J per stride, negative -"):
+        for part in ("strides of 1.10 s", "peak torque 9.", "positive work ", " J per stride, negative -"):
             assert part in line
     assert lines[-1] == "  safe stop   zero torque, then disable: confirmed by left/knee, right/knee"
 
