@@ -3,15 +3,22 @@
 Their `__str__` and `__repr__` are user code, too: they may raise, or never return.
 """
 
+from __future__ import annotations
+
 import ctypes
 import threading
 import time
 import traceback
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 
 TEXT_LIMIT = 0.02  # s for one text
 
 
-def text_of(value, limit=TEXT_LIMIT):
+def text_of(value: object, limit: float = TEXT_LIMIT) -> str:
     """Return str(value), or in parentheses the reason why it has none.
 
     limit : s
@@ -19,18 +26,18 @@ def text_of(value, limit=TEXT_LIMIT):
     return bounded(lambda: str(value), limit)
 
 
-def repr_of(value):
+def repr_of(value: object) -> str:
     """Return repr(value), or in parentheses the reason why it has none."""
     return bounded(lambda: repr(value), TEXT_LIMIT)
 
 
-def name_and_text(error, limit=TEXT_LIMIT):
+def name_and_text(error: BaseException, limit: float = TEXT_LIMIT) -> str:
     """Return 'ValueError: no such gain': the name of an exception, and its text if there is any."""
     text = text_of(error, limit)
     return type(error).__name__ + (f": {text}" if text else "")
 
 
-def last_lines(error):
+def last_lines(error: BaseException) -> list[str]:
     """Return the lines with which Python ends a traceback: name and text, and the notes that were added."""
     text = bounded(
         lambda: "".join(traceback.format_exception_only(type(error), error)),
@@ -40,13 +47,13 @@ def last_lines(error):
     return text.rstrip().split("\n")
 
 
-def within(seconds):
+def within(seconds: float) -> Callable[[], float]:
     """Return a function that returns the rest of `seconds`, at least 1 ms: a limit that several texts share."""
     deadline = time.monotonic() + seconds
     return lambda: max(deadline - time.monotonic(), 0.001)
 
 
-def bounded(form, limit, prefix=""):
+def bounded(form: Callable[[], str], limit: float, prefix: str = "") -> str:
     """Return the text that `form` returns; where it raises or takes longer than `limit` s, `prefix` and the reason.
 
     A thread calls it, and receives a SystemExit at the limit, since an endless computation would take the interpreter's

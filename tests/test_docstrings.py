@@ -11,7 +11,7 @@ WITHOUT_DOCSTRINGS = (
     "runtime/recorder/rerun",
 )  # folders with public functions or classes that lack one
 WITHOUT_METHOD_DOCSTRINGS = ("runtime/recorder", "runtime/recorder/rerun")
-WITHOUT_ANNOTATIONS = ("cext", "runtime/recorder", "runtime/recorder/rerun")
+WITHOUT_ANNOTATIONS = ("runtime/recorder", "runtime/recorder/rerun")
 STEPS = ("step", "reset", "update")  # methods of blocks, which the class describes
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 MODULES = {path: ast.parse(path.read_text()) for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))}

@@ -51,7 +51,7 @@ cdef struct Socket:
     bint flexible                   # CAN FD
     bint shared                     # other nodes are processes of this machine, so its own frames may be replies
     bint mute                       # receives only
-    int patience                    # ticks with a full queue until the bus fails
+    int queue_full_limit            # ticks with a full queue until the bus fails
     int64_t began                   # ns of CLOCK_MONOTONIC: zero of the frames' times
     int64_t drained                 # ns of CLOCK_MONOTONIC: the next frames arrived later
     int trouble                     # 0, an errno, or one of the errors above

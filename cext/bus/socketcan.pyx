@@ -7,8 +7,8 @@
                 machine
     corrupt     a datagram without the size of a CAN frame is counted and discarded
     error       error frames of the controller are passed on for the recording; bus-off is a failure
-    full        frames that the queue rejects are counted; a queue that is full for `patience` ticks in a row is a
-                failure
+    full        frames that the queue rejects are counted; a queue that is full for `queue_full_limit` ticks in a row is
+                a failure
 
 A failure is reported once, by the next receive or send. The safe stop that follows continues to send.
 """
@@ -89,7 +89,7 @@ cdef int socket_receive(void *context, Frame *frames, int capacity) noexcept nog
     cdef canfd_frame *received
     socket.full = socket.full + 1 if socket.refusing else 0
     socket.refusing = False
-    if socket.full >= socket.patience and socket.trouble == 0:
+    if socket.full >= socket.queue_full_limit and socket.trouble == 0:
         socket.trouble = FULL
     if unreported(socket):
         return fail(socket, socket.trouble)
@@ -187,13 +187,13 @@ cdef class SocketCan:
     file : socket.socket, kept open by this object
     fd : whether it receives frames of CAN FD
     shared : whether the other nodes are processes of this machine, as on a virtual bus
-    patience : ticks in a row with a full queue until the bus fails
+    queue_full_limit : ticks in a row with a full queue until the bus fails
     mute : whether it never sends
 
     end : the BusEnd
     """
 
-    def __cinit__(self, file, *, bint fd=False, bint shared=False, int patience=10, bint mute=False):
+    def __cinit__(self, file, *, bint fd=False, bint shared=False, int queue_full_limit=10, bint mute=False):
         cdef int index
         self.socket = <Socket *>calloc(1, sizeof(Socket))
         if self.socket == NULL:
@@ -201,7 +201,7 @@ cdef class SocketCan:
         self.file = file
         self.socket.mute = mute
         self.socket.fd, self.socket.flexible = file.fileno(), fd
-        self.socket.shared, self.socket.patience = shared, patience
+        self.socket.shared, self.socket.queue_full_limit = shared, queue_full_limit
         for index in range(FRAMES_PER_TICK):
             self.socket.came[index].iov_base = &self.socket.received[index]
             self.socket.came[index].iov_len = CANFD_MTU if fd else CAN_MTU

@@ -119,7 +119,7 @@ class PlantBuses:
         interface = self.interfaces[bus.name] = Interface(bus, None, [], machine)
         self.remarks += [f"{self.rig.path}: {remark}" for remark in interface.remarks]
         self.real += [bus.channel] * (not interface.virtual)
-        return SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=TX_QUEUE_FULL_LIMIT)
+        return SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, queue_full_limit=TX_QUEUE_FULL_LIMIT)
 
     def carry(self) -> list[RigProblem]:
         """Start the process with python-can's interfaces. Returns a RigProblem for each that cannot be opened."""

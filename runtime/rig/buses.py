@@ -148,7 +148,8 @@ class RigBuses:
         if bus.interface == UDP:
             interface = UdpInterface(bus, devices)
             return OpenBus(
-                interface, SocketCan(interface.socket, shared=True, patience=TX_QUEUE_FULL_LIMIT, mute=not bus.peer)
+                interface,
+                SocketCan(interface.socket, shared=True, queue_full_limit=TX_QUEUE_FULL_LIMIT, mute=not bus.peer),
             )
         if bus.interface != SOCKETCAN:
             look_at_port(bus)
@@ -160,7 +161,8 @@ class RigBuses:
             bus, listens, sorted({address for device in devices for address in device.addresses()}), machine
         )
         return OpenBus(
-            interface, SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=TX_QUEUE_FULL_LIMIT)
+            interface,
+            SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, queue_full_limit=TX_QUEUE_FULL_LIMIT),
         )
 
     def ends(self) -> list[BusEnd]:

@@ -41,7 +41,7 @@ class Opened:
             self.interface.socket,
             fd=fd,
             shared=self.interface.virtual if shared is None else shared,
-            patience=TX_QUEUE_FULL_LIMIT,
+            queue_full_limit=TX_QUEUE_FULL_LIMIT,
         )
         self.can.begin(0)
 

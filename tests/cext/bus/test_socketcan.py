@@ -198,7 +198,7 @@ def test_a_frame_without_a_time_stamp_has_the_time_of_reading():
 
 
 def test_full_queue_refuses_and_counts_frames_until_drained():
-    wire = Wire(patience=1000)
+    wire = Wire(queue_full_limit=1000)
     taken = 0
     while wire.end.send(1, bytes([taken % 256])):
         taken += 1
@@ -208,7 +208,7 @@ def test_full_queue_refuses_and_counts_frames_until_drained():
 
 
 def test_queue_full_beyond_limit_is_reported_once_as_failure():
-    wire = Wire(patience=3)
+    wire = Wire(queue_full_limit=3)
     while wire.end.send(1, b""):
         pass
     told = []
@@ -224,7 +224,7 @@ def test_queue_full_beyond_limit_is_reported_once_as_failure():
 
 
 def test_a_temporarily_full_queue_is_not_a_failure():
-    wire = Wire(patience=3)
+    wire = Wire(queue_full_limit=3)
     for _ in range(5):
         while wire.end.send(1, b""):
             pass
