@@ -8,7 +8,7 @@ from cext.kernels import gait_events as kernels
 from graph import Block, Input, Memory, Output, Param
 
 
-class _Events(Block):
+class _Events:
     shortest = Param(0.5, "s", "shortest stride; an event earlier after a strike is ignored", above=0.0)
 
     strike = Output("1", "true for one tick at each heel strike", dtype=bool)
@@ -17,7 +17,7 @@ class _Events(Block):
     timing = Memory((math.inf, 1.1, math.inf, 0.0), "time since the strike, last stride, time to the strike, strikes")
 
 
-class ContactEvents(_Events):
+class ContactEvents(_Events, Block):
     """Heel strike from the load under a foot: load = (force − zero) / (peak − zero) rises through `rising`.
 
     Zero and peak are the extremes of a 9-sample median over the last 1.5 to 3 s with steps, so that drift, another
@@ -48,7 +48,7 @@ class ContactEvents(_Events):
             raise ValueError(f"falling, {self.falling:g}, must not be above rising, {self.rising:g}")
 
 
-class GyroEvents(_Events):
+class GyroEvents(_Events, Block):
     """Heel strike from the angular rate of a shank: the end of its forward swing.
 
     After a mid-swing peak above half the typical one, the rate falls through zero; the strike follows `lead` of the
@@ -66,7 +66,7 @@ class GyroEvents(_Events):
     kernel = kernels.gyro_events
 
 
-class ThighEvents(_Events):
+class ThighEvents(_Events, Block):
     """Heel strike from the angle of a thigh: `lead` of a stride after it rises through 70 % of its range in swing.
 
     The range adapts to the wearer, and shrinks after 2 s without an event; an event needs an angle below 30 % before.
@@ -85,7 +85,7 @@ class ThighEvents(_Events):
     kernel = kernels.thigh_events
 
 
-class KneeEvents(_Events):
+class KneeEvents(_Events, Block):
     """Heel strike from the angle of a knee: `lead` of a stride after the end of its extension in late swing.
 
     The flexion in swing is a maximum after a rise by half the typical height, which adapts to the wearer: a stiff knee

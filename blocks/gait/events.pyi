@@ -1,24 +1,18 @@
 # Generated from the declarations by `python -m graph.stubs`. Do not edit.
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.declarations import Live
 from graph.signal import Operand, Signal
 from graph import Block, Input, Memory, Output, Param
 
-class _Events(Block):
-    shortest: Param[float]
-    strike: Output
-    strides: Output
-    elapsed: Output
-    timing: Memory
-    def __init__(self, shortest: float | Live = 0.5, **options: Unpack[BlockOptions]) -> None: ...
-    class Outputs(NamedTuple):
-        strike: Signal
-        strides: Signal
-        elapsed: Signal
-    def __call__(self) -> Outputs: ...
-class ContactEvents(_Events):
+class _Events:
+    shortest: Any
+    strike: Any
+    strides: Any
+    elapsed: Any
+    timing: Any
+class ContactEvents(_Events, Block):
     rising: Param[float]
     falling: Param[float]
     smallest: Param[float]
@@ -43,7 +37,7 @@ class ContactEvents(_Events):
         contact: Signal
         load: Signal
     def __call__(self, force: Operand = ...) -> Outputs: ...
-class GyroEvents(_Events):
+class GyroEvents(_Events, Block):
     lead: Param[float]
     smallest: Param[float]
     velocity: Input
@@ -60,7 +54,7 @@ class GyroEvents(_Events):
         strides: Signal
         elapsed: Signal
     def __call__(self, velocity: Operand = ...) -> Outputs: ...
-class ThighEvents(_Events):
+class ThighEvents(_Events, Block):
     lead: Param[float]
     smallest: Param[float]
     angle: Input
@@ -77,7 +71,7 @@ class ThighEvents(_Events):
         strides: Signal
         elapsed: Signal
     def __call__(self, angle: Operand = ...) -> Outputs: ...
-class KneeEvents(_Events):
+class KneeEvents(_Events, Block):
     lead: Param[float]
     smallest: Param[float]
     angle: Input

@@ -41,7 +41,7 @@ class PhasePortrait(Block):
     of the first ten. The phase responds at once, never runs backwards, and waits at 1 for the strike. Limits: it is not
     linear in time (4 to 7 % RMS of a stride), and stands still with the thigh. Direct feedthrough; NaN and infinity
     give NaN.
-    (Villarreal et al. 2016; Quintero et al. 2018)
+    (Villarreal et al. 2017; Quintero et al. 2018)
     """
 
     angle = Input("rad", "flexion of the thigh from vertical, or of the hip")

@@ -255,8 +255,8 @@ def test_an_unknown_input_is_reported_with_a_suggestion():
             "has no input 'positon'",
             "did you mean 'position'?",
         )
-        assert refusal(impedance, 1, 2, 3, 4).message == (
-            "has 3 inputs (position, velocity, equilibrium), got 4 signals"
+        assert refusal(impedance, 1, 2, 3, 4, 5, 6).message == (
+            "has 5 inputs (position, velocity, equilibrium, extra_stiffness, extra_damping), got 6 signals"
         )
 
 
