@@ -40,20 +40,21 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            conditions, hold_exceptions, inputs, outputs
     inputs                 name, unit, shape, dtype, and source (a port),
                            constant or default
-    outputs                name, unit, shape, dtype, low, high, targets (ports)
+    outputs                name, unit, shape, dtype, low, high, targets
+                           (ports)
   schedule                 null if there are errors
-    devices, recorded      paths, in order; number of values recorded each tick
+    devices, recorded      paths, in order; number of values recorded per tick
     output, update         steps in order: block, native, every, rate (Hz),
-                           while, gil (index of the section that holds the GIL,
-                           or null)
+                           while, gil (index of the section that holds the
+                           GIL, or null)
     gil_sections           number of times a tick takes the GIL
   holds                    rate transitions: source, source_every, target,
                            target_every (ticks)
   proofs                   command, unit, low, high, limit_low, limit_high,
                            rating, bounded_by, at (file:line), slew (largest
                            rate of change of the command per second; null: no
-                           bound), holds, safe_stop, assumes (further condition
-                           of the torque limit; null: none)
+                           bound), holds, safe_stop, assumes (further
+                           condition of the torque limit; null: none)
   torque                   torque limit of each actuator: actuator, bound,
                            limit (N·m), holds, acceleration (rad/s²), figures
     bound                  proved; assumed (while |α| <= acceleration); drive

@@ -22,16 +22,16 @@ def main(arguments: Sequence[str]) -> int:
         "Measure the cost of a bus per tick, the latency that the guardian adds, and the stop time after kill -9.",
     )
     parser.add_argument(
-        "--rounds", type=count("--rounds"), default=20_000, metavar="N", help="ticks on the native bus (default 20000)"
+        "--rounds", type=count("--rounds"), default=20_000, metavar="N", help="ticks on the native bus (default: 20000)"
     )
     parser.add_argument(
         "--trips",
         type=count("--trips"),
         default=200,
         metavar="N",
-        help="round trips in each of ten chunks (default 200)",
+        help="round trips in each of ten chunks (default: 200)",
     )
-    parser.add_argument("--kills", type=count("--kills"), default=100, metavar="N", help="runs to kill (default 100)")
+    parser.add_argument("--kills", type=count("--kills"), default=100, metavar="N", help="runs to kill (default: 100)")
     add_options(parser)
     options = parser.parse_args(arguments)
     from runtime.bench import bus, guardian_death

@@ -23,7 +23,7 @@ def main(arguments: Sequence[str]) -> int:
         type=count("--rounds"),
         default=4000,
         metavar="N",
-        help="ticks in each of five chunks (default 4000)",
+        help="ticks in each of five chunks (default: 4000)",
     )
     add_options(parser, seconds=2.0, repeats=5, seconds_limit=600.0)
     options = parser.parse_args(arguments)

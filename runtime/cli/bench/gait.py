@@ -39,9 +39,19 @@ def main(arguments: Sequence[str]) -> int:
         metavar="LEG.KIND=NAME",
         help="name of a signal, such as left.thigh=left/hip.position; kinds: thigh, shank, knee, contact",
     )
-    parser.add_argument("--rate", type=number("--rate", "Hz", 2000.0), default=200.0, metavar="HZ", help="rate (200)")
     parser.add_argument(
-        "--noise", type=number("--noise", "rad", 1.0), default=0.0, metavar="RAD", help="noise of the angles (0)"
+        "--rate",
+        type=number("--rate", "Hz", 2000.0),
+        default=200.0,
+        metavar="HZ",
+        help="ticks per second (default: 200)",
+    )
+    parser.add_argument(
+        "--noise",
+        type=number("--noise", "rad", 1.0),
+        default=0.0,
+        metavar="RAD",
+        help="standard deviation of white noise of the angles, ten times as much per second for velocities (default: 0)",
     )
     add_options(parser)
     options = parser.parse_args(arguments)

@@ -28,7 +28,7 @@ def add_options(
             type=number("--seconds", "seconds", seconds_limit),
             default=seconds,
             metavar="S",
-            help=f"duration of each measurement (default {seconds:g})",
+            help=f"duration of each measurement (default: {seconds:g})",
         )
     if repeats is not None:
         parser.add_argument(
@@ -36,7 +36,7 @@ def add_options(
             type=count("--repeats"),
             default=repeats,
             metavar="N",
-            help=f"alternating measurements of each row (default {repeats})",
+            help=f"alternating measurements of each row (default: {repeats})",
         )
     if realtime:
         parser.add_argument(
