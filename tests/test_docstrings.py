@@ -1,4 +1,4 @@
-"""Public functions, classes and methods have docstrings and annotations, except in the folders listed here."""
+"""Public functions, classes and methods have docstrings and annotations."""
 
 import ast
 
@@ -6,12 +6,6 @@ import pytest
 
 from tests.checkout import PACKAGES, ROOT
 
-WITHOUT_DOCSTRINGS = (
-    "runtime/recorder",
-    "runtime/recorder/rerun",
-)  # folders with public functions or classes that lack one
-WITHOUT_METHOD_DOCSTRINGS = ("runtime/recorder", "runtime/recorder/rerun")
-WITHOUT_ANNOTATIONS = ("runtime/recorder", "runtime/recorder/rerun")
 STEPS = ("step", "reset", "update")  # methods of blocks, which the class describes
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 MODULES = {path: ast.parse(path.read_text()) for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))}
@@ -87,18 +81,12 @@ def found(folder, check):
     return {path.name: names for path in paths if (names := check(MODULES[path]))}
 
 
-CHECKS = {
-    "docstrings": (undocumented, WITHOUT_DOCSTRINGS),
-    "docstrings of methods": (undocumented_methods, WITHOUT_METHOD_DOCSTRINGS),
-    "annotations": (unannotated, WITHOUT_ANNOTATIONS),
-}
+CHECKS = {"docstrings": undocumented, "docstrings of methods": undocumented_methods, "annotations": unannotated}
 
 
 @pytest.mark.parametrize("what", CHECKS)
-def test_public_interface_is_complete_except_in_the_listed_folders(what):
-    check, exempt = CHECKS[what]
-    incomplete = {folder: names for folder in FOLDERS if (names := found(folder, check))}
-    assert {folder: names for folder, names in incomplete.items() if folder not in exempt} == {}
+def test_public_interface_is_complete(what):
+    assert {folder: names for folder in FOLDERS if (names := found(folder, CHECKS[what]))} == {}
 
 
 def test_missing_docstring_is_reported():

@@ -30,6 +30,8 @@ SharedState(fd) -> rows, frames and events -> runtime.recorder.writer -> runtime
 (runtime.recorder.service) and files.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import select
@@ -38,18 +40,22 @@ import subprocess
 import termios
 import time
 from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 from runtime.base.child_process import ChildProcess
 from runtime.console.keys import own_terminal, restore
 from runtime.console.stderr import Terminal
 from runtime.recording.ascii_units import ascii_name
 
+if TYPE_CHECKING:
+    from cext.safety.shared_state import SharedState
+
 READY_TIMEOUT = 30.0  # s, for a slow disk
 ABANDON_TIMEOUT = 0.03  # s for the recorder to remove its files and end; it does so alone after that
 REMEDY = "complete its .mcap file with `convert FILE.mcap --to mcap`"
 
 
-def can_ask():
+def can_ask() -> bool:
     """Return whether this process reads and writes a terminal, so that the operator can press keys."""
     descriptor = own_terminal()
     if descriptor is None:
@@ -70,7 +76,7 @@ class RecorderProcess(ChildProcess):
     pid : process id
     """
 
-    def __init__(self, page):
+    def __init__(self, page: SharedState) -> None:
         self._terminal = own_terminal()
         self._attributes = None if self._terminal is None else termios.tcgetattr(self._terminal)
         keys = () if self._terminal is None else (self._terminal,)
@@ -78,7 +84,7 @@ class RecorderProcess(ChildProcess):
         self._files = []
         self._over = self._planned = False
 
-    def configure(self, plan):
+    def configure(self, plan: dict[str, Any]) -> None:
         """Send the plan and wait until every file is open.
 
         Raises RecorderError if a file cannot be opened; the files opened before are then removed.
@@ -106,7 +112,7 @@ class RecorderProcess(ChildProcess):
         self._files = answer["files"]
 
     @property
-    def alive(self):
+    def alive(self) -> bool:
         """Whether a process reads the ring: the recorder or a process that has replaced it."""
         poll = select.poll()
         poll.register(self.lifeline, 0)
@@ -116,15 +122,16 @@ class RecorderProcess(ChildProcess):
             return False
 
     @property
-    def lifeline(self):
+    def lifeline(self) -> int:
+        """File descriptor that hangs up once no process reads the ring."""
         return self._answers
 
-    def make_room(self, seconds):
+    def make_room(self, seconds: float) -> bool:
         """Wait, so that the process can empty the ring. Returns whether a process reads it."""
         time.sleep(seconds)
         return self.alive
 
-    def finish(self, timeout=60.0):
+    def finish(self, timeout: float = 60.0) -> dict[str, Any]:
         """After page.close(): wait until all is written, and return the report.
 
         The report has `files` (path, note), `problems` (lines of text), `strides`, `sinks`, `statistics`, `ended` and
@@ -149,7 +156,7 @@ class RecorderProcess(ChildProcess):
             return self._lost(f"the recorder process died before the end ({how}) and the files end there; {REMEDY}")
         return report
 
-    def abandon(self):
+    def abandon(self) -> None:
         """End the process and remove its files: the run has failed before its start."""
         if self._over:
             return

@@ -5,15 +5,20 @@ release. The checkpoint whose `tail` equals the tail of the ring therefore holds
 the first record of the next part: no record is lost or written twice.
 """
 
+from __future__ import annotations
+
 import json
 import os
 from contextlib import suppress
+from typing import Any
+
+from cext.safety.shared_state import SharedState
 
 
 class Checkpoint:
     """Checkpoints of the writers of one run. page : cext.safety.shared_state.SharedState"""
 
-    def __init__(self, page):
+    def __init__(self, page: SharedState) -> None:
         self.page, self.saves = page, 0
         self.files = [os.memfd_create("tickwork-checkpoint") for _ in range(2)]  # written in turn
 
@@ -21,7 +26,7 @@ class Checkpoint:
         for file in self.files:
             os.close(file)
 
-    def save(self, state):
+    def save(self, state: dict[str, Any]) -> None:
         """Save a state, a dict for JSON, then release the drained part of the ring."""
         file, self.saves = self.files[self.saves % 2], self.saves + 1
         state = {**state, "tail": self.page.cursor, "dropped": self.page.statistics()["dropped"], "save": self.saves}
@@ -29,7 +34,7 @@ class Checkpoint:
         os.pwrite(file, json.dumps(state).encode(), 0)
         self.page.release()
 
-    def newest(self):
+    def newest(self) -> dict[str, Any] | None:
         """Return the newest state at the tail of the ring, or None. The next save does not overwrite it."""
         states = []
         for file in self.files:
@@ -41,7 +46,7 @@ class Checkpoint:
         return newest
 
     @staticmethod
-    def cut_files(state):
+    def cut_files(state: dict[str, Any]) -> None:
         """Truncate every file to its complete length."""
         for path, size in state["sizes"].items():
             with suppress(OSError):

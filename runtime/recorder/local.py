@@ -4,8 +4,12 @@ It has the interface of runtime.recorder.RecorderProcess. The executor calls `dr
 several times a second: the run waits for nothing, and no other process is started.
 """
 
+from __future__ import annotations
+
 import json
 import time
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +38,7 @@ class LocalRecorder:
         self.changes = Changes(table.read(page).parameters)
         self.events, self.end = [], None
 
-    def configure(self, plan):
+    def configure(self, plan: dict[str, Any]) -> None:
         """Begin. plan : as runtime.recorder describes it, without files, and without sinks but "strides"."""
         self.plan = plan
         self.columns = len(plan["signals"])
@@ -45,7 +49,7 @@ class LocalRecorder:
             self.strides.append((service, [2 + column["index"] for column in sink["columns"]]))
         self.status = StatusLine(Terminal(), plan, self.page)
 
-    def drain(self):
+    def drain(self) -> None:
         """Take what is in the ring."""
         rows, sent, before, others = take(self.page, self.columns)
         self.receive(rows, sent, before)
@@ -63,12 +67,12 @@ class LocalRecorder:
                     self.events.append(event)
         self.status.update(time.monotonic())
 
-    def make_room(self, seconds):
+    def make_room(self, seconds: float) -> bool:
         """Take what is in the ring. Returns True: there is room again."""
         self.drain()
         return True
 
-    def finish(self):
+    def finish(self) -> dict[str, Any]:
         """Return the report, after the end of the run."""
         self.drain()
         self.status.erase()
@@ -82,8 +86,8 @@ class LocalRecorder:
             **StrideAverage.conclude(self.plan, services),
         }
 
-    def abandon(self):
+    def abandon(self) -> None:
         """Do nothing: there are no files."""
 
-    def keep_to(self, processors):
+    def keep_to(self, processors: Iterable[int]) -> None:
         """Do nothing: there is no process to move."""

@@ -13,7 +13,11 @@ s               save the values in a file for `--set @FILE`
 ?               list the keys
 """
 
+from __future__ import annotations
+
 import os
+from collections.abc import Iterable
+from typing import Any
 
 from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from runtime.console.status_layout import part
@@ -50,7 +54,7 @@ class Panel:
         self.note, self.note_until = "", 0.0
         self.asking = False  # whether the prompt was shown before the key
 
-    def look(self, now):
+    def look(self, now: float) -> None:
         """Take the answers of the loop, then the pressed keys. now : s, of any monotonic clock"""
         for ticket in list(self.waiting):
             self.take_answer(ticket, now)
@@ -58,7 +62,8 @@ class Panel:
             self.press(key, now)
         self.asking = self.recording.asks  # keys pressed before the prompt are ignored
 
-    def press(self, key, now):
+    def press(self, key: str, now: float) -> None:
+        """Carry out the command of a key. now : s"""
         waits = self.page.state in ("ready", "waiting")
         if key == "space" or (key == "q" and waits):
             self.post(self.writer.stop(), "", now)
@@ -95,16 +100,17 @@ class Panel:
                 now,
             )
 
-    def target(self, parameter):
+    def target(self, parameter: Any) -> float:
         """Return the value that a parameter will have after all pending changes."""
         return (
             self.pending[parameter.index][1] if parameter.index in self.pending else self.values()[parameter.index][1]
         )
 
-    def values(self):
+    def values(self) -> list[tuple[float, float]]:
+        """Return (value, target) of each live parameter."""
         return table.values(self.page, self.table.parameters)
 
-    def change(self, pairs, now):
+    def change(self, pairs: list[tuple[Any, float]], now: float) -> None:
         """Post the differing values as one request, which takes effect in one tick. pairs : (Parameter, value)"""
         changes = [(parameter.index, value) for parameter, value in pairs if value != self.target(parameter)]
         if not changes:
@@ -113,14 +119,16 @@ class Panel:
         if ticket is not None:
             self.pending |= {index: (ticket, value) for index, value in changes}
 
-    def post(self, ticket, what, now):
+    def post(self, ticket: int | None, what: str, now: float) -> int | None:
+        """Keep the ticket of a request until its answer. what : kind of the request; now : s. Returns the ticket"""
         if ticket is None:
             self.say("the loop has not applied the previous changes yet", now)
         else:
             self.waiting[ticket] = what
         return ticket
 
-    def take_answer(self, ticket, now):
+    def take_answer(self, ticket: int, now: float) -> None:
+        """Show the answer to a request, if it has arrived. now : s"""
         answer = self.writer.answer(ticket)
         if answer is None:
             return
@@ -132,7 +140,7 @@ class Panel:
         elif what == "mark" and verdict == "taken":
             self.say(f"mark {mark} at tick {tick}", now)
 
-    def save(self, now):
+    def save(self, now: float) -> None:
         """Save the values of all parameters, after pending changes, in a file."""
         plan = self.recording.plan
         tick = self.page.statistics()["last_tick"]
@@ -152,10 +160,11 @@ class Panel:
         self.recording.saved[path] = f"live parameters at tick {tick}"
         self.recording.say(f"tickwork: saved {path}; --set @{path} starts with these values")
 
-    def say(self, note, now):
+    def say(self, note: str, now: float) -> None:
+        """Show a note in the status line for NOTE_DURATION. now : s"""
         self.note, self.note_until = note, now + NOTE_DURATION
 
-    def parts(self, now):
+    def parts(self, now: float) -> list[Any]:
         """Return the parts of the status line."""
         parts = [part(8.8, PROMPTS[self.page.state], colour="bold")] if self.page.state in PROMPTS else []
         if self.chosen is not None:
@@ -173,11 +182,12 @@ class Panel:
             parts.append(part(1, "? lists the keys", "? keys"))
         return parts
 
-    def close(self):
+    def close(self) -> None:
+        """Restore the terminal."""
         self.keyboard.close()
 
 
-def choices(parameters):
+def choices(parameters: Iterable[Any]) -> list[tuple[str, list[Any]]]:
     """Return [(name, parameters)] in the order of Tab: common parameters of subsystems, then each parameter."""
     by_path = {parameter.path: parameter for parameter in parameters}
     together = {
@@ -188,5 +198,6 @@ def choices(parameters):
     return [*together.items(), *((parameter.path, [parameter]) for parameter in parameters)]
 
 
-def shown(parameter, value, target):
+def shown(parameter: Any, value: float, target: float) -> str:
+    """Return the value of a parameter as text, and its target if that differs."""
     return parameter.shown(value) + (f" > {parameter.shown(target)}" if value != target else "")

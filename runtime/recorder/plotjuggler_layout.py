@@ -5,11 +5,16 @@ in the file lists the settings to enter once.
 (plotjuggler_app/mainwindow.cpp, plotwidget.cpp and plot_docker.cpp of 3.17)
 """
 
+from __future__ import annotations
+
 from ipaddress import ip_address
+from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as tree
 
 from blocks.sinks import PlotJuggler
 from runtime.diagrams.file import compiled, load
+from runtime.diagrams.overrides import Settings
 from runtime.recording.grouping import by_unit
 from runtime.recording.signal_selection import select
 
@@ -19,7 +24,9 @@ BUFFER_DURATION = 60  # s of data in PlotJuggler
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#333333")
 
 
-def columns(path, settings=(), rate=None):
+def columns(
+    path: str | Path, settings: Settings = (), rate: float | None = None
+) -> tuple[str, float, list[dict[str, Any]], PlotJuggler]:
     """Return (name of the diagram, rate, columns of its PlotJuggler block, that block).
 
     Without a PlotJuggler block in the diagram the columns are all signals.
@@ -36,7 +43,7 @@ def columns(path, settings=(), rate=None):
     return schedule.name, schedule.rate, [signals[place] for place in select(signals, sink.block.signals)], sink.block
 
 
-def address(host):
+def address(host: str) -> str:
     """Return the IP address on which PlotJuggler must listen to receive what is sent to a host."""
     try:
         return str(ip_address(host))
@@ -44,7 +51,7 @@ def address(host):
         return "127.0.0.1" if host == "localhost" else "0.0.0.0"
 
 
-def layout(name, signals, host, port):
+def layout(name: str, signals: list[dict[str, Any]], host: str, port: int) -> str:
     """Return the text of the layout file. signals : columns; host, port : destination of the stream"""
     root, host = tree.Element("root"), address(host)
     comment = (
@@ -79,6 +86,6 @@ def layout(name, signals, host, port):
     return "<?xml version='1.0' encoding='UTF-8'?>\n" + tree.tostring(root, encoding="unicode") + "\n"
 
 
-def curve(path):
+def curve(path: str) -> str:
     """Return the name of a signal in PlotJuggler, whose parser joins nested names with slashes."""
     return "/" + path.replace(".", "/")

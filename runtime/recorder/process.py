@@ -10,12 +10,16 @@ never waits for a writer: without one the ring fills and drops records. This pro
 writer.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import select
 import signal
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from cext.clock import realtime
 from cext.safety.shared_state import SharedState
@@ -50,7 +54,7 @@ class Control:
         self.poll.register(pidfd, select.POLLIN)
         self.poll.register(ORDERS_DESCRIPTOR, select.POLLIN)
 
-    def look(self, milliseconds=None):
+    def look(self, milliseconds: float | None = None) -> None:
         """Wait for an order or the end of the control process, at most for `milliseconds`."""
         for descriptor, _ in self.poll.poll(milliseconds):
             if descriptor == self.pidfd:
@@ -67,7 +71,7 @@ class Control:
         if self.hung_up and not self.gone:  # a hang-up alone: end of the run, or a block has closed descriptors
             self.gone = not maps(self.page.control, self.page.fd)
 
-    def plan(self):
+    def plan(self) -> dict[str, Any] | None:
         """Return the plan, which is the first order; None if the run ends before it."""
         while b"\n" not in self.received and not self.gone:
             self.look()
@@ -75,7 +79,7 @@ class Control:
         return None if self.abandoned or self.gone else json.loads(line)
 
 
-def main(answers, control, page, keys):
+def main(answers: int, control: int, page: int, keys: int) -> None:
     """Run the recorder process.
 
     answers : file descriptor of the pipe to the control process
@@ -85,20 +89,20 @@ def main(answers, control, page, keys):
     """
     ignore_signals()
     be_ordinary()
-    page = SharedState(fd=page)
-    mark = own_mark(page.control)
+    state = SharedState(fd=page)
+    mark = own_mark(state.control)
     remove_mark()
-    orders = Control(control, page, mark)
+    orders = Control(control, state, mark)
     plan = orders.plan()
     if plan is None:
         return
     name_process("tickwork-parts")
-    record_parts(page, answers, orders, keys, plan)
+    record_parts(state, answers, orders, keys, plan)
     if ended(control):  # after the writer has seen it alive
         end_marked(mark)
 
 
-def record_parts(page, answers, orders, keys, plan):
+def record_parts(page: SharedState, answers: int, orders: Control, keys: int, plan: dict[str, Any]) -> None:
     """Record the parts of a recording, and answer if it stops before the end of the run."""
     checkpoint, causes, part = Checkpoint(page), [], plan.get("part", 1)
     while True:
@@ -117,7 +121,7 @@ def record_parts(page, answers, orders, keys, plan):
             return
 
 
-def death_of_writer(writer, page):
+def death_of_writer(writer: Callable[[], None], page: SharedState) -> tuple[str | None, bool]:
     """Fork a process that calls `writer`, and wait until it has ended.
 
     Returns the cause of its death as text, None if it completed, and whether it could not create its files.
@@ -144,19 +148,21 @@ def death_of_writer(writer, page):
     return text or (signal.Signals(-status).name if status < 0 else f"exit code {status}"), status == CANNOT_RECORD
 
 
-def described(error):
+def described(error: BaseException) -> str:
     """Return the text of an exception in one line."""
     return " ".join((str(error) if isinstance(error, RecordingFailed) else name_and_text(error)).split())
 
 
-def ended(pidfd):
+def ended(pidfd: int) -> bool:
     """Return whether the process of a pidfd has ended."""
     poll = select.poll()
     poll.register(pidfd, select.POLLIN)
     return bool(poll.poll(0))
 
 
-def successor(plan, part, state, cause, again, page):
+def successor(
+    plan: dict[str, Any], part: int, state: dict[str, Any], cause: str, again: bool, page: SharedState
+) -> tuple[dict[str, Any], int, str]:
     """Return (plan of the next part, its number, the problem in one line).
 
     state : newest checkpoint of the part whose writer died
@@ -187,13 +193,13 @@ def successor(plan, part, state, cause, again, page):
     return {**plan, "before": before, "stem": f"{before['stem']}_part{part + 1}"}, part + 1, problem
 
 
-def lost_report(before):
+def lost_report(before: dict[str, Any]) -> dict[str, Any]:
     """Return the report of a recording that has stopped before the end of the run."""
     files = [{"path": path, "note": remark} for path, remark in before["files"].items()]
     return {"files": files, "problems": before["problems"], "strides": [], "sinks": {}, "ended": "unknown"}
 
 
-def be_ordinary():
+def be_ordinary() -> None:
     """Drop real-time priority and a short time slice, which the control process may have."""
     if os.sched_getscheduler(0) != os.SCHED_OTHER:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

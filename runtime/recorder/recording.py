@@ -3,9 +3,13 @@
 A service that fails is stopped and reported; the others continue.
 """
 
+from __future__ import annotations
+
 import json
 import os
+from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 from cext.safety.ring_batch import Batch
 from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT
@@ -13,7 +17,7 @@ from runtime.console.styles import Console
 from runtime.live import table
 from runtime.recorder.plugins import LOGS, SERVICES
 from runtime.recorder.report import STILL_RECORDING, describe, outcome, reason, write_json
-from runtime.recorder.service import takes
+from runtime.recorder.service import Service, takes
 from runtime.recording import files, provenance
 from runtime.recording.changes import Changes
 from runtime.recording.format import row_struct
@@ -60,7 +64,7 @@ class Recording:
         if "lost" in before:
             self.events.append({"event": "recorder", "part": self.part, "dropped": before["lost"]})
 
-    def open(self):
+    def open(self) -> None:
         """Create the folder and every file. Raises RecordingFailed and then leaves no file."""
         problem = f"cannot record into {self.plan['folder']!r}"
         try:
@@ -84,14 +88,14 @@ class Recording:
             self.discard()
             raise RecordingFailed(f"{problem}: {reason(error)}") from error
 
-    def start(self, kind, sink):
+    def start(self, kind: type[Service], sink: dict[str, Any]) -> None:
+        """Create and open a service."""
         service = kind(self.plan, sink)
         service.say, service.page = self.say_later, self.page
         self.services.append((sink["path"], service))
         service.open()
-        return service
 
-    def leave_out(self, path, error):
+    def leave_out(self, path: str, error: Exception) -> None:
         """Leave out a service that cannot start in a later part, for example because its viewer was closed."""
         for entry in [entry for entry in self.services if entry[0] == path]:
             self.services.remove(entry)
@@ -99,11 +103,12 @@ class Recording:
         self.problems.append(f"{path} cannot be continued: {reason(error)}")
         self.sinks[path] = {"failed": self.problems[-1]}
 
-    def say_later(self, line):
+    def say_later(self, line: str) -> None:
         """Call `say`, which is set after the files are open."""
         self.say(line)
 
-    def open_folder(self):
+    def open_folder(self) -> None:
+        """Create the folder, and the sidecar, which reserves the stem of the file names."""
         folder = self.plan["folder"]
         self.folders = files.make_folder(folder)
         self.plan["stem"], self.sidecar, descriptor = files.reserve(folder, self.plan["stem"])
@@ -111,7 +116,7 @@ class Recording:
         with open(descriptor, "w") as file:
             json.dump({"name": self.plan["name"], "ended": STILL_RECORDING}, file)
 
-    def begin(self):
+    def begin(self) -> None:
         """Gather the provenance and begin the services, while the control process continues."""
         self.about = provenance.gather(self.plan)
         if self.sidecar is not None:
@@ -120,10 +125,12 @@ class Recording:
         for _, service in list(self.services):
             self.attempt(service, lambda: service.begin(self.about))
 
-    def write_sidecar(self, content):
+    def write_sidecar(self, content: dict[str, Any]) -> None:
+        """Replace the sidecar. Raises OSError."""
+        assert self.sidecar is not None
         write_json(self.sidecar, content, durable=not self.plan["virtual"])
 
-    def take(self, records):
+    def take(self, records: list[Any]) -> None:
         """Pass records to the services. records : as cext.safety.ring_batch.read returns them"""
         for item in records:
             if isinstance(item, Batch):
@@ -136,13 +143,14 @@ class Recording:
                 for event in self.changes.events(payload):
                     self.take_event(event)
 
-    def take_batch(self, batch):
+    def take_batch(self, batch: Batch) -> None:
         """Pass rows, frames and drains to the services."""
         if batch.rows:
-            self.newest = batch.newest()
+            self.newest = newest = batch.newest()
+            assert newest is not None
             if self.ticks == 0:
                 self.first_tick = batch.first_tick()
-            self.last_tick = int(self.newest[0])
+            self.last_tick = int(newest[0])
         batch.add_traffic(self.traffic, self.bits, self.counts_bits)
         for _, service in list(self.services):
             try:
@@ -152,7 +160,7 @@ class Recording:
         self.ticks += batch.rows
         self.time = (self.last_tick or 0) / self.plan["rate"]
 
-    def show(self, event):
+    def show(self, event: dict[str, Any]) -> None:
         """Print the lines of an event on the terminal."""
         if event.get("event") == "preflight":
             for line in preflight.text(event, self.console):
@@ -161,7 +169,8 @@ class Recording:
         for line in event.get("lines", ()):
             self.say(line)
 
-    def take_event(self, event):
+    def take_event(self, event: dict[str, Any]) -> None:
+        """Show an event, keep it for the sidecar and pass it to the services."""
         self.show(event)
         if event.get("event") == "end":
             self.end = event
@@ -174,19 +183,20 @@ class Recording:
         for _, service in list(self.services):
             self.attempt(service, lambda: service.event(event))
 
-    def flush(self):
+    def flush(self) -> None:
+        """Flush the files of all services."""
         for _, service in list(self.services):
             self.attempt(service, service.flush)
         self.stop_deleted()
 
-    def stop_deleted(self):
+    def stop_deleted(self) -> None:
         """Stop the services whose files were deleted."""
         for _, service in list(self.services):
             gone = [] if service.elsewhere else [file for file in service.files if not os.path.exists(file)]
             if gone:
                 self.stop(service, OSError(0, "its file was deleted", gone[0]))
 
-    def sizes(self):
+    def sizes(self) -> dict[str, int]:
         """Return {path: bytes} of every file that this process writes, as on the disk."""
         others = {
             self.sidecar,
@@ -199,7 +209,7 @@ class Recording:
             if entry["path"] not in others and os.path.exists(entry["path"])
         }
 
-    def checkpoint(self):
+    def checkpoint(self) -> dict[str, Any]:
         """Return the state for the next part, should this process die: a dict for JSON."""
         return {
             "sizes": self.sizes(),
@@ -209,7 +219,7 @@ class Recording:
             "log": next((service.unfinished for _, service in self.services if service.unfinished), None),
         }
 
-    def attempt(self, service, action):
+    def attempt(self, service: Service, action: Callable[[], Any]) -> Any:
         """Call a method of a service. Returns its result; stops the service and returns None if it raises."""
         try:
             return action()
@@ -217,7 +227,7 @@ class Recording:
             self.stop(service, error)
             return None
 
-    def stop(self, service, error):
+    def stop(self, service: Service, error: Exception) -> None:
         """Stop a failed service, keep its files and report the problem."""
         if all(other is not service for _, other in self.services):
             return
@@ -233,7 +243,7 @@ class Recording:
         self.problems.append(problem)
         self.say(f"tickwork recorder: {problem}; the run continues")
 
-    def finish(self, orphaned):
+    def finish(self, orphaned: bool) -> dict[str, Any]:
         """Close all services and write the sidecar. Returns the report."""
         for service in [service for _, service in self.services if takes(service, "end")]:
             self.attempt(service, lambda: service.end(outcome(self, orphaned)))
@@ -265,7 +275,7 @@ class Recording:
                 self.problems.append(f"{self.sidecar}: {reason(error)}")
         return report
 
-    def known(self):
+    def known(self) -> dict[str, str]:
         """Return {path: remark} of every file, the sidecar last."""
         known = {
             **self.before,
@@ -277,11 +287,11 @@ class Recording:
             known[self.sidecar] = known.pop(self.sidecar)
         return known
 
-    def list_files(self):
+    def list_files(self) -> list[dict[str, str]]:
         """Return every file as the report lists it."""
         return [{"path": path, "note": note} for path, note in self.known().items()]
 
-    def discard(self):
+    def discard(self) -> None:
         """Remove all files and folders of this recording."""
         for _, service in self.services:
             try:

@@ -1,8 +1,11 @@
 """The report of a recording: for the sidecar file, the flight log and the control process."""
 
+from __future__ import annotations
+
 import os
 from datetime import datetime, timezone
 from signal import Signals
+from typing import Any
 
 from cext.user_text import name_and_text
 from runtime.base.errors import BadInput
@@ -11,7 +14,7 @@ from runtime.recording.files import private
 STILL_RECORDING = "still recording; if no recorder process runs, the recorder was killed and the files end there"
 
 
-def outcome(recording, orphaned):
+def outcome(recording: Any, orphaned: bool) -> dict[str, Any]:
     """Return the end of a run for the flight log; in virtual time only values that every equal run reproduces."""
     facts = {
         "ended": ending(recording.end, orphaned),
@@ -29,7 +32,7 @@ def outcome(recording, orphaned):
     )
 
 
-def describe(recording, orphaned):
+def describe(recording: Any, orphaned: bool) -> dict[str, Any]:
     """Return the report without the results of the services."""
     plan, statistics = recording.plan, recording.page.statistics()
     wall = recording.page.wall
@@ -59,7 +62,7 @@ def describe(recording, orphaned):
     }
 
 
-def ending(end, orphaned):
+def ending(end: dict[str, Any] | None, orphaned: bool) -> str:
     """Return how the run ended, as text."""
     if end is None:
         return "the control process died" if orphaned else "without an end event"
@@ -70,7 +73,7 @@ def ending(end, orphaned):
     return f"stopped by {Signals(end['signal']).name}" if end.get("signal") else "ok"
 
 
-def reason(error):
+def reason(error: BaseException) -> str:
     """Return the text of an exception, for an OSError without number and repeated path."""
     if isinstance(error, FileExistsError):
         return f"{error.filename} is not a folder"
@@ -84,7 +87,7 @@ def reason(error):
 PARTIAL = ".part"  # suffix of an incomplete file
 
 
-def write_json(path, content, durable=True):
+def write_json(path: str, content: Any, durable: bool = True) -> None:
     """Replace a JSON file atomically. NaN and infinities become null.
 
     durable : whether to wait for the disk

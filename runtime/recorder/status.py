@@ -10,7 +10,11 @@ limit. Lateness is the median and the 99th percentile since the start; rate, loa
 last second: for CAN the share of the bitrate, for other buses frames per second.
 """
 
+from __future__ import annotations
+
 from collections import deque
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from runtime.console.status_layout import bar, fit, part
 
@@ -43,7 +47,7 @@ class StatusLine:
         # shortening of the newest lines; width of the terminal
         self.narrowed, self.columns = deque(maxlen=WIDENING_DELAY), None
 
-    def update(self, now):
+    def update(self, now: float) -> None:
         """Redraw if due. now : s, of any monotonic clock"""
         if not self.enabled or now < self.next:
             return
@@ -73,11 +77,12 @@ class StatusLine:
         self.narrowed.append(fit(*line)[1])
         self.terminal.draw(fit(*line, kept=frozenset().union(*self.narrowed))[0])
 
-    def erase(self):
+    def erase(self) -> None:
+        """Remove the line from the terminal."""
         self.terminal.erase()
 
 
-def torques_of(plan):
+def torques_of(plan: dict[str, Any]) -> list[tuple[str, int, float]]:
     """Return [(name of the actuator, index in the recorded row, limit)] of the actuators with known limits."""
     limits = {path: max(map(abs, ends)) for path, ends in plan.get("limits", {}).items() if path.endswith(".torque")}
     return [
@@ -87,7 +92,7 @@ def torques_of(plan):
     ]
 
 
-def torque_part(torques, row, unicode):
+def torque_part(torques: list[tuple[str, int, float]], row: Sequence[float], unicode: bool) -> list[Any]:
     """Return a list with the part of the torques, empty without torques. row : tick, lateness, values"""
     long, middle, shares = [], [], []
     for name, place, limit in torques:
@@ -110,7 +115,7 @@ def torque_part(torques, row, unicode):
     return [part(3.5, long[1:], middle[1:], [("τ " if unicode else "tau ", None), *shares])]
 
 
-def rates(history):
+def rates(history: Sequence[tuple[float, ...]]) -> tuple[float, ...] | None:
     """Return (ticks/s, share of time in ticks, frames/s, frames/s of each bus, bits/s of each bus) over the window.
 
     None with fewer than two samples.
@@ -119,7 +124,14 @@ def rates(history):
     return tuple((b - a) / (stop - start) for a, b in zip(first, last)) if stop > start else None
 
 
-def describe(plan, state, statistics, speeds, unicode, chosen=()):
+def describe(
+    plan: dict[str, Any],
+    state: str,
+    statistics: dict[str, Any],
+    speeds: tuple[float, ...] | None,
+    unicode: bool,
+    chosen: Iterable[Any] = (),
+) -> list[Any]:
     """Return the parts of the line in order.
 
     speeds : as `rates` returns it
@@ -163,7 +175,7 @@ def describe(plan, state, statistics, speeds, unicode, chosen=()):
     ]
 
 
-def traffic(plan, pace, frames, each):
+def traffic(plan: dict[str, Any], pace: float, frames: float, each: Sequence[float]) -> list[Any]:
     """Return the parts of the buses. pace : s of the run per second; each : frames/s of every bus, then bits/s"""
     parts = []
     for place, (name, speed) in enumerate(zip(plan["buses"], each)):
@@ -184,7 +196,8 @@ def traffic(plan, pace, frames, each):
     return parts or [part(2, f"{frames:.0f} frames/s", f"{frames:.0f}/s")]
 
 
-def both(median, high, digits=2):
+def both(median: float, high: float, digits: int = 2) -> str:
+    """Return two durations in s as text in µs or ms. digits : of the second one in ms"""
     return (
         f"{median * 1e6:.0f}/{high * 1e6:.0f} µs" if high < 1e-3 else f"{median * 1e3:.2f}/{high * 1e3:.{digits}f} ms"
     )

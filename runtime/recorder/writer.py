@@ -3,17 +3,23 @@
 It outlives the control process and writes all records that were in the ring when that died.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import signal
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from cext.safety.ring_batch import read
+from cext.safety.shared_state import SharedState
 from cext.safety.thresholds import GUARDIAN_DEATH
 from runtime.console.keys import Keyboard, restore, terminal_attributes
 from runtime.console.stderr import Terminal
 from runtime.console.styles import Console
+from runtime.recorder.checkpoint import Checkpoint
 from runtime.recorder.disk_sync import DiskSync
 from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
@@ -31,7 +37,9 @@ FLUSH_SHARE, FLUSH_SHARE_VIRTUAL = 0.25, 0.5
 TERMINAL_POLL_PERIOD = 0.1  # s, of the process group in the foreground
 
 
-def write(page, answers, control, keys, plan, checkpoint):
+def write(
+    page: SharedState, answers: int, control: Any, keys: int, plan: dict[str, Any], checkpoint: Checkpoint
+) -> None:
     """Record one part, from opening its files to its report.
 
     Raises RecordingFailed if the files of a later part cannot be created; part 1 reports that to the control process.
@@ -67,7 +75,7 @@ def write(page, answers, control, keys, plan, checkpoint):
 
 
 @contextmanager
-def discarded_on_signal(recording):
+def discarded_on_signal(recording: Recording) -> Iterator[None]:
     """Remove the recording and end the process on SIGTERM, which the control process sends if it ends before the run.
 
     Opening the files can take long, on a slow disk or for a viewer, and the services are any package's: the handler
@@ -88,7 +96,15 @@ def discarded_on_signal(recording):
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
-def record(page, answers, control, keys, recording, terminal, checkpoint):
+def record(
+    page: SharedState,
+    answers: int,
+    control: Any,
+    keys: int,
+    recording: Recording,
+    terminal: Terminal,
+    checkpoint: Checkpoint,
+) -> None:
     """Drain the ring until the run is over, then complete the recording and send the report."""
     plan = recording.plan
     recording.begin()
@@ -117,7 +133,15 @@ def record(page, answers, control, keys, recording, terminal, checkpoint):
     answer(answers, report)
 
 
-def drain(page, control, recording, status, panel, checkpoint, idle):
+def drain(
+    page: SharedState,
+    control: Any,
+    recording: Recording,
+    status: StatusLine,
+    panel: Panel | None,
+    checkpoint: Checkpoint,
+    idle: float,
+) -> None:
     """Drain the ring into the recording until the end of the run."""
     flush_at = follow_at = 0.0
     virtual = recording.plan["virtual"]
@@ -150,12 +174,12 @@ def drain(page, control, recording, status, panel, checkpoint, idle):
         control.look(idle)
 
 
-def guarded(page):
+def guarded(page: SharedState) -> bool:
     """Return whether a guardian runs, which reports its stop after the death of the control process."""
     return time.monotonic_ns() - page.guarded < GUARDIAN_DEATH
 
 
-def cause_of_death(page, items):
+def cause_of_death(page: SharedState, items: list[str]) -> str:
     """Return how a control process died before the end of its run: by a signal of its own, or in which state.
 
     Its exit code is only available to its parent process.
@@ -163,7 +187,8 @@ def cause_of_death(page, items):
     items : names of the stopwatch items, as of cext.clock.stopwatch.names
     """
     if page.crashed:
-        block = f" in {items[page.hung]}" if (page.hung or -1) >= 0 else ""
+        hung = page.hung or -1
+        block = f" in {items[hung]}" if hung >= 0 else ""
         return f"of {signal.Signals(page.crashed).name}{block}"
     tick = page.statistics()["last_tick"]
     block = f"in {items[page.at]} " if page.state == "running" and page.at >= 0 else ""
@@ -178,7 +203,8 @@ def cause_of_death(page, items):
     return f"{block}{when} without ending the run: it was killed, or a block called os._exit or exec"
 
 
-def orphan_line(report, cause):
+def orphan_line(report: dict[str, Any], cause: str) -> str:
+    """Return the line for the terminal after the death of the control process."""
     files = ", ".join(file["path"] for file in report["files"]) or "no files"
     return (
         f"tickwork recorder: the control process died {cause}; {report['ticks']} ticks were recorded, the last is "
@@ -186,7 +212,7 @@ def orphan_line(report, cause):
     )
 
 
-def answer(descriptor, message):
+def answer(descriptor: int, message: dict[str, Any]) -> None:
     """Send one line of JSON to the control process, if it still runs."""
     data = json.dumps(message).encode() + b"\n"
     try:
@@ -196,6 +222,7 @@ def answer(descriptor, message):
         pass
 
 
-def name_process(name):
+def name_process(name: str) -> None:
+    """Set the name of this process, as `ps` shows it."""
     with open("/proc/self/comm", "w") as file:
         file.write(name)

@@ -1,10 +1,16 @@
 """Layout of the viewer: one plot per subsystem, the limbs in 3-D, and the events."""
 
+from __future__ import annotations
+
+from typing import Any
+
+from runtime.recorder.rerun.scene import Scene
+
 EVENTS = ("events",)
 SPACE = ("space",)
 
 
-def blueprint(scene):
+def blueprint(scene: Scene) -> Any:
     """Return the rerun.blueprint.Blueprint of a Scene."""
     import rerun as rr
     import rerun.blueprint as rrb

@@ -8,12 +8,15 @@
 It ends after the last order, or when the recorder has died or the viewer has closed.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import select
 import socket
 import time
 from struct import Struct
+from typing import Any
 
 from runtime.base.ending import ignore_signals
 
@@ -30,7 +33,7 @@ class Gone(Exception):
     """The viewer no longer takes data. The text is the reason in one line."""
 
 
-def main(answers, control, descriptor):
+def main(answers: int, control: int, descriptor: int) -> None:
     """Run the process. answers : descriptor of a pipe; control : pidfd of the recorder; descriptor : of the socket"""
     ignore_signals()
     os.nice(5)
@@ -55,7 +58,7 @@ def main(answers, control, descriptor):
     os._exit(0)  # Rerun would wait for a viewer that has gone
 
 
-def follow(orders, feed):
+def follow(orders: Orders, feed: Feed) -> None:
     """Carry out orders up to the last one."""
     look_at = flush_at = 0.0
     while True:
@@ -92,7 +95,7 @@ class Orders:
         self.poll.register(control, select.POLLIN)
         self.control = control
 
-    def next(self, timeout):
+    def next(self, timeout: float | None) -> tuple[int, bytes] | None:
         """Return (kind, content) of the next order, None after `timeout` s. The death of the recorder is an end."""
         while True:
             if len(self.received) >= HEAD.size:
@@ -168,24 +171,27 @@ class Feed:
         self.answers = viewer.answers
         self.flush()
 
-    def rows(self, content):
+    def rows(self, content: bytes) -> None:
+        """Show rows. content : doubles of each: tick, time in s, values"""
         import numpy as np
 
         rows = np.frombuffer(content).reshape(-1, self.width)
         self.stream.rows(rows[:, 0].astype("i8"), rows[:, 1].copy(), rows[:, 2:])
         self.count += len(rows)
 
-    def event(self, event):
+    def event(self, event: dict[str, Any]) -> None:
+        """Show an event."""
         self.stream.event(event)
 
-    def look(self):
+    def look(self) -> None:
         """Raise Gone if the viewer has closed."""
         if self.process is not None and self.process.poll() is not None:
             raise Gone("the server has ended" if self.mortal else "the viewer was closed")
         if self.watched is not None and not self.answers(*self.watched):
             raise Gone(f"{self.where} no longer responds")
 
-    def flush(self):
+    def flush(self) -> None:
+        """Wait until Rerun has taken the data. Raises Gone."""
         try:
             self.recording.flush(timeout_sec=FLUSH_TIMEOUT)
         except RuntimeError:
@@ -196,13 +202,14 @@ class Feed:
                 else f"{self.where} no longer accepts data"
             ) from None
 
-    def finish(self):
+    def finish(self) -> None:
+        """Flush, and write the end of a file."""
         self.flush()
         if self.path:
             self.recording.disconnect()  # writes the end of the file
 
 
-def quiet():
+def quiet() -> None:
     """Discard the output of Rerun, which would go to the terminal of the run."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
@@ -210,7 +217,7 @@ def quiet():
     os.close(nowhere)
 
 
-def say(descriptor, message):
+def say(descriptor: int, message: dict[str, Any]) -> bool:
     """Send a message to the recorder, if it still runs. Returns True."""
     try:
         os.write(descriptor, json.dumps(message).encode() + b"\n")

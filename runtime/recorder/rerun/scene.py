@@ -5,6 +5,8 @@ Limbs are detected by name: actuators of one subsystem called `hip`, `knee` and 
 the knee backward.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 from runtime.recording.messages import split
@@ -36,14 +38,14 @@ class Plot:
     colours: list = field(default_factory=list)
     limits: list = field(default_factory=list)
 
-    def order(self):
+    def order(self) -> None:
         """Sort visible lines first, because a long legend is cut."""
         places = sorted(range(len(self.columns)), key=lambda place: not self.shown[place])
         self.columns, self.labels, self.shown = (
             [what[place] for place in places] for what in (self.columns, self.labels, self.shown)
         )
 
-    def paint(self):
+    def paint(self) -> None:
         """Give torque and position of an actuator one hue, the position paler, and other signals hues of their own."""
         devices, self.colours = {}, []
         for number, (label, shown) in enumerate(zip(self.labels, self.shown)):
@@ -110,7 +112,8 @@ class Scene:
         self.sensors = self.find_sensors()
         self.faults = [place for path, place in self.places.items() if split(path)[2] == "fault"]
 
-    def find_plots(self):
+    def find_plots(self) -> list[Plot]:
+        """Return the plots of the subsystems, those with actuators first."""
         plots, limits = {}, {}
         for path, place in self.places.items():
             folder, block, port = split(path)
@@ -139,11 +142,12 @@ class Scene:
             plot.paint()
         return sorted(plots.values(), key=lambda plot: not driven(plot))
 
-    def limb_of(self, sensor):
+    def limb_of(self, sensor: Sensor) -> Limb | None:
         """Return the limb of a sensor; None if unknown."""
         return next((limb for limb in self.limbs if limb.side == sensor.side), None) if sensor.segment else None
 
-    def find_limbs(self):
+    def find_limbs(self) -> list[Limb]:
+        """Return the limbs, detected by the names of their actuators."""
         limbs = {}
         for path, place in self.places.items():
             folder, block, port = split(path)
@@ -157,7 +161,8 @@ class Scene:
             )
         return [Limb(side, place, joints) for place, (side, joints) in enumerate(limbs.items())]
 
-    def find_sensors(self):
+    def find_sensors(self) -> list[Sensor]:
+        """Return the inertial sensors with a recorded quaternion."""
         sensors = []
         for path in self.places:
             if not path.endswith(".quaternion[0]"):
@@ -170,6 +175,6 @@ class Scene:
         return sensors
 
 
-def driven(plot):
+def driven(plot: Plot) -> bool:
     """Return whether a plot shows an actuator; these plots come first."""
     return any(label.partition(" [")[0].endswith(".torque") for label, shown in zip(plot.labels, plot.shown) if shown)

@@ -1,10 +1,15 @@
 """Conversion of rows and events to Rerun: one vector per subsystem, limits, limbs, sensors and texts."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import rerun as rr
 
 from runtime.recorder.rerun.blueprint import EVENTS, SPACE
-from runtime.recorder.rerun.scene import JOINTS, SEGMENTS
+from runtime.recorder.rerun.scene import JOINTS, SEGMENTS, Limb, Scene, Sensor
 
 POSE_RATE = 50.0  # Hz, of the limbs
 HIP_HEIGHT, HIP_WIDTH = 0.95, 0.25  # m
@@ -33,10 +38,12 @@ class Stream:
         self.begun = False
         self.statics()
 
-    def log(self, path, what, **how):
+    def log(self, path: list[str], what: Any, **how: Any) -> None:
+        """Log an archetype of Rerun under an entity path. how : of RecordingStream.log"""
         self.recording.log(path, what, **how)
 
-    def statics(self):
+    def statics(self) -> None:
+        """Log names and colours of lines, and everything else that does not change."""
         for plot in self.scene.plots:
             self.log(
                 list(plot.entity),
@@ -70,7 +77,7 @@ class Stream:
             colours = [[220, 60, 60], [60, 180, 75], [60, 100, 220]]
             self.log(axes_of(sensor), rr.Arrows3D(vectors=axes, colors=colours, radii=0.006), static=True)
 
-    def rows(self, ticks, times, values):
+    def rows(self, ticks: np.ndarray, times: np.ndarray, values: np.ndarray) -> None:
         """Send rows. ticks : (n,) int; times : (n,) s; values : (n, signals)"""
         if not len(ticks):
             return
@@ -98,10 +105,12 @@ class Stream:
         self.log_faults(ticks, seconds, values)
         self.begun = True
 
-    def send(self, path, index, columns):
+    def send(self, path: Sequence[str], index: list[Any], columns: Any) -> None:
+        """Send columns of an entity. index : time columns"""
         rr.send_columns(rr.new_entity_path(list(path)), index, columns, recording=self.recording)
 
-    def pose(self, index, values):
+    def pose(self, index: list[Any], values: np.ndarray) -> None:
+        """Send the poses of limbs and sensors. index : time columns; values : (n, signals)"""
         for limb in self.scene.limbs:
             for joint, segment, above in zip(JOINTS, SEGMENTS, ("", *SEGMENTS)):
                 known = limb.joints.get(joint)
@@ -125,7 +134,7 @@ class Stream:
                 axes_of(sensor), index, rr.Transform3D.columns(translation=at, quaternion=np.column_stack((x, y, z, w)))
             )
 
-    def log_faults(self, ticks, times, values):
+    def log_faults(self, ticks: np.ndarray, times: np.ndarray, values: np.ndarray) -> None:
         """Log each change of a device's fault code."""
         for place in self.scene.faults:
             codes = values[:, place]
@@ -135,27 +144,28 @@ class Stream:
                 self.text(int(ticks[row]), float(times[row]), text, "ERROR" if codes[row] else "INFO")
             self.faults[place] = codes[-1]
 
-    def event(self, event):
+    def event(self, event: dict[str, Any]) -> None:
         """Log an event of the recording. event : dict"""
-        kind = event.get("event")
+        kind = str(event.get("event"))
         text = text_of(event)
         if text:
             tick = max(0, event.get("tick") or 0)
             level = "ERROR" if kind == "end" and event.get("status") != "ok" else LEVELS.get(kind, "INFO")
             self.text(tick, tick / self.rate, text, level)
 
-    def text(self, tick, time, text, level):
+    def text(self, tick: int, time: float, text: str, level: str) -> None:
+        """Log a line of text. time : s; level : of Rerun, such as ERROR"""
         self.recording.set_time("time", duration=nanoseconds(time))
         self.recording.set_time("tick", sequence=int(tick))
         self.log(list(EVENTS), rr.TextLog(text, level=level))
 
 
-def nanoseconds(times):
+def nanoseconds(times: Any) -> Any:
     """Round s to ns. Rerun itself rounds down, which can order equal times differently."""
     return np.round(np.asarray(times) * 1e9).astype("timedelta64[ns]")
 
 
-def text_of(event):
+def text_of(event: dict[str, Any]) -> str:
     """Return an event as text, "" for one that is not shown."""
     kind = event.get("event")
     if kind in ("fault", "end"):
@@ -168,31 +178,33 @@ def text_of(event):
     return f"{event['path']} set to {event['value']:g}" if kind == "set" else ""
 
 
-def colour(share):
+def colour(share: np.ndarray) -> np.ndarray:
     """Return colours (n, 3) of joint torques. share : (n,) torque over limit"""
     share = np.clip(np.nan_to_num(share), -1.0, 1.0)[:, None]
     return (GREY + np.abs(share) * (np.where(share < 0.0, LOW, HIGH) - GREY)).astype(np.uint8)
 
 
-def hip_of(limb):
+def hip_of(limb: Limb) -> list[str]:
+    """Return the entity path of a hip."""
     return [*SPACE, limb.side]
 
 
-def entity(limb, segment):
+def entity(limb: Limb, segment: str) -> list[str]:
     """Return the entity path of a segment, below that of its parent."""
     return [*hip_of(limb), *SEGMENTS[: SEGMENTS.index(segment) + 1]]
 
 
-def axes_of(sensor):
+def axes_of(sensor: Sensor) -> list[str]:
+    """Return the entity path of the axes of a sensor."""
     return [*SPACE, "sensors", sensor.path]
 
 
-def side(limb):
+def side(limb: Limb) -> float:
     """Return the lateral position of a limb in m, positive to the left."""
     return -HIP_WIDTH / 2 if "right" in limb.side else HIP_WIDTH / 2 + max(0, limb.place - 1) * HIP_WIDTH
 
 
-def place_of(sensor, scene, values):
+def place_of(sensor: Sensor, scene: Scene, values: np.ndarray) -> np.ndarray:
     """Return the positions (n, 3) of a sensor in m: beside its segment, or in a row behind if it has none."""
     limb = scene.limb_of(sensor)
     if limb is None:
@@ -217,3 +229,4 @@ def place_of(sensor, scene, values):
         if segment == sensor.segment:
             return at + 0.5 * bone
         at = at + bone
+    raise AssertionError(f"no segment {sensor.segment!r}")

@@ -1,5 +1,7 @@
 """Destination of a live run: `--rerun`, `--rerun trial.rrd`, `--rerun serve`, `--rerun 192.168.1.7`."""
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass
 
@@ -25,7 +27,7 @@ class Target:
     port: int
 
 
-def parse(text, port=PORT):
+def parse(text: str, port: int = PORT) -> Target:
     """Convert the text of --rerun to a Target. Raises BadInput."""
     if not text:
         return Target("viewer", LOOPBACK, port)
@@ -46,11 +48,11 @@ def parse(text, port=PORT):
     return Target("connect", found[1].strip("[]"), int(found[2] or port))
 
 
-def bracketed(host):
+def bracketed(host: str) -> str:
     """Return a host as written in a URL."""
     return f"[{host}]" if ":" in host else host
 
 
-def url(host, port):
+def url(host: str, port: int) -> str:
     """Return the URL of a viewer's data port."""
     return f"rerun+http://{bracketed(host)}:{port}/proxy"

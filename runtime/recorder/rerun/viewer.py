@@ -1,5 +1,7 @@
 """Start of Rerun's viewers and servers. They listen on loopback by default, where Rerun listens on every address."""
 
+from __future__ import annotations
+
 import errno
 import os
 import signal
@@ -25,7 +27,7 @@ class ViewerFailed(Exception):
     """A viewer cannot be started or reached. The text is the reason in one line."""
 
 
-def answers(host, port, timeout=CONNECT_TIMEOUT):
+def answers(host: str, port: int, timeout: float = CONNECT_TIMEOUT) -> bool:
     """Return whether a process listens on a port."""
     try:
         socket.create_connection((host, port), timeout).close()
@@ -34,7 +36,7 @@ def answers(host, port, timeout=CONNECT_TIMEOUT):
     return True
 
 
-def meet(host, port, timeout=PREFACE_TIMEOUT):
+def meet(host: str, port: int, timeout: float = PREFACE_TIMEOUT) -> None:
     """Connect once and check that the listener uses HTTP/2, as Rerun does. Raises ViewerFailed."""
     try:
         with socket.create_connection((host, port), timeout) as line:
@@ -52,7 +54,7 @@ def meet(host, port, timeout=PREFACE_TIMEOUT):
         raise ViewerFailed(f"the process that listens on {host} port {port} is not a Rerun viewer")
 
 
-def free(address, port):
+def free(address: str, port: int) -> None:
     """Raise ViewerFailed if a server cannot listen on an address."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
@@ -70,7 +72,7 @@ def free(address, port):
             raise ViewerFailed(f"cannot serve on {address} port {port}: {error.strerror}") from None
 
 
-def become_free(address, port, timeout):
+def become_free(address: str, port: int, timeout: float) -> None:
     """Wait until a server can listen on an address. Raises ViewerFailed after `timeout` s."""
     deadline = time.monotonic() + timeout
     while True:
@@ -82,7 +84,7 @@ def become_free(address, port, timeout):
         time.sleep(POLL_PERIOD)
 
 
-def reached_at(address):
+def reached_at(address: str) -> str:
     """Return the address for other machines; for a wildcard address that of the default network interface."""
     if address not in WILDCARDS:
         return address
@@ -96,13 +98,14 @@ def reached_at(address):
             return socket.gethostname()
 
 
-def executable():
+def executable() -> str:
+    """Return the path of Rerun's program."""
     import rerun_cli
 
     return os.path.join(os.path.dirname(rerun_cli.__file__), "rerun")
 
 
-def start(*words, mortal):
+def start(*words: object, mortal: bool) -> subprocess.Popen:
     """Start Rerun's program. mortal : end it with this process"""
 
     def before():
@@ -121,7 +124,7 @@ def start(*words, mortal):
     )
 
 
-def await_port(process, host, port, doubt):
+def await_port(process: subprocess.Popen, host: str, port: int, doubt: str) -> None:
     """Wait until a port accepts connections. Raises ViewerFailed. doubt : possible cause of a failure"""
     deadline = time.monotonic() + START_TIMEOUT
     while not answers(host, port):
@@ -133,7 +136,7 @@ def await_port(process, host, port, doubt):
         time.sleep(POLL_PERIOD)
 
 
-def viewer(port):
+def viewer(port: int) -> tuple[subprocess.Popen | None, str]:
     """Return (process or None, host) of the viewer on a port of this machine. Start one if none runs."""
     if answers(LOOPBACK, port):
         meet(LOOPBACK, port)
@@ -147,7 +150,7 @@ def viewer(port):
     return process, LOOPBACK
 
 
-def origins(address, web_port):
+def origins(address: str, web_port: int) -> list[str]:
     """Return the origins from which a browser may load the page: all names of this machine besides loopback."""
     name = socket.gethostname()
     return [
@@ -155,7 +158,7 @@ def origins(address, web_port):
     ]
 
 
-def serve(address, port, web_port, timeout=0.0):
+def serve(address: str, port: int, web_port: int, timeout: float = 0.0) -> tuple[subprocess.Popen, str]:
     """Start a server for browsers. Returns (process, host). timeout : s to wait for the ports"""
     host = WILDCARDS.get(address, address)
     for number in (port, web_port):
