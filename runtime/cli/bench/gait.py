@@ -51,7 +51,7 @@ def main(arguments: Sequence[str]) -> int:
         type=number("--noise", "rad", 1.0),
         default=0.0,
         metavar="RAD",
-        help="standard deviation of white noise of the angles, ten times as much per second for velocities (default: 0)",
+        help="standard deviation of white noise of angles; ten times as much per second for velocities (default: 0)",
     )
     add_options(parser)
     options = parser.parse_args(arguments)
