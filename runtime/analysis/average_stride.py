@@ -163,7 +163,7 @@ class AverageStride:
         It has no curves without a stride.
         """
         count = self.strides
-        found = {
+        result = {
             "strides": count,
             "left_out": sum(self.left_out.values()),
             "left_out_because": dict(self.left_out),
@@ -174,7 +174,7 @@ class AverageStride:
             },
         }
         if count:
-            found |= {
+            result |= {
                 "stride_time": self.time / count,
                 "positive_work": self.positive_work / count,
                 "negative_work": self.negative_work / count,
@@ -183,7 +183,7 @@ class AverageStride:
                     for name, mean, sd in zip(CURVES, self.sums.mean.tolist(), self.sums.sd().tolist())
                 },
             }
-        return found
+        return result
 
 
 def left_out_text(result: dict[str, Any]) -> str:

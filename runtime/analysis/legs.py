@@ -72,7 +72,7 @@ def measured(
     known = reports(trial)
     used = {signals["angle"] for _, _, signals in known}
     begin, end = interval(trial, between)
-    found, refused = [], None
+    measured_legs, refused = [], None
     for title, path, signals in [*known, *(joint for joint in joints(trial) if joint[2]["angle"] not in used)]:
         trial.read(name for name in signals.values() if name in trial.signals)  # in one pass
         try:
@@ -89,14 +89,14 @@ def measured(
             chosen &= (ticks >= average.each[-last].begin - 1) & (ticks <= average.each[-1].end)
             average = averaged(trial, ticks[chosen], samples[chosen])
         if average.each:
-            found.append(({"title": title, "path": path, "signals": signals, **average.result()}, average.each))
-    if not found:
+            measured_legs.append(({"title": title, "path": path, "signals": signals, **average.result()}, average.each))
+    if not measured_legs:
         raise refused or BadInput(
             f"{trial.path} has no complete stride of a joint with position, velocity and torque"
             + ("" if between is None else f" between {begin:g} s and {end:g} s")
         )
-    several = len({one["title"] for one, _ in found}) < len(found)
-    return [({**one, "title": one["path"] if several else one["title"]}, each) for one, each in found]
+    several = len({one["title"] for one, _ in measured_legs}) < len(measured_legs)
+    return [({**one, "title": one["path"] if several else one["title"]}, each) for one, each in measured_legs]
 
 
 def averaged(trial: TrialData, ticks: np.ndarray, samples: np.ndarray) -> EachStride:
@@ -108,20 +108,20 @@ def averaged(trial: TrialData, ticks: np.ndarray, samples: np.ndarray) -> EachSt
 
 def reports(trial: TrialData) -> list[tuple[str, str, dict[str, str]]]:
     """Return [(title, path, {input: signal})] of the diagram's StrideReports whose signals were recorded."""
-    diagram, found = trial.diagram or {}, []
+    diagram, entries = trial.diagram or {}, []
     for block in diagram.get("blocks", []):
         if block["type"] == STRIDE_REPORT:
             path = block["path"]
             wires = {wire["port"]: wire["from"] for wire in diagram["wires"] if wire["to"] == path}
             if set(wires) == set(INPUTS) and all(signal in trial.signals for signal in wires.values()):
-                found.append(
+                entries.append(
                     (
                         block["parameters"].get("title") or path.rpartition("/")[0] or path,
                         path,
                         {name: wires[name] for name in INPUTS},
                     )
                 )
-    return found
+    return entries
 
 
 def joints(trial: TrialData) -> Iterator[tuple[str, str, dict[str, str]]]:

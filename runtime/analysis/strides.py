@@ -109,9 +109,9 @@ def phase_of(trial: TrialData, path: str) -> tuple[str, str | None]:
     """
     folder = around = path.rpartition("/")[0]
     phases = [name for name in trial.names if name.endswith(".phase")]
-    while not (found := [name for name in phases if name.rpartition("/")[0] == around]) and around:
+    while not (candidates := [name for name in phases if name.rpartition("/")[0] == around]) and around:
         around = around.rpartition("/")[0]
-    gaits = [name for name in found if f"{name.removesuffix('phase')}walking" in trial.signals] or found
+    gaits = [name for name in candidates if f"{name.removesuffix('phase')}walking" in trial.signals] or candidates
     if len(gaits) != 1:
         where = f"subsystem {folder!r}" if folder else "the recording"
         what = f"has {len(gaits)} gait phases, {', '.join(gaits)}" if gaits else "has no gait phase"

@@ -108,14 +108,14 @@ class Machine:
 
         On this machine, access is tested, since it may exceed the mode.
         """
-        found = {}
+        devices = {}
         for line in self.output("ls", "-l", "/dev").splitlines():
             match = re.match(r"c([rwxsStT-]{9})\S* +\d+ +(\S+) +(\S+) +\d+, +\d+ .* (\S+)$", line)
             if match:
                 mode, owner, group, name = match.groups()
                 usable = os.access(f"/dev/{name}", os.R_OK | os.W_OK) if self.here else self.permits(mode, owner, group)
-                found[name] = Device(name, group, usable)
-        return dict(sorted(found.items()))
+                devices[name] = Device(name, group, usable)
+        return dict(sorted(devices.items()))
 
     def permits(self, mode: str, owner: str, group: str) -> bool:
         """Return whether the user may read and write a file, by its mode as `ls -l` prints it: "rw-rw----"."""
