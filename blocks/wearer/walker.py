@@ -19,7 +19,7 @@ SEGMENTS = {"thigh": "hip", "shank": "knee", "foot": "ankle"}
 MOTION = "x, z of {} [m], their velocities and accelerations, pitch [rad], its velocity and acceleration"
 
 # Muscles of hip, knee, ankle: stiffness in N·m/rad, more of it per N·m of moment, damping in N·m·s/rad, more of it per
-# stiffness in s, stiffness and damping of the delayed part, range of the joint in rad.
+# stiffness in s, stiffness and damping of the delayed part, range of the joint in rad. Of 70 kg and 1.70 m.
 MUSCLES = (
     (45.0, 2.0, 3.0, 0.01, 30.0, 2.0, -0.7, 2.2),
     (25.0, 3.0, 2.0, 0.01, 30.0, 1.5, -0.15, 2.5),
@@ -71,7 +71,7 @@ class Walker(Block):
     strength = Param(
         1.0,
         "1",
-        "scale of the muscles' stiffness and damping without delay against deviations",
+        "scale of the muscles' stiffness and damping against deviations; above 1 of those without delay only",
         above=0.0,
         max=10.0,
         fixed=True,
@@ -145,7 +145,10 @@ class Walker(Block):
         self.knots = speeds
         self.table = np.concatenate([[self.height], cubics.ravel()])
         self.body = plan(self.mass, self.height)
-        scale = np.array([self.strength] * 3 + [1.0] * 5)  # a larger delayed part would be unstable
+        # As the inertia of the leg, so that all bodies are damped alike; a stronger delayed part would be unstable.
+        size = self.mass / 70.0 * (self.height / 1.70) ** 2
+        scale = np.array([size * self.strength, self.strength, size * math.sqrt(self.strength), 1.0])
+        scale = np.concatenate([scale, [size * min(1.0, self.strength)] * 2, [1.0, 1.0]])
         self.muscles = (np.array(MUSCLES) * scale).ravel()
         deviations = (*GAIN_DEVIATIONS, *OFFSET_DEVIATIONS, STRIDE_TIME_DEVIATION)
         self.variation = (float(self.seed), *(self.variability * value for value in deviations))

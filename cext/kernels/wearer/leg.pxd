@@ -105,3 +105,13 @@ cdef inline void times(const Symmetric *m, const double *x, double *y) noexcept 
     y[0] = m.hh * x[0] + m.hk * x[1] + m.ha * x[2]
     y[1] = m.hk * x[0] + m.kk * x[1] + m.ka * x[2]
     y[2] = m.ha * x[0] + m.ka * x[1] + m.aa * x[2]
+
+
+cdef inline void mix(Symmetric *m, const Symmetric *other, double share) noexcept nogil:
+    """Replace m by share · m + (1 - share) · other."""
+    m.hh = share * m.hh + (1.0 - share) * other.hh
+    m.hk = share * m.hk + (1.0 - share) * other.hk
+    m.ha = share * m.ha + (1.0 - share) * other.ha
+    m.kk = share * m.kk + (1.0 - share) * other.kk
+    m.ka = share * m.ka + (1.0 - share) * other.ka
+    m.aa = share * m.aa + (1.0 - share) * other.aa

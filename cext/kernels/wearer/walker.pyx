@@ -8,7 +8,7 @@ from libc.string cimport memmove
 from cext.abi cimport DT, ITEMS, OK, TIME, Rest, each, export, items, kernel_t
 from cext.kernels.wearer.leg cimport (
     BODY_MASS, FOOT_LENGTH, HEEL, MASS, SHANK_LENGTH, THIGH_LENGTH, WEIGHT, Direction, Geometry, Symmetric,
-    contact_arms, directions, gravity, inertia, solve, times,
+    contact_arms, directions, gravity, inertia, mix, solve, times,
 )
 from cext.kernels.wearer.recording cimport SAMPLE, play
 from cext.kernels.wearer.reference cimport (
@@ -54,6 +54,8 @@ cdef struct Leg:                # of a leg, what the update needs from the step
     double velocity[3]
     double acceleration[3]
     double yielded[3]           # torque that the muscles leave to the robot, N·m
+    double former_load          # at the step before
+    Symmetric former            # inertia at the step before
 
 cdef struct State:
     double phase                # of the left leg, in strides since the start
@@ -317,9 +319,9 @@ cdef inline void move_leg(const double *body, const Muscle *muscles, double pelv
     cdef double arms_z[3]
     cdef double momentum[3]
     cdef double spring[3]
-    cdef double stiffness, damping, stop
+    cdef double stiffness, damping, stop, share
     cdef Geometry g
-    cdef Symmetric m, k
+    cdef Symmetric m, k, held
     cdef int j
     for j in range(3):
         angle[j] = leg.angle[j] + leg.deviation[j]
@@ -327,9 +329,16 @@ cdef inline void move_leg(const double *body, const Muscle *muscles, double pelv
     contact_arms(body, &g, leg.centre, arms_x, arms_z)
     m = inertia(body, &g, leg.load * body[BODY_MASS], arms_x, arms_z)
     k = gravity(body, &g, leg.load, leg.flat)
-    times(&m, leg.velocity, momentum)
+    # 1. Momentum. Landing keeps it, while the body's mass is added; a release takes that mass away at its velocity;
+    # and a moving geometry does no work on the deviation. So none of the three adds energy to it.
+    held = m
+    if leg.former.hh > 0.0:
+        share = 0.0 if leg.load > leg.former_load else 1.0 if leg.load < leg.former_load else 0.5
+        mix(&held, &leg.former, share)
+    leg.former, leg.former_load = m, leg.load
+    times(&held, leg.velocity, momentum)
     times(&k, leg.deviation, spring)
-    # Gravity and ground are damped as they are stiff, by 20 ms.
+    # 2. Matrix of the step. Gravity and ground are damped as they are stiff, by 20 ms.
     m.hh += dt * (dt + 0.02) * k.hh
     m.hk += dt * (dt + 0.02) * k.hk
     m.ha += dt * (dt + 0.02) * k.ha

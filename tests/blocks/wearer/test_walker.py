@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from blocks.sources import StepSource
 from blocks.wearer import Walker
 from blocks.wearer.body import plan
 from graph import Diagram, DiagramError
@@ -150,6 +151,20 @@ def test_a_torque_that_never_ends_keeps_the_leg_within_its_ranges(joint, torque)
         assert lower - 0.8 < angle.min() and angle.max() < upper + 0.8
         assert np.abs(trace[f"left_{each}_velocity"]).max() < 90.0
     assert np.abs(trace["right_knee_angle"]).max() < 1.3
+
+
+@pytest.mark.parametrize(
+    "parameters", [{}, {"mass": 40.0, "height": 1.5}, {"mass": 120.0, "height": 2.0}, {"strength": 0.3}, {"speed": 1.9}]
+)
+def test_deviation_decays_within_four_seconds_of_a_push(parameters):
+    """10 N·m at the knee until 0.1 s: the muscles regain the reference motion within 0.2°."""
+    with Diagram("walk", rate=200) as diagram:
+        push = StepSource(before=10.0, after=0.0, time=0.1, unit="N·m")()
+        Walker(name="w", variability=0.0, **parameters)(left_knee_assistance=push)
+        Walker(name="free", variability=0.0, **parameters)()
+    recording = run(diagram, 1200)
+    apart = [np.abs(recording[f"w.left_{j}_angle"] - recording[f"free.left_{j}_angle"]) for j in JOINTS]
+    assert np.degrees(np.max(apart)) > 0.3 and np.degrees(np.max([each[800:] for each in apart])) < 0.2
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
