@@ -45,8 +45,8 @@ class Rows(NamedTuple):
 
     @classmethod
     def empty(cls, count: int, signals: int) -> Rows:
-        """Return rows that are not filled, without any signal."""
-        values = np.full((signals, count), np.nan).T
+        """Return rows that are not filled."""
+        values = np.empty((signals, count)).T
         return cls(np.empty(count, dtype=np.int64), np.empty(count), np.empty(count), values)
 
 

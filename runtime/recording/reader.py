@@ -262,6 +262,8 @@ class Reader:
             fields[layout.tick] = [(getattr(rows, name), name) for name in ("tick", "time", "lateness")]
 
         partial = {channel: fields.pop(channel) for channel in [*fields] if channel not in layout.complete}
+        for values, _ in (target for targets in partial.values() for target in targets):
+            values.fill(np.nan)
         numbers: Iterable[int] = self.with_messages(fields, first, last)
         if partial and numbers:  # the messages are before the tick of their row, at most one chunk before it
             numbers = range(max(0, min(numbers) - 1), max(numbers) + 1)
