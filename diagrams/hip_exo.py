@@ -4,53 +4,61 @@
     python -m runtime diagrams/hip_exo.py --duration 10 --set gain=6
 
 Delayed output feedback: τ = gain · (sin θ_left − sin θ_right)(t − delay) assists the right thigh forward and the left
-one backward, a quarter of a stride after their largest separation in the opposite direction. It requires neither stride
-nor gait phase. (Lim et al. 2019, IEEE Transactions on Robotics 35) Angles are flexion from upright; positive torque
-flexes the hip.
+one backward, a quarter of a stride after their largest separation in the opposite direction. (Lim et al. 2019, IEEE
+Transactions on Robotics 35) The law needs no gait phase; the phases of both legs decide whether the wearer walks, and
+the torque fades when that is not certain. Angles are flexion from upright; positive torque flexes the hip.
 """
 
 from blocks.actuators import CubeMars
-from blocks.discrete import Delay
-from blocks.filters import Butterworth
+from blocks.gait import DelayedOutputFeedback, GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
 from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
-from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
-from blocks.trigonometry import Sin
 from blocks.wearer import SegmentIMU, Walker
-from graph import Diagram, subsystem
-
-RATE = 200.0  # Hz
+from graph import Diagram, Live, subsystem
 
 
 def build(gain=4.0, delay=0.25):
-    """Return the robot. gain : N·m; delay : s, about a quarter of a stride"""
-    with Diagram("hip_exo", rate=RATE) as diagram:
-        left, right = (thigh(side, serial) for side, serial in (("left", "133931"), ("right", "133932")))
-        difference = Butterworth(order=2, cutoff=6.0)(Sin(name="left_sine")(left) - Sin(name="right_sine")(right))
-        assistance = Gain(gain, unit="N·m", name="gain")(Delay(round(delay * RATE))(difference))
-        hip("left", 1, Gain(-1.0, name="opposite")(assistance), invert=True)
-        hip("right", 2, assistance, invert=False)
+    """Return the robot. gain : N·m, 9 at most; delay : s, about a quarter of a stride"""
+    with Diagram("hip_exo", rate=200) as diagram:
+        left, right = thigh("left", "133931"), thigh("right", "133932")
+        feedback = DelayedOutputFeedback(Live(gain, max=9.0), delay, name="feedback")(
+            left_angle=left[0], right_angle=right[0]
+        )
+        state = GaitState(name="state")(
+            **{f"left_{name}": signal for name, signal in left[1].items()},
+            **{f"right_{name}": signal for name, signal in right[1].items()},
+        )
+        hip("left", 1, feedback.left_torque, state.walking, invert=True)
+        hip("right", 2, feedback.right_torque, state.walking, invert=False)
         CsvRecorder()
         PlotJuggler()
     return diagram
 
 
 def thigh(side, serial):
-    """Return the flexion of one thigh: the pitch of its sensor, x forward and z down when upright."""
+    """Return the flexion of one thigh, and its gait: phase, walking and velocity.
+
+    The sensor is upright with x forward and z down, so its pitch is the flexion.
+    """
     with subsystem(side):
-        return MicroStrain(serial, channels=("accel", "gyro", "euler"), name="thigh_imu").euler[1]
+        imu = MicroStrain(serial, channels=("accel", "gyro", "euler"), name="thigh_imu")
+        angle, velocity = imu.euler[1], imu.gyro[1]
+        strike = ThighEvents(name="events")(angle).strike
+        gait = PhaseKalmanFilter(name="gait_phase")(angle=angle, velocity=velocity, strike=strike)
+    return angle, {"phase": gait.phase, "walking": gait.walking, "velocity": velocity}
 
 
-def hip(side, can_id, torque, invert):
-    """Command one hip actuator with a limited torque."""
+def hip(side, can_id, torque, walking, invert):
+    """Command one hip actuator with a limited torque, while the wearer walks."""
     with subsystem(side):
-        hip = CubeMars("AK80-9", bus="hips", can_id=can_id, invert=invert, name="hip")
-        hip(torque_command=TorqueLimiter(limit=6.0, slew=100.0)(torque))
+        drive = CubeMars("AK80-9", bus="hips", can_id=can_id, invert=invert, name="hip")
+        gated = TorqueGate(name="gate")(u=torque, enable=walking)
+        drive(torque_command=TorqueLimiter(limit=6.0, slew=100.0)(gated))
 
 
-def plant(robot, speed=1.2):
+def plant(robot, speed="1.2"):
     """Return the wearer, an average adult, with the sensors of the thighs. speed : m/s, or as in "0:0 2:1.2" """
     with Diagram("wearer", rate=5 * robot.rate) as wearer:
         adult = Walker(speed)

@@ -136,12 +136,13 @@ def pairs(speed: Any) -> list[tuple[float, float]]:
     """Return (time, speed) of each point of a schedule. ValueError"""
     if not isinstance(speed, str):
         return [(0.0, float(speed))]
+    text = speed if ":" in speed else f"0:{speed}"
     try:
-        found = [tuple(float(number) for number in pair.split(":")) for pair in speed.split()]
-        if not found or any(len(pair) != 2 or not np.all(np.isfinite(pair)) for pair in found):
+        points = [tuple(float(number) for number in pair.split(":")) for pair in text.split()]
+        if not points or any(len(pair) != 2 or not np.all(np.isfinite(pair)) for pair in points):
             raise ValueError
     except ValueError:
         raise ValueError(
             f'the speed must be a number in m/s or times and speeds as in "0:0 2:1.2", got {speed!r}'
         ) from None
-    return [(pair[0], pair[1]) for pair in found]
+    return [(pair[0], pair[1]) for pair in points]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import runtime
 from graph import compile
 from runtime.diagrams.file import build_plant, load
 from tests.blocks.running import run
@@ -51,3 +52,10 @@ def test_the_hips_are_assisted_in_opposite_directions(walked):
     left, right = (steady(walked, f"{side}/torque_limiter.limited") for side in SIDES)
     np.testing.assert_allclose(left, -right, atol=1e-12)
     assert 2.0 < np.max(np.abs(left)) <= 6.0
+
+
+def test_standing_legs_get_no_torque():
+    trial = runtime.run(HIP_EXO, 10.0, settings={"speed": "0:1.2 6:1.2 8:0"})
+    torque = np.abs(trial["left/torque_limiter.limited"])
+    assert torque[(trial.time > 3.0) & (trial.time < 6.0)].max() > 2.0
+    assert torque[trial.time > 8.3].max() == 0.0
