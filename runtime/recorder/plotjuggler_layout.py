@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as tree
 
 from blocks.sinks import PlotJuggler
@@ -17,6 +17,9 @@ from runtime.diagrams.file import compiled, load
 from runtime.diagrams.overrides import Settings
 from runtime.recording.grouping import by_unit
 from runtime.recording.signal_selection import select
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 STREAMER, PROTOCOL, TIMESTAMP = "UDP Server", "json", "timestamp"
 BUFFER_DURATION = 60  # s of data in PlotJuggler
@@ -51,7 +54,7 @@ def address(host: str) -> str:
         return "127.0.0.1" if host == "localhost" else "0.0.0.0"
 
 
-def layout(name: str, signals: list[dict[str, Any]], host: str, port: int) -> str:
+def layout(name: str, signals: Sequence[dict[str, Any]], host: str, port: int) -> str:
     """Return the text of the layout file. signals : columns; host, port : destination of the stream"""
     root, host = tree.Element("root"), address(host)
     comment = (
