@@ -1,15 +1,20 @@
 """Groups of signals for plots: one per subsystem, with a plot per unit; counts and states have plots of their own."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 from runtime.recording.messages import split
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 PLOTS, CURVES = 6, 12  # largest number of plots of a subsystem, and of curves in a plot
 FIRST = ("rad", "N·m", "rad/s", "m/s²", "A", "1")  # units of the first plots, in this order
 PLAIN = ("1", "any")
 
 
-def by_unit(name: str, signals: list[dict[str, Any]]) -> dict[str, list[tuple[str, list[str]]]]:
+def by_unit(name: str, signals: Iterable[dict[str, Any]]) -> dict[str, list[tuple[str, list[str]]]]:
     """Return {subsystem: [(title of a plot, [path])]}, in the order of the signals.
 
     name : of the diagram, for signals outside subsystems
