@@ -103,10 +103,10 @@ class Scan:
             return self.unchunked(at, at)
         if end > self.size or kind == 0:
             return None
-        if kind == ATTACHMENT:
-            self.contents.attachments.append((at, end - at))
         if kind in (HEADER, ATTACHMENT, SCHEMA, CHANNEL, STATISTICS, FOOTER):
             self.take(kind, self.bytes_at(at + HEAD.size, length))
+        if kind == ATTACHMENT:
+            self.contents.attachments.append((at, end - at))  # one that can be read
         return end
 
     def take(self, kind: int, body: bytes) -> None:

@@ -62,6 +62,12 @@ def content(trial):
     )
 
 
+def holds(after, before):
+    """Whether a repaired file has all that could be read of it before; it may have more, behind a damaged record."""
+    series, single = zip(after[:4], before[:4]), zip(after[4:], before[4:])
+    return all(more[: len(least)] == least for more, least in series) and all(b in (None, a) for a, b in single)
+
+
 def converted(command_line, *words):
     code, out, err = command_line("convert", *words)
     assert code == OK, err
@@ -182,7 +188,7 @@ def test_a_damaged_file_is_copied_up_to_the_defect_but_not_completed_in_place(co
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(3))
-def test_files_with_random_content_are_completed_as_read_or_not_changed(command_line, seed):
+def test_files_with_random_content_are_completed_without_loss_or_not_changed(command_line, seed):
     diagram, plant = leg()
     run(diagram, command_line.folder, 12, plant=plant)
     whole, order, path = (
@@ -211,7 +217,7 @@ def test_files_with_random_content_are_completed_as_read_or_not_changed(command_
             assert path.read_bytes() == data
             refused += 1
         else:
-            assert before is None or content(runtime.load(path)) == before
+            assert before is None or holds(content(runtime.load(path)), before)
     assert 50 < refused < 250
 
 
