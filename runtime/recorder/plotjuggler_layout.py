@@ -7,7 +7,6 @@ in the file lists the settings to enter once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
