@@ -26,10 +26,11 @@ BY_ID = Path("/dev/input/by-id")
 
 def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | RigProblem]:
     """Open the lines of `devices`. Returns {device: Opened or RigProblem}."""
-    return one_by_one(devices, lambda device: _open(device.path, **device.opening()))
+    return one_by_one(devices, lambda device: open_line(device.path, **device.opening()))
 
 
-def _open(path, device):
+def open_line(path: str, device: str) -> Opened:
+    """Open an input device. path : of the block, for messages. Raises Refused."""
     name = f'[device."{path}"] device = "{device}"'
     if not device:
         raise Refused(

@@ -29,11 +29,11 @@ CONNECT_TIMEOUT = 3.0  # s
 
 def open_lines(devices: Iterable[StreamDevice]) -> dict[StreamDevice, Opened | RigProblem]:
     """Open the lines of `devices`. Returns {device: Opened or RigProblem}."""
-    return one_by_one(devices, lambda device: _open(device.path, **device.opening()))
+    return one_by_one(devices, lambda device: open_line(device.path, **device.opening()))
 
 
-def _open(path, transport, address):
-    """Open a network line. Raises Refused."""
+def open_line(path: str, transport: str, address: str) -> Opened:
+    """Open a network line. path : of the device, for messages. Raises Refused."""
     name = f'[device."{path}"] address = "{address}"'
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:

@@ -128,5 +128,5 @@ def test_missing_device_is_reported(tmp_path):
         (str(tmp_path / "file"), "is not an input device"),
     ):
         with pytest.raises(Refused) as caught:
-            evdev_line.opened("pad", device)
+            evdev_line.open_line("pad", device)
         assert caught.value.problem.code == "TW127" and words in caught.value.problem.message

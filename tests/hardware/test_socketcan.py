@@ -156,7 +156,7 @@ def test_frames_for_other_nodes_are_filtered_and_counted_with_their_ids():
         node.send(0, NOTHING)
         bus.can.end.send(127, NOTHING)
         assert [frame[:2] for frame in bus.heard()] == [(0, False)]
-        count, ids = bus.interface.strangers.heard()
+        count, ids = bus.interface.strangers.counts()
         assert count == 302 and ids[:2] == ["300", "301"]
 
 
@@ -293,7 +293,7 @@ def test_error_frames_come_through_the_filter():
         controller.send(ERROR | 0x040, bytes(8))
         assert len(bus.can.end.receive(1)) == 1
         assert bus.can.trouble == "bus-off" and not bus.can.end.send(127, NOTHING) and bus.can.end.send(127, NOTHING)
-        assert bus.interface.strangers.heard() == (0, [])
+        assert bus.interface.strangers.counts() == (0, [])
 
 
 @needs_own_kernel

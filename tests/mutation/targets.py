@@ -102,13 +102,13 @@ TARGETS = (
     Target("cext/schedule/lifecycle.pyx", ("is_survived",), ("cext/waiting",), STOPS),
     Target(
         "runtime/guardian/stop.py",
-        ("__init__", "step", "receive", "is_reply"),
+        ("__init__", "step", "receive", "_is_reply"),
         (),
         ("tests/runtime/guardian/test_safe_stop.py",),
     ),
     Target(
         "runtime/guardian/process.py",
-        ("judge", "begin_stop", "carry", "receive"),
+        ("check_loop", "begin_stop", "carry", "receive"),
         (),
         ("tests/runtime/guardian/test_carrying.py",),
     ),

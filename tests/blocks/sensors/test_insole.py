@@ -226,7 +226,7 @@ def test_insole_frames_are_read_over_a_real_socket(transport, insole):
     if transport == "tcp":
         bridge.bind(("127.0.0.1", port))
         bridge.listen()
-    line = net_line.opened("sole", transport, f"127.0.0.1:{port}")
+    line = net_line.open_line("sole", transport, f"127.0.0.1:{port}")
 
     def speak():
         to = bridge
@@ -255,7 +255,7 @@ def test_invalid_address_is_reported():
         ("tcp", f"127.0.0.1:{free_port(socket.SOCK_STREAM)}", "TW128", "Connection refused"),
     ):
         with pytest.raises(Refused) as caught:
-            net_line.opened("left/sole", transport, address)
+            net_line.open_line("left/sole", transport, address)
         assert caught.value.problem.code == code and words in caught.value.problem.message and caught.value.problem.hint
         assert caught.value.problem.message.startswith('[device."left/sole"] address = ')
     taken.close()
