@@ -164,10 +164,11 @@ def replay(trial: Trial, source: Source, folder: str | Path | None = None) -> Re
     live_changes(trial, schedule)  # refuses before anything starts
     comparison = ReplayComparison(trial.signals, {column.path: vars(column) for column in schedule.recorded})
     feed = Feed(trial, schedule.buses, EXTERNAL_ENDS, comparison.add_recorded)
+    last_tick = (trial.end or {}).get("last_tick")
     request = Request(
         Path(where),
         fast=True,
-        duration=(trial.end or {}).get("duration"),
+        duration=None if last_tick is None else (last_tick + 1) / trial.about["rate"],  # for the status line
         record=None if folder is None else Path(folder),
         no_record=folder is None,
     )

@@ -129,7 +129,7 @@ def test_after_kill_9_of_every_process_the_file_can_be_repaired(command_line):
     assert "is incomplete: it was truncated" in err and content(runtime.load(whole)) == content(before)
     assert [name for name, _, _ in indexed(whole)].count("/tickwork/tick") == len(before)
     [same], err = converted(command_line, path, "--to", "mcap", "--in-place")
-    assert same.read_bytes() == whole.read_bytes()
+    assert content(runtime.load(same)) == content(before)
     if find_spec("rerun"):
         done = subprocess.run([program(), "mcap", "check", str(same)], capture_output=True, text=True, timeout=60)
         assert done.returncode == 0 and "/left" in done.stdout, done.stdout + done.stderr
