@@ -13,15 +13,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cext.kernels.filter_bounds import impulse_sums
 from graph.interval import EVERYTHING, Interval
-
-if TYPE_CHECKING:
-    pass
 
 EPSILON = 2.0**-52
 TINY = 1e-290  # absorbs underflow

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cext.kernels import pid as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 from graph.interval import EVERYTHING
 from graph.units import ANY, canonical
-
-if TYPE_CHECKING:
-    pass
 
 
 class _Controller(Block):

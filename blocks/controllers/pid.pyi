@@ -4,7 +4,7 @@ from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.declarations import Live
 from graph.signal import Operand, Signal
-from typing import Any, TYPE_CHECKING as TYPE_CHECKING
+from typing import Any
 from graph import Block, Input, Memory, Output, Param
 
 class _Controller(Block):

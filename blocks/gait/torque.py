@@ -11,6 +11,17 @@ DELAY_LIMIT = 0.5  # s
 ZERO = Interval.point(0.0)
 
 
+class _Delayed:
+    """Memory of a delay and of two low-passes behind it."""
+
+    held = Memory(0.0, "last values")
+    place = Memory((0.0, 0.0), "index of the next, number stored")
+    low_pass = Memory((0.0, 0.0), "outputs of the low-passes")
+
+    def prepare(self, dt: float) -> None:
+        self.held = [0.0] * (math.ceil(DELAY_LIMIT / dt) + 2)
+
+
 class PeakProfile(Block):
     """Torque with one peak per stride, two cubics: 0 to `peak` in `rise`, back to 0 in `fall`.   (Zhang et al. 2017)
 
@@ -60,7 +71,7 @@ class SplineProfile(Block):
         return Interval(min(low), max(high)) | ZERO
 
 
-class BiologicalTorque(Block):
+class BiologicalTorque(_Delayed, Block):
     """Share of an estimated biological torque: τ = scale · low-pass(m(t − delay)).   (Molinaro et al. 2024)
 
     Two first-order low-passes in a row, −3 dB at `cutoff`, without overshoot. Published assistance of hip and knee uses
@@ -74,20 +85,14 @@ class BiologicalTorque(Block):
 
     moment = Input("N·m", "estimated biological torque m")
     torque = Output("N·m", "torque τ")
-    held = Memory(0.0, "last moments")
-    place = Memory((0.0, 0.0), "index of the next, number stored")
-    low_pass = Memory((0.0, 0.0), "outputs of the low-passes")
 
     kernel = kernels.biological_torque
-
-    def prepare(self, dt: float) -> None:
-        self.held = [0.0] * (math.ceil(DELAY_LIMIT / dt) + 2)
 
     def output_range(self, moment: Interval) -> Interval:
         return self.span("scale") * (moment | ZERO)
 
 
-class DelayedOutputFeedback(Block):
+class DelayedOutputFeedback(_Delayed, Block):
     """Hip assistance without a gait phase: τ_right = −τ_left = gain · y(t − delay), y = sin θ_left − sin θ_right.
 
     y passes two first-order low-passes, −3 dB at `cutoff`. With the delay of about a quarter of a stride the torque is
@@ -104,14 +109,8 @@ class DelayedOutputFeedback(Block):
     right_angle = Input("rad", "flexion of the right thigh")
     left_torque = Output("N·m", "flexion torque of the left hip")
     right_torque = Output("N·m", "flexion torque of the right hip")
-    held = Memory(0.0, "last values of y")
-    place = Memory((0.0, 0.0), "index of the next, number stored")
-    low_pass = Memory((0.0, 0.0), "outputs of the low-passes")
 
     kernel = kernels.delayed_feedback
-
-    def prepare(self, dt: float) -> None:
-        self.held = [0.0] * (math.ceil(DELAY_LIMIT / dt) + 2)
 
     def output_range(self, left_angle: Interval, right_angle: Interval) -> Interval:
         most = 2.0 * self.span("gain").high

@@ -8,6 +8,11 @@ from graph import Block, Input, Memory, Output, Param
 
 DELAY_LIMIT: float
 ZERO: Any
+class _Delayed:
+    held: Any
+    place: Any
+    low_pass: Any
+    def prepare(self, dt: float) -> None: ...
 class PeakProfile(Block):
     peak: Param[float]
     peak_time: Param[float]
@@ -50,15 +55,12 @@ class SplineProfile(Block):
         **options: Unpack[BlockOptions],
     ) -> None: ...
     def __call__(self, phase: Operand = ..., enable: Operand = ...) -> Signal: ...
-class BiologicalTorque(Block):
+class BiologicalTorque(_Delayed, Block):
     scale: Param[float]
     delay: Param[float]
     cutoff: Param[float]
     moment: Input
     torque: Output
-    held: Memory
-    place: Memory
-    low_pass: Memory
     def __init__(
         self,
         scale: float | Live = 0.2,
@@ -67,7 +69,7 @@ class BiologicalTorque(Block):
         **options: Unpack[BlockOptions],
     ) -> None: ...
     def __call__(self, moment: Operand = ...) -> Signal: ...
-class DelayedOutputFeedback(Block):
+class DelayedOutputFeedback(_Delayed, Block):
     gain: Param[float]
     delay: Param[float]
     cutoff: Param[float]
@@ -75,9 +77,6 @@ class DelayedOutputFeedback(Block):
     right_angle: Input
     left_torque: Output
     right_torque: Output
-    held: Memory
-    place: Memory
-    low_pass: Memory
     def __init__(
         self,
         gain: float | Live = 8.0,

@@ -55,8 +55,8 @@ class Walker(Block):
     follow from the phase as in a walk of that stride time.
 
     Limits: the pelvis follows the reference and does not deviate. Step length and cadence do not adapt to the robot.
-    Both legs have the same mean motion. There is no stumbling, turning or slope; on stairs the pelvis stays level. The
-    reaction of the ground to a deviation is limited to the body weight.
+    Both legs have the same mean motion. Stumbling, turning and slopes are not modelled; on stairs the pelvis stays
+    level. The reaction of the ground to a deviation is limited to the body weight.
     """
 
     speed = Param(1.2, "1", 'walking speed in m/s, or times and speeds as in "0:0 2:1.2 20:1.2 25:0"', dtype=object)

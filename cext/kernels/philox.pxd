@@ -3,6 +3,7 @@
 Equal to numpy.random.Philox. (Salmon, Moraes, Dror and Shaw, Parallel random numbers: as easy as 1, 2, 3. SC'11.)
 """
 
+from libc.math cimport M_PI, cos, log, sin, sqrt
 from libc.stdint cimport uint64_t
 
 cdef extern from *:
@@ -34,3 +35,19 @@ cdef inline void philox(uint64_t tick, uint64_t seed, uint64_t *out) noexcept no
 cdef inline double fraction(uint64_t bits) noexcept nogil:
     """Return a number in [0, 1), a multiple of 2^-53."""
     return <double>(bits >> 11) * 1.1102230246251565e-16
+
+
+cdef inline double normal(uint64_t a, uint64_t b) noexcept nogil:
+    """Return a normally distributed number of 128 random bits. (Box and Muller 1958)"""
+    return sqrt(-2.0 * log(1.0 - fraction(a))) * cos(2.0 * M_PI * fraction(b))
+
+
+cdef inline void normals(const uint64_t *bits, double *out) noexcept nogil:
+    """Compute four independent normally distributed numbers from the four of `philox`. (Box and Muller 1958)"""
+    cdef double radius, angle
+    cdef int k
+    for k in range(2):
+        radius = sqrt(-2.0 * log(1.0 - fraction(bits[2 * k])))
+        angle = 2.0 * M_PI * fraction(bits[2 * k + 1])
+        out[2 * k] = radius * cos(angle)
+        out[2 * k + 1] = radius * sin(angle)

@@ -7,7 +7,7 @@ from libc.stdint cimport int32_t, uint64_t
 from cext.abi cimport DT, ITEMS, LATENESS, OK, TICK, TIME, WAKE, export, items, kernel_t
 from cext.kernels.clock cimport just_after
 from cext.kernels.interpolation cimport between, segment, share_of
-from cext.kernels.philox cimport fraction, philox
+from cext.kernels.philox cimport fraction, normal, philox
 
 
 cdef struct Constant:
@@ -147,8 +147,7 @@ cdef int gaussian_kernel(double *arena, const Gaussian *at, const Gaussian *size
     """Compute normally distributed noise. (Box and Muller 1958)"""
     cdef uint64_t[4] bits
     philox(<uint64_t>arena[TICK], <uint64_t>arena[at.seed], bits)
-    arena[at.y] = arena[at.mean] + arena[at.deviation] * (sqrt(-2.0 * log(1.0 - fraction(bits[0])))
-        * cos(2.0 * M_PI * fraction(bits[1])))
+    arena[at.y] = arena[at.mean] + arena[at.deviation] * normal(bits[0], bits[1])
     return OK
 
 

@@ -7,14 +7,11 @@ import re
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from runtime.base.errors import BadInput
 from runtime.commissioning.bus import plain, quoted
 from runtime.rig.file import parse, text_of
-
-if TYPE_CHECKING:
-    pass
 
 HEADER = re.compile(r"^\s*\[")
 

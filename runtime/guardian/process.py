@@ -21,7 +21,6 @@ import sys
 import threading
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from cext.clock import realtime
 from cext.ring.rings import Lines
@@ -36,10 +35,6 @@ from runtime.guardian import control_group
 from runtime.guardian.relay import Relay
 from runtime.guardian.stop import SafeStop, decoded, frames_of_stop
 from runtime.guardian.wires import FRAMES_AT_ONCE, CannotOpen, open_wire
-
-if TYPE_CHECKING:
-    pass
-
 
 ORDERS = 0  # standard input
 ACTIVE = ("arming", "ready", "running", "stopping", "waiting")

@@ -17,16 +17,12 @@ import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from graph.names import suggestion
 from runtime.rig.bus import BITRATE_MAXIMUM, RigBus
 from runtime.rig.errors import RigError, RigProblem
 from runtime.rig.udp import EXAMPLE, UDP, Endpoint
-
-if TYPE_CHECKING:
-    pass
-
 
 if sys.version_info >= (3, 11):
     import tomllib

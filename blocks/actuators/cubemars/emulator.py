@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from blocks.actuators.cubemars import models
 from blocks.actuators.cubemars.frames import REPLIES
 from blocks.actuators.emulated import Emulated
 from cext.kernels.devices.cubemars import mit as kernels
 from graph import Device, Param
-
-if TYPE_CHECKING:
-    pass
 
 
 class EmulatedCubeMars(Emulated, Device):

@@ -3,7 +3,7 @@ from typing import NamedTuple
 from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.signal import Operand, Signal
-from typing import Any, TYPE_CHECKING as TYPE_CHECKING
+from typing import Any
 from blocks.actuators.emulated import Emulated
 from graph import Device, Param
 

@@ -12,13 +12,10 @@ which is what a board commands and reports. Rated torque over constant over √2
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from blocks.actuators.cubemars import models
 from graph.names import suggestion
-
-if TYPE_CHECKING:
-    pass
 
 POSITION = 12.56  # rad, half the wire range of every model
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from blocks.imus.microstrain import models
 from blocks.imus.microstrain.descriptors import BY_NAME, FILTER, SENSOR, STANDARD_GRAVITY, wanted
 from cext.kernels.devices.microstrain import emulator as kernels
 from graph import Device, Input, Interval, Memory, Output, Param
-
-if TYPE_CHECKING:
-    pass
 
 FIELD_LIMIT = 16  # fields of a format, of cext/kernels/devices/microstrain/emulator.pyx
 INFO = 16  # characters of each text in the device information

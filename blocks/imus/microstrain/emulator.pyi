@@ -5,7 +5,7 @@ from typing_extensions import Unpack
 import numpy as np
 from graph.block import BlockOptions
 from graph.signal import Operand, Signal
-from typing import Any, TYPE_CHECKING as TYPE_CHECKING
+from typing import Any
 from graph import Device, Input, Memory, Output, Param
 
 FIELD_LIMIT: int

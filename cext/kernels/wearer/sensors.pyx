@@ -1,11 +1,11 @@
 # cython: freethreading_compatible=True
 """Sensors on a walking adult: inertial sensors on segments."""
 
-from libc.math cimport M_PI, cos, log, sin, sqrt
+from libc.math cimport cos, sin, sqrt
 from libc.stdint cimport int32_t, uint64_t
 
 from cext.abi cimport DT, ITEMS, OK, TICK, export, items, kernel_t
-from cext.kernels.philox cimport fraction, philox
+from cext.kernels.philox cimport normals, philox
 
 cdef enum: # in `motion` of a segment, as walker.pyx writes it
     AX = 4
@@ -22,13 +22,6 @@ cdef struct SegmentIMU:
 
 SEGMENT_IMU = items((<SegmentIMU *>ITEMS)[0], "motion[9] accel[3] gyro[3] quaternion[4] rotation[13] "
     "accel_offset[3] gyro_offset[3] drift[3]")
-
-
-cdef inline void normal_pair(uint64_t a, uint64_t b, double *out) noexcept nogil:
-    cdef double radius = sqrt(-2.0 * log(1.0 - fraction(a)))
-    cdef double angle = 2.0 * M_PI * fraction(b)
-    out[0] = radius * cos(angle)
-    out[1] = radius * sin(angle)
 
 
 cdef int segment_imu_kernel(double *arena, const SegmentIMU *at, const SegmentIMU *sizes) noexcept nogil:
@@ -57,8 +50,7 @@ cdef int segment_imu_kernel(double *arena, const SegmentIMU *at, const SegmentIM
     if random:
         for k in range(3):
             philox(3 * <uint64_t>arena[TICK] + k, <uint64_t>arena[at.seed], bits)
-            normal_pair(bits[0], bits[1], z + 4 * k)
-            normal_pair(bits[2], bits[3], z + 4 * k + 2)
+            normals(bits, z + 4 * k)
     for k in range(3):
         arena[at.drift + k] += arena[at.gyro_drift] * sqrt(arena[DT]) * z[6 + k]
         arena[at.accel + k] = (rotation[k] * fx + rotation[6 + k] * fz + arena[at.accel_offset + k]

@@ -1,11 +1,12 @@
 # cython: freethreading_compatible=True
 """Force sensors under the foot of a walking adult."""
 
-from libc.math cimport M_PI, cos, log, sqrt
+from libc.math cimport M_SQRT1_2
 from libc.stdint cimport int32_t, uint64_t
 
 from cext.abi cimport DT, ITEMS, OK, TICK, export, items, kernel_t
-from cext.kernels.philox cimport fraction, philox
+from cext.kernels.limits cimport clip
+from cext.kernels.philox cimport fraction, normal, philox
 
 
 cdef struct SoleForce:
@@ -23,29 +24,25 @@ cdef int sole_force_kernel(double *arena, const SoleForce *at, const SoleForce *
     cdef double up = arena[at.ground_force + 1]
     cdef double centre = arena[at.centre_of_pressure] / length
     cdef double early = 1.0 - arena[at.phase] / STRIKE_END
-    cdef double share, radius
+    cdef double share, zero, half
     cdef uint64_t[4] bits
     cdef uint64_t[4] others
     # 1. A forefoot striker lands in front: the centre begins there and moves to that of a heel striker.
     if early > 0.0:
         centre += arena[at.forefoot_strike] * early * early * (3.0 - 2.0 * early) * (arena[at.forefoot_at] - centre)
     # 2. Heel and forefoot bear the force so that its centre is right, as far as both can.
-    share = (centre - arena[at.heel_at]) / (arena[at.forefoot_at] - arena[at.heel_at])
-    share = 0.0 if share < 0.0 else 1.0 if share > 1.0 else share
+    share = clip((centre - arena[at.heel_at]) / (arena[at.forefoot_at] - arena[at.heel_at]), 0.0, 1.0)
     philox(2 * <uint64_t>arena[TICK], <uint64_t>arena[at.seed], bits)
     philox(2 * <uint64_t>arena[TICK] + 1, <uint64_t>arena[at.seed], others)
     arena[at.drift] += arena[at.zero_drift] * arena[DT]
     up *= arena[at.gain]
     if fraction(others[0]) < arena[at.dropped]:
         up = 0.0                # a lost sample reads as no force
-    radius = arena[at.noise] * sqrt(-2.0 * log(1.0 - fraction(bits[0])))
-    arena[at.force] = up + arena[at.zero] + arena[at.drift] + radius * cos(2.0 * M_PI * fraction(bits[1]))
-    radius = arena[at.noise] * sqrt(-log(1.0 - fraction(bits[2])))      # half of the variance each
-    arena[at.heel] = ((1.0 - share) * up + 0.5 * (arena[at.zero] + arena[at.drift])
-        + radius * cos(2.0 * M_PI * fraction(bits[3])))
-    radius = arena[at.noise] * sqrt(-log(1.0 - fraction(others[1])))
-    arena[at.forefoot] = (share * up + 0.5 * (arena[at.zero] + arena[at.drift])
-        + radius * cos(2.0 * M_PI * fraction(others[2])))
+    zero = arena[at.zero] + arena[at.drift]
+    half = M_SQRT1_2 * arena[at.noise]      # half of the variance each
+    arena[at.force] = up + zero + arena[at.noise] * normal(bits[0], bits[1])
+    arena[at.heel] = (1.0 - share) * up + 0.5 * zero + half * normal(bits[2], bits[3])
+    arena[at.forefoot] = share * up + 0.5 * zero + half * normal(others[1], others[2])
     arena[at.centre] = centre * length
     return OK
 

@@ -4,10 +4,10 @@ Each is a first-order autoregressive process over the strides with a standard de
 of one leg share a part of their variance. Reproducible: a draw is a function of seed, leg and stride.
 """
 
-from libc.math cimport M_PI, cos, log, sin, sqrt
+from libc.math cimport sqrt
 from libc.stdint cimport uint64_t
 
-from cext.kernels.philox cimport fraction, philox
+from cext.kernels.philox cimport normals, philox
 
 cdef enum:
     VALUES = 7                  # of a leg: gain of hip, knee, ankle, offset of hip, knee, ankle, stride time
@@ -28,29 +28,18 @@ cdef inline double common() noexcept nogil:
     return 0.2
 
 
-cdef inline void normals(uint64_t number, uint64_t seed, double *out) noexcept nogil:
-    """Draw four normally distributed numbers. (Box and Muller 1958)"""
-    cdef uint64_t[4] bits
-    cdef double radius, angle
-    cdef int k
-    philox(number, seed, bits)
-    for k in range(2):
-        radius = sqrt(-2.0 * log(1.0 - fraction(bits[2 * k])))
-        angle = 2.0 * M_PI * fraction(bits[2 * k + 1])
-        out[2 * k] = radius * cos(angle)
-        out[2 * k + 1] = radius * sin(angle)
-
-
 cdef inline void draw(Draws *leg, int side, uint64_t seed, double stride, double kept) noexcept nogil:
     """Draw `after` for a stride from `before`; with `kept` = 0 independently of it."""
+    cdef uint64_t[4] bits
     cdef double[8] z
     cdef double fresh = sqrt(1.0 - kept * kept)
     # Half way between two strides the variance of the mean of both is (1 + persistence) / 2.
     cdef double scale = sqrt(2.0 / (1.0 + persistence())) * fresh
     cdef uint64_t number = <uint64_t>(4 * <long long>stride + 2 * side)
     cdef int k
-    normals(number, seed, z)
-    normals(number + 1, seed, z + 4)
+    for k in range(2):
+        philox(number + k, seed, bits)
+        normals(bits, z + 4 * k)
     for k in range(VALUES):
         leg.after[k] = kept * leg.before[k] + scale * (sqrt(common()) * z[7] + sqrt(1.0 - common()) * z[k])
 

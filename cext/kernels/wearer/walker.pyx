@@ -6,6 +6,7 @@ from libc.stdint cimport int32_t, uint64_t
 from libc.string cimport memmove
 
 from cext.abi cimport DT, ITEMS, OK, TIME, Rest, each, export, items, kernel_t
+from cext.kernels.limits cimport clip
 from cext.kernels.wearer.leg cimport (
     BODY_MASS, FOOT_LENGTH, HEEL, MASS, SHANK_LENGTH, THIGH_LENGTH, WEIGHT, Direction, Geometry, Symmetric,
     contact_arms, directions, gravity, inertia, mix, solve, times,
@@ -208,7 +209,8 @@ cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, 
         leg.stiffness[j] = muscles[j].stiffness + muscles[j].per_moment * fabs(nominal)
         leg.damping[j] = muscles[j].damping + muscles[j].per_stiffness * leg.stiffness[j]
         leg.reflex[j] = -muscles[j].reflex_stiffness * delayed[j] - muscles[j].reflex_damping * delayed[3 + j]
-        torque = nominal - leg.yielded[j] - leg.stiffness[j] * leg.deviation[j] - leg.damping[j] * leg.velocity[j] + leg.reflex[j]
+        torque = (nominal - leg.yielded[j] - leg.stiffness[j] * leg.deviation[j] - leg.damping[j] * leg.velocity[j]
+            + leg.reflex[j])
         arena[out[5 * j + ANGLE]] = angle[j]
         arena[out[5 * j + VELOCITY]] = rate[j]
         arena[out[5 * j + ACCELERATION]] = acceleration[j]
@@ -221,14 +223,14 @@ cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, 
     contact(&state.blend, phase, &vertical, &forward, &centre)
     vertical = 0.5 + stride * (vertical - 0.5)
     forward *= stride
-    leg.load = 0.0 if vertical < 0.0 else 1.0 if vertical > 1.0 else vertical
-    leg.centre = body[HEEL] + body[FOOT_LENGTH] * (0.02 if centre < 0.02 else 0.95 if centre > 0.95 else centre)
+    leg.load = clip(vertical, 0.0, 1.0)
+    leg.centre = body[HEEL] + body[FOOT_LENGTH] * clip(centre, 0.02, 0.95)
     foot = (arena[out[PITCHES + 2]] - deviation_of_foot(leg.deviation)) / FLAT_RANGE
     leg.flat = FLAT_STIFFNESS * leg.load / (1.0 + foot * foot)
     contact_arms(body, &g, leg.centre, arms_x, arms_z)
     borne = leg.load * body[BODY_MASS]
-    vertical = body[WEIGHT] * vertical - clipped(borne * of_pitches(arms_z, leg.acceleration), body[WEIGHT])
-    forward = body[WEIGHT] * forward - clipped(borne * of_pitches(arms_x, leg.acceleration), body[WEIGHT])
+    vertical = body[WEIGHT] * vertical - clip(borne * of_pitches(arms_z, leg.acceleration), -body[WEIGHT], body[WEIGHT])
+    forward = body[WEIGHT] * forward - clip(borne * of_pitches(arms_x, leg.acceleration), -body[WEIGHT], body[WEIGHT])
     if vertical < 0.0:
         vertical = forward = 0.0
     arena[out[GROUND_FORCE]] = forward
@@ -237,13 +239,9 @@ cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, 
     centre = leg.centre - body[HEEL]
     if vertical > CONTACT_LOAD * body[WEIGHT]:
         centre -= leg.flat * deviation_of_foot(leg.deviation) / vertical
-        centre = 0.0 if centre < 0.0 else body[FOOT_LENGTH] if centre > body[FOOT_LENGTH] else centre
+        centre = clip(centre, 0.0, body[FOOT_LENGTH])
     arena[out[CENTRE_OF_PRESSURE]] = centre
     arena[out[PHASE]] = phase
-
-
-cdef inline double clipped(double x, double limit) noexcept nogil:
-    return -limit if x < -limit else limit if x > limit else x      # NaN passes
 
 
 cdef inline double deviation_of_foot(const double *q) noexcept nogil:

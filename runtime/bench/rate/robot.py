@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from graph import Diagram
-
-if TYPE_CHECKING:
-    pass
 
 UNLIMITED = 1e12  # bit/s: the compiler is not to refuse what is to be tried
 CODES = 0.6  # of a code: where the driver truncates zero to the code below the middle, this is the one above
