@@ -122,8 +122,8 @@ def test_echoed_commands_are_counted_and_ignored(tmp_path):
         out, err = process.communicate(timeout=20)
         sent = counted(out, "frames sent")
         assert process.returncode == 0, err
-        # the last echoes arrive after the run has stopped reading
-        assert sent > 200 and sent - 4 <= counted(out, "echoed") <= sent
+        # On a loaded machine the echoes of the last 50 ms, 20 frames, can arrive after the run has stopped reading.
+        assert sent > 200 and sent - 20 <= counted(out, "echoed") <= sent
         assert "confirmed by left/knee, right/knee" in out and counted(out, "malformed") == 0
 
 
