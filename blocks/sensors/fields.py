@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
 
-from graph import Input, Output, units
+from graph import Input, Interval, Output, units
 
 # Size in bytes by type, in the order of cext/kernels/devices/fields_of_bytes.pxd.
 SIZES = {
@@ -63,6 +63,15 @@ class Field:
     def dtype(self) -> type:
         """Type of the port: int for unscaled integers, otherwise float."""
         return int if self.type.startswith(("int", "uint")) and self.scale == 1.0 else float
+
+    @property
+    def range(self) -> Interval | None:
+        """Range of its port: that of its type, None for floating point."""
+        if self.type.startswith("float"):
+            return None
+        bits, signed = 8 * SIZES[self.type], self.type.startswith("int")
+        low, high = (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1.0) if signed else (0.0, 2.0**bits - 1.0)
+        return Interval(*sorted((self.scale * low, self.scale * high)))
 
     def output(self) -> Output:
         """Return the output of a sensor that receives it."""

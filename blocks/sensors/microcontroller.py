@@ -22,7 +22,8 @@ class Microcontroller(StreamDevice):
     `format="cobs"`: a counter (one byte), the fields in order, least significant byte first, and CRC-16/CCITT-FALSE of
     both; stuffed by COBS, so a zero byte ends a packet and occurs nowhere else. `format="lines"`: counter and numbers
     as text separated by commas, one line per packet; lines that start with # are comments. Lost packets are detected by
-    the counter, corrupt ones by checksum and length. docs/sensors.md contains a sketch for the microcontroller.
+    the counter, corrupt ones by checksum and length. docs/sensors.md has sketches for the microcontroller, one with a
+    load cell and one with an inertial sensor.
     """
 
     fields = Param(
@@ -64,7 +65,7 @@ class Microcontroller(StreamDevice):
     packet_rate = Param(
         0.0,
         "Hz",
-        "packet rate of the device, used by `check` to verify the capacity of its line; 0 if unknown",
+        "packet rate of the device, for its emulator and the line's capacity in `check`; 0 if unknown",
         min=0.0,
         fixed=True,
         kernel=False,
@@ -134,7 +135,11 @@ class Microcontroller(StreamDevice):
         return speed_of(self.port, self.baudrate)
 
     def output_range(self) -> dict[str, Interval]:
-        return {name: Interval(0.0) for name in ("age", "received", "lost", "corrupt")}
+        # a number in a text line can exceed the type of its field
+        bounded = {each.name: each.range for each in self.declared if self.format == "cobs"}
+        return {name: Interval(0.0) for name in ("age", "received", "lost", "corrupt")} | {
+            name: span for name, span in bounded.items() if span is not None
+        }
 
     def emulator(self, **parameters: Any) -> Any:
         return EmulatedMicrocontroller.of(self, **parameters)
@@ -165,9 +170,10 @@ class EmulatedMicrocontroller(StreamDevice):
     @classmethod
     def of(cls, microcontroller: Microcontroller, **parameters: Any) -> EmulatedMicrocontroller:
         """Return the emulator of one Microcontroller. parameters : override those of the block"""
-        return cls(
-            **{name: getattr(microcontroller, name) for name in ("bus", "fields", "format", "counter")} | parameters
-        )
+        own = {name: getattr(microcontroller, name) for name in ("bus", "fields", "format", "counter")}
+        if microcontroller.packet_rate:
+            own["period"] = 1.0 / microcontroller.packet_rate
+        return cls(**own | parameters)
 
     def configure(self) -> None:
         super().configure()

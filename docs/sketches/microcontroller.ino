@@ -1,14 +1,16 @@
-// Sends typed fields to a Tickwork Microcontroller block, 200 times a second: a load cell behind an HX711, and two analogue inputs.
+// Sends two voltages and the counts of an HX711 with a load cell to a Tickwork Microcontroller block, at 200 Hz.
 //
 //     Microcontroller(fields=(("load", "int32"), ("analog", "uint16[2]", "V", 3.3 / 1023)), name="teensy")
 //
-// A packet is a counter, the fields one after another, least significant byte first, and CRC-16/CCITT-FALSE of both; stuffed by COBS, so that a
-// zero ends it and is nowhere else. To send other things, change `Fields` and `measure`; the block's `fields` say the same, in the same order.
+// To send other quantities, change `Fields` and `measure`; the block's `fields` list the same fields in the same order.
+// No packet is sent while the HX711 does not respond, so the block's `timeout` ends the run.
 
 #include <Arduino.h>
+#include "packet.h"
 
 const int HX711_DATA = 2, HX711_CLOCK = 3;
 const unsigned long PERIOD = 5000;              // µs
+const unsigned long CONVERSION_LIMIT = 300000;  // µs
 
 struct __attribute__((packed)) Fields {
     int32_t load;
@@ -16,11 +18,10 @@ struct __attribute__((packed)) Fields {
 };
 
 Fields fields;
-uint8_t counter = 0;
-unsigned long due;
+unsigned long due, converted = -CONVERSION_LIMIT;
 
-// The HX711 has a new number when its data line is low, 10 or 80 times a second: 24 bits, highest first, and one more clock for gain 128.
-// A clock that stays high for 60 µs would put it to sleep, so that nothing may interrupt one that does.
+// The data line of an HX711 is low after a conversion, at 10 or 80 Hz: 24 bits, highest first, and one more clock for
+// gain 128. A clock that is high for 60 µs powers it down, so interrupts are disabled meanwhile.
 bool read_hx711(int32_t *value) {
     if (digitalRead(HX711_DATA) == HIGH)
         return false;
@@ -39,47 +40,20 @@ bool read_hx711(int32_t *value) {
     return true;
 }
 
-void measure() {
+// Fill in `fields`. Returns whether they are valid.
+bool measure() {
     int32_t load;
-    if (read_hx711(&load))                      // else the last one again
+    if (read_hx711(&load)) {                    // otherwise the last conversion is still valid
         fields.load = load;
+        converted = micros();
+    }
     fields.analog[0] = analogRead(A0);
     fields.analog[1] = analogRead(A1);
-}
-
-uint16_t checksum(const uint8_t *data, size_t count) {
-    uint16_t crc = 0xFFFF;
-    while (count--) {
-        crc ^= (uint16_t)(*data++) << 8;
-        for (int bit = 0; bit < 8; bit++)
-            crc = crc & 0x8000 ? crc << 1 ^ 0x1021 : crc << 1;
-    }
-    return crc;
-}
-
-void send(const void *data, size_t count) {     // at most 250 bytes
-    uint8_t plain[253], stuffed[256];
-    plain[0] = counter++;
-    memcpy(plain + 1, data, count);
-    uint16_t crc = checksum(plain, count + 1);
-    plain[count + 1] = crc & 0xFF;
-    plain[count + 2] = crc >> 8;
-    size_t code = 0, at = 1;                    // where the distance to the next zero goes, and the next byte
-    for (size_t i = 0; i < count + 3; i++) {
-        if (plain[i] != 0)
-            stuffed[at++] = plain[i];
-        else {
-            stuffed[code] = at - code;
-            code = at++;
-        }
-    }
-    stuffed[code] = at - code;
-    stuffed[at++] = 0;
-    Serial.write(stuffed, at);                  // in one go
+    return micros() - converted < CONVERSION_LIMIT;
 }
 
 void setup() {
-    Serial.begin(115200);                       // USB ports that are no adapters do not care
+    Serial.begin(115200);                       // ignored by native USB ports
     pinMode(HX711_DATA, INPUT);
     pinMode(HX711_CLOCK, OUTPUT);
     digitalWrite(HX711_CLOCK, LOW);
@@ -90,6 +64,6 @@ void loop() {
     if ((long)(micros() - due) < 0)
         return;
     due += PERIOD;
-    measure();
-    send(&fields, sizeof fields);
+    if (measure())
+        send(&fields, sizeof fields);
 }

@@ -269,6 +269,20 @@ def test_in_simulation_its_bytes_are_parsed_as_on_a_rig(form):
     assert recording["teensy.lost"][-1] == recording["teensy.corrupt"][-1] == 0.0
 
 
+def test_emulator_has_the_packet_rate_of_its_block():
+    assert robot(packet_rate=100.0)["teensy"].emulator().period == 0.01
+    assert robot()["teensy"].emulator().period == 0.005
+
+
+def test_outputs_of_integer_fields_are_bounded_by_their_types():
+    declared = (("angle", "int16", "rad", -0.001), ("level", "uint8"), ("load", "int24[2]"), ("x", "float32"))
+    binary, text = (Microcontroller(fields=declared, format=form).output_range() for form in ("cobs", "lines"))
+    assert (binary["angle"].low, binary["angle"].high) == (-32.767, 32.768)
+    assert (binary["level"].low, binary["level"].high) == (0.0, 255.0)
+    assert (binary["load"].low, binary["load"].high) == (-8388608.0, 8388607.0)
+    assert "x" not in binary and "angle" not in text
+
+
 def test_faults_of_the_emulated_sensor_are_detected():
     recording = together(400, dropped=0.2, broken=0.1)
     received, lost, corrupt = (recording[f"teensy.{name}"][-1] for name in ("received", "lost", "corrupt"))
@@ -314,6 +328,7 @@ def test_a_microcontroller_is_read_over_a_pty_opened_by_pyserial(tmp_path):
 
 
 ARDUINO = r"""
+#pragma once
 #include <cstdint>
 #include <cstdio>
 #include <cstring>
@@ -324,6 +339,7 @@ ARDUINO = r"""
 #define A0 14
 #define A1 15
 static unsigned long now = 0;
+static bool connected = true;                   // the HX711, the MPU-6050
 static int clocks = 0, level = 0;
 static const uint32_t COUNTS = 0xFFCFC7;        // -12345, as an HX711 has it
 inline void noInterrupts() {} inline void interrupts() {}
@@ -331,34 +347,75 @@ inline void delayMicroseconds(int) {} inline void pinMode(int, int) {}
 inline unsigned long micros() { return now; }
 inline int analogRead(int pin) { return pin == A0 ? 1023 : 256; }
 inline void digitalWrite(int, int value) { clocks += value > level; level = value; }
-inline int digitalRead(int) { return clocks % 25 == 0 ? LOW : COUNTS >> (24 - clocks % 25) & 1; }
+inline int digitalRead(int) { return !connected || (clocks % 25 && COUNTS >> (24 - clocks % 25) & 1); }
 struct { void begin(long) {} void write(const uint8_t *data, size_t count) { fwrite(data, 1, count, stdout); } } Serial;
 """
-MAIN = '\n#include "sketch.ino"\nint main() { setup(); for (int i = 0; i < 300; i++, now += PERIOD) loop(); }\n'
+WIRE = r"""
+#include "Arduino.h"
+static uint8_t registers[128] = {};
+struct {
+    int at = 0, written = 0;
+    void begin() {} void setClock(long) {}
+    void beginTransmission(uint8_t) { written = 0; }
+    void write(uint8_t byte) { if (written++) registers[at++] = byte; else at = byte; }
+    int endTransmission(bool = true) { return connected ? 0 : 2; }
+    uint8_t requestFrom(uint8_t, uint8_t count) {
+        static const uint8_t measured[] = {0x10, 0, 0xF0, 0, 0, 1, 9, 9, 0x01, 0x48, 0xFF, 0xFF, 0, 0};
+        memset(registers + 0x3B, 0, 14);        // asleep, all zero
+        if (registers[0x6B] == 1 && registers[0x1B] == 0x10 && registers[0x1C] == 0x10)
+            memcpy(registers + 0x3B, measured, 14);
+        return count;
+    }
+    uint8_t read() { return registers[at++]; }
+} Wire;
+"""
+MAIN = r"""
+#include "SKETCH"
+int main() {
+    setup();
+    for (int i = 0; i < 300; i++, now += PERIOD) {
+        connected = i < 100 || i >= 200;
+        loop();
+    }
+}
+"""
+SKETCHES = {  # (packets, values); a conversion of the HX711 is valid for 59 further packets
+    "microcontroller.ino": (259, {"load": -12345.0, "analog": [3.3, 256 * 3.3 / 1023]}),
+    "imu.ino": (
+        200,
+        {
+            "t": 2.99,
+            "accel": [9.80665, -9.80665, 9.80665 / 4096],
+            "gyro": [math.radians(10.0), -math.radians(1 / 32.8), 0.0],
+        },
+    ),
+}
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs a C++ compiler")
-def test_the_documented_sketch_sends_packets_for_the_block(tmp_path):
-    """Its own text, compiled with the few functions of an Arduino that it calls."""
-    text = (ROOT / "docs/sketches/microcontroller.ino").read_text()
+@pytest.mark.parametrize("name", SKETCHES)
+def test_a_documented_sketch_sends_packets_for_the_block_while_its_sensor_responds(name, tmp_path):
+    """Compiled with the functions of an Arduino that it calls."""
+    folder = ROOT / "docs/sketches"
     (tmp_path / "Arduino.h").write_text(ARDUINO)
-    (tmp_path / "sketch.ino").write_text(text)
-    (tmp_path / "main.cpp").write_text(MAIN)
+    (tmp_path / "Wire.h").write_text(WIRE)
+    (tmp_path / "main.cpp").write_text(MAIN.replace("SKETCH", name))
     subprocess.run(
-        ["g++", "-Wall", "-Werror", "-I", tmp_path, tmp_path / "main.cpp", "-o", tmp_path / "sketch"],
+        ["g++", "-Wall", "-Werror", "-I", tmp_path, "-I", folder, tmp_path / "main.cpp", "-o", tmp_path / "sketch"],
         check=True,
         timeout=60,
     )
-    said = subprocess.run([tmp_path / "sketch"], capture_output=True, timeout=10).stdout
-    [declared] = [line for line in text.splitlines() if "Microcontroller(fields=" in line]
-    block = eval(declared.removeprefix("//").strip(), {"Microcontroller": Microcontroller})
+    output = subprocess.run([tmp_path / "sketch"], capture_output=True, timeout=10).stdout
+    comment = [
+        line.removeprefix("//") for line in (folder / name).read_text().splitlines() if line.startswith("//    ")
+    ]
+    block = eval("".join(comment).strip(), {"Microcontroller": Microcontroller, "math": math})
     wired = Wired(Microcontroller, fields=block.fields)
-    hear(wired, said)
-    assert (
-        counts(wired) == (300, 0, 0)
-        and wired["load"] == -12345.0
-        and wired["analog"] == pytest.approx([3.3, 256 * 3.3 / 1023])
-    )
+    hear(wired, output)
+    packets, values = SKETCHES[name]
+    assert counts(wired) == (packets, 0, 0)
+    for field, value in values.items():
+        assert wired[field] == pytest.approx(value), field
 
 
 @pytest.mark.parametrize(

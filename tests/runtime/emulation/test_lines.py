@@ -48,12 +48,13 @@ def test_sensors_are_identified_by_serial_number_and_stream(tmp_path):
 
 FEET = """
 from blocks.recorders import CsvRecorder
-from blocks.sensors import Insole
+from blocks.sensors import Insole, Microcontroller
 from graph import Diagram
 
 
 def build():
     with Diagram("feet", rate=200) as diagram:
+        Microcontroller((("accel", "int16[3]", "m/s²", 0.01),), packet_rate=100, name="shank")
         Insole(name="left", bus="left", side="left", address="127.0.0.1:{udp}")
         Insole(name="right", bus="right", side="right", transport="tcp", address="127.0.0.1:{tcp}")
         CsvRecorder()
@@ -62,17 +63,18 @@ def build():
 
 def plant(robot):
     with Diagram("plant", rate=1000) as plant:
+        robot["shank"].emulator(name="shank")(accel=(0.0, 1.0, -9.81))
         robot["left"].emulator(name="left")(force=700.0, centre=(0.1, 0.0))
         robot["right"].emulator(name="right")(force=300.0, centre=(0.2, 0.0))
     return plant
 """
 
 
-def test_insoles_send_datagrams_and_serve_a_connection(tmp_path):
+def test_microcontroller_uses_a_terminal_and_insoles_send_datagrams_or_serve_a_connection(tmp_path):
     udp, tcp = free_port(), free_port()
     robot = write(tmp_path, FEET.format(udp=udp, tcp=tcp), "robot.py")
-    rig = write(tmp_path, "", "lab.toml")
-    plant = started("emulate", robot, "--rig", rig, cwd=tmp_path)
+    rig = write(tmp_path, f'[device.shank]\nport = "{tmp_path}/ttyshank"', "lab.toml")
+    plant = started("emulate", robot, "--rig", rig, "--lines", tmp_path, cwd=tmp_path)
     try:
         introduction = "".join(read_until(plant.stdout, "Ctrl-C ends it"))
         assert f"udp 127.0.0.1:{udp}" in introduction and f"tcp 127.0.0.1:{tcp}" in introduction
@@ -88,6 +90,8 @@ def test_insoles_send_datagrams_and_serve_a_connection(tmp_path):
     for side, force in (("left", 700.0), ("right", 300.0)):
         assert table[f"{side}.force [N]"][-1] == pytest.approx(force, rel=1e-4)
         assert table[f"{side}.corrupt"][-1] == 0
+    assert table["shank.accel[2] [m/s^2]"][-1] == -9.81 and table["shank.lost"][-1] == 0
+    assert table["shank.received"][-1] > 10
     assert second.returncode == BAD_INPUT and f"tcp 127.0.0.1:{tcp}: Address already in use" in second.stderr
     assert "Traceback" not in err + second.stderr
 
