@@ -1,7 +1,7 @@
 """Sensors other than IMUs: voltages, load cells, contacts, insoles, microcontrollers."""
 
 from blocks.sensors.ads1115 import ADS1115, EmulatedADS1115
-from blocks.sensors.forces import FSR, LoadCell
+from blocks.sensors.forces import FSR, EmulatedFSR, LoadCell
 from blocks.sensors.insole import EmulatedInsole, FootContact, Insole
 from blocks.sensors.microcontroller import EmulatedMicrocontroller, Microcontroller
 from blocks.sensors.nau7802 import NAU7802, EmulatedNAU7802
@@ -9,6 +9,7 @@ from blocks.sensors.nau7802 import NAU7802, EmulatedNAU7802
 __all__ = [
     "ADS1115",
     "EmulatedADS1115",
+    "EmulatedFSR",
     "EmulatedInsole",
     "EmulatedMicrocontroller",
     "EmulatedNAU7802",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from cext.kernels.devices import forces as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
@@ -70,3 +71,29 @@ class FSR(Block):
             "force": Interval(0.0, self.span("most").high if math.isfinite(self.most) else math.inf),
             "pressed": Interval(0.0, 1.0),
         }
+
+    def emulator(self, **parameters: Any) -> EmulatedFSR:
+        return EmulatedFSR.of(self, **parameters)
+
+
+class EmulatedFSR(Block):
+    """Force-sensitive resistor in its voltage divider, for a plant: u = U F R / (F R + k).
+
+    `robot["left/heel"].emulator()` is that of the FSR of a robot; its voltage is an input of the emulated converter.
+    Direct feedthrough; NaN and infinity give NaN.
+    """
+
+    supply, resistor, sensitivity = (FSR.parameters[name] for name in ("supply", "resistor", "sensitivity"))
+
+    force = Input("N", "force on the sensor; below 0 as 0")
+    voltage = Output("V", "voltage at the resistor")
+
+    kernel = kernels.resistor_divider
+
+    @classmethod
+    def of(cls, fsr: FSR, **parameters: Any) -> EmulatedFSR:
+        """Return the emulator of one FSR. parameters : override those of the FSR"""
+        return cls(**{name: getattr(fsr, name) for name in cls.parameters} | parameters)
+
+    def output_range(self, force: Interval) -> Interval:
+        return Interval(0.0, self.span("supply").high)

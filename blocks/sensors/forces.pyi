@@ -4,6 +4,7 @@ from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.declarations import Live
 from graph.signal import Operand, Signal
+from typing import Any
 from graph import Block, Input, Memory, Output, Param
 
 class LoadCell(Block):
@@ -50,3 +51,21 @@ class FSR(Block):
         force: Signal
         pressed: Signal
     def __call__(self, voltage: Operand = ...) -> Outputs: ...
+    def emulator(self, **parameters: Any) -> EmulatedFSR: ...
+class EmulatedFSR(Block):
+    supply: Param[float]
+    resistor: Param[float]
+    sensitivity: Param[float]
+    force: Input
+    voltage: Output
+    name: Any
+    def __init__(
+        self,
+        supply: float | Live = 3.3,
+        resistor: float | Live = 10000.0,
+        sensitivity: float | Live = 25000.0,
+        **options: Unpack[BlockOptions],
+    ) -> None: ...
+    def __call__(self, force: Operand = ...) -> Signal: ...
+    @classmethod
+    def of(cls, fsr: FSR, **parameters: Any) -> EmulatedFSR: ...

@@ -47,5 +47,23 @@ cdef int force_sensitive_resistor_kernel(double *arena, const Resistor *at, cons
     return OK
 
 
+cdef struct Divider:
+    int32_t force, voltage, supply, resistor, sensitivity
+
+DIVIDER = items((<Divider *>ITEMS)[0])
+
+
+cdef int resistor_divider_kernel(double *arena, const Divider *at, const Divider *sizes) noexcept nogil:
+    cdef double force = arena[at.force]
+    if not is_finite(force):
+        arena[at.voltage] = NAN
+    elif force <= 0.0:
+        arena[at.voltage] = 0.0
+    else:
+        arena[at.voltage] = arena[at.supply] / (1.0 + arena[at.sensitivity] / force / arena[at.resistor])
+    return OK
+
+
 load_cell = export(<kernel_t>load_cell_kernel, LOAD_CELL)
 force_sensitive_resistor = export(<kernel_t>force_sensitive_resistor_kernel, RESISTOR)
+resistor_divider = export(<kernel_t>resistor_divider_kernel, DIVIDER)

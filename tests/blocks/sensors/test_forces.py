@@ -36,7 +36,17 @@ def test_a_force_sensitive_resistor_is_a_conductance():
     force, pressed = fsr.step(2.64)
     assert force == pytest.approx(10.0, rel=1e-12) and pressed
     assert fsr.step(0.0) == (0.0, False) and fsr.step(-0.1)[0] == 0.0
+    assert fsr.emulator(supply=3.3).step(10.0) == pytest.approx(2.64, rel=1e-12)
     assert fsr.step(3.3)[0] == 100.0 and fsr.step(3.4)[0] == 100.0 and fsr.step(3.2999999)[0] == 100.0
+
+
+def test_an_emulated_resistor_inverts_the_sensor():
+    fsr = FSR(supply=5.0, resistor=3e3, sensitivity=40e3)
+    divider = fsr.emulator()
+    for force in (0.0, 0.1, 7.0, 99.0):
+        assert fsr.step(divider.step(force))[0] == pytest.approx(force, rel=1e-9, abs=1e-12)
+    assert divider.step(-5.0) == 0.0 and divider.step(1e300) <= 5.0
+    assert math.isnan(divider.step(math.nan)) and math.isnan(divider.step(math.inf))
 
 
 def test_contact_has_hysteresis_and_nan_does_not_change_it():
