@@ -102,6 +102,8 @@ MODELS = {
 # names of several generations of one motor, whose boards have different protocols
 AMBIGUOUS = {"AK10-9": "AK10-9-V2.0", "AK60-6": "AK60-6-V1.1"}
 
+SYNONYMS = {"AK80-9-V2.0": "AK80-9"}  # names in the literature that state the generation of the board
+
 # Motors that are sold with a V3 board only. (CubeMars AKA Product Manual V3.0.0.)
 ONLY_V3 = ("AK60-39", "AK70-9", "AKA10-9", "AKA60-6", "AKE60-8", "AKE80-8", "AKE90-8", "AKH70-16", "AKH70-48")
 
@@ -109,13 +111,13 @@ MISPRINTED = {"AK80-80": "AK80-64"}  # in the driver manual V1.0.8
 
 
 def find(name: str) -> Model:
-    """The model of that name, without regard to case, hyphens, spaces or underscores. ValueError with a suggestion if
-    there is none.
+    """Return the model of that name, without regard to case, hyphens, spaces or underscores. Raises ValueError with a
+    suggestion if there is none.
     """
     wanted = plain(name)
-    for model in MODELS.values():
-        if plain(model.name) == wanted:
-            return model
+    names = {plain(each): each for each in MODELS} | {plain(each): full for each, full in SYNONYMS.items()}
+    if wanted in names:
+        return MODELS[names[wanted]]
     motor, generation = split(name)
     if generation.startswith("3") or any(plain(only) == motor for only in ONLY_V3):
         raise ValueError(

@@ -66,7 +66,7 @@ def test_v3_boards_are_rejected_by_name(name):
         ("AK-80-09", "AK80-9"),
         ("AK10-9-V2", "AK10-9-V2.0"),
         ("AK10-9 V1.1", "AK10-9-V2.0"),
-        ("AK80-9-V2.0", "AK80-9"),
+        ("AK80-9-V1", "AK80-9"),
         ("AK80-6 V1", "AK80-6"),
         ("AK60-6 V1", "AK60-6-V1.1"),
         ("AK80-80", "AK80-64"),
@@ -76,6 +76,11 @@ def test_v3_boards_are_rejected_by_name(name):
 def test_a_misspelt_model_is_refused_with_a_suggestion_of_the_same_motor(name, wanted):
     with pytest.raises(DiagramError, match=rf"'{name}' is not a CubeMars model.*'{wanted}'"):
         CubeMars(name)
+
+
+@pytest.mark.parametrize("name", ["AK80-9-V2.0", "ak80-9 v2.0"])
+def test_synonym_selects_the_model_of_the_table(name):
+    assert CubeMars(name).spec is EmulatedCubeMars(name).spec is MODELS["AK80-9"]
 
 
 def test_unknown_model_lists_all_models():
