@@ -1,0 +1,102 @@
+"""Parts that the robots share: gait of both legs, assisted joints, and the wearer of all their devices.
+
+Angles are flexion of the joint, or of the thigh from upright; positive torque flexes. Inertial sensors are upright in a
+straight stand, with x forward and z down, so that their pitch is the pitch of the segment.
+"""
+
+from contextlib import nullcontext
+from typing import NamedTuple
+
+from blocks.actuators import CubeMars
+from blocks.gait import GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
+from blocks.imus import MicroStrain
+from blocks.limiters import TorqueLimiter
+from blocks.recorders import StrideReport
+from blocks.sensors import Insole
+from blocks.wearer import SegmentIMU, SoleForce, Walker
+from graph import Actuator, Device, Diagram, Signal, stack, subsystem
+
+SIDES = ("left", "right")
+SEGMENTS = ("thigh", "shank", "foot")
+# Places of sensors: distance along the segment and in front of it in m. Pelvis and trunk are one rigid segment.
+PLACES = {
+    "pelvis": (-0.08, -0.1),
+    "trunk": (-0.4, -0.1),
+    "thigh": (0.2, 0.08),
+    "shank": (0.2, 0.05),
+    "foot": (0.03, 0.08),
+}
+
+
+class Gait(NamedTuple):
+    """Gait of one leg."""
+
+    phase: Signal
+    walking: Signal
+    velocity: Signal
+
+
+def gait(angle, velocity, strike=None):
+    """Return the Gait of a leg. angle, velocity : of thigh or hip; strike : heel strike, by default from the angle"""
+    if strike is None:
+        strike = ThighEvents(name="events")(angle).strike
+    estimate = PhaseKalmanFilter(name="gait_phase")(angle=angle, velocity=velocity, strike=strike)
+    return Gait(estimate.phase, estimate.walking, velocity)
+
+
+def walk(gaits):
+    """Return whether both legs walk, half a stride apart. gaits : {side: Gait}"""
+    signals = {f"{side}_{name}": signal for side, leg in gaits.items() for name, signal in leg._asdict().items()}
+    return GaitState(name="state")(**signals).walking
+
+
+def drive(side, joint, can_id, model="AK80-9", **parameters):
+    """Return the actuator of a joint. Those of the right leg are mounted in mirror image."""
+    return CubeMars(model, bus="legs", can_id=can_id, invert=side == "right", name=joint, **parameters)
+
+
+def assist(drive, torque, walking, leg, limit=8.0, slew=100.0):
+    """Command a joint with a limited torque while the wearer walks, and report its strides. leg : Gait"""
+    name = drive.path.rpartition("/")[2]
+    gated = TorqueGate(name=f"{name}_gate")(u=torque, enable=walking)
+    drive(torque_command=TorqueLimiter(limit=limit, slew=slew, name=f"{name}_limiter")(gated))
+    StrideReport(title=drive.path.replace("/", " "), positive="flexion", name=f"{name}_report")(
+        phase=leg.phase, walking=leg.walking, angle=drive.position, velocity=drive.velocity, torque=drive.torque
+    )
+
+
+def wearer(robot, speed="1.2", mass=70.0, height=1.7, seed=0):
+    """Return the plant: an average adult who wears every device of the robot at the place that its path names.
+
+    left/hip is the actuator of the left hip, right/shank_imu an inertial sensor on the right shank, pelvis_imu one on
+    the pelvis, left/insole an insole. speed : m/s, or as in "0:0 2:1.2"; mass : kg; height : m
+    """
+    with Diagram("wearer", rate=5 * robot.rate) as plant:
+        adult = Walker(speed, mass=mass, height=height, seed=seed)
+        motion = adult()._asdict()
+        for device in (block for block in robot if isinstance(block, Device)):
+            side, _, name = device.path.rpartition("/")
+            with subsystem(side) if side else nullcontext():
+                body = {key.removeprefix(f"{side}_"): signal for key, signal in motion.items()}
+                if isinstance(device, Actuator):
+                    emulated = device.emulator(name=name)
+                    emulated(position=body[f"{name}_angle"], velocity=body[f"{name}_velocity"])
+                    adult(**{f"{side}_{name}_assistance": emulated.torque})
+                elif isinstance(device, MicroStrain):
+                    measured = inertial(name.removesuffix("_imu"), body)
+                    device.emulator(name=name)(quaternion=measured.quaternion, gyro=measured.gyro, accel=measured.accel)
+                elif isinstance(device, Insole):
+                    load = SoleForce(name=f"{name}_load")(
+                        ground_force=body["ground_force"],
+                        centre_of_pressure=body["centre_of_pressure"],
+                        phase=body["phase"],
+                    )
+                    device.emulator(name=name)(force=load.force, centre=stack(load.centre, 0.0))
+    return plant
+
+
+def inertial(segment, body):
+    """Return what an inertial sensor on a segment measures. body : {name: output of the Walker without the side}"""
+    along, forward = PLACES[segment]
+    motion = body["pelvis_motion" if segment == "trunk" else f"{segment}_motion"]
+    return SegmentIMU(along=along, forward=forward, name=f"{segment}_sensor")(motion)

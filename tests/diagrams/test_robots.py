@@ -1,0 +1,61 @@
+"""All robots of diagrams/, in virtual time: proof, positive work on different walkers, and a stop when a device falls
+silent.
+
+CLAIMS: {robot: {joint: [(phase from, to)] in which it assists}}, of the gait phase that the robot estimates.
+"""
+
+import pytest
+
+import runtime
+from blocks.clock import Clock
+from blocks.logic import Compare
+from graph import Actuator, Device, compile
+from runtime.diagrams.file import build_plant, load
+from tests.blocks.running import run
+from tests.checkout import ROOT
+
+CLAIMS = {"hip_exo_bilateral": {"hip": [(0.05, 0.39), (0.53, 0.81)]}}
+WALKERS = [(50, 1.6), (110, 0.8), (70, 1.2)]  # kg, m/s
+SILENCE_BEGINS = 0.5  # s
+SIDES = ("left", "right")
+
+
+def path(robot):
+    return ROOT / "diagrams" / f"{robot}.py"
+
+
+@pytest.mark.parametrize("robot", CLAIMS)
+def test_robot_is_native_and_proved_without_warning(robot):
+    _, diagram = load(path(robot))
+    schedule = compile(diagram)
+    assert schedule.warnings == [] and schedule.gil_sections == 0
+    actuators = {block.path for block in diagram if isinstance(block, Actuator)}
+    assert {proof.path for proof in schedule.proofs if proof.port == "torque_command" and proof.holds} == actuators
+
+
+@pytest.mark.parametrize("mass, speed", WALKERS)
+@pytest.mark.parametrize("robot", CLAIMS)
+def test_assistance_does_positive_work_in_the_phases_that_it_claims(robot, mass, speed):
+    trial = runtime.run(path(robot), 14.0, settings={"mass": mass, "speed": speed, "seed": mass})
+    assert trial.fault is None
+    steady = trial.time > 5.0
+    for side in SIDES:
+        phase = trial[f"{side}/gait_phase.phase"][steady]
+        for joint, intervals in CLAIMS[robot].items():
+            power = (trial[f"{side}/{joint}.torque"] * trial[f"{side}/{joint}.velocity"])[steady]
+            for begin, end in intervals:
+                assert power[(phase > begin) & (phase < end)].mean() > 1.0, (side, joint, begin)  # W
+            assert power.clip(max=0.0).sum() > -0.05 * power.clip(min=0.0).sum(), (side, joint)
+
+
+@pytest.mark.parametrize("robot", CLAIMS)
+def test_a_silent_device_ends_the_run_safely(robot):
+    for device in [block.path for block in load(path(robot))[1] if isinstance(block, Device)]:
+        file, diagram = load(path(robot))
+        plant = build_plant(file, diagram)
+        with plant:
+            plant[device](silent=Compare(">")(Clock()().time, SILENCE_BEGINS))
+        ended = run(diagram, round(1.5 * diagram.rate), plant=plant, substeps=5).outcome
+        assert (ended.status, ended.culprit) == ("silent", device)
+        assert SILENCE_BEGINS < ended.tick / diagram.rate < SILENCE_BEGINS + 0.7
+        assert set(ended.unconfirmed) <= {device}, device
