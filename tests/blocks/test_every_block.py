@@ -66,7 +66,7 @@ LIBRARY = library()
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """A file that a RecordedKnee plays."""
+    """A file that a Playback plays."""
     file = tmp_path_factory.mktemp("recording") / "walk.csv"
     rows = (f"{k / 100},{30.0 - 25.0 * math.cos(2.0 * math.pi * k / 110)}" for k in range(1000))
     file.write_text("time,knee\n" + "\n".join(rows) + "\n")
@@ -75,7 +75,7 @@ def recording(tmp_path_factory):
 
 @pytest.fixture
 def examples(request, recording):
-    if request.param in ("RecordedKnee", "Playback"):
+    if request.param == "Playback":
         return ({"file": recording, "column": "knee"},)
     return EXAMPLES.get(request.param) or getattr(LIBRARY[request.param], "examples", ({},))
 
@@ -92,7 +92,6 @@ def test_the_library_contains_the_blocks_of_the_exoskeletons():
         "Limb",
         "PlotJuggler",
         "Product",
-        "RecordedKnee",
         "Saturation",
         "Sine",
         "SlewRate",
@@ -101,7 +100,6 @@ def test_the_library_contains_the_blocks_of_the_exoskeletons():
         "TorqueLimiter",
         "TorqueProfile",
         "UnitDelay",
-        "WalkingKnee",
     }
 
 

@@ -8,7 +8,7 @@ from blocks.actuators import CubeMars
 from blocks.filters import Butterworth, Notch
 from blocks.limiters import Saturation, TorqueLimiter
 from blocks.mathematics import Gain
-from blocks.models import RecordedKnee
+from blocks.sources import Playback
 from blocks.windows import MovingRMS
 from graph import Block, Diagram, DiagramError, Interval, Live, Param, compile
 from tests.graph.complaints import complaint, here, refusal
@@ -192,7 +192,7 @@ def test_a_block_has_a_repr():
 def test_a_file_that_does_not_exist_is_reported_at_the_blocks_line():
     with pytest.raises(DiagramError) as caught:
         at = here(1)
-        RecordedKnee("no_such_file.csv", "knee")
+        Playback("no_such_file.csv", "knee")
     (found,) = caught.value.diagnostics
     assert (found.code, found.where) == ("TW010", at) and found.message == (
         "cannot read no_such_file.csv: No such file or directory"

@@ -7,7 +7,8 @@ import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.limiters import TorqueLimiter
-from blocks.models import Limb, WalkingKnee
+from blocks.models import Limb
+from blocks.wearer import Walker
 from graph import Block, Diagram, Input, Output, Param, compile
 from tests.cext.rigs import Rig, plant_of
 
@@ -86,8 +87,8 @@ def test_the_sample_of_the_design_page_compiles_and_is_proved():
 def test_the_sample_of_the_design_page_runs_and_stays_inside_its_limiter():
     robot = sample()
     with Diagram("wearer", rate=1000) as plant:
-        drive, limb, walk = EmulatedCubeMars.of(robot["left/knee"]), Limb(), WalkingKnee()
-        limb(drive.torque, walk.angle, walk.velocity, walk.acceleration)
+        drive, limb, walk = EmulatedCubeMars.of(robot["left/knee"]), Limb(), Walker()
+        limb(drive.torque, walk.left_knee_angle, walk.left_knee_velocity, walk.left_knee_acceleration)
         drive(limb.position, limb.velocity)
     rig = Rig(robot, plant)
     outcome = rig.run(1000)
