@@ -12,7 +12,7 @@ from blocks.gait import GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
 from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
 from blocks.recorders import StrideReport
-from blocks.sensors import Insole
+from blocks.sensors import ADS1115, Insole
 from blocks.wearer import SegmentIMU, SoleForce, Walker
 from graph import Actuator, Device, Diagram, Signal, stack, subsystem
 
@@ -26,6 +26,7 @@ PLACES = {
     "shank": (0.2, 0.05),
     "foot": (0.03, 0.08),
 }
+RESISTOR_SHARE = 0.1  # of the load under heel or forefoot that a force-sensitive resistor bears
 
 
 class Gait(NamedTuple):
@@ -69,7 +70,8 @@ def wearer(robot, speed="1.2", mass=70.0, height=1.7, seed=0):
     """Return the plant: an average adult who wears every device of the robot at the place that its path names.
 
     left/hip is the actuator of the left hip, right/shank_imu an inertial sensor on the right shank, pelvis_imu one on
-    the pelvis, left/insole an insole. speed : m/s, or as in "0:0 2:1.2"; mass : kg; height : m
+    the pelvis, left/insole an insole. A converter in left has the voltages of the resistors left/heel and, if it has a
+    second channel, left/forefoot. speed : m/s, or as in "0:0 2:1.2"; mass : kg; height : m
     """
     with Diagram("wearer", rate=5 * robot.rate) as plant:
         adult = Walker(speed, mass=mass, height=height, seed=seed)
@@ -86,13 +88,24 @@ def wearer(robot, speed="1.2", mass=70.0, height=1.7, seed=0):
                     measured = inertial(name.removesuffix("_imu"), body)
                     device.emulator(name=name)(quaternion=measured.quaternion, gyro=measured.gyro, accel=measured.accel)
                 elif isinstance(device, Insole):
-                    load = SoleForce(name=f"{name}_load")(
-                        ground_force=body["ground_force"],
-                        centre_of_pressure=body["centre_of_pressure"],
-                        phase=body["phase"],
-                    )
+                    load = sole(body)
                     device.emulator(name=name)(force=load.force, centre=stack(load.centre, 0.0))
+                elif isinstance(device, ADS1115):
+                    load = sole(body, gain=RESISTOR_SHARE)
+                    places = zip(device.channels, ("heel", "forefoot"))
+                    device.emulator(name=name)(
+                        **{
+                            channel: robot[f"{side}/{at}"].emulator(name=at)(getattr(load, at))
+                            for channel, at in places
+                        }
+                    )
     return plant
+
+
+def sole(body, **parameters):
+    """Return the loads under a foot. body : as of `inertial`; parameters : of SoleForce"""
+    loads = SoleForce(name="sole", **parameters)
+    return loads(**{name: body[name] for name in ("ground_force", "centre_of_pressure", "phase")})
 
 
 def inertial(segment, body):
