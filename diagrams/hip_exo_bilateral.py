@@ -1,8 +1,8 @@
 """Hip exoskeleton without sensors on the body: two AK80-9, whose encoders alone determine the gait phase.
 
-    python -m runtime diagrams/hip_exo_bilateral.py --duration 10
-    python -m runtime diagrams/hip_exo_bilateral.py --duration 10 --set model=AK10-9-V2.0
-    python -m runtime diagrams/hip_exo_bilateral.py --duration 10 --set speed=0.8 --set mass=110
+    python -m runtime diagrams/hip_exo_bilateral.py --duration 20
+    python -m runtime diagrams/hip_exo_bilateral.py --duration 20 --set model=AK10-9-V2.0
+    python -m runtime diagrams/hip_exo_bilateral.py --duration 20 --set speed=0.8 --set mass=110
 
 A torque profile over the gait phase extends the hip in early stance and flexes it into swing.
 """

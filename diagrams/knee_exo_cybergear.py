@@ -1,8 +1,8 @@
 """Knee exoskeleton of one leg: a CyberGear, inertial sensors on thigh and shank, and a resistor under the heel.
 
-    python -m runtime diagrams/knee_exo_cybergear.py --duration 10
-    python -m runtime diagrams/knee_exo_cybergear.py --duration 10 --set side=right
-    python -m runtime diagrams/knee_exo_cybergear.py --duration 10 --set speed=0.8 --set mass=110
+    python -m runtime diagrams/knee_exo_cybergear.py --duration 20
+    python -m runtime diagrams/knee_exo_cybergear.py --duration 20 --set side=right
+    python -m runtime diagrams/knee_exo_cybergear.py --duration 20 --set speed=0.8 --set mass=110
 
 The heel gives the strikes and the thigh the gait phase. A torque profile over the phase extends the knee in mid-stance
 and flexes it before swing. The computer is a Raspberry Pi 4B, with the converter of the resistor on its I2C bus.

@@ -1,8 +1,8 @@
 """M-BLUE, a hip and knee orthosis of both legs: four AK80-9, whose encoders alone determine the gait phase.
 
-    python -m runtime diagrams/m_blue.py --duration 10
-    python -m runtime diagrams/m_blue.py --duration 10 --set assistance=0.5
-    python -m runtime diagrams/m_blue.py --duration 10 --set speed=0.8 --set mass=110
+    python -m runtime diagrams/m_blue.py --duration 20
+    python -m runtime diagrams/m_blue.py --duration 20 --set assistance=0.5
+    python -m runtime diagrams/m_blue.py --duration 20 --set speed=0.8 --set mass=110
 
 Torque profiles over the gait phase extend the hip in early stance and flex it into swing, extend the knee in mid-stance
 and flex it before swing. Each acts in the direction of motion.

@@ -12,7 +12,7 @@ from blocks.gait import GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
 from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
 from blocks.recorders import StrideReport
-from blocks.sensors import ADS1115, Insole
+from blocks.sensors import ADS1115, Insole, Microcontroller
 from blocks.wearer import SegmentIMU, SoleForce, Walker
 from graph import Actuator, Device, Diagram, Signal, stack, subsystem
 
@@ -71,10 +71,12 @@ def wearer(robot, speed="1.2", mass=70.0, height=1.7, seed=0):
 
     left/hip is the actuator of the left hip, right/shank_imu an inertial sensor on the right shank, pelvis_imu one on
     the pelvis, left/insole an insole. A converter in left has the voltages of the resistors left/heel and, if it has a
-    second channel, left/forefoot. speed : m/s, or as in "0:0 2:1.2"; mass : kg; height : m
+    second channel, left/forefoot.
+
+    speed : m/s, 1.5 s after the first step, or as in "0:0 2:1.2 20:1.2"; mass : kg; height : m
     """
     with Diagram("wearer", rate=5 * robot.rate) as plant:
-        adult = Walker(speed, mass=mass, height=height, seed=seed)
+        adult = Walker(speed if ":" in str(speed) else f"0:0 0.5:0 2:{speed}", mass=mass, height=height, seed=seed)
         motion = adult()._asdict()
         for device in (block for block in robot if isinstance(block, Device)):
             side, _, name = device.path.rpartition("/")
@@ -87,6 +89,9 @@ def wearer(robot, speed="1.2", mass=70.0, height=1.7, seed=0):
                 elif isinstance(device, MicroStrain):
                     measured = inertial(name.removesuffix("_imu"), body)
                     device.emulator(name=name)(quaternion=measured.quaternion, gyro=measured.gyro, accel=measured.accel)
+                elif isinstance(device, Microcontroller):
+                    measured = inertial(name.removesuffix("_imu"), body)
+                    device.emulator(name=name)(gyro=measured.gyro, accel=measured.accel)
                 elif isinstance(device, Insole):
                     load = sole(body)
                     device.emulator(name=name)(force=load.force, centre=stack(load.centre, 0.0))

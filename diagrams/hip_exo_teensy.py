@@ -1,0 +1,53 @@
+"""Hip exoskeleton with microcontrollers: two AK80-9 V2.0, and on each thigh a Teensy with a six-axis inertial sensor.
+
+    python -m runtime diagrams/hip_exo_teensy.py --duration 20
+    python -m runtime diagrams/hip_exo_teensy.py --duration 20 --set feedback.gain=5
+
+docs/sketches/imu.ino runs on the microcontrollers. A complementary filter estimates the flexion of each thigh, from
+which delayed output feedback assists both hips. The loop runs at 100 Hz on a Raspberry Pi 5.
+"""
+
+from math import radians
+
+from blocks.filters import Complementary
+from blocks.gait import DelayedOutputFeedback
+from blocks.recorders import CsvRecorder
+from blocks.sensors import Microcontroller
+from blocks.sinks import PlotJuggler
+from blocks.trigonometry import Atan2
+from graph import Diagram, Live, subsystem
+from parts import SIDES, assist, drive, gait, walk
+from parts import wearer as plant  # noqa: F401
+
+FIELDS = (
+    ("t", "uint32", "s", 1e-6),
+    ("accel", "int16[3]", "m/s²", 9.80665 / 4096),
+    ("gyro", "int16[3]", "rad/s", radians(1.0 / 32.8)),
+)
+
+
+def build(gain=6.0, delay=0.22):
+    """Return the robot. gain : N·m, 9 at most; delay : s, about a fifth of a stride"""
+    with Diagram("hip_exo_teensy", rate=100) as diagram:
+        angles, gaits = {}, {}
+        for side in SIDES:
+            with subsystem(side):
+                angles[side], velocity = thigh()
+                gaits[side] = gait(angles[side], velocity)
+        walking = walk(gaits)
+        torques = DelayedOutputFeedback(Live(gain, max=9.0), delay, name="feedback")(
+            left_angle=angles["left"], right_angle=angles["right"]
+        )
+        for can_id, (side, torque) in enumerate(zip(SIDES, torques), 1):
+            with subsystem(side):
+                assist(drive(side, "hip", can_id, "AK80-9-V2.0"), torque, walking, gaits[side])
+        CsvRecorder()
+        PlotJuggler()
+    return diagram
+
+
+def thigh():
+    """Return the flexion of a thigh and its velocity. At rest the specific force points up: pitch = atan2(x, −z)."""
+    imu = Microcontroller(fields=FIELDS, clock="t", packet_rate=100, name="thigh_imu")
+    inclination = Atan2(name="inclination")(imu.accel[0], -imu.accel[2])
+    return Complementary(time_constant=2.0, name="flexion")(imu.gyro[1], inclination), imu.gyro[1]
