@@ -8,9 +8,10 @@ from contextlib import nullcontext
 from typing import NamedTuple
 
 from blocks.actuators import CubeMars
-from blocks.gait import GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
+from blocks.gait import ContactEvents, GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
 from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
+from blocks.mathematics import Sum
 from blocks.recorders import StrideReport
 from blocks.sensors import ADS1115, Insole, Microcontroller
 from blocks.wearer import SegmentIMU, SoleForce, Walker
@@ -35,6 +36,23 @@ class Gait(NamedTuple):
     phase: Signal
     walking: Signal
     velocity: Signal
+
+
+def imu(segment, serial):
+    """Return the inertial sensor of a segment. serial : its serial number, or the last digits"""
+    return MicroStrain(serial, channels=("accel", "gyro", "euler"), name=f"{segment}_imu")
+
+
+def flexion(joint, above, below):
+    """Return angle and velocity of a joint, as in `flexion("knee", thigh, shank)` with two inertial sensors."""
+    angle = Sum("+-", name=f"{joint}_angle")(above.euler[1], below.euler[1])
+    return angle, Sum("+-", name=f"{joint}_velocity")(above.gyro[1], below.gyro[1])
+
+
+def insole(side):
+    """Return the events of contact of one foot, with `strike`, from an insole."""
+    address = f"0.0.0.0:{5005 + SIDES.index(side)}"
+    return ContactEvents(name="events")(Insole(side=side, address=address, name="insole").force)
 
 
 def gait(angle, velocity, strike=None):

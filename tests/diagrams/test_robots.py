@@ -4,12 +4,14 @@ silent.
 CLAIMS: {robot: {joint: [(phase from, to)] in which it assists}}, of the gait phase that the robot estimates.
 """
 
+import numpy as np
 import pytest
 
 import runtime
 from blocks.clock import Clock
 from blocks.logic import Compare
-from graph import Actuator, Device, compile
+from blocks.wearer import Walker
+from graph import Actuator, Device, Diagram, compile
 from runtime.diagrams.file import build_plant, load
 from tests.blocks.running import run
 from tests.checkout import ROOT
@@ -20,6 +22,8 @@ CLAIMS = {
     "knee_exo_cybergear": {"knee": [(0.17, 0.33), (0.49, 0.69)]},
     "m_blue": {"hip": [(0.07, 0.37), (0.59, 0.79)], "knee": [(0.17, 0.33), (0.49, 0.69)]},
 }
+SUITS = {"sensor_suit": ("knee", "ankle"), "sensor_suit_lite": ("hip", "knee")}
+ROBOTS = [*CLAIMS, *SUITS]
 WALKERS = [(50, 1.6), (110, 0.8), (70, 1.2)]  # kg, m/s
 SILENCE_BEGINS = 0.5  # s
 SIDES = ("left", "right")
@@ -29,7 +33,7 @@ def path(robot):
     return ROOT / "diagrams" / f"{robot}.py"
 
 
-@pytest.mark.parametrize("robot", CLAIMS)
+@pytest.mark.parametrize("robot", ROBOTS)
 def test_robot_is_native_and_proved_without_warning(robot):
     _, diagram = load(path(robot))
     schedule = compile(diagram)
@@ -53,7 +57,7 @@ def test_assistance_does_positive_work_in_the_phases_that_it_claims(robot, mass,
             assert power.clip(max=0.0).sum() > -0.1 * power.clip(min=0.0).sum(), (side, joint)
 
 
-@pytest.mark.parametrize("robot", CLAIMS)
+@pytest.mark.parametrize("robot", ROBOTS)
 def test_a_silent_device_ends_the_run_safely(robot):
     for device in [block.path for block in load(path(robot))[1] if isinstance(block, Device)]:
         file, diagram = load(path(robot))
@@ -64,3 +68,23 @@ def test_a_silent_device_ends_the_run_safely(robot):
         assert (ended.status, ended.culprit) == ("silent", device)
         assert SILENCE_BEGINS < ended.tick / diagram.rate < SILENCE_BEGINS + 0.7
         assert set(ended.unconfirmed) <= {device}, device
+
+
+@pytest.mark.parametrize("suit, joints", SUITS.items())
+def test_a_suit_measures_the_joint_angles_of_its_wearer(suit, joints):
+    """Its sensors sample at 200 Hz; the best of the delays up to two ticks leaves less than half a degree."""
+    file, diagram = load(path(suit), [("speed", "1.6")])
+    plant = build_plant(file, diagram)
+    worn = next(block for block in plant if isinstance(block, Walker))
+    with Diagram("truth", rate=plant.rate) as truth:
+        Walker(worn.speed, seed=worn.seed, name="walker")()
+    measured, true = run(diagram, 1000, plant=plant, substeps=5), run(truth, 5000)
+    for side in SIDES:
+        assert measured[f"{side}/events.strides"][-1] >= 2
+        for joint in joints:
+            angles = true[f"walker.{side}_{joint}_angle"]
+            errors = [
+                np.abs(measured[f"{side}/{joint}_angle.y"][5:] - angles[25 - k : 5000 - k : 5]) for k in range(11)
+            ]
+            assert np.degrees(np.ptp(angles)) > 20.0
+            assert np.degrees(min(error.max() for error in errors)) < 0.5

@@ -1,0 +1,33 @@
+"""Sensor suit: five inertial sensors and two insoles measure joint angles, contact and gait phase of both legs.
+
+    python -m runtime diagrams/sensor_suit_lite.py --duration 10
+    python -m runtime diagrams/sensor_suit_lite.py --duration 10 --rerun
+    python -m runtime diagrams/sensor_suit_lite.py --duration 10 --set speed=0.8 --set mass=110
+
+The suit has no actuator: it records, and streams to PlotJuggler or Rerun. Its computer is a Raspberry Pi 5.
+"""
+
+from blocks.recorders import CsvRecorder
+from blocks.sinks import PlotJuggler
+from graph import Diagram, subsystem
+from parts import SIDES, flexion, gait, imu, insole, walk
+from parts import wearer as plant  # noqa: F401
+
+
+def build():
+    """Return the robot."""
+    with Diagram("sensor_suit_lite", rate=200) as diagram:
+        pelvis = imu("pelvis", "134000")
+        walk({side: leg(side, pelvis, serial) for side, serial in zip(SIDES, (134001, 134003))})
+        CsvRecorder()
+        PlotJuggler()
+    return diagram
+
+
+def leg(side, pelvis, serial):
+    """Return the Gait of one leg, and measure its joints. serial : number of the sensor on the thigh"""
+    with subsystem(side):
+        thigh, shank = imu("thigh", str(serial)), imu("shank", str(serial + 1))
+        flexion("hip", thigh, pelvis)
+        flexion("knee", thigh, shank)
+        return gait(thigh.euler[1], thigh.gyro[1], insole(side).strike)
