@@ -5,16 +5,14 @@ kinematic, kinetic and EMG reference data for healthy young and adult subjects. 
 addendum. The ankle's zero is shifted by 19.9° to that of other laboratories.
 
 Of each motion one entry per speed, ascending: speed in m/s of an adult of BODY_HEIGHT; stride_time in s; foot_off as a
-share of the stride; pelvis_pitch in rad; angles of hip, knee and ankle in rad and moments in N·m/kg (of the walk the
-mean of the measured ones and those of the series by inverse dynamics), flexion positive, each as mean, cosines and
-sines of the harmonics of the stride; vertical and forward force of a foot in body weights as sines of k π s over its
-stance s; centre of pressure from the heel in foot lengths as 1, s and sines of k π s; height of the hips and their
-progress ahead of the mean speed in body heights, with the harmonics PELVIS_HARMONICS.
+share of the stride; slope of the way, up over forward; pelvis_pitch in rad; angles of hip, knee and ankle in rad and
+moments in N·m/kg (of the walk the mean of the measured ones and those of the series by inverse dynamics), flexion
+positive, each as mean, cosines and sines of the harmonics of the stride; vertical and forward force of a foot in body
+weights as sines of k π s over its stance s; centre of pressure from the heel in foot lengths as 1, s and sines of
+k π s; height of the hips and their progress ahead of the mean speed in body heights (stride.py has the harmonics).
 """
 
 BODY_HEIGHT = 1.7  # m
-HARMONICS = 12
-PELVIS_HARMONICS = (2, 4, 6)
 
 # fmt: off
 MOTIONS = {
@@ -23,6 +21,7 @@ MOTIONS = {
             "speed": 0.851809,
             "stride_time": 1.36768,
             "foot_off": 0.6622,
+            "slope": 0,
             "pelvis_pitch": -0.136705,
             "angles": (
                 (0.266916, 0.317512, -0.0430346, -0.00710663, 0.00449229, -0.00346611, 0.00232272, -0.000689773,
@@ -66,6 +65,7 @@ MOTIONS = {
             "speed": 1.21329,
             "stride_time": 1.0929,
             "foot_off": 0.6317,
+            "slope": 0,
             "pelvis_pitch": -0.111528,
             "angles": (
                 (0.273065, 0.360653, -0.0657024, -0.00628927, 0.000559354, -0.00129673, 0.00274227, 0.000232362,
@@ -109,6 +109,7 @@ MOTIONS = {
             "speed": 1.49791,
             "stride_time": 0.974026,
             "foot_off": 0.6233,
+            "slope": 0,
             "pelvis_pitch": -0.0985017,
             "angles": (
                 (0.267366, 0.389974, -0.0685342, -0.00972168, -0.00414647, -0.00110377, 0.000947818, 0.00135404,
@@ -151,6 +152,7 @@ MOTIONS = {
             "speed": 1.96033,
             "stride_time": 0.849858,
             "foot_off": 0.5965,
+            "slope": 0,
             "pelvis_pitch": -0.163758,
             "angles": (
                 (0.349524, 0.455216, -0.082673, -0.00872828, -0.00540953, 0.00196044, 0.00168192, 0.00330159,
@@ -194,6 +196,7 @@ MOTIONS = {
             "speed": 1.08682,
             "stride_time": 1.08206,
             "foot_off": 0.6272,
+            "slope": 0,
             "pelvis_pitch": -0.111528,
             "angles": (
                 (0.269286, 0.327833, -0.0402976, 0.00793005, 0.00620268, 0.00126204, 0.00363478, 0.00031363,
@@ -240,6 +243,7 @@ MOTIONS = {
             "speed": 0.747028,
             "stride_time": 1.00251,
             "foot_off": 0.5915,
+            "slope": 0,
             "pelvis_pitch": -0.111528,
             "angles": (
                 (0.381694, 0.216151, -0.00814535, -0.0030138, -0.00561702, -0.00129695, -0.00150725, -0.000897753,
@@ -286,6 +290,7 @@ MOTIONS = {
             "speed": 0.268344,
             "stride_time": 1.65609,
             "foot_off": 0.6987,
+            "slope": 0.388761,
             "pelvis_pitch": -0.111528,
             "angles": (
                 (0.501743, 0.342217, -0.00492755, -0.0429512, -0.0168017, -0.00805754, -0.00687959, -0.00278378,
@@ -322,7 +327,7 @@ MOTIONS = {
             "centre":
                 (0.443544, 0.37168, -0.120512, -0.0228469, -0.00339462, 0.00108427, -0.00209259, 0.00883021),
             "pelvis_height":
-                (0.518745, 0.0041344, 8.2792e-05, 0.000280996, -0.0106476, 0.00190697, -0.00120121),
+                (0.518745, -0.00824087, 0.000314409, 0.000107684, -0.00943662, -0.000449231, -0.000206946),
             "pelvis_forward":
                 (0.00727739, 0.00104804, -0.000151817, -0.0105567, 0.000376511, 0.000184747),
         },
@@ -332,6 +337,7 @@ MOTIONS = {
             "speed": 0.358526,
             "stride_time": 1.36224,
             "foot_off": 0.7065,
+            "slope": -0.511688,
             "pelvis_pitch": -0.111528,
             "angles": (
                 (0.382291, 0.106207, -0.0486839, -0.0461414, -0.0107966, -0.00575727, -0.000470847, -0.00127717,
@@ -369,7 +375,7 @@ MOTIONS = {
             "centre":
                 (0.819839, 0.132107, -0.214024, -0.126451, -0.044308, -0.0209724, 0.00646866, -0.0105365),
             "pelvis_height":
-                (0.499582, -0.0124707, 0.000838475, -0.00213617, -0.00580089, -0.000257923, 0.00226897),
+                (0.499582, 0.00235927, 0.00166319, -0.0002382, -0.0118698, -0.000480247, 0.000276554),
             "pelvis_forward":
                 (0.00251022, -0.000999399, -0.000363854, 0.00465403, 0.00142455, -0.000104001),
         },

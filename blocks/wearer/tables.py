@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from blocks.wearer.body import GRAVITY
-from blocks.wearer.norms import BODY_HEIGHT, HARMONICS, MOTIONS
+from blocks.wearer.norms import BODY_HEIGHT, MOTIONS
+from blocks.wearer.stride import HARMONICS
 
 # Standing: thigh and foot level with the ground's vertical, knee bent by 2°, weight 5 cm in front of the ankles.
 STANDING_KNEE = np.radians(2.0)

@@ -54,9 +54,9 @@ class Walker(Block):
     begin at the rise of contact_lt, or where the foot is furthest in front of the other; moments, forces and the pelvis
     follow from the phase as in a walk of that stride time.
 
-    Limits: the pelvis follows the reference and does not deviate. Step length and cadence do not adapt to the robot.
-    Both legs have the same mean motion. Stumbling, turning and slopes are not modelled; on stairs the pelvis stays
-    level. The reaction of the ground to a deviation is limited to the body weight.
+    Limits: the pelvis follows the reference and does not deviate; its pitch is constant. Step length and cadence do not
+    adapt to the robot. Both legs have the same mean motion. Stumbling, turning and slopes are not modelled. The
+    reaction of the ground to a deviation is limited to the body weight.
     """
 
     speed = Param(1.2, "1", 'walking speed in m/s, or times and speeds as in "0:0 2:1.2 20:1.2 25:0"', dtype=object)
@@ -126,7 +126,7 @@ class Walker(Block):
     variation = Memory(0.0, "seed and standard deviations of gain, offset and stride time")
     pieces = Memory(0.0, "pieces of the speed over time")
     knots = Memory(0.0, "speeds of the table")
-    table = Memory(0.0, "height, then the cubics over the speed")
+    table = Memory(0.0, "height of the body, slope of the way, then the cubics over the speed")
     samples = Memory(0.0, "rate and samples of the recording")
     history = Memory(0.0, "deviations of the last moments")
     state = Memory(0.0, "phase, draws of the stride, deviations, present row of the table")
@@ -143,7 +143,7 @@ class Walker(Block):
             speed = speed_of(stride_time, speeds, cubics) if stride_time else 0.0
         self.pieces = schedule(speed, speeds[-1]).ravel()
         self.knots = speeds
-        self.table = np.concatenate([[self.height], cubics.ravel()])
+        self.table = np.concatenate([[self.height, MOTIONS[self.motion][0]["slope"]], cubics.ravel()])
         self.body = plan(self.mass, self.height)
         # As the inertia of the leg, so that all bodies are damped alike; a stronger delayed part would be unstable.
         size = self.mass / 70.0 * (self.height / 1.70) ** 2

@@ -91,7 +91,8 @@ cdef int walker_kernel(double *arena, const Walker *at, const Walker *sizes) noe
     cdef const double *body = arena + at.body
     cdef const Variation *variation = <const Variation *>(arena + at.variation)
     cdef const int32_t *out = each(at, at.outputs)
-    cdef double height = arena[at.table]            # of the body in m, before the coefficients
+    cdef double height = arena[at.table]            # of the body, m
+    cdef double slope = arena[at.table + 1]         # of the way; the coefficients follow
     cdef Course course
     cdef Blend *row = &state.blend
     cdef Path hips, ahead
@@ -106,7 +107,7 @@ cdef int walker_kernel(double *arena, const Walker *at, const Walker *sizes) noe
 
     # 1. Speed, and the row of the tables for it.
     at_time(arena + at.pieces, sizes.pieces // 8, arena[TIME], &course)
-    blend(arena + at.knots, sizes.knots - 1, arena + at.table + 1, &course, row)
+    blend(arena + at.knots, sizes.knots - 1, arena + at.table + 2, &course, row)
     ease(course.speed / SHUFFLE if 0.0 < course.speed < SHUFFLE else <double>(course.speed > 0.0), &stride, &first,
         &second)
     # 2. Phases of the legs.
@@ -120,7 +121,9 @@ cdef int walker_kernel(double *arena, const Walker *at, const Walker *sizes) noe
     motion[0] = state.distance + height * ahead.x
     motion[2] = course.speed + height * ahead.v
     motion[4] = course.rate + height * ahead.a
-    motion[1], motion[3], motion[5] = height * hips.x, height * hips.v, height * hips.a
+    motion[1] = slope * state.distance + height * hips.x
+    motion[3] = slope * course.speed + height * hips.v
+    motion[5] = slope * course.rate + height * hips.a
     motion[6], motion[7], motion[8] = row.value[PITCH], row.first[PITCH], row.second[PITCH]
     memmove(arena + out[PELVIS_MOTION], motion, sizeof(motion))
     arena[out[WALKING_SPEED]] = course.speed

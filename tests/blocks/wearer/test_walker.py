@@ -86,6 +86,26 @@ def test_stance_foot_stays_on_the_ground(steady):
         assert np.ptp(x[loaded]) < 0.02 and np.abs(z[loaded]).max() < 0.02
 
 
+@pytest.mark.parametrize("motion, speed, rise", [("stairs_up", 0.268, 0.086), ("stairs_down", 0.358, -0.125)])
+def test_loaded_foot_on_stairs_keeps_its_level_and_the_next_one_is_a_step_away(motion, speed, rise):
+    """In single support within 1 cm; from foot to foot by half of the hips' rise in a stride, within 5 mm."""
+    trace = walk(4.0, rate=200, speed=speed, motion=motion, variability=0.0)
+    levels = []
+    for side in ("left", "right"):
+        pitch, z = trace[f"{side}_foot_pitch"], trace[f"{side}_foot_motion[1]"]
+        lower = np.min([z + 1.7 * (d * 0.152 * np.sin(pitch) - 0.039 * np.cos(pitch)) for d in (-0.25, 0.47)], axis=0)
+        phase = trace[f"{side}_phase"]
+        for strike in np.flatnonzero(np.diff(phase) < -0.5)[:1]:
+            single = (np.arange(len(phase)) > strike) & (phase > 0.15) & (phase < 0.5)
+            stance = lower[single & (np.cumsum(np.diff(phase, prepend=phase[0]) < -0.5) == 1)]
+            assert np.ptp(stance) < 0.01
+            levels.append((strike, stance.mean()))
+    (first, low), (second, high) = sorted(levels)
+    assert high - low == pytest.approx(rise, abs=0.005) and first < second
+    slope, _ = np.polyfit(trace["pelvis_motion[0]"], trace["pelvis_motion[1]"], 1)
+    assert slope * speed * (second - first) / 200 == pytest.approx(rise, abs=0.01)
+
+
 def test_ground_bears_the_weight_over_a_stride(steady):
     stride = (steady["time"] > 1.0) & (steady["time"] <= 1.0 + 2 * 0.5484)
     for axis, mean in ((0, 0.0), (1, 70.0 * 9.80665)):
