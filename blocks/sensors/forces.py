@@ -39,6 +39,31 @@ class LoadCell(Block):
     def prepare(self, dt: float) -> None:
         self.taring = (self.zero, 0.0, 0.0, max(1.0, round(self.tare_time / dt)), float(self.tare_at_start), 0.0)
 
+    def emulator(self, **parameters: Any) -> EmulatedLoadCell:
+        """Return the emulator of this load cell. parameters : override those of the block"""
+        return EmulatedLoadCell.of(self, **parameters)
+
+
+class EmulatedLoadCell(Block):
+    """Emulated load cell with its amplifier: signal = zero + F · at_capacity / capacity.
+
+    `robot["left/cell"].emulator()` emulates that of a LoadCell of a robot; its signal is an input of the emulated
+    converter or microcontroller. Direct feedthrough; NaN passes.
+    """
+
+    capacity, at_capacity = LoadCell.parameters["capacity"], LoadCell.parameters["at_capacity"]
+    zero = Param(0.0, "any", "signal without a load", fixed=True)
+
+    force = Input("N", "force on the load cell")
+    signal = Output("any", "signal of the amplifier")
+
+    kernel = kernels.emulated_load_cell
+
+    @classmethod
+    def of(cls, cell: LoadCell, **parameters: Any) -> EmulatedLoadCell:
+        """Return the emulator of one LoadCell. parameters : override those of the block"""
+        return cls(**{name: getattr(cell, name) for name in cls.parameters} | parameters)
+
 
 class FSR(Block):
     """Force on a force-sensitive resistor in a voltage divider: F = k u / (R (U − u)), k times its conductance.
@@ -73,6 +98,7 @@ class FSR(Block):
         }
 
     def emulator(self, **parameters: Any) -> EmulatedFSR:
+        """Return the emulator of this resistor in its divider. parameters : override those of the block"""
         return EmulatedFSR.of(self, **parameters)
 
 

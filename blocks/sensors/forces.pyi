@@ -27,6 +27,23 @@ class LoadCell(Block):
         **options: Unpack[BlockOptions],
     ) -> None: ...
     def __call__(self, signal: Operand = ..., tare: Operand = ...) -> Signal: ...
+    def emulator(self, **parameters: Any) -> EmulatedLoadCell: ...
+class EmulatedLoadCell(Block):
+    capacity: Param[float]
+    at_capacity: Param[float]
+    zero: Param[float]
+    force: Input
+    signal: Output
+    def __init__(
+        self,
+        capacity: float | Live = 100.0,
+        at_capacity: float = 1.0,
+        zero: float = 0.0,
+        **options: Unpack[BlockOptions],
+    ) -> None: ...
+    def __call__(self, force: Operand = ...) -> Signal: ...
+    @classmethod
+    def of(cls, cell: LoadCell, **parameters: Any) -> EmulatedLoadCell: ...
 class FSR(Block):
     supply: Param[float]
     resistor: Param[float]

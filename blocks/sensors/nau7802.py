@@ -144,21 +144,24 @@ class NAU7802(I2cDevice):
 
 
 class EmulatedNAU7802(I2cDevice):
-    """Emulated NAU7802 that converts its input signal in V per V.
+    """Emulated NAU7802 that converts the signal of its load cell, in V per V, or the force on it.
 
     `EmulatedNAU7802.of(robot["handle"])` emulates the amplifier of a robot.
     """
 
-    address, rate, gain = (NAU7802.parameters[name] for name in ("address", "rate", "gain"))
+    address, rate, gain, capacity, sensitivity, scale = (
+        NAU7802.parameters[name] for name in ("address", "rate", "gain", "capacity", "sensitivity", "scale")
+    )
 
-    ratio = Input("1", "signal of the load cell in V per V of supply", default=0.0)
+    ratio = Input("1", "signal of the load cell without a force, in V per V of supply", default=0.0)
+    force = Input("N", "force on the load cell", default=0.0)
     silent = Input("1", "true stops all replies", default=False, dtype=bool)
     stuck = Input("1", "true repeats the last count", default=False, dtype=bool)
     wrong_address = Input("1", "address used instead of `address`; 0 for none", default=0, dtype=int)
     not_ready = Input("1", "true never completes a conversion", default=False, dtype=bool)
 
     identity = Memory(0.0, "bus segment and address")
-    layout = Memory((0.0,) * 2, "V/V per count, s per conversion")
+    layout = Memory((0.0,) * 3, "V/V per count, s per conversion, V/V per N")
     state = Memory((0.0,) * 4, "time of the next reply, 1 while stuck, stuck value")
 
     kind, known_addresses = NAU7802.kind, NAU7802.known_addresses
@@ -174,4 +177,6 @@ class EmulatedNAU7802(I2cDevice):
     def configure(self) -> None:
         super().configure()
         self.identity = self.own_identity()
-        self.layout = (1.0 / (SPAN * self.gain), 1.0 / self.rate)
+        per_count = 1.0 / (SPAN * self.gain)
+        per_newton = per_count / self.scale if self.scale else self.sensitivity / self.capacity
+        self.layout = (per_count, 1.0 / self.rate, per_newton)

@@ -85,7 +85,11 @@ class EmulatedNAU7802(I2cDevice):
     address: Param[int]
     rate: Param[int]
     gain: Param[int]
+    capacity: Param[float]
+    sensitivity: Param[float]
+    scale: Param[float]
     ratio: Input
+    force: Input
     silent: Input
     stuck: Input
     wrong_address: Input
@@ -102,11 +106,15 @@ class EmulatedNAU7802(I2cDevice):
         channel: int = 0,
         rate: int = 80,
         gain: int = 128,
+        capacity: float = 100.0,
+        sensitivity: float = 0.002,
+        scale: float = 0.0,
         **options: Unpack[BlockOptions],
     ) -> None: ...
     def __call__(
         self,
         ratio: Operand = ...,
+        force: Operand = ...,
         silent: Operand = ...,
         stuck: Operand = ...,
         wrong_address: Operand = ...,

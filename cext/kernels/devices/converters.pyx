@@ -95,7 +95,7 @@ cdef int nau_decode_(double *arena, const Nau *at, const Nau *sizes, const Frame
 
 cdef struct Emulated:
     int32_t silent, stuck, wrong_address, not_ready, identity
-    # V per code and s per conversion, then the configuration of each channel; or V/V per count and s
+    # V per code and s per conversion, then the configuration of each channel; or V/V per count, s and V/V per N
     int32_t layout
     int32_t state               # time of the next answer, s; channel; whether it is stuck; the stuck code
 
@@ -106,10 +106,10 @@ cdef struct EmulatedAds:
 EMULATED_ADS = items((<EmulatedAds *>ITEMS)[0], "layout[...] state[4]")
 
 cdef struct EmulatedNau:
-    int32_t ratio
+    int32_t ratio, force
     Emulated emulated
 
-EMULATED_NAU = items((<EmulatedNau *>ITEMS)[0], "layout[2] state[4]")
+EMULATED_NAU = items((<EmulatedNau *>ITEMS)[0], "layout[3] state[4]")
 
 
 cdef inline bint due(double *arena, const Emulated *at, double period) noexcept nogil:
@@ -162,7 +162,7 @@ cdef int ads_answers_(double *arena, const EmulatedAds *at, const EmulatedAds *s
 
 cdef int nau_answers_(double *arena, const EmulatedNau *at, const EmulatedNau *sizes, Frame *frames) noexcept nogil:
     cdef double *layout = arena + at.emulated.layout
-    cdef double code = arena[at.ratio]
+    cdef double code = arena[at.ratio] + arena[at.force] * layout[2]
     cdef uint32_t bits
     if not isfinite(code):
         return -NOT_FINITE

@@ -21,6 +21,17 @@ cdef int load_cell_kernel(double *arena, const LoadCell *at, const LoadCell *siz
     return OK
 
 
+cdef struct EmulatedCell:
+    int32_t force, signal, capacity, at_capacity, zero
+
+EMULATED_CELL = items((<EmulatedCell *>ITEMS)[0])
+
+
+cdef int emulated_load_cell_kernel(double *arena, const EmulatedCell *at, const EmulatedCell *sizes) noexcept nogil:
+    arena[at.signal] = arena[at.zero] + arena[at.force] * arena[at.at_capacity] / arena[at.capacity]
+    return OK
+
+
 cdef struct Resistor:
     int32_t voltage, force, pressed, supply, resistor, sensitivity, most, press, release
 
@@ -65,5 +76,6 @@ cdef int resistor_divider_kernel(double *arena, const Divider *at, const Divider
 
 
 load_cell = export(<kernel_t>load_cell_kernel, LOAD_CELL)
+emulated_load_cell = export(<kernel_t>emulated_load_cell_kernel, EMULATED_CELL)
 force_sensitive_resistor = export(<kernel_t>force_sensitive_resistor_kernel, RESISTOR)
 resistor_divider = export(<kernel_t>resistor_divider_kernel, DIVIDER)
