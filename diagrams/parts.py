@@ -7,7 +7,7 @@ straight stand, with x forward and z down, so that their pitch is the pitch of t
 from contextlib import nullcontext
 from typing import NamedTuple
 
-from blocks.actuators import CubeMars
+from blocks.actuators import CubeMars, RobStride
 from blocks.gait import ContactEvents, GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
 from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
@@ -71,7 +71,8 @@ def walk(gaits):
 
 def drive(side, joint, can_id, model="AK80-9", **parameters):
     """Return the actuator of a joint. Those of the right leg are mounted in mirror image."""
-    return CubeMars(model, bus="legs", can_id=can_id, invert=side == "right", name=joint, **parameters)
+    family = RobStride if model == "CyberGear" else CubeMars
+    return family(model, bus="legs", can_id=can_id, invert=side == "right", name=joint, **parameters)
 
 
 def assist(drive, torque, walking, leg, limit=8.0, slew=100.0):
