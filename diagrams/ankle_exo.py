@@ -10,10 +10,12 @@ Positive torque is in dorsiflexion.
 """
 
 from blocks.gait import PeakProfile
+from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
+from blocks.sensors import NAU7802
 from blocks.sinks import PlotJuggler
 from graph import Diagram, Live, stack, subsystem
-from parts import SIDES, assist, drive, flexion, gait, imu, insole, walk
+from parts import CUFF_LEVER, SIDES, assist, drive, flexion, gait, imu, insole, walk
 from parts import wearer as plant  # noqa: F401
 
 LIMITS = {"AK80-9": 8.0, "CyberGear": 4.0}  # N·m
@@ -36,6 +38,8 @@ def build(model="AK80-9", assistance=1.0, peak_time=0.54):
                 thigh, shank = imu("thigh", f"13396{number}"), imu("shank", f"13397{number}")
                 flexion("hip", thigh, pelvis)
                 flexion("knee", thigh, shank)
+                cell = NAU7802(bus="cells", mux=0x70, channel=number - 1, rate=80, capacity=200.0, name="ankle_cell")
+                Gain(CUFF_LEVER, unit="m", name="measured_torque")(cell.force)
                 gaits[side] = gait(thigh.euler[1], thigh.gyro[1], insole(side).strike)
         peak = Live(-assistance * limit, min=-limit, max=0.0)
         push_off = PeakProfile(peak, Live(peak_time, min=0.4, max=0.6), rise=0.1, fall=0.09, name="push_off")

@@ -13,8 +13,8 @@ from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Sum
 from blocks.recorders import StrideReport
-from blocks.sensors import ADS1115, Insole, Microcontroller
-from blocks.wearer import SegmentIMU, SoleForce, Walker
+from blocks.sensors import ADS1115, NAU7802, Insole, Microcontroller
+from blocks.wearer import Cuff, SegmentIMU, SoleForce, Walker
 from graph import Actuator, Device, Diagram, Signal, stack, subsystem
 
 SIDES = ("left", "right")
@@ -27,6 +27,7 @@ PLACES = {
     "shank": (0.2, 0.05),
     "foot": (0.03, 0.08),
 }
+CUFF_LEVER = 0.3  # m, distance of a cuff with a load cell from its joint
 RESISTOR_SHARE = 0.1  # of the load under heel or forefoot that a force-sensitive resistor bears
 
 
@@ -88,22 +89,29 @@ def assist(drive, torque, walking, leg, limit=8.0, slew=100.0):
 def wearer(robot, speed="1.2", mass=70.0, height=1.7, seed=0):
     """Return the plant: an average adult who wears every device of the robot at the place that its path names.
 
-    left/hip is the actuator of the left hip, right/shank_imu an inertial sensor on the right shank, pelvis_imu one on
-    the pelvis, left/insole an insole. A converter in left has the voltages of the resistors left/heel and, if it has a
-    second channel, left/forefoot.
+    left/hip is the actuator of the left hip, left/hip_cell the load cell of its cuff, right/shank_imu an inertial
+    sensor on the right shank, pelvis_imu one on the pelvis, left/insole an insole. A converter in left has the voltages
+    of the resistors left/heel and, if it has a second channel, left/forefoot.
 
     speed : m/s, 1.5 s after the first step, or as in "0:0 2:1.2 20:1.2"; mass : kg; height : m
     """
     with Diagram("wearer", rate=5 * robot.rate) as plant:
         adult = Walker(speed if ":" in str(speed) else f"0:0 0.5:0 2:{speed}", mass=mass, height=height, seed=seed)
         motion = adult()._asdict()
+        cells = {block.path: block for block in robot if isinstance(block, NAU7802)}
         for device in (block for block in robot if isinstance(block, Device)):
             side, _, name = device.path.rpartition("/")
             with subsystem(side) if side else nullcontext():
                 body = {key.removeprefix(f"{side}_"): signal for key, signal in motion.items()}
                 if isinstance(device, Actuator):
                     emulated = device.emulator(name=name)
-                    emulated(position=body[f"{name}_angle"], velocity=body[f"{name}_velocity"])
+                    angle, velocity = body[f"{name}_angle"], body[f"{name}_velocity"]
+                    if cell := cells.get(f"{device.path}_cell"):
+                        cuff = Cuff(lever=CUFF_LEVER, name=f"{name}_cuff")
+                        cuff(angle=angle, velocity=velocity, torque=emulated.torque)
+                        angle, velocity = cuff.position, cuff.speed
+                        cell.emulator(name=f"{name}_cell")(force=cuff.measured)
+                    emulated(position=angle, velocity=velocity)
                     adult(**{f"{side}_{name}_assistance": emulated.torque})
                 elif isinstance(device, MicroStrain):
                     measured = inertial(name.removesuffix("_imu"), body)

@@ -90,3 +90,13 @@ def test_a_suit_measures_the_joint_angles_of_its_wearer(suit, joints):
             ]
             assert np.degrees(np.ptp(angles)) > 20.0
             assert np.degrees(min(error.max() for error in errors)) < 0.5
+
+
+def test_the_load_cells_of_ankle_exo_measure_the_torque_of_its_drives():
+    """80 samples per second with a delay of one, of a peak that lasts 0.2 s."""
+    trial = runtime.run(path("ankle_exo"), 10.0)
+    steady = trial.time > 5.0
+    for side in SIDES:
+        torque, measured = (trial[f"{side}/{name}"][steady] for name in ("ankle.torque", "measured_torque.y"))
+        assert torque.min() == pytest.approx(-8.0, abs=0.1) and measured.min() == pytest.approx(-8.0, abs=0.4)
+        assert np.sqrt(np.mean((measured[2:] - torque[:-2]) ** 2)) < 0.5
