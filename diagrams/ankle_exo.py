@@ -1,8 +1,8 @@
 """Ankle exoskeleton: two AK80-9 push off, with five inertial sensors, two insoles and two load cells.
 
-    python -m runtime diagrams/ankle_exo.py --duration 10
-    python -m runtime diagrams/ankle_exo.py --duration 10 --set model=CyberGear
-    python -m runtime diagrams/ankle_exo.py --duration 10 --set assistance=0.5 --set peak_time=0.5
+    python -m runtime diagrams/ankle_exo.py --duration 20
+    python -m runtime diagrams/ankle_exo.py --duration 20 --set model=CyberGear
+    python -m runtime diagrams/ankle_exo.py --duration 20 --set assistance=0.5 --set peak_time=0.5
 
 The insole gives the strikes and the thigh the gait phase; one peak per stride extends the ankle at push-off. Peak,
 peak time, rise and fall are live, for both legs at once, as optimisation with the wearer in the loop needs them.

@@ -1,8 +1,8 @@
 """Knee exoskeleton of Georgia Tech: two AK10-9, six inertial sensors and two insoles.
 
-    python -m runtime diagrams/knee_exo_gatech.py --duration 10
-    python -m runtime diagrams/knee_exo_gatech.py --duration 10 --set assistance=0.5
-    python -m runtime diagrams/knee_exo_gatech.py --duration 10 --set speed=0.8 --set mass=110
+    python -m runtime diagrams/knee_exo_gatech.py --duration 20
+    python -m runtime diagrams/knee_exo_gatech.py --duration 20 --set assistance=0.5
+    python -m runtime diagrams/knee_exo_gatech.py --duration 20 --set speed=0.8 --set mass=110
 
 The insole gives the strikes and the thigh the gait phase. A torque profile over the phase extends the knee in
 mid-stance and flexes it before swing.

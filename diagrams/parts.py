@@ -82,7 +82,7 @@ def assist(drive, torque, walking, leg, limit=8.0, slew=100.0):
     gated = TorqueGate(name=f"{name}_gate")(u=torque, enable=walking)
     drive(torque_command=TorqueLimiter(limit=limit, slew=slew, name=f"{name}_limiter")(gated))
     StrideReport(title=drive.path.replace("/", " "), positive="flexion", name=f"{name}_report")(
-        phase=leg.phase, walking=leg.walking, angle=drive.position, velocity=drive.velocity, torque=drive.torque
+        phase=leg.phase, walking=walking, angle=drive.position, velocity=drive.velocity, torque=drive.torque
     )
 
 

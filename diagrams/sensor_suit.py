@@ -1,8 +1,8 @@
 """Sensor suit: six inertial sensors and two insoles measure the knees and ankles, and a network estimates knee torque.
 
-    python -m runtime diagrams/sensor_suit.py --duration 10
-    python -m runtime diagrams/sensor_suit.py --duration 10 --rerun
-    python -m runtime diagrams/sensor_suit.py --duration 10 --set speed=0.8 --set mass=110
+    python -m runtime diagrams/sensor_suit.py --duration 20
+    python -m runtime diagrams/sensor_suit.py --duration 20 --rerun
+    python -m runtime diagrams/sensor_suit.py --duration 20 --set speed=0.8 --set mass=110
 
 The suit has no actuator: it records, and streams to PlotJuggler or Rerun.
 """

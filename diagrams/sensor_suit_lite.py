@@ -1,8 +1,8 @@
 """Sensor suit: five inertial sensors and two insoles measure joint angles, contact and gait phase of both legs.
 
-    python -m runtime diagrams/sensor_suit_lite.py --duration 10
-    python -m runtime diagrams/sensor_suit_lite.py --duration 10 --rerun
-    python -m runtime diagrams/sensor_suit_lite.py --duration 10 --set speed=0.8 --set mass=110
+    python -m runtime diagrams/sensor_suit_lite.py --duration 20
+    python -m runtime diagrams/sensor_suit_lite.py --duration 20 --rerun
+    python -m runtime diagrams/sensor_suit_lite.py --duration 20 --set speed=0.8 --set mass=110
 
 The suit has no actuator: it records, and streams to PlotJuggler or Rerun. Its computer is a Raspberry Pi 5.
 """

@@ -1,7 +1,5 @@
 """All robots of diagrams/, in virtual time: proof, positive work on different walkers, and a stop when a device falls
 silent.
-
-CLAIMS: {robot: {joint: [(phase from, to)] in which it assists}}, of the gait phase that the robot estimates.
 """
 
 import numpy as np
@@ -14,25 +12,12 @@ from blocks.wearer import Walker
 from graph import Actuator, Device, Diagram, compile
 from runtime.diagrams.file import build_plant, load
 from tests.blocks.running import run
-from tests.checkout import ROOT
+from tests.diagrams import pages
+from tests.diagrams.robots import CLAIMS, ROBOTS, SUITS, path
 
-CLAIMS = {
-    "hip_exo_bilateral": {"hip": [(0.05, 0.39), (0.53, 0.81)]},
-    "hip_exo_teensy": {"hip": [(0.05, 0.4), (0.6, 0.85)]},
-    "ankle_exo": {"ankle": [(0.45, 0.62)]},
-    "knee_exo_cybergear": {"knee": [(0.17, 0.33), (0.49, 0.69)]},
-    "knee_exo_gatech": {"knee": [(0.17, 0.33), (0.49, 0.69)]},
-    "m_blue": {"hip": [(0.07, 0.37), (0.59, 0.79)], "knee": [(0.17, 0.33), (0.49, 0.69)]},
-}
-SUITS = {"sensor_suit": ("knee", "ankle"), "sensor_suit_lite": ("hip", "knee")}
-ROBOTS = [*CLAIMS, *SUITS]
 WALKERS = [(50, 1.6), (110, 0.8), (70, 1.2)]  # kg, m/s
 SILENCE_BEGINS = 0.5  # s
 SIDES = ("left", "right")
-
-
-def path(robot):
-    return ROOT / "diagrams" / f"{robot}.py"
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -94,9 +79,14 @@ def test_a_suit_measures_the_joint_angles_of_its_wearer(suit, joints):
 
 def test_the_load_cells_of_ankle_exo_measure_the_torque_of_its_drives():
     """80 samples per second with a delay of one, of a peak that lasts 0.2 s."""
-    trial = runtime.run(path("ankle_exo"), 10.0)
-    steady = trial.time > 5.0
+    trial = runtime.run(path("ankle_exo"), 12.0)
+    steady = trial.time > 8.0
     for side in SIDES:
         torque, measured = (trial[f"{side}/{name}"][steady] for name in ("ankle.torque", "measured_torque.y"))
         assert torque.min() == pytest.approx(-8.0, abs=0.1) and measured.min() == pytest.approx(-8.0, abs=0.4)
         assert np.sqrt(np.mean((measured[2:] - torque[:-2]) ** 2)) < 0.5
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_page_describes_the_diagram(robot):
+    assert (pages.FOLDER / f"{robot}.md").read_text().startswith(pages.head(robot))

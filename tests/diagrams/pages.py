@@ -1,0 +1,94 @@
+"""Pages of the robots in docs/robots: what each does, its parts, drawing, average stride and work.
+
+python -m tests.diagrams.pages [ROBOT...]
+"""
+
+import ast
+import sys
+from collections import Counter
+
+import matplotlib
+
+import runtime
+from blocks.sensors import FSR
+from graph import Actuator, Device
+from runtime.analysis import stride_picture
+from runtime.analysis.legs import legs
+from runtime.diagrams.draw import draw_file
+from runtime.diagrams.file import load
+from tests.checkout import ROOT
+from tests.diagrams.robots import ROBOTS, path
+
+FOLDER = ROOT / "docs" / "robots"
+MASSES, SPEEDS = (50, 70, 90, 110), (0.8, 1.2, 1.6)  # kg, m/s
+SECONDS, STRIDES = 25.0, 8
+
+
+def head(robot):
+    """Return the part of a page that follows from the diagram: text, parts, rate and pictures."""
+    text = ast.get_docstring(ast.parse(path(robot).read_text()))
+    _, diagram = load(path(robot))
+    parts = Counter(
+        getattr(block, "model", type(block).__name__) for block in diagram if isinstance(block, (Device, FSR))
+    )
+    listed = ", ".join(f"{name} × {number}" for name, number in parts.items())
+    pictures = f"![block diagram](images/{robot}.svg)"
+    if any(isinstance(block, Actuator) for block in diagram):
+        pictures += f"\n\n![average stride of the left leg](images/{robot}_stride.svg)"
+    return f"# {robot}\n\n{text}\n\n{listed}; {diagram.rate:g} Hz.\n\n{pictures}\n"
+
+
+def work(robot):
+    """Return the table of the work a stride of each joint of the left leg, on different walkers."""
+    lines = ["| joint | kg |" + "".join(f" {speed} m/s |" for speed in SPEEDS), "|---|--:|" + "--:|" * len(SPEEDS)]
+    for mass in MASSES:
+        body = {"mass": mass, "height": 1.55 + 0.005 * (mass - 50), "seed": mass}
+        walks = [strides(robot, body | {"speed": speed}) for speed in SPEEDS]
+        for joints in zip(*walks):
+            cells = (f" {joint['positive_work']:.1f}, {joint['negative_work']:.1f} |" for joint in joints)
+            lines.append(f"| {joints[0]['title']} | {mass} |" + "".join(cells).replace("-0.0", "0.0").replace("-", "−"))
+    return (
+        "Positive and negative work a stride in J, for adults of different mass and speed:\n\n"
+        + "\n".join(lines)
+        + "\n"
+    )
+
+
+def strides(robot, settings):
+    """Return the measured strides of the joints of the left leg, or of the only leg."""
+    trial = runtime.run(path(robot), SECONDS, settings=settings)
+    assert trial.fault is None, (robot, settings, trial.fault)
+    joints = legs(trial, last=STRIDES)
+    return [joint for joint in joints if joint["title"].startswith("left")] or joints
+
+
+def write(robot):
+    """Write the page of a robot and its pictures."""
+    (FOLDER / "images").mkdir(parents=True, exist_ok=True)
+    draw_file(path(robot), output=str(FOLDER / "images" / f"{robot}.svg"))
+    page = head(robot)
+    if "_stride.svg" in page:
+        with (
+            matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": robot}),
+            open(FOLDER / "images" / f"{robot}_stride.svg", "wb") as file,
+        ):
+            stride_picture.draw(robot, strides(robot, {}), file, "svg")
+        page += "\n" + work(robot)
+    (FOLDER / f"{robot}.md").write_text(page)
+
+
+def index():
+    """Return the page that lists all robots."""
+    rows = (f"| [{robot}]({robot}.md) | {head(robot).split(chr(10))[2].rstrip('.')} |" for robot in ROBOTS)
+    return (
+        "# Robots\n\nAll share [diagrams/parts.py](../../diagrams/parts.py), whose `wearer` plays every device in "
+        "simulation. Pages and pictures\nare written by `python -m tests.diagrams.pages`.\n\n| robot | |\n|---|---|\n"
+        + "\n".join(rows)
+        + "\n"
+    )
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or ROBOTS:
+        write(name)
+    (FOLDER / "README.md").write_text(index())

@@ -1,0 +1,23 @@
+"""Robots that share diagrams/parts.py.
+
+CLAIMS: {robot: {joint: [(phase from, to)] in which its mean power is positive}}, of the estimated gait phase
+SUITS: {robot without actuators: joints whose angles it measures}
+"""
+
+from tests.checkout import ROOT
+
+CLAIMS = {
+    "hip_exo_bilateral": {"hip": [(0.05, 0.39), (0.53, 0.81)]},
+    "hip_exo_teensy": {"hip": [(0.05, 0.4), (0.6, 0.85)]},
+    "ankle_exo": {"ankle": [(0.45, 0.62)]},
+    "knee_exo_cybergear": {"knee": [(0.17, 0.33), (0.49, 0.69)]},
+    "knee_exo_gatech": {"knee": [(0.17, 0.33), (0.49, 0.69)]},
+    "m_blue": {"hip": [(0.07, 0.37), (0.59, 0.79)], "knee": [(0.17, 0.33), (0.49, 0.69)]},
+}
+SUITS = {"sensor_suit": ("knee", "ankle"), "sensor_suit_lite": ("hip", "knee")}
+ROBOTS = (*CLAIMS, *SUITS)
+
+
+def path(robot):
+    """Return the path of a robot's diagram file."""
+    return ROOT / "diagrams" / f"{robot}.py"
