@@ -62,12 +62,13 @@ class Kernel:
     ----------
     function : PyCapsule named by its C signature, ctypes function pointer, or Numba cfunc
     items : str, as in "u[...] y[...] gain *inputs"
+    owner : object that the function uses, kept as long as the kernel
     """
 
-    __slots__ = ("function", "items")
+    __slots__ = ("function", "items", "owner")
 
-    def __init__(self, function: Any, items: Any) -> None:
-        self.function = function
+    def __init__(self, function: Any, items: Any, owner: Any = None) -> None:
+        self.function, self.owner = function, owner
         self.items = tuple(parsed(word) for word in items.split()) if isinstance(items, str) else tuple(items)
         names = [item.name for item in self.items]
         twice = next((name for name in names if names.count(name) > 1), None)
@@ -85,6 +86,10 @@ class Kernel:
         if unknown is not None:
             raise ValueError(f"the kernel has no item {unknown!r}; its items are {', '.join(self.names)}")
         return Kernel(self.function, [item._replace(name=names.get(item.name, item.name)) for item in self.items])
+
+    def owned(self, owner: Any) -> Kernel:
+        """The same kernel for one block, which keeps an object that the block's memory points to."""
+        return Kernel(self.function, self.items, owner)
 
     def __repr__(self):
         return f"<Kernel {' '.join(map(str, self.items))}>"

@@ -73,10 +73,20 @@ def recording(tmp_path_factory):
     return str(file)
 
 
+@pytest.fixture(scope="module")
+def network(tmp_path_factory):
+    """A file that an OnnxModel runs."""
+    from tests.blocks.networks import models
+
+    return models.streaming(tmp_path_factory.mktemp("network") / "network.onnx")
+
+
 @pytest.fixture
 def examples(request, recording):
     if request.param == "Playback":
         return ({"file": recording, "column": "knee"},)
+    if request.param == "OnnxModel":
+        return ({"file": request.getfixturevalue("network")},)
     return EXAMPLES.get(request.param) or getattr(LIBRARY[request.param], "examples", ({},))
 
 
