@@ -27,6 +27,7 @@ from cext.user_text import name_and_text
 from runtime.base.ending import ignore_signals
 from runtime.base.run_mark import end_marked, own_mark, remove_mark
 from runtime.base.system import maps
+from runtime.console.keys import restore, terminal_attributes
 from runtime.console.stderr import Terminal
 from runtime.recorder.checkpoint import Checkpoint
 from runtime.recorder.recording import RecordingFailed
@@ -105,9 +106,12 @@ def main(answers: int, control: int, page: int, keys: int) -> None:
 def record_parts(page: SharedState, answers: int, orders: Control, keys: int, plan: dict[str, Any]) -> None:
     """Record the parts of a recording, and answer if it stops before the end of the run."""
     checkpoint, causes, part = Checkpoint(page), [], plan.get("part", 1)
+    attributes = terminal_attributes(keys) if keys >= 0 else None
     while True:
         current = {**plan, "part": part}
         cause, unfit = death_of_writer(lambda: write(page, answers, orders, keys, current, checkpoint), page)
+        if attributes is not None:  # a writer that was killed has not restored the terminal
+            restore(keys, attributes)
         state = checkpoint.newest()
         if cause is None or state is None:  # complete, or dead before it was ready, which the control process reports
             return

@@ -16,7 +16,7 @@ from typing import Any
 from cext.safety.ring_batch import read
 from cext.safety.shared_state import SharedState
 from cext.safety.thresholds import GUARDIAN_DEATH
-from runtime.console.keys import Keyboard, restore, terminal_attributes
+from runtime.console.keys import Keyboard
 from runtime.console.stderr import Terminal
 from runtime.console.styles import Console
 from runtime.recorder.checkpoint import Checkpoint
@@ -58,7 +58,6 @@ def write(
         terminal.say,
         Console(terminal.columns if terminal.interactive else None, terminal.coloured),
     )
-    before = terminal_attributes(keys) if keys >= 0 else None
     control.look(0)
     if control.abandoned:
         recording.discard()
@@ -67,11 +66,7 @@ def write(
     name_process("tickwork-record")
     if "before" not in plan:
         answer(answers, {"ready": True, "files": recording.list_files()})
-    try:
-        record(page, answers, control, keys, recording, terminal, checkpoint)
-    finally:
-        if before is not None:  # the process that changed the terminal may have been killed
-            restore(keys, before)
+    record(page, answers, control, keys, recording, terminal, checkpoint)
 
 
 @contextmanager
