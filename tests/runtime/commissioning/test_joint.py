@@ -128,7 +128,7 @@ def test_a_joint_that_does_not_move_is_rejected_and_nothing_is_written(tmp_path)
         code, _, err = person.end()
     assert (
         code == 2
-        and "is needed to find the sign; nothing was written" in err
+        and "the sign needs at least 0.2 rad; nothing was written" in err
         and rig.read_text() == RIG.format(channel=nodes.channel)
     )
 

@@ -115,7 +115,7 @@ def test_on_a_rig_the_drives_are_armed_and_stopped_at_every_rate(tmp_path):
     try:
         read_until(drives.stdout, "Ctrl-C ends it")
         refused = finished("rate", "--rig", rig, "--actuators", "1", cwd=tmp_path)
-        assert refused.returncode == 2 and "--yes arms without asking" in refused.stderr
+        assert refused.returncode == 2 and "pass --yes to arm without confirmation" in refused.stderr
         found = finished(
             "rate",
             "--rig",
