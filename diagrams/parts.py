@@ -12,6 +12,7 @@ from blocks.gait import ContactEvents, GaitState, PhaseKalmanFilter, ThighEvents
 from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Sum
+from blocks.models import Limb
 from blocks.recorders import StrideReport
 from blocks.sensors import ADS1115, NAU7802, Insole, Microcontroller
 from blocks.wearer import Cuff, SegmentIMU, SoleForce, Walker
@@ -103,7 +104,11 @@ def wearer(robot, speed="1.2", mass=70.0, height=1.7, seed=0):
             side, _, name = device.path.rpartition("/")
             with subsystem(side) if side else nullcontext():
                 body = {key.removeprefix(f"{side}_"): signal for key, signal in motion.items()}
-                if isinstance(device, Actuator):
+                if isinstance(device, Actuator) and name == "abduction":
+                    emulated = device.emulator(name=name)
+                    frontal = Limb(inertia=2.0, name="frontal_plane")(torque=emulated.torque)
+                    emulated(position=frontal.position, velocity=frontal.velocity)
+                elif isinstance(device, Actuator):
                     emulated = device.emulator(name=name)
                     angle, velocity = body[f"{name}_angle"], body[f"{name}_velocity"]
                     if cell := cells.get(f"{device.path}_cell"):

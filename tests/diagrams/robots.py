@@ -7,6 +7,8 @@ SUITS: {robot without actuators: joints whose angles it measures}
 from tests.checkout import ROOT
 
 CLAIMS = {
+    "hip_exo_1dof": {"hip": [(0.05, 0.39), (0.53, 0.81)]},
+    "hip_exo_2dof": {"hip": [(0.05, 0.39), (0.53, 0.81)]},
     "hip_exo_bilateral": {"hip": [(0.05, 0.39), (0.53, 0.81)]},
     "hip_exo_teensy": {"hip": [(0.05, 0.4), (0.6, 0.85)]},
     "ankle_exo": {"ankle": [(0.45, 0.62)]},
