@@ -40,7 +40,7 @@ def build(model="AK80-9", assistance=1.0, peak_time=0.54):
                 flexion("knee", thigh, shank)
                 cell = NAU7802(bus="cells", mux=0x70, channel=number - 1, rate=80, capacity=200.0, name="ankle_cell")
                 Gain(CUFF_LEVER, unit="m", name="measured_torque")(cell.force)
-                gaits[side] = gait(thigh.euler[1], thigh.gyro[1], insole(side).strike)
+                gaits[side] = gait(*thigh, insole(side).strike)
         peak = Live(-assistance * limit, min=-limit, max=0.0)
         push_off = PeakProfile(peak, Live(peak_time, min=0.4, max=0.6), rise=0.1, fall=0.09, name="push_off")
         torques = push_off(

@@ -11,12 +11,11 @@ and flexes it before swing. The computer is a Raspberry Pi 4B, with the converte
 from blocks.actuators import RobStride
 from blocks.controllers import TorqueProfile
 from blocks.gait import ContactEvents, GaitState
-from blocks.imus import MicroStrain
 from blocks.recorders import CsvRecorder
 from blocks.sensors import ADS1115, FSR
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import assist, gait
+from parts import assist, gait, imu
 from parts import wearer as plant  # noqa: F401
 
 # Torque profile (gait phase, N·m).
@@ -28,13 +27,11 @@ def build(side="left", assistance=1.0):
     with Diagram("knee_exo_cybergear", rate=200) as diagram:
         with subsystem(side):
             knee = RobStride("CyberGear", bus="knee", invert=side == "right", name="knee")
-            channels = ("accel", "gyro", "euler")
-            thigh = MicroStrain("133941", channels=channels, name="thigh_imu")
-            shank = MicroStrain("133942", channels=channels, name="shank_imu")
+            thigh, shank = imu("thigh", "133941"), imu("shank", "133942")
             load = FSR(name="heel")(ADS1115(channels=("a0",), name="converter").a0)
             strike = ContactEvents(smallest=10.0, name="events")(load.force).strike
-            leg = gait(thigh.euler[1], thigh.gyro[1], strike)
-            walking = walks(leg, shank.gyro[1])
+            leg = gait(*thigh, strike)
+            walking = walks(leg, shank.velocity)
             torque = TorqueProfile(PROFILE, scale=assistance, name="profile")(phase=leg.phase, enable=leg.walking)
             assist(knee, torque, walking, leg, limit=4.0)
         CsvRecorder()

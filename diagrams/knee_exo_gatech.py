@@ -40,4 +40,4 @@ def leg(side, number):
         flexion("knee", thigh, shank)
         flexion("ankle", foot, shank)
         knee = drive(side, "knee", number, "AK10-9-V2.0")
-        return knee, gait(thigh.euler[1], thigh.gyro[1], insole(side).strike)
+        return knee, gait(*thigh, insole(side).strike)

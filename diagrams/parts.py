@@ -15,6 +15,7 @@ from blocks.mathematics import Sum
 from blocks.models import Limb
 from blocks.recorders import StrideReport
 from blocks.sensors import ADS1115, NAU7802, Insole, Microcontroller
+from blocks.vectors import Select
 from blocks.wearer import Cuff, SegmentIMU, SoleForce, Walker
 from graph import Actuator, Device, Diagram, Signal, stack, subsystem
 
@@ -32,6 +33,13 @@ CUFF_LEVER = 0.3  # m, distance of a cuff with a load cell from its joint
 RESISTOR_SHARE = 0.1  # of the load under heel or forefoot that a force-sensitive resistor bears
 
 
+class Motion(NamedTuple):
+    """Motion of a segment or a joint."""
+
+    angle: Signal
+    velocity: Signal
+
+
 class Gait(NamedTuple):
     """Gait of one leg."""
 
@@ -41,14 +49,15 @@ class Gait(NamedTuple):
 
 
 def imu(segment, serial):
-    """Return the inertial sensor of a segment. serial : its serial number, or the last digits"""
-    return MicroStrain(serial, channels=("accel", "gyro", "euler"), name=f"{segment}_imu")
+    """Return the pitch of a segment as Motion, from its inertial sensor. serial : its number, or the last digits"""
+    sensor = MicroStrain(serial, channels=("accel", "gyro", "euler"), name=f"{segment}_imu")
+    return Motion(Select(1, name=f"{segment}_pitch")(sensor.euler), Select(1, name=f"{segment}_rate")(sensor.gyro))
 
 
 def flexion(joint, above, below):
-    """Return angle and velocity of a joint, as in `flexion("knee", thigh, shank)` with two inertial sensors."""
-    angle = Sum("+-", name=f"{joint}_angle")(above.euler[1], below.euler[1])
-    return angle, Sum("+-", name=f"{joint}_velocity")(above.gyro[1], below.gyro[1])
+    """Return the Motion of a joint from those of two segments, as in `flexion("knee", thigh, shank)`."""
+    angle = Sum("+-", name=f"{joint}_angle")(above.angle, below.angle)
+    return Motion(angle, Sum("+-", name=f"{joint}_velocity")(above.velocity, below.velocity))
 
 
 def insole(side):

@@ -29,4 +29,4 @@ def leg(side, serial):
         thigh, shank, foot = (imu(segment, str(number)) for number, segment in enumerate(SEGMENTS, serial))
         flexion("knee", thigh, shank)
         flexion("ankle", foot, shank)
-        return gait(thigh.euler[1], thigh.gyro[1], insole(side).strike)
+        return gait(*thigh, insole(side).strike)

@@ -30,4 +30,4 @@ def leg(side, pelvis, serial):
         thigh, shank = imu("thigh", str(serial)), imu("shank", str(serial + 1))
         flexion("hip", thigh, pelvis)
         flexion("knee", thigh, shank)
-        return gait(thigh.euler[1], thigh.gyro[1], insole(side).strike)
+        return gait(*thigh, insole(side).strike)
