@@ -146,6 +146,7 @@ def _introduction(
 ) -> list[str]:
     kind = "the plant of the file" if given else "every device, each actuator on a free inertia"
     lines = [f"{schedule.name}: {kind}, at {schedule.rate:g} Hz"]
+    width = max([12, *(len(name) + 2 for name in schedule.buses)])
     for index, name in enumerate(schedule.buses):
         here = [diagram[device.name] for device in schedule.devices if device.bus == index]
         if name in serial.paths:
@@ -154,7 +155,7 @@ def _introduction(
             place = serial.senders[name].description
         else:
             place = f"{rig.buses[name].interface} {rig.buses[name].channel}"
-        lines.append(f"  {name:<12}{place}")
+        lines.append(f"  {name:<{width}}{place}")
         lines += [f"    {_title(block)}" for block in here]
     variable = f"TICKWORK_PORTS={':'.join(serial.paths.values())} " if serial.paths else ""
     return [*lines, f"in another terminal: {variable}{program()} {options.file} --rig {options.rig}", "Ctrl-C ends it"]
