@@ -21,9 +21,10 @@ PHASES = np.arange(200) / 200
 
 def values(series: Sequence[float] | Real) -> Real:
     """Return the values of a series at PHASES."""
-    count = len(series) // 2
-    turn = 2.0 * np.pi * np.outer(PHASES, np.arange(1, count + 1))
-    return series[0] + np.cos(turn) @ series[1 : count + 1] + np.sin(turn) @ series[count + 1 :]
+    waves = np.zeros(len(PHASES) // 2 + 1, complex)
+    waves[0] = series[0]
+    waves[1 : len(series) // 2 + 1] = 0.5 * unpacked(series[1:])
+    return np.fft.irfft(waves * len(PHASES))
 
 
 def series(curve: Real, harmonics: int = HARMONICS) -> Real:
@@ -50,6 +51,13 @@ def ground(entry: dict, phase: Real) -> tuple[Complex, Real]:
     waves = sines(stance, FORCE_SINES)
     centre = np.clip(centre_basis(np.minimum(stance, 1.0)) @ entry["centre"], 0.02, 0.95)
     return waves @ entry["forward"] + 1j * np.maximum(waves @ entry["vertical"], 0.0), centre
+
+
+def balanced(vertical: Real, forward: Real, foot_off: float) -> tuple[Real, Real]:
+    """Return the series of a foot's force over the stance that bears half of the body weight and gains no speed."""
+    area = np.array([2.0 / (np.pi * k) if k % 2 else 0.0 for k in range(1, FORCE_SINES + 1)])
+    vertical = vertical * (0.5 / (foot_off * vertical @ area))
+    return vertical, forward - (forward @ area) / (vertical @ area) * vertical
 
 
 def flat_foot_pitch(angles: Sequence[Real]) -> float:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from blocks.wearer.adults import family
 from blocks.wearer.body import GRAVITY
 from blocks.wearer.norms import BODY_HEIGHT, MOTIONS
 from blocks.wearer.stride import HARMONICS
@@ -71,12 +72,15 @@ def slower(entry: dict[str, Any], speed: float) -> dict[str, Any]:
     return entry | scaled | {"speed": speed, "stride_time": entry["stride_time"] / cadence, "foot_off": foot_off}
 
 
-def over_speed(motion: str, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (speeds, coefficients of the cubics between them) of a motion. height : of the body, m
+def over_speed(motion: str, height: float, person: Any = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return (speeds, coefficients of the cubics between them) of a motion.
 
-    coefficients : of shape (pieces, 4, numbers), a natural cubic spline
+    height : of the body, m; person : as of Walker. The coefficients are of shape (pieces, 4, numbers), a natural cubic
+    spline. ValueError
     """
-    entries = MOTIONS[motion]
+    if person != 0 and motion != "walk":
+        raise ValueError(f"motion {motion!r} has only the average adult: leave person at 0, got {person!r}")
+    entries = family(MOTIONS[motion], person)
     below = [slower(entries[0], share * entries[0]["speed"]) for share in (0.0, *SLOWER)]
     knots = [*below, *entries]
     speeds = np.array([entry["speed"] for entry in knots]) * (height / BODY_HEIGHT)
@@ -91,9 +95,9 @@ def speed_of(stride_time: float, speeds: np.ndarray, cubics: np.ndarray) -> floa
     return float(np.interp(1.0 / stride_time, frequencies, at))
 
 
-def walking_speed(stride_time: float, height: float = BODY_HEIGHT) -> float:
-    """Return the speed in m/s at which the average adult has strides of a duration in s. height : m"""
-    return speed_of(stride_time, *over_speed("walk", height))
+def walking_speed(stride_time: float, height: float = BODY_HEIGHT, person: Any = 0) -> float:
+    """Return the speed in m/s at which an adult has strides of a duration in s. height : m; person : as of Walker"""
+    return speed_of(stride_time, *over_speed("walk", height, person))
 
 
 def natural_spline(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -43,6 +43,9 @@ class Walker(Block):
     the moment of the joint, at the ankle by 4 N·m/rad per N·m: its stiffness in stance is up to 5.4 N·m/rad per kg
     (Ficanha et al. 2018). In swing the hip has 34 to 66 N·m/rad and the knee few (van der Kooij et al. 2022).
 
+    `person` selects an adult who differs from the average by the standard deviations between the measured adults, as
+    far as walking admits it; the same adult at every speed.
+
     Angles are positive in flexion (dorsiflexion at the ankle), pitches with the front up; x is forward and z up.
     `*_torque` is the net torque of the muscles in the direction of flexion: the nominal moment, less the adapted share
     of the assistance, plus what K, B and the reflex add; `*_power` is that torque times the velocity. The phase is 0 at
@@ -63,6 +66,12 @@ class Walker(Block):
     motion = Param("walk", "1", "motion", choices=tuple(MOTIONS))
     mass = Param(70.0, "kg", "mass of the body", above=0.0, max=300.0, fixed=True, kernel=False)
     height = Param(1.70, "m", "height of the body", above=0.5, max=2.5, fixed=True, kernel=False)
+    person = Param(
+        0,
+        "1",
+        "adult: 0 for the average, a seed for one drawn at random, or scores of COMPONENTS in standard deviations",
+        dtype=object,
+    )
     start = Param(0.0, "1", "phase of the left leg at t = 0", min=0.0, max=1.0, fixed=True, kernel=False)
     variability = Param(
         1.0, "1", "scale of the variation from stride to stride, 0 for none", min=0.0, max=5.0, fixed=True, kernel=False
@@ -91,7 +100,7 @@ class Walker(Block):
     recording = Param(
         "",
         "1",
-        "path of a recorded motion, a CSV file or OpenSim's .mot; it replaces speed, motion, start and variability",
+        "path of a recorded motion, a CSV file or OpenSim's .mot; it replaces the choice of motion, speed and person",
         file=True,
     )
 
@@ -136,7 +145,7 @@ class Walker(Block):
     feedthrough = ()
 
     def configure(self) -> None:
-        speeds, cubics = over_speed(self.motion, self.height)
+        speeds, cubics = over_speed(self.motion, self.height, self.person)
         speed = self.speed
         if self.recording:
             self.samples, stride_time = samples(self.recording)

@@ -20,6 +20,7 @@ class Walker(Block):
     motion: Param[Literal['walk', 'on_toes', 'on_heels', 'stairs_up', 'stairs_down']]
     mass: Param[float]
     height: Param[float]
+    person: Param[Any]
     start: Param[float]
     variability: Param[float]
     seed: Param[int]
@@ -100,6 +101,7 @@ class Walker(Block):
         motion: Literal['walk', 'on_toes', 'on_heels', 'stairs_up', 'stairs_down'] = 'walk',
         mass: float = 70.0,
         height: float = 1.7,
+        person: Any = 0,
         start: float = 0.0,
         variability: float = 1.0,
         seed: int = 0,

@@ -11,7 +11,9 @@ import numpy as np
 from blocks.wearer.mechanics import pitches_of, pressure_centre
 from blocks.wearer.stride import (
     FORCE_SINES,
+    HARMONICS,
     PHASES,
+    balanced,
     centre_basis,
     flat_foot_pitch,
     moments,
@@ -20,6 +22,7 @@ from blocks.wearer.stride import (
     sines,
     values,
 )
+from tests.blocks.wearer.fit_adults import components
 from tests.checkout import ROOT
 from tests.shared import shared
 
@@ -34,6 +37,7 @@ MOTIONS = {
 }
 JOINTS = ("hip_flexion", "knee_flexion", "ankle_dorsiflexion")
 MOMENTS = ("hip_extensor_moment", "knee_extensor_moment", "ankle_plantarflexor_moment")
+DEVIATION_HARMONICS = 6
 BODY_HEIGHT = 1.70  # m, mean of the subjects: speed in m/s over speed in body heights per second
 ANKLE_NEUTRAL = np.radians(19.9)  # of that laboratory, from the one of other laboratories
 
@@ -54,6 +58,18 @@ def fitted():
     }
 
 
+def torque_deviations():
+    """Yield the standard deviations at PHASES of the torques of each speed of the walk in N·m/kg.
+
+    Each is at least 30 % of its mean.
+    """
+    rows = list(csv.DictReader(shared("gait/walk_stairs_norms_adult_bovi2011.csv").open()))
+    for condition in MOTIONS["walk"]:
+        own = [row for row in rows if row["condition"] == condition]
+        curves = [np.interp(100.0 * PHASES, np.arange(101), column(own, f"{name}_Nm_kg_sd")) for name in MOMENTS]
+        yield [np.maximum(curve, 0.3 * curve.mean()) for curve in curves]
+
+
 def fit(rows, parameters, level, pitch, stairs):
     """Fit one condition.
 
@@ -71,14 +87,15 @@ def fit(rows, parameters, level, pitch, stairs):
 
     # Forces over stance: the mean vertical force of two legs is one body weight, and the mean forward force zero.
     stance = np.linspace(0.0, 1.0, 201)
-    at = [
-        np.interp(stance * foot_off * 100.0, np.arange(101), column(rows, f"grf_{name}_bw_mean"))
-        for name in ("vertical", "forward")
-    ]
-    vertical, forward = (np.linalg.lstsq(sines(stance, FORCE_SINES), each, rcond=None)[0] for each in at)
-    area = np.array([2.0 / (np.pi * k) if k % 2 else 0.0 for k in range(1, FORCE_SINES + 1)])
-    vertical *= 0.5 / (foot_off * vertical @ area)
-    forward -= (forward @ area) / (vertical @ area) * vertical
+    vertical, forward, *deviations = (
+        np.linalg.lstsq(
+            sines(stance, FORCE_SINES),
+            np.interp(stance * foot_off * 100.0, np.arange(101), column(rows, f"grf_{name}")),
+            rcond=None,
+        )[0]
+        for name in ("vertical_bw_mean", "forward_bw_mean", "vertical_bw_sd", "forward_bw_sd")
+    )
+    vertical, forward = balanced(vertical, forward, foot_off)
 
     # Centre of pressure in the foot's frame, from the ankle's measured moment and the force.
     waves = sines(PHASES / foot_off, FORCE_SINES)
@@ -104,6 +121,10 @@ def fit(rows, parameters, level, pitch, stairs):
         "pelvis_forward": ahead,
     }
     if level:
+        spreads = (closed_series(np.radians(column(rows, f"{name}_deg_sd")), DEVIATION_HARMONICS) for name in JOINTS)
+        entry |= {"angle_deviations": list(spreads)} | dict(
+            zip(("vertical_deviation", "forward_deviation"), deviations)
+        )
         entry["moments"] = [0.5 * sum(each) for each in zip(measured, moments(entry, BODY_HEIGHT))]
     return entry
 
@@ -119,9 +140,9 @@ def column(rows, name):
     return np.array([float(row[name]) for row in rows])
 
 
-def closed_series(curve):
+def closed_series(curve, harmonics=HARMONICS):
     """Return the series of a curve of 101 points, the step at its seam spread over the stride."""
-    return series((curve - (curve[-1] - curve[0]) * (np.arange(101) / 100.0 - 0.5))[:100])
+    return series((curve - (curve[-1] - curve[0]) * (np.arange(101) / 100.0 - 0.5))[:100], harmonics)
 
 
 HEADER = '''"""Series of the average adult's gait. Made by tests/blocks/wearer/fit_norms.py; do not edit.
@@ -135,21 +156,24 @@ share of the stride; slope of the way, up over forward; pelvis_pitch in rad; ang
 moments in N·m/kg (of the walk the mean of the measured ones and those of the series by inverse dynamics), flexion
 positive, each as mean, cosines and sines of the harmonics of the stride; vertical and forward force of a foot in body
 weights as sines of k π s over its stance s; centre of pressure from the heel in foot lengths as 1, s and sines of
-k π s; height of the hips and their progress ahead of the mean speed in body heights (stride.py has the harmonics).
+k π s; height of the hips and their progress ahead of the mean speed in body heights (stride.py has the harmonics). Of
+the walk also standard deviations between adults, of the angles over the stride and of the forces over the stance.
+COMPONENTS has what deviates together, the largest first, as weights of adults.py per standard deviation.
 """
 '''
 
 
-def text(values, indent):
+def text(values, indent, form=".6g"):
     """Return the lines of a tuple."""
-    numbers = ", ".join(f"{value:.6g}" for value in values)
+    numbers = ", ".join(f"{value:{form}}" for value in values)
     return textwrap.indent("\n".join(textwrap.wrap(f"({numbers}),", 119 - indent)), " " * indent)
 
 
 def module():
     """Return the source of blocks/wearer/norms.py."""
     lines = [HEADER, f"BODY_HEIGHT = {BODY_HEIGHT}  # m", "", "# fmt: off", "MOTIONS = {"]
-    for motion, speeds in fitted().items():
+    motions = fitted()
+    for motion, speeds in motions.items():
         lines.append(f'    "{motion}": (')
         for entry in speeds:
             lines.append("        {")
@@ -162,7 +186,10 @@ def module():
                 lines += [*tuples, "            ),"] if tuples else [text(value, 16)]
             lines.append("        },")
         lines.append("    ),")
-    return "\n".join([*lines, "}"]) + "\n"
+    lines += ["}", "COMPONENTS = ("]
+    for row in components(motions["walk"], torque_deviations()):
+        lines += text(row, 4, ".3f").splitlines()
+    return "\n".join([*lines, ")"]) + "\n"
 
 
 if __name__ == "__main__":

@@ -1,0 +1,124 @@
+"""Adults who differ from the average, alike in every stride and at every walking speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from blocks.wearer.mechanics import Real, pitches_of, support
+from blocks.wearer.norms import BODY_HEIGHT, COMPONENTS
+from blocks.wearer.stride import (
+    FORCE_SINES,
+    PHASES,
+    balanced,
+    flat_foot_pitch,
+    ground,
+    moments,
+    other,
+    pelvis,
+    series,
+    sines,
+    values,
+)
+
+# Shares of the variance between adults: constant over the stride, and harmonics 1 to 3. As the mean of the curves of
+# four adults about the average, see docs/wearer.md.
+OFFSET_SHARE, HARMONIC_SHARES = 0.5, (0.3, 0.15, 0.05)
+WEIGHTS = 1 + 2 * len(HARMONIC_SHARES)  # of a curve
+CURVES = 5  # angles of hip, knee and ankle, vertical and forward force
+STANCE = np.linspace(0.0, 1.0, 101)
+STANCE_WAVES = sines(STANCE, FORCE_SINES)
+STANCE_FIT = np.linalg.pinv(STANCE_WAVES)
+DRAW_LIMIT, SCORE_LIMIT = 2.0, 5.0  # standard deviations, of drawn and of given scores
+KNEE_LIMIT = np.radians(-8.0)  # rad, largest extension of the knee while walking
+
+
+def family(entries: Sequence[dict[str, Any]], person: Any) -> list[dict[str, Any]]:
+    """Return the series of an adult at the speeds of the entries.
+
+    person : scores of the first components in standard deviations, or a seed that draws all of them, 0 for the average.
+    A drawn adult whose knee would extend further than KNEE_LIMIT comes closer to the average. ValueError
+    """
+    scores = scores_of(person)
+    if not np.any(scores):
+        return list(entries)
+    while True:
+        adults = [adult(entry, scores @ COMPONENTS[: len(scores)]) for entry in entries]
+        if isinstance(person, tuple) or min(values(each["angles"][1]).min() for each in adults) > KNEE_LIMIT:
+            return adults
+        scores = 0.9 * scores
+
+
+def scores_of(person: Any) -> Real:
+    """Return the scores of an adult. person : as of `family`. ValueError"""
+    if isinstance(person, tuple):
+        scores = np.array(person, float)
+        if scores.ndim != 1 or len(scores) > len(COMPONENTS) or not np.all(np.abs(scores) <= SCORE_LIMIT):
+            allowed = f"at most {len(COMPONENTS)} scores from {-SCORE_LIMIT:g} to {SCORE_LIMIT:g}"
+            raise ValueError(f"person must have {allowed}, got {person}")
+        return scores
+    if not isinstance(person, (int, np.integer)) or not 0 <= person < 2**32:
+        raise ValueError(f"person must be a seed from 0 to {2**32 - 1} or a tuple of scores, got {person!r}")
+    random = np.random.RandomState(int(person))  # NumPy guarantees these numbers for all its versions
+    return np.clip(random.normal(size=len(COMPONENTS)), -DRAW_LIMIT, DRAW_LIMIT) if person else np.zeros(0)
+
+
+def shape(phases: Real) -> Real:
+    """Return curves of a unit variance over the stride in the columns of their weights."""
+    turn = 2.0 * np.pi * np.outer(phases, np.arange(1, len(HARMONIC_SHARES) + 1))
+    waves = np.stack([np.cos(turn), np.sin(turn)], axis=2) * np.sqrt(HARMONIC_SHARES)[:, None]
+    return np.column_stack([np.full(len(phases), np.sqrt(OFFSET_SHARE)), waves.reshape(len(phases), -1)])
+
+
+def spread(deviation: Real) -> Real:
+    """Return curves with the standard deviation over the stride of an angle, in the columns of their weights.
+
+    The first one is constant, so that an offset of the hip is one of the pelvis and does not move the leg.
+    """
+    waves = shape(PHASES)
+    offset = min(np.sqrt(OFFSET_SHARE) * deviation.mean(), deviation.min())
+    rest = np.sqrt(np.maximum(deviation**2 - offset**2, 0.0) / (1.0 - OFFSET_SHARE))
+    return np.column_stack([np.full(len(PHASES), offset), rest[:, None] * waves[:, 1:]])
+
+
+def reach(curves: list[Real], pitch: float, load: Real) -> float:
+    """Return the length in body heights of a stride in which a loaded foot does not slip. curves : angles at PHASES"""
+    pitches = pitches_of(pitch, curves)
+    velocity, _ = support((pitches, [other(each) for each in pitches]), (load, other(load)), 1.0 / len(PHASES))
+    return float(velocity.real.mean())
+
+
+def adult(entry: dict[str, Any], weights: Real) -> dict[str, Any]:
+    """Return the series of an adult at the speed of an entry. weights : WEIGHTS of each of the CURVES
+
+    The pelvis has the pitch with which the foot is flat in mid-stance; the strides are as long as the legs make them;
+    the torques of the joints change by half of what inverse dynamics gives, as those of the average are half of it.
+    """
+    parts = np.split(weights, CURVES)
+    average = [values(each) for each in entry["angles"]]
+    deviations = [values(each) for each in entry["angle_deviations"]]
+    curves = [curve + spread(sd) @ part for curve, sd, part in zip(average, deviations, parts)]
+    waves = shape(STANCE * entry["foot_off"])
+    vertical, forward = (
+        np.array(entry[name]) + STANCE_FIT @ ((STANCE_WAVES @ entry[f"{name}_deviation"]) * (waves @ part))
+        for name, part in zip(("vertical", "forward"), parts[3:])
+    )
+    vertical, forward = balanced(vertical, forward, entry["foot_off"])
+    pitch = flat_foot_pitch(curves)
+    load = ground(entry, PHASES)[0].imag
+    stride_time = entry["stride_time"] * reach(curves, pitch, load) / reach(average, entry["pelvis_pitch"], load)
+    stride_length = entry["speed"] / BODY_HEIGHT * stride_time
+    height, ahead, _ = pelvis(curves, pitch, load, stride_time, stride_length, stairs=False)
+    person = entry | {
+        "stride_time": stride_time,
+        "pelvis_pitch": pitch,
+        "angles": [series(each) for each in curves],
+        "vertical": vertical,
+        "forward": forward,
+        "pelvis_height": height,
+        "pelvis_forward": ahead,
+    }
+    changes = zip(entry["moments"], moments(person, BODY_HEIGHT), moments(entry, BODY_HEIGHT))
+    return person | {"moments": [mean + 0.5 * (own - usual) for mean, own, usual in changes]}
