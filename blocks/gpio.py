@@ -18,7 +18,7 @@ BIASES = ("as_is", "disabled", "pull_up", "pull_down")
 class GpioLine:
     """Parameters that select a line and describe its wiring."""
 
-    chip = Param("/dev/gpiochip0", "1", "path of the GPIO chip", dtype=str)
+    chip = Param("/dev/gpiochip0", "1", "path of the GPIO chip; unix:PATH for `emulate`", dtype=str)
     pin = Param(
         "", "1", 'name of the line, such as "GPIO17", or its number on the chip; set in the rig file', dtype=str
     )
@@ -157,12 +157,13 @@ class SyncOut(GpioLine, StreamDevice):
 
 
 class EmulatedGpio(StreamDevice):
-    """Emulated GPIO line: its level, and one Linux event per change."""
+    """Emulated GPIO line: one Linux event per change of an input's level, and the level that the robot sets."""
 
     rest = Param(False, "1", "level if the input `level` is not connected", fixed=True, kernel=False)
 
     level = Input("1", "true while the line is active", default=False, dtype=bool)
     lost = Input("1", "true while the chip is disconnected", default=False, dtype=bool)
+    on = Output("1", "true while the robot holds the line active, as an output", dtype=bool)
     state = Memory((0.0,) * 3, "reported level + 1, number of events, 1 while disconnected")
 
     line = "gpio"
@@ -176,3 +177,6 @@ class EmulatedGpio(StreamDevice):
             "level": Input("1", "true while the line is active", default=self.rest, dtype=bool).named("level"),
             "lost": lost,
         }
+
+    def output_range(self, **inputs: Interval) -> dict[str, Interval]:
+        return {"on": Interval(0.0, 1.0)}

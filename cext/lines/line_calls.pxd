@@ -33,7 +33,12 @@ cdef extern from *:
     }
     static inline int tw_set_gpio(int fd, int value) {
         struct tw_line_values values = {value != 0, 1};
-        return ioctl(fd, _IOWR(0xB4, 0x0F, struct tw_line_values), &values);
+        char level = value != 0;
+        if (ioctl(fd, _IOWR(0xB4, 0x0F, struct tw_line_values), &values) == 0)
+            return 0;
+        if (errno != ENOTTY)
+            return -1;
+        return send(fd, &level, 1, MSG_NOSIGNAL | MSG_DONTWAIT) == 1 ? 0 : -1;      /* an emulated line is a socket */
     }
     /* Whether a line was disconnected without an event: Linux before 6.6 reports none for an unplugged GPIO chip. Does
     not access the chip. */

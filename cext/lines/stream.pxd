@@ -20,6 +20,13 @@ cdef enum:
     SETUP_BYTES = 2048
     SETUP_MESSAGES = 64
     PROOF_LIMIT = 256               # bytes of an identification query, and of its answer
+    EVENT = 48                      # bytes of a gpio_v2_line_event
+    EVENT_KIND = 8                  # place of its kind
+    RISING = 1
+
+cdef enum: # in `level`
+    UNKNOWN = -1
+    ASK_CHIP = -2
 
 cdef struct Source:
     int fd                          # number is kept: a new line replaces it
@@ -27,6 +34,7 @@ cdef struct Source:
     bint is_tty
     bint datagrams                  # which may be empty
     bint is_gpio                    # reads Linux's gpio_v2_line_event, and has a level
+    int32_t level                    # by the newest event of an emulated line; UNKNOWN, or ASK_CHIP of a chip
     bint asks                       # for the level, at the next receive
     char path[PATH_LIMIT]         # "": not opened again, except for a connection
     sockaddr_storage peer           # of the connection

@@ -19,7 +19,6 @@ cdef extern from "<sys/uio.h>" nogil:
 
 cdef enum:
     WRITE_FRAMES = 16                   # of one write
-    EVENT = 48                          # bytes of a gpio_v2_line_event
 
 
 cdef int stream_receive(void *context, Frame *frames, int capacity) noexcept nogil:
@@ -38,7 +37,7 @@ cdef int stream_receive(void *context, Frame *frames, int capacity) noexcept nog
 
 cdef int level_of(Source *source, Frame *frame) noexcept nogil:
     """Fill a frame with the level of a GPIO line. Earlier edges were discarded, so later ones follow this frame."""
-    cdef int level = gpio_level(source.fd)
+    cdef int level = gpio_level(source.fd) if source.level == ASK_CHIP else load_i32(&source.level)
     if level < 0:
         return 0
     memset(frame, 0, sizeof(Frame))

@@ -31,7 +31,8 @@ from cext.clock.deadline_clock cimport monotonic
 from cext.posix cimport pthread_join
 from cext.lines.reopening cimport EPOLLERR, EPOLLHUP, EPOLLIN, READ_SIZE, epoll_event, epoll_wait, send_setup
 from cext.lines.stream cimport (
-    PATH_LIMIT, PROOF_LIMIT, SETUP_BYTES, SETUP_MESSAGES, TCSANOW, VMIN, VTIME, Stream, gpio_send, tcgetattr, tcsetattr,
+    ASK_CHIP, EVENT, EVENT_KIND, PATH_LIMIT, PROOF_LIMIT, RISING, SETUP_BYTES, SETUP_MESSAGES, TCSANOW, UNKNOWN, VMIN,
+    VTIME, Stream, gpio_send, tcgetattr, tcsetattr,
 )
 from cext.threads cimport be_called, start_thread
 
@@ -73,7 +74,7 @@ cdef class Streams(Reopening):
             port
         setup : messages, as bytes, that are written after a reconnect, `pause` s before each
         record : bytes of a record, 1 to 64; a frame contains whole records
-        is_gpio : it is a request of one GPIO line; a sent frame sets its level
+        is_gpio : it is a request of one GPIO line, or a socket that emulates one; a sent frame sets its level
         reconnects : it is a TCP connection, which is made again after a loss
         proof : (identification query for a line with a path, bytes that only this device's answer contains)
         """
@@ -97,6 +98,7 @@ cdef class Streams(Reopening):
         memcpy(source.proof, <const char *>answer, len(answer))
         stream.name, stream.own = name, fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
         source.fd, source.record, source.pause, source.is_gpio = stream.own, record, round(pause * 1e9), is_gpio
+        source.level = UNKNOWN if stat.S_ISSOCK(os.fstat(fd).st_mode) else ASK_CHIP
         if is_gpio:
             stream.end.bus.send = gpio_send
         memcpy(source.path, <const char *>encoded, len(encoded))
@@ -194,6 +196,8 @@ cdef class Streams(Reopening):
             self.lose(source, 0, now)
             return True
         store_u64(&source.bytes, source.bytes + count)
+        if source.is_gpio and source.level != ASK_CHIP and count % EVENT == 0:
+            store_i32(&source.level, self.buffer[count - EVENT + EVENT_KIND] == RISING)
         memset(&frame, 0, sizeof(Frame))
         frame.time, frame.flags = now, START
         while at < count:

@@ -32,7 +32,8 @@ def main(arguments: Sequence[str]) -> int:
     from runtime.diagrams.file import load
     from runtime.diagrams.simulation import plant_of
     from runtime.emulation.buses import PlantBuses
-    from runtime.emulation.lines import NETWORK, SERIAL, EmulatedLines, lines_of
+    from runtime.emulation.gpio_server import GpioServer
+    from runtime.emulation.lines import GPIO, NETWORK, TERMINALS, EmulatedLines, lines_of
     from runtime.emulation.network_senders import NetworkSender
     from runtime.emulation.serving import Service
     from runtime.report.summary import exit_code, stopped
@@ -43,8 +44,9 @@ def main(arguments: Sequence[str]) -> int:
     diagram, schedule, _ = plant_of(file, robot)
     if diagram is None or schedule is None or not schedule.buses:
         raise BadInput(f"{options.file}: {robot.name} has no device on a bus that can be emulated")
-    terminals, networks = lines_of(robot, schedule, SERIAL), lines_of(robot, schedule, (NETWORK,))
-    on_lines = {**terminals, **networks}
+    terminals, networks = lines_of(robot, schedule, *TERMINALS), lines_of(robot, schedule, NETWORK)
+    pins = lines_of(robot, schedule, GPIO)
+    on_lines = {**terminals, **networks, **pins}
     missing = next((name for name in schedule.buses if name not in rig.buses and name not in on_lines), None)
     if missing is not None:
         raise BadInput(
@@ -56,7 +58,8 @@ def main(arguments: Sequence[str]) -> int:
         for name, device in networks.items()
     }
     buses = PlantBuses(rig, [name for name in schedule.buses if name not in on_lines], chips=_chips_of(robot, diagram))
-    lines = EmulatedLines(terminals, options.lines, senders)
+    servers = {name: GpioServer(device.path, **device.opening()) for name, device in pins.items()}
+    lines = EmulatedLines(terminals, options.lines, senders, servers)
     try:
         print_to_stderr(buses.remarks)
         consent(buses.real, options.yes)
@@ -149,12 +152,8 @@ def _introduction(
     width = max([12, *(len(name) + 2 for name in schedule.buses)])
     for index, name in enumerate(schedule.buses):
         here = [diagram[device.name] for device in schedule.devices if device.bus == index]
-        if name in serial.paths:
-            place = f"terminal {serial.paths[name]}"
-        elif name in serial.senders:
-            place = serial.senders[name].description
-        else:
-            place = f"{rig.buses[name].interface} {rig.buses[name].channel}"
+        bus = rig.buses.get(name)
+        place = serial.place(name) if bus is None else f"{bus.interface} {bus.channel}"
         lines.append(f"  {name:<{width}}{place}")
         lines += [f"    {_title(block)}" for block in here]
     variable = f"TICKWORK_PORTS={':'.join(serial.paths.values())} " if serial.paths else ""

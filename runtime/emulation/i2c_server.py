@@ -8,18 +8,13 @@ the one whose other registers agree with what it has written.
 from __future__ import annotations
 
 import errno
-import os
-import select
 import socket
-import threading
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from pathlib import Path
 
 from blocks.i2c import CHANNELS, MUX, I2cDevice, Identity, Read, Transfer
-from cext.ring.rings import Line, Lines
-from runtime.base.errors import BadInput
+from runtime.emulation.socket_server import SocketServer
 
 REQUEST_HEADER, PACKET_BYTES = 6, 64
 ANSWER_TIMEOUT = 0.1  # s without an answer of its emulator after which a chip does not acknowledge its data
@@ -98,54 +93,22 @@ def value_of(identity: Identity, kind: str) -> int:
     return next((value for value, name in identity.values.items() if name == kind), next(iter(identity.values)))
 
 
-class I2cServer(threading.Thread):
+class I2cServer(SocketServer):
     """Thread that answers the exchanges of a run.
 
     channel : path of the socket
     pairs : (device of the robot, its emulator) of each device on this bus
 
-    end : BusEnd of the plant
     Raises BadInput if the socket cannot be made.
     """
 
     def __init__(self, channel: Path, pairs: Iterable[tuple[I2cDevice, I2cDevice]]) -> None:
-        super().__init__(daemon=True)
-        self.channel, self.open_masks = channel, dict.fromkeys(range(MUX, MUX + 8), 0)
+        self.open_masks = dict.fromkeys(range(MUX, MUX + 8), 0)
         self.chips = {(device.place, device.address): EmulatedChip(device, emulator) for device, emulator in pairs}
         self.muxes = {chip.device.mux for chip in self.chips.values() if chip.device.mux}
-        self.bell, self.leave = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC), os.eventfd(0, os.EFD_CLOEXEC)
-        self.lines = Lines(1)
-        self.line = Line(self.lines, 0, self.bell)
-        self.listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        try:
-            channel.unlink(missing_ok=True)  # of an emulator that was killed; the lock excludes a running one
-            self.listener.bind(str(channel))
-        except OSError as error:
-            raise BadInput(f"{channel}: {error.strerror}. Choose a folder that you may write, such as /tmp") from None
-        self.listener.listen()
-        self.start()
+        super().__init__(channel)
 
-    end = property(lambda self: self.line.end)
-    trouble = property(lambda self: self.line.trouble)
-
-    def run(self) -> None:
-        """Answer requests until `close`."""
-        clients: list[socket.socket] = []
-        while True:
-            ready, _, _ = select.select([self.leave, self.bell, self.listener, *clients], [], [])
-            if self.leave in ready:
-                break
-            with suppress(BlockingIOError):
-                os.eventfd_read(self.bell)
-            self.take_answers()
-            clients = [client for client in clients if client not in ready or self.serve(client)]
-            if self.listener in ready:
-                client, _ = self.listener.accept()
-                clients.append(client)
-        for client in clients:
-            client.close()
-
-    def take_answers(self) -> None:
+    def take(self) -> None:
         """Keep the newest answers of the emulators."""
         now = time.monotonic()
         for identifier, data, _ in self.lines.take(0):
@@ -154,20 +117,15 @@ class I2cServer(threading.Thread):
             if chip is not None and number in chip.transfers:
                 chip.answers[number] = now, data
 
-    def serve(self, client: socket.socket) -> bool:
-        """Answer one request. Returns whether the run is still connected; if not, closes the connection."""
-        try:
-            request = client.recv(PACKET_BYTES)
-            if len(request) < REQUEST_HEADER:
-                raise ConnectionError
-            number, address, reads, registered, register, count = request[:REQUEST_HEADER]
-            data = self.exchange(address, register if registered else -1, request[REQUEST_HEADER:], count, bool(reads))
-            status = errno.EREMOTEIO if data is None else 0
-            client.send(bytes((number, status)) + (data or b""))
-        except OSError:
-            client.close()
-            return False
-        return True
+    def serve(self, client: socket.socket) -> None:
+        """Answer one request. Raises OSError if the run has disconnected."""
+        request = client.recv(PACKET_BYTES)
+        if len(request) < REQUEST_HEADER:
+            raise ConnectionError
+        number, address, reads, registered, register, count = request[:REQUEST_HEADER]
+        data = self.exchange(address, register if registered else -1, request[REQUEST_HEADER:], count, bool(reads))
+        status = errno.EREMOTEIO if data is None else 0
+        client.send(bytes((number, status)) + (data or b""))
 
     def exchange(self, address: int, register: int, data: bytes, count: int, reads: bool) -> bytes | None:
         """Return the bytes of an exchange, none of a write; None without an acknowledge. register : -1 for none"""
@@ -189,12 +147,3 @@ class I2cServer(threading.Thread):
         """Return whether a bus segment is connected: the bus itself, or an open channel of a multiplexer."""
         mux, channel = divmod(place - 1, CHANNELS)
         return place == 0 or bool(self.open_masks[MUX + mux] >> channel & 1)
-
-    def close(self) -> None:
-        """End the thread and remove the socket."""
-        os.eventfd_write(self.leave, 1)
-        self.join()
-        self.listener.close()
-        self.channel.unlink(missing_ok=True)
-        os.close(self.bell)
-        os.close(self.leave)

@@ -1,4 +1,4 @@
-"""Lines of a plant, in place of those of real sensors: pseudo-terminals for serial ports, senders for networks."""
+"""Lines of a plant, in place of those of real devices: pseudo-terminals, network senders, sockets of GPIO lines."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from cext.lines.streams import Streams
 from graph import StreamDevice
+from runtime.emulation.gpio_server import GpioServer
 from runtime.emulation.network_senders import NetworkSender
 
 if TYPE_CHECKING:
@@ -17,11 +18,12 @@ if TYPE_CHECKING:
     from graph import Diagram
     from graph.schedule import Schedule
 
-SERIAL = ("serial", "dialogue")  # kinds of line that a pseudo-terminal can replace
+TERMINALS = ("serial", "dialogue", "evdev")  # kinds of line that a pseudo-terminal can replace
 NETWORK = "net"  # kind of line that a sender can replace
+GPIO = "gpio"  # kind of line that a socket can replace
 
 
-def lines_of(robot: Diagram, schedule: Schedule, kinds: tuple[str, ...]) -> dict[str, StreamDevice]:
+def lines_of(robot: Diagram, schedule: Schedule, *kinds: str) -> dict[str, StreamDevice]:
     """Return {name: StreamDevice of `robot`} of those buses of the plant that are lines of these kinds.
 
     schedule : of the plant
@@ -31,20 +33,26 @@ def lines_of(robot: Diagram, schedule: Schedule, kinds: tuple[str, ...]) -> dict
 
 
 class EmulatedLines:
-    """Pseudo-terminals and network senders of lines.
+    """Pseudo-terminals, network senders and GPIO servers of lines.
 
-    names : of the serial lines
+    names : of the lines with a terminal
     folder : of links to the terminals, with the same names at every start, or None
     senders : {name: NetworkSender} of the network lines, which `close` ends
+    servers : {name: GpioServer} of the GPIO lines, which `close` ends
 
     paths : {name: path of the terminal, for the robot}
     """
 
     def __init__(
-        self, names: Iterable[str], folder: Path | None = None, senders: dict[str, NetworkSender] | None = None
+        self,
+        names: Iterable[str],
+        folder: Path | None = None,
+        senders: dict[str, NetworkSender] | None = None,
+        servers: dict[str, GpioServer] | None = None,
     ) -> None:
         self.streams, self.lines, self.paths, self.kept, self.links = Streams(), {}, {}, [], []
         self.senders: dict[str, NetworkSender] = senders or {}
+        self.servers: dict[str, GpioServer] = servers or {}
         for name in names:
             master, slave = os.openpty()
             tty.setraw(slave)
@@ -68,15 +76,20 @@ class EmulatedLines:
 
     def end(self, name: str) -> BusEnd:
         """Return the BusEnd of a line."""
-        return self.lines[name].end
+        return self.servers[name].end if name in self.servers else self.lines[name].end
+
+    def place(self, name: str) -> str:
+        """Return where the run finds a line, as text."""
+        device = self.senders.get(name) or self.servers.get(name)
+        return f"terminal {self.paths[name]}" if device is None else device.description
 
     def close(self) -> None:
         """Close the terminals, and remove the links."""
         self.streams.end()
         for line in self.lines.values():
             line.close()
-        for sender in self.senders.values():
-            sender.close()
+        for device in (*self.senders.values(), *self.servers.values()):
+            device.close()
         for link in self.links:
             link.unlink(missing_ok=True)
         for descriptor in self.kept:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import stat
 import struct
 from contextlib import suppress
 from time import monotonic_ns
@@ -26,7 +27,9 @@ class Relay:
     """
 
     def __init__(self, relay: PlanRelay, changed: int) -> None:
-        self.descriptor, self.gpio = relay["descriptor"], relay["gpio"]
+        self.descriptor = relay["descriptor"]
+        # a line of `emulate` is a socket, which accepts bytes
+        self.gpio = relay["gpio"] and not stat.S_ISSOCK(os.fstat(self.descriptor).st_mode)
         self.frames, self.hold = [bytes.fromhex(frame) for frame in relay["frames"]], round(relay["hold"] * 1e9)
         self.changed, self.sent = changed, 0
 

@@ -30,7 +30,7 @@ else:
     import tomli as tomllib
 
 SOCKETCAN, I2C = "socketcan", "i2c"
-EMULATED = "unix:"  # start of the channel of an I2C bus whose chips `emulate` emulates
+EMULATED = "unix:"  # prefix of the socket of `emulate`, as the channel of an I2C bus or as a GPIO chip
 BITRATE_MINIMUM = 10_000  # bit/s
 INTERFACE_NAME_LIMIT = 15  # characters of a network interface
 KEYS = {  # of a bus: type, example, whether it is required

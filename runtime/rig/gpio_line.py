@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import errno
 import os
+import socket
 from datetime import timedelta
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from runtime.rig.errors import Refused, RigProblem
+from runtime.rig.file import EMULATED
 from runtime.rig.line import Opened, one_by_one
 
 if TYPE_CHECKING:
@@ -35,7 +37,7 @@ def opened(
     """Request a GPIO line. Raises Refused.
 
     path : of the device, for messages
-    chip : device file, such as /dev/gpiochip0
+    chip : device file, such as /dev/gpiochip0, or unix:PATH for `emulate`
     pin : name of the line, or its number on the chip
     active_low : whether a low level is 1
     output : whether it is an output
@@ -46,6 +48,8 @@ def opened(
     if not pin:
         hint = 'write pin = "GPIO17", or its number on the chip; list the names: gpioinfo'
         raise Refused(RigProblem("TW127", f'[device."{path}"] has no chip and pin', hint))
+    if chip.startswith(EMULATED):
+        return open_emulated(name, socket_path(chip, pin))
     try:
         gpiod = import_module("gpiod")
     except ImportError:
@@ -70,6 +74,24 @@ def opened(
     except (OSError, ValueError) as error:
         raise Refused(_open_problem(name, chip, pin, error)) from None
     return Opened(os.dup(request.fd), f"{chip} {pin}", record=EVENT, is_gpio=True, close=request.release)
+
+
+def socket_path(chip: str, pin: str) -> str:
+    """Return the path of the socket of an emulated line. chip : unix:PATH"""
+    return f"{chip.removeprefix(EMULATED)}.{pin}"
+
+
+def open_emulated(name: str, path: str) -> Opened:
+    """Connect to a line of `emulate`. name : of the line, for the message. Raises Refused."""
+    end = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        end.connect(path)
+    except OSError as error:
+        end.close()
+        hint = "start `python -m runtime emulate` with this rig first, in another terminal"
+        raise Refused(RigProblem("TW127", f"{name}: {error.strerror}", hint)) from None
+    end.setblocking(False)
+    return Opened(end.detach(), path, record=EVENT, is_gpio=True)
 
 
 def _open_problem(name, chip, pin, error):

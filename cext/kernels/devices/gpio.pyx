@@ -135,15 +135,18 @@ cdef int sync_encode(double *arena, const Pulse *at, const Pulse *sizes, Frame *
     return 1
 
 
-cdef int gpio_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    return FOREIGN
-
-
 cdef struct Emulated:
-    int32_t level, lost
+    int32_t level, lost, on
     int32_t state               # level sent + 1, or 0; events so far; whether the line is lost
 
 EMULATED = items((<Emulated *>ITEMS)[0], "state[3]")
+
+
+cdef int gpio_decode(double *arena, const Emulated *at, const Emulated *sizes, const Frame *frame) noexcept nogil:
+    if frame.id != BYTES or frame.length != 1:
+        return FOREIGN
+    arena[at.on] = frame.data[0] != 0
+    return TAKEN
 
 
 cdef int gpio_encode(double *arena, const Emulated *at, const Emulated *sizes, Frame *frames) noexcept nogil:
@@ -182,4 +185,5 @@ decode = export_decode(<decode_t>input_decode, LINE)
 estop_decode = export_decode(<decode_t>estop_decode_kernel, SWITCH)
 estop_encode = export_encode(<encode_t>estop_encode_kernel, SWITCH)
 pulse = export_encode(<encode_t>sync_encode, PULSE)
-emulated_decode, emulated_encode = export_decode(gpio_decode, ()), export_encode(<encode_t>gpio_encode, EMULATED)
+emulated_decode = export_decode(<decode_t>gpio_decode, EMULATED)
+emulated_encode = export_encode(<encode_t>gpio_encode, EMULATED)
