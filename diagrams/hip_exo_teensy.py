@@ -9,14 +9,12 @@ which delayed output feedback assists both hips. The loop runs at 100 Hz on a Ra
 
 from math import radians
 
-from blocks.filters import Complementary
 from blocks.gait import DelayedOutputFeedback
 from blocks.recorders import CsvRecorder
 from blocks.sensors import Microcontroller
 from blocks.sinks import PlotJuggler
-from blocks.trigonometry import Atan2
 from graph import Diagram, Live, subsystem
-from parts import SIDES, assist, drive, gait, walk
+from parts import SIDES, assist, drive, gait, pitch, walk
 from parts import wearer as plant  # noqa: F401
 
 FIELDS = (
@@ -29,14 +27,15 @@ FIELDS = (
 def build(gain=6.0, delay=0.22):
     """Return the robot. gain : N·m, 9 at most; delay : s, about a fifth of a stride"""
     with Diagram("hip_exo_teensy", rate=100) as diagram:
-        angles, gaits = {}, {}
+        thighs, gaits = {}, {}
         for side in SIDES:
             with subsystem(side):
-                angles[side], velocity = thigh()
-                gaits[side] = gait(angles[side], velocity)
+                sensor = Microcontroller(fields=FIELDS, clock="t", packet_rate=100, name="thigh_imu")
+                thighs[side] = pitch("thigh", sensor)
+                gaits[side] = gait(*thighs[side])
         walking = walk(gaits)
         torques = DelayedOutputFeedback(Live(gain, max=9.0), delay, name="feedback")(
-            left_angle=angles["left"], right_angle=angles["right"]
+            left_angle=thighs["left"].angle, right_angle=thighs["right"].angle
         )
         for can_id, (side, torque) in enumerate(zip(SIDES, torques), 1):
             with subsystem(side):
@@ -44,10 +43,3 @@ def build(gain=6.0, delay=0.22):
         CsvRecorder()
         PlotJuggler()
     return diagram
-
-
-def thigh():
-    """Return the flexion of a thigh and its velocity. At rest the specific force points up: pitch = atan2(x, −z)."""
-    imu = Microcontroller(fields=FIELDS, clock="t", packet_rate=100, name="thigh_imu")
-    inclination = Atan2(name="inclination")(imu.accel[0], -imu.accel[2])
-    return Complementary(time_constant=2.0, name="flexion")(imu.gyro[1], inclination), imu.gyro[1]

@@ -8,13 +8,15 @@ from contextlib import nullcontext
 from typing import NamedTuple
 
 from blocks.actuators import CubeMars, RobStride
+from blocks.filters import Complementary
 from blocks.gait import ContactEvents, GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
 from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Sum
 from blocks.models import Limb
 from blocks.recorders import StrideReport
-from blocks.sensors import ADS1115, NAU7802, Insole, Microcontroller
+from blocks.sensors import ADS1115, NAU7802, Insole
+from blocks.trigonometry import Atan2
 from blocks.vectors import Select
 from blocks.wearer import Cuff, SegmentIMU, SoleForce, Walker
 from graph import Actuator, Device, Diagram, Signal, stack, subsystem
@@ -52,6 +54,16 @@ def imu(segment, serial):
     """Return the pitch of a segment as Motion, from its inertial sensor. serial : its number, or the last digits"""
     sensor = MicroStrain(serial, channels=("accel", "gyro", "euler"), name=f"{segment}_imu")
     return Motion(Select(1, name=f"{segment}_pitch")(sensor.euler), Select(1, name=f"{segment}_rate")(sensor.gyro))
+
+
+def pitch(segment, sensor):
+    """Return the pitch of a segment as Motion, from an inertial sensor without an attitude.
+
+    At rest the specific force points up, and the pitch is atan2(x, −z) of it.
+    """
+    rate = Select(1, name=f"{segment}_rate")(sensor.gyro)
+    inclination = Atan2(name=f"{segment}_inclination")(sensor.accel[0], -sensor.accel[2])
+    return Motion(Complementary(time_constant=2.0, name=f"{segment}_pitch")(rate, inclination), rate)
 
 
 def flexion(joint, above, below):
@@ -127,12 +139,10 @@ def wearer(robot, speed="1.2", mass=70.0, height=1.7, seed=0):
                         cell.emulator(name=f"{name}_cell")(force=cuff.measured)
                     emulated(position=angle, velocity=velocity)
                     adult(**{f"{side}_{name}_assistance": emulated.torque})
-                elif isinstance(device, MicroStrain):
-                    measured = inertial(name.removesuffix("_imu"), body)
-                    device.emulator(name=name)(quaternion=measured.quaternion, gyro=measured.gyro, accel=measured.accel)
-                elif isinstance(device, Microcontroller):
-                    measured = inertial(name.removesuffix("_imu"), body)
-                    device.emulator(name=name)(gyro=measured.gyro, accel=measured.accel)
+                elif name.endswith("_imu"):
+                    emulated = device.emulator(name=name)
+                    measured = inertial(name.removesuffix("_imu"), body)._asdict()
+                    emulated(**{port: signal for port, signal in measured.items() if port in emulated.inputs})
                 elif isinstance(device, Insole):
                     load = sole(body)
                     device.emulator(name=name)(force=load.force, centre=stack(load.centre, 0.0))
