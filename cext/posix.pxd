@@ -122,6 +122,7 @@ cdef extern from "<sys/prctl.h>" nogil:
     const int PR_SET_NAME
 
 cdef extern from "<sys/mman.h>" nogil:
+    int mlock(const void *address, size_t length)
     int mlockall(int flags)
     int munlockall()
     const int MCL_CURRENT

@@ -10,13 +10,10 @@ import os
 
 from cext.posix cimport (
     MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT, PR_GET_TIMERSLACK, PR_SET_TIMERSLACK, SA_RESTART, SIGXCPU,
-    action, madvise, mlockall, munlockall, prctl, sigaction,
+    action, madvise, mlock, mlockall, munlockall, prctl, sigaction,
 )
 from libc.stdint cimport uintptr_t
 from libc.string cimport memset
-
-cdef enum:
-    PAGE = 4096                             # bytes, the smallest page of a supported processor
 
 cdef extern from *:
     """
@@ -76,15 +73,6 @@ cdef extern from *:
     #define MADV_POPULATE_WRITE 23
     #endif
 
-    // Other threads may write the same byte at the same time.
-    static void tw_touch(char *byte, int writable)
-    {
-        if (writable)
-            __atomic_fetch_or(byte, 0, __ATOMIC_RELAXED);
-        else
-            (void)*(volatile char *)byte;
-    }
-
     // Touch every page of the next `size` bytes below, to avoid page faults during a tick.
     static void __attribute__((noinline)) tw_touch_stack(long size)
     {
@@ -98,7 +86,6 @@ cdef extern from *:
     """
     const int MADV_POPULATE_READ
     const int MADV_POPULATE_WRITE
-    void touch "tw_touch"(char *byte, int writable) noexcept nogil
     int spun "tw_spun"                      # global, for the signal handler
     int watched "tw_watched"
     void watch_this_thread "tw_watch_this_thread"() noexcept nogil
@@ -130,14 +117,13 @@ def lock_memory() -> None:
 def prefault(uintptr_t begin, uintptr_t end, bint writable) -> None:
     """Bring the pages of a mapping of this process into memory. Their content stays.
 
+    A part that is no longer mapped is left out: another thread, or the reader of the addresses, may have released it.
+
     begin, end : addresses, multiples of the page size
     writable : whether the mapping can be written; its pages are then private copies
     """
-    cdef uintptr_t place
-    if madvise(<void *>begin, end - begin, MADV_POPULATE_WRITE if writable else MADV_POPULATE_READ) == 0:
-        return
-    for place in range(begin, end, PAGE):                # Linux before 5.14
-        touch(<char *>place, writable)
+    if madvise(<void *>begin, end - begin, MADV_POPULATE_WRITE if writable else MADV_POPULATE_READ) != 0:
+        mlock(<void *>begin, end - begin)       # Linux before 5.14
 
 
 def unlock_memory() -> None:

@@ -28,7 +28,7 @@ def test_a_run_records_every_sensor(stub, converting, tmp_path):  # noqa: F811
     assert done.returncode == 0, done.stdout + done.stderr
     files = Files(tmp_path / "out")
     assert_read({header.split(" [")[0]: column[-1] for header, column in files.table.items()})
-    assert len(files.table["tick"]) == 30
+    assert len(files.table["tick"]) + files.sidecar["missed"] == 30
     assert all(re.search(rf" {name} \d[\d.]* Hz\n", done.stdout) for name in ("handle", "insole", "shank", "thigh")), (
         done.stdout
     )

@@ -2,11 +2,14 @@
 
 import errno
 import resource
+import subprocess
+import sys
 import threading
 
 import pytest
 
 from cext.clock import realtime
+from tests.test_packaging import ROOT
 
 pytestmark = pytest.mark.timing
 
@@ -71,6 +74,24 @@ def test_touched_stack_is_mapped():
 def test_prefault_accepts_stack_without_size():
     realtime.prefault_stack(0)
     realtime.prefault_stack(-1)
+
+
+RELEASED = """
+import ctypes, mmap
+from cext.clock import realtime
+memory = mmap.mmap(-1, 3 * mmap.PAGESIZE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+begin = ctypes.addressof(ctypes.c_char.from_buffer(memory))
+middle, end = begin + mmap.PAGESIZE, begin + 3 * mmap.PAGESIZE
+assert ctypes.CDLL(None).munmap(ctypes.c_void_p(middle), ctypes.c_size_t(mmap.PAGESIZE)) == 0
+for writable in (False, True):
+    realtime.prefault(begin, end, writable)
+import os; os._exit(0)
+"""
+
+
+def test_prefault_leaves_out_memory_that_was_released():
+    """Between the reading of the mappings and their use, a mapping can go."""
+    assert subprocess.run([sys.executable, "-c", RELEASED], cwd=ROOT).returncode == 0
 
 
 def test_memory_that_is_not_locked_can_be_unlocked():
