@@ -9,13 +9,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cext.bus.memory_bus import MemoryBus
 from cext.bus.socketcan import SocketCan
 from cext.ring.rings import Line, Lines
 from cext.safety.thresholds import TX_QUEUE_FULL_LIMIT
 from runtime.base.child_process import ChildProcess
 from runtime.base.errors import BadInput
 from runtime.emulation.i2c_server import I2cServer
+from runtime.emulation.network_senders import NetworkSender
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.machine.probe import Machine
 from runtime.rig.buses import ONE_PROCESS, SEE_PYTHON_CAN
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from runtime.rig.file import RigBus, RigFile
 
 READY_TIMEOUT = 30.0  # s
+CAN_FRAME_BYTES = 16  # of a datagram
 ONE_MACHINE = ("udp_multicast",)  # kinds of python-can whose nodes are processes
 
 
@@ -71,8 +72,8 @@ class PlantBuses:
             self.close()
             raise
 
-    def open(self, bus: RigBus, machine: Machine) -> SocketCan | Line | MemoryBus | I2cServer:
-        """Return the end of one bus: a SocketCan, a Line, or an unconnected MemoryBus.
+    def open(self, bus: RigBus, machine: Machine) -> SocketCan | Line | I2cServer:
+        """Return the end of one bus: a SocketCan, a Line, or the server of an I2C bus.
 
         Raises Refused if it cannot be opened.
         """
@@ -85,10 +86,9 @@ class PlantBuses:
                 )
             )
         if bus.interface == UDP:
-            self.remarks.append(
-                f"{self.rig.path}: [bus.{bus.name}] is UDP, which is not emulated; start the sender itself"
-            )
-            return MemoryBus()
+            sender = NetworkSender("udp", bus.channel, CAN_FRAME_BYTES, sender=bus.peer)
+            self.servers.append(sender)
+            return SocketCan(sender.source)
         if bus.interface == I2C and not bus.channel.startswith(EMULATED):
             raise Refused(
                 RigProblem(
@@ -148,10 +148,7 @@ class PlantBuses:
 
     def ends(self) -> list[BusEnd]:
         """Return the plant's end of each bus, in the order of the schedule."""
-        return [
-            self.cans[name].host if isinstance(self.cans[name], MemoryBus) else self.cans[name].end
-            for name in self.names
-        ]
+        return [self.cans[name].end for name in self.names]
 
     def explain(self, name: str) -> str:
         """Return why a bus has failed. name : of the bus"""

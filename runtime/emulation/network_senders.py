@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from runtime.base.errors import BadInput
 
-THIS_MACHINE, EVERY_NETWORK = "127.0.0.1", "0.0.0.0"
+THIS_MACHINE = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # address of every network: that of this machine
 READ_BYTES = 65536
 
 
@@ -18,30 +18,33 @@ class NetworkSender(threading.Thread):
     An emulator writes a message in parts, over several steps of the plant; the thread joins them. Datagrams are
     lost while no program receives them, as those of a real sender. A client that does not read is disconnected.
 
-    transport, address : of the robot's device. With "udp" the run listens there, with "tcp" this server does
+    transport, address : of the robot's device or bus. With "udp" the run listens there, with "tcp" this server does
     message_bytes : size of each message
+    sender : address from which datagrams are sent, "" for any
 
     source : socket into which the emulator writes
     description : transport and address, as text
-    Raises BadInput if the address of the server cannot be used.
+    Raises BadInput if the address of the server or of the sender cannot be used.
     """
 
-    def __init__(self, transport: str, address: str, message_bytes: int) -> None:
+    def __init__(self, transport: str, address: str, message_bytes: int, sender: str = "") -> None:
         super().__init__(daemon=True)
-        host, _, port = address.rpartition(":")
+        host, port = split(address)
         self.message_bytes, self.clients, self.target = message_bytes, [], None
         self.description = f"{transport} {address}"
-        if transport == "udp":
-            self.target = (THIS_MACHINE if host == EVERY_NETWORK else host, int(port))
-            self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        else:
-            try:
-                self.socket = socket.create_server((host, int(port)))
-            except OSError as error:
-                raise BadInput(
-                    f"{transport} {address}: {error.strerror}. Choose an address of this computer and a free port"
-                ) from None
-            self.socket.setblocking(False)
+        try:
+            if transport == "udp":
+                self.target = (THIS_MACHINE.get(host, host), port)
+                self.socket = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM)
+                if sender:
+                    self.socket.bind(split(sender))
+            else:
+                self.socket = socket.create_server((host, port))
+                self.socket.setblocking(False)
+        except OSError as error:
+            raise BadInput(
+                f"{transport} {sender or address}: {error.strerror}. Choose an address of this computer and a free port"
+            ) from None
         self.source, self.parts = socket.socketpair()
         self.start()
 
@@ -78,3 +81,9 @@ class NetworkSender(threading.Thread):
         self.join()
         for end in (*self.clients, self.socket, self.source, self.parts):
             end.close()
+
+
+def split(address: str) -> tuple[str, int]:
+    """Return (host, port) of HOST:PORT or [HOST]:PORT."""
+    host, _, port = address.rpartition(":")
+    return host.strip("[]"), int(port)

@@ -8,12 +8,18 @@ import signal
 import pytest
 
 from runtime.base.errors import BAD_INPUT, OK
+from runtime.emulation.lines import GPIO, NETWORK, TERMINALS
+from runtime.rig.streams import KINDS
 from tests.runtime.emulation.test_emulate import read_until
 from tests.runtime.rig.test_sensor_runs import RIG, ROBOT
 from tests.runtime.rig.test_udp import free_port
 from tests.runtime.runs import Files, finished, started, write
 
 pytestmark = pytest.mark.paced
+
+
+def test_every_kind_of_line_of_a_rig_has_an_emulator():
+    assert {*TERMINALS, NETWORK, GPIO} == set(KINDS)
 
 
 def test_sensors_are_identified_by_serial_number_and_stream(tmp_path):
@@ -50,6 +56,7 @@ LINES = """
 from blocks.controls import GameController
 from blocks.gpio import EStopSwitch, GpioInput, SyncOut
 from blocks.recorders import CsvRecorder
+from blocks.safety import EStopHeartbeat
 from blocks.sensors import Insole, Microcontroller
 from blocks.sources import Sine
 from graph import Diagram
@@ -62,6 +69,7 @@ def build():
         Insole(name="right", bus="right", side="right", transport="tcp", address="127.0.0.1:{tcp}")
         GameController(name="pad")
         EStopSwitch(name="stop")
+        EStopHeartbeat(name="button", bus="button")
         GpioInput(name="input")
         SyncOut(name="output", duration=0.1)
         CsvRecorder()
@@ -75,19 +83,21 @@ def plant(robot):
         robot["right"].emulator(name="right")(force=300.0, centre=(0.2, 0.0))
         robot["pad"].emulator()(left_x=Sine(frequency=5.0)())
         robot["stop"].emulator()
+        robot["button"].emulator()
         robot["input"].emulator()(level=robot["output"].emulator().on)
     return plant
 """
 
 
 def test_line_of_every_kind_has_an_emulator_in_another_process(tmp_path):
-    udp, tcp = free_port(), free_port()
+    udp, tcp, button, peer = (free_port() for _ in range(4))
     robot = write(tmp_path, LINES.format(udp=udp, tcp=tcp), "robot.py")
     # the path of a socket has 107 bytes at most, so this one is not in the folder of the test
     chip = f'chip = "unix:/tmp/chip{os.getpid()}"'
     rig = write(
         tmp_path,
-        f'[device.shank]\nport = "{tmp_path}/ttyshank"\n[device.pad]\ndevice = "{tmp_path}/ttypad"\n'
+        f'[bus.button]\ninterface = "udp"\nchannel = "0.0.0.0:{button}"\npeer = "127.0.0.1:{peer}"\n'
+        + f'[device.shank]\nport = "{tmp_path}/ttyshank"\n[device.pad]\ndevice = "{tmp_path}/ttypad"\n'
         + "".join(f'[device.{name}]\n{chip}\npin = "{name}"\n' for name in ("stop", "input", "output")),
         "lab.toml",
     )
@@ -112,7 +122,7 @@ def test_line_of_every_kind_has_an_emulator_in_another_process(tmp_path):
         assert table[f"{side}.corrupt"][-1] == 0
     assert table["shank.accel[2] [m/s^2]"][-1] == -9.81 and table["shank.lost"][-1] == 0
     assert table["shank.received"][-1] > 10
-    assert max(table["pad.left_x"]) > 0.5
+    assert max(table["pad.left_x"]) > 0.5 and table["button.count"][-1] > 5
     assert (table["stop.pressed"][-1], table["input.rises"][-1], table["input.falls"][-1]) == (0, 1, 1)
     rise, fall = table["input.rise_time [s]"][-1], table["input.fall_time [s]"][-1]
     assert 0.09 < fall - rise < 0.2  # kernel time
