@@ -1,0 +1,116 @@
+"""Simulated trials that the networks are trained on: adults with inertial sensors who walk at changing speeds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from blocks.wearer import SegmentIMU, Walker
+from graph import Diagram
+from runtime.analysis.trial import Trial
+from runtime.session.simulate import simulate
+
+RATE = 100.0  # Hz
+SIDES, SEGMENTS, JOINTS = ("left", "right"), ("thigh", "shank"), ("hip", "knee", "ankle")
+# Differences between adults and between fittings, standard deviations:
+RANGE_DEVIATION = 0.18  # of the logarithm of the range of motion
+SHAPE_DEVIATION = 0.03  # rad, of a harmonic of the angle of a segment
+SIDE_DEVIATION = 0.01  # rad, of the same between both legs
+ZERO_DEVIATION = 0.06  # rad, of the zero of an angle
+MOUNTING_DEVIATION = 0.12  # rad, of roll, pitch and yaw
+GYRO_BIAS, GYRO_NOISE, ANGLE_NOISE = 0.01, 0.02, 0.003  # rad/s, rad/s, rad
+HARMONICS = np.arange(1, 5)
+SLOWEST, FASTEST = 0.4, 1.13  # m/s; m/s per m of body height
+STOP_SHARE = 0.2  # of the changes of speed
+STANDING_SPEED, WALKING_SPEED = 0.1, 0.3  # m/s: without a phase below the first, with one above the second
+
+
+def trial(seed: int, duration: float) -> list[dict[str, np.ndarray]]:
+    """Return the signals of the left and of the right leg of one adult, {name: samples at RATE}.
+
+    Signals are the channels of the networks (rad, rad/s; 0 in a straight stand) and what they estimate: phase_sin and
+    phase_cos, which are 0 in standing, and biological torques in N·m/kg, positive in flexion and dorsiflexion.
+    duration : s
+    """
+    random = np.random.default_rng(seed)
+    mass = random.uniform(50.0, 110.0)
+    run = simulate(adult(random, seed, mass, duration), duration)
+    walking = np.clip((run["walker.walking_speed"] - STANDING_SPEED) / (WALKING_SPEED - STANDING_SPEED), 0.0, 1.0)
+    ranges = np.exp(random.normal(0.0, RANGE_DEVIATION, len(SEGMENTS)))
+    shapes = random.normal(0.0, SHAPE_DEVIATION, (len(SEGMENTS), 2, len(HARMONICS)))
+    legs = []
+    for side in SIDES:
+        turns = 2.0 * np.pi * run[f"walker.{side}_phase"]
+        (thigh, thigh_velocity), (shank, shank_velocity) = (
+            measured(random, run, f"{side}_{segment}", own_range, own_shape, walking, turns)
+            for segment, own_range, own_shape in zip(SEGMENTS, ranges, shapes)
+        )
+        leg = {"hip_angle": thigh, "hip_velocity": thigh_velocity}
+        leg |= {"knee_angle": thigh - shank, "knee_velocity": thigh_velocity - shank_velocity}
+        leg |= {"phase_sin": walking * np.sin(turns), "phase_cos": walking * np.cos(turns)}
+        leg |= {f"{joint}_torque": run[f"walker.{side}_{joint}_torque"] / mass for joint in JOINTS}
+        legs.append(leg)
+    for leg, other in zip(legs, reversed(legs)):
+        leg |= {f"opposite_hip_{name}": other[f"hip_{name}"] for name in ("angle", "velocity")}
+    return legs
+
+
+def adult(random: np.random.Generator, seed: int, mass: float, duration: float) -> Diagram:
+    """Return an average adult of a mass in kg, with a sensor on thigh and shank of both legs."""
+    height = 1.70 * (mass / 72.0) ** 0.2 * random.uniform(0.94, 1.06)
+    with Diagram("trial", RATE) as diagram:
+        walker = Walker(
+            speeds(random, duration, FASTEST * height),
+            mass=mass,
+            height=height,
+            start=random.uniform(),
+            variability=random.uniform(0.5, 2.5),
+            seed=seed,
+            name="walker",
+        )()
+        for part in [f"{side}_{segment}" for side in SIDES for segment in SEGMENTS]:
+            sensor = SegmentIMU(
+                mounting=tuple(random.normal(0.0, MOUNTING_DEVIATION, 3)),
+                gyro_bias=tuple(random.normal(0.0, GYRO_BIAS, 3)),
+                gyro_noise=GYRO_NOISE,
+                seed=int(random.integers(2**31)),
+                name=part,
+            )
+            sensor(getattr(walker, f"{part}_motion"))
+    return diagram
+
+
+def speeds(random: np.random.Generator, duration: float, fastest: float) -> str:
+    """Return a schedule of walking speeds up to `fastest`, m/s, with stops."""
+    time, points = 0.0, []
+    while time < duration:
+        speed = 0.0 if random.uniform() < STOP_SHARE else random.uniform(SLOWEST, fastest)
+        points.append((time, speed))
+        time += random.uniform(3.0, 12.0) if speed else random.uniform(2.0, 4.0)
+        points.append((time, speed))
+        time += random.uniform(1.0, 5.0)
+    return " ".join(f"{at:.2f}:{speed:.2f}" for at, speed in points)
+
+
+def measured(
+    random: np.random.Generator,
+    run: Trial,
+    part: str,
+    own_range: float,
+    own_shape: np.ndarray,
+    walking: np.ndarray,
+    turns: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pitch of a segment in rad as its sensor measures it, and the pitch rate in rad/s.
+
+    own_range : this adult's range of motion over that of the average
+    own_shape : cosine and sine coefficients in rad by which the motion differs from the average
+    walking : 0 in standing, 1 in walking
+    turns : 2π · gait phase
+    """
+    cosine, sine = own_shape + random.normal(0.0, SIDE_DEVIATION, own_shape.shape)
+    angles = np.outer(HARMONICS, turns)
+    difference = walking * (cosine @ np.cos(angles) + sine @ np.sin(angles))
+    w, x, y, z = run[f"{part}.quaternion"].T
+    pitch = own_range * np.arcsin(2.0 * (w * y - z * x)) + difference + random.normal(0.0, ZERO_DEVIATION)
+    rate = own_range * run[f"{part}.gyro"][:, 1] + RATE * np.gradient(difference)
+    return pitch + random.normal(0.0, ANGLE_NOISE, len(pitch)), rate
