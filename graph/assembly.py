@@ -15,7 +15,17 @@ from graph.device import Actuator, Device
 from graph.interval import EVERYTHING
 from graph.kernel_items import CHECKED, check_kernels
 from graph.order import computes, upstream
-from graph.schedule import Column, DeviceSteps, LiveParameter, Schedule, SignalPlace, SinkColumns, Step, WatchSteps
+from graph.schedule import (
+    Column,
+    DeviceSteps,
+    LiveParameter,
+    Schedule,
+    SignalPlace,
+    SinkColumns,
+    Step,
+    WatchSteps,
+    ZeroSteps,
+)
 from graph.signal import Signal
 
 if TYPE_CHECKING:
@@ -274,6 +284,7 @@ class Assembly:
             if isinstance(block, Actuator) and "warning" in block.outputs
             else (),
             reads=tuple(block.read_frames()),
+            zeroing=self.zero_steps(block, slot),
             **self.ready_place(block),
         )
 
@@ -308,6 +319,18 @@ class Assembly:
             full,
             **self.motion_slots(block, watch.motion, slot),
         )
+
+    def zero_steps(self, block: Device, slot: Callable[[str | None], int]) -> ZeroSteps | None:
+        """Return how the zero of a drive is set; None if it cannot be set.
+
+        slot : function that returns the slot of an output by its name
+        """
+        zeroing, watch = block.zeroing(), block.watched()
+        if zeroing is None:
+            return None
+        motion = {} if watch is None else self.motion_slots(block, watch.motion, slot)
+        request = self.input_slot(block, "zero") if "zero" in block.inputs else -1
+        return ZeroSteps(zeroing, slot("position"), request, motion.get("law", -1), motion.get("current", -1))
 
     def motion_slots(self, block: Device, motion: Motion | None, slot: Callable[[str | None], int]) -> dict[str, int]:
         """Return {field of WatchSteps: slot} for the watch of an actuator's motion, {} without one."""

@@ -130,6 +130,22 @@ class DampedStop:
 
 
 @dataclass(frozen=True)
+class Zeroing:
+    """The frame that makes the present position of a drive its zero (cext/safety/zeroing.pxd).
+
+    frame : (arbitration id, is extended, data)
+    offset : rad, position of the drive at the zero of the joint
+    torque_code : N·m, largest sent torque that counts as zero
+    at_arming : whether arming sets the zero
+    """
+
+    frame: Frame
+    offset: float = 0.0
+    torque_code: float = 0.0
+    at_arming: bool = False
+
+
+@dataclass(frozen=True)
 class TorqueBound:
     """Bound of an actuator's torque, and its justification.
 
@@ -261,6 +277,13 @@ class Device(Block):
 
     def damped_stop(self) -> DampedStop | None:
         """Return the DampedStop with which a safe stop begins, or None to disable the device at once."""
+        return None
+
+    def zeroing(self) -> Zeroing | None:
+        """Return the Zeroing of its drive, or None if a run cannot set the drive's zero.
+
+        It can set the zero during arming, and on a rising edge of the input `zero`, if the block has one.
+        """
         return None
 
     def holds_power_of(self, device: "Device") -> bool:

@@ -56,6 +56,21 @@ class WatchSteps:
 
 
 @dataclass(frozen=True)
+class ZeroSteps:
+    """The Zeroing of an actuator and the slots that it uses, -1 for a quantity that the actuator does not have.
+
+    request : slot of the input `zero`
+    law : first of five slots with the command of the last frame; current : slot of a sent current
+    """
+
+    zeroing: object  # graph.device.Zeroing
+    position: int
+    request: int
+    law: int
+    current: int
+
+
+@dataclass(frozen=True)
 class DeviceSteps:
     """A device: its two kernels with their tables, and the frames of arming and of the safe stop."""
 
@@ -81,6 +96,7 @@ class DeviceSteps:
     reads: tuple = ()  # frames of `enable` that only read
     ready: int = -1  # slot that is not 0 after the settings are confirmed; -1: no confirmation
     ready_size: int = 0  # numbers from there on that keep their value when the blocks are reset
+    zeroing: ZeroSteps | None = None  # None for a device without a zero that can be set
 
 
 @dataclass(frozen=True)

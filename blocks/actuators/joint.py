@@ -9,7 +9,7 @@ from typing import Any
 
 from blocks.actuators import law_figures
 from cext.safety.thresholds import SCALE_TOLERANCE, SCALE_TOLERANCE_WIRE_TORQUE, TORQUE_ACCURACY
-from graph import Input, Interval, Memory, Motion, Output, Param, TorqueBound, Watch
+from graph import Input, Interval, Memory, Motion, Output, Param, TorqueBound, Watch, Zeroing
 from graph.reach import Reach
 
 RANGES = ("position", "velocity", "stiffness", "damping", "torque")
@@ -153,11 +153,25 @@ class Joint:
         kernel=False,
     )
 
+    zero_at_arming = Param(
+        False,
+        "1",
+        "whether arming makes the present position the drive's zero; the joint then reads -offset",
+        fixed=True,
+        kernel=False,
+    )
+
     position_command = Input("rad", "θ₀", default=0.0)
     velocity_command = Input("rad/s", "ω₀", default=0.0)
     torque_command = Input("N·m", "τ_ff", default=0.0)
     stiffness_command = Input("N·m/rad", "K", default=0.0)
     damping_command = Input("N·m·s/rad", "B", default=0.0)
+    zero = Input(
+        "1",
+        "rising edge: the present position becomes the drive's zero; refused under torque and in motion",
+        default=False,
+        dtype=bool,
+    )
     position = Output("rad", "joint angle θ")
     velocity = Output("rad/s", "joint velocity ω")
     torque = Output("N·m", "torque of the drive, from its current")
@@ -192,6 +206,7 @@ class Joint:
     velocity_codes = 0xFFF  # steps of the velocity in its feedback
 
     find: Any  # function of a name that returns a model
+    set_zero_frame: Any  # method that returns the frame which makes the present position of the drive its zero
     parameters: dict[str, Param[Any]]
     hot: float | None
 
@@ -218,6 +233,20 @@ class Joint:
         self.check_temperatures()
         self.range = motion_of(self.range)
         self.check_pose()
+        self.check_zero()
+
+    def check_zero(self) -> None:
+        """Raise ValueError if arming would set the zero of a joint to an angle outside its range."""
+        low, high = self.range or (-math.inf, math.inf)
+        if self.zero_at_arming and not low <= -self.offset <= high:
+            raise ValueError(
+                f"zero_at_arming sets the joint to -offset, {-self.offset:g} rad, which is outside its range of "
+                f"{low:g} to {high:g} rad: correct offset or range"
+            )
+
+    def zeroing(self) -> Zeroing | None:
+        """Return the Zeroing of the drive."""
+        return Zeroing(self.set_zero_frame(), self.offset, 1.01 * self.wire[4] / 0xFFF, self.zero_at_arming)
 
     def check_pose(self) -> None:
         """Set `shift`, rad by which a power cycle can shift the reading of the joint, and check `known_pose`."""

@@ -38,6 +38,10 @@ class StopInMitMode:
         """Return the frame that commands zero torque."""
         return [(self.can_id, False, NOTHING)]
 
+    def set_zero_frame(self) -> tuple[int, bool, bytes]:
+        """Return the frame that makes the present position of the drive its zero."""
+        return self.can_id, False, SET_ZERO
+
     def disable_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return the frame that leaves the MIT mode."""
         return [(self.can_id, False, DISABLE)]

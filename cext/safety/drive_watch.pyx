@@ -104,6 +104,7 @@ cdef class DriveWatch:
             drive.place = 0
             drive.left = 1.0
             drive.motion.about = NOTHING
+            drive.off = False
             forget_motion(&drive.motion)
 
     cdef uint64_t share(self, SharedLayout *page):
@@ -128,8 +129,13 @@ cdef class DriveWatch:
         Before the first tick, without a period, only implausible values and temperature are checked.
         """
         cdef double temperature = arena[drive.temperature] if drive.temperature >= 0 else NAN
-        cdef int status = judge_values(&drive.motion, arena, temperature)
-        if status == OK and arena[PERIOD] > 0.0:
+        cdef int status = OK
+        drive.motion.beyond = False
+        if drive.off:
+            forget_motion(&drive.motion)
+        else:
+            status = judge_values(&drive.motion, arena, temperature)
+        if not drive.off and status == OK and arena[PERIOD] > 0.0:
             status = judge_motion(&drive.motion, arena, drive.reply_time, arena[PERIOD], drive.left)
             if drive.motion.beyond:
                 self.note(drive, ACCELERATION_EVENT, tick)

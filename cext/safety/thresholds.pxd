@@ -52,6 +52,15 @@ cpdef enum:
     # ns: time in which commands rise to their full value after arming
     FADE_IN = 500000000
 
+    # ns: time of zero torque and of rest before the zero of a drive may be set
+    ZERO_REST = 100000000
+    # mrad: largest movement of a joint at rest, and largest position of a drive whose zero was set
+    ZERO_BAND = 10
+    # ns: time after which the frame that sets a zero is repeated if the drive replies with its earlier position
+    ZERO_RETRY = 100000000
+    # ns: time within which a drive must confirm its zero; some are silent for a second
+    ZERO_LIMIT = 2000000000
+
     # ticks: interval, in virtual time, at which the handlers of signals that end a run are installed again; in real
     #     time, each tick with a Python step
     SIGNAL_HANDLER_PERIOD = 64

@@ -18,7 +18,7 @@ from cext.ring.mailbox cimport CONFIRM, NOT_NOW, TAKEN
 from cext.clock.deadline_clock cimport clock, monotonic
 from cext.safety.shared_state cimport ARMING, READY, STOPPING, SharedLayout, store_i64
 from cext.posix cimport CLOCK_REALTIME
-from cext.safety.thresholds cimport STOP_ROUND, STOP_ROUND_MINIMUM
+from cext.safety.thresholds cimport STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT
 from cext.schedule.watchdog cimport release, acquire
 
 
@@ -39,7 +39,7 @@ cdef class Arming:
     cdef int arm(self, double timeout) noexcept nogil:
         """Send zero torque, one round a period, until every device has replied.
 
-        First close the relays and wait for the drives to start.
+        First close the relays and wait for the drives to start. A drive whose zero is set gets more time.
         """
         cdef int64_t starting = <int64_t>(1e-9 * self.control.devices.start_time * self.pace.rate)
         cdef int64_t rounds = starting + <int64_t>min(timeout * self.pace.rate, 1e15) + 1
@@ -48,7 +48,10 @@ cdef class Arming:
         self.journal.attend(monotonic())
         self.journal.set_state(ARMING)
         self.control.devices.begin_arming()
-        for round in range(rounds + 1 if self.control.devices.count else 0):
+        cdef int64_t zeroing = <int64_t>(1e-9 * ZERO_LIMIT * self.pace.rate)
+        for round in range(rounds + zeroing + 1 if self.control.devices.count else 0):
+            if round > rounds and not self.control.devices.only_zeros_are_due():
+                break
             self.now = now = self.pace.grid(round)
             if not self.virtual:
                 self.pace.sleep_until(self.began + now)

@@ -1,10 +1,11 @@
-from libc.stdint cimport int32_t, int64_t
+from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.abi cimport FRAME_BYTES, FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
 from cext.bus.batch cimport Batch
 from cext.bus.memory_bus cimport BusEnd
 from cext.safety.drive_warnings cimport DriveWarnings
 from cext.safety.drive_watch cimport DriveWatch
+from cext.safety.zeroing cimport Zeroing
 from cext.clock.histogram cimport Histogram
 from cext.safety.shared_state cimport SharedLayout
 from cext.clock.stopwatch cimport Laps
@@ -12,6 +13,12 @@ from cext.clock.stopwatch cimport Laps
 cdef enum:
     READY_NUMBERS = 16           # limit of values that outlive the start
     DEEPEST = 16                 # rounds: QUEUE and the ring of a stream hold this many times FRAMES_PER_TICK
+
+cdef enum:                       # events of a device
+    ZEROED
+    ZERO_REFUSED
+    ZERO_NOT_SET
+    DEVICE_EVENTS
 
 cdef struct Device:
     decode_t decode
@@ -50,6 +57,9 @@ cdef struct Device:
     int rejected_id              # first byte of the newest rejected one
     int64_t rounds               # of arming so far
     int64_t replies_wanted       # before it counts as replying
+    Batch set_zero               # makes the present position of the drive its zero; empty if it cannot
+    Zeroing zeroing
+    int64_t fades_from           # tick from which its commands fade in; -1: with those of all devices
 
 cdef struct Blame:               # last failure, -1 for other causes
     int device
@@ -75,6 +85,12 @@ cdef class Devices:
     cdef Laps *laps              # NULL: not timed
     cdef int item                # stopwatch item of the first device
     cdef bint ran
+    cdef public double fade              # s, over which the commands of one device fade in
+    cdef int64_t now             # ns since the begin of the run, of the newest drain
+    cdef list news               # EventTemplate, DEVICE_EVENTS of each device that has them
+    cdef void **templates        # the same, borrowed: DEVICE_EVENTS of each device; NULL for none
+    cdef SharedLayout *page      # for events; NULL: none
+    cdef bint waiting            # after a fault, to be armed again: nothing is sent
     cdef bint stopping           # replies to a safe stop are expected
     cdef bint alone              # no other node may command the devices
     cdef int64_t longest_damping # ns
@@ -111,3 +127,11 @@ cdef class Devices:
     cdef void restore_ready(self) noexcept nogil
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil
     cdef void discard(self) noexcept nogil
+    cdef uint64_t share(self, SharedLayout *page)
+    cdef void note(self, int number, int event) noexcept nogil
+    cdef int encode(self, Device *device, Frame *frames) noexcept nogil
+    cdef bint has_replied(self, const Device *device) noexcept nogil
+    cdef bint only_zeros_are_due(self) noexcept nogil
+    cdef bint zero_while_arming(self, int number) noexcept nogil
+    cdef int add_zero(self, int number, Frame *frames, int count) noexcept nogil
+    cdef int look_at_zero(self, int number) noexcept nogil

@@ -14,18 +14,30 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcmp, memcpy, memset
 
 from cext.abi cimport (
-    ANSWERED, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES,
-    MALFORMED, MOVING, OK, PRESSED,
-    SILENT, TAKEN, TICK,
+    ANSWERED, AUTHORITY, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND,
+    FRAME_BYTES, IMPLAUSIBLE, MALFORMED, MOVING, OK, PERIOD, PRESSED, SILENT, TAKEN, TICK,
 )
 from cext.bus.batch cimport load_batch
 from cext.clock.histogram cimport add, summary
 from cext.clock.deadline_clock cimport monotonic
 from cext.safety.shared_state cimport FENCED_FOR_GOOD, FRAME, RECEIVED, commit, load_i32, reserve
+from cext.safety.event_template cimport EventTemplate
+from cext.safety.motion_watch cimport POSITION, blame
 from cext.safety.speed_bands cimport SpeedBands
+from cext.safety.thresholds cimport FADE_IN
+from cext.safety.zeroing cimport (
+    ZERO_KEPT, ZERO_LOST, ZERO_SET, ZERO_UNKNOWN, begin_rest, begin_zero, forget_zero, judge_zero, may_be_zeroed,
+    note_command, note_position, repeat_zero,
+)
 from cext.clock.stopwatch cimport COMMAND, lap
 
 from cext.schedule.kernel_table import address, words
+
+EVENTS = {                          # of a device, and its text
+    ZEROED: ("zero", "the present position of the drive is its zero"),
+    ZERO_REFUSED: ("warning", "the zero was not set: it can be set after 0.1 s of zero torque and rest"),
+    ZERO_NOT_SET: ("warning", "the drive has not confirmed its zero; the earlier one is in force"),
+}
 
 
 cdef class Devices:
@@ -52,12 +64,14 @@ cdef class Devices:
             self.rounds[index] = 1 if medium == "can" else DEEPEST
         self.drives = DriveWatch(schedule)
         self.warnings = DriveWarnings(schedule)
+        self.fade = FADE_IN * 1e-9
+        self.page = NULL
         self.load()
 
     def __dealloc__(self):
         for index in range(self.count):
             free(self.devices[index].latency)
-        free(self.devices); free(self.outgoing); free(self.outgoing_count); free(self.bus_ends); free(self.rounds)
+        free(self.devices); free(self.outgoing); free(self.templates); free(self.outgoing_count); free(self.bus_ends); free(self.rounds)
 
     cdef void reset(self):
         """Restore the state before the first arming. Frames from before are discarded, as they are no replies."""
@@ -65,7 +79,10 @@ cdef class Devices:
         if self.ran:
             self.discard()
         self.ran = True
+        self.now = 0
         for index in range(self.count):
+            forget_zero(&self.devices[index].zeroing)
+            self.devices[index].fades_from = -1
             self.devices[index].reply_time = self.devices[index].replies = self.devices[index].replies_wanted = 0
             self.devices[index].asked = -1
             self.devices[index].owed, self.devices[index].missed = False, 0
@@ -129,6 +146,19 @@ cdef class Devices:
                 found[self.schedule.devices[index].name] = lengths, self.devices[index].rejected_id
         return found
 
+    @property
+    def unzeroed(self) -> list[str]:
+        """Return the paths of the devices whose zero arming has not set, although they reply."""
+        return [self.schedule.devices[index].name for index in range(self.count)
+            if self.devices[index].zeroing.due and self.has_replied(&self.devices[index])]
+
+    @property
+    def zeros(self) -> dict[str, tuple[int, int]]:
+        """Return {path: (number of zeros set, number of refused requests)} of the devices with any."""
+        return {
+            self.schedule.devices[index].name: (self.devices[index].zeroing.set, self.devices[index].zeroing.refused)
+            for index in range(self.count) if self.devices[index].zeroing.set or self.devices[index].zeroing.refused}
+
     cdef int time_replies(self) except -1:
         """Time the reply of every device to each command from now on."""
         for index in range(self.count):
@@ -144,7 +174,10 @@ cdef class Devices:
         devices = self.schedule.devices
         self.count = len(devices)
         self.devices = <Device *>calloc(max(1, len(devices)), sizeof(Device))
-        self.outgoing = <Frame *>calloc(max(1, len(devices)) * FRAMES_PER_DEVICE, sizeof(Frame))
+        # of each device its command, and the frame that sets its zero
+        self.outgoing = <Frame *>calloc(max(1, len(devices)) * (FRAMES_PER_DEVICE + 1), sizeof(Frame))
+        self.templates = <void **>calloc(max(1, len(devices)) * DEVICE_EVENTS, sizeof(void *))
+        self.news = []
         self.outgoing_count = <int32_t *>calloc(max(1, self.bus_count), sizeof(int32_t))
         for index, entry in enumerate(devices):              # the schedule lists them bus by bus
             device = &self.devices[index]
@@ -168,6 +201,7 @@ cdef class Devices:
                 device.only_reads[place] = frame in entry.reads
             load_batch(&device.zero, entry.zero)
             load_batch(&device.disable, entry.disable)
+            self.load_zeroing(index, entry)
             device.bands = NULL
             if entry.damp is not None:
                 bands = SpeedBands(entry.damp.bands, round(entry.damp.round * 1e9), entry.damp.acceleration,
@@ -180,6 +214,34 @@ cdef class Devices:
             device.relay = round(entry.relay_time * 1e9)
             self.start_time = max(self.start_time, round(entry.start_time * 1e9))
         return 0
+
+    def load_zeroing(self, int index, entry):
+        """Set how the zero of a device is set. entry : graph.schedule.DeviceSteps"""
+        cdef Zeroing *z = &self.devices[index].zeroing
+        steps = entry.zeroing
+        z.position = z.request = z.law = z.current = -1
+        z.at_arming = False
+        if steps is None:
+            return
+        zeroing = steps.zeroing
+        load_batch(&self.devices[index].set_zero, [zeroing.frame])
+        z.position, z.request, z.law, z.current = steps.position, steps.request, steps.law, steps.current
+        z.offset, z.torque_code, z.at_arming = zeroing.offset, zeroing.torque_code, zeroing.at_arming
+        for event, (kind, what) in EVENTS.items():
+            template = EventTemplate({"event": kind, "device": entry.name, "what": what})
+            self.news.append(template)
+            self.templates[index * DEVICE_EVENTS + event] = <void *>template
+
+    cdef uint64_t share(self, SharedLayout *page):
+        """Set the shared state for events, or NULL. Returns the ring bytes that one tick may need."""
+        self.page = page
+        return sum(8 + (<EventTemplate>template).size() for template in self.news)
+
+    cdef void note(self, int number, int event) noexcept nogil:
+        """Publish an event of a device."""
+        if self.templates[number * DEVICE_EVENTS + event] != NULL:
+            (<EventTemplate>self.templates[number * DEVICE_EVENTS + event]).publish(
+                self.page, <int64_t>self.arena[TICK])
 
     cdef void begin(self, int64_t began) noexcept nogil:
         """Set the zero of the frames' times of all buses, in ns of CLOCK_MONOTONIC."""
@@ -198,6 +260,7 @@ cdef class Devices:
         cdef int status = OK
         cdef int offered
         cdef Device *device
+        self.now = now
         if page != NULL and self.bus_count > 0:
             log_received(page, now)
         for bus in range(self.bus_count):
@@ -219,6 +282,8 @@ cdef class Devices:
             if device.age >= 0:
                 # the sample may be newer than the tick
                 self.arena[device.age] = max(now - device.reply_time, 0) * 1e-9
+            if device.zeroing.position >= 0:
+                note_position(&device.zeroing, self.arena, device.reply_time, now)
         return status
 
     cdef int offer(self, int bus, int count, SharedLayout *page) noexcept nogil:
@@ -310,7 +375,8 @@ cdef class Devices:
         cdef Device *device
         for number in range(self.count):
             device = &self.devices[number]
-            if device.timeout > 0.0 and (now - device.reply_time) * 1e-9 > device.timeout:
+            if (device.timeout > 0.0 and (now - device.reply_time) * 1e-9 > device.timeout
+                    and not device.zeroing.runs):                # a drive may be silent for a second after that frame
                 self.failed.device = number
                 return SILENT
             if device.fault >= 0 and self.arena[device.fault] != 0.0:
@@ -320,6 +386,7 @@ cdef class Devices:
         for number in range(self.drives.count):
             device = &self.devices[self.drives.drives[number].device]
             self.drives.drives[number].reply_time = device.reply_time
+            self.drives.drives[number].off = device.zeroing.runs
         status = self.drives.look(self.arena, <int64_t>self.arena[TICK], self.arena[DT])
         if status != OK:
             self.failed.device = self.drives.failed
@@ -336,10 +403,13 @@ cdef class Devices:
         memset(self.outgoing_count, 0, self.bus_count * sizeof(int32_t))
         for number in range(self.count):
             device = &self.devices[number]
-            count = device.encode(self.arena, device.encode_slots, device.encode_sizes, &self.outgoing[total])
+            count = self.look_at_zero(number)
+            if count >= 0:
+                count = self.encode(device, &self.outgoing[total])
             if count < 0:
                 self.failed.device = number
                 return -count
+            count = self.add_zero(number, &self.outgoing[total], count)
             total += count
             self.outgoing_count[device.bus] += count
             if self.laps != NULL and self.laps.each != NULL:
@@ -347,6 +417,79 @@ cdef class Devices:
         if self.laps != NULL and self.laps.each == NULL and self.count > 0:
             lap(self.laps, COMMAND)
         return OK
+
+    cdef int encode(self, Device *device, Frame *frames) noexcept nogil:
+        """Encode the frames of a device, with zero torque while its zero is set.
+
+        Returns their number, or a negated status.
+        """
+        cdef double share = self.arena[AUTHORITY]
+        cdef double faded = 1.0
+        cdef int count
+        if device.fades_from >= 0:
+            if self.fade > 0.0:
+                faded = (self.arena[TICK] - device.fades_from) * self.arena[PERIOD] / self.fade
+            if faded >= 1.0:
+                device.fades_from = -1
+            else:
+                self.arena[AUTHORITY] = share * max(faded, 0.0)
+        if device.zeroing.runs:
+            self.arena[AUTHORITY] = 0.0
+        count = device.encode(self.arena, device.encode_slots, device.encode_sizes, frames)
+        self.arena[AUTHORITY] = share
+        if device.zeroing.position >= 0:
+            note_command(&device.zeroing, self.arena, self.now)
+        return count
+
+    cdef int look_at_zero(self, int number) noexcept nogil:
+        """End the zeroing of a device, if it runs and a reply or the time decides it.
+
+        Returns OK or a negated status.
+        """
+        cdef Device *device = &self.devices[number]
+        cdef Zeroing *z = &device.zeroing
+        cdef int result, place
+        if not z.runs:
+            return OK
+        result = judge_zero(z, self.arena, self.now)
+        if result == ZERO_UNKNOWN:
+            for place in range(self.drives.count):
+                if self.drives.drives[place].device == number:
+                    blame(&self.drives.drives[place].motion, IMPLAUSIBLE, POSITION, self.arena[z.position], -z.offset)
+            return -IMPLAUSIBLE
+        if result == ZERO_SET or result == ZERO_KEPT:
+            z.runs = False
+            device.fades_from = <int64_t>self.arena[TICK]
+            z.set += result == ZERO_SET
+            z.refused += result == ZERO_KEPT
+            self.note(number, ZEROED if result == ZERO_SET else ZERO_NOT_SET)
+        return OK
+
+    cdef int add_zero(self, int number, Frame *frames, int count) noexcept nogil:
+        """Add the frame that sets the zero of a device, if it is requested and permitted, or was lost.
+
+        count : number of frames of the device. Returns the new number
+        """
+        cdef Device *device = &self.devices[number]
+        cdef Zeroing *z = &device.zeroing
+        cdef bint requested = z.request >= 0 and self.arena[z.request] > 0.5
+        cdef bint rises = requested and not z.requested
+        cdef bint permitted
+        if z.position < 0:
+            return count
+        z.requested = requested
+        permitted = not self.waiting and may_be_zeroed(z, self.now)
+        if z.runs and permitted and judge_zero(z, self.arena, self.now) == ZERO_LOST:
+            repeat_zero(z, self.now)
+        elif not z.runs and rises and permitted:
+            begin_zero(z, self.arena, self.now)
+        else:
+            if rises:
+                z.refused += 1
+                self.note(number, ZERO_REFUSED)
+            return count
+        frames[count] = device.set_zero.frames[0]
+        return count + 1
 
     cdef int transmit(self, int64_t now, SharedLayout *page) noexcept nogil:
         cdef int bus, status
@@ -406,17 +549,42 @@ cdef class Devices:
         cdef int status = OK
         for number in range(self.count):
             device = &self.devices[number]
-            if enable and not self.has_answered(device) and device.enable.count > 0:
+            if enable and not self.has_replied(device) and device.enable.count > 0:
                 if device.rounds % device.enable.count == 0:       # less often for many frames, to limit the bus load
                     status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page, disable)
                 device.rounds += 1
             if zero:
                 status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page, disable)
+            if enable and self.zero_while_arming(number):
+                status |= self.send(device.bus, device.set_zero.frames, device.set_zero.count, now, page, False)
             if not disable and device.relay > 0:
                 status |= self.pump(device, now, page, False)
             if disable:
                 status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page, True)
         return self.sent(status, disable, page)
+
+    cdef bint zero_while_arming(self, int number) noexcept nogil:
+        """Return whether the frame that sets the zero of a device is to be sent now: it was enabled, and is at rest."""
+        cdef Device *device = &self.devices[number]
+        cdef Zeroing *z = &device.zeroing
+        cdef int result = ZERO_LOST
+        if not z.due or not self.has_replied(device):
+            return False
+        if z.runs:
+            result = judge_zero(z, self.arena, self.now)
+        if result == ZERO_SET:
+            z.runs = z.due = False
+            z.set += 1
+            self.note(number, ZEROED)
+        elif result == ZERO_KEPT or result == ZERO_UNKNOWN:
+            z.runs = False
+        if result != ZERO_LOST or not may_be_zeroed(z, self.now):
+            return False
+        if z.runs:
+            repeat_zero(z, self.now)
+        else:
+            begin_zero(z, self.arena, self.now)
+        return True
 
     cdef int sent(self, int status, bint stopping, SharedLayout *page) noexcept nogil:
         """Return OK, FENCED or BUS_ERROR from the combined bits of several statuses of `send`."""
@@ -452,6 +620,7 @@ cdef class Devices:
         cdef int number
         self.stop_due = 0
         for number in range(self.count):
+            self.devices[number].zeroing.runs = False
             self.devices[number].damped = self.devices[number].bands != NULL
             self.devices[number].damp_due = 0
 
@@ -511,9 +680,21 @@ cdef class Devices:
                     page.frames_received += 1
                     log_frame(page, &self.received[index])
 
-    cdef bint has_answered(self, const Device *device) noexcept nogil:
+    cdef bint has_replied(self, const Device *device) noexcept nogil:
+        """Return whether a device has replied, and returned what arming writes to it."""
         return device.replies >= device.replies_wanted and (self.stopping or device.ready < 0
             or self.arena[device.ready] != 0.0)
+
+    cdef bint has_answered(self, const Device *device) noexcept nogil:
+        return self.has_replied(device) and (self.stopping or not device.zeroing.due)
+
+    cdef bint only_zeros_are_due(self) noexcept nogil:
+        """Return whether arming waits for nothing but the zeros of drives."""
+        cdef int number
+        for number in range(self.count):
+            if not self.has_replied(&self.devices[number]):
+                return False
+        return True
 
     cdef bint all_answered(self) noexcept nogil:
         cdef int number
@@ -527,9 +708,12 @@ cdef class Devices:
         have been off.
         """
         cdef int number
+        self.waiting = False
         for number in range(self.count):
             if self.devices[number].ready >= 0:
                 self.arena[self.devices[number].ready] = 0.0
+            self.devices[number].fades_from = -1
+            begin_rest(&self.devices[number].zeroing, self.now)
         self.want_replies(True, False)
 
     cdef void keep_ready(self) noexcept nogil:

@@ -132,6 +132,7 @@ cdef class Executor(Waiting):
             raise ValueError("times of a run must be 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (
                 fade, arming_timeout, stopping_timeout))
         self.body.reset()
+        self.control.devices.fade = fade
         self.tick = self.previous = -1
         self.now = self.armed = 0
         self.halted = False

@@ -170,6 +170,7 @@ cdef class Waiting(Arming):
         self.advance_plant_to(tick)
         self.body.set_clock(tick, self.previous, self.late)
         self.control.arena[AUTHORITY] = 0.0
+        self.control.devices.waiting = True
         computed = apply_changes(self.control.live, self.layout, tick, (tick - self.previous) / self.pace.rate)
         if computed == STOP_WANTED:
             status[0] = computed

@@ -170,6 +170,16 @@ cdef class Program:
         """Devices that reply but have not returned what arming wrote, as of cext.schedule.devices.Devices.unready."""
         return self.devices.unready
 
+    @property
+    def unzeroed(self) -> list[str]:
+        """Devices that reply but whose zero was not set, as of cext.schedule.devices.Devices.unzeroed."""
+        return self.devices.unzeroed
+
+    @property
+    def zeros(self) -> dict[str, tuple[int, int]]:
+        """Zeros set and refused, as of cext.schedule.devices.Devices.zeros."""
+        return self.devices.zeros
+
     def count_from(self, int64_t tick) -> None:
         """Count missing replies from this tick on, as arming may fill the bus before."""
         self.devices.counted_from = tick
@@ -334,7 +344,7 @@ cdef class Program:
         """
         self.page = page
         self.at = &self.own_at if page == NULL else &page.at
-        return self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(
+        return self.devices.share(page) + self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(
             8 + (<PythonStep>call).news.size() for call in self.holding)
 
     cdef int start_from_here(self) noexcept nogil:

@@ -50,6 +50,12 @@ def rejected(result: RunResult, block: Any) -> str:
 
 def instead(result: RunResult, block: Any) -> str:
     """Return what a device that did not reply to arming sent instead, as text, '' for nothing."""
+    if block.path in result.control.unzeroed:
+        position = result.control.final[result.schedule.signals[f"{block.path}.position"].slot]
+        return (
+            f"it replies, but its zero was not set: it reads {position:.3f} rad. Keep the joint at rest during arming; "
+            "if it was at rest, the drive does not set its zero"
+        )
     return block.unready_in_words() if block.path in result.control.unready else rejected(result, block)
 
 

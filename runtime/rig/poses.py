@@ -77,13 +77,19 @@ class Poses:
             )
         return place.slot + int(index or 0)
 
-    def look(self, values: Sequence[float] | np.ndarray) -> dict[str, str]:
-        """Return {path: reason not to arm}. values : the arena"""
+    def look(self, values: Sequence[float] | np.ndarray, *, first: bool = True) -> dict[str, str]:
+        """Return {path: reason not to arm}.
+
+        values : the arena
+        first : whether the robot is armed for the first time in this run, in which no power cycle can have shifted the
+            reading of a drive whose zero arming has set
+        """
         reasons = {
             block.path: _refusal(
                 block,
                 float(values[self.schedule.signals[Signal(block, "position").path].slot]),
                 self._evidence(block, values),
+                0.0 if first and getattr(block, "zero_at_arming", False) else getattr(block, "shift", 0.0),
             )
             for block in self.joints
         }
@@ -102,9 +108,12 @@ class Poses:
             yield f"its reference {block.reference}", float(values[self.references[block]]), fine
 
 
-def _refusal(block, position, evidence):
-    """Return why a joint is not armed at a reading, "" if it is. position : rad"""
-    path, (low, high), shift = block.path, block.range, getattr(block, "shift", 0.0)
+def _refusal(block, position, evidence, shift):
+    """Return why a joint is not armed at a reading, "" if it is.
+
+    position : rad; shift : rad, by a multiple of which a power cycle may have shifted it
+    """
+    path, (low, high) = block.path, block.range
     if not math.isfinite(position):
         return f"{path} has no position reading"
     reads, decided = f"{path} reads {position:.3f} rad", False

@@ -182,7 +182,7 @@ class Session:
 
             If one is not, the table is printed again.
             """
-            if poses is None or not poses.look(control.values):
+            if poses is None or not poses.look(control.values, first=page.state != "waiting"):
                 return True
             if page.state == "ready":
                 show()

@@ -15,7 +15,7 @@ from tests.runtime.runs import ROOT, environment, finished, write
 from tests.runtime.test_documents import python_of
 
 PAGE = (ROOT / "docs" / "actuators.md").read_text()
-KNEE, PLANT, BOARD = python_of(PAGE)
+KNEE, ZERO, PLANT, BOARD = python_of(PAGE)
 
 
 def test_links_have_targets():
@@ -40,6 +40,11 @@ def test_the_knee_exoskeleton_swaps_its_actuator_by_one_line(tmp_path):
     write(tmp_path, swapped, "knee_exo.py")
     process = finished("knee_exo.py", "--fast", "--duration", "5", "--no-record", cwd=tmp_path)
     assert process.returncode == OK and "confirmed by left/knee, right/knee" in process.stdout, process.stderr
+
+
+def test_the_zero_of_the_page_is_set_during_arming(tmp_path):
+    process = finished(write(tmp_path, ZERO), "--fast", "--duration", "0.1", "--no-record", cwd=tmp_path)
+    assert process.returncode == OK and "  zero        knee: set 1 time, refused 0 times\n" in process.stdout
 
 
 def test_the_plant_of_the_page_ends_the_run(tmp_path):

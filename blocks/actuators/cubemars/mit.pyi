@@ -42,6 +42,7 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         wire_torque: float = 0.0,
         max_acceleration: float = 500.0,
         max_velocity: float = 0.0,
+        zero_at_arming: bool = False,
         reply: int = 8,
         **options: Unpack[BlockOptions],
     ) -> None: ...
@@ -62,6 +63,7 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         torque_command: Operand = ...,
         stiffness_command: Operand = ...,
         damping_command: Operand = ...,
+        zero: Operand = ...,
     ) -> Outputs: ...
     def fault_in_words(self, code: int) -> str: ...
     def malformed_in_words(self, lengths: dict[int, int], first_byte: int) -> str: ...

@@ -104,8 +104,10 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     )
     rms_window, warning_temperature = Joint.rms_window, Joint.warning_temperature
     derating_temperature, fault_temperature = Joint.derating_temperature, Joint.fault_temperature
+    zero_at_arming = Joint.zero_at_arming
 
     current_command = Input("A", "current of the motor, in the direction of the joint")
+    zero = Joint.zero
     position, velocity, torque, current = Joint.position, Joint.velocity, Reporting.torque, Reporting.current
     temperature = Joint.temperature
     fault, age, rms_torque = Joint.fault, Output("s", "time since the newest report"), Joint.rms_torque
@@ -133,6 +135,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     check_reports, feedback_range = Reporting.check_reports, Reporting.feedback_range
     prepare = Reporting.prepare  # pyright: ignore[reportAssignmentType]
     check_temperatures, fastest = Joint.check_temperatures, Joint.fastest
+    check_zero, zeroing = Joint.check_zero, Joint.zeroing  # pyright: ignore[reportAssignmentType]
     reach = Joint.reach  # pyright: ignore[reportAssignmentType]
     torque_accuracy, motion_of_any_mode, feedback_ends = (
         Joint.torque_accuracy,
@@ -156,6 +159,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
             )
         self.range = motion_of(self.range)
         self.check_pose()
+        self.check_zero()
         self.check_reports()
         self.check_temperatures()
         self.scales = frames.scales(spec, self.gear_ratio, constant)
@@ -191,7 +195,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         self.encode = kernels.encode.renamed(command=self.command_name, sent=self.sent_name)
         if quantity != "current":
             command, sent = COMMANDS[quantity]
-            self.inputs = {self.command_name: command.named(self.command_name)}
+            self.inputs = {self.command_name: command.named(self.command_name)}  # not zero: its torque is unknown
             self.outputs = {
                 self.sent_name if name == "current_sent" else name: sent.named(self.sent_name)
                 if name == "current_sent"

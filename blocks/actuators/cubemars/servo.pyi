@@ -47,7 +47,9 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     warning_temperature: Param[float]
     derating_temperature: Param[float]
     fault_temperature: Param[float]
+    zero_at_arming: Param[bool]
     current_command: Input
+    zero: Input
     position: Output
     velocity: Output
     torque: Output
@@ -71,6 +73,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     feedback_range: Any
     check_temperatures: Any
     fastest: Any
+    check_zero: Any
     torque_accuracy: Any
     motion_of_any_mode: Any
     feedback_ends: Any
@@ -111,6 +114,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         warning_temperature: float = 70.0,
         derating_temperature: float = 80.0,
         fault_temperature: float = 100.0,
+        zero_at_arming: bool = False,
         **options: Unpack[BlockOptions],
     ) -> None: ...
     def __getattr__(self, name: str) -> Signal: ...

@@ -86,6 +86,10 @@ class ExtendedFrames:
         """Return the filters of its reports."""
         return frames.acceptance_filters(self.can_id)
 
+    def set_zero_frame(self) -> tuple[int, bool, bytes]:
+        """Return the frame that makes the present position of the drive its zero until the power is removed."""
+        return frames.origin(self.can_id)
+
     def replies(self) -> list[tuple[int, int, bool, str]]:
         """Return the reports that confirm a safe stop."""
         return frames.replies(self.can_id)

@@ -64,6 +64,11 @@ def read(index: int, can_id: int, host_id: int) -> tuple[int, bool, bytes]:
     return frame(READ, host_id, can_id, struct.pack("<Hxxxxxx", index))
 
 
+def set_zero(can_id: int, host_id: int) -> tuple[int, bool, bytes]:
+    """Return the frame that makes the present position of the drive its zero."""
+    return frame(SET_ZERO, host_id, can_id, bytes([1]).ljust(8, b"\0"))
+
+
 def timeout_counts(seconds: float) -> int:
     """Return the value of CAN_TIMEOUT, at least 1 for a time above 0."""
     return max(round(seconds * TIMEOUT_COUNTS), int(seconds > 0.0))

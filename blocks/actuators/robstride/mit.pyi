@@ -53,6 +53,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         wire_torque: float = 0.0,
         max_acceleration: float = 500.0,
         max_velocity: float = 0.0,
+        zero_at_arming: bool = False,
         host_id: int = 253,
         can_timeout: float = 0.1,
         **options: Unpack[BlockOptions],
@@ -74,6 +75,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         torque_command: Operand = ...,
         stiffness_command: Operand = ...,
         damping_command: Operand = ...,
+        zero: Operand = ...,
     ) -> Outputs: ...
     def torque_bytes(self) -> bytes: ...
     def addresses(self) -> list[tuple[int, bool]]: ...

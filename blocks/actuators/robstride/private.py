@@ -108,6 +108,8 @@ class RobStride(Joint, Actuator):
             else self.spec.peak_current
         )
         self.current_limit = min(self.motor_torque / self.spec.torque_constant, most)
+        if self.mode == "position" and self.zero_at_arming:
+            raise ValueError("in mode position the drive does not set its zero: use mode csp, or omit zero_at_arming")
         if self.mode != "operation":
             if self.damp_time:
                 raise ValueError(
@@ -125,6 +127,8 @@ class RobStride(Joint, Actuator):
             )
         self.command_name, self.sent_name = f"{quantity}_command", f"{quantity}_sent"
         self.inputs = {self.command_name: COMMANDS[quantity].named(self.command_name)}
+        if quantity == "current":  # a limit of the current is no proof of zero torque
+            self.inputs["zero"] = type(self).inputs["zero"]
         self.outputs = {
             name if name != "torque_sent" else self.sent_name: port
             if name != "torque_sent"
@@ -244,6 +248,10 @@ class RobStride(Joint, Actuator):
 
     def read_frames(self) -> list[tuple[int, bool, bytes]]:
         return [frames.read(frames.CAN_TIMEOUT, self.can_id, self.host_id)] if self.ready else []
+
+    def set_zero_frame(self) -> tuple[int, bool, bytes]:
+        """Return the frame that makes the present position of the drive its zero."""
+        return frames.set_zero(self.can_id, self.host_id)
 
     def zero_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return a frame of zero torque: the command, or a current limit of zero in modes without a torque command."""

@@ -74,11 +74,6 @@ def set_id(can_id: int, new: int, host: int = HOST) -> tuple[int, bool, bytes]:
     return frames.frame(frames.SET_ID, new << 8 | host, can_id)
 
 
-def set_zero(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
-    """Return the frame that makes the present position the zero."""
-    return frames.frame(frames.SET_ZERO, host, can_id, bytes([1]).ljust(8, b"\0"))
-
-
 def save(can_id: int, host: int = HOST) -> tuple[int, bool, bytes]:
     """Return the frame that saves parameters. NEVER send it to a CyberGear, whose baud rate it changes."""
     return frames.frame(frames.SAVE, host, can_id, COUNTING)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.queries import disable_in_mit_mode
-from blocks.actuators.robstride import parameters, queries
+from blocks.actuators.robstride import frames, parameters, queries
 from graph.dialogue import Confirm, Dialogue, Listen, Rejected, Send, Show, ask
 from graph.names import suggestion
 
@@ -268,7 +268,7 @@ class Drive:
 
     def zero(self) -> Dialogue:
         """Make the present position the zero. Returns whether the drive reports a position of 0 afterwards."""
-        yield Send(queries.set_zero(self.can_id), "set zero")
+        yield Send(frames.set_zero(self.can_id, queries.HOST), "set zero")
         yield Listen(0.2)
         after = yield from self.read("mechPos")
         confirmed = after is not None and abs(after) < ZERO_TOLERANCE

@@ -49,7 +49,7 @@ def test_a_command_equals_the_references_truncated_towards_zero(data, model, mod
     """
     limit = {} if model in GIVEN else {"limit": "peak"}
     one = drive(model, mode, invert=invert, offset=offset, gear_ratio=ratio, **limit)
-    (name,) = one.block.inputs
+    name, *_ = one.block.inputs
     x = data.draw(st.floats(*one["limits"][:2]), label=name)
     [(identifier, said)] = one.say(**{name: x})
     assert identifier == EXTENDED | reference.KINDS[mode] << 8 | 7 and len(said) == (
@@ -101,7 +101,7 @@ def test_custom_torque_constant_keeps_current_within_motor_limit():
 @pytest.mark.parametrize("mode", MODES)
 def test_command_beyond_limit_or_nan_makes_no_frame(mode):
     one = drive("AK80-9", mode)
-    (name,), (low, high, _) = one.block.inputs, one["limits"]
+    (name, *_), (low, high, _) = one.block.inputs, one["limits"]
     for x in (low, high):
         assert len(one.say(**{name: x})) == 1
     for x in (math.nextafter(low, -math.inf), math.nextafter(high, math.inf), 1e300, -1e300):
@@ -126,7 +126,7 @@ def test_command_beyond_limit_or_nan_makes_no_frame(mode):
 @settings(max_examples=200, deadline=None)
 def test_codes_never_wrap_even_with_a_corrupt_limit(mode, x, limit, position, share):
     one = drive("AK80-64", mode)
-    (name,) = one.block.inputs
+    name, *_ = one.block.inputs
     one["limits"], one["position"], one.arena[AUTHORITY] = [-limit, limit, 1.0], position, share
     said = one.say(**{name: x})
     if said == OUT_OF_LIMITS:
@@ -140,7 +140,7 @@ def test_codes_never_wrap_even_with_a_corrupt_limit(mode, x, limit, position, sh
 @pytest.mark.parametrize("mode", MODES)
 def test_commands_fade_in_and_positions_start_from_the_present_one(mode):
     one = drive("AK70-10", mode, offset=0.2)
-    (name,), command = one.block.inputs, one["limits"][1] / 2
+    (name, *_), command = one.block.inputs, one["limits"][1] / 2
     one["position"] = 0.75
     for share in (0.0, 0.25, 1.0):
         one.arena[AUTHORITY] = share
@@ -274,7 +274,7 @@ def test_invalid_parameters_are_refused_with_reason(model, parameters, said):
 def test_a_command_that_is_not_proved_does_not_compile(mode):
     with Diagram("unproved", rate=200) as diagram:
         one = CubeMarsServo("AK80-9", mode=mode, name="one")
-        (name,) = one.inputs
+        name, *_ = one.inputs
         one(**{name: one.limits[1] * 1.001})
     with pytest.raises(DiagramError, match=f"one.*{name}"):
         compile(diagram)

@@ -62,7 +62,7 @@ def lived(action=lambda: None, tick=20, *, kind=RobStride, substeps=5, guard=30.
     page.look_after(time.monotonic_ns())
     with Diagram("robot", rate=200) as robot:
         drive = kind("RS03", name="drive", **parameters)
-        name = next(iter(drive.inputs)) if len(drive.inputs) == 1 else "torque_command"
+        name = "torque_command" if "torque_command" in drive.inputs else next(iter(drive.inputs))
         drive(**{name: Then(tick, action, drive.inputs[name].unit, name="then")(drive.position)})
     with Diagram("plant", rate=200 * substeps) as plant:
         emulated, watcher = drive.emulator(), Watcher()

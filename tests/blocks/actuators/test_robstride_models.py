@@ -111,7 +111,7 @@ def test_behind_a_gear_all_limits_and_ranges_are_those_of_the_joint(kind, model,
 def test_every_other_mode_has_one_command_with_a_proved_limit(mode, name, limit):
     drive = RobStride("RS03", mode=mode, offset=0.5, velocity_limit=3.0)
     assert (
-        list(drive.inputs) == [name]
+        [each for each in drive.inputs if each.endswith("_command")] == [name]
         and name.replace("command", "sent") in drive.outputs
         and "torque_sent" not in drive.outputs
     )
@@ -266,7 +266,7 @@ def test_a_parameter_set_before_compile_reconfigures_the_block():
     assert (
         drive.limits[:5] == (12.57, 44.0, 500.0, 5.0, 6.0)
         and list(drive.inputs)[0] == "position_command"
-        and len(drive.inputs) == 5
+        and sum(each.endswith("_command") for each in drive.inputs) == 5
     )
     assert all(proof.holds for proof in compile(diagram).proofs)
 

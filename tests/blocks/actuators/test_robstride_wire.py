@@ -221,7 +221,7 @@ def test_other_modes_write_the_command_and_the_current_limit(data, model, mode, 
     found = MODELS[model]
     wired = Wired(RobStride, model, mode=mode, invert=invert, offset=offset, gear_ratio=ratio)
     wired.arena[AUTHORITY] = share
-    (name,), limit = wired.block.inputs, float(wired["limits"][0])
+    (name, *_), limit = wired.block.inputs, float(wired["limits"][0])
     x = data.draw(st.floats(-limit, limit))
     current = min(found.rated * math.sqrt(2.0) / found.rms_constant, found.rated_current)
     wanted = oracle(mode, x, found, invert=invert, offset=offset, ratio=ratio, share=share, limit_current=current)

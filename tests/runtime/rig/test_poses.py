@@ -27,7 +27,7 @@ class Encoder(Device):
     decode, encode = no_io.ignore_all, no_io.send_nothing
 
 
-def look(position, stated=None, encoder=0.0, **parameters):
+def look(position, stated=None, encoder=0.0, first=True, **parameters):
     """Why a knee that reads this angle is not armed, "" where it is."""
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", bus="legs", name="knee", **{"range": (-0.1, 2.0), **parameters})(torque_command=0.0)
@@ -38,7 +38,7 @@ def look(position, stated=None, encoder=0.0, **parameters):
     for name, value in {"knee.position": position, "encoder.angle": encoder, "imu.euler": encoder}.items():
         place = schedule.signals[name]
         values[place.slot : place.slot + place.size] = value
-    return poses.look(values).get("knee", "")
+    return poses.look(values, first=first).get("knee", "")
 
 
 def test_a_reading_in_range_is_ambiguous_if_one_motor_turn_further_is_also_in_range():
@@ -48,6 +48,11 @@ def test_a_reading_in_range_is_ambiguous_if_one_motor_turn_further_is_also_in_ra
         "1.916 rad lie in its range -0.1 to 2 rad, too: "
     )
     assert "known_pose = [ANGLE, TOLERANCE]" in why and "--pose knee=ANGLE" in why
+
+
+def test_zero_that_arming_has_set_decides_until_the_run_is_armed_again():
+    assert look(0.0, zero_at_arming=True) == ""
+    assert look(0.52, zero_at_arming=True, first=False).startswith("knee reads 0.520 rad; a power cycle can shift it")
 
 
 @pytest.mark.parametrize(

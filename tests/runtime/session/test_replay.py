@@ -97,6 +97,28 @@ def test_a_real_time_run_with_late_and_missed_ticks_replays_bit_for_bit(recorded
     assert code == OK and "are the same, bit for bit" in out
 
 
+def test_zero_that_was_set_during_arming_and_a_run_is_replayed_bit_for_bit(recorded, command_line, tmp_path):
+    path = write(
+        tmp_path,
+        """
+from blocks.actuators import CubeMars
+from blocks.logic import Compare
+from blocks.sources import Pulse
+from graph import Diagram
+
+def build():
+    with Diagram("zeroed", rate=200) as diagram:
+        knee = CubeMars("AK80-9", bus="legs", name="knee", zero_at_arming=True)
+        knee(torque_command=0.0, zero=Compare(">")(Pulse(delay=0.5)(), 0.5))
+    return diagram
+""",
+    )
+    file = recorded(path, "--fast", "--duration", "1")
+    code, out, _ = command_line("replay", file)
+    assert code == OK and "sent frames are the same, bit for bit" in out
+    assert [event["event"] for event in Trial(file).events].count("zero") == 2
+
+
 def test_blocks_receive_the_recorded_lateness_in_a_replay(recorded, command_line, tmp_path):
     path = write(
         tmp_path,
