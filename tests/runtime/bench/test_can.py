@@ -6,16 +6,18 @@ import signal
 import sysconfig
 import time
 
+import numpy as np
 import pytest
 
 from cext.bus.memory_bus import MemoryBus
 from cext.bus.socketcan import SocketCan
 from cext.schedule.bus_cost import time_of_control
 from cext.schedule.program import Program
-from graph import Block, Output, compile
+from graph import Block, Diagram, Output, compile
 from runtime.base.errors import OK
 from runtime.bench import can_cost
 from runtime.bench.c_program import build
+from tests.blocks.running import player, run
 
 needs_compiler = pytest.mark.skipif(
     shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler"
@@ -68,6 +70,15 @@ def test_slow_ticks_are_measured_although_no_drive_follows():
         Slow()
     program = Program(compile(diagram), [bus.host])
     assert min(time_of_control(program, bus.device, can_cost.ANSWERS, 300)) > 1_000_000
+
+
+def test_motors_that_pause_for_a_second_miss_replies_and_end_no_measurement():
+    diagram, pause = can_cost.robot(1, 1), np.zeros(1500, bool)
+    pause[200:1200] = True
+    with Diagram("motors", rate=can_cost.RATE) as motors:
+        drive = diagram["drive01"].emulator()
+        drive(position=0.0, velocity=0.0, silent=player(pause, "1", bool))
+    assert run(diagram, 1500, plant=motors).outcome.status == "ok"
 
 
 def test_a_signal_ends_a_measurement_in_the_middle():
