@@ -62,8 +62,8 @@ class SoleForce(Block):
     """Force sensors under a foot of a Walker: total, heel and forefoot force and the centre of pressure.
 
     Heel and forefoot bear the vertical force in the shares with which their centre is that of the Walker, as far as it
-    lies between them. Each sensor adds zero, drift and white noise, a function of seed and tick; a dropped sample reads
-    as no load. `force` and `centre` suit EmulatedInsole, `heel` and `forefoot` single sensors such as FSRs.
+    lies between them. Each sensor adds zero, drift and white noise, a function of seed and tick. During a drop-out all
+    read no load; drop-outs have a geometric duration. `force` and `centre` suit EmulatedInsole, `heel` and `forefoot` single sensors such as FSRs.
     """
 
     length = Param(0.258, "m", "length of the foot, 0.152 of the body height", above=0.0)
@@ -74,8 +74,9 @@ class SoleForce(Block):
     zero = Param(0.0, "N", "total force that is measured without a load")
     zero_drift = Param(0.0, "N/s", "drift of the zero", fixed=True)
     noise = Param(0.0, "N", "standard deviation of a sample of the total force", min=0.0)
-    dropped = Param(0.0, "1", "share of samples that are lost", min=0.0, max=1.0)
-    seed = Param(0, "1", "seed of noise and lost samples", min=0, max=2**53, fixed=True)
+    dropped = Param(0.0, "1", "share of time in drop-outs", min=0.0, max=1.0)
+    dropout = Param(0.0, "s", "mean duration of a drop-out; 0 for single samples", min=0.0)
+    seed = Param(0, "1", "seed of noise and drop-outs", min=0, max=2**53, fixed=True)
 
     ground_force = Input("N", "ground force, forward and up, such as `left_ground_force` of a Walker", shape=(2,))
     centre_of_pressure = Input("m", "centre of pressure from the heel, such as `left_centre_of_pressure`")
@@ -85,6 +86,7 @@ class SoleForce(Block):
     heel = Output("N", "force under the heel")
     forefoot = Output("N", "force under the forefoot")
     drift = Memory(0.0, "drift of the zero")
+    lost = Memory(0.0, "1 during a drop-out")
 
     kernel = soles.sole_force
 

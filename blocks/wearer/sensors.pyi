@@ -54,6 +54,7 @@ class SoleForce(Block):
     zero_drift: Param[float]
     noise: Param[float]
     dropped: Param[float]
+    dropout: Param[float]
     seed: Param[int]
     ground_force: Input
     centre_of_pressure: Input
@@ -63,6 +64,7 @@ class SoleForce(Block):
     heel: Output
     forefoot: Output
     drift: Memory
+    lost: Memory
     def __init__(
         self,
         length: float | Live = 0.258,
@@ -74,6 +76,7 @@ class SoleForce(Block):
         zero_drift: float = 0.0,
         noise: float | Live = 0.0,
         dropped: float | Live = 0.0,
+        dropout: float | Live = 0.0,
         seed: int = 0,
         **options: Unpack[BlockOptions],
     ) -> None: ...

@@ -11,12 +11,21 @@ from cext.kernels.philox cimport fraction, normal, philox
 
 cdef struct SoleForce:
     int32_t ground_force, centre_of_pressure, phase, force, centre, heel, forefoot
-    int32_t length, heel_at, forefoot_at, forefoot_strike, gain, zero, zero_drift, noise, dropped, seed
-    int32_t drift
+    int32_t length, heel_at, forefoot_at, forefoot_strike, gain, zero, zero_drift, noise, dropped, dropout, seed
+    int32_t drift, lost
 
 SOLE_FORCE = items((<SoleForce *>ITEMS)[0], "ground_force[2]")
 
 cdef double STRIKE_END = 0.2    # of the stride, at which a forefoot striker has lowered the heel
+
+
+cdef inline bint drops(bint lost, double share, double duration, double dt, double draw) noexcept nogil:
+    """Return whether the next sample is lost: a Markov chain with the share and the mean duration of drop-outs."""
+    if duration <= dt:
+        return draw < share
+    if lost:
+        return share >= 1.0 or draw >= dt / duration
+    return draw * duration * (1.0 - share) < dt * share
 
 
 cdef int sole_force_kernel(double *arena, const SoleForce *at, const SoleForce *sizes) noexcept nogil:
@@ -36,8 +45,9 @@ cdef int sole_force_kernel(double *arena, const SoleForce *at, const SoleForce *
     philox(2 * <uint64_t>arena[TICK] + 1, <uint64_t>arena[at.seed], others)
     arena[at.drift] += arena[at.zero_drift] * arena[DT]
     up *= arena[at.gain]
-    if fraction(others[0]) < arena[at.dropped]:
-        up = 0.0                # a lost sample reads as no force
+    arena[at.lost] = drops(arena[at.lost] != 0.0, arena[at.dropped], arena[at.dropout], arena[DT], fraction(others[0]))
+    if arena[at.lost] != 0.0:
+        up = 0.0                # reads as no force
     zero = arena[at.zero] + arena[at.drift]
     half = M_SQRT1_2 * arena[at.noise]      # half of the variance each
     arena[at.force] = up + zero + arena[at.noise] * normal(bits[0], bits[1])
