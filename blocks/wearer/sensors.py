@@ -63,7 +63,8 @@ class SoleForce(Block):
 
     Heel and forefoot bear the vertical force in the shares with which their centre is that of the Walker, as far as it
     lies between them. Each sensor adds zero, drift and white noise, a function of seed and tick. During a drop-out all
-    read no load; drop-outs have a geometric duration. `force` and `centre` suit EmulatedInsole, `heel` and `forefoot` single sensors such as FSRs.
+    read no load; drop-outs have a geometric duration. `force` and `centre` suit EmulatedInsole, `heel` and `forefoot`
+    single sensors such as FSRs.
     """
 
     length = Param(0.258, "m", "length of the foot, 0.152 of the body height", above=0.0)
