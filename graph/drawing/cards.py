@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import re
 from collections.abc import Callable, Sequence
 from math import inf
@@ -134,8 +135,9 @@ def parameter_cards(block: type[Block] | Block) -> list[dict[str, str | bool]]:
             "default": "required" if param.required else quantity(param.default, param.unit),
         }
         if isinstance(block, Block):
-            card["value"] = quantity(getattr(block, name), param.unit)
-            card["own"] = param.required or not same(getattr(block, name), param.default)
+            value = getattr(block, name)
+            card["value"] = os.path.basename(value) if param.file and value else quantity(value, param.unit)
+            card["own"] = param.required or not same(value, param.default)
             bounds = block.live(name)
             if bounds is not None:
                 card["live"] = True
