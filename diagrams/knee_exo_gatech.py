@@ -1,43 +1,50 @@
-"""Knee exoskeleton of Georgia Tech: two AK10-9, six inertial sensors and two insoles.
+"""Knee exoskeleton of Georgia Tech: two AK10-9, six inertial sensors, two insoles and a neural network.
 
     python -m runtime diagrams/knee_exo_gatech.py --duration 20
-    python -m runtime diagrams/knee_exo_gatech.py --duration 20 --set assistance=0.5
+    python -m runtime diagrams/knee_exo_gatech.py --duration 20 --set mass=90 --set share=0.2
     python -m runtime diagrams/knee_exo_gatech.py --duration 20 --set speed=0.8 --set mass=110
 
-The insole gives the strikes and the thigh the gait phase. A torque profile over the phase extends the knee in
-mid-stance and flexes it before swing.
+The network estimates the biological torque of each knee from the motion of thigh and shank. In mid-stance the actuator
+adds a share of its extension torque, and before swing a profile flexes the knee. The insole gives the strikes and the
+thigh the gait phase of both.
 """
 
 from blocks.controllers import TorqueProfile
+from blocks.gait import BiologicalTorque
+from blocks.mathematics import Max, Min
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
-from graph import Diagram, subsystem
-from parts import SEGMENTS, SIDES, assist, drive, flexion, gait, imu, insole, walk
+from graph import Diagram, Live, subsystem
+from parts import SEGMENTS, SIDES, assist, drive, flexion, gait, imu, insole, leg_torque, walk
 from parts import wearer as plant  # noqa: F401
 
-# Torque profile (gait phase, N·m).
-PROFILE = ((0.16, 0.0), (0.24, -12.0), (0.34, 0.0), (0.48, 0.0), (0.60, 9.0), (0.70, 0.0))
+# Torques over the gait phase, N·m: largest extension, and flexion.
+EXTENSION = ((0.12, 0.0), (0.20, -12.0), (0.32, -12.0), (0.40, 0.0))
+FLEXION = ((0.48, 0.0), (0.60, 9.0), (0.70, 0.0))
 
 
-def build(assistance=1.0):
-    """Return the robot. assistance : scale of the torque profile, from 0 to 1"""
+def build(mass=70.0, share=0.3, delay=0.1):
+    """Return the robot. mass : of the wearer, kg; share, delay : of the biological torque, delay in s"""
     with Diagram("knee_exo_gatech", rate=200) as diagram:
-        legs = {side: leg(side, number) for number, side in enumerate(SIDES, 1)}
-        walking = walk({side: gait for side, (_, gait) in legs.items()})
-        for side, (knee, gait) in legs.items():
+        legs = {side: leg(side, number, mass) for number, side in enumerate(SIDES, 1)}
+        walking = walk({side: phase for side, (phase, _) in legs.items()})
+        for number, (side, (phase, torque)) in enumerate(legs.items(), 1):
             with subsystem(side):
-                torque = TorqueProfile(PROFILE, scale=assistance, name="profile")(phase=gait.phase, enable=gait.walking)
-                assist(knee, torque, walking, gait, limit=12.0, slew=300.0)
+                biological = BiologicalTorque(Live(share, max=0.5), delay, name="assistance")(torque)
+                bound = TorqueProfile(EXTENSION, name="bound")(phase=phase.phase, enable=phase.walking)
+                extension = Max(name="extension")(Min()(biological, 0.0), bound)
+                flex = TorqueProfile(FLEXION, name="flexion")(phase=phase.phase, enable=phase.walking)
+                knee = drive(side, "knee", number, "AK10-9-V2.0")
+                assist(knee, extension + flex, walking, phase, limit=12.0, slew=300.0)
         CsvRecorder()
         PlotJuggler()
     return diagram
 
 
-def leg(side, number):
-    """Return actuator and Gait of one leg, and measure its joints."""
+def leg(side, number, mass):
+    """Return the Gait of one leg and the biological torque of its knee."""
     with subsystem(side):
         thigh, shank, foot = (imu(segment, f"1339{number}{place}") for place, segment in enumerate(SEGMENTS))
-        flexion("knee", thigh, shank)
         flexion("ankle", foot, shank)
-        knee = drive(side, "knee", number, "AK10-9-V2.0")
-        return knee, gait(*thigh, insole(side).strike)
+        knee = flexion("knee", thigh, shank)
+        return gait(*thigh, insole(side).strike), leg_torque("knee", knee, thigh, mass)

@@ -12,8 +12,9 @@ from blocks.filters import Complementary
 from blocks.gait import ContactEvents, GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
 from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
-from blocks.mathematics import Sum
+from blocks.mathematics import Gain, Sum
 from blocks.models import Limb
+from blocks.networks import OnnxModel
 from blocks.recorders import StrideReport
 from blocks.sensors import ADS1115, NAU7802, Insole
 from blocks.trigonometry import Atan2
@@ -84,6 +85,15 @@ def gait(angle, velocity, strike=None):
         strike = ThighEvents(name="events")(angle).strike
     estimate = PhaseKalmanFilter(name="gait_phase")(angle=angle, velocity=velocity, strike=strike)
     return Gait(estimate.phase, estimate.walking, velocity)
+
+
+def leg_torque(joint, knee, thigh, mass):
+    """Return the biological torque of a knee or ankle that a network estimates. knee, thigh : Motion; mass : kg"""
+    model = OnnxModel(f"networks/{joint}_torque.onnx", name=f"{joint}_network")
+    estimate = model(
+        knee_angle=knee.angle, knee_velocity=knee.velocity, hip_angle=thigh.angle, hip_velocity=thigh.velocity
+    )
+    return Gain(mass, unit="kg", name=f"{joint}_torque")(getattr(estimate, f"{joint}_torque"))
 
 
 def walk(gaits):

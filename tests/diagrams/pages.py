@@ -6,18 +6,21 @@ python -m tests.diagrams.pages [ROBOT...]
 import ast
 import sys
 from collections import Counter
+from pathlib import Path
 
 import matplotlib
 
 import runtime
+from blocks.networks import OnnxModel
 from blocks.sensors import FSR
-from graph import Actuator, Device
-from runtime.analysis import stride_picture
+from graph import Device
+from runtime.analysis import condition_picture, stride_picture
+from runtime.analysis.conditions import conditions
 from runtime.analysis.legs import legs
 from runtime.diagrams.draw import draw_file
 from runtime.diagrams.file import load
 from tests.checkout import ROOT
-from tests.diagrams.robots import ROBOTS, path
+from tests.diagrams.robots import ROBOTS, SUITS, path
 
 FOLDER = ROOT / "docs" / "robots"
 MASSES, SPEEDS = (50, 70, 90, 110), (0.8, 1.2, 1.6)  # kg, m/s
@@ -28,14 +31,17 @@ def head(robot):
     """Return the part of a page that follows from the diagram: text, parts, rate and pictures."""
     text = ast.get_docstring(ast.parse(path(robot).read_text()))
     _, diagram = load(path(robot))
-    parts = Counter(
-        getattr(block, "model", type(block).__name__) for block in diagram if isinstance(block, (Device, FSR))
-    )
+    parts = Counter(part(block) for block in diagram if isinstance(block, (Device, FSR, OnnxModel)))
     listed = ", ".join(f"{name} × {number}" for name, number in parts.items())
-    pictures = f"![block diagram](images/{robot}.svg)"
-    if any(isinstance(block, Actuator) for block in diagram):
-        pictures += f"\n\n![average stride of the left leg](images/{robot}_stride.svg)"
+    pictures = f"![block diagram](images/{robot}.svg)\n\n![average stride of the left leg](images/{robot}_stride.svg)"
     return f"# {robot}\n\n{text}\n\n{listed}; {diagram.rate:g} Hz.\n\n{pictures}\n"
+
+
+def part(block):
+    """Return the name of a part: its model, the file of a network, or its type."""
+    if isinstance(block, OnnxModel):
+        return f"network {Path(block.file).stem}"
+    return getattr(block, "model", type(block).__name__)
 
 
 def work(robot):
@@ -56,10 +62,15 @@ def work(robot):
 
 def strides(robot, settings):
     """Return the measured strides of the joints of the left leg, or of the only leg."""
+    joints = legs(run(robot, settings), last=STRIDES)
+    return [joint for joint in joints if joint["title"].startswith("left")] or joints
+
+
+def run(robot, settings):
+    """Return the Trial of a run without fault."""
     trial = runtime.run(path(robot), SECONDS, settings=settings)
     assert trial.fault is None, (robot, settings, trial.fault)
-    joints = legs(trial, last=STRIDES)
-    return [joint for joint in joints if joint["title"].startswith("left")] or joints
+    return trial
 
 
 def write(robot):
@@ -67,13 +78,18 @@ def write(robot):
     (FOLDER / "images").mkdir(parents=True, exist_ok=True)
     draw_file(path(robot), output=str(FOLDER / "images" / f"{robot}.svg"))
     page = head(robot)
-    if "_stride.svg" in page:
-        with (
-            matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": robot}),
-            open(FOLDER / "images" / f"{robot}_stride.svg", "wb") as file,
-        ):
+    with (
+        matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": robot}),
+        open(FOLDER / "images" / f"{robot}_stride.svg", "wb") as file,
+    ):
+        if robot in SUITS:
+            trial = run(robot, {})
+            names = (f"left/{joint}_{name}.y" for joint in SUITS[robot] for name in ("angle", "torque"))
+            signals = [name for name in names if name in trial.signals]
+            condition_picture.draw_signals(conditions([trial], last=STRIDES), signals, file, "svg")
+        else:
             stride_picture.draw(robot, strides(robot, {}), file, "svg")
-        page += "\n" + work(robot)
+            page += "\n" + work(robot)
     (FOLDER / f"{robot}.md").write_text(page)
 
 
