@@ -1,35 +1,33 @@
 """Hip exoskeleton for flexion and extension: two AK80-9, five inertial sensors, and an insole in each shoe.
 
     python -m runtime diagrams/hip_exo_1dof.py --duration 20
-    python -m runtime diagrams/hip_exo_1dof.py --duration 20 --set assistance=0.5
+    python -m runtime diagrams/hip_exo_1dof.py --duration 20 --set mass=90 --set scale=0.1
 
-The phase of each leg follows from its hip angle and the strikes of its insole.
+A neural network estimates the biological torque of each hip from the motion of both thighs. The actuators add a share
+of it, delayed and smoothed. (Molinaro et al. 2024) Thighs and insoles decide whether the wearer walks.
 """
 
-from blocks.controllers import TorqueProfile
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SIDES, assist, drive, flexion, gait, imu, insole, walk
+from parts import SIDES, assist, drive, gait, hip_assistance, imu, insole, walk
 from parts import wearer as plant  # noqa: F401
 
-# Torque profile (gait phase, N·m): extension in early stance, flexion into swing.
-PROFILE = ((0.04, 0.0), (0.20, -6.0), (0.40, 0.0), (0.52, 0.0), (0.66, 8.0), (0.82, 0.0))
 
-
-def build(assistance=1.0):
-    """Return the robot. assistance : scale of the torque profile, from 0 to 1"""
+def build(mass=70.0, scale=0.15, delay=0.15):
+    """Return the robot. mass : of the wearer, kg; scale, delay : share of the biological torque, and its delay in s"""
     with Diagram("hip_exo_1dof", rate=200) as diagram:
-        pelvis, gaits = imu("pelvis", "133940"), {}
+        imu("pelvis", "133940")
+        thighs, gaits = {}, {}
         for number, side in enumerate(SIDES, 1):
             with subsystem(side):
-                thigh, _ = imu("thigh", f"13394{number}"), imu("shank", f"13395{number}")
-                gaits[side] = gait(*flexion("hip", thigh, pelvis), insole(side).strike)
+                thighs[side], _ = imu("thigh", f"13394{number}"), imu("shank", f"13395{number}")
+                gaits[side] = gait(*thighs[side], insole(side).strike)
         walking = walk(gaits)
+        torques = hip_assistance(thighs, mass, scale, delay)
         for can_id, (side, leg) in enumerate(gaits.items(), 1):
             with subsystem(side):
-                torque = TorqueProfile(PROFILE, scale=assistance, name="profile")(phase=leg.phase, enable=leg.walking)
-                assist(drive(side, "hip", can_id), torque, walking, leg)
+                assist(drive(side, "hip", can_id), torques[side], walking, leg)
         CsvRecorder()
         PlotJuggler()
     return diagram

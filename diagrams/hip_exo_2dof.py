@@ -1,51 +1,52 @@
 """Hip exoskeleton with two degrees of freedom: four AK80-9, eight inertial sensors, and two resistors under each foot.
 
     python -m runtime diagrams/hip_exo_2dof.py --duration 20
-    python -m runtime diagrams/hip_exo_2dof.py --duration 20 --set assistance=0.5
+    python -m runtime diagrams/hip_exo_2dof.py --duration 20 --set mass=90 --set scale=0.1
 
-Flexion is assisted in the direction of motion. In stance the other two actuators support abduction, which keeps the
-pelvis level; they do little work. Heel strikes come from the resistors under heel and forefoot.
+Two neural networks receive the motion of both thighs: one estimates the biological torque of each hip, of which a share
+assists flexion and extension (Molinaro et al. 2024), the other the gait phase, without which no torque acts. While the
+resistors under a foot bear load, the other actuator of that hip supports abduction, which keeps the pelvis level.
 """
 
-from blocks.controllers import TorqueProfile
-from blocks.gait import ContactEvents
+from blocks.gait import ContactEvents, TorqueGate
 from blocks.recorders import CsvRecorder
 from blocks.sensors import ADS1115, FSR
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SEGMENTS, SIDES, assist, drive, flexion, gait, imu, walk
+from parts import SEGMENTS, SIDES, assist, drive, hip_assistance, imu, learned_gait, walk
 from parts import wearer as plant  # noqa: F401
 
-# Torque profiles (gait phase, N·m).
-PROFILES = {
-    "hip": ((0.04, 0.0), (0.20, -6.0), (0.40, 0.0), (0.52, 0.0), (0.66, 8.0), (0.82, 0.0)),
-    "abduction": ((0.02, 0.0), (0.15, 5.0), (0.45, 5.0), (0.58, 0.0)),
-}
 
+def build(mass=70.0, scale=0.15, delay=0.15, support=5.0):
+    """Return the robot.
 
-def build(assistance=1.0):
-    """Return the robot. assistance : scale of all torque profiles, from 0 to 1"""
+    mass : of the wearer, kg
+    scale, delay : share of the biological torque, and its delay in s
+    support : torque in abduction in stance, N·m
+    """
     with Diagram("hip_exo_2dof", rate=200) as diagram:
         imu("trunk", "133910")
-        pelvis = imu("pelvis", "133911")
-        gaits = {side: leg(side, number, pelvis) for number, side in enumerate(SIDES)}
-        walking = walk(gaits)
-        for number, (side, phase) in enumerate(gaits.items()):
+        imu("pelvis", "133911")
+        thighs, stances = {}, {}
+        for number, side in enumerate(SIDES):
             with subsystem(side):
-                for can_id, (joint, points) in enumerate(PROFILES.items(), 1 + 2 * number):
-                    profile = TorqueProfile(points, scale=assistance, name=f"{joint}_profile")
-                    torque = profile(phase=phase.phase, enable=phase.walking)
-                    assist(drive(side, joint, can_id), torque, walking, phase)
+                thighs[side], *_ = (imu(segment, f"1339{2 + number}{place}") for place, segment in enumerate(SEGMENTS))
+                stances[side] = stance(number)
+        gaits = learned_gait(thighs)
+        walking = walk(gaits)
+        torques = hip_assistance(thighs, mass, scale, delay)
+        for number, (side, leg) in enumerate(gaits.items()):
+            with subsystem(side):
+                assist(drive(side, "hip", 1 + 2 * number), torques[side], walking, leg)
+                held = TorqueGate(fade_in=0.1, name="stance_gate")(u=support, enable=stances[side])
+                assist(drive(side, "abduction", 2 + 2 * number), held, walking, leg)
         CsvRecorder()
         PlotJuggler()
     return diagram
 
 
-def leg(side, number, pelvis):
-    """Return the Gait of one leg from its sensors. number : 0 or 1; pelvis : inertial sensor"""
-    with subsystem(side):
-        thigh, _, _ = (imu(segment, f"1339{2 + number}{place}") for place, segment in enumerate(SEGMENTS))
-        converter = ADS1115(channels=("a0", "a1"), address=0x48 + number, bus="feet", name="converter")
-        load = FSR(name="heel")(converter.a0).force + FSR(name="forefoot")(converter.a1).force
-        strike = ContactEvents(smallest=10.0, name="events")(load).strike
-        return gait(*flexion("hip", thigh, pelvis), strike)
+def stance(number):
+    """Return whether a foot bears load, from its two resistors. number : 0 for the left foot, 1 for the right one"""
+    converter = ADS1115(channels=("a0", "a1"), address=0x48 + number, bus="feet", name="converter")
+    load = FSR(name="heel")(converter.a0).force + FSR(name="forefoot")(converter.a1).force
+    return ContactEvents(smallest=10.0, name="events")(load).contact

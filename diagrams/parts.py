@@ -5,20 +5,22 @@ straight stand, with x forward and z down, so that their pitch is the pitch of t
 """
 
 from contextlib import nullcontext
+from math import pi
 from typing import NamedTuple
 
 from blocks.actuators import CubeMars, RobStride
 from blocks.filters import Complementary
-from blocks.gait import ContactEvents, GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
+from blocks.gait import BiologicalTorque, ContactEvents, GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
 from blocks.imus import MicroStrain
-from blocks.limiters import TorqueLimiter
+from blocks.limiters import Saturation, TorqueLimiter
+from blocks.logic import Compare
 from blocks.mathematics import Gain, Sum
 from blocks.models import Limb
 from blocks.networks import OnnxModel
 from blocks.recorders import StrideReport
 from blocks.sensors import ADS1115, NAU7802, Insole
 from blocks.trigonometry import Atan2
-from blocks.vectors import Select
+from blocks.vectors import Norm, Select
 from blocks.wearer import Cuff, SegmentIMU, SoleForce, Walker
 from graph import Actuator, Device, Diagram, Signal, stack, subsystem
 
@@ -60,11 +62,12 @@ def imu(segment, serial):
 def pitch(segment, sensor):
     """Return the pitch of a segment as Motion, from an inertial sensor without an attitude.
 
-    At rest the specific force points up, and the pitch is atan2(x, −z) of it.
+    At rest the specific force points up, and the pitch is atan2(x, −z) of it. It is limited to ±90°.
     """
     rate = Select(1, name=f"{segment}_rate")(sensor.gyro)
     inclination = Atan2(name=f"{segment}_inclination")(sensor.accel[0], -sensor.accel[2])
-    return Motion(Complementary(time_constant=2.0, name=f"{segment}_pitch")(rate, inclination), rate)
+    angle = Complementary(time_constant=2.0, name=f"{segment}_angle")(rate, inclination)
+    return Motion(Saturation(-0.5 * pi, 0.5 * pi, name=f"{segment}_pitch")(angle), rate)
 
 
 def flexion(joint, above, below):
@@ -94,6 +97,45 @@ def leg_torque(joint, knee, thigh, mass):
         knee_angle=knee.angle, knee_velocity=knee.velocity, hip_angle=thigh.angle, hip_velocity=thigh.velocity
     )
     return Gain(mass, unit="kg", name=f"{joint}_torque")(getattr(estimate, f"{joint}_torque"))
+
+
+def estimate(network, thighs):
+    """Return {side: outputs of a network of diagrams/networks}. thighs : {side: Motion}"""
+    outputs = {}
+    for side, other in zip(SIDES, reversed(SIDES)):
+        with subsystem(side):
+            outputs[side] = OnnxModel(f"networks/{network}.onnx", name=network)(
+                hip_angle=thighs[side].angle,
+                hip_velocity=thighs[side].velocity,
+                opposite_hip_angle=thighs[other].angle,
+                opposite_hip_velocity=thighs[other].velocity,
+            )
+    return outputs
+
+
+def learned_gait(thighs):
+    """Return {side: Gait} from the network gait_phase, whose outputs are 0 in standing. thighs : {side: Motion}"""
+    gaits = {}
+    for side, circle in estimate("gait_phase", thighs).items():
+        with subsystem(side):
+            turn = Atan2(name="turn")(-circle.phase_sin, -circle.phase_cos)  # -π at heel strike
+            phase = Sum("++", name="phase")(Gain(0.5 / pi, unit="1/rad", name="share")(turn), 0.5)
+            walking = Compare(">", name="walking")(Norm()(stack(circle.phase_sin, circle.phase_cos)), 0.5)
+            gaits[side] = Gait(phase, walking, thighs[side].velocity)
+    return gaits
+
+
+def hip_assistance(thighs, mass, scale, delay):
+    """Return {side: torque}, the share of the biological torque of the hip that the network hip_torque estimates.
+
+    thighs : {side: Motion}; mass : of the wearer, kg; scale, delay : as of BiologicalTorque
+    """
+    torques = {}
+    for side, hip in estimate("hip_torque", thighs).items():
+        with subsystem(side):
+            moment = Gain(mass, unit="kg", name="biological_torque")(hip.hip_torque)
+            torques[side] = BiologicalTorque(scale, delay, name="assistance")(moment)
+    return torques
 
 
 def walk(gaits):

@@ -2,6 +2,10 @@
 silent.
 """
 
+import os
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,10 +14,13 @@ from blocks.clock import Clock
 from blocks.logic import Compare
 from blocks.wearer import Walker
 from graph import Actuator, Device, Diagram, compile
+from runtime.base.errors import OK
 from runtime.diagrams.file import build_plant, load
 from tests.blocks.running import run
 from tests.diagrams import pages
 from tests.diagrams.robots import CLAIMS, ROBOTS, SUITS, path
+from tests.runtime.emulation.test_emulate import read_until
+from tests.runtime.runs import Files, finished, started
 
 WALKERS = [(50, 1.6), (110, 0.8), (70, 1.2)]  # kg, m/s
 SILENCE_BEGINS = 0.5  # s
@@ -35,8 +42,9 @@ def test_assistance_does_positive_work_in_the_phases_that_it_claims(robot, mass,
     trial = runtime.run(path(robot), 18.0, settings={"mass": mass, "speed": speed, "seed": mass})
     assert trial.fault is None
     steady = trial.time > 10.0
-    for side in [side for side in SIDES if f"{side}/gait_phase.phase" in trial.signals]:
-        phase = trial[f"{side}/gait_phase.phase"][steady]
+    names = [f"{side}/{name}" for side in SIDES for name in ("gait_phase.phase", "phase.y")]
+    for name in [name for name in names if name in trial.signals]:
+        side, phase = name.partition("/")[0], trial[name][steady]
         for joint, intervals in CLAIMS[robot].items():
             power = (trial[f"{side}/{joint}.torque"] * trial[f"{side}/{joint}.velocity"])[steady]
             for begin, end in intervals:
@@ -95,3 +103,46 @@ def test_the_load_cells_of_ankle_exo_measure_the_torque_of_its_drives():
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_page_describes_the_diagram(robot):
     assert (pages.FOLDER / f"{robot}.md").read_text().startswith(pages.head(robot))
+
+
+RIG = """
+[bus.legs]
+interface = "udp_multicast"
+channel = "239.74.163.{group}"
+
+[bus.feet]
+interface = "i2c"
+channel = "unix:{feet}"
+"""
+JOINT = """
+[device."{}"]
+range = [-1.0, 2.5]
+wake_shift = 0.0
+"""
+
+
+@pytest.mark.soak
+def test_eight_sensors_and_two_networks_hold_the_rate_in_real_time():
+    """Against emulated devices in another process, on pseudo-terminals, I2C and CAN frames over UDP."""
+    robot, joints = path("hip_exo_2dof"), [f"{side}/{joint}" for side in SIDES for joint in ("hip", "abduction")]
+    with tempfile.TemporaryDirectory(prefix="tickwork") as name:  # the path of a socket has 107 bytes at most
+        folder = Path(name)
+        rig = folder / "lab.toml"
+        rig.write_text(
+            RIG.format(group=os.getpid() % 250 + 1, feet=folder / "feet") + "".join(map(JOINT.format, joints))
+        )
+        plant = started("emulate", robot, "--rig", rig, "--lines", folder, cwd=folder)
+        try:
+            read_until(plant.stdout, "Ctrl-C ends it")
+            ports = {"TICKWORK_PORTS": str(folder / "tty*")}
+            ended = finished(
+                robot, "--rig", rig, "--yes", "--duration", "30", "--record", "out", cwd=folder, timeout=120, **ports
+            )
+        finally:
+            plant.kill()
+            plant.communicate()
+        assert ended.returncode == OK, ended.stderr
+        trial = runtime.load(Files(folder / "out").one(".mcap"))
+        assert len(trial) > 0.99 * 30.0 * 200.0
+        for joint in joints[::2]:
+            assert (trial[f"{joint}.torque"] * trial[f"{joint}.velocity"])[trial.time > 10.0].mean() > 3.0  # W

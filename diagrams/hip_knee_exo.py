@@ -1,0 +1,45 @@
+"""Hip and knee exoskeleton: four AK80-9, five inertial sensors, and an insole in each shoe.
+
+    python -m runtime diagrams/hip_knee_exo.py --duration 20
+    python -m runtime diagrams/hip_knee_exo.py --duration 20 --set assistance=0.5
+
+A neural network estimates the gait phase of each leg from the motion of both thighs. Torque profiles over the phase
+extend the hip in early stance and flex it into swing, extend the knee in mid-stance and flex it before swing. Torques
+fade when the insoles measure no load, as in a jump or a fall.
+"""
+
+from blocks.controllers import TorqueProfile
+from blocks.logic import And, Or
+from blocks.recorders import CsvRecorder
+from blocks.sinks import PlotJuggler
+from graph import Diagram, subsystem
+from parts import SIDES, assist, drive, imu, insole, learned_gait, walk
+from parts import wearer as plant  # noqa: F401
+
+# Torque profiles (gait phase, N·m).
+PROFILES = {
+    "hip": ((0.06, 0.0), (0.20, -7.0), (0.38, 0.0), (0.58, 0.0), (0.68, 6.0), (0.80, 0.0)),
+    "knee": ((0.16, 0.0), (0.24, -8.0), (0.34, 0.0), (0.48, 0.0), (0.60, 6.0), (0.70, 0.0)),
+}
+
+
+def build(assistance=1.0):
+    """Return the robot. assistance : scale of all torque profiles, from 0 to 1"""
+    with Diagram("hip_knee_exo", rate=200) as diagram:
+        imu("pelvis", "133980")
+        thighs, contacts = {}, []
+        for number, side in enumerate(SIDES, 1):
+            with subsystem(side):
+                thighs[side], _ = imu("thigh", f"13398{number}"), imu("shank", f"13399{number}")
+                contacts.append(insole(side).contact)
+        gaits = learned_gait(thighs)
+        walking = And()(walk(gaits), Or()(*contacts))
+        for number, (side, leg) in enumerate(gaits.items()):
+            with subsystem(side):
+                for can_id, (joint, points) in enumerate(PROFILES.items(), 1 + 2 * number):
+                    profile = TorqueProfile(points, scale=assistance, name=f"{joint}_profile")
+                    torque = profile(phase=leg.phase, enable=leg.walking)
+                    assist(drive(side, joint, can_id), torque, walking, leg, slew=200.0)
+        CsvRecorder()
+        PlotJuggler()
+    return diagram
