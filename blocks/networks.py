@@ -7,13 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from blocks._plumbing.network_ports import Description, describe, tensors
-from cext.kernels.networks import inference as kernels
-from cext.kernels.networks.model import PROVIDERS, Model
+from cext.kernels.networks.inference import tick
+from cext.kernels.networks.model import FAILED, IN_USE, NO_THREAD, PROVIDERS, STALE, Model
+from cext.kernels.networks.worker import Owner, Worker, delayed
 from graph import Block, Input, Interval, Memory, Output, Param
 
 LAYOUTS = ("channels, time", "time, channels")
 RATE_TOLERANCE = 1e-6  # relative difference of two equal rates
 FLOATS_PER_DOUBLE = 2
+BACKLOG = 1.0  # s of samples that wait for a streaming network in a worker before it begins again
 
 
 class OnnxModel(Block):
@@ -27,6 +29,11 @@ class OnnxModel(Block):
     further inputs is a streaming one: it receives one sample, and its output NAME_next is the next value of its input
     NAME, which is 0 at the start. Until the network has received enough samples, its outputs have the value nearest to
     0 in their range, and `valid` is false. Requires ONNX Runtime: `pip install 'tickwork[networks]'`.
+
+    With `run="tick"` the inference is part of the tick. With `run="worker"` it runs in a native thread, and the results
+    of the samples of a tick are the outputs `latency` later, in virtual time and in real time. A result that is not
+    ready then never delays the tick: the last outputs hold, and `overruns` counts the tick. Outputs older than `stale`
+    fade to the value nearest to 0 within as long again, or are a fault.
     """
 
     file = Param(
@@ -50,9 +57,31 @@ class OnnxModel(Block):
         kernel=False,
     )
     layout = Param(LAYOUTS[0], "1", "order of the dimensions of the window", choices=LAYOUTS)
+    run = Param("tick", "1", "where the inference runs: in the tick, or in a worker thread", choices=("tick", "worker"))
+    inference_time = Param(
+        0.02,
+        "s",
+        "time that an inference in the tick may take before the watchdog of a rig regards the tick as hung",
+        min=0.0,
+        max=0.5,
+        fixed=True,
+        kernel=False,
+    )
+    latency = Param(
+        0.0,
+        "s",
+        "delay of the results of a worker, rounded up to ticks of the block",
+        min=0.0,
+        fixed=True,
+        kernel=False,
+    )
+    stale = Param(0.1, "s", "age of the outputs of a worker from which on they are stale", above=0.0, fixed=True)
+    when_stale = Param(
+        "fade", "1", "stale outputs fade to the value nearest to 0, or are a fault", choices=("fade", "fault")
+    )
     provider = Param("cpu", "1", "execution provider of ONNX Runtime", choices=tuple(PROVIDERS))
 
-    valid = Output("1", "true once the network has received enough samples", dtype=bool)
+    valid = Output("1", "true if the outputs are of enough samples and not stale", dtype=bool)
     age = Output("s", "time since the newest sample that the outputs are computed from")
     overruns = Output("1", "number of results that were not ready in time", dtype=int)
     model = Memory(0.0, "address of the loaded model")
@@ -62,20 +91,70 @@ class OnnxModel(Block):
     operands = Memory(0.0, "samples and states, in single precision")
     computed = Memory(0.0, "results and next states, in single precision")
     count = Memory(0.0, "samples received")
+    ring = Memory(0.0, "address of the jobs of the worker")
+    delay = Memory(0.0, "latency in ticks")
+    stale_is_fault = Memory(0.0, "1 if stale outputs are a fault")
 
-    kernel = kernels.tick
+    kernel = tick
 
     def configure(self) -> None:
         self.file = str(self.path_of_file())
         try:
-            loaded = Model(Path(self.file).read_bytes(), self.provider)
+            self.loaded = loaded = Model(Path(self.file).read_bytes(), self.provider)
             self.description = describe(loaded.metadata, self.channels, self.results, reserved=_RESERVED_NAMES)
             inputs, outputs, samples = tensors(loaded, self.description, self.layout == LAYOUTS[1])
         except ValueError as error:
             raise ValueError(f"{self.file}: {error}") from None
         loaded.arrange(inputs, outputs, len(outputs) - len(inputs) + 1)
-        self.place(loaded, samples, streaming=len(inputs) > 1)
+        self.streaming = len(inputs) > 1
+        self.place(loaded, samples)
         self.set_rate()
+        if self.run == "tick" and self.latency:
+            raise ValueError('latency: an inference in the tick has none: pass run="worker", or omit it')
+        if self.run == "worker" and not self.latency:
+            raise ValueError('latency: run="worker" needs the delay of its results, as in latency=0.02')
+        self.allowance = self.inference_time if self.run == "tick" else 0.0
+        self.kernel, self.worker = tick.owned(loaded), None
+
+    def prepare(self, dt: float) -> None:
+        """Create the jobs of a worker for its latency. Raises ValueError for outputs that are always stale."""
+        if self.run == "tick":
+            self.loaded.warm_up()
+            return
+        steps = max(1, math.ceil(self.latency / dt - RATE_TOLERANCE))
+        if self.stale < (steps + 1) * dt - RATE_TOLERANCE:
+            raise ValueError(
+                f"stale: {self.stale:g} s is shorter than the latency and one step of the block, {(steps + 1) * dt:g} "
+                "s, so the outputs would always be stale"
+            )
+        backlog = math.ceil(BACKLOG / dt) if self.streaming else 1
+        self.worker = Worker(self.loaded, steps + backlog)
+        self.kernel = delayed.owned(Owner(self.worker))
+        self.ring, self.delay = self.worker.address, float(steps * self.every)
+        self.stale_is_fault = float(self.when_stale == "fault")
+
+    def fault_text(self, status: int) -> str:
+        """Return the text of a status of the kernels."""
+        return {
+            FAILED: f"the inference failed: {self.loaded.error}",
+            STALE: f"its outputs are older than {self.stale:g} s",
+            IN_USE: "two programs use its worker at the same time",
+            NO_THREAD: "the thread of its worker cannot be started",
+        }.get(status, "")
+
+    def run_summary(self) -> str:
+        """Return the durations of the inferences, and the number of late results."""
+        times = self.inference_times
+        if not times["count"]:
+            return f"{self.path}: no inference"
+        median, high, longest = (f"{1e3 * times[key]:.3g} ms" for key in ("p50", "p99", "max"))
+        late = f"; {self.worker.late} results late" if self.worker else ""
+        return f"{self.path}: {times['count']} inferences, {median} median, {high} p99, {longest} max{late}"
+
+    @property
+    def inference_times(self) -> dict[str, float]:
+        """Percentiles of the durations of inferences since the start of the run, in s."""
+        return self.loaded.times
 
     def path_of_file(self) -> Path:
         """Return the path of the ONNX file. Raises ValueError if there is none."""
@@ -85,7 +164,7 @@ class OnnxModel(Block):
                 return path
         raise ValueError(f"file: there is no {self.file} in {folder or '.'} or in the working folder")
 
-    def place(self, loaded: Any, samples: int, *, streaming: bool) -> None:
+    def place(self, loaded: Any, samples: int) -> None:
         """Set the ports and the memory of a loaded Model. samples : of the window"""
         declared: Description = self.description
         self.inputs = {
@@ -97,8 +176,7 @@ class OnnxModel(Block):
             for each in declared.results
         } | type(self).outputs
         operands, results = loaded.sizes
-        needed = declared.receptive_field if streaming else samples
-        self.kernel = kernels.tick.owned(loaded)
+        needed = declared.receptive_field if self.streaming else samples
         self.model = loaded.address
         self.plan = (float(samples), float(self.layout == LAYOUTS[1]), float(needed))
         self.channel_scales = [x for each in declared.channels for x in (each.mean, each.std)]

@@ -30,6 +30,7 @@ cdef enum: # slots at the start of every arena, written by the executor
     WAKE = 4                # s, actual begin of the tick
     LATENESS = 5            # s, WAKE - TIME
     AUTHORITY = 6           # 0 to 1, permitted share of every command: increases after arming
+    REAL_TIME = 7           # 1 if ticks keep real time; 0 in virtual time, where a kernel may wait for its own thread
     CLOCK_SLOTS = 8
 
 cdef enum: # return values of a kernel; encode_t returns these negated, or a number of frames

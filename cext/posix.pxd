@@ -113,6 +113,7 @@ cdef extern from "<sched.h>" nogil:
     void CPU_ZERO(cpu_set_t *processors)
     void CPU_SET(int number, cpu_set_t *processors)
     int CPU_COUNT(cpu_set_t *processors)
+    int sched_getaffinity(int pid, size_t size, cpu_set_t *processors)
     int sched_setaffinity(int pid, size_t size, const cpu_set_t *processors)
 
 cdef extern from "<sys/prctl.h>" nogil:

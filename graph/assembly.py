@@ -224,6 +224,7 @@ class Assembly:
             items={block.path: items for block, items in self.items.items()},
             live=self.live_parameters(),
             proofs=facts.proofs,
+            allowance=sum(block.allowance for block in self.blocks),
             holds=facts.holds,
             loads=facts.loads,
             warnings=[diagnostic for diagnostic in facts.diagnostics if diagnostic.severity == "warning"],

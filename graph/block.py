@@ -62,6 +62,7 @@ class Block:
     models_heat: bool = False  # estimates the temperature of an actuator that does not report it
     always: bool = False  # must run in every tick: in no slower subsystem, and in none that may be disabled
     abstract: bool = False  # a base class, in no list of blocks; not inherited
+    allowance: float = 0.0  # s that its step may take in addition to the limit of the watchdog for a tick
     output_slew: Any = None  # fastest change of its output per second, where the block bounds it
     jit: bool = False  # compile the step to a kernel, where Numba is installed
     compiled: bool = False  # the step has been compiled to a kernel
@@ -211,6 +212,14 @@ class Block:
         Inputs that are not yet known are 0. Default: `output_range`.
         """
         return self.output_range(**inputs)
+
+    def fault_text(self, status: int) -> str:
+        """Return what a status of the block's own kernel reports, or "". status : from cext.abi.FIRST_OWN_STATUS on"""
+        return ""
+
+    def run_summary(self) -> str:
+        """Return figures of the finished run for its summary, or ""."""
+        return ""
 
     def output_units(self, *_: Any, **inputs: Any) -> dict[str, str]:
         """Return units of outputs, by name, that differ from the one unit that all "any" ports share.

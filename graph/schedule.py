@@ -199,6 +199,7 @@ class Schedule:
     live: list = field(default_factory=list)  # LiveParameter, by path
     proofs: list = field(default_factory=list)
     loads: list = field(default_factory=list)  # graph.budget.BusLoad, one a bus
+    allowance: float = 0.0  # s that a tick may take beyond the limit of the watchdog, summed over the blocks
     holds: list = field(default_factory=list)  # (source, its every, input, its every) where rates meet
     warnings: list = field(default_factory=list)
 

@@ -12,6 +12,7 @@ cdef class Tick:
     cdef DeadlineClock pace
     cdef Handover *handover              # of the watchdog, NULL without one
     cdef int substeps
+    cdef bint real_time
     cdef int64_t plant_tick
     cdef int64_t plant_due       # ns from the begin of the run to the next step of the plant
     cdef readonly Stopwatch watch        # of the robot

@@ -3,7 +3,7 @@
 
 from libc.stdlib cimport calloc, free
 
-from cext.abi cimport DT, HUNG, LATENESS, OK, PERIOD, TICK, TIME, WAKE
+from cext.abi cimport DT, HUNG, LATENESS, OK, PERIOD, REAL_TIME, TICK, TIME, WAKE
 from cext.clock.histogram cimport add
 from cext.schedule.live cimport apply_changes
 from cext.clock.deadline_clock cimport clock, monotonic
@@ -16,17 +16,18 @@ cdef class Tick:
     """Programs of a tick, in order.
 
     plant : Program or None, run `substeps` times at the end of the tick
-    stamped : whether the parts of a tick are timed
+    real_time : whether ticks keep real time; their parts are then timed
     profile : whether every step is timed
     """
 
     def __init__(self, Program control, Program plant, int substeps, DeadlineClock pace, Publisher journal,
-            bint stamped, bint profile):
+            bint real_time, bint profile):
         if substeps < 1:
             raise ValueError("the plant's rate must be an integer multiple of the diagram's")
         self.control, self.plant, self.substeps, self.pace, self.journal = control, plant, substeps, pace, journal
+        self.real_time = real_time
         self.watch = Stopwatch(control.schedule, profile)
-        control.stamp(self.watch if stamped or profile else None)
+        control.stamp(self.watch if real_time or profile else None)
         if journal.layout != NULL:
             self.watch.laps.waits = &journal.layout.gil
         if plant is not None:
@@ -35,8 +36,10 @@ cdef class Tick:
 
     cdef void reset(self):
         self.control.reset()
+        self.control.arena[REAL_TIME] = self.real_time
         if self.plant is not None:
             self.plant.reset()
+            self.plant.arena[REAL_TIME] = self.real_time
             if self.plant_watch is not None:
                 self.plant_watch.reset()
         self.watch.reset()

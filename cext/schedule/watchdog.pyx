@@ -3,7 +3,7 @@
 
     watch     measure the work of the present tick. The sleep between ticks does not count, so a late wake-up is not a
               hang
-    fence     raise it when a tick has worked for max(3 periods, 15 ms)
+    fence     raise it when a tick has worked for max(3 periods, 15 ms) and the `allowance` of its blocks
     stop      send the frames of the safe stop to every device, every 5 ms, for 200 ms or until the loop returns
     break     send a signal that ends a system call of a Python step and becomes a KeyboardInterrupt there
     exit      if the step cannot be interrupted, wait with the motors stopped until the operator ends the run, then exit
@@ -67,6 +67,7 @@ cdef class Watchdog:
         self.program, self.journal, self.caught = program, journal, signals.caught
         self.limit = max(HANG_PERIODS * period, HANG_MINIMUM)
         self.start_allowance = max(LOOP_STALL_PERIODS * period, LOOP_STALL_MINIMUM) - self.limit
+        self.limit += round(program.schedule.allowance * 1e9)
         self.handover = &self.shared if wanted else NULL
 
     cdef int start(self) except -1:

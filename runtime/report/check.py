@@ -112,6 +112,10 @@ def _schedule(report: Mapping[str, Any], console: Console) -> list[str]:
         if phase == "output" and plan["devices"]:
             lines += console.hang("  command  ", ", ".join(plan["devices"]))
     lines.append(f"  record   {count(plan['recorded'], 'number')} per tick")
+    if plan["allowance"]:
+        lines += console.hang(
+            "  watchdog ", f"allows a tick {plan['allowance'] * 1e3:g} ms beyond its limit, as its blocks declare"
+        )
     return [line.rstrip() for line in lines]
 
 

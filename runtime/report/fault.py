@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from runtime.rig import RigBuses
 
 
+KERNEL_STATUS = "kernel status"  # begin of the name of a status that is the block's own
+
+
 def explain(result: RunResult) -> list[str]:
     """Return the lines that explain the fault of a run."""
     outcome = result.outcome
@@ -88,8 +91,15 @@ def what(result: RunResult, block: Block | None, program: Program) -> str:
             "unclear pose": unclear(result),
         }.get(outcome.status)
         or drive_faults.text(outcome.status, block, program)
+        or kernel_fault(outcome.status, block)
         or f"ended with status {outcome.status!r}"
     )
+
+
+def kernel_fault(status: str, block: Block | None) -> str:
+    """Return the block's own text for a status of its kernel, or ""."""
+    words, _, number = status.rpartition(" ")
+    return block.fault_text(int(number)) if block is not None and words == KERNEL_STATUS else ""
 
 
 def unclear(result: RunResult) -> str:

@@ -48,6 +48,7 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            while, gil (index of the section that holds the
                            GIL, or null)
     gil_sections           number of times a tick takes the GIL
+    allowance              s that a tick may take beyond the limit of the watchdog, declared by its blocks
   holds                    rate transitions: source, source_every, target,
                            target_every (ticks)
   proofs                   command, unit, low, high, limit_low, limit_high,
@@ -183,6 +184,7 @@ def _describe_schedule(schedule: Schedule) -> dict[str, Any]:
         "output": describe_steps(schedule, schedule.output, names, sections),
         "update": describe_steps(schedule, schedule.update, names, sections),
         "gil_sections": schedule.gil_sections,
+        "allowance": schedule.allowance,
     }
 
 

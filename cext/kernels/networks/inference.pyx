@@ -4,13 +4,10 @@
 from libc.stdint cimport uintptr_t
 from libc.string cimport memset
 
-from cext.abi cimport FIRST_OWN_STATUS, ITEMS, OK, export, items, kernel_t
+from cext.abi cimport ITEMS, OK, export, items, kernel_t
 from cext.clock.histogram cimport Histogram
-from cext.kernels.networks.model cimport Inference, infer
+from cext.kernels.networks.model cimport FAILED, Inference, infer
 from cext.kernels.networks.samples cimport NEEDED, Network, put_out, take_sample
-
-cdef enum:
-    INFERENCE_FAILED = FIRST_OWN_STATUS
 
 NETWORK = items(
     (<Network *>ITEMS)[0],
@@ -25,7 +22,7 @@ cdef int tick_kernel(double *arena, const Network *at, const Network *sizes) noe
         memset(&model.times, 0, sizeof(Histogram))
     take_sample(arena, at, operands)
     if infer(model, operands, results) != 0:
-        return INFERENCE_FAILED
+        return FAILED
     arena[at.count] += 1.0
     arena[at.valid] = arena[at.count] >= arena[at.plan + NEEDED]
     put_out(arena, at, results, arena[at.valid])

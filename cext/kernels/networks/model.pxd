@@ -8,6 +8,12 @@ cdef enum:
     TENSOR_LIMIT = 64               # inputs, and outputs
     ERROR_BYTES = 400
 
+cpdef enum: # statuses of the kernels, from FIRST_OWN_STATUS on
+    FAILED = 64                     # the inference
+    STALE = 65
+    IN_USE = 66                     # by another program at the same time
+    NO_THREAD = 67
+
 cdef struct Tensor:
     const char *name
     int64_t shape[RANK_LIMIT]

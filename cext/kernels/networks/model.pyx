@@ -6,6 +6,7 @@ ONNX Runtime is the library in its wheel, which exports OrtGetApiBase. A session
 
 import ctypes
 import importlib.util
+from array import array
 from pathlib import Path
 
 from libc.stdint cimport int64_t, uintptr_t
@@ -14,7 +15,7 @@ from libc.string cimport memcpy, memset, strncpy
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add, summary
 from cext.kernels.networks.ort cimport (
-    API_VERSION, ARENA_ALLOCATOR, DEFAULT_MEMORY, FLOAT, TENSOR, WARNINGS_OFF, Api, ApiBase,
+    API_VERSION, ARENA_ALLOCATOR, DEFAULT_MEMORY, FLOAT, LOG_LEVEL, TENSOR, Api, ApiBase,
 )
 
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider", "tensorrt": "TensorrtExecutionProvider"}
@@ -45,7 +46,7 @@ cdef const Api *api_of_library() except NULL:
     api = base.GetApi(API_VERSION)
     if api == NULL:
         raise ValueError(f"ONNX Runtime {loaded_version} is too old: {EXTRA}")
-    check(api, api.CreateEnv(WARNINGS_OFF, b"tickwork", &environment))
+    check(api, api.CreateEnv(LOG_LEVEL, b"tickwork", &environment))
     loaded = api
     return loaded
 
@@ -136,7 +137,7 @@ cdef class Model:
         try:
             check(api, api.SetIntraOpNumThreads(options, 1))
             check(api, api.SetInterOpNumThreads(options, 1))
-            check(api, api.SetSessionLogSeverityLevel(options, WARNINGS_OFF))
+            check(api, api.SetSessionLogSeverityLevel(options, LOG_LEVEL))
             check(api, api.AddSessionConfigEntry(options, b"session.intra_op.allow_spinning", b"0"))
             check(api, api.AddSessionConfigEntry(options, b"session.inter_op.allow_spinning", b"0"))
             append_provider(api, options, provider)
@@ -263,6 +264,14 @@ cdef class Model:
     def error(self) -> str:
         """Text of the last inference that failed, or ""."""
         return self.inference.error.decode(errors="replace")
+
+    def warm_up(self) -> None:
+        """Run one inference of zeros, so that the first one of a run does not allocate. A failure is ignored."""
+        inputs, outputs = (array("f", bytes(4 * size)) for size in self.sizes)
+        try:
+            self.run(inputs, outputs)
+        except ValueError:
+            self.inference.error[0] = 0
 
     def run(self, float[::1] inputs, float[::1] outputs) -> None:
         """Run one inference on buffers of `sizes`. Raises ValueError if it fails."""

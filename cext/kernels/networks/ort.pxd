@@ -9,7 +9,7 @@ cdef enum:
     API_VERSION = 13
     FLOAT = 1                       # ONNX_TENSOR_ELEMENT_DATA_TYPE_FLOAT
     TENSOR = 1                      # ONNX_TYPE_TENSOR
-    WARNINGS_OFF = 3                # ORT_LOGGING_LEVEL_ERROR
+    LOG_LEVEL = 4                   # ORT_LOGGING_LEVEL_FATAL: errors are returned
     ARENA_ALLOCATOR = 1             # OrtArenaAllocator
     DEFAULT_MEMORY = 0              # OrtMemTypeDefault
 

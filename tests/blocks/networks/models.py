@@ -85,6 +85,53 @@ def convolution_window(path, *, seed=0, metadata=METADATA):
     return save(path, nodes, {"x": (1, 3, 2 * TAPS - 1)}, {"y": (1, 2)}, convolutions(seed), metadata)
 
 
+def slow(path, rounds, *, seed=0, metadata=METADATA):
+    """A model of one sample whose inference takes long: a loop of 100 x 100 products."""
+    random = np.random.default_rng(seed)
+    square = random.normal(size=(100, 100), scale=0.1).astype(np.float32)
+    value = helper.make_tensor_value_info
+    body = helper.make_graph(
+        [
+            helper.make_node("MatMul", ["h_in", "square"], ["product"]),
+            helper.make_node("Tanh", ["product"], ["h_out"]),
+            helper.make_node("Identity", ["go"], ["go_out"]),
+        ],
+        "body",
+        [value("k", TensorProto.INT64, []), value("go", TensorProto.BOOL, []), value("h_in", TensorProto.FLOAT, None)],
+        [value("go_out", TensorProto.BOOL, []), value("h_out", TensorProto.FLOAT, None)],
+    )
+    nodes = [
+        helper.make_node("MatMul", ["x", "spread"], ["row"]),
+        helper.make_node("Add", ["row", "square"], ["h"]),
+        helper.make_node("Loop", ["rounds", "", "h"], ["last"], body=body),
+        helper.make_node("ReduceMean", ["last"], ["mean"], axes=[0], keepdims=1),
+        helper.make_node("MatMul", ["mean", "gather"], ["part"]),
+        helper.make_node("MatMul", ["x", "through"], ["direct"]),
+        helper.make_node("Add", ["part", "direct"], ["y"]),
+    ]
+    constants = {
+        "spread": random.normal(size=(3, 100)).astype(np.float32),
+        "square": square,
+        "rounds": np.array(rounds, np.int64),
+        "gather": random.normal(size=(100, 2), scale=0.01).astype(np.float32),
+        "through": random.normal(size=(3, 2), scale=0.1).astype(np.float32),
+    }
+    return save(path, nodes, {"x": (1, 3)}, {"y": (1, 2)}, constants, metadata)
+
+
+def failing(path, metadata=METADATA):
+    """A model whose inference fails once the first channel is above 1: an index outside its table."""
+    nodes = [
+        helper.make_node("Slice", ["x", "zero", "one", "axis"], ["first"]),
+        helper.make_node("Cast", ["first"], ["index"], to=TensorProto.INT64),
+        helper.make_node("Gather", ["table", "index"], ["found"], axis=0),
+        helper.make_node("Reshape", ["found", "shape"], ["y"]),
+    ]
+    constants = {name: np.array([value], np.int64) for name, value in (("zero", 0), ("one", 1), ("axis", 1))}
+    constants |= {"table": np.zeros((2, 2), np.float32), "shape": np.array([1, 2], np.int64)}
+    return save(path, nodes, {"x": (1, 3)}, {"y": (1, 2)}, constants, metadata)
+
+
 def convolutions(seed):
     """Weights of both forms of the convolutional network."""
     random = np.random.default_rng(seed)

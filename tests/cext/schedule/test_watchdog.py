@@ -246,6 +246,26 @@ def test_a_tick_of_two_periods_is_late_but_not_a_hang():
     assert outcome.status == "ok" and rig.statistics()["missed"] >= 2 and not rig.page.hung
 
 
+class Patient(Then):
+    """A block that declares how long its step may take."""
+
+    allowance = 0.04
+
+
+def test_a_tick_within_the_allowance_of_its_blocks_is_not_a_hang():
+    rig = calls(lambda: busy(0.03), Patient)
+    assert rig.run(60).status == "ok" and not rig.page.hung
+
+
+def test_a_tick_beyond_the_allowance_of_its_blocks_is_a_hang():
+    rig = robot(
+        lambda side, knee: Patient(forever if side == "left" else time.monotonic, name=f"{side}_law")(knee.position)
+    )
+    outcome = rig.run(60)
+    assert (outcome.status, outcome.culprit) == ("hung", "left_law")
+    assert outcome.hung >= LIMIT + 2 * Patient.allowance
+
+
 @pytest.mark.parametrize("options", [{"virtual": True}, {"guard": 0.0}])
 def test_watchdog_is_inactive_without_rig(options):
     rig = robot(lambda side, knee: Then(lambda: busy(0.06), name=f"{side}_law")(knee.position), **options)
