@@ -18,7 +18,7 @@ from blocks.sensors import NAU7802
 from blocks.sinks import PlotJuggler
 from graph import Diagram, Live, stack, subsystem
 from parts import CUFF_LEVER, SIDES, assist, drive, flexion, imu, insole, learned_gait, leg_torque, walk
-from parts import wearer as plant  # noqa: F401
+from wearer import wearer as plant  # noqa: F401
 
 LIMITS = {"AK80-9": 8.0, "CyberGear": 4.0}  # N·m
 

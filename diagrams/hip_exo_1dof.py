@@ -11,7 +11,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
 from parts import SIDES, assist, drive, gait, hip_assistance, imu, insole, walk
-from parts import wearer as plant  # noqa: F401
+from wearer import wearer as plant  # noqa: F401
 
 
 def build(mass=70.0, scale=0.15, delay=0.15):
@@ -22,7 +22,7 @@ def build(mass=70.0, scale=0.15, delay=0.15):
         for number, side in enumerate(SIDES, 1):
             with subsystem(side):
                 thighs[side], _ = imu("thigh", f"13394{number}"), imu("shank", f"13395{number}")
-                gaits[side] = gait(*thighs[side], insole(side).strike)
+                gaits[side] = gait(thighs[side].angle, thighs[side].velocity, insole(side).strike)
         walking = walk(gaits)
         torques = hip_assistance(thighs, mass, scale, delay)
         for can_id, (side, leg) in enumerate(gaits.items(), 1):

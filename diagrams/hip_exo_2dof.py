@@ -14,7 +14,7 @@ from blocks.sensors import ADS1115, FSR
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
 from parts import SEGMENTS, SIDES, assist, drive, hip_assistance, imu, learned_gait, walk
-from parts import wearer as plant  # noqa: F401
+from wearer import wearer as plant  # noqa: F401
 
 
 def build(mass=70.0, scale=0.15, delay=0.15, support=5.0):

@@ -13,7 +13,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
 from parts import SIDES, assist, drive, gait, walk
-from parts import wearer as plant  # noqa: F401
+from wearer import wearer as plant  # noqa: F401
 
 # Torque profile (gait phase, N·m): extension in early stance, flexion into swing.
 PROFILE = ((0.04, 0.0), (0.20, -6.0), (0.40, 0.0), (0.52, 0.0), (0.66, 8.0), (0.82, 0.0))

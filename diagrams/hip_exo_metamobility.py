@@ -14,7 +14,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
 from parts import SIDES, Motion, assist, drive, hip_assistance, learned_gait, pitch, walk
-from parts import wearer as plant  # noqa: F401
+from wearer import wearer as plant  # noqa: F401
 
 
 def build(mass=70.0, scale=0.15, delay=0.15):

@@ -15,7 +15,7 @@ from blocks.sensors import Microcontroller
 from blocks.sinks import PlotJuggler
 from graph import Diagram, Live, subsystem
 from parts import SIDES, assist, drive, gait, pitch, walk
-from parts import wearer as plant  # noqa: F401
+from wearer import wearer as plant  # noqa: F401
 
 FIELDS = (
     ("t", "uint32", "s", 1e-6),

@@ -14,7 +14,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
 from parts import SIDES, assist, drive, imu, insole, learned_gait, walk
-from parts import wearer as plant  # noqa: F401
+from wearer import wearer as plant  # noqa: F401
 
 # Torque profiles (gait phase, N·m).
 PROFILES = {

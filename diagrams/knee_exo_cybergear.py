@@ -16,7 +16,7 @@ from blocks.sensors import ADS1115, FSR
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
 from parts import assist, gait, imu
-from parts import wearer as plant  # noqa: F401
+from wearer import wearer as plant  # noqa: F401
 
 # Torque profile (gait phase, N·m).
 PROFILE = ((0.16, 0.0), (0.24, -4.0), (0.34, 0.0), (0.48, 0.0), (0.60, 4.0), (0.70, 0.0))

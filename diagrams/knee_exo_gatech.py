@@ -16,7 +16,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, Live, subsystem
 from parts import SEGMENTS, SIDES, assist, drive, flexion, gait, imu, insole, leg_torque, walk
-from parts import wearer as plant  # noqa: F401
+from wearer import wearer as plant  # noqa: F401
 
 # Torques over the gait phase, N·m: largest extension, and flexion.
 EXTENSION = ((0.12, 0.0), (0.20, -12.0), (0.32, -12.0), (0.40, 0.0))

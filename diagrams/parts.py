@@ -1,10 +1,9 @@
-"""Parts that the robots share: gait of both legs, assisted joints, and the wearer of all their devices.
+"""Parts that the robots share: sensors and gait of both legs, neural networks, assisted joints.
 
 Angles are flexion of the joint, or of the thigh from upright; positive torque flexes. Inertial sensors are upright in a
 straight stand, with x forward and z down, so that their pitch is the pitch of the segment.
 """
 
-from contextlib import nullcontext
 from math import pi
 from typing import NamedTuple
 
@@ -15,27 +14,16 @@ from blocks.imus import MicroStrain
 from blocks.limiters import Saturation, TorqueLimiter
 from blocks.logic import Compare
 from blocks.mathematics import Gain, Sum
-from blocks.models import Limb
 from blocks.networks import OnnxModel
 from blocks.recorders import StrideReport
-from blocks.sensors import ADS1115, NAU7802, Insole
+from blocks.sensors import Insole
 from blocks.trigonometry import Atan2
 from blocks.vectors import Norm, Select
-from blocks.wearer import Cuff, SegmentIMU, SoleForce, Walker
-from graph import Actuator, Device, Diagram, Signal, stack, subsystem
+from graph import Signal, stack, subsystem
 
 SIDES = ("left", "right")
 SEGMENTS = ("thigh", "shank", "foot")
-# Places of sensors: distance along the segment and in front of it in m. Pelvis and trunk are one rigid segment.
-PLACES = {
-    "pelvis": (-0.08, -0.1),
-    "trunk": (-0.4, -0.1),
-    "thigh": (0.2, 0.08),
-    "shank": (0.2, 0.05),
-    "foot": (0.03, 0.08),
-}
 CUFF_LEVER = 0.3  # m, distance of a cuff with a load cell from its joint
-RESISTOR_SHARE = 0.1  # of the load under heel or forefoot that a force-sensitive resistor bears
 
 
 class Motion(NamedTuple):
@@ -158,66 +146,3 @@ def assist(drive, torque, walking, leg, limit=8.0, slew=100.0):
     StrideReport(title=drive.path.replace("/", " "), positive="flexion", name=f"{name}_report")(
         phase=leg.phase, walking=walking, angle=drive.position, velocity=drive.velocity, torque=drive.torque
     )
-
-
-def wearer(robot, speed="1.2", mass=70.0, height=1.7, seed=0):
-    """Return the plant: an average adult who wears every device of the robot at the place that its path names.
-
-    left/hip is the actuator of the left hip, left/hip_cell the load cell of its cuff, right/shank_imu an inertial
-    sensor on the right shank, pelvis_imu one on the pelvis, left/insole an insole. A converter in left has the voltages
-    of the resistors left/heel and, if it has a second channel, left/forefoot.
-
-    speed : m/s, 1.5 s after the first step, or as in "0:0 2:1.2 20:1.2"; mass : kg; height : m
-    """
-    with Diagram("wearer", rate=5 * robot.rate) as plant:
-        adult = Walker(speed if ":" in str(speed) else f"0:0 0.5:0 2:{speed}", mass=mass, height=height, seed=seed)
-        motion = adult()._asdict()
-        cells = {block.path: block for block in robot if isinstance(block, NAU7802)}
-        for device in (block for block in robot if isinstance(block, Device)):
-            side, _, name = device.path.rpartition("/")
-            with subsystem(side) if side else nullcontext():
-                body = {key.removeprefix(f"{side}_"): signal for key, signal in motion.items()}
-                if isinstance(device, Actuator) and name == "abduction":
-                    emulated = device.emulator(name=name)
-                    frontal = Limb(inertia=2.0, name="frontal_plane")(torque=emulated.torque)
-                    emulated(position=frontal.position, velocity=frontal.velocity)
-                elif isinstance(device, Actuator):
-                    emulated = device.emulator(name=name)
-                    angle, velocity = body[f"{name}_angle"], body[f"{name}_velocity"]
-                    if cell := cells.get(f"{device.path}_cell"):
-                        cuff = Cuff(lever=CUFF_LEVER, name=f"{name}_cuff")
-                        cuff(angle=angle, velocity=velocity, torque=emulated.torque)
-                        angle, velocity = cuff.position, cuff.speed
-                        cell.emulator(name=f"{name}_cell")(force=cuff.measured)
-                    emulated(position=angle, velocity=velocity)
-                    adult(**{f"{side}_{name}_assistance": emulated.torque})
-                elif name.endswith("_imu"):
-                    emulated = device.emulator(name=name)
-                    measured = inertial(name.removesuffix("_imu"), body)._asdict()
-                    emulated(**{port: signal for port, signal in measured.items() if port in emulated.inputs})
-                elif isinstance(device, Insole):
-                    load = sole(body)
-                    device.emulator(name=name)(force=load.force, centre=stack(load.centre, 0.0))
-                elif isinstance(device, ADS1115):
-                    load = sole(body, gain=RESISTOR_SHARE)
-                    places = zip(device.channels, ("heel", "forefoot"))
-                    device.emulator(name=name)(
-                        **{
-                            channel: robot[f"{side}/{at}"].emulator(name=at)(getattr(load, at))
-                            for channel, at in places
-                        }
-                    )
-    return plant
-
-
-def sole(body, **parameters):
-    """Return the loads under a foot. body : as of `inertial`; parameters : of SoleForce"""
-    loads = SoleForce(name="sole", **parameters)
-    return loads(**{name: body[name] for name in ("ground_force", "centre_of_pressure", "phase")})
-
-
-def inertial(segment, body):
-    """Return what an inertial sensor on a segment measures. body : {name: output of the Walker without the side}"""
-    along, forward = PLACES[segment]
-    motion = body["pelvis_motion" if segment == "trunk" else f"{segment}_motion"]
-    return SegmentIMU(along=along, forward=forward, name=f"{segment}_sensor")(motion)

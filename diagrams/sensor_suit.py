@@ -12,7 +12,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
 from parts import SEGMENTS, SIDES, flexion, gait, imu, insole, leg_torque, walk
-from parts import wearer as plant  # noqa: F401
+from wearer import wearer as plant  # noqa: F401
 
 
 def build(mass=70.0):

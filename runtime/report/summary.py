@@ -66,7 +66,7 @@ def summary(result: RunResult) -> list[str]:
     rows = [f"{schedule.name}: {passed / schedule.rate:g} s at {schedule.rate:g} Hz, {how}"]
 
     def row(label, text):
-        rows.append(f"  {label:<12}{text}")
+        rows.append(f"  {label:<11} {text}")
 
     if schedule.devices and result.rig is None and not result.simulation.given:
         row("plant", "none in the file: every device is emulated, and each actuator drives a free inertia")

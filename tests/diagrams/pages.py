@@ -97,10 +97,9 @@ def index():
     """Return the page that lists all robots."""
     rows = (f"| [{robot}]({robot}.md) | {head(robot).split(chr(10))[2].rstrip('.')} |" for robot in ROBOTS)
     return (
-        "# Robots\n\nAll share [diagrams/parts.py](../../diagrams/parts.py), whose `wearer` plays every device in "
-        "simulation. Pages and pictures\nare written by `python -m tests.diagrams.pages`.\n\n| robot | |\n|---|---|\n"
-        + "\n".join(rows)
-        + "\n"
+        "# Robots\n\nThey share [diagrams/parts.py](../../diagrams/parts.py) and "
+        "[diagrams/wearer.py](../../diagrams/wearer.py), which plays\nevery device in simulation. Pages and "
+        "pictures are written by `python -m tests.diagrams.pages`.\n\n| robot | |\n|---|---|\n" + "\n".join(rows) + "\n"
     )
 
 

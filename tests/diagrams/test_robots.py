@@ -24,6 +24,7 @@ from tests.runtime.runs import Files, finished, started
 
 WALKERS = [(50, 1.6), (110, 0.8), (70, 1.2)]  # kg, m/s
 SILENCE_BEGINS = 0.5  # s
+CODE_OF_TORQUE = 0.05  # N·m, a code of the coarsest drive and more
 SIDES = ("left", "right")
 
 
@@ -38,10 +39,11 @@ def test_robot_is_native_and_proved_without_warning(robot):
 
 @pytest.mark.parametrize("mass, speed", WALKERS)
 @pytest.mark.parametrize("robot", CLAIMS)
-def test_assistance_does_positive_work_in_the_phases_that_it_claims(robot, mass, speed):
-    trial = runtime.run(path(robot), 18.0, settings={"mass": mass, "speed": speed, "seed": mass})
+def test_assistance_does_positive_work_in_the_phases_that_it_claims_and_ends_with_walking(robot, mass, speed):
+    schedule = f"0:0 0.5:0 2:{speed} 16:{speed} 17:0"
+    trial = runtime.run(path(robot), 18.0, settings={"mass": mass, "speed": schedule, "seed": mass})
     assert trial.fault is None
-    steady = trial.time > 10.0
+    steady, standing = (trial.time > 10.0) & (trial.time < 16.0), trial.time > 17.4
     names = [f"{side}/{name}" for side in SIDES for name in ("gait_phase.phase", "phase.y")]
     for name in [name for name in names if name in trial.signals]:
         side, phase = name.partition("/")[0], trial[name][steady]
@@ -50,6 +52,7 @@ def test_assistance_does_positive_work_in_the_phases_that_it_claims(robot, mass,
             for begin, end in intervals:
                 assert power[(phase > begin) & (phase < end)].mean() > 0.5, (side, joint, begin)  # W
             assert power.clip(max=0.0).sum() > -0.1 * power.clip(min=0.0).sum(), (side, joint)
+            assert np.abs(trial[f"{side}/{joint}.torque_sent"][standing]).max() < CODE_OF_TORQUE
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
