@@ -1,14 +1,82 @@
-"""Columns of CSV files written by recorders and spreadsheets: `time [s],left/knee.position [rad]`."""
+"""Columns of CSV files written by recorders and spreadsheets, and of OpenSim's .mot and .sto files."""
 
 from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from textwrap import shorten
 
 import numpy as np
 
 from graph import units
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file: names, units in the header or "", and the text of the rows with their line numbers."""
+
+    file: str
+    names: list[str]
+    units: list[str]
+    rows: list[tuple[int, list[str]]]
+
+    def index(self, *candidates: str) -> int:
+        """Return the index of the first of the candidates that is a column. ValueError"""
+        for candidate in candidates:
+            if candidate in self.names:
+                return self.names.index(candidate)
+        available = shorten(", ".join(self.names), 200, placeholder=" ...") or "none"
+        raise ValueError(f"{self.file} has no column {' or '.join(map(repr, candidates))}; it has {available}")
+
+    def column(self, *candidates: str, empty: float | None = None) -> np.ndarray:
+        """Return the numbers of the first of the candidates that is a column.
+
+        empty : value of an empty cell, which is an error without it. ValueError
+        """
+        index = self.index(*candidates)
+        values = []
+        for line, row in self.rows:
+            try:
+                text = row[index].strip()
+                values.append(float(text) if text or empty is None else empty)
+            except (ValueError, IndexError):
+                raise ValueError(
+                    f"{self.file}, line {line}: column {self.names[index]!r} does not contain a number"
+                ) from None
+        return np.array(values)
+
+    def times(self, name: str = "time") -> np.ndarray:
+        """Return the column of times in s. ValueError"""
+        unit = self.units[self.index(name)]
+        if unit not in ("", "s"):
+            raise ValueError(f"{self.file}: column {name!r} must be in s, got {unit}")
+        return self.column(name)
+
+
+def read_table(file: str) -> Table:
+    """Read a CSV file with a header such as `time [s],left/knee.position [rad]`, or a .mot file behind `endheader`.
+
+    The separator is the one of comma, semicolon and tab that the header has most of, else blanks. OSError or ValueError
+    if the file cannot be read.
+    """
+    try:
+        lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{file} is not a CSV file: {error}") from None
+    start = next((number for number, line in enumerate(lines, 1) if line.strip() == "endheader"), 0)
+    if any(re.fullmatch(r"\s*inDegrees\s*=\s*no\s*", line) for line in lines[:start]):
+        raise ValueError(f"{file} is in radians: write it in degrees")
+    header = lines[start] if start < len(lines) else ""
+    delimiter = max(",;\t", key=header.count)
+    if delimiter in header:
+        rows = csv.reader(lines[start:], delimiter=delimiter)
+    else:
+        rows = (line.split() for line in lines[start:])
+    cells = [(start + number, row) for number, row in enumerate(rows, 1) if any(map(str.strip, row))]
+    names = [split_unit(name) for name in cells[0][1]] if cells else []
+    return Table(file, [name for name, _ in names], [unit for _, unit in names], cells[1:])
 
 
 def read_columns(file: str, time: str, column: str) -> tuple[np.ndarray, np.ndarray, str]:
@@ -16,25 +84,11 @@ def read_columns(file: str, time: str, column: str) -> tuple[np.ndarray, np.ndar
 
     time, column : names of columns. OSError or ValueError if the file cannot be used.
     """
-    with open(file, newline="", encoding="utf-8-sig") as stream:
-        header = stream.readline()
-        delimiter = max(",;\t", key=header.count)
-        names = [split_unit(name) for name in next(csv.reader([header], delimiter=delimiter), [])]
-        columns = [column_index(name, names, file) for name in (time, column)]
-        if names[columns[0]][1] not in ("", "s"):
-            raise ValueError(f"{file}: column {time!r} must be in s, got {names[columns[0]][1]}")
-        samples = []
-        for number, row in enumerate(csv.reader(stream, delimiter=delimiter), start=2):
-            try:
-                samples.append([float(row[index]) for index in columns])
-            except (ValueError, IndexError):
-                raise ValueError(
-                    f"{file}, line {number}: column {time!r} or {column!r} does not contain a number"
-                ) from None
-    times, values = np.array(samples).reshape(-1, 2).T
+    table = read_table(file)
+    times, values = table.times(time), table.column(column)
     if np.any(np.isinf(values)) or not np.any(np.isfinite(values)):
         raise ValueError(f"{file}: column {column!r} must contain finite numbers")
-    return times, values, names[columns[1]][1]
+    return times, values, table.units[table.index(column)]
 
 
 def split_unit(name: str) -> tuple[str, str]:
@@ -44,13 +98,3 @@ def split_unit(name: str) -> tuple[str, str]:
         return (match[1], units.canonical(match[2])) if match and not match[2].isdigit() else (name.strip(), "")
     except ValueError:
         return name.strip(), ""
-
-
-def column_index(name: str, names: Sequence[tuple[str, str]], file: str) -> int:
-    """Return the index of a column. names : (name, unit) of each column. Raises ValueError for an unknown column."""
-    for index, (candidate, _) in enumerate(names):
-        if candidate == name:
-            return index
-    raise ValueError(
-        f"{file} has no column {name!r}; it has {', '.join(candidate for candidate, _ in names) or 'none'}"
-    )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from blocks._plumbing.csv_columns import read_table
 from blocks.wearer import Walker
 from graph import Diagram
 from runtime.analysis.trial import Trial
@@ -74,20 +74,15 @@ def legs(path: Path, names: Mapping[str, str]) -> list[Leg]:
 def of_csv(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, str]]:
     """Return (time, {column: values}, {column: unit}). Names end in their unit: knee_deg, or `knee [deg]`."""
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row]
-        values = np.array([[float(text) if text else math.nan for text in row] for row in rows[1:]])
-    except (OSError, UnicodeDecodeError, csv.Error, ValueError) as error:
+        table = read_table(str(path))
+        columns = {name: table.column(name, empty=math.nan) for name in table.names}
+        time = table.times()
+    except (OSError, ValueError) as error:
         raise BadInput(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
-    header = [name.strip() for name in rows[0]] if rows else []
-    names = [name.split(" [")[0] for name in header]
-    if "time" not in names or values.shape != (len(rows) - 1, len(names)) or len(values) < 100:
-        raise BadInput(f"{path} must have a column `time` in s and at least 100 complete rows")
-    units = {
-        name: "deg" if "deg" in full[len(name) :] or name.endswith("_deg") else "" for name, full in zip(names, header)
-    }
-    columns = {name: values[:, index] for index, name in enumerate(names)}
-    return columns["time"], columns, units
+    if len(time) < 100:
+        raise BadInput(f"{path} must have at least 100 rows, got {len(time)}")
+    units = {name: "deg" if name.endswith("_deg") else unit for name, unit in zip(table.names, table.units)}
+    return time, columns, units
 
 
 def of_recording(path: Path, names: Mapping[str, str]) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, str]]:
