@@ -1,150 +1,283 @@
-"""Recorded walking as the motion of a walking adult."""
+"""Recorded walking as the motion of a walking adult.
+
+Everything that the file has is played: joint angles, pitch of the pelvis, ground forces and joint torques. The rest
+follows from the angles: strides, the path of the hips over the loaded feet, and the torques by inverse dynamics.
+"""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-from pathlib import Path
-from textwrap import shorten
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from blocks.wearer.body import SHANK_LENGTH, THIGH_LENGTH
+from blocks._plumbing.csv_columns import Table, read_table
+from blocks.wearer.body import GRAVITY, SHANK_LENGTH, THIGH_LENGTH
+from blocks.wearer.mechanics import Complex, Real, inverse_dynamics, pitches_of, support
+from blocks.wearer.norms import BODY_HEIGHT
+from blocks.wearer.periodic import closed, end_of, integral, moving_average, smooth
+from blocks.wearer.stride import at_phases, ground
+from blocks.wearer.stride import moments as moments_of
+from blocks.wearer.tables import STANDING_CENTRE, entry_of
 
 # Columns by joint, left with `lt` and `l`, right with `rt` and `r`: of CSV files in degrees, and of OpenSim.
-COLUMNS = {
-    "hip": ("hip_flexion_{0}t_deg", "hip_flexion_{0}"),
-    "knee": ("knee_flexion_{0}t_deg", "knee_angle_{0}"),
-    "ankle": ("ankle_dorsiflexion_{0}t_deg", "ankle_angle_{0}"),
-}
-CONTACTS = ("contact_{0}t", "contact_{0}")
+ANGLES = (
+    ("hip_flexion_{0}t_deg", "hip_flexion_{0}"),
+    ("knee_flexion_{0}t_deg", "knee_angle_{0}"),
+    ("ankle_dorsiflexion_{0}t_deg", "ankle_angle_{0}"),
+)
+CONTACT = ("contact_{0}t", "contact_{0}")
+PELVIS = ("pelvis_tilt_deg", "pelvis_tilt")
+THIGH = ("thigh_pitch_{0}t_deg",)
+MOMENTS = ("hip_extensor_moment_{0}t_Nm_kg", "knee_extensor_moment_{0}t_Nm_kg", "ankle_plantarflexor_moment_{0}t_Nm_kg")
+FORCES = ("grf_vertical_{0}t", "grf_forward_{0}t")  # with the unit: _bw, _N_kg or _N
 CUTOFF = 15.0  # Hz, above which the angles have no more than noise
+PELVIS_CUTOFF = 6.0  # Hz
 SEAM = 0.3  # s, over which the end passes into the beginning
 STRIDES = 0.5, 2.5  # s, shortest and longest stride
+REACH = 0.1  # body heights, least distance of the ankle in front of the other at a strike, or of the hip
+LANDING = 0.15  # s, longest time from the furthest reach to the fastest rotation of the foot to the ground
+STANCE_LOAD = 0.05  # body weights, from which a recorded force is a contact
+TORQUE_SHARE = 0.25  # of the difference by inverse dynamics: errors of the angles make most of the rest
+LEAST_LOAD = 1e-3  # body weights, that keeps the path of the hips defined while neither foot is loaded
+PHASES = slice(18, 20)  # of a sample
 
 
-def samples(file: str) -> tuple[np.ndarray, float]:
-    """Return (samples in the order of the kernel, median stride time in s, 0 without strides) of a file.
+@dataclass(frozen=True)
+class Leg:
+    """Recorded curves of a leg, over time in the first axis."""
 
-    file : CSV with the columns of COLUMNS, or OpenSim's .mot. ValueError or OSError if the file cannot be used.
+    angles: Real  # of hip, knee and ankle, rad
+    moments: Real | None  # in the direction of flexion, N·m/kg
+    force: Complex | None  # of the ground, forward + i up, body weights
+    contact: Real | None  # 1 where the foot is on the ground
+    thigh: Real | None  # pitch, rad
+
+
+@dataclass(frozen=True)
+class Strides:
+    """Strides of a leg."""
+
+    phase: Real  # unwrapped, in strides
+    walking: Real  # 1 within strides and 0 outside
+    durations: list[float]  # s
+
+
+def samples(file: str, mass: float, height: float) -> Real:
+    """Return the rate in Hz and the samples of a file in the order of the kernel.
+
+    file : CSV with the columns above, or OpenSim's .mot; mass : of the body, kg; height : of the body, m. ValueError or
+    OSError if the file cannot be used.
     """
-    names, table = read(file)
-    times = table[:, find(("time",), names, file)]
+    table = read_table(file)
+    times = table.times()
+    recorded = [side for side in "lr" if any(name.format(side) in table.names for name in ANGLES[0])] or ["l"]
+    legs = [leg_of(table, side, mass) for side in recorded]
+    pitch = pelvis_pitch(table, legs)
     steps = np.diff(times)
-    columns = [find([c.format(side) for c in each], names, file) for side in "lr" for each in COLUMNS.values()]
     if len(times) < 50 or np.any(steps <= 0.0) or np.any(np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)):
         raise ValueError(f"{file}: at least 50 samples at even times are required")
-    dt = (times[-1] - times[0]) / (len(times) - 1)
-    angles = np.radians(table[:, columns])
-    for knee in (1, 4):  # OpenSim's older models extend the knee in the positive direction
-        if angles[:, knee].mean() < 0.0:
-            angles[:, knee] *= -1.0
-    angles, velocities = smooth(closed(angles, max(2, round(SEAM / dt))), dt)
-    count = len(angles)
-    phases, walking, times_of_strides = [], [], []
-    reaches = [ahead(angles[:, 3 * leg : 3 * leg + 3]) for leg in (0, 1)]
-    for leg, side in enumerate("lr"):
-        contact = [names.index(c.format(side)) for c in CONTACTS if c.format(side) in names]
-        apart = reaches[leg] - reaches[1 - leg]
-        strikes = struck(table[:count, contact[0]]) if contact else furthest(apart, dt)
-        phase, walks, durations = of_strikes(strikes, count, dt)
-        phases.append(phase)
-        walking.append(walks)
-        times_of_strides.extend(durations)
-    blur = np.ones(max(1, round(0.3 / dt))) / max(1, round(0.3 / dt))
-    stride = np.convolve(np.pad(np.minimum(*walking), len(blur), mode="edge"), blur, mode="same")[
-        len(blur) : -len(blur)
+    dt = float(times[-1] - times[0]) / (len(times) - 1)
+
+    # 1. A motion that repeats, and the strides of both legs.
+    seam = max(2, round(SEAM / dt))
+    cut = end_of(np.column_stack([leg.angles for leg in legs]), seam)
+    legs = [closed_leg(leg, cut, seam, dt) for leg in legs]
+    strides = [strides_of(strikes_of(leg, other, dt), cut, dt) for leg, other in zip(legs, legs[::-1])]
+    if len(legs) == 1:
+        shifted = half_a_stride_later(legs[0], strides[0])
+        legs, strides = [legs[0], shifted[0]], [strides[0], shifted[1]]
+        if recorded == ["r"]:
+            legs, strides = legs[::-1], strides[::-1]
+    walk = moving_average(np.minimum(strides[0].walking, strides[1].walking), round(0.3 / dt))
+    durations = [duration for each in strides for duration in each.durations]
+    stride_time = float(np.median(durations)) if durations else 0.0
+    # 2. Ground.
+    forces, centres = zip(*(ground_of(leg, each, walk, stride_time) for leg, each in zip(legs, strides)))
+    # 3. Pelvis: pitch, and path over the loaded feet.
+    pitch = flat_feet(legs, strides, walk) if pitch is None else closed(pitch, cut, seam)
+    pitch, pitch_rate = smooth(pitch, dt, CUTOFF)
+    pitches = [pitches_of(pitch, list(leg.angles.T)) for leg in legs]
+    velocity, level = support(pitches, [force.imag + LEAST_LOAD for force in forces], dt)
+    speed, speed_rate = smooth(velocity.real, dt, PELVIS_CUTOFF)
+    level, level_rate = smooth(level, dt, PELVIS_CUTOFF)
+    hips = integral(speed, dt) + 1j * level
+    # 4. Torques, and the samples.
+    torques = [
+        np.column_stack(inverse_dynamics(hips, each, centre, force, height=height, dt=dt, cutoff=CUTOFF))
+        for each, centre, force in zip(pitches, centres, forces)
     ]
-    pairs = np.stack([angles, velocities], axis=2).reshape(count, 12)
-    rows = np.column_stack([pairs, *phases, stride])
-    return np.concatenate([[1.0 / dt], rows.ravel()]), float(np.median(times_of_strides)) if times_of_strides else 0.0
+    moments = [
+        average_moments(each, stride_time, walk, torque) if leg.moments is None else leg.moments
+        for leg, each, torque in zip(legs, strides, torques)
+    ]
+    angles = [curve for leg in legs for angle in leg.angles.T for curve in smooth(angle, dt, np.inf)]
+    mean_speed = moving_average(speed, round((stride_time or 1.0) / dt))
+    rows = np.column_stack(
+        [
+            *(*angles, pitch, pitch_rate, height * level, height * level_rate, height * speed, height * speed_rate),
+            *(each.phase for each in strides),
+            *moments,
+            *(force.imag for force in forces),
+            *(force.real for force in forces),
+            *centres,
+            height * walk * mean_speed,
+        ]
+    )
+    again = rows[:1].copy()  # the first sample again, at the end
+    again[:, PHASES] = [2.0 * each.phase[-1] - each.phase[-2] for each in strides]
+    return np.concatenate([[1.0 / dt], rows.ravel(), again.ravel()])
 
 
-def read(file: str) -> tuple[list[str], np.ndarray]:
-    """Return (names of the columns, table of numbers) of a CSV file, or of a .mot file behind its header."""
-    lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
-    ends = [number for number, line in enumerate(lines) if line.strip() == "endheader"]
-    if any(re.fullmatch(r"\s*inDegrees\s*=\s*no\s*", line) for line in lines[: ends[0] if ends else 0]):
-        raise ValueError(f"{file} is in radians: write it in degrees")
-    lines = [line for line in lines[ends[0] + 1 if ends else 0 :] if line.strip()]
-    split = re.compile(r"\s*[,;\t]\s*|\s+")
-    names = split.split(lines[0].strip()) if lines else []
-    try:
-        table = np.array([[float(cell or "nan") for cell in split.split(line.strip())] for line in lines[1:]])
-    except ValueError as error:
-        raise ValueError(f"{file} contains text between numbers: {error}") from None
-    if table.ndim != 2 or table.shape[1:] != (len(names),):
-        raise ValueError(f"{file}: every row must have as many numbers as the header has names")
-    return names, table
+def leg_of(table: Table, side: str, mass: float) -> Leg:
+    """Return what a file has of a leg. ValueError"""
 
+    def first(names: tuple[str, ...]) -> Real | None:
+        available = [name for name in (each.format(side) for each in names) if name in table.names]
+        return table.column(available[0]) if available else None
 
-def find(candidates: Sequence[str], names: Sequence[str], file: str) -> int:
-    """Return the index of the first candidate among the names. ValueError"""
-    for candidate in candidates:
-        if candidate in names:
-            return names.index(candidate)
-    available = shorten(", ".join(names), 200, placeholder=" ...") or "none"
-    raise ValueError(f"{file} has no column {' or '.join(map(repr, candidates))}; it has {available}")
-
-
-def closed(angles: np.ndarray, seam: int) -> np.ndarray:
-    """Return the angles cut where they best continue with their beginning, and faded into it over `seam` samples."""
+    angles = np.radians([table.column(*(name.format(side) for name in names)) for names in ANGLES]).T
     if not np.all(np.isfinite(angles)):
-        raise ValueError("the recording has missing angles")
-    last = len(angles) - seam
-    first = max(last // 2, last - 4 * 2 * seam)
-    misfit = [np.sum((angles[k : k + seam] - angles[:seam]) ** 2) for k in range(first, last + 1)]
-    cut = first + int(np.argmin(misfit))
-    x = (np.arange(seam) / seam)[:, None]
-    fade = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-    start = (1.0 - fade) * angles[cut : cut + seam] + fade * angles[:seam]
-    return np.concatenate([start, angles[seam:cut]])
+        raise ValueError(f"{table.file} has missing angles: fill the gaps")
+    if angles[:, 1].mean() < 0.0:  # OpenSim's older models extend the knee in the positive direction
+        angles[:, 1] *= -1.0
+    torques = [curve for curve in (first((name,)) for name in MOMENTS) if curve is not None]
+    forces = [
+        scale * curve
+        for name in FORCES
+        for unit, scale in (("_bw", 1.0), ("_N_kg", 1.0 / GRAVITY), ("_N", 1.0 / (mass * GRAVITY)))
+        if (curve := first((name + unit,))) is not None
+    ]
+    contact, thigh = first(CONTACT), first(THIGH)
+    return Leg(
+        angles=angles,
+        moments=-np.column_stack(torques) if len(torques) == 3 else None,
+        force=forces[1] + 1j * np.maximum(forces[0], 0.0) if len(forces) == 2 else None,
+        contact=None if contact is None else contact / max(contact.max(), 1e-9),
+        thigh=None if thigh is None else np.radians(thigh),
+    )
 
 
-def smooth(angles: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (angles, velocities) below CUTOFF of a repeated recording, its first sample again at the end."""
-    frequencies = np.fft.rfftfreq(len(angles), dt)
-    gain = 1.0 / (1.0 + (frequencies / CUTOFF) ** 8)
-    waves = np.fft.rfft(angles, axis=0) * gain[:, None]
-    turn = 2j * np.pi * frequencies
-    found = [np.fft.irfft(each, len(angles), axis=0) for each in (waves, waves * turn[:, None])]
-    return np.concatenate([found[0], found[0][:1]]), np.concatenate([found[1], found[1][:1]])
+def pelvis_pitch(table: Table, legs: list[Leg]) -> Real | None:
+    """Return the pitch of the pelvis, if the file has it or that of the thighs, rad, positive with the front up."""
+    for name in PELVIS:
+        if name in table.names:
+            return np.radians(table.column(name))
+    pitches = [leg.thigh - leg.angles[:, 0] for leg in legs if leg.thigh is not None]
+    return np.mean(pitches, axis=0) if pitches else None
 
 
-def ahead(angles: np.ndarray) -> np.ndarray:
-    """Return how far the ankle is in front of the hip, in body heights."""
-    return THIGH_LENGTH * np.sin(angles[:, 0]) + SHANK_LENGTH * np.sin(angles[:, 0] - angles[:, 1])
+def flat_feet(legs: list[Leg], strides: list[Strides], walk: Real) -> Real:
+    """Return the pitch of the pelvis with which the foot is flat: in a walk in the mean of mid-stance, else always."""
+    feet = [leg.angles[:, 0] - leg.angles[:, 1] + leg.angles[:, 2] for leg in legs]
+    standing = -0.5 * (feet[0] + feet[1])
+    flat = [(walk > 0.999) & (each.phase % 1.0 > 0.2) & (each.phase % 1.0 < 0.35) for each in strides]
+    if not np.any(flat):
+        return standing
+    walking = -np.concatenate([foot[middle] for foot, middle in zip(feet, flat)]).mean()
+    return standing + walk * (walking - standing)
 
 
-def furthest(apart: np.ndarray, dt: float) -> np.ndarray:
-    """Return the samples at which the foot is furthest in front of the other, and far. apart : body heights
+def ground_of(leg: Leg, strides: Strides, walk: Real, stride_time: float) -> tuple[Complex, Real]:
+    """Return (force in body weights, centre of pressure in foot lengths from the heel) under a foot.
 
-    (Zeni et al. 2008, Gait & Posture 27:710-714)
+    Without a recorded force it is that of the average adult with the same stride time and phase; in a stand both feet
+    bear the weight. The centre follows from the phase.
     """
+    force, centre = ground(entry_of(stride_time), strides.phase % 1.0)
+    force = walk * force + (1.0 - walk) * 0.5j if leg.force is None else leg.force
+    return force, STANDING_CENTRE + walk * (centre - STANDING_CENTRE)
+
+
+def average_moments(strides: Strides, stride_time: float, walk: Real, torques: Real) -> Real:
+    """Return the moments of the average adult at the same phase and stride time, changed as the motion differs.
+
+    torques : by inverse dynamics, of which a part of the difference from the average counts; outside a walk they are
+    the moments.
+    """
+    entry = entry_of(stride_time)
+    usual = zip(entry["moments"], moments_of(entry, BODY_HEIGHT))
+    curves = [at_phases(mean - TORQUE_SHARE * dynamic, strides.phase) for mean, dynamic in usual]
+    return torques + walk[:, None] * (np.column_stack(curves) - (1.0 - TORQUE_SHARE) * torques)
+
+
+def closed_leg(leg: Leg, cut: int, seam: int, dt: float) -> Leg:
+    """Return a leg whose motion repeats, with smooth angles."""
+    angles = np.column_stack([smooth(curve, dt, CUTOFF)[0] for curve in closed(leg.angles, cut, seam).T])
+    moments = None if leg.moments is None else closed(leg.moments, cut, seam)
+    force = None if leg.force is None else closed(leg.force, cut, seam)
+    return Leg(angles, moments, force, None if leg.contact is None else leg.contact[:cut], None)
+
+
+def strikes_of(leg: Leg, other: Leg, dt: float) -> NDArray[Any]:
+    """Return the samples at which the foot strikes the ground: where a contact or a load begins, else of the motion."""
+    if leg.contact is not None:
+        on = leg.contact > 0.5
+    elif leg.force is not None:
+        on = leg.force.imag > STANCE_LOAD
+    else:
+        return landings(leg.angles, None if other is leg else other.angles, dt)
+    return 1.0 + np.flatnonzero(~on[:-1] & on[1:])
+
+
+def landings(angles: Real, others: Real | None, dt: float) -> NDArray[Any]:
+    """Return the samples at which a foot strikes the ground, from the angles of the leg and of the other leg.
+
+    Half way from the furthest reach of the ankle in front of the hip (after Zeni et al. 2008, Gait & Posture
+    27:710-714) to the fastest rotation of the sole to the ground. On the level the one leads a measured contact by
+    24 to 60 ms, and the other follows it by 9 to 34 ms.
+    """
+
+    def reach(angles: Real) -> Real:
+        return THIGH_LENGTH * np.sin(angles[:, 0]) + SHANK_LENGTH * np.sin(angles[:, 0] - angles[:, 1])
+
+    ahead = reach(angles)
+    apart = ahead if others is None else ahead - reach(others)
+    foot = angles[:, 0] - angles[:, 1] + angles[:, 2]
     window = round(0.5 * STRIDES[0] / dt)
-    padded = np.pad(apart, window, mode="wrap")
-    highest = np.lib.stride_tricks.sliding_window_view(padded, 2 * window + 1).max(axis=1)
-    return np.flatnonzero((apart == highest) & (apart > 0.1))
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(ahead, window, mode="wrap"), 2 * window + 1)
+    rotation = np.pad(smooth(foot, dt, CUTOFF)[1], (0, round(LANDING / dt)), mode="wrap")
+    reaches = np.flatnonzero((ahead == around.max(axis=1)) & (apart > REACH))
+    return np.array([k + 0.5 * np.argmin(rotation[k : k + round(LANDING / dt)]) for k in reaches])
 
 
-def struck(contact: np.ndarray) -> np.ndarray:
-    """Return the samples at which a contact begins."""
-    on = contact > 0.5 * contact.max()
-    return np.flatnonzero(~on[:-1] & on[1:]) + 1
+def strides_of(strikes: NDArray[Any], count: int, dt: float) -> Strides:
+    """Return the strides between strikes, given in samples, of a recording of `count` samples that repeats.
 
-
-def of_strikes(strikes: np.ndarray, count: int, dt: float) -> tuple[np.ndarray, np.ndarray, list[float]]:
-    """Return (phase in strides, 1 within strides and 0 outside, durations in s) of a leg from its strikes."""
+    Where the last strike and the first one of the repetition are no stride apart, a usual stride ends and begins there.
+    """
     phase, walking = np.zeros(count), np.zeros(count)
-    durations = np.diff(strikes) * dt
+    if len(strikes) == 0:
+        return Strides(phase, walking, [])
+    knots = np.concatenate([strikes, strikes[:1] + count])
+    durations = np.diff(knots) * dt
     good = (durations >= STRIDES[0]) & (durations <= STRIDES[1])
     if not np.any(good):
-        return phase, walking, []
-    usual = float(np.median(durations[good])) / dt
-    knots = np.concatenate([[strikes[0] - usual], strikes, [strikes[-1] + usual]])
-    phase = np.interp(np.arange(count), knots, np.arange(len(knots)))
-    for begin, end, walks in zip(strikes, strikes[1:], good):
-        walking[begin:end] = walks
-    walking[max(0, round(strikes[0] - usual)) : strikes[0]] = 1.0
-    walking[strikes[-1] : round(strikes[-1] + usual)] = 1.0
-    return phase, walking, list(durations[good])
+        return Strides(phase, walking, [])
+    if good[-1]:
+        knots = np.concatenate([strikes[-1:] - count, knots])
+    else:
+        usual = float(np.median(durations[good])) / dt
+        knots = np.concatenate([strikes[:1] - usual, strikes, strikes[-1:] + usual])
+    for begin, end in zip(knots[:-1], knots[1:]):
+        if STRIDES[0] <= (end - begin) * dt <= STRIDES[1]:
+            walking[max(0, round(begin)) : max(0, round(end))] = 1.0
+    return Strides(np.interp(np.arange(count), knots, np.arange(len(knots))), walking, list(durations[good]))
+
+
+def half_a_stride_later(leg: Leg, strides: Strides) -> tuple[Leg, Strides]:
+    """Return the other leg of a recording that has one: the same half a stride later."""
+    phase, count = strides.phase, len(strides.phase)
+    if phase[-1] == phase[0]:
+        return leg, strides
+    later = phase[0] + (phase + 0.5 - phase[0]) % (phase[-1] - phase[0])
+    at = np.interp(later, phase, np.arange(count))
+    whole = np.minimum(at.astype(int), count - 2)
+
+    def moved(curve: NDArray[Any]) -> NDArray[Any]:
+        part = (at - whole).reshape(count, *[1] * (curve.ndim - 1))
+        return (1.0 - part) * curve[whole] + part * curve[whole + 1]
+
+    changes = {name: moved(curve) for name, curve in vars(leg).items() if curve is not None}
+    return replace(leg, **changes), replace(strides, phase=phase + 0.5)

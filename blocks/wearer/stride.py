@@ -27,6 +27,12 @@ def values(series: Sequence[float] | Real) -> Real:
     return np.fft.irfft(waves * len(PHASES))
 
 
+def at_phases(series: Real, phases: Real) -> Real:
+    """Return the values of a series at any phases."""
+    turns = np.exp(2j * np.pi * np.outer(phases, np.arange(1, len(series) // 2 + 1)))
+    return series[0] + (turns @ unpacked(series[1:])).real
+
+
 def series(curve: Real, harmonics: int = HARMONICS) -> Real:
     """Return the series of a curve over the stride, of evenly spaced values without the last."""
     waves = np.fft.rfft(curve)[: harmonics + 1] / len(curve)

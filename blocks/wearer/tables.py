@@ -72,6 +72,16 @@ def slower(entry: dict[str, Any], speed: float) -> dict[str, Any]:
     return entry | scaled | {"speed": speed, "stride_time": entry["stride_time"] / cadence, "foot_off": foot_off}
 
 
+def entry_of(stride_time: float) -> dict[str, Any]:
+    """Return the series of the average walk with a stride time in s, within the measured times."""
+    entries = MOTIONS["walk"]
+    times = [-entry["stride_time"] for entry in entries]
+    place = float(np.interp(-stride_time, times, np.arange(len(times))))
+    first, second = entries[int(place)], entries[min(int(place) + 1, len(entries) - 1)]
+    share = place - int(place)
+    return {name: (1.0 - share) * np.array(first[name]) + share * np.array(second[name]) for name in first}
+
+
 def over_speed(motion: str, height: float, person: Any = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return (speeds, coefficients of the cubics between them) of a motion.
 

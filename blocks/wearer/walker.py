@@ -9,7 +9,7 @@ import numpy as np
 from blocks.wearer.body import plan
 from blocks.wearer.norms import MOTIONS
 from blocks.wearer.recording import samples
-from blocks.wearer.tables import over_speed, schedule, speed_of
+from blocks.wearer.tables import over_speed, schedule
 from cext.kernels.wearer import walker as kernels
 from graph import Block, Input, Memory, Output, Param
 
@@ -41,7 +41,8 @@ class Walker(Block):
 
     with the inertia of thigh, shank and foot (de Leva 1996), and in stance that of the body over the foot. K grows with
     the moment of the joint, at the ankle by 4 N·m/rad per N·m: its stiffness in stance is up to 5.4 N·m/rad per kg
-    (Ficanha et al. 2018). In swing the hip has 34 to 66 N·m/rad and the knee few (van der Kooij et al. 2022).
+    (Ficanha et al. 2018). In swing the hip has 34 to 66 N·m/rad and the knee few (van der Kooij et al. 2022). Trained
+    wearers yield 80 % of an assistance at the ankle (Nuckols and Sawicki 2020); at hip and knee the same is assumed.
 
     `person` selects an adult who differs from the average by the standard deviations between the measured adults, as
     far as walking admits it; the same adult at every speed.
@@ -53,9 +54,9 @@ class Walker(Block):
     coordinates and its pitch: a point r of the segment has the acceleration a + α × r + ω × (ω × r).
 
     A recording has the columns time, hip_flexion_lt_deg, knee_flexion_lt_deg, ankle_dorsiflexion_lt_deg and those of
-    the right leg (`rt`), or OpenSim's hip_flexion_l, knee_angle_l and ankle_angle_l in degrees. It repeats. Its strides
-    begin at the rise of contact_lt, or where the foot is furthest in front of the other; moments, forces and the pelvis
-    follow from the phase as in a walk of that stride time.
+    the right leg (`rt`), or OpenSim's hip_flexion_l, knee_angle_l and ankle_angle_l in degrees. It repeats. Contacts,
+    ground forces, torques and the pitch of the pelvis are played where it has them (docs/wearer.md names the columns);
+    else they follow from the angles and from the average adult at the same phase.
 
     Limits: the pelvis follows the reference and does not deviate; its pitch is constant. Step length and cadence do not
     adapt to the robot. Both legs have the same mean motion. Stumbling, turning and slopes are not modelled. The
@@ -89,7 +90,7 @@ class Walker(Block):
     adaptation = Param(
         0.8,
         "1",
-        "share of the assistance by which the wearer has learned to reduce the torque of the muscles",
+        "share of the assistance by which a trained wearer reduces the torque of the muscles",
         min=0.0,
         max=1.0,
     )
@@ -146,11 +147,9 @@ class Walker(Block):
 
     def configure(self) -> None:
         speeds, cubics = over_speed(self.motion, self.height, self.person)
-        speed = self.speed
         if self.recording:
-            self.samples, stride_time = samples(self.recording)
-            speed = speed_of(stride_time, speeds, cubics) if stride_time else 0.0
-        self.pieces = schedule(speed, speeds[-1]).ravel()
+            self.samples = samples(self.recording, self.mass, self.height)
+        self.pieces = schedule(self.speed, speeds[-1]).ravel()
         self.knots = speeds
         self.table = np.concatenate([[self.height, MOTIONS[self.motion][0]["slope"]], cubics.ravel()])
         self.body = plan(self.mass, self.height)

@@ -4,18 +4,29 @@ from libc.math cimport floor
 
 from cext.kernels.wearer.reference cimport Path
 
-cdef enum: # of a sample: angle and velocity of hip, knee, ankle, left and right, then
-    LEFT_PHASE = 12             # unwrapped, in strides
-    RIGHT_PHASE
-    STRIDE                      # 1 in a walk, 0 in a stand
+cdef enum: # of a sample (blocks/wearer/recording.py): values with their rates, then values alone
+    PITCH_PATH = 6              # after hip, knee, ankle of the left and of the right leg
+    HEIGHT_PATH                 # of the hips, m
+    SPEED_PATH                  # of the hips, m/s
+    PATHS
+    PHASES = 2 * PATHS          # left and right, unwrapped, in strides
+    MOMENTS = PHASES + 2        # of the joints, N·m/kg
+    VERTICAL = MOMENTS + 6      # force on each foot, body weights
+    FORWARD = VERTICAL + 2
+    CENTRE = FORWARD + 2        # of pressure, foot lengths from the heel
+    MEAN_SPEED = CENTRE + 2     # m/s
     SAMPLE
 
+cdef struct Play:               # the recording at one instant
+    Path paths[PATHS]
+    double values[SAMPLE - PHASES]
+    double phase_rate
 
-cdef inline void play(const double *samples, int count, double time, Path *q, Path *phases,
-        double *stride) noexcept nogil:
-    """Interpolate the samples at a time, by cubics through their angles and velocities.
 
-    samples : their rate in Hz, then SAMPLE numbers each; q : three joints of the left leg, then of the right one
+cdef inline void play(const double *samples, int count, double time, Play *out) noexcept nogil:
+    """Interpolate the samples at a time, paths by cubics through values and rates, other values linearly.
+
+    samples : their rate in Hz, then SAMPLE numbers each
     """
     cdef double rate = samples[0]
     cdef double place = time * rate
@@ -31,17 +42,15 @@ cdef inline void play(const double *samples, int count, double time, Path *q, Pa
     x2 = x * x
     now = samples + 1 + SAMPLE * j
     next = now + SAMPLE
-    for j in range(6):
+    for j in range(PATHS):
         d = next[2 * j] - now[2 * j]
         a = now[2 * j + 1] / rate
         b = next[2 * j + 1] / rate
-        q[j].x = now[2 * j] + x * a + x2 * (3.0 * d - 2.0 * a - b) + x2 * x * (a + b - 2.0 * d)
-        q[j].v = rate * (a + 2.0 * x * (3.0 * d - 2.0 * a - b) + 3.0 * x2 * (a + b - 2.0 * d))
-        q[j].a = rate * rate * (2.0 * (3.0 * d - 2.0 * a - b) + 6.0 * x * (a + b - 2.0 * d))
+        out.paths[j].x = now[2 * j] + x * a + x2 * (3.0 * d - 2.0 * a - b) + x2 * x * (a + b - 2.0 * d)
+        out.paths[j].v = rate * (a + 2.0 * x * (3.0 * d - 2.0 * a - b) + 3.0 * x2 * (a + b - 2.0 * d))
+        out.paths[j].a = rate * rate * (2.0 * (3.0 * d - 2.0 * a - b) + 6.0 * x * (a + b - 2.0 * d))
+    for j in range(SAMPLE - PHASES):
+        out.values[j] = now[PHASES + j] + x * (next[PHASES + j] - now[PHASES + j])
     for j in range(2):
-        d = next[LEFT_PHASE + j] - now[LEFT_PHASE + j]
-        phases[j].x = now[LEFT_PHASE + j] + x * d
-        phases[j].x -= floor(phases[j].x)
-        phases[j].v = rate * d
-        phases[j].a = 0.0
-    stride[0] = now[STRIDE] + x * (next[STRIDE] - now[STRIDE])
+        out.values[j] -= floor(out.values[j])
+    out.phase_rate = rate * (next[PHASES] - now[PHASES])

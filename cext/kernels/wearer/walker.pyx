@@ -11,7 +11,9 @@ from cext.kernels.wearer.leg cimport (
     BODY_MASS, FOOT_LENGTH, HEEL, MASS, SHANK_LENGTH, THIGH_LENGTH, WEIGHT, Direction, Geometry, Symmetric,
     contact_arms, directions, gravity, inertia, mix, solve, times,
 )
-from cext.kernels.wearer.recording cimport SAMPLE, play
+from cext.kernels.wearer.recording cimport (
+    CENTRE, FORWARD, HEIGHT_PATH, MEAN_SPEED, MOMENTS, PHASES, PITCH_PATH, SAMPLE, SPEED_PATH, VERTICAL, Play, play,
+)
 from cext.kernels.wearer.reference cimport (
     FREQUENCY, PITCH, Blend, Course, Path, at_time, blend, contact, ease, joints,
 )
@@ -58,6 +60,18 @@ cdef struct Leg:                # of a leg, what the update needs from the step
     double former_load          # at the step before
     Symmetric former            # inertia at the step before
 
+cdef struct Support:            # reference of a leg
+    double phase
+    Path q[3]                   # hip, knee, ankle
+    double moments[3]           # N·m/kg
+    double vertical, forward    # force of the ground, body weights
+    double centre               # of pressure from the heel, foot lengths
+
+cdef struct Reference:          # motion that the robot has not changed
+    Support legs[2]
+    double motion[9]            # of the pelvis
+    double walking_speed        # m/s
+
 cdef struct State:
     double phase                # of the left leg, in strides since the start
     double distance             # m
@@ -88,21 +102,32 @@ cdef double RANGE_DAMPING = 20.0        # N·m·s/rad
 
 cdef int walker_kernel(double *arena, const Walker *at, const Walker *sizes) noexcept nogil:
     cdef State *state = <State *>(arena + at.state)
-    cdef const double *body = arena + at.body
-    cdef const Variation *variation = <const Variation *>(arena + at.variation)
     cdef const int32_t *out = each(at, at.outputs)
+    cdef Reference reference
+    cdef int side
+    if sizes.samples > SAMPLE:
+        of_recording(arena + at.samples, sizes.samples // SAMPLE, arena[TIME], state, &reference)
+    else:
+        of_tables(arena, at, sizes, state, &reference)
+    memmove(arena + out[PELVIS_MOTION], reference.motion, sizeof(reference.motion))
+    arena[out[WALKING_SPEED]] = reference.walking_speed
+    for side in range(2):
+        step_leg(arena, at, sizes, side, reference.motion, &reference.legs[side], out + side * OF_LEG)
+    return OK
+
+
+cdef inline void of_tables(double *arena, const Walker *at, const Walker *sizes, State *state,
+        Reference *out) noexcept nogil:
+    """Compute the reference of an adult at the speed of the schedule."""
+    cdef const Variation *variation = <const Variation *>(arena + at.variation)
     cdef double height = arena[at.table]            # of the body, m
     cdef double slope = arena[at.table + 1]         # of the way; the coefficients follow
     cdef Course course
     cdef Blend *row = &state.blend
+    cdef Support *leg
     cdef Path hips, ahead
     cdef Path phases[2]
-    cdef Path q[2][3]
-    cdef Path recorded[6]
-    cdef double moments[2][3]
-    cdef double motion[9]
     cdef double stride, first, second
-    cdef bint played = sizes.samples > SAMPLE
     cdef int side, j
 
     # 1. Speed, and the row of the tables for it.
@@ -110,35 +135,53 @@ cdef int walker_kernel(double *arena, const Walker *at, const Walker *sizes) noe
     blend(arena + at.knots, sizes.knots - 1, arena + at.table + 2, &course, row)
     ease(course.speed / SHUFFLE if 0.0 < course.speed < SHUFFLE else <double>(course.speed > 0.0), &stride, &first,
         &second)
-    # 2. Phases of the legs.
-    if played:
-        play(arena + at.samples, sizes.samples // SAMPLE, arena[TIME], recorded, phases, &stride)
-        course.speed *= stride
-    else:
-        advance(state, variation, &course, phases)
-    # 3. Reference motion.
-    joints(row, phases, q[0], q[1], moments[0], moments[1], &hips, &ahead)
-    motion[0] = state.distance + height * ahead.x
-    motion[2] = course.speed + height * ahead.v
-    motion[4] = course.rate + height * ahead.a
-    motion[1] = slope * state.distance + height * hips.x
-    motion[3] = slope * course.speed + height * hips.v
-    motion[5] = slope * course.rate + height * hips.a
-    motion[6], motion[7], motion[8] = row.value[PITCH], row.first[PITCH], row.second[PITCH]
-    memmove(arena + out[PELVIS_MOTION], motion, sizeof(motion))
-    arena[out[WALKING_SPEED]] = course.speed
-    # 4. Each leg.
+    # 2. Phases of the legs, their motion, and that of the pelvis.
+    advance(state, variation, &course, phases)
+    joints(row, phases, out.legs[0].q, out.legs[1].q, out.legs[0].moments, out.legs[1].moments, &hips, &ahead)
+    out.motion[0] = state.distance + height * ahead.x
+    out.motion[2] = course.speed + height * ahead.v
+    out.motion[4] = course.rate + height * ahead.a
+    out.motion[1] = slope * state.distance + height * hips.x
+    out.motion[3] = slope * course.speed + height * hips.v
+    out.motion[5] = slope * course.rate + height * hips.a
+    out.motion[6], out.motion[7], out.motion[8] = row.value[PITCH], row.first[PITCH], row.second[PITCH]
+    out.walking_speed = course.speed
+    # 3. Variation of the stride, and the ground, which both feet share in a stand.
     for side in range(2):
-        for j in range(3):
-            if played:
-                q[side][j] = recorded[3 * side + j]
-                moments[side][j] *= stride
-        if not played:
-            vary(&state.draws[side], variation, row.value + 2, &phases[side], q[side], moments[side])
-        step_leg(arena, at, sizes, side, phases[side].x, stride, motion, q[side], moments[side], out + side * OF_LEG)
+        leg = &out.legs[side]
+        leg.phase = phases[side].x
+        vary(&state.draws[side], variation, row.value + 2, &phases[side], leg.q, leg.moments)
+        contact(row, leg.phase, &leg.vertical, &leg.forward, &leg.centre)
+        leg.vertical = 0.5 + stride * (leg.vertical - 0.5)
+        leg.forward *= stride
     state.phase_rate, state.phase_acceleration = phases[0].v, phases[0].a
     state.speed, state.speed_rate = course.speed, course.rate
-    return OK
+
+
+cdef inline void of_recording(const double *samples, int count, double time, State *state,
+        Reference *out) noexcept nogil:
+    """Compute the reference of a recorded adult."""
+    cdef Play now
+    cdef Support *leg
+    cdef int side, j
+    play(samples, count, time, &now)
+    out.motion[0], out.motion[2], out.motion[4] = state.distance, now.paths[SPEED_PATH].x, now.paths[SPEED_PATH].v
+    out.motion[1], out.motion[3], out.motion[5] = (
+        now.paths[HEIGHT_PATH].x, now.paths[HEIGHT_PATH].v, now.paths[HEIGHT_PATH].a)
+    out.motion[6], out.motion[7], out.motion[8] = (
+        now.paths[PITCH_PATH].x, now.paths[PITCH_PATH].v, now.paths[PITCH_PATH].a)
+    out.walking_speed = now.values[MEAN_SPEED - PHASES]
+    for side in range(2):
+        leg = &out.legs[side]
+        leg.phase = now.values[side]
+        for j in range(3):
+            leg.q[j] = now.paths[3 * side + j]
+            leg.moments[j] = now.values[MOMENTS - PHASES + 3 * side + j]
+        leg.vertical = now.values[VERTICAL - PHASES + side]
+        leg.forward = now.values[FORWARD - PHASES + side]
+        leg.centre = now.values[CENTRE - PHASES + side]
+    state.phase_rate, state.phase_acceleration = now.phase_rate, 0.0
+    state.speed, state.speed_rate = out.motion[2], out.motion[4]
 
 
 cdef inline void advance(State *state, const Variation *variation, const Course *course, Path *phases) noexcept nogil:
@@ -186,9 +229,9 @@ cdef inline void vary(const Draws *draws, const Variation *variation, const doub
         moments[j] *= 1.0 + gain
 
 
-cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, int side, double phase, double stride,
-        const double *pelvis, const Path *q, const double *moments, const int32_t *out) noexcept nogil:
-    """Write the outputs of a leg. stride : 1 in a walk, 0 in a stand; pelvis : its motion"""
+cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, int side, const double *pelvis,
+        const Support *reference, const int32_t *out) noexcept nogil:
+    """Write the outputs of a leg. pelvis : its motion"""
     cdef const double *body = arena + at.body
     cdef const Muscle *muscles = <const Muscle *>(arena + at.muscles)
     cdef State *state = <State *>(arena + at.state)
@@ -204,11 +247,11 @@ cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, 
     cdef int j
 
     for j in range(3):
-        angle[j] = q[j].x + leg.deviation[j]
-        rate[j] = q[j].v + leg.velocity[j]
-        acceleration[j] = q[j].a + leg.acceleration[j]
-        nominal = body[MASS] * moments[j]
-        leg.angle[j] = q[j].x
+        angle[j] = reference.q[j].x + leg.deviation[j]
+        rate[j] = reference.q[j].v + leg.velocity[j]
+        acceleration[j] = reference.q[j].a + leg.acceleration[j]
+        nominal = body[MASS] * reference.moments[j]
+        leg.angle[j] = reference.q[j].x
         leg.stiffness[j] = muscles[j].stiffness + muscles[j].per_moment * fabs(nominal)
         leg.damping[j] = muscles[j].damping + muscles[j].per_stiffness * leg.stiffness[j]
         leg.reflex[j] = -muscles[j].reflex_stiffness * delayed[j] - muscles[j].reflex_damping * delayed[3 + j]
@@ -223,17 +266,14 @@ cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, 
     segments(arena, body, &g, pelvis, angle, rate, acceleration, out)
 
     # Ground: the reference force, and the reaction of the body to the deviation of the leg under it.
-    contact(&state.blend, phase, &vertical, &forward, &centre)
-    vertical = 0.5 + stride * (vertical - 0.5)
-    forward *= stride
-    leg.load = clip(vertical, 0.0, 1.0)
-    leg.centre = body[HEEL] + body[FOOT_LENGTH] * clip(centre, 0.02, 0.95)
+    leg.load = clip(reference.vertical, 0.0, 1.0)
+    leg.centre = body[HEEL] + body[FOOT_LENGTH] * clip(reference.centre, 0.02, 0.95)
     foot = (arena[out[PITCHES + 2]] - deviation_of_foot(leg.deviation)) / FLAT_RANGE
     leg.flat = FLAT_STIFFNESS * leg.load / (1.0 + foot * foot)
     contact_arms(body, &g, leg.centre, arms_x, arms_z)
     borne = leg.load * body[BODY_MASS]
-    vertical = body[WEIGHT] * vertical - clip(borne * of_pitches(arms_z, leg.acceleration), -body[WEIGHT], body[WEIGHT])
-    forward = body[WEIGHT] * forward - clip(borne * of_pitches(arms_x, leg.acceleration), -body[WEIGHT], body[WEIGHT])
+    vertical = body[WEIGHT] * reference.vertical - clip(borne * of_pitches(arms_z, leg.acceleration), -body[WEIGHT], body[WEIGHT])
+    forward = body[WEIGHT] * reference.forward - clip(borne * of_pitches(arms_x, leg.acceleration), -body[WEIGHT], body[WEIGHT])
     if vertical < 0.0:
         vertical = forward = 0.0
     arena[out[GROUND_FORCE]] = forward
@@ -244,7 +284,7 @@ cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, 
         centre -= leg.flat * deviation_of_foot(leg.deviation) / vertical
         centre = clip(centre, 0.0, body[FOOT_LENGTH])
     arena[out[CENTRE_OF_PRESSURE]] = centre
-    arena[out[PHASE]] = phase
+    arena[out[PHASE]] = reference.phase
 
 
 cdef inline double deviation_of_foot(const double *q) noexcept nogil:
