@@ -10,6 +10,7 @@ from typing import Any
 
 from cext.ring.rings import Lines
 from runtime.base.ending import ignore_signals
+from runtime.emulation.priority import take_priority
 from runtime.guardian.wires import CannotOpen, open_wire
 
 ORDERS = 0  # standard input
@@ -33,6 +34,7 @@ def main(answers: int, control: int, lines: int, bell: int) -> None:
     with suppress(BrokenPipeError):
         os.write(answers, json.dumps(failures).encode() + b"\n")
     if not failures and plan:
+        take_priority()
         _carry(wires, Lines(fd=lines), bell, control)
     for wire in wires:
         wire.close()

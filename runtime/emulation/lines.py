@@ -12,6 +12,7 @@ from cext.lines.streams import Streams
 from graph import StreamDevice
 from runtime.emulation.gpio_server import GpioServer
 from runtime.emulation.network_senders import NetworkSender
+from runtime.emulation.priority import PRIORITY
 
 if TYPE_CHECKING:
     from cext.bus.memory_bus import BusEnd
@@ -64,7 +65,7 @@ class EmulatedLines:
                 self.link(Path(folder) / f"tty{name.replace('/', '_')}", name)
         for name, sender in self.senders.items():
             self.lines[name] = self.streams.add(sender.source.fileno(), name)
-        self.streams.start()
+        self.streams.start(PRIORITY)
 
     def link(self, link: Path, name: str) -> None:
         """Make a link to the terminal of a line, or replace the one of an emulator that was killed."""

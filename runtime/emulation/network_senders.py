@@ -7,6 +7,7 @@ import threading
 from contextlib import suppress
 
 from runtime.base.errors import BadInput
+from runtime.emulation.priority import take_priority
 
 THIS_MACHINE = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # address of every network: that of this machine
 READ_BYTES = 65536
@@ -50,6 +51,7 @@ class NetworkSender(threading.Thread):
 
     def run(self) -> None:
         """Send each message as soon as it is complete, until `close`."""
+        take_priority()
         pending = b""
         while data := self.parts.recv(READ_BYTES):
             pending += data

@@ -12,6 +12,7 @@ from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from runtime.console.stderr import Terminal
+from runtime.emulation.priority import priority_of_loop
 
 if TYPE_CHECKING:
     from cext.bus.memory_bus import BusEnd
@@ -41,7 +42,7 @@ class Service:
 
     def run(self, duration: float | None = None) -> Outcome:
         """Run until a signal, or for `duration` s. Returns the Outcome."""
-        with self.status_line():
+        with self.status_line(), priority_of_loop():
             return self.executor.run(-1 if duration is None else max(1, round(duration * self.rate)))
 
     @property

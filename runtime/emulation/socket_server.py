@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from cext.ring.rings import Line, Lines
 from runtime.base.errors import BadInput
+from runtime.emulation.priority import take_priority
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -68,6 +69,7 @@ class SocketServer(threading.Thread):
 
     def run(self) -> None:
         """Serve until `close`."""
+        take_priority()
         while True:
             ready, _, _ = select.select([self.leave, self.bell, self.listener, *self.clients], [], [])
             if self.leave in ready:

@@ -35,7 +35,7 @@ from runtime.machine.memory import prefault
 from runtime.machine.processor import Processor, fastest_first
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
     from posix import sched_param
 
 MODES = ("off", "try", "require")
@@ -244,25 +244,14 @@ class Realtime:
         permitted = capable(CAP_SYS_NICE) or self._raised(resource.RLIMIT_RTPRIO, self.priority)
         before = os.sched_getscheduler(0), os.sched_getparam(0)
         with ExitStack() as guard:
-            self._guard_against_spinning(guard)
+            limit_spinning(guard, self._stop_watching)
             try:
                 os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(self.priority))
             except OSError as error:
                 raise self._why_no_priority(name, permitted, error) from None
-            guard.callback(_restore_scheduler, *before)
+            guard.callback(restore_scheduler, *before)
             self._undo.push(guard.pop_all())
         return name
-
-    def _guard_against_spinning(self, guard):
-        """Make the thread an ordinary one when it does not sleep. The hard limit, which would kill, is not changed."""
-        before = resource.getrlimit(resource.RLIMIT_RTTIME)
-        native.watch_for_spinning()
-        guard.callback(self._stop_watching)
-        soft = int(SPIN * 1e6)
-        if before[1] != resource.RLIM_INFINITY:
-            soft = min(soft, before[1] // 2)
-        resource.setrlimit(resource.RLIMIT_RTTIME, (soft, before[1]))
-        guard.callback(resource.setrlimit, resource.RLIMIT_RTTIME, before)
 
     def _stop_watching(self):
         self.spun = native.stop_watching()
@@ -299,7 +288,22 @@ class Realtime:
         return True
 
 
-def _restore_scheduler(policy: int, parameters: sched_param) -> None:
+def limit_spinning(guard: ExitStack, ended: Callable[[], object]) -> None:
+    """Make the calling thread an ordinary one when it does not sleep for SPIN, until `guard` is closed.
+
+    ended : called then. The hard limit, which would kill, is not changed.
+    """
+    before = resource.getrlimit(resource.RLIMIT_RTTIME)
+    native.watch_for_spinning()
+    guard.callback(ended)
+    soft = int(SPIN * 1e6)
+    if before[1] != resource.RLIM_INFINITY:
+        soft = min(soft, before[1] // 2)
+    resource.setrlimit(resource.RLIMIT_RTTIME, (soft, before[1]))
+    guard.callback(resource.setrlimit, resource.RLIMIT_RTTIME, before)
+
+
+def restore_scheduler(policy: int, parameters: sched_param) -> None:
     """Restore the scheduler. The reset-on-fork flag cannot be cleared without privilege, and then stays."""
     try:
         os.sched_setscheduler(0, policy, parameters)
