@@ -86,16 +86,17 @@ class ThighEvents(_Events, Block):
 
 
 class KneeEvents(_Events, Block):
-    """Heel strike from the angle of a knee: `lead` of a stride after the end of its extension in late swing.
+    """Heel strike from the angle of a knee: `lead` of a stride after its extension in late swing slows down.
 
-    The flexion in swing is a maximum after a rise by half the typical height, which adapts to the wearer: a stiff knee
-    with 0.6 of the range, or less, is followed as well. The extension ends when the angle has fallen by 60 % of that
-    rise and the velocity to 15 % of its peak. Limits: a knee that flexes more in stance than half as far as in swing;
-    stairs. Direct feedthrough; NaN and infinity pass and are not stored.
+    The flexion in swing is a maximum after a rise by 70 % of the typical height, which adapts to the wearer: a stiff
+    knee with 0.6 of the range, or less, is followed as well. The event is where the angle has fallen by 60 % of that
+    rise and the velocity to half of its peak: 4.8 to 7.2 % of a stride before heel strike in recorded adults from 0.6
+    to 1.9 m/s. Limits: a knee that flexes in stance more than 0.6 of its flexion in swing; stairs. Direct feedthrough;
+    NaN and infinity pass and are not stored.
     (terminal swing: Winter 1991)
     """
 
-    lead = Param(0.033, "1", "strike after the end of the extension, as a fraction of a stride", min=0.0, max=0.2)
+    lead = Param(0.058, "1", "strike after the event, as a fraction of a stride", min=0.0, max=0.2)
     smallest = Param(0.2, "rad", "smallest height of a swing", above=0.0)
 
     angle = Input("rad", "knee flexion")

@@ -41,6 +41,7 @@ class PhaseKalmanFilter(Block):
     frequency_noise: Param[float]
     angle_noise: Param[float]
     velocity_noise: Param[float]
+    strike_noise: Param[float]
     angle: Input
     velocity: Input
     strike: Input
@@ -59,6 +60,7 @@ class PhaseKalmanFilter(Block):
         frequency_noise: float | Live = 0.2,
         angle_noise: float | Live = 0.4,
         velocity_noise: float | Live = 1.0,
+        strike_noise: float | Live = 0.03,
         **options: Unpack[BlockOptions],
     ) -> None: ...
     class Outputs(NamedTuple):

@@ -10,6 +10,7 @@ from cext.kernels.limits cimport is_finite
 cdef enum:
     MEDIAN_COUNT = 9
 
+cdef double SWING_SHARE = 0.7           # of the typical height, that a rise needs to be a swing
 cdef double STRIDE_LIMIT = 3.0          # s, longer intervals contain a stop
 cdef double RANGE_DECAY_TIME = 5.0      # s, time constant with which an adaptive range shrinks
 cdef double SHRINK_AFTER = 2.0          # s without an event
@@ -37,8 +38,9 @@ cdef inline int finish(double *arena, const Events *at, bint missing) noexcept n
     if timing[DUE] <= 0.5 * arena[DT]:
         timing[DUE] = INFINITY
         if timing[SINCE] >= arena[at.shortest]:
+            # A much longer interval may contain a stop: it changes the stride by a tenth.
             if timing[SINCE] <= STRIDE_LIMIT:
-                timing[STRIDE] = timing[SINCE]
+                timing[STRIDE] = timing[SINCE] if timing[SINCE] <= 1.6 * timing[STRIDE] else 1.1 * timing[STRIDE]
             strike = True
             timing[SINCE] = 0.0
             timing[COUNT] += 1.0
@@ -236,7 +238,7 @@ cdef inline bint swing_peak(double *arena, const Swing *at, double reversal) noe
             t[BEFORE] = t[EXTREME]
             t[EXTREME] = angle
             t[RISING] = -1.0
-            if t[HEIGHT] >= 0.5 * t[RANGE]:
+            if t[HEIGHT] >= SWING_SHARE * t[RANGE]:
                 t[RANGE] += (1.0 if t[HEIGHT] > t[RANGE] else 0.5) * (t[HEIGHT] - t[RANGE])
                 return True
     elif angle <= t[EXTREME]:
@@ -267,13 +269,13 @@ cdef int knee_kernel(double *arena, const Knee *at, const Knee *sizes) noexcept 
     cdef double velocity = arena[at.velocity]
     if not (is_finite(angle) and is_finite(velocity)):
         return finish(arena, &at.events, True)
-    if swing_peak(arena, &at.swing, 0.1):
+    if swing_peak(arena, &at.swing, 0.2):
         extension[0] = 1.0
         extension[1] = 0.0
         extension[2] = turns[BEFORE]
     if extension[0] != 0.0:
         extension[1] = min(extension[1], velocity)
-        if angle < extension[2] - 0.6 * turns[HEIGHT] and velocity > 0.15 * extension[1]:
+        if angle < extension[2] - 0.6 * turns[HEIGHT] and velocity > 0.5 * extension[1]:
             extension[0] = 0.0
             timing[DUE] = arena[at.lead] * timing[STRIDE]
         elif turns[RISING] > 0.0:

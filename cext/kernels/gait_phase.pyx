@@ -14,6 +14,15 @@ cdef enum:
 cdef double TURN = 6.283185307179586
 cdef double CADENCE_LIMIT = 2.5         # Hz
 cdef double MISFIT_LIMIT = 0.5           # mean squared deviation over the variance of a stride
+cdef double UNLIKE_LIMIT = 0.2           # of a stride, between a strike and the phase: the filter starts again
+cdef double CADENCE_TIME = 1.0           # s, with which the frequency returns to that of the last stride
+cdef double ANGLE_TIME = 0.05            # s, of each of two low-passes for the velocity of an angle
+cdef double ANGLE_SHARE = 0.15            # of the usual velocity
+cdef double IDLE_TIME = 0.2             # s below it: the leg stands
+cdef double QUIET_LIMIT = 0.4            # strides without motion: the leg stands
+cdef double MOTION_TIME = 0.1            # s, over which the motion of a leg is averaged
+cdef double MOVING_SHARE = 0.3           # of the usual velocity: the leg moves
+cdef double SLOWEST_SHARE = 0.5          # of the usual cadence: the frequency of a leg that moves
 cdef double WALKING_CADENCE = 0.3       # Hz, below it the leg stands
 
 
@@ -134,11 +143,22 @@ cdef int portrait_kernel(double *arena, const Portrait *at, const Portrait *size
 cdef struct Oscillator:
     int32_t angle, strike, phase, walking, frequency
     int32_t phase_gain, frequency_gain, amplitude_gain, correction
-    int32_t state               # phase in rad, frequency in rad/s, offset, seconds of learning, mean squared error
-    int32_t amplitudes          # cosine and sine amplitude per harmonic
+    int32_t state               # see below
+    int32_t amplitudes          # amplitude, then phase in rad of each oscillator
     int32_t zero                # as of the portrait
 
-OSCILLATOR = items((<Oscillator *>ITEMS)[0], "state[5] amplitudes[...] zero[4]")
+OSCILLATOR = items((<Oscillator *>ITEMS)[0], "state[9] amplitudes[...] zero[4]")
+
+cdef enum:
+    ZERO = 0                    # phase of the first oscillator at heel strike, in strides
+    RATE = 1                    # frequency in rad/s
+    MEAN = 2                    # α₀
+    TIME = 3                    # s of learning
+    ERROR = 4                   # mean squared error
+    SMOOTH = 5                  # angle after a low-pass
+    VELOCITY = 6                # of that, after another
+    IDLE = 7                    # s below ANGLE_SHARE of the usual velocity
+    STOOD = 8                   # 1 if the leg stood since the last strike
 
 
 cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator *sizes) noexcept nogil:
@@ -149,7 +169,8 @@ cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator
     cdef double *a = arena + at.amplitudes
     cdef double *zero = arena + at.zero
     cdef int n = sizes.amplitudes // 2
-    cdef double error, total, push, power, offset
+    cdef double error, total, power, speed, push, first, share
+    cdef bint moving
     cdef int i
     if not is_finite(angle) or strike != strike:
         arena[at.phase] = NAN
@@ -157,41 +178,52 @@ cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator
         arena[at.frequency] = NAN
         return OK
     # 1. The learned signal: offset and one oscillator for each harmonic.
-    error = angle - s[2]
-    total = 0.0
-    power = 0.0
+    error = angle - s[MEAN]
+    total = power = speed = 0.0
     for i in range(n):
         error -= a[i] * sin(a[n + i])
         total += fabs(a[i])
         power += 0.5 * a[i] * a[i]
-    # 2. Each oscillator follows its share of the error; the first one also adapts the frequency.
-    total = max(total, 1e-3)
-    push = error / total
+        speed += 0.5 * a[i] * a[i] * (i + 1) * (i + 1)
+    # 2. While the leg stands, nothing is learned, and the oscillators follow the angle without their frequency.
+    share = min(1.0, dt / ANGLE_TIME)
+    s[VELOCITY] += share * ((angle - s[SMOOTH]) / ANGLE_TIME - s[VELOCITY])
+    s[SMOOTH] += share * (angle - s[SMOOTH])
+    s[IDLE] = s[IDLE] + dt if fabs(s[VELOCITY]) < ANGLE_SHARE * s[RATE] * sqrt(speed) else 0.0
+    moving = s[IDLE] < IDLE_TIME
+    # 3. Each oscillator follows its share of the error; the first one also adapts the frequency.
+    push = error / max(total, 1e-3)
     push = max(-1.0, min(1.0, push))
-    s[2] += arena[at.amplitude_gain] * error * dt
+    first = cos(a[n])
+    if moving:
+        s[MEAN] += arena[at.amplitude_gain] * error * dt
+        for i in range(n):
+            a[i] += arena[at.amplitude_gain] * error * sin(a[n + i]) * dt
+    else:
+        s[STOOD] = 1.0
     for i in range(n):
-        a[i] += arena[at.amplitude_gain] * error * sin(a[n + i]) * dt
-    offset = cos(a[n])
-    for i in range(n):
-        a[n + i] += ((i + 1) * s[1] + arena[at.phase_gain] * push * cos(a[n + i])) * dt
+        a[n + i] += ((i + 1) * (s[RATE] if moving else 0.0) + arena[at.phase_gain] * push * cos(a[n + i])) * dt
         a[n + i] -= TURN * floor(a[n + i] / TURN)
-    s[1] += arena[at.frequency_gain] * push * offset * dt
-    s[1] = max(0.1 * TURN, min(CADENCE_LIMIT * TURN, s[1]))
-    s[3] += dt
-    s[4] += (error * error - s[4]) * min(1.0, dt)
-    # 3. Phase zero at heel strike: learned in the first ten strikes, then corrected at each.
+    if moving:
+        s[RATE] += arena[at.frequency_gain] * push * first * dt
+        s[RATE] = max(0.1 * TURN, min(CADENCE_LIMIT * TURN, s[RATE]))
+        s[TIME] += dt
+    s[ERROR] += (error * error - s[ERROR]) * min(1.0, dt)
+    # 4. Phase zero at heel strike: learned in the first ten strikes, then corrected at each.
     zero[3] += dt
     if strike != 0.0:
         zero[3] = 0.0
-        if s[3] > 4.0:
+        if s[TIME] > 4.0:
             if zero[2] < LEARNED_STRIKES:
                 learn_zero(zero, a[n] / TURN)
-                s[0] = atan2(zero[1], zero[0]) / TURN
+                s[ZERO] = atan2(zero[1], zero[0]) / TURN
             else:
-                s[0] += arena[at.correction] * nearest(a[n] / TURN - s[0])
-    arena[at.frequency] = s[1] / TURN
-    arena[at.walking] = zero[2] >= 3.0 and s[4] < 0.25 * power
-    arena[at.phase] = wrapped(a[n] / TURN - s[0]) if zero[2] >= 3.0 else 0.0
+                share = 1.0 if s[STOOD] != 0.0 else arena[at.correction]
+                s[ZERO] += share * nearest(a[n] / TURN - s[ZERO])
+        s[STOOD] = 0.0
+    arena[at.frequency] = s[RATE] / TURN if moving else 0.0
+    arena[at.walking] = zero[2] >= 3.0 and moving and s[ERROR] < 0.25 * power
+    arena[at.phase] = wrapped(a[n] / TURN - s[ZERO]) if zero[2] >= 3.0 else 0.0
     return OK
 
 
@@ -199,14 +231,14 @@ cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator
 
 cdef struct Kalman:
     int32_t angle, velocity, strike, phase, walking, frequency, deviation
-    int32_t phase_noise, frequency_noise, angle_noise, velocity_noise
+    int32_t phase_noise, frequency_noise, angle_noise, velocity_noise, strike_noise
     int32_t state               # phase, frequency in Hz, amplitude, offset, both relative to the waveform
     int32_t covariance          # 4 x 4
     int32_t waveform            # mean, then a cosine and a sine amplitude per harmonic
     int32_t stride              # the angles since the last strike
     int32_t learning            # see below
 
-KALMAN = items((<Kalman *>ITEMS)[0], "state[4] covariance[16] waveform[17] stride[...] learning[9]")
+KALMAN = items((<Kalman *>ITEMS)[0], "state[4] covariance[16] waveform[17] stride[...] learning[13]")
 
 cdef enum:
     SINCE = 0                   # s since the last strike
@@ -215,9 +247,13 @@ cdef enum:
     REJECTED = 3                # consecutive strides of another shape
     RUNNING = 4                 # 1 once the filter runs
     MISFIT = 5                  # mean squared deviation
-    UNLIKE = 6                  # consecutive strikes at another phase
-    LOST = 7                    # 1 if the leg stood, or moved unlike the waveform, since the last strike
-    CADENCE = 8                 # Hz, of the last stride
+    LOST = 6                    # 1 if the leg stood, or moved unlike the waveform, since the last strike
+    CADENCE = 7                 # Hz, of the last stride
+    POWER = 8                   # standard deviation of the waveform
+    SPEED = 9                   # standard deviation of its derivative, per stride
+    LATEST = 10                 # phase one tick before
+    MOTION = 11                 # mean squared velocity
+    QUIET = 12                  # strides without motion
 
 
 cdef inline void spectrum(const double *x, int n, double *mean, double *cosines, double *sines) noexcept nogil:
@@ -250,7 +286,7 @@ cdef inline void learn(double *w, double *learning, const double *x, int n) noex
     cdef double s[HARMONICS]
     cdef double power = 0.0
     cdef double unlike = 0.0
-    cdef double share
+    cdef double share, t
     cdef int h
     spectrum(x, n, &mean, c, s)
     for h in range(HARMONICS):
@@ -268,6 +304,13 @@ cdef inline void learn(double *w, double *learning, const double *x, int n) noex
     for h in range(HARMONICS):
         w[1 + h] += share * (c[h] - w[1 + h])
         w[1 + HARMONICS + h] += share * (s[h] - w[1 + HARMONICS + h])
+    learning[POWER] = learning[SPEED] = 0.0
+    for h in range(HARMONICS):
+        t = 0.5 * (w[1 + h] * w[1 + h] + w[1 + HARMONICS + h] * w[1 + HARMONICS + h])
+        learning[POWER] += t
+        learning[SPEED] += t * (h + 1) * (h + 1)
+    learning[POWER] = max(sqrt(learning[POWER]), 1e-9)
+    learning[SPEED] = max(TURN * sqrt(learning[SPEED]), 1e-9)
 
 
 cdef inline void correct(double *x, double *p, const double *gradient, double error, double variance) noexcept nogil:
@@ -302,6 +345,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
     cdef double gradient[4]
     cdef double deviation = 0.0
     cdef double power, speed, shape, slope, bend, jerk, c, s, c1, s1, t, error, pace
+    cdef bint unlike
     cdef int pass_, h, i
     if not (is_finite(angle) and is_finite(velocity)) or strike != strike:
         arena[at.phase] = NAN
@@ -313,15 +357,15 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
     # 1. A stride between two strikes enters the waveform. The filter starts at a strike: after two strides, at the first
     #    one after standing, and at the second in a row that it did not expect.
     if strike != 0.0:
-        learning[UNLIKE] = learning[UNLIKE] + 1.0 if fabs(nearest(x[0])) > 0.15 else 0.0
+        unlike = fabs(nearest(x[0])) > UNLIKE_LIMIT
         if learning[SINCE] >= 0.4 and learning[SINCE] <= 2.5 and learning[SAMPLES] <= sizes.stride:
             learn(w, learning, arena + at.stride, <int>learning[SAMPLES])
             if learning[STRIDES] >= 2.0 and learning[RUNNING] == 0.0:
                 learning[RUNNING] = learning[LOST] = 1.0
             if learning[LOST] == 0.0 or learning[CADENCE] == 0.0:
                 learning[CADENCE] = 1.0 / learning[SINCE]
-        if learning[RUNNING] != 0.0 and (learning[LOST] != 0.0 or learning[UNLIKE] >= 2.0):
-            learning[LOST] = learning[UNLIKE] = learning[MISFIT] = 0.0
+        if learning[RUNNING] != 0.0 and (learning[LOST] != 0.0 or unlike):
+            learning[LOST] = learning[MISFIT] = 0.0
             x[0] = x[3] = 0.0
             x[1] = learning[CADENCE]
             x[2] = 1.0
@@ -329,8 +373,11 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
                 p[i] = 0.0
             p[0] = p[10] = p[15] = 1e-3
             p[5] = 1e-2
-        learning[SINCE] = 0.0
-        learning[SAMPLES] = 0.0
+        elif learning[RUNNING] != 0.0:
+            gradient[0] = 1.0
+            gradient[1] = gradient[2] = gradient[3] = 0.0
+            correct(x, p, gradient, -nearest(x[0]), arena[at.strike_noise] * arena[at.strike_noise])
+        learning[SINCE] = learning[SAMPLES] = learning[LATEST] = 0.0
     if learning[SAMPLES] < sizes.stride:
         arena[at.stride + <int>learning[SAMPLES]] = angle
     learning[SAMPLES] = min(learning[SAMPLES] + 1.0, sizes.stride + 1.0)
@@ -338,6 +385,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
         # 2. Predict: the phase advances at the frequency.
         pace = max(x[1], 0.05) * dt
         x[0] += x[1] * dt
+        x[1] += (learning[CADENCE] - x[1]) * dt / CADENCE_TIME
         for i in range(4):
             p[i] += dt * p[4 + i]
         for i in range(4):
@@ -346,14 +394,8 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
         p[5] += arena[at.frequency_noise] * arena[at.frequency_noise] * dt
         p[10] += 1e-4 * pace
         p[15] += 1e-4 * pace
-        power = 0.0
-        speed = 0.0
-        for h in range(HARMONICS):
-            t = w[1 + h] * w[1 + h] + w[1 + HARMONICS + h] * w[1 + HARMONICS + h]
-            power += 0.5 * t
-            speed += 0.5 * t * (h + 1) * (h + 1)
-        power = max(sqrt(power), 1e-9)
-        speed = max(TURN * sqrt(speed), 1e-9)
+        power = learning[POWER]
+        speed = learning[SPEED]
         # 3. Correct by the angle, then by the velocity, each relative to its standard deviation over the stride.
         for pass_ in range(2):
             c1 = cos(TURN * x[0])
@@ -391,10 +433,19 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
                 c = arena[at.velocity_noise] * max(x[1], 0.3)
                 correct(x, p, gradient, error, c * c + 0.5 * t * t)
         x[0] = wrapped(x[0])
-        x[1] = max(0.0, min(CADENCE_LIMIT, x[1]))
+        # 4. A leg that moves does not stand: at a turning point the velocity does not determine the frequency.
+        t = MOVING_SHARE * speed * learning[CADENCE]
+        learning[MOTION] += (velocity * velocity - learning[MOTION]) * min(1.0, dt / MOTION_TIME)
+        learning[QUIET] = learning[QUIET] + learning[CADENCE] * dt if learning[MOTION] < 0.25 * t * t else 0.0
+        t = SLOWEST_SHARE * learning[CADENCE] if learning[MOTION] > t * t else 0.0
+        if x[1] < t:
+            x[1] = t
+            p[0] = max(p[0], 1e-3)
+            p[5] = max(p[5], 1e-2)
+        x[1] = min(CADENCE_LIMIT, x[1])
         x[2] = max(0.3, min(2.0, x[2]))
         learning[MISFIT] += (deviation * deviation - learning[MISFIT]) * min(1.0, 5.0 * dt)
-        if x[1] < WALKING_CADENCE or learning[MISFIT] > MISFIT_LIMIT:
+        if x[1] < WALKING_CADENCE or learning[QUIET] > QUIET_LIMIT or learning[MISFIT] > MISFIT_LIMIT:
             learning[LOST] = 1.0
         if not is_finite(x[0] + x[1] + x[2] + x[3]):
             learning[RUNNING] = learning[STRIDES] = 0.0
@@ -403,9 +454,14 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
     arena[at.deviation] = deviation
     arena[at.phase] = arena[at.frequency] = arena[at.walking] = 0.0
     if learning[RUNNING] != 0.0:
-        arena[at.phase] = x[0]
+        # A stride begins once, at its strike at the latest: the phase does not return to the stride before.
+        if learning[LATEST] < UNLIKE_LIMIT and x[0] > 1.0 - UNLIKE_LIMIT:
+            arena[at.phase] = 0.0
+        else:
+            learning[LATEST] = x[0]
+            arena[at.phase] = x[0]
         arena[at.frequency] = x[1]
-        arena[at.walking] = x[1] > WALKING_CADENCE and learning[MISFIT] < MISFIT_LIMIT
+        arena[at.walking] = learning[LOST] == 0.0
     return OK
 
 

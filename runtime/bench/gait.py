@@ -24,11 +24,13 @@ from blocks.gait import (
     StridePhase,
     ThighEvents,
 )
-from graph import Block, Diagram, Output
+from blocks.sources import TimeTable
+from graph import Diagram
 from runtime.session.simulate import simulate
 
 LEARNED_STRIKES = 10  # not measured: the estimators learn the wearer
 MATCH_SHARE = 0.25  # of a stride, between a strike and its estimate
+KNOWN_PHASE = 0.05  # below it an estimator that has found its phase has found a strike
 EDGE_TIME = 1.0  # s at the end that are not measured
 STEP_TIME = 5.0  # s
 STEP_SPEEDS = (1.0, 0.8, 1.2, 1.4, 0.9, 1.1)  # times the recorded speed
@@ -53,13 +55,17 @@ class Leg:
 
 @dataclass
 class Walk:
-    """One leg as played. Arrays over the ticks; the true phase is NaN outside strides."""
+    """One leg as played. Arrays over the ticks; the true phase is NaN outside strides.
+
+    clock : s, in which errors are measured: the recording's own time where it stops
+    """
 
     time: np.ndarray
     moving: np.ndarray
     signals: dict[str, np.ndarray]
     strikes: np.ndarray
     phase: np.ndarray
+    clock: np.ndarray
 
 
 def steady(time: np.ndarray) -> np.ndarray:
@@ -117,76 +123,51 @@ def play(leg: Leg, condition: str, rate: float, noise: float = 0.0) -> Walk:
     at = leg.time[np.flatnonzero((leg.contact[1:] > 0.5) & (leg.contact[:-1] < 0.5)) + 1]
     at = at[at <= own[-1]]
     strikes = time[np.minimum(np.searchsorted(own, at - 1e-9), count - 1)]
-    base, marks = (own, at) if condition == "stops" else (time, strikes)
-    stride = np.searchsorted(marks, base, side="right")
+    clock, marks = (own, at) if condition == "stops" else (time, strikes)
+    stride = np.searchsorted(marks, clock, side="right")
     inside = (stride > 0) & (stride < len(marks))
     phase = np.full(count, math.nan)
     begin, end = marks[stride[inside] - 1], marks[stride[inside]]
-    phase[inside] = (base[inside] - begin) / (end - begin)
-    return Walk(time, speed > 0.5, signals, strikes, phase)
-
-
-class RecordedLeg(Block):
-    """Recorded signals of one leg."""
-
-    thigh = Output("rad", "angle of the thigh")
-    thigh_velocity = Output("rad/s", "velocity of the thigh")
-    shank = Output("rad", "angle of the shank")
-    shank_velocity = Output("rad/s", "velocity of the shank")
-    knee = Output("rad", "knee flexion")
-    knee_velocity = Output("rad/s", "knee flexion velocity")
-    contact = Output("N", "force under the foot")
-
-    rows: list = [(0.0,) * 7]
-
-    def step(self, tick):
-        return self.rows[min(tick, len(self.rows) - 1)]
+    phase[inside] = (clock[inside] - begin) / (end - begin)
+    return Walk(time, speed > 0.5, signals, strikes, phase, clock)
 
 
 def build(walk: Walk, rate: float) -> tuple[Diagram, dict[str, tuple[str, str]]]:
     """Return the diagram, and {estimator: (path of its strikes or "", path of its phase)}."""
     paths = {}
     with Diagram("gait", rate) as diagram:
-        leg = RecordedLeg(name="leg")
-        zero = np.zeros(len(walk.time))
-        leg.rows = list(zip(*(walk.signals.get(name, zero).tolist() for name in leg.outputs)))
-        leg()
+        leg = {name: TimeTable(walk.time, values, name=name)() for name, values in walk.signals.items()}
         detectors = {}
-        if "contact" in walk.signals:
-            detectors["contact"] = ContactEvents(name="contact_events")(force=leg.contact)
-        if "shank" in walk.signals:
-            detectors["shank gyro"] = GyroEvents(name="gyro_events")(velocity=leg.shank_velocity)
-        if "thigh" in walk.signals:
-            detectors["thigh"] = ThighEvents(name="thigh_events")(angle=leg.thigh)
-        if "knee" in walk.signals:
-            detectors["knee"] = KneeEvents(name="knee_events")(angle=leg.knee, velocity=leg.knee_velocity)
+        if "contact" in leg:
+            detectors["contact"] = ContactEvents(name="contact_events")(force=leg["contact"])
+        if "shank" in leg:
+            detectors["shank gyro"] = GyroEvents(name="gyro_events")(velocity=leg["shank_velocity"])
+        if "thigh" in leg:
+            detectors["thigh"] = ThighEvents(name="thigh_events")(angle=leg["thigh"])
+        if "knee" in leg:
+            detectors["knee"] = KneeEvents(name="knee_events")(angle=leg["knee"], velocity=leg["knee_velocity"])
 
         def add(title, block, strikes="", **inputs):
             block(**inputs)
             paths[title] = (strikes, f"{block.path}.phase")
 
+        def moved(segment, detector):
+            return {"angle": leg[segment], "velocity": leg[f"{segment}_velocity"], "strike": detectors[detector].strike}
+
         for name, events in detectors.items():
             key = name.replace(" ", "_")
             add(f"{name}: time", StridePhase(name=f"{key}_time"), f"{events.strike.path}", strike=events.strike)
-        if "knee" in walk.signals:
-            add("knee: GaitPhase", GaitPhase(name="gait_phase"), angle=leg.knee, velocity=leg.knee_velocity)
-        if "thigh" in walk.signals:
-            for name in ("thigh", "contact"):
-                strike, other = detectors[name].strike, "" if name == "thigh" else " + contact"
-                thigh = {"angle": leg.thigh, "velocity": leg.thigh_velocity, "strike": strike}
-                add(f"thigh{other}: portrait", PhasePortrait(name=f"{name}_portrait"), **thigh)
-                add(
-                    f"thigh{other}: oscillator",
-                    AdaptiveOscillator(name=f"{name}_oscillator"),
-                    angle=leg.thigh,
-                    strike=strike,
-                )
-                add(f"thigh{other}: Kalman", PhaseKalmanFilter(name=f"{name}_kalman"), **thigh)
+        if "knee" in leg:
+            add("knee: GaitPhase", GaitPhase(name="gait_phase"), angle=leg["knee"], velocity=leg["knee_velocity"])
+        for name in ("thigh", "contact") if "thigh" in leg else ():
+            thigh, other = moved("thigh", name), "" if name == "thigh" else " + contact"
+            add(f"thigh{other}: portrait", PhasePortrait(name=f"{name}_portrait"), **thigh)
+            oscillator = AdaptiveOscillator(name=f"{name}_oscillator")
+            add(f"thigh{other}: oscillator", oscillator, angle=thigh["angle"], strike=thigh["strike"])
+            add(f"thigh{other}: Kalman", PhaseKalmanFilter(name=f"{name}_kalman"), **thigh)
         for name, detector in (("shank", "shank gyro"), ("knee", "knee")):
-            if name in walk.signals:
-                inputs = {"angle": getattr(leg, name), "velocity": getattr(leg, f"{name}_velocity")}
-                kalman = PhaseKalmanFilter(name=f"{name}_kalman")
-                add(f"{name}: Kalman", kalman, strike=detectors[detector].strike, **inputs)
+            if name in leg:
+                add(f"{name}: Kalman", PhaseKalmanFilter(name=f"{name}_kalman"), **moved(name, detector))
     return diagram, paths
 
 
@@ -197,42 +178,50 @@ def measure(leg: Leg, condition: str, rate: float, noise: float = 0.0) -> dict[s
     trial = simulate(diagram, len(walk.time) / rate)
     rows = {}
     for name, (strikes, path) in paths.items():
-        phase = trial[path]
         if strikes:
-            at = walk.time[np.flatnonzero(trial[strikes])]
+            at = trial[strikes] > 0.0
         else:
-            at = walk.time[1:][phase[:-1] - phase[1:] > 0.5]
-        rows[name] = errors(walk, at, phase)
+            at = begins(trial[path], trial[path.removesuffix("phase") + "walking"])
+        rows[name] = errors(walk, walk.time[at], trial[path])
     return rows
 
 
-def errors(walk: Walk, strikes: ArrayLike, phase: np.ndarray) -> dict[str, float]:
-    """Compare an estimate with the truth, from the strike after those that are learned.
+def begins(phase: np.ndarray, walking: np.ndarray) -> np.ndarray:
+    """Return for each tick whether a stride begins: the known phase wraps, or becomes known at about 0."""
+    known = (walking[1:] > walking[:-1]) & (phase[1:] < KNOWN_PHASE)
+    return np.concatenate(([False], known | ((walking[:-1] > 0.0) & (phase[:-1] - phase[1:] > 0.5))))
 
-    strikes : s, estimated
+
+def errors(walk: Walk, strikes: ArrayLike, phase: np.ndarray) -> dict[str, float]:
+    """Compare an estimate with the truth, from the strike after those that are learned, on the clock of the walk.
+
+    strikes : s, estimated; of several within MATCH_SHARE of a stride, the first counts
 
     Returns the number of true strikes, how many are missed and invented, median and 95 % of the absolute timing error
     in ms, and the RMS phase error in % of a stride while the leg moves.
     """
-    true = walk.strikes
+    clock = walk.clock
+    true = np.interp(walk.strikes, walk.time, clock)
     learned = min(LEARNED_STRIKES, len(true) // 3)
     if len(true) < 3:
         raise ValueError("fewer than three strikes")
     begin = true[learned] - 0.5 * (true[learned] - true[learned - 1]) if learned else -math.inf
-    end = walk.time[-1] - EDGE_TIME
+    end = clock[-1] - EDGE_TIME
     reach = MATCH_SHARE * float(np.median(np.diff(true)))
-    strikes = np.asarray(strikes)
-    free = list(strikes[(strikes >= begin - reach) & (strikes <= end + reach)])
+    estimates = np.sort(np.interp(np.asarray(strikes, dtype=float), walk.time, clock))
+    estimates = estimates[np.diff(estimates, prepend=-math.inf) > reach]
+    free = list(estimates)
     late, missed = [], 0
-    for strike in true[(true >= begin) & (true <= end)]:
+    for strike in true:
         nearest = min(free, key=lambda estimate: abs(estimate - strike), default=math.inf)
-        if abs(nearest - strike) <= reach:
+        matched = abs(nearest - strike) <= reach
+        if matched:
             free.remove(nearest)
-            late.append(abs(nearest - strike))
-        else:
-            missed += 1
+        if begin <= strike <= end:
+            late += [abs(nearest - strike)] if matched else []
+            missed += not matched
     invented = sum(begin <= estimate <= end for estimate in free)
-    chosen = (walk.time >= begin) & (walk.time <= end) & walk.moving & np.isfinite(walk.phase)
+    chosen = (clock >= begin) & (clock <= end) & walk.moving & np.isfinite(walk.phase)
     difference = (phase[chosen] - walk.phase[chosen] + 0.5) % 1.0 - 0.5
     return {
         "strikes": len(late) + missed,

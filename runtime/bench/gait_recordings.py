@@ -58,7 +58,7 @@ def legs(path: Path, names: Mapping[str, str]) -> list[Leg]:
             name = next((name for name in choices if name in columns), None)
             if name is not None:
                 factor = math.radians(1.0) if kind != "contact" and units.get(name) == "deg" else 1.0
-                signals[kind] = factor * columns[name]
+                signals[kind] = factor * filled(columns[name], time)
         contact = signals.pop("contact", None)
         if contact is not None and signals:
             loaded = contact > CONTACT_LOAD * max(float(np.nanmax(contact)), 1e-9)
@@ -69,6 +69,12 @@ def legs(path: Path, names: Mapping[str, str]) -> list[Leg]:
             "thigh_pitch_lt_deg, or --signal left.contact=NAME --signal left.thigh=NAME"
         )
     return found
+
+
+def filled(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return values with missing samples interpolated, unless all are missing. time : s"""
+    valid = np.isfinite(values)
+    return np.interp(time, time[valid], values[valid]) if valid.any() else values
 
 
 def of_csv(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, str]]:

@@ -82,6 +82,15 @@ def test_every_strike_of_steady_walking_is_detected_once_at_any_amplitude(name):
         assert np.median(np.abs(delays)) < 0.016 and np.abs(delays).max() < 0.06
 
 
+def test_a_knee_that_flexes_in_stance_half_as_far_as_in_swing_has_one_strike_a_stride():
+    phase = np.arange(20 * 140) / 140.0
+    bumps = [np.exp(-0.5 * ((phase % 1.0 - centre) / width) ** 2) for centre, width in ((0.14, 0.06), (0.73, 0.09))]
+    angle = 0.6 * bumps[0] + 1.1 * bumps[1]
+    outputs = inside(KneeEvents, angle=angle, velocity=np.gradient(angle, 1.0 / RATE))
+    at = np.flatnonzero(outputs["strike"][560:]) % 140
+    assert len(at) == 16 and at.min() > 120
+
+
 @pytest.mark.parametrize("name", DETECTORS)
 def test_stepped_by_hand_it_is_the_block_of_a_diagram(name):
     block, inputs = DETECTORS[name]
