@@ -11,6 +11,7 @@ from cext.kernels.networks.inference import tick
 from cext.kernels.networks.model import FAILED, IN_USE, NO_THREAD, PROVIDERS, STALE, Model
 from cext.kernels.networks.worker import Owner, Worker, delayed
 from graph import Block, Input, Interval, Memory, Output, Param
+from graph.diagram import current_scope
 
 LAYOUTS = ("channels, time", "time, channels")
 RATE_TOLERANCE = 1e-6  # relative difference of two equal rates
@@ -96,6 +97,9 @@ class OnnxModel(Block):
     stale_is_fault = Memory(0.0, "1 if stale outputs are a fault")
 
     kernel = tick
+    scope_every: int | None = (
+        None  # every n-th tick that the subsystem runs at; 0 if the block has `every`, or no diagram
+    )
 
     def configure(self) -> None:
         self.file = str(self.path_of_file())
@@ -118,8 +122,8 @@ class OnnxModel(Block):
 
     def prepare(self, dt: float) -> None:
         """Create the jobs of a worker for its latency. Raises ValueError for outputs that are always stale."""
+        self.loaded.warm_up()
         if self.run == "tick":
-            self.loaded.warm_up()
             return
         steps = max(1, math.ceil(self.latency / dt - RATE_TOLERANCE))
         if self.stale < (steps + 1) * dt - RATE_TOLERANCE:
@@ -161,7 +165,7 @@ class OnnxModel(Block):
         folder = Path(self.location.file).parent if self.location else Path()
         for path in (folder / self.file, Path(self.file)):
             if path.is_file():
-                return path
+                return path.absolute()
         raise ValueError(f"file: there is no {self.file} in {folder or '.'} or in the working folder")
 
     def place(self, loaded: Any, samples: int) -> None:
@@ -186,18 +190,21 @@ class OnnxModel(Block):
 
     def set_rate(self) -> None:
         """Set `every` from the sampling rate, where it is not given. Raises ValueError for rates that do not divide."""
-        self._every = vars(self).get("_every", self.every)
+        if self.scope_every is None:
+            scope = current_scope()
+            self.scope_every = 0 if scope is None or self.every != scope.every else scope.every
         rate = self.rate or self.description.rate
-        if not rate or self.diagram is None or self._every != 1:
+        if not rate or not self.scope_every:
             return
-        ratio = self.diagram.rate / rate
+        present = self.diagram.rate / self.scope_every
+        ratio = present / rate
         if ratio < 0.5 or abs(ratio - round(ratio)) > RATE_TOLERANCE * ratio:
             raise ValueError(
-                f"the network has a sampling rate of {rate:g} Hz, and the diagram's rate, {self.diagram.rate:g} Hz, is "
-                f"not a multiple of it: run the diagram at {max(1, round(ratio)) * rate:g} Hz, or pass rate=... or "
+                f"the network has a sampling rate of {rate:g} Hz, and the rate of the diagram here, {present:g} Hz, is "
+                f"not a multiple of it: use a rate such as {max(1, round(ratio)) * rate:g} Hz, or pass rate=... or "
                 "every=... to run the network at another rate than it was trained for"
             )
-        self.every = round(ratio)
+        self.every = round(ratio) * self.scope_every
         self.dt = self.every / self.diagram.rate
 
     def output_range(self, *_: Any, **inputs: Interval) -> dict[str, Interval]:

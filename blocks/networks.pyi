@@ -39,9 +39,9 @@ class OnnxModel(Block):
     ring: Memory
     delay: Memory
     stale_is_fault: Memory
+    scope_every: Any
     streaming: Any
     worker: Any
-    _every: Any
     loaded: Any
     description: Any
     def __init__(

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("tickwork", "numpy", "networkx", "python-can")
+PACKAGES = ("tickwork", "numpy", "networkx", "python-can", "onnxruntime", "onnxruntime-gpu")
 GIT_TIMEOUT = 2.0  # s, for a repository on a slow disk
 
 

@@ -88,8 +88,8 @@ def summary(result: RunResult) -> list[str]:
             row("" if index else "replies", f"{path} after {spread(histogram)}")
     for index, words in enumerate(result.rig.sensors() if result.rig is not None else ()):
         row("" if index else "sensors", words)
-    for words in filter(None, (block.run_summary() for block in result.diagram)):
-        row("blocks", words)
+    for index, words in enumerate(filter(None, (block.run_summary() for block in result.diagram))):
+        row("" if index else "blocks", words)
     for entry in result.control.watched:
         if words := watch_text(entry, schedule.rate):
             row("watch", words)

@@ -266,12 +266,11 @@ cdef class Model:
         return self.inference.error.decode(errors="replace")
 
     def warm_up(self) -> None:
-        """Run one inference of zeros, so that the first one of a run does not allocate. A failure is ignored."""
-        inputs, outputs = (array("f", bytes(4 * size)) for size in self.sizes)
+        """Run one inference of zeros, so that the first one of a run does not allocate. Raises ValueError if it fails."""
         try:
-            self.run(inputs, outputs)
-        except ValueError:
-            self.inference.error[0] = 0
+            self.run(*(array("f", bytes(4 * size)) for size in self.sizes))
+        except ValueError as error:
+            raise ValueError(f"an inference with zeros fails: {error}") from None
 
     def run(self, float[::1] inputs, float[::1] outputs) -> None:
         """Run one inference on buffers of `sizes`. Raises ValueError if it fails."""

@@ -10,7 +10,7 @@ import pytest
 
 from blocks.networks import OnnxModel
 from blocks.sources import Sine
-from graph import Diagram, Interval
+from graph import Diagram, Interval, subsystem
 from graph.store import describe
 from tests.blocks.networks import models
 from tests.blocks.running import run
@@ -140,7 +140,14 @@ def test_a_model_runs_at_the_rate_of_its_file(tmp_path):
         assert OnnxModel(path, rate=300.0).every == 2
     with Diagram("robot", rate=250.0):
         problem = refusal(OnnxModel, path).message
-    assert "has a sampling rate of 100 Hz" in problem and "run the diagram at 200 Hz" in problem
+    assert "has a sampling rate of 100 Hz" in problem and "use a rate such as 200 Hz" in problem
+    with Diagram("robot", rate=400.0):
+        with subsystem("slow", every=2):
+            network = OnnxModel(path)
+            network.set("rate", 50.0)
+            assert (network.every, OnnxModel(path).every, OnnxModel(path, every=3).every) == (8, 4, 6)
+        with subsystem("slower", every=8):
+            assert "the rate of the diagram here, 50 Hz" in refusal(OnnxModel, path).message
 
 
 def test_a_path_is_relative_to_the_folder_of_the_diagram_or_the_working_folder(tmp_path, monkeypatch):
@@ -187,6 +194,9 @@ def damaged(path):
 
 
 IDENTITY = models.helper.make_node("Identity", ["x"], ["y"])
+MEAN = models.helper.make_node("ReduceMean", ["x"], ["y"], axes=[1], keepdims=0)
+MEAN_OF_H = models.helper.make_node("ReduceMean", ["h"], ["h_next"], axes=[1], keepdims=1)
+COPY = models.helper.make_node("Identity", ["h"], ["h_next"])
 FAULTS = {
     "missing": (lambda path: None, "there is no"),
     "damaged": (damaged, "rotobuf parsing failed"),
@@ -202,6 +212,16 @@ FAULTS = {
     "two signals": (
         lambda path: models.save(path, [IDENTITY], {"x": (1, 3), "h": (1, 2)}, {"y": (1, 3)}),
         "expected one input without a next value, got x, h: a state NAME needs an output NAME_next",
+    ),
+    "state": (
+        lambda path: models.save(
+            path, [IDENTITY, MEAN_OF_H], {"x": (1, 2), "h": (1, 3)}, {"y": (1, 2), "h_next": (1, 1)}
+        ),
+        "state h has shape (1, 3), but h_next has (1, 1)",
+    ),
+    "samples of a stream": (
+        lambda path: models.save(path, [MEAN, COPY], {"x": (1, 3, 2), "h": (3,)}, {"y": (1, 2), "h_next": (3,)}),
+        "must have one sample, got 2",
     ),
     "unknown key": (model_with("channels", [{"name": "a", "scale": 2}]), "channels: expected an object with name and"),
     "reserved name": (model_with("outputs", [{"name": "valid"}]), "outputs: 'valid' cannot name a port"),
@@ -220,6 +240,16 @@ def test_a_file_that_cannot_be_used_is_reported_with_its_problem(tmp_path, fault
     write(str(path))
     message = refusal(OnnxModel, str(path)).message
     assert text in message and str(path) in message
+
+
+def test_a_model_that_cannot_run_is_reported_before_the_run(tmp_path):
+    node = models.helper.make_node("Reshape", ["x", "shape"], ["y"])
+    shape = {"shape": np.array([2, 2], np.int64)}  # of three numbers
+    path = models.save(tmp_path / "m.onnx", [node], {"x": (1, 3)}, {"y": (1, 2)}, shape)
+    with Diagram("robot", rate=200.0) as diagram:
+        OnnxModel(path)(hip_angle=0.0, hip_velocity=0.0, mass=70.0)
+    [problem] = [each for each in complaints(diagram) if each.severity == "error"]
+    assert problem.code == "TW010" and "an inference with zeros fails: " in problem.message
 
 
 def test_an_unavailable_provider_is_reported_with_the_available_ones(tmp_path):
