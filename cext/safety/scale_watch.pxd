@@ -6,7 +6,8 @@ Principle
        the tolerance, the second by a third of it. Or the first is above 3, which noise cannot cause, or the second
        below -0.5: the signs differ.
     2. Velocity: x is the change of position in at least 25 ms, y the integral of the reported velocity. Counted if
-       either is faster than 0.5 rad/s; not if either is at an end of its range, nor over a gap of more than 60 ms.
+       either is faster than 0.5 rad/s; not if either is at an end of its range, nor over a gap of more than 30 ms, in
+       which an ankle's velocity rises and falls. Below 33 replies per second nothing is counted.
     3. Torque: x is the sent law, y the measured torque. Counted above 10 % of the rated torque, and not if the law
        exceeds half of the rated torque, where a drive may limit it.
 """
@@ -18,7 +19,7 @@ from cext.safety.thresholds cimport SCALE_SPEED_MINIMUM, SCALE_TIME
 
 cdef enum:
     CHUNK = 25000000                    # ns
-    GAP = 60000000                      # ns
+    GAP = 30000000                      # ns
     PLAIN = 300                         # %, of a scale that noise cannot cause; x may be zero
     ENDS = 990                          # 0.001 of a range; positions beyond are at its end
 

@@ -346,6 +346,21 @@ def test_noise_lag_and_lost_replies_are_no_scale_mismatch(knee, rate):
     assert outcome.status == "ok"
 
 
+def test_replies_lost_at_the_fastest_motion_are_no_scale_mismatch():
+    """An ankle that extends by 0.45 rad in 0.12 s and returns in 0.5 s: over the 55 ms without a reply, the mean of the
+    velocities before and after is 0.85 times the rate of the position.
+    """
+
+    def pushing(t):
+        t %= 1.0
+        begin, angle, change, duration = (0.0, 0.0, -0.45, 0.12) if t < 0.12 else (0.12, -0.45, 0.45, 0.5)
+        x = min(1.0, (t - begin) / duration)
+        return angle + change * x * x * (3.0 - 2.0 * x), change * 6.0 * x * (1.0 - x) / duration
+
+    _, outcome = imposed(pushing, seconds=4.0, emulator={"dropped": lambda t: float(0.035 < t % 1.0 < 0.085)})
+    assert outcome.status == "ok"
+
+
 def test_a_position_at_the_end_of_its_range_is_not_compared():
     """A drive turns on, past the end of what it can report."""
     _, outcome = imposed(lambda t: (11.0 + 2.0 * t, 2.0), seconds=3.0)
