@@ -131,7 +131,7 @@ def holds(report: Mapping[str, Any], console: Console) -> list[str]:
         if before % after == 0:
             how = f"held for {before // after} ticks"
         elif after % before == 0:
-            how = f"every {after // before}th value is used"
+            how = f"one of {after // before} values is used"
         lines += console.hang(f"  {hold['source']:<{width}}  ", f"→ {hold['target']}  {how}")
     return lines
 

@@ -93,8 +93,8 @@ def summary(result: RunResult) -> list[str]:
     for entry in result.control.watched:
         if words := watch_text(entry, schedule.rate):
             row("watch", words)
-    for path, (zeros, refused) in result.control.zeros.items():
-        row("zero", f"{path}: set {count(zeros, 'time')}, refused {count(refused, 'time')}")
+    for index, (path, (zeros, refused)) in enumerate(result.control.zeros.items()):
+        row("" if index else "zero", f"{path}: set {count(zeros, 'time')}, refused {count(refused, 'time')}")
     for entry in result.held:
         row("held", held_text(entry, schedule.rate))
     for stride in result.recording.get("strides", []):

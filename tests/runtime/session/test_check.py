@@ -82,6 +82,7 @@ def test_every_port_has_its_unit_its_wire_and_its_range(exo):
         "torque_command": "left/torque_limiter.limited",
         "stiffness_command": "0 N·m/rad",
         "damping_command": "0 N·m·s/rad",
+        "zero": "no",
     }
     age = next(port for port in knee["outputs"] if port["name"] == "age")
     assert (age["low"], age["high"]) == (0.0, None)
@@ -199,7 +200,7 @@ def test_rates_conditions_and_holds_of_the_gil_are_reported(tmp_path):
     ]
     said = "\n".join(columns(found))
     assert (
-        "fast.y        → slow/level.u  every 10th value is used" in said
+        "fast.y        → slow/level.u  one of 10 values is used" in said
         and ("slow/level.y  → direct.u  held for 10 ticks") in said
     )
     assert re.search(r"slow/level +native +50 Hz +while on\.y", said) and re.search(
