@@ -148,12 +148,13 @@ class Microcontroller(StreamDevice):
 class EmulatedMicrocontroller(StreamDevice):
     """Emulated microcontroller that sends its inputs as fields every `period`.
 
-    Numbers are rounded to the types of the fields.
+    Numbers are rounded to the types of the fields. The device clock is the time of the plant plus its input.
     """
 
     fields = Microcontroller.parameters["fields"]
     format = Microcontroller.parameters["format"]
     counter = Microcontroller.parameters["counter"]
+    clock, clock_wrap = Microcontroller.parameters["clock"], Microcontroller.parameters["clock_wrap"]
     period = Param(0.005, "s", "period of the packets", above=0.0, fixed=True)
 
     silent = Input("1", "true stops all packets", default=False, dtype=bool)
@@ -162,6 +163,7 @@ class EmulatedMicrocontroller(StreamDevice):
     plan = Memory((), "1 for text lines, 1 with a counter, bytes of the fields, then type and scale of each field")
     state = Memory((0.0,) * 5, "next counter and its time, random state, first and last pending byte")
     waiting = Memory((), "pending bytes")
+    clock_plan = Memory((-1.0, 0.0, 0.0), "index of the device clock, s per count, wrap period in s")
 
     decode = no_io.ignore_all
     encode = kernels.emulated_encode
@@ -170,7 +172,8 @@ class EmulatedMicrocontroller(StreamDevice):
     @classmethod
     def of(cls, microcontroller: Microcontroller, **parameters: Any) -> EmulatedMicrocontroller:
         """Return the emulator of one Microcontroller. parameters : override those of the block"""
-        own = {name: getattr(microcontroller, name) for name in ("bus", "fields", "format", "counter")}
+        same = ("bus", "fields", "format", "counter", "clock", "clock_wrap")
+        own = {name: getattr(microcontroller, name) for name in same}
         if microcontroller.packet_rate:
             own["period"] = 1.0 / microcontroller.packet_rate
         return cls(**own | parameters)
@@ -181,6 +184,7 @@ class EmulatedMicrocontroller(StreamDevice):
         self.declared = fields.read(self.fields, {*own, *type(self).parameters, *type(self).memory, *_RESERVED_NAMES})
         self.inputs = {each.name: each.input() for each in self.declared} | own
         self.plan = fields.plan(self.declared, self.format == "lines", self.counter)
+        self.clock_plan = fields.clock(self.declared, self.clock, self.clock_wrap)
         self.waiting = (0.0,) * (PACKET_BYTES_LIMIT[self.format] // 8)
 
 

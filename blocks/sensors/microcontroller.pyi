@@ -63,6 +63,8 @@ class EmulatedMicrocontroller(StreamDevice):
     fields: Param[Sequence[Any] | np.ndarray]
     format: Param[Literal['cobs', 'lines']]
     counter: Param[bool]
+    clock: Param[str]
+    clock_wrap: Param[float]
     period: Param[float]
     silent: Input
     dropped: Input
@@ -70,12 +72,15 @@ class EmulatedMicrocontroller(StreamDevice):
     plan: Memory
     state: Memory
     waiting: Memory
+    clock_plan: Memory
     declared: Any
     def __init__(
         self,
         fields: Sequence[Any] | np.ndarray,
         format: Literal['cobs', 'lines'] = 'cobs',
         counter: bool = True,
+        clock: str = '',
+        clock_wrap: float = 0.0,
         period: float = 0.005,
         bus: str = '',
         **options: Unpack[BlockOptions],

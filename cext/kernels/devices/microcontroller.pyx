@@ -8,7 +8,7 @@ The rest of a packet without its beginning, at the start or after a gap, does no
 is skipped: without its first digits a number is wrong, and no checksum reveals it.
 """
 
-from libc.math cimport isfinite
+from libc.math cimport fmod, isfinite
 from libc.stdint cimport int32_t, uint8_t, uint64_t
 from libc.stdio cimport snprintf
 from libc.string cimport memcpy, memset
@@ -214,16 +214,29 @@ cdef int decode_kernel(double *arena, const Driver *at, const Driver *sizes, con
 cdef struct Emulated:
     int32_t silent, dropped, broken, period
     int32_t plan, state         # the enums above
+    int32_t clock_plan          # as of the driver
     int32_t waiting             # bytes to be sent
     Rest inputs                 # fields, in the order of `plan`
 
-EMULATED = items((<Emulated *>ITEMS)[0], "plan[...] state[5] waiting[...]")
+EMULATED = items((<Emulated *>ITEMS)[0], "plan[...] state[5] clock_plan[3] waiting[...]")
+
+
+cdef double count_of(const double *arena, const Emulated *at, double scale, int slot, int index) noexcept nogil:
+    """Return the number to be sent for an input. The device clock is the time of the plant plus its input."""
+    cdef const double *clock = arena + at.clock_plan
+    cdef double count = arena[slot] / scale
+    if index == <int>clock[0]:
+        count += arena[TIME] / clock[1]
+        if clock[2] > 0.0:
+            count = fmod(count, clock[2] / clock[1])
+    return count
 
 
 cdef int make_packet(double *arena, const Emulated *at, const Emulated *sizes, const double *plan, double counter,
         uint8_t *out) noexcept nogil:
     cdef uint8_t[PACKET_LIMIT] plain
     cdef int offset = 0
+    cdef int index = 0
     cdef int field, i, kind
     cdef int crc
     if plan[COUNTED] != 0.0:
@@ -232,8 +245,10 @@ cdef int make_packet(double *arena, const Emulated *at, const Emulated *sizes, c
     for field in range(fields(sizes.plan)):
         kind = <int>plan[FIRST_FIELD + 2 * field]
         for i in range(each(sizes, sizes.inputs)[field]):
-            put_number(plain + offset, kind, arena[each(at, at.inputs)[field] + i] / plan[FIRST_FIELD + 2 * field + 1])
+            put_number(plain + offset, kind, count_of(arena, at, plan[FIRST_FIELD + 2 * field + 1],
+                each(at, at.inputs)[field] + i, index))
             offset += size_of(kind)
+            index += 1
     crc = checksum(plain, offset)
     plain[offset], plain[offset + 1] = <uint8_t>crc, <uint8_t>(crc >> 8)
     return stuff(plain, offset + 2, out)
@@ -243,13 +258,15 @@ cdef int make_line(double *arena, const Emulated *at, const Emulated *sizes, con
         uint8_t *out) noexcept nogil:
     cdef char *text = <char *>out
     cdef int offset = 0
+    cdef int index = 0
     cdef int field, i
     if plan[COUNTED] != 0.0:
         offset = snprintf(text, LINE, "%d,", <int>counter)
     for field in range(fields(sizes.plan)):
         for i in range(each(sizes, sizes.inputs)[field]):
-            offset += snprintf(text + offset, LINE - offset, "%.9g,",
-                arena[each(at, at.inputs)[field] + i] / plan[FIRST_FIELD + 2 * field + 1])
+            offset += snprintf(text + offset, LINE - offset, "%.10g,", count_of(arena, at,
+                plan[FIRST_FIELD + 2 * field + 1], each(at, at.inputs)[field] + i, index))
+            index += 1
     text[offset - 1] = 10
     return offset
 

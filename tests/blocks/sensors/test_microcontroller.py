@@ -274,6 +274,19 @@ def test_emulator_has_the_packet_rate_of_its_block():
     assert robot()["teensy"].emulator().period == 0.005
 
 
+@pytest.mark.parametrize("form", ["cobs", "lines"])
+def test_device_clock_of_the_emulator_is_the_time_of_the_plant_and_wraps(form):
+    with Diagram("robot", rate=200) as diagram:
+        declared = (("x", "float32"), ("t", "uint16", "s", 1e-4))
+        Microcontroller(declared, clock="t", packet_rate=100.0, format=form, name="teensy")
+    with Diagram("plant", rate=1000) as plant:
+        diagram["teensy"].emulator(name="unit")(x=1.0)
+    recording = run(diagram, 2000, plant=plant, substeps=5)  # 10 s, one wrap
+    assert np.diff(recording["teensy.t"]).min() < -6.0 and recording["teensy.t"].max() < 6.5536
+    arrival = recording["teensy.sample_time"] + recording["teensy.age"] - recording.time
+    assert np.ptp(arrival[100:]) < 0.001 and abs(recording["teensy.clock_drift"][-1]) < 1e-4
+
+
 def test_outputs_of_integer_fields_are_bounded_by_their_types():
     declared = (("angle", "int16", "rad", -0.001), ("level", "uint8"), ("load", "int24[2]"), ("x", "float32"))
     binary, text = (Microcontroller(fields=declared, format=form).output_range() for form in ("cobs", "lines"))
