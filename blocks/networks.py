@@ -151,7 +151,7 @@ class OnnxModel(Block):
         times = self.inference_times
         if not times["count"]:
             return f"{self.path}: no inference"
-        median, high, longest = (f"{1e3 * times[key]:.3g} ms" for key in ("p50", "p99", "max"))
+        median, high, longest = (f"{1e3 * times[key]:.4g} ms" for key in ("p50", "p99", "max"))
         late = f"; {self.worker.late} results late" if self.worker else ""
         return f"{self.path}: {times['count']} inferences, {median} median, {high} p99, {longest} max{late}"
 

@@ -148,8 +148,10 @@ class Assembly:
     def output_step(self, block: Block) -> Step:
         """Return the step that computes the outputs of a block."""
         if block.is_python:
-            return self.python_step(block, block.step, block.step_inputs(), block.outputs)
-        return self.native_step(block, block.kernel)
+            step = self.python_step(block, block.step, block.step_inputs(), block.outputs)
+        else:
+            step = self.native_step(block, block.kernel)
+        return replace(step, allowance=block.allowance) if block.allowance else step
 
     def settle_step(self, block: Block) -> Step | None:
         """Return the step that sets the steady state of the present inputs, or None."""
@@ -224,7 +226,6 @@ class Assembly:
             items={block.path: items for block, items in self.items.items()},
             live=self.live_parameters(),
             proofs=facts.proofs,
-            allowance=sum(block.allowance for block in self.blocks),
             holds=facts.holds,
             loads=facts.loads,
             warnings=[diagnostic for diagnostic in facts.diagnostics if diagnostic.severity == "warning"],

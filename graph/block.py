@@ -62,7 +62,7 @@ class Block:
     models_heat: bool = False  # estimates the temperature of an actuator that does not report it
     always: bool = False  # must run in every tick: in no slower subsystem, and in none that may be disabled
     abstract: bool = False  # a base class, in no list of blocks; not inherited
-    allowance: float = 0.0  # s that its step may take in addition to the limit of the watchdog for a tick
+    allowance: float = 0.0  # s that its step may take in addition to the limits of watchdog and guardian for a tick
     output_slew: Any = None  # fastest change of its output per second, where the block bounds it
     jit: bool = False  # compile the step to a kernel, where Numba is installed
     compiled: bool = False  # the step has been compiled to a kernel

@@ -29,6 +29,7 @@ class Step:
     inputs: tuple = ()
     outputs: tuple = ()
     hold: int = 0  # consecutive exceptions that are not a fault
+    allowance: float = 0.0  # s that it may take beyond the limits of watchdog and guardian
 
 
 @dataclass(frozen=True)
@@ -199,9 +200,13 @@ class Schedule:
     live: list = field(default_factory=list)  # LiveParameter, by path
     proofs: list = field(default_factory=list)
     loads: list = field(default_factory=list)  # graph.budget.BusLoad, one a bus
-    allowance: float = 0.0  # s that a tick may take beyond the limit of the watchdog, summed over the blocks
     holds: list = field(default_factory=list)  # (source, its every, input, its every) where rates meet
     warnings: list = field(default_factory=list)
+
+    @property
+    def allowance(self) -> float:
+        """Time in s that a tick may take beyond the limits of watchdog and guardian, in all its steps together."""
+        return sum(step.allowance for step in self.output)
 
     @property
     def gil_sections(self) -> int:

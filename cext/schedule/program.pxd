@@ -20,6 +20,7 @@ cdef struct Segment:             # consecutive steps of one kind, one rate and o
     int every                    # runs when floor(tick / every) has changed
     int condition_count
     const int32_t *conditions    # slots that must all be true; else the segment holds its outputs
+    int64_t allowance            # ns
     bint python
 
 cdef struct Phase:
@@ -52,6 +53,8 @@ cdef class Program:
     cdef Laps *laps              # NULL: not timed
     cdef int32_t *at             # present stopwatch item, below 0: none; in the shared state if there is one
     cdef int32_t own_at
+    cdef int64_t *since          # of cext.schedule.watchdog.Handover; NULL without a watchdog
+    cdef int64_t *allowed
     cdef int64_t gil_taken
     cdef list blocks
     cdef list holding            # PythonSteps that may hold exceptions
@@ -67,6 +70,8 @@ cdef class Program:
     cdef int run(self, Phase *phase, int64_t tick, int64_t previous) noexcept nogil
     cdef int64_t due(self, Segment *segment, int64_t tick, int64_t previous) noexcept nogil
     cdef void set_clock(self, Segment *segment, int64_t periods, double dt, double period) noexcept nogil
+    cdef int64_t begin_allowance(self, Segment *segment) noexcept nogil
+    cdef void end_allowance(self, Segment *segment, int64_t began) noexcept nogil
     cdef int run_native(self, Phase *phase, Segment *segment) noexcept nogil
     cdef int run_python(self, Phase *phase, int *index, int64_t tick, int64_t previous) noexcept nogil
     cdef bint enabled(self, Segment *segment) noexcept nogil

@@ -17,6 +17,8 @@ from libc.string cimport memcpy
 
 from cext.safety.forks cimport is_child, leave
 from cext.abi cimport DT, LATENESS, OK, PERIOD, PYTHON_ERROR
+from cext.atomics cimport store_i64
+from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add
 from cext.schedule.python_step cimport PythonStep
 from cext.clock.stopwatch cimport FIRST_STEP, GIL_WAIT, lap
@@ -101,11 +103,12 @@ cdef class Program:
                 if call.hold > 0:
                     self.holding.append(call)
                 step.python = <PyObject *>call
-            kind = (step.kernel == NULL, entry.every, entry.conditions)
+            kind = (step.kernel == NULL, entry.every, entry.conditions, entry.name if entry.allowance else "")
             if segment == NULL or kind != previous:
                 segment = &phase.segments[phase.segment_count]
                 phase.segment_count += 1
                 segment.first, segment.every, segment.python = index, entry.every, step.kernel == NULL
+                segment.allowance = round(entry.allowance * 1e9)
                 segment.condition_count, segment.conditions = len(entry.conditions), self.hold(words(entry.conditions))
                 previous = kind
             segment.last = index + 1
@@ -223,7 +226,7 @@ cdef class Program:
         cdef int index = 0
         cdef int status = OK
         cdef Segment *segment
-        cdef int64_t periods
+        cdef int64_t periods, began
         cdef double dt = self.arena[DT]
         cdef double period = self.arena[PERIOD]
         while index < phase.segment_count:
@@ -232,7 +235,10 @@ cdef class Program:
             if periods > 0 and not segment.python:
                 if segment.every != 1:
                     self.set_clock(segment, periods, dt, period)
+                began = self.begin_allowance(segment) if segment.allowance else 0
                 status = self.run_native(phase, segment)
+                if segment.allowance:
+                    self.end_allowance(segment, began)
             elif periods > 0:
                 status = self.run_python(phase, &index, tick, previous)
             if periods > 0 and (segment.python or segment.every != 1):
@@ -254,6 +260,23 @@ cdef class Program:
             period *= segment.every
             dt = periods * period
         self.arena[DT], self.arena[PERIOD] = dt, period
+
+    cdef int64_t begin_allowance(self, Segment *segment) noexcept nogil:
+        """Begin a step that may take longer than the limits of watchdog and guardian. Returns the time."""
+        if self.since != NULL:
+            store_i64(self.allowed, segment.allowance)
+        if self.page != NULL:
+            store_i64(&self.page.beat, self.page.beat + segment.allowance)
+        return monotonic()
+
+    cdef void end_allowance(self, Segment *segment, int64_t began) noexcept nogil:
+        """End it: the time that it took, up to its allowance, does not count as work of the tick."""
+        cdef int64_t took = min(monotonic() - began, segment.allowance)
+        if self.since != NULL:
+            store_i64(self.since, self.since[0] + took)
+            store_i64(self.allowed, 0)
+        if self.page != NULL:
+            store_i64(&self.page.beat, self.page.beat + took - segment.allowance)
 
     cdef int run_native(self, Phase *phase, Segment *segment) noexcept nogil:
         cdef int status
@@ -302,7 +325,7 @@ cdef class Program:
         cdef double dt = self.arena[DT]
         cdef double period = self.arena[PERIOD]
         cdef Laps *laps = self.laps if phase.item >= 0 else NULL
-        cdef int64_t waited
+        cdef int64_t waited, began
         self.gil_taken += 1
         self.at[0] = GIL_WAIT
         with gil:
@@ -316,6 +339,7 @@ cdef class Program:
                     periods = self.due(segment, tick, previous)
                     if periods > 0:
                         self.set_clock(segment, periods, dt, period)
+                        began = self.begin_allowance(segment) if segment.allowance else 0
                         for step in range(segment.first, segment.last):
                             self.at[0] = phase.item + step
                             if (<PythonStep>phase.steps[step].python).hold == 0:
@@ -324,6 +348,8 @@ cdef class Program:
                                 (<PythonStep>phase.steps[step].python).news.publish(self.page, tick)
                             if laps != NULL:
                                 lap(laps, phase.item + step)
+                        if segment.allowance:
+                            self.end_allowance(segment, began)
                     if index[0] + 1 == phase.segment_count or not phase.segments[index[0] + 1].python:
                         break
                     index[0] += 1

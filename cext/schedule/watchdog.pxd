@@ -12,7 +12,9 @@ cdef enum: # owner of the buses, the devices and the ring of the shared state
 
 cdef struct Handover:
     uint64_t user
-    int64_t since                # ns of CLOCK_MONOTONIC, begin of the tick's work; 0 between ticks
+    # ns of CLOCK_MONOTONIC, begin of the tick's work, later by the time of its steps with an allowance; 0 between ticks
+    int64_t since
+    int64_t allowed              # ns, allowance of the present step
 
 cdef inline void release(Handover *handover) noexcept nogil:
     """Release the buses before a step. `handover` may be NULL, without a watchdog."""
@@ -52,6 +54,7 @@ cdef class Watchdog:
 
     cdef inline void begin_work(self, int64_t now) noexcept nogil:
         """Begin a tick. now : ns of CLOCK_MONOTONIC"""
+        store_i64(&self.shared.allowed, 0)
         store_i64(&self.shared.since, now)
 
     cdef inline void end_work(self) noexcept nogil:

@@ -3,7 +3,8 @@
 
     watch     measure the work of the present tick. The sleep between ticks does not count, so a late wake-up is not a
               hang
-    fence     raise it when a tick has worked for max(3 periods, 15 ms) and the `allowance` of its blocks
+    fence     raise it when a tick has worked for max(3 periods, 15 ms), apart from the time of steps with an `allowance`,
+              up to that
     stop      send the frames of the safe stop to every device, every 5 ms, for 200 ms or until the loop returns
     break     send a signal that ends a system call of a Python step and becomes a KeyboardInterrupt there
     exit      if the step cannot be interrupted, wait with the motors stopped until the operator ends the run, then exit
@@ -67,7 +68,8 @@ cdef class Watchdog:
         self.program, self.journal, self.caught = program, journal, signals.caught
         self.limit = max(HANG_PERIODS * period, HANG_MINIMUM)
         self.start_allowance = max(LOOP_STALL_PERIODS * period, LOOP_STALL_MINIMUM) - self.limit
-        self.limit += round(program.schedule.allowance * 1e9)
+        program.since = &self.shared.since if wanted else NULL
+        program.allowed = &self.shared.allowed if wanted else NULL
         self.handover = &self.shared if wanted else NULL
 
     cdef int start(self) except -1:
@@ -122,7 +124,7 @@ cdef class Watchdog:
         doze(&self.leave, until)
 
     cdef void watch(self) noexcept nogil:
-        cdef int64_t now, since
+        cdef int64_t now, since, allowed
         cdef int64_t due = monotonic() + self.limit
         cdef int64_t spared = 0
         if CPU_COUNT(&self.processors):
@@ -132,8 +134,12 @@ cdef class Watchdog:
             self.sleep(due)
             # before `since` is read, as a lower bound of the work
             now = monotonic()
+            # before `since`, which the end of a step moves first
+            allowed = load_i64(&self.shared.allowed)
             since = load_i64(&self.shared.since)
-            if since == 0 or now - since < self.limit:
+            if since != 0 and allowed != 0 and now - since < self.limit + allowed:
+                due = now + self.limit // 5
+            elif since == 0 or now - since < self.limit:
                 due = (now if since == 0 else since) + self.limit
             # this thread was delayed, perhaps with the whole machine
             elif now - due > self.limit // 4 and since != spared:

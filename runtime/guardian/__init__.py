@@ -245,7 +245,7 @@ def plan(
         ],
         "relays": list(relays),
         "items": names(schedule),
-        "limit": max(LOOP_STALL_PERIODS / schedule.rate, LOOP_STALL_MINIMUM * 1e-9) + schedule.allowance,
+        "limit": max(LOOP_STALL_PERIODS / schedule.rate, LOOP_STALL_MINIMUM * 1e-9),
         "priority": None if priority is None else priority + 1,
     }
 

@@ -271,6 +271,7 @@ cdef class Model:
             self.run(*(array("f", bytes(4 * size)) for size in self.sizes))
         except ValueError as error:
             raise ValueError(f"an inference with zeros fails: {error}") from None
+        memset(&self.inference.times, 0, sizeof(Histogram))
 
     def run(self, float[::1] inputs, float[::1] outputs) -> None:
         """Run one inference on buffers of `sizes`. Raises ValueError if it fails."""

@@ -252,18 +252,32 @@ class Patient(Then):
     allowance = 0.04
 
 
-def test_a_tick_within_the_allowance_of_its_blocks_is_not_a_hang():
+def test_a_step_within_its_allowance_is_not_a_hang():
     rig = calls(lambda: busy(0.03), Patient)
     assert rig.run(60).status == "ok" and not rig.page.hung
 
 
-def test_a_tick_beyond_the_allowance_of_its_blocks_is_a_hang():
-    rig = robot(
-        lambda side, knee: Patient(forever if side == "left" else time.monotonic, name=f"{side}_law")(knee.position)
-    )
-    outcome = rig.run(60)
+def test_a_step_beyond_its_allowance_is_a_hang():
+    outcome = calls(forever, Patient).run(60)
     assert (outcome.status, outcome.culprit) == ("hung", "left_law")
-    assert outcome.hung >= LIMIT + 2 * Patient.allowance
+    assert outcome.hung >= LIMIT + Patient.allowance
+
+
+def test_an_allowance_does_not_extend_the_limit_of_other_blocks():
+    def law(side, knee):
+        kind, action = (Patient, lambda: busy(0.03)) if side == "left" else (Then, forever)
+        return kind(action, name=f"{side}_law")(knee.position)
+
+    outcome = robot(law).run(60)
+    assert (outcome.status, outcome.culprit) == ("hung", "right_law")
+    assert LIMIT <= outcome.hung < Patient.allowance
+
+
+def test_the_guardian_sees_a_step_within_its_allowance_as_alive():
+    ahead = []
+    rig = calls(lambda: ahead.append(rig.page.beat - time.monotonic_ns()), Patient)
+    assert rig.run(60).status == "ok"
+    assert ahead[0] > (Patient.allowance - SLACK) * 1e9 and rig.page.beat < time.monotonic_ns()
 
 
 @pytest.mark.parametrize("options", [{"virtual": True}, {"guard": 0.0}])

@@ -3,11 +3,7 @@
 import re
 from pathlib import Path
 
-import pytest
-
-from cext.safety.thresholds import LOOP_STALL_MINIMUM
 from runtime.console.styles import Console
-from runtime.guardian import plan
 from runtime.report import fault, summary
 from runtime.report.check import text
 from runtime.session.check import check
@@ -50,11 +46,7 @@ def test_a_failed_inference_ends_the_run_with_the_error_of_onnx_runtime(tmp_path
     assert "indices element out of data bounds, idx=2" in lines[0]
 
 
-def test_the_guardian_and_check_add_the_time_that_inferences_may_take(tmp_path):
+def test_check_prints_the_time_that_inferences_in_the_tick_may_take(tmp_path):
     models.streaming(tmp_path / "m.onnx")
-    file = Path(write(tmp_path, ROBOT))
-    prepared = prepare(Request(file))
-    limit = plan([], prepared.schedule, prepared.diagram, None)["limit"]
-    assert limit == pytest.approx(LOOP_STALL_MINIMUM * 1e-9 + 0.02)  # of the network in the tick
-    report = text(check(file), Console(200))
+    report = text(check(Path(write(tmp_path, ROBOT))), Console(200))
     assert "  watchdog allows a tick 20 ms beyond its limit, as its blocks declare" in report
