@@ -38,7 +38,7 @@ def build(mass=70.0, scale=0.15, delay=0.15, support=5.0):
         for number, (side, leg) in enumerate(gaits.items()):
             with subsystem(side):
                 assist(drive(side, "hip", 1 + 2 * number), torques[side], walking, leg)
-                held = TorqueGate(fade_in=0.1, name="stance_gate")(u=support, enable=stances[side])
+                held = TorqueGate(fade_in=0.1, fade_out=0.05, name="stance_gate")(u=support, enable=stances[side])
                 assist(drive(side, "abduction", 2 + 2 * number), held, walking, leg)
         CsvRecorder()
         PlotJuggler()

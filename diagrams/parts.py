@@ -80,7 +80,7 @@ def gait(angle, velocity, strike=None):
 
 def leg_torque(joint, knee, thigh, mass):
     """Return the biological torque of a knee or ankle that a network estimates. knee, thigh : Motion; mass : kg"""
-    model = OnnxModel(f"networks/{joint}_torque.onnx", name=f"{joint}_network")
+    model = OnnxModel(f"networks/{joint}_torque.onnx", name=f"{joint}_torque_network")
     estimate = model(
         knee_angle=knee.angle, knee_velocity=knee.velocity, hip_angle=thigh.angle, hip_velocity=thigh.velocity
     )
@@ -92,7 +92,7 @@ def estimate(network, thighs):
     outputs = {}
     for side, other in zip(SIDES, reversed(SIDES)):
         with subsystem(side):
-            outputs[side] = OnnxModel(f"networks/{network}.onnx", name=network)(
+            outputs[side] = OnnxModel(f"networks/{network}.onnx", name=f"{network}_network")(
                 hip_angle=thighs[side].angle,
                 hip_velocity=thighs[side].velocity,
                 opposite_hip_angle=thighs[other].angle,
@@ -107,7 +107,7 @@ def learned_gait(thighs):
     for side, circle in estimate("gait_phase", thighs).items():
         with subsystem(side):
             turn = Atan2(name="turn")(-circle.phase_sin, -circle.phase_cos)  # -π at heel strike
-            phase = Sum("++", name="phase")(Gain(0.5 / pi, unit="1/rad", name="share")(turn), 0.5)
+            phase = Sum("++", name="gait_phase")(Gain(0.5 / pi, unit="1/rad", name="share")(turn), 0.5)
             walking = Compare(">", name="walking")(Norm()(stack(circle.phase_sin, circle.phase_cos)), 0.5)
             gaits[side] = Gait(phase, walking, thighs[side].velocity)
     return gaits
@@ -121,7 +121,7 @@ def hip_assistance(thighs, mass, scale, delay):
     torques = {}
     for side, hip in estimate("hip_torque", thighs).items():
         with subsystem(side):
-            moment = Gain(mass, unit="kg", name="biological_torque")(hip.hip_torque)
+            moment = Gain(mass, unit="kg", name="hip_torque")(hip.hip_torque)
             torques[side] = BiologicalTorque(scale, delay, name="assistance")(moment)
     return torques
 

@@ -44,7 +44,7 @@ def test_assistance_does_positive_work_in_the_phases_that_it_claims_and_ends_wit
     trial = runtime.run(path(robot), 18.0, settings={"mass": mass, "speed": schedule, "seed": mass})
     assert trial.fault is None
     steady, standing = (trial.time > 10.0) & (trial.time < 16.0), trial.time > 17.4
-    names = [f"{side}/{name}" for side in SIDES for name in ("gait_phase.phase", "phase.y")]
+    names = [f"{side}/{name}" for side in SIDES for name in ("gait_phase.phase", "gait_phase.y")]
     for name in [name for name in names if name in trial.signals]:
         side, phase = name.partition("/")[0], trial[name][steady]
         for joint, intervals in CLAIMS[robot].items():
