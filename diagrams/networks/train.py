@@ -44,7 +44,7 @@ PORTS = {  # unit, description, range of an output
     "knee_velocity": ("rad/s", "velocity of knee flexion"),
     "phase_sin": ("1", "sine of the gait phase, 0 in standing", (-1.2, 1.2)),
     "phase_cos": ("1", "cosine of the gait phase, 0 in standing", (-1.2, 1.2)),
-    "hip_torque": ("N·m/kg", "biological torque of the hip, positive in flexion", (-1.5, 1.5)),
+    "hip_torque": ("N·m/kg", "biological torque of the hip, positive in flexion", (-2.0, 2.0)),
     "knee_torque": ("N·m/kg", "biological torque of the knee, positive in flexion", (-1.2, 0.8)),
     "ankle_torque": ("N·m/kg", "biological torque of the ankle, positive in dorsiflexion", (-2.2, 0.3)),
 }

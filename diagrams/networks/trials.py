@@ -11,10 +11,9 @@ from runtime.session.simulate import simulate
 
 RATE = 100.0  # Hz
 SIDES, SEGMENTS, JOINTS = ("left", "right"), ("thigh", "shank"), ("hip", "knee", "ankle")
-# Differences between adults and between fittings, standard deviations:
-RANGE_DEVIATION = 0.18  # of the logarithm of the range of motion
-SHAPE_DEVIATION = 0.03  # rad, of a harmonic of the angle of a segment
-SIDE_DEVIATION = 0.01  # rad, of the same between both legs
+# Differences between the legs of an adult, and between fittings of the sensors, standard deviations:
+RANGE_DEVIATION = 0.12  # of the logarithm of the range of motion
+SHAPE_DEVIATION = 0.025  # rad, of a harmonic of the angle of a segment
 ZERO_DEVIATION = 0.06  # rad, of the zero of an angle
 MOUNTING_DEVIATION = 0.12  # rad, of roll, pitch and yaw
 GYRO_BIAS, GYRO_NOISE, ANGLE_NOISE = 0.01, 0.02, 0.003  # rad/s, rad/s, rad
@@ -35,14 +34,11 @@ def trial(seed: int, duration: float) -> list[dict[str, np.ndarray]]:
     mass = random.uniform(50.0, 110.0)
     run = simulate(adult(random, seed, mass, duration), duration)
     walking = np.clip((run["walker.walking_speed"] - STANDING_SPEED) / (WALKING_SPEED - STANDING_SPEED), 0.0, 1.0)
-    ranges = np.exp(random.normal(0.0, RANGE_DEVIATION, len(SEGMENTS)))
-    shapes = random.normal(0.0, SHAPE_DEVIATION, (len(SEGMENTS), 2, len(HARMONICS)))
     legs = []
     for side in SIDES:
         turns = 2.0 * np.pi * run[f"walker.{side}_phase"]
         (thigh, thigh_velocity), (shank, shank_velocity) = (
-            measured(random, run, f"{side}_{segment}", own_range, own_shape, walking, turns)
-            for segment, own_range, own_shape in zip(SEGMENTS, ranges, shapes)
+            measured(random, run, f"{side}_{segment}", walking, turns) for segment in SEGMENTS
         )
         leg = {"hip_angle": thigh, "hip_velocity": thigh_velocity}
         leg |= {"knee_angle": thigh - shank, "knee_velocity": thigh_velocity - shank_velocity}
@@ -55,7 +51,7 @@ def trial(seed: int, duration: float) -> list[dict[str, np.ndarray]]:
 
 
 def adult(random: np.random.Generator, seed: int, mass: float, duration: float) -> Diagram:
-    """Return an average adult of a mass in kg, with a sensor on thigh and shank of both legs."""
+    """Return the adult of a seed and of a mass in kg, with a sensor on thigh and shank of both legs."""
     height = 1.70 * (mass / 72.0) ** 0.2 * random.uniform(0.94, 1.06)
     with Diagram("trial", RATE) as diagram:
         walker = Walker(
@@ -65,6 +61,7 @@ def adult(random: np.random.Generator, seed: int, mass: float, duration: float) 
             start=random.uniform(),
             variability=random.uniform(0.5, 2.5),
             seed=seed,
+            person=1 + seed,
             name="walker",
         )()
         for part in [f"{side}_{segment}" for side in SIDES for segment in SEGMENTS]:
@@ -92,25 +89,18 @@ def speeds(random: np.random.Generator, duration: float, fastest: float) -> str:
 
 
 def measured(
-    random: np.random.Generator,
-    run: Trial,
-    part: str,
-    own_range: float,
-    own_shape: np.ndarray,
-    walking: np.ndarray,
-    turns: np.ndarray,
+    random: np.random.Generator, run: Trial, part: str, walking: np.ndarray, turns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pitch of a segment in rad as its sensor measures it, and the pitch rate in rad/s.
 
-    own_range : this adult's range of motion over that of the average
-    own_shape : cosine and sine coefficients in rad by which the motion differs from the average
     walking : 0 in standing, 1 in walking
     turns : 2π · gait phase
     """
-    cosine, sine = own_shape + random.normal(0.0, SIDE_DEVIATION, own_shape.shape)
+    gain = np.exp(random.normal(0.0, RANGE_DEVIATION))
+    cosine, sine = random.normal(0.0, SHAPE_DEVIATION, (2, len(HARMONICS)))
     angles = np.outer(HARMONICS, turns)
     difference = walking * (cosine @ np.cos(angles) + sine @ np.sin(angles))
     w, x, y, z = run[f"{part}.quaternion"].T
-    pitch = own_range * np.arcsin(2.0 * (w * y - z * x)) + difference + random.normal(0.0, ZERO_DEVIATION)
-    rate = own_range * run[f"{part}.gyro"][:, 1] + RATE * np.gradient(difference)
+    pitch = gain * np.arcsin(2.0 * (w * y - z * x)) + difference + random.normal(0.0, ZERO_DEVIATION)
+    rate = gain * run[f"{part}.gyro"][:, 1] + RATE * np.gradient(difference)
     return pitch + random.normal(0.0, ANGLE_NOISE, len(pitch)), rate

@@ -3,12 +3,25 @@
 `python -m tests.diagrams.measure_networks` prints them. The recordings need the shared folder of measured data.
 """
 
+import tempfile
 import time
 
 import numpy as np
 
+from blocks.gait import BiologicalTorque
+from blocks.limiters import Saturation
+from blocks.mathematics import Gain
+from blocks.networks import OnnxModel
+from blocks.sources import Constant
+from blocks.wearer import Walker
+from cext.safety.shared_state import SharedState
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
+from diagrams.networks import export
 from diagrams.networks.trials import RATE, trial
+from graph import Diagram, compile
 from runtime.bench.gait import CONDITIONS, Leg, play
+from runtime.session.simulate import simulate
 from tests.blocks.wearer.measure import PERCENT, rows, stride, walk
 from tests.diagrams.networks import NAMES, Network, phase_error
 
@@ -20,6 +33,8 @@ SPEED, MASS = 1.2, 70.0  # m/s and kg of the Walker beside mean curves
 STRIDE_TIME = 1.1  # s, of mean curves, which have none
 STANDING_ANGLES = {"hip": 8.0, "opposite_hip": 8.0}  # degrees
 CURVES = {"Falisse 2019": "walk_subject_falisse2019", "Pinzone 2014": "walk_norms_pinzone2014_centre1"}
+MASSES, SPEEDS, DELAYS = (50.0, 110.0), (0.8, 1.2, 1.6), (0.0, 0.05, 0.1, 0.15, 0.2)  # kg, m/s, s
+LIMIT, ASSISTED_RATE = 12.0, 500.0  # N·m, Hz
 MOMENTS = {"hip": "hip_extensor", "knee": "knee_extensor", "ankle": "ankle_plantarflexor"}
 
 
@@ -98,15 +113,68 @@ def curves(networks):
             print(f"| {source} | {joint} | " + " | ".join(f"{figure:.3f}" for figure in figures) + " |")
 
 
-def times(network):
-    """Print processor time and largest difference of the streaming form and of windows."""
-    leg = trial(0, 6.0)[0]
-    for name, run in (("streaming", network.of_samples), ("window", network.of_windows)):
+def assistance(network, joint):
+    """Print the work of a share of the estimated torque on walkers, J a stride, positive and negative."""
+    cases = [(mass, speed) for mass in MASSES for speed in SPEEDS]
+    print(f"| {joint}, delay s | " + " | ".join(f"{mass:.0f} kg, {speed} m/s" for mass, speed in cases) + " |")
+    print("|--:" * (1 + len(cases)) + "|")
+    for delay in DELAYS:
+        cells = []
+        for mass, speed in cases:
+            run = assisted(network, joint, mass, speed, delay)
+            strides = np.flatnonzero(np.diff(run["walker.left_phase"]) < -0.5)[4:]
+            power = (run["left_torque.y"] * run[f"walker.left_{joint}_velocity"])[strides[0] : strides[-1]]
+            scale = ASSISTED_RATE * (len(strides) - 1)
+            cells.append(f"{power.clip(min=0.0).sum() / scale:+.1f} {power.clip(max=0.0).sum() / scale:+.1f}")
+        print(f"| {delay} | " + " | ".join(cells) + " |")
+
+
+def assisted(network, joint, mass, speed, delay):
+    """Return the walk of an adult whom both legs' networks assist. mass : kg; speed : m/s; delay : s"""
+    with Diagram("assisted", ASSISTED_RATE) as diagram:
+        adult = Walker(f"0:0 0.5:0 2:{speed}", mass=mass, seed=3, name="walker")
+        motion = adult()
+        for side, other in (("left", "right"), ("right", "left")):
+            signals = {f"{prefix}hip_angle": f"{leg}_thigh_pitch" for prefix, leg in (("", side), ("opposite_", other))}
+            signals |= {
+                f"{prefix}hip_velocity": f"{leg}_hip_velocity" for prefix, leg in (("", side), ("opposite_", other))
+            }
+            signals |= {f"knee_{name}": f"{side}_knee_{name}" for name in ("angle", "velocity")}
+            block = OnnxModel(str(network.path), name=f"{side}_network")
+            estimate = block(**{each["name"]: getattr(motion, signals[each["name"]]) for each in network.channels})
+            moment = Gain(mass, unit="kg", name=f"{side}_moment")(getattr(estimate, f"{joint}_torque"))
+            torque = BiologicalTorque(scale=0.2, delay=delay, cutoff=6.0, name=f"{side}_share")(moment)
+            limited = Saturation(-LIMIT, LIMIT, name=f"{side}_torque")(torque)
+            adult(**{f"{side}_{joint}_assistance": limited})
+    return simulate(diagram, 12.0)
+
+
+def cost(path, network):
+    """Return the processor time of an inference in the tick, µs. path : of the file; network : with its channels"""
+
+    def seconds(count, ticks=2000):
+        with Diagram("cost", RATE) as diagram:
+            zero = Constant(0.0, unit="rad")(), Constant(0.0, unit="rad/s")()
+            for _ in range(count):
+                OnnxModel(str(path))(**{each["name"]: zero[each["unit"] == "rad/s"] for each in network.channels})
+        executor = Executor(Program(compile(diagram), []), RATE, page=SharedState(1 << 16), virtual=True)
         begin = time.process_time()
-        count = len(run(leg))
-        print(f"{name}: {1e6 * (time.process_time() - begin) / count:.0f} µs")
+        executor.run(ticks)
+        return (time.process_time() - begin) / ticks
+
+    return 1e6 * (min(seconds(3) for _ in range(5)) - min(seconds(1) for _ in range(5))) / 2.0
+
+
+def forms(network):
+    """Print the processor time of the streaming form and of a window, and the largest difference of their results."""
+    leg = trial(0, 10.0)[0]
     streaming, window = network.of_samples(leg)[network.field - 1 :], network.of_windows(leg)
-    print(f"largest difference {np.abs(streaming - window).max():.1e}")
+    print(f"largest difference of {len(window)} results: {np.abs(streaming - window).max():.1e}")
+    with tempfile.NamedTemporaryFile(suffix=".onnx") as file:
+        layers = network.layers, network.dilations, network.metadata
+        file.write(export.model(*layers, network.field).SerializeToString())
+        file.flush()
+        print(f"streaming {cost(network.path, network):.0f} µs, window {cost(file.name, network):.0f} µs")
 
 
 if __name__ == "__main__":
@@ -117,4 +185,7 @@ if __name__ == "__main__":
     print()
     curves(made)
     print()
-    times(made["hip_torque"])
+    for joint in MOMENTS:
+        assistance(made[f"{joint}_torque"], joint)
+        print()
+    forms(made["hip_torque"])
