@@ -8,9 +8,9 @@ Angles are knee flexion: 0 rad with the leg straight, positive as it bends. Posi
 """
 
 from blocks.actuators import CubeMars
-from blocks.controllers import GaitPhase, TorqueProfile
+from blocks.controllers import TorqueProfile
 from blocks.filters import Butterworth
-from blocks.gait import GaitState, TorqueGate
+from blocks.gait import GaitState, KneeEvents, PhaseKalmanFilter, TorqueGate
 from blocks.limiters import TorqueLimiter
 from blocks.recorders import CsvRecorder, StrideReport
 from blocks.sinks import PlotJuggler
@@ -41,7 +41,8 @@ def knee(side, can_id, invert):
     with subsystem(side):
         drive = CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, invert=invert, name="knee")
         velocity = Butterworth(order=2, cutoff=20.0)(drive.velocity)
-        gait = GaitPhase(threshold=0.7)(angle=drive.position, velocity=velocity)
+        strike = KneeEvents(name="events")(angle=drive.position, velocity=drive.velocity).strike
+        gait = PhaseKalmanFilter(name="gait_phase")(angle=drive.position, velocity=drive.velocity, strike=strike)
     return drive, {"phase": gait.phase, "walking": gait.walking, "velocity": velocity}
 
 

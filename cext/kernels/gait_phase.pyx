@@ -280,7 +280,10 @@ cdef inline void spectrum(const double *x, int n, double *mean, double *cosines,
 
 
 cdef inline void learn(double *w, double *learning, const double *x, int n) noexcept nogil:
-    """Average one stride into the waveform, unless its shape differs. Three different ones in a row start it again."""
+    """Average one stride into the waveform, unless its shape differs.
+
+    Three different ones in a row, or a second that differs from the first, start it again.
+    """
     cdef double mean
     cdef double c[HARMONICS]
     cdef double s[HARMONICS]
@@ -294,7 +297,7 @@ cdef inline void learn(double *w, double *learning, const double *x, int n) noex
         unlike += (c[h] - w[1 + h]) * (c[h] - w[1 + h]) + (s[h] - w[1 + HARMONICS + h]) * (s[h] - w[1 + HARMONICS + h])
     if learning[STRIDES] > 0.0 and unlike > 0.25 * power:
         learning[REJECTED] += 1.0
-        if learning[REJECTED] < 3.0:
+        if learning[REJECTED] < 3.0 and learning[STRIDES] > 1.0:
             return
         learning[STRIDES] = 0.0
     learning[REJECTED] = 0.0

@@ -138,7 +138,7 @@ def test_without_assistance_the_robot_is_transparent():
 
 
 def test_no_assistance_before_first_stride_estimate(walked):
-    """The first two strides determine the stride time; until both legs agree, no torque acts."""
+    """The first two strides are learned; until both legs agree, no torque acts."""
     unknown = walked["state.walking"] == 0.0
     assert 2.0 < np.count_nonzero(unknown) / 200.0 < 5.0
     for side in SIDES:
@@ -179,10 +179,12 @@ def test_assistance_scales_only_the_profile(walked):
         assert 0.5 < np.sqrt(np.mean(apart**2)) < 5.0  # it is felt, and nobody is thrown
 
 
-def test_stride_time_is_estimated(walked):
+def test_stride_frequency_is_estimated(walked):
     for recording, stride_time in ((walked, 1.1), (walk(stride_time=1.4)[0], 1.4)):
         for side in SIDES:
-            assert steady(recording, f"{side}/gait_phase.stride_time", 8.0) == pytest.approx(stride_time, abs=0.02)
+            frequency = steady(recording, f"{side}/gait_phase.frequency", 8.0)
+            assert frequency.mean() == pytest.approx(1.0 / stride_time, rel=0.01)
+            assert np.ptp(frequency) < 0.2 / stride_time
 
 
 @pytest.mark.parametrize("rate", [100.0, 400.0])
@@ -196,9 +198,7 @@ def test_a_recorded_walk_is_the_same_at_another_rate(walked, rate):
 
 
 def test_a_recorded_walk_is_followed_in_phase():
-    """50 s of a person, from the shared room: phase 0 lies where the foot meets the ground, within a tenth of a
-    stride.
-    """
+    """Phase 0 is where the foot meets the ground, within 2 % of a stride at the median and 4 % at 95 %."""
     path = shared("gait/healthy_young.csv")
     recording, _ = walk(45.0, gait=path)
     measured = np.genfromtxt(path, delimiter=",", names=True)
@@ -209,6 +209,6 @@ def test_a_recorded_walk_is_followed_in_phase():
         strikes = np.flatnonzero(~contact[:-1] & contact[1:]) + 1
         strikes = strikes[strikes > 1000]
         error = (recording[f"{side}/gait_phase.phase"][strikes] + 0.5) % 1.0 - 0.5
-        assert len(strikes) > 30 and np.abs(np.mean(error)) < 0.05 and np.percentile(np.abs(error), 95) < 0.1
+        assert len(strikes) > 30 and np.median(np.abs(error)) < 0.02 and np.percentile(np.abs(error), 95) < 0.04
         assert np.all(steady(recording, f"{side}/gait_phase.walking") == 1.0)
         assert np.max(np.abs(recording[f"{side}/knee.torque"])) <= LIMIT + TORQUE_STEP

@@ -285,7 +285,7 @@ def test_the_diagrams_of_this_project_raise_no_alarm(file):
 
 
 def test_set_can_provoke_it_and_the_line_is_that_of_the_block():
-    _, diagram = load(ROOT / "diagrams/knee_exo.py", [("left/gait_phase.threshold", "40")])
-    message = "TW026 .*left/gait_phase.threshold: 40 rad is outside the limits of left/knee"
+    _, diagram = load(ROOT / "diagrams/knee_exo.py", [("left/events.smallest", "40")])
+    message = "TW026 .*left/events.smallest: 40 rad is outside the limits of left/knee"
     with pytest.raises(DiagramError, match=message):
         compile(diagram)

@@ -17,7 +17,7 @@ TOOLS = [name for name in ("rsvg-convert", "inkscape", *BROWSERS) if which(name)
 
 def test_without_a_name_the_drawing_is_an_svg_named_after_the_diagram(command_line):
     code, out, err = command_line("draw", KNEE_EXO)
-    assert (code, err) == (OK, "") and out.startswith("knee_exo.svg: 17 blocks, ")
+    assert (code, err) == (OK, "") and out.startswith("knee_exo.svg: 19 blocks, ")
     assert (command_line.folder / "knee_exo.svg").read_text().startswith("<svg ")
 
 
@@ -34,7 +34,7 @@ def test_without_a_name_the_drawing_is_an_svg_named_after_the_diagram(command_li
 )
 def test_the_format_is_the_requested_one_or_that_of_the_name(command_line, name, form, file, begins):
     code, out, err = command_line("draw", KNEE_EXO, "-o", name, *(["--format", form] if form else []))
-    assert (code, err) == (OK, "") and out.startswith(f"{file}: 17 blocks")
+    assert (code, err) == (OK, "") and out.startswith(f"{file}: 19 blocks")
     assert (command_line.folder / file).read_text().startswith(begins)
 
 

@@ -83,7 +83,7 @@ def test_in_simulation_a_joint_needs_no_range(command_line):
 
 def test_check_reports_setpoint_outside_range_of_rig(command_line):
     rig = write(command_line.folder, LEGS + RANGES, "lab.toml")
-    code, out, _ = command_line("check", KNEE_EXO, "--rig", rig, "--set", "left/gait_phase.threshold=40")
+    code, out, _ = command_line("check", KNEE_EXO, "--rig", rig, "--set", "left/events.smallest=40")
     assert (
         code == 1
         and "TW026" in out

@@ -245,7 +245,7 @@ def test_in_a_pipe_each_fact_is_one_line_without_colours(command_line):
     code, out, err = command_line("check", KNEE_EXO)
     assert code == OK and "\x1b" not in out
     [row] = [line for line in out.splitlines() if "[-12.5, 12.5]" in line and "left/" in line]
-    assert row.split("→")[1].strip() == "left/gait_phase.angle, left/stride_report.angle"
+    assert row.split("→")[1].strip() == "left/events.angle, left/gait_phase.angle, left/stride_report.angle"
 
 
 def test_on_a_terminal_output_is_coloured_and_fills_its_width(tmp_path):
