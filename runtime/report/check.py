@@ -210,6 +210,15 @@ def bar(proof: Mapping[str, Any]) -> str:
 
 # Buses
 
+LINES = {  # text of a medium or kind of line
+    "i2c": "I2C",
+    "serial": "serial line",
+    "dialogue": "serial line",
+    "net": "network",
+    "gpio": "GPIO line",
+    "evdev": "input device",
+}
+
 
 def _buses(report: Mapping[str, Any], console: Console) -> list[str]:
     if not report["buses"]:
@@ -218,8 +227,10 @@ def _buses(report: Mapping[str, Any], console: Console) -> list[str]:
     width = max(len(bus["bus"]) for bus in report["buses"])
     for bus in report["buses"]:
         if "worst" not in bus:
-            kind = {"stream": ": serial line", "i2c": ": I2C"}.get(bus["medium"], "")
-            lines += console.hang(f"  {bus['bus']:<{width}}  ", ", ".join(bus["devices"]) + kind)
+            kind = LINES.get(bus["line"] or bus["medium"], bus["line"])
+            lines += console.hang(
+                f"  {bus['bus']:<{width}}  ", ", ".join(bus["devices"]) + (f": {kind}" if kind else "")
+            )
             lines += covered(bus["coverage"], console, " " * (width + 4))
             continue
         style = console.ok if bus["worst"] <= 0.7 else console.warn

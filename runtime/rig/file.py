@@ -30,6 +30,7 @@ else:
     import tomli as tomllib
 
 SOCKETCAN, I2C = "socketcan", "i2c"
+EMULATED_TEXT = "emulated by another process"
 EMULATED = "unix:"  # prefix of the socket of `emulate`, as the channel of an I2C bus or as a GPIO chip
 BITRATE_MINIMUM = 10_000  # bit/s
 INTERFACE_NAME_LIMIT = 15  # characters of a network interface

@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from runtime.rig.errors import Refused, RigProblem
-from runtime.rig.file import EMULATED
+from runtime.rig.file import EMULATED, EMULATED_TEXT
 from runtime.rig.line import Opened, one_by_one
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def open_emulated(name: str, path: str) -> Opened:
         hint = "start `python -m runtime emulate` with this rig first, in another terminal"
         raise Refused(RigProblem("TW127", f"{name}: {error.strerror}", hint)) from None
     end.setblocking(False)
-    return Opened(end.detach(), path, record=EVENT, is_gpio=True)
+    return Opened(end.detach(), path, record=EVENT, is_gpio=True, remarks=(f"{name} is {EMULATED_TEXT}",))
 
 
 def _open_problem(name, chip, pin, error):

@@ -22,7 +22,7 @@ from cext.lines.i2c_adapters import LinuxAdapter
 from cext.lines.i2c_socket import SocketAdapter
 from runtime.rig.chips import AdapterWires, Chips, NoAnswer, in_hex
 from runtime.rig.errors import Refused, RigProblem
-from runtime.rig.file import EMULATED
+from runtime.rig.file import EMULATED, EMULATED_TEXT
 from runtime.rig.serial_port import permission
 
 if TYPE_CHECKING:
@@ -58,7 +58,8 @@ class I2cInterface:
     def __init__(
         self, bus: RigBus, devices: Sequence[I2cDevice], opened: tuple[Chips, I2cAdapter] | None = None
     ) -> None:
-        self.bus, self.devices, self.remarks = bus, devices, []
+        self.bus, self.devices = bus, devices
+        self.remarks = [f"[bus.{bus.name}] is {EMULATED_TEXT}"] if bus.channel.startswith(EMULATED) else []
         self.identities = {}  # values of the identity registers, to recognise a chip after a reconnect
         chips, adapter = opened or open_adapter(bus)
         problems = []

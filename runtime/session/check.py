@@ -62,7 +62,8 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            (a limit in the drive); none
     figures                name, value, unit, description: usable damping,
                            smallest inertia, stall torque
-  buses                    bus, medium (can, stream, i2c), devices, coverage,
+  buses                    bus, medium (can, stream, i2c), line (kind of stream,
+                           such as gpio, "" for others), devices, coverage,
                            and if the traffic is known bitrate (bit/s), frames
                            (1/s), typical, worst (share of the bitrate)
     coverage               for each failure of a run on a rig: failure,
@@ -254,6 +255,7 @@ def buses(diagram: Diagram, schedule: Schedule | None) -> list[dict[str, Any]]:
         {
             "bus": bus,
             "medium": own[0].medium,
+            "line": getattr(own[0], "line", ""),
             "devices": [block.path for block in own],
             "coverage": coverage(own, every_device),
         }

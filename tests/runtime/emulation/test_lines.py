@@ -116,6 +116,7 @@ def test_line_of_every_kind_has_an_emulator_in_another_process(tmp_path):
         plant.kill()
         plant.communicate()
     assert (run.returncode, plant.returncode) == (OK, 129), run.stderr + err
+    assert "stop is emulated by another process" in run.stdout + run.stderr
     table = Files(tmp_path / "out").table
     for side, force in (("left", 700.0), ("right", 300.0)):
         assert table[f"{side}.force [N]"][-1] == pytest.approx(force, rel=1e-4)

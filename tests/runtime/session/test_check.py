@@ -182,6 +182,25 @@ def test_buses_and_plant_are_reported(exo):
     assert exo["plant"] == {"given": True, "blocks": 3, "rate": 1000.0}
 
 
+def test_the_kind_of_each_line_is_reported(tmp_path):
+    robot = """
+from blocks.controls import Keyboard
+from blocks.gpio import GpioInput
+from blocks.sensors import NAU7802, Insole, Microcontroller
+from graph import Diagram
+
+with Diagram("lines", rate=200) as diagram:
+    Keyboard(name="keys")
+    GpioInput(name="button")
+    NAU7802(bus="chips", name="cell")
+    Insole(name="sole")
+    Microcontroller((("x", "int8"),), name="teensy")
+"""
+    lines = columns(check(write(tmp_path, robot)))
+    for kind in ("keys: input device", "button: GPIO line", "cell: I2C", "sole: network", "teensy: serial line"):
+        assert any(line.endswith(kind) for line in lines), kind
+
+
 def test_rates_conditions_and_holds_of_the_gil_are_reported(tmp_path):
     found = check(write(tmp_path, RATES))
     steps = {step["block"]: step for step in found["schedule"]["output"]}
