@@ -70,7 +70,7 @@ class StrideAverage(Service):
             raise
         return {
             "strides": results,
-            "files": {path: "the average stride of " + " and ".join(r["title"] for r in walked)},
+            "files": {path: "the average stride of " + ", ".join(r["title"] for r in walked)},
         }
 
 

@@ -151,7 +151,7 @@ def test_both_legs_make_one_picture(tmp_path):
     picture = tmp_path / "bench_1.png"
     assert [(leg["title"], leg["strides"]) for leg in report["strides"]] == [("left", 4), ("right", 4)]
     assert picture.read_bytes().startswith(b"\x89PNG\r\n") and picture.stat().st_size > 30_000
-    assert {"path": str(picture), "note": "the average stride of left and right"} in report["files"] and report[
+    assert {"path": str(picture), "note": "the average stride of left, right"} in report["files"] and report[
         "problems"
     ] == []
 
