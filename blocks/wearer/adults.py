@@ -13,6 +13,7 @@ from blocks.wearer.stride import (
     FORCE_SINES,
     PHASES,
     balanced,
+    centre_basis,
     flat_foot_pitch,
     ground,
     moments,
@@ -27,10 +28,11 @@ from blocks.wearer.stride import (
 # four adults about the average, see docs/wearer.md.
 OFFSET_SHARE, HARMONIC_SHARES = 0.5, (0.3, 0.15, 0.05)
 WEIGHTS = 1 + 2 * len(HARMONIC_SHARES)  # of a curve
-CURVES = 5  # angles of hip, knee and ankle, vertical and forward force
+CURVES = 6  # angles of hip, knee and ankle, vertical and forward force, centre of pressure
+CENTRE_DEVIATION = 0.07  # foot lengths, so that torques of the ankle differ as between adults
 STANCE = np.linspace(0.0, 1.0, 101)
 STANCE_WAVES = sines(STANCE, FORCE_SINES)
-STANCE_FIT = np.linalg.pinv(STANCE_WAVES)
+STANCE_FIT, CENTRE_FIT = np.linalg.pinv(STANCE_WAVES), np.linalg.pinv(centre_basis(STANCE))
 DRAW_LIMIT, SCORE_LIMIT = 2.0, 5.0  # standard deviations, of drawn and of given scores
 KNEE_LIMIT = np.radians(-8.0)  # rad, largest extension of the knee while walking
 
@@ -103,7 +105,7 @@ def adult(entry: dict[str, Any], weights: Real) -> dict[str, Any]:
     waves = shape(STANCE * entry["foot_off"])
     vertical, forward = (
         np.array(entry[name]) + STANCE_FIT @ ((STANCE_WAVES @ entry[f"{name}_deviation"]) * (waves @ part))
-        for name, part in zip(("vertical", "forward"), parts[3:])
+        for name, part in zip(("vertical", "forward"), parts[3:5])
     )
     vertical, forward = balanced(vertical, forward, entry["foot_off"])
     pitch = flat_foot_pitch(curves)
@@ -117,6 +119,7 @@ def adult(entry: dict[str, Any], weights: Real) -> dict[str, Any]:
         "angles": [series(each) for each in curves],
         "vertical": vertical,
         "forward": forward,
+        "centre": np.array(entry["centre"]) + CENTRE_FIT @ (CENTRE_DEVIATION * waves @ parts[5]),
         "pelvis_height": height,
         "pelvis_forward": ahead,
     }

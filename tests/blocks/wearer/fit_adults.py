@@ -17,10 +17,10 @@ STRIDE_LENGTH = 0.06  # standard deviation of the length of the strides at one s
 BALANCE = 0.1  # standard deviation of the force from that which accelerates the hips, body weights
 TORQUE_TRUST = 0.4  # weight of the torques: inverse dynamics varies by more than what laboratories measure
 # Standard deviations before the restrictions, so that those of the tables remain after them.
-PRIOR = (1.45, 2.2, 1.5, 2.2, 1.5)
+PRIOR = (1.45, 2.2, 1.45, 2.3, 1.55, 2.0)
 PROJECTION = np.linalg.pinv(shape(PHASES))
 STEP = 0.2
-COUNT = 30  # components; the rest changes the adults by less than half a standard deviation of one weight
+COUNT = 36  # components; the others deviate by less than half a standard deviation of one weight
 
 
 def demands(entry, torque_deviations):
@@ -66,5 +66,5 @@ def spreads(entry):
     """Yield the deviations of the angles by weight, in mean standard deviations of the joint."""
     for n, deviation in enumerate(values(each) for each in entry["angle_deviations"]):
         yield np.pad(spread(deviation) / deviation.mean(), ((0, 0), (n * WEIGHTS, (CURVES - 1 - n) * WEIGHTS)))
-    for n in (3, 4):
+    for n in (3, 4, 5):
         yield 0.5 * np.pad(shape(PHASES), ((0, 0), (n * WEIGHTS, (CURVES - 1 - n) * WEIGHTS)))

@@ -1,4 +1,4 @@
-"""Tables of docs/wearer.md: the walking adult beside recorded people.
+"""Tables of docs/wearer.md: the average walking adult.
 
 `python -m tests.blocks.wearer.measure` prints them. It needs the shared folder of measured data.
 """
@@ -11,6 +11,8 @@ import numpy as np
 from blocks.mathematics import Gain
 from blocks.wearer import Walker
 from blocks.wearer.body import ANKLE_HEIGHT, BALL, HEEL
+from blocks.wearer.norms import MOTIONS
+from blocks.wearer.stride import FORCE_SINES, sines
 from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
@@ -54,46 +56,23 @@ def rows(name):
     return np.genfromtxt(shared(f"gait/{name}.csv"), delimiter=",", names=True, dtype=None, encoding="utf-8")
 
 
-def people():
-    """Yield (name, {joint: measures of the median stride})."""
-    data = rows("healthy_young")
-    for side, short in (("left", "lt"), ("right", "rt")):
-        strikes = np.flatnonzero(np.diff(data[f"contact_{short}"]) > 500) + 1
-        yield f"young adult, {side}, strides of 1.13 s", of_strides(data, "_" + short, strikes, 0.005)
-    data = rows("series_walk_moments_moore2015")
-    force = data["grf_vertical_rt_N_kg"]
-    strikes = np.flatnonzero((force[1:] > 1.0) & (force[:-1] <= 1.0)) + 1
-    yield "adult of Moore 2015, strides of 1.20 s", of_strides(data, "_rt", strikes, 0.01)
-
-
-def of_strides(data, suffix, strikes, dt):
-    found = {}
-    for joint, column in JOINTS.items():
-        angle = np.radians(data[f"{column}{suffix}_deg"])
-        strides = [measures(angle[a : b + 1], (b - a) * dt) for a, b in zip(strikes, strikes[1:])]
-        found[joint] = np.median(strides, axis=0)
-    return found
-
-
 def of_walker(speed):
+    """Yield range in degrees, peak velocity and peak acceleration of each joint."""
     trace = walk(speed, 3.0)
-    found = {}
     late = trace["time"] > 1.0
     for joint in JOINTS:
-        angle, velocity, acceleration = (
-            trace[f"left_{joint}_{name}"][late] for name in ("angle", "velocity", "acceleration")
-        )
-        found[joint] = np.degrees(np.ptp(angle)), np.abs(velocity).max(), np.abs(acceleration).max()
-    return found
+        angle, *rates = (trace[f"left_{joint}_{name}"][late] for name in ("angle", "velocity", "acceleration"))
+        yield np.degrees(np.ptp(angle)), *(np.abs(rate).max() for rate in rates)
 
 
 def motion_table():
     print("| | hip: range ° | rad/s | rad/s² | knee: ° | rad/s | rad/s² | ankle: ° | rad/s | rad/s² |")
     print("|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|")
-    walkers = [(f"`Walker(speed={speed})`", of_walker(speed)) for speed in (0.85, 1.05, 1.15, 1.21, 1.5, 1.96)]
-    for name, found in (*walkers, *people()):
-        cells = [f"{a:.0f} | {v:.1f} | {acceleration:.0f}" for a, v, acceleration in found.values()]
-        print(f"| {name} |", " | ".join(cells), "|")
+    for speed in (0.85, 1.05, 1.21, 1.5, 1.96):
+        cells = [
+            f"{angle:.0f} | {velocity:.1f} | {acceleration:.0f}" for angle, velocity, acceleration in of_walker(speed)
+        ]
+        print(f"| `Walker(speed={speed})` |", " | ".join(cells), "|")
 
 
 def distances(trace, mean, deviation):
@@ -125,8 +104,8 @@ def curve_table():
     for joint, column in MOMENTS.items():
         line(f"{joint} moment per kg", -stride(trace, trace[f"left_{joint}_torque"]) / 70.0, f"{column}_moment_Nm_kg")
     print()
-    print("| stance of the man of Fukuchi 2018 | 1.30 m/s | 1.69 m/s |")
-    print("|---|--:|--:|")
+    print("| stance of the man of Fukuchi 2018 | 1.30 m/s | SD of adults | of his stances | 1.69 m/s | SD | SD |")
+    print("|---|--:|--:|--:|--:|--:|--:|")
     cells: dict[str, list[str]] = {"vertical force": [], "forward force": [], "centre of pressure": []}
     for speed in (1.30, 1.69):
         man = stances[np.isclose(stances["speed_m_s"], speed)]
@@ -146,10 +125,20 @@ def curve_table():
                 values -= values[50]
             text = np.sqrt(np.mean((values - man[f"{column}_mean"])[inside] ** 2))
             spread = np.sqrt(np.mean(man[f"{column}_sd"][inside] ** 2))
-            unit = "m" if column.startswith("cop") else "body weights"
-            cells[name].append(f"{text:.3f} {unit} (SD {spread:.3f})")
+            cells[name].append(f"{text:.3f} | {between(name, speed)} | {spread:.3f}")
     for name, values in cells.items():
         print(f"| {name}, RMS difference |", " | ".join(values), "|")
+
+
+def between(name, speed):
+    """Return the root mean square of the standard deviation between adults over the stance, in body weights."""
+    key = {"vertical force": "vertical_deviation", "forward force": "forward_deviation"}.get(name)
+    if key is None:
+        return ""
+    entries = MOTIONS["walk"]
+    curves = [sines(np.linspace(0.05, 0.95, 50), FORCE_SINES) @ entry[key] for entry in entries]
+    sizes = [np.sqrt(np.mean(curve**2)) for curve in curves]
+    return f"{np.interp(speed, [entry['speed'] for entry in entries], sizes):.3f}"
 
 
 def slip_table():

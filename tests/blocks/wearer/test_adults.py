@@ -69,7 +69,7 @@ def test_strides_of_an_adult_are_as_long_as_the_legs_make_them():
     [
         ({"person": -1}, "person must be a seed from 0 to 4294967295 or a tuple of scores, got -1"),
         ({"person": "tall"}, "person must be a seed"),
-        ({"person": (0.0, 6.0)}, "person must have at most 30 scores from -5 to 5"),
+        ({"person": (0.0, 6.0)}, "person must have at most 36 scores from -5 to 5"),
         ({"person": 3, "motion": "on_toes"}, "motion 'on_toes' has only the average adult: leave person at 0, got 3"),
     ],
 )
