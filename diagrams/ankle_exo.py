@@ -42,7 +42,9 @@ def build(model="AK80-9", mass=70.0, assistance=1.0, peak_time=0.53, share=0.2):
                 torque = leg_torque("ankle", flexion("knee", thighs[side], shank), thighs[side], mass)
                 bounds[side] = BiologicalTorque(share, delay=0.0, name="bound")(torque)
                 contacts.append(insole(side).contact)
-                cell = NAU7802(bus="cells", mux=0x70, channel=number - 1, rate=80, capacity=200.0, name="ankle_cell")
+                cell = NAU7802(
+                    bus="cells", mux=0x70, channel=number - 1, rate=80, capacity=200.0, timeout=0.1, name="ankle_cell"
+                )
                 Gain(CUFF_LEVER, unit="m", name="measured_torque")(cell.force)
         gaits = learned_gait(thighs)
         walking = And()(walk(gaits), Or()(*contacts))

@@ -47,6 +47,6 @@ def build(mass=70.0, scale=0.15, delay=0.15, support=5.0):
 
 def stance(number):
     """Return whether a foot bears load, from its two resistors. number : 0 for the left foot, 1 for the right one"""
-    converter = ADS1115(channels=("a0", "a1"), address=0x48 + number, bus="feet", name="converter")
+    converter = ADS1115(channels=("a0", "a1"), address=0x48 + number, timeout=0.1, bus="feet", name="converter")
     load = FSR(name="heel")(converter.a0).force + FSR(name="forefoot")(converter.a1).force
     return ContactEvents(smallest=10.0, name="events")(load).contact
