@@ -34,6 +34,7 @@ STRIDE_TIME = 1.1  # s, of mean curves, which have none
 STANDING_ANGLES = {"hip": 8.0, "opposite_hip": 8.0}  # degrees
 CURVES = {"Falisse 2019": "walk_subject_falisse2019", "Pinzone 2014": "walk_norms_pinzone2014_centre1"}
 MASSES, SPEEDS, DELAYS = (50.0, 110.0), (0.8, 1.2, 1.6), (0.0, 0.05, 0.1, 0.15, 0.2)  # kg, m/s, s
+STEADY_SPEEDS, PERSONS = (0.4, 0.8, 1.2, 1.6, 1.8), range(1, 13)  # m/s, drawn adults
 LIMIT, ASSISTED_RATE = 12.0, 500.0  # N·m, Hz
 MOMENTS = {"hip": "hip_extensor", "knee": "knee_extensor", "ankle": "ankle_plantarflexor"}
 
@@ -64,6 +65,58 @@ def held_out(networks):
 
 def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def steady(networks):
+    """Print the errors on drawn adults who walk at a constant speed."""
+    print("| m/s | phase RMS % | without the mean % | " + " | ".join(MOMENTS) + " |\n|--:|--:|--:" + "|--:" * 3 + "|")
+    for speed in STEADY_SPEEDS:
+        phases, torques = [], {joint: [] for joint in MOMENTS}
+        for person in PERSONS:
+            with Diagram("steady", RATE) as diagram:
+                Walker(speed, person=person, seed=person, mass=MASS, height=1.75, name="walker")()
+            run = simulate(diagram, 12.0)
+            signals = leg_signals(lambda name: run[f"walker.{name}"], "left", "right")  # noqa: B023
+            field = networks["gait_phase"].field - 1
+            error = phase_error(
+                networks["gait_phase"].of_series(signals), 2.0 * np.pi * run["walker.left_phase"][field:]
+            )
+            phases.append((error, error - error.mean()))
+            for joint, errors in torques.items():
+                true = run[f"walker.left_{joint}_torque"][field:] / MASS
+                errors.append(networks[f"{joint}_torque"].of_series(signals)[f"{joint}_torque"] - true)
+        figures = [f"{100 * rms(errors):.2f}" for errors in zip(*phases)] + [
+            f"{rms(each):.3f}" for each in torques.values()
+        ]
+        print(f"| {speed} | " + " | ".join(figures) + " |")
+
+
+def leg_signals(signal, side, other):
+    """Return the channels of one leg by name. signal : function that returns an output of a Walker by name"""
+    names = {"hip_angle": f"{side}_thigh_pitch", "opposite_hip_angle": f"{other}_thigh_pitch"}
+    names |= {"hip_velocity": f"{side}_hip_velocity", "opposite_hip_velocity": f"{other}_hip_velocity"}
+    names |= {f"knee_{name}": f"{side}_knee_{name}" for name in ("angle", "velocity")}
+    return {channel: signal(name) for channel, name in names.items()}
+
+
+def squats(network):
+    """Print how often the vector of the phase is long in squats, and how often of both legs half a stride apart."""
+    data = rows("series_squat_opencap")
+    forth = np.arange(len(data))
+    angles = {
+        side: np.radians(data[f"hip_flexion_{side}_deg"] - STANDING_ANGLES["hip"])[np.r_[forth, forth[::-1]]]
+        for side in SIDES
+    }
+    vectors = {}
+    for side, other in (("lt", "rt"), ("rt", "lt")):
+        signals = {"hip_angle": angles[side], "opposite_hip_angle": angles[other]}
+        signals |= {name.replace("angle", "velocity"): RATE * np.gradient(angle) for name, angle in signals.items()}
+        estimate = network.of_series(signals)
+        vectors[side] = estimate["phase_cos"] + 1j * estimate["phase_sin"]
+    apart = np.abs(np.angle(vectors["lt"] / vectors["rt"])) / (2.0 * np.pi) > 0.35
+    long = {side: np.abs(vector) > 0.5 for side, vector in vectors.items()}
+    print("squats: " + ", ".join(f"{SIDES[side]} {each.mean():.1%}" for side, each in long.items()), end="")
+    print(f" of the time above 0.5; both, half a stride apart: {np.mean(long['lt'] & long['rt'] & apart):.1%}")
 
 
 def young_adult(network):
@@ -135,13 +188,9 @@ def assisted(network, joint, mass, speed, delay):
         adult = Walker(f"0:0 0.5:0 2:{speed}", mass=mass, seed=3, name="walker")
         motion = adult()
         for side, other in (("left", "right"), ("right", "left")):
-            signals = {f"{prefix}hip_angle": f"{leg}_thigh_pitch" for prefix, leg in (("", side), ("opposite_", other))}
-            signals |= {
-                f"{prefix}hip_velocity": f"{leg}_hip_velocity" for prefix, leg in (("", side), ("opposite_", other))
-            }
-            signals |= {f"knee_{name}": f"{side}_knee_{name}" for name in ("angle", "velocity")}
+            signals = leg_signals(lambda name: getattr(motion, name), side, other)
             block = OnnxModel(str(network.path), name=f"{side}_network")
-            estimate = block(**{each["name"]: getattr(motion, signals[each["name"]]) for each in network.channels})
+            estimate = block(**{each["name"]: signals[each["name"]] for each in network.channels})
             moment = Gain(mass, unit="kg", name=f"{side}_moment")(getattr(estimate, f"{joint}_torque"))
             torque = BiologicalTorque(scale=0.2, delay=delay, cutoff=6.0, name=f"{side}_share")(moment)
             limited = Saturation(-LIMIT, LIMIT, name=f"{side}_torque")(torque)
@@ -181,6 +230,9 @@ if __name__ == "__main__":
     made = {name: Network(name) for name in NAMES}
     held_out(made)
     print()
+    steady(made)
+    print()
+    squats(made["gait_phase"])
     young_adult(made["gait_phase"])
     print()
     curves(made)
