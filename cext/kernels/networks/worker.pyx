@@ -54,7 +54,8 @@ cdef struct Ring:
     float *computed
     int64_t late                # ticks without the result that was due
     bint restarts               # the next job begins again
-    double began                # s, first sample
+    double began                # s, first sample, or the first after steps that were left out for longer than `stale`
+    double previous             # s, previous sample
     double newest               # s, samples of the present results; before `began` without any
     bint valid                  # the present results are
     double steps
@@ -87,6 +88,9 @@ cdef int delayed_kernel(double *arena, const Delayed *at, const Delayed *sizes) 
         return NO_THREAD
     if arena[network.count] != ring.steps:
         return IN_USE
+    if arena[TIME] - ring.previous > arena[at.stale]:   # as of a block in a subsystem that is enabled again
+        ring.began, ring.valid = arena[TIME], False
+    ring.previous = arena[TIME]
     ring.steps += 1.0
     arena[network.count] = ring.steps
     take_sample(arena, network, <float *>(arena + network.operands))
@@ -99,8 +103,9 @@ cdef int delayed_kernel(double *arena, const Delayed *at, const Delayed *sizes) 
             break
         if job.failed:
             return FAILED
-        memcpy(results, job.results, ring.model.result_size * sizeof(float))
-        ring.newest, ring.valid = job.time, job.valid
+        if job.time >= ring.began:
+            memcpy(results, job.results, ring.model.result_size * sizeof(float))
+            ring.newest, ring.valid = job.time, job.valid
         ring.taken += 1
     if ring.taken < ring.submitted and ring.jobs[ring.taken % ring.capacity].tick <= due:
         ring.late += 1
@@ -126,7 +131,7 @@ cdef bint restart(Ring *ring, double now) noexcept nogil:
     ring.taken = ring.submitted
     store_u64(&ring.first, ring.submitted)
     ring.restarts, ring.valid, ring.steps, ring.samples = True, False, 0.0, 0.0
-    ring.began, ring.newest, ring.late = now, -INFINITY, 0
+    ring.began, ring.previous, ring.newest, ring.late = now, now, -INFINITY, 0
     return True
 
 

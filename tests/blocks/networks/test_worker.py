@@ -13,9 +13,9 @@ from cext.kernels.networks.model import FAILED, IN_USE, STALE
 from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
-from graph import Diagram, compile
+from graph import Diagram, compile, subsystem
 from tests.blocks.networks import models
-from tests.blocks.running import run
+from tests.blocks.running import player, run
 from tests.graph.complaints import complaints, refusal
 
 REAL_TIME = 7  # slot of the clock: the kernel does not wait
@@ -109,6 +109,22 @@ def test_stale_outputs_are_a_fault_where_the_diagram_asks_for_it(tmp_path):
         for row in ROWS:
             step(row, True)
     assert block.fault_text(STALE) == "its outputs are older than 0.015 s"
+
+
+def test_a_worker_that_was_disabled_begins_with_new_results(tmp_path):
+    path = models.window(tmp_path / "m.onnx", samples=1)
+    with Diagram("robot", rate=1.0 / DT) as diagram:
+        enable = player(np.r_[np.ones(20), np.zeros(60), np.ones(40)], dtype=bool)
+        angle = Sine(frequency=1.7, unit="rad")()
+        OnnxModel(path, name="tick")(angle, 0.0, 70.0)
+        with subsystem("part", enabled=enable):
+            OnnxModel(path, name="net", run="worker", latency=3 * DT, when_stale="fault")(angle, 0.0, 70.0)
+    recording = run(diagram, 120)
+    assert recording.outcome.status == "ok" and len(recording.tick) == 120
+    resumed = np.flatnonzero(recording["part/net.valid"])[len(range(3, 80)) :]
+    assert resumed.tolist() == list(range(83, 120))
+    assert not recording["part/net.effort"][80:83].any()
+    np.testing.assert_array_equal(recording["part/net.effort"][83:], recording["tick.effort"][80:-3])
 
 
 def test_a_streaming_model_begins_again_after_dropped_samples(tmp_path, monkeypatch):
