@@ -48,23 +48,29 @@ def family(entries: Sequence[dict[str, Any]], person: Any) -> list[dict[str, Any
         return list(entries)
     while True:
         adults = [adult(entry, scores @ COMPONENTS[: len(scores)]) for entry in entries]
-        if isinstance(person, tuple) or min(values(each["angles"][1]).min() for each in adults) > KNEE_LIMIT:
+        if (
+            not isinstance(person, (int, float, np.integer))
+            or min(values(each["angles"][1]).min() for each in adults) > KNEE_LIMIT
+        ):
             return adults
         scores = 0.9 * scores
 
 
 def scores_of(person: Any) -> Real:
     """Return the scores of an adult. person : as of `family`. ValueError"""
-    if isinstance(person, tuple):
-        scores = np.array(person, float)
-        if scores.ndim != 1 or len(scores) > len(COMPONENTS) or not np.all(np.abs(scores) <= SCORE_LIMIT):
-            allowed = f"at most {len(COMPONENTS)} scores from {-SCORE_LIMIT:g} to {SCORE_LIMIT:g}"
-            raise ValueError(f"person must have {allowed}, got {person}")
-        return scores
-    if not isinstance(person, (int, np.integer)) or not 0 <= person < 2**32:
-        raise ValueError(f"person must be a seed from 0 to {2**32 - 1} or a tuple of scores, got {person!r}")
-    random = np.random.RandomState(int(person))  # NumPy guarantees these numbers for all its versions
-    return np.clip(random.normal(size=len(COMPONENTS)), -DRAW_LIMIT, DRAW_LIMIT) if person else np.zeros(0)
+    if isinstance(person, (int, float, np.integer)):
+        if not 0 <= person < 2**32 or person != int(person):
+            raise ValueError(f"person must be a whole number from 0 to {2**32 - 1} or scores, got {person!r}")
+        random = np.random.RandomState(int(person))  # NumPy guarantees these numbers for all its versions
+        return np.clip(random.normal(size=len(COMPONENTS)), -DRAW_LIMIT, DRAW_LIMIT) if person else np.zeros(0)
+    try:
+        scores = np.array(person.split() if isinstance(person, str) else person, float)
+    except (TypeError, ValueError):
+        scores = np.full(1, np.nan)
+    if scores.ndim != 1 or len(scores) > len(COMPONENTS) or not np.all(np.abs(scores) <= SCORE_LIMIT):
+        allowed = f"at most {len(COMPONENTS)} scores from {-SCORE_LIMIT:g} to {SCORE_LIMIT:g}"
+        raise ValueError(f"person must be a seed, or {allowed}, got {person!r}")
+    return scores
 
 
 def shape(phases: Real) -> Real:

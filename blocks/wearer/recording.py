@@ -34,6 +34,7 @@ MOMENTS = ("hip_extensor_moment_{0}t_Nm_kg", "knee_extensor_moment_{0}t_Nm_kg", 
 FORCES = ("grf_vertical_{0}t", "grf_forward_{0}t")  # with the unit: _bw, _N_kg or _N
 CUTOFF = 15.0  # Hz, above which the angles have no more than noise
 PELVIS_CUTOFF = 6.0  # Hz
+RATE_LIMIT = 200.0  # Hz of the samples: twice what the angles need
 SEAM = 0.3  # s, over which the end passes into the beginning
 STRIDES = 0.5, 2.5  # s, shortest and longest stride
 REACH = 0.1  # body heights, least distance of the ankle in front of the other at a strike, or of the hip
@@ -82,7 +83,8 @@ def samples(file: str, mass: float, height: float) -> Real:
 
     # 1. A motion that repeats, and the strides of both legs.
     seam = max(2, round(SEAM / dt))
-    cut = end_of(np.column_stack([leg.angles for leg in legs]), seam)
+    every = max(1, round(1.0 / (dt * RATE_LIMIT)))  # samples that are kept
+    cut = end_of(np.column_stack([leg.angles for leg in legs]), seam) // every * every
     legs = [closed_leg(leg, cut, seam, dt) for leg in legs]
     strides = [strides_of(strikes_of(leg, other, dt), cut, dt) for leg, other in zip(legs, legs[::-1])]
     if len(legs) == 1:
@@ -127,7 +129,7 @@ def samples(file: str, mass: float, height: float) -> Real:
     )
     again = rows[:1].copy()  # the first sample again, at the end
     again[:, PHASES] = [2.0 * each.phase[-1] - each.phase[-2] for each in strides]
-    return np.concatenate([[1.0 / dt], rows.ravel(), again.ravel()])
+    return np.concatenate([[1.0 / (dt * every)], rows[::every].ravel(), again.ravel()])
 
 
 def leg_of(table: Table, side: str, mass: float) -> Leg:
@@ -135,11 +137,9 @@ def leg_of(table: Table, side: str, mass: float) -> Leg:
 
     def first(names: tuple[str, ...]) -> Real | None:
         available = [name for name in (each.format(side) for each in names) if name in table.names]
-        return table.column(available[0]) if available else None
+        return column(table, *available) if available else None
 
-    angles = np.radians([table.column(*(name.format(side) for name in names)) for names in ANGLES]).T
-    if not np.all(np.isfinite(angles)):
-        raise ValueError(f"{table.file} has missing angles: fill the gaps")
+    angles = np.radians([column(table, *(name.format(side) for name in names)) for names in ANGLES]).T
     if angles[:, 1].mean() < 0.0:  # OpenSim's older models extend the knee in the positive direction
         angles[:, 1] *= -1.0
     torques = [curve for curve in (first((name,)) for name in MOMENTS) if curve is not None]
@@ -159,11 +159,19 @@ def leg_of(table: Table, side: str, mass: float) -> Leg:
     )
 
 
+def column(table: Table, *names: str) -> Real:
+    """Return the first of the columns without gaps. ValueError"""
+    values = table.column(*names, empty=np.nan)
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{table.file}: column {table.names[table.index(*names)]!r} has missing values: fill the gaps")
+    return values
+
+
 def pelvis_pitch(table: Table, legs: list[Leg]) -> Real | None:
     """Return the pitch of the pelvis, if the file has it or that of the thighs, rad, positive with the front up."""
     for name in PELVIS:
         if name in table.names:
-            return np.radians(table.column(name))
+            return np.radians(column(table, name))
     pitches = [leg.thigh - leg.angles[:, 0] for leg in legs if leg.thigh is not None]
     return np.mean(pitches, axis=0) if pitches else None
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from blocks.wearer import Walker, walking_speed
-from blocks.wearer.adults import family
+from blocks.wearer.adults import family, scores_of
 from blocks.wearer.mechanics import pitches_of
 from blocks.wearer.norms import MOTIONS
 from blocks.wearer.stride import values
@@ -46,8 +46,9 @@ def test_an_adult_is_the_same_at_every_speed_and_others_differ():
     slow, fast = (family(WALK[n : n + 1], 7)[0] for n in (0, 2))
     apart = [[values(b) - values(a) for a, b in zip(WALK[n]["angles"], e["angles"])] for n, e in ((0, slow), (2, fast))]
     assert all(np.corrcoef(*pair)[0, 1] > 0.9 for pair in zip(*apart))
-    first, again, other, scored = (walk(0.5, rate=200, person=person) for person in (7, 7, 8, (0.0, 1.5)))
+    first, again, other, scored = (walk(0.5, rate=200, person=person) for person in (7, 7.0, 8, (0.0, 1.5)))
     assert np.array_equal(first["left_hip_angle"], again["left_hip_angle"])
+    assert np.array_equal(scores_of("0 1.5"), scores_of((0.0, 1.5)))  # as from --set person="0 1.5"
     assert all(np.abs(first["left_hip_angle"] - each["left_hip_angle"]).max() > 0.02 for each in (other, scored))
 
 
@@ -67,9 +68,10 @@ def test_strides_of_an_adult_are_as_long_as_the_legs_make_them():
 @pytest.mark.parametrize(
     "parameters, message",
     [
-        ({"person": -1}, "person must be a seed from 0 to 4294967295 or a tuple of scores, got -1"),
-        ({"person": "tall"}, "person must be a seed"),
-        ({"person": (0.0, 6.0)}, "person must have at most 36 scores from -5 to 5"),
+        ({"person": -1}, "person must be a whole number from 0 to 4294967295 or scores, got -1"),
+        ({"person": 0.5}, "must be a whole number"),
+        ({"person": "tall"}, "person must be a seed, or at most 36 scores from -5 to 5, got 'tall'"),
+        ({"person": (0.0, 6.0)}, "at most 36 scores from -5 to 5"),
         ({"person": 3, "motion": "on_toes"}, "motion 'on_toes' has only the average adult: leave person at 0, got 3"),
     ],
 )
