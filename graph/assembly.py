@@ -234,7 +234,8 @@ class Assembly:
     def live_parameters(self) -> list[LiveParameter]:
         """Return a LiveParameter for each parameter that may change while running."""
         parameters = []
-        for block in self.blocks:
+        # the switches of drives last, after the parameters that an operator changes more often
+        for block in sorted(self.blocks, key=lambda block: isinstance(block, Device)):
             for name, param in block.parameters.items():
                 bounds = block.live(name)
                 if bounds is None or isinstance(block, Sink):
@@ -287,6 +288,7 @@ class Assembly:
             else (),
             reads=tuple(block.read_frames()),
             zeroing=self.zero_steps(block, slot),
+            **self.switch_slots(block, slot),
             **self.ready_place(block),
         )
 
@@ -333,6 +335,16 @@ class Assembly:
         motion = {} if watch is None else self.motion_slots(block, watch.motion, slot)
         request = self.input_slot(block, "zero") if "zero" in block.inputs else -1
         return ZeroSteps(zeroing, slot("position"), request, motion.get("law", -1), motion.get("current", -1))
+
+    def switch_slots(self, block: Device, slot: Callable[[str | None], int]) -> dict[str, int]:
+        """Return {field of DeviceSteps: slot} of a drive that can be taken out during a run, {} for another device."""
+        if not isinstance(block, Actuator) or "disabled" not in block.parameters:
+            return {}
+        return {
+            "disabled_slot": self.parameters[f"{block.path}.disabled"],
+            "disable_slot": self.input_slot(block, "disable"),
+            "active_slot": slot("active"),
+        }
 
     def motion_slots(self, block: Device, motion: Motion | None, slot: Callable[[str | None], int]) -> dict[str, int]:
         """Return {field of WatchSteps: slot} for the watch of an actuator's motion, {} without one."""

@@ -254,8 +254,8 @@ class Param(Declaration, Generic[T]):
         self.fixed = fixed or not self.numeric
         if live and (min is None or max is None or not (math.isfinite(min) and math.isfinite(max))):
             raise TypeError("a live parameter needs both bounds, min and max, both finite")
-        if not kernel and not self.fixed:
-            raise TypeError("a parameter with kernel=False must be fixed")
+        if not kernel and not self.fixed and not live:
+            raise TypeError("a parameter with kernel=False must be fixed or live")
         if self.fixed and (live or slew is not None):
             raise TypeError("a fixed parameter cannot be live or have a slew")
         if slew is not None and not slew > 0.0:
@@ -287,7 +287,7 @@ class Param(Declaration, Generic[T]):
     @property
     def placed(self) -> bool:
         """Whether it has a slot in the arena."""
-        return self.numeric and self.kernel
+        return self.numeric and (self.kernel or self.live)
 
     def check(self, value: Any) -> Any:
         """Convert a value to the parameter's type. Raises ValueError outside its type, bounds or choices."""

@@ -97,6 +97,9 @@ class DeviceSteps:
     reads: tuple = ()  # frames of `enable` that only read
     ready: int = -1  # slot that is not 0 after the settings are confirmed; -1: no confirmation
     ready_size: int = 0  # numbers from there on that keep their value when the blocks are reset
+    disabled_slot: int = -1  # of the parameter, the input and the output of a drive that can be taken out
+    disable_slot: int = -1
+    active_slot: int = -1
     zeroing: ZeroSteps | None = None  # None for a device without a zero that can be set
 
 

@@ -161,6 +161,16 @@ class Joint:
         kernel=False,
     )
 
+    disabled = Param(
+        False,
+        "1",
+        "whether the drive is taken out of the run; false arms it again, and its commands fade in",
+        min=0,
+        max=1,
+        live=True,
+        kernel=False,
+    )
+
     position_command = Input("rad", "θ₀", default=0.0)
     velocity_command = Input("rad/s", "ω₀", default=0.0)
     torque_command = Input("N·m", "τ_ff", default=0.0)
@@ -172,6 +182,7 @@ class Joint:
         default=False,
         dtype=bool,
     )
+    disable = Input("1", "true takes the drive out of the run, by setting `disabled`", default=False, dtype=bool)
     position = Output("rad", "joint angle θ")
     velocity = Output("rad/s", "joint velocity ω")
     torque = Output("N·m", "torque of the drive, from its current")
@@ -179,6 +190,7 @@ class Joint:
     fault = Output("1", "error code of the drive, 0 for none", dtype=int)
     age = Output("s", "time since the newest reply")
     rms_torque = Output("N·m", "root mean square of the torque over rms_window", kernel=False)
+    active = Output("1", "whether its commands are sent; false while it is taken out", dtype=bool, kernel=False)
     torque_sent = Output("N·m", "feed-forward torque of the frame, after limits, fade-in and quantisation")
     limited = Output("1", "ticks in which the law was changed to keep it within the torque limit", dtype=int)
     wire = Memory(0.0, "encoded half ranges at the joint: position, velocity, stiffness, damping, torque")

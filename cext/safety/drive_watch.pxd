@@ -29,6 +29,7 @@ cdef struct Watched:
     double full                      # full limit
     double left                      # fraction of it in the last tick
     int64_t reply_time               # ns, of the newest reply
+    bint out                         # it is not commanded, and nothing is checked
     bint off                         # its motion is not checked, and its checks start again afterwards
     Motion motion
     int mode

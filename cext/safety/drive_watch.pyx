@@ -104,7 +104,7 @@ cdef class DriveWatch:
             drive.place = 0
             drive.left = 1.0
             drive.motion.about = NOTHING
-            drive.off = False
+            drive.off = drive.out = False
             forget_motion(&drive.motion)
 
     cdef uint64_t share(self, SharedLayout *page):
@@ -131,6 +131,9 @@ cdef class DriveWatch:
         cdef double temperature = arena[drive.temperature] if drive.temperature >= 0 else NAN
         cdef int status = OK
         drive.motion.beyond = False
+        if drive.out:
+            forget_motion(&drive.motion)
+            return OK
         if drive.off:
             forget_motion(&drive.motion)
         else:

@@ -4,11 +4,13 @@ from cext.abi cimport FRAME_BYTES, FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_P
 from cext.bus.batch cimport Batch
 from cext.bus.memory_bus cimport BusEnd
 from cext.safety.drive_warnings cimport DriveWarnings
-from cext.safety.drive_watch cimport DriveWatch
+from cext.safety.drive_state cimport DriveState
+from cext.safety.drive_watch cimport DriveWatch, Watched
 from cext.safety.zeroing cimport Zeroing
 from cext.clock.histogram cimport Histogram
 from cext.safety.shared_state cimport SharedLayout
 from cext.clock.stopwatch cimport Laps
+from cext.schedule.live cimport LiveTable
 
 cdef enum:
     READY_NUMBERS = 16           # limit of values that outlive the start
@@ -18,6 +20,9 @@ cdef enum:                       # events of a device
     ZEROED
     ZERO_REFUSED
     ZERO_NOT_SET
+    TAKEN_OUT
+    RETURNED
+    NOT_RETURNED
     DEVICE_EVENTS
 
 cdef struct Device:
@@ -59,6 +64,7 @@ cdef struct Device:
     int64_t replies_wanted       # before it counts as replying
     Batch set_zero               # makes the present position of the drive its zero; empty if it cannot
     Zeroing zeroing
+    DriveState drive
     int64_t fades_from           # tick from which its commands fade in; -1: with those of all devices
 
 cdef struct Blame:               # last failure, -1 for other causes
@@ -90,6 +96,8 @@ cdef class Devices:
     cdef list news               # EventTemplate, DEVICE_EVENTS of each device that has them
     cdef void **templates        # the same, borrowed: DEVICE_EVENTS of each device; NULL for none
     cdef SharedLayout *page      # for events; NULL: none
+    cdef LiveTable live          # the table with the parameters `disabled`
+    cdef public object may_return        # function of a path: whether its joint's position is certain, or None
     cdef bint waiting            # after a fault, to be armed again: nothing is sent
     cdef bint stopping           # replies to a safe stop are expected
     cdef bint alone              # no other node may command the devices
@@ -135,3 +143,8 @@ cdef class Devices:
     cdef bint zero_while_arming(self, int number) noexcept nogil
     cdef int add_zero(self, int number, Frame *frames, int count) noexcept nogil
     cdef int look_at_zero(self, int number) noexcept nogil
+    cdef void look_at_state(self, int number) noexcept nogil
+    cdef void take_out(self, int number) noexcept nogil
+    cdef void disable_again(self, int number, int event) noexcept nogil
+    cdef bint is_fit(self, int number) noexcept nogil
+    cdef int send_state(self, int64_t now, SharedLayout *page) noexcept nogil

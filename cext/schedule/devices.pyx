@@ -10,6 +10,7 @@ For arming and the safe stop, frames are encoded at compile time, and replies to
 """
 
 from libc.stdint cimport uint8_t, uintptr_t
+from libc.math cimport fabs, isfinite
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcmp, memcpy, memset
 
@@ -21,10 +22,11 @@ from cext.bus.batch cimport load_batch
 from cext.clock.histogram cimport add, summary
 from cext.clock.deadline_clock cimport monotonic
 from cext.safety.shared_state cimport FENCED_FOR_GOOD, FRAME, RECEIVED, commit, load_i32, reserve
+from cext.safety.drive_state cimport ACTIVE, DAMPED, OUT, RETURNING, enter, forget_state
 from cext.safety.event_template cimport EventTemplate
 from cext.safety.motion_watch cimport POSITION, blame
 from cext.safety.speed_bands cimport SpeedBands
-from cext.safety.thresholds cimport FADE_IN
+from cext.safety.thresholds cimport ARMING_LIMIT, FADE_IN, STOP_LIMIT, TRAVEL_MARGIN, ZERO_LIMIT
 from cext.safety.zeroing cimport (
     ZERO_KEPT, ZERO_LOST, ZERO_SET, ZERO_UNKNOWN, begin_rest, begin_zero, forget_zero, judge_zero, may_be_zeroed,
     note_command, note_position, repeat_zero,
@@ -37,7 +39,14 @@ EVENTS = {                          # of a device, and its text
     ZEROED: ("zero", "the present position of the drive is its zero"),
     ZERO_REFUSED: ("warning", "the zero was not set: it can be set after 0.1 s of zero torque and rest"),
     ZERO_NOT_SET: ("warning", "the drive has not confirmed its zero; the earlier one is in force"),
+    TAKEN_OUT: ("drive", "taken out; {path}.disabled=false arms it again"),
+    RETURNED: ("drive", "armed again; its commands fade in"),
+    NOT_RETURNED: ("warning", "not armed again: it does not reply, reports a fault, or its joint is out of range"),
 }
+
+
+cdef int64_t SILENT_ROUND = 500000000    # ns between frames to a drive that is taken out and does not reply
+cdef int64_t RETURN_DELAY = 20000000     # ns without frames to a drive before it is armed again, for late replies
 
 
 cdef class Devices:
@@ -82,6 +91,7 @@ cdef class Devices:
         self.now = 0
         for index in range(self.count):
             forget_zero(&self.devices[index].zeroing)
+            forget_state(&self.devices[index].drive, self.arena)
             self.devices[index].fades_from = -1
             self.devices[index].reply_time = self.devices[index].replies = self.devices[index].replies_wanted = 0
             self.devices[index].asked = -1
@@ -153,6 +163,13 @@ cdef class Devices:
             if self.devices[index].zeroing.due and self.has_replied(&self.devices[index])]
 
     @property
+    def switched(self) -> dict[str, tuple[int, int]]:
+        """Return {path: (times taken out, times armed again)} of the drives that were taken out during the run."""
+        return {
+            self.schedule.devices[index].name: (self.devices[index].drive.taken_out, self.devices[index].drive.returned)
+            for index in range(self.count) if self.devices[index].drive.taken_out or self.devices[index].drive.returned}
+
+    @property
     def zeros(self) -> dict[str, tuple[int, int]]:
         """Return {path: (number of zeros set, number of refused requests)} of the devices with any."""
         return {
@@ -221,16 +238,23 @@ cdef class Devices:
         steps = entry.zeroing
         z.position = z.request = z.law = z.current = -1
         z.at_arming = False
+        self.devices[index].drive.disabled = entry.disabled_slot
+        self.devices[index].drive.disable = entry.disable_slot
+        self.devices[index].drive.active = entry.active_slot
+        if steps is not None or entry.disabled_slot >= 0:
+            for event, (kind, what) in EVENTS.items():
+                words = {"event": kind, "device": entry.name, "what": what.format(path=entry.name)}
+                if kind == "drive":
+                    words["lines"] = [f"tickwork: {entry.name} is {words['what']}"]
+                template = EventTemplate(words)
+                self.news.append(template)
+                self.templates[index * DEVICE_EVENTS + event] = <void *>template
         if steps is None:
             return
         zeroing = steps.zeroing
         load_batch(&self.devices[index].set_zero, [zeroing.frame])
         z.position, z.request, z.law, z.current = steps.position, steps.request, steps.law, steps.current
         z.offset, z.torque_code, z.at_arming = zeroing.offset, zeroing.torque_code, zeroing.at_arming
-        for event, (kind, what) in EVENTS.items():
-            template = EventTemplate({"event": kind, "device": entry.name, "what": what})
-            self.news.append(template)
-            self.templates[index * DEVICE_EVENTS + event] = <void *>template
 
     cdef uint64_t share(self, SharedLayout *page):
         """Set the shared state for events, or NULL. Returns the ring bytes that one tick may need."""
@@ -282,6 +306,8 @@ cdef class Devices:
             if device.age >= 0:
                 # the sample may be newer than the tick
                 self.arena[device.age] = max(now - device.reply_time, 0) * 1e-9
+            if device.drive.active >= 0:
+                self.arena[device.drive.active] = device.drive.state == ACTIVE
             if device.zeroing.position >= 0:
                 note_position(&device.zeroing, self.arena, device.reply_time, now)
         return status
@@ -292,6 +318,7 @@ cdef class Devices:
         cdef int status = OK
         cdef Frame *frame
         cdef Device *device
+        cdef double share = self.arena[AUTHORITY]
         cdef int answer = FOREIGN
         for index in range(count):
             frame = &self.received[index]
@@ -302,7 +329,10 @@ cdef class Devices:
                 device = &self.devices[number]
                 if device.bus != bus:
                     continue
+                if device.drive.state != ACTIVE:                 # a report of a disabled drive is expected
+                    self.arena[AUTHORITY] = 0.0
                 answer = device.decode(self.arena, device.decode_slots, device.decode_sizes, frame)
+                self.arena[AUTHORITY] = share
                 # in every state, including arming and the wait for confirmation
                 if answer == PRESSED:
                     self.failed.device = number
@@ -375,6 +405,8 @@ cdef class Devices:
         cdef Device *device
         for number in range(self.count):
             device = &self.devices[number]
+            if device.drive.state != ACTIVE:
+                continue
             if (device.timeout > 0.0 and (now - device.reply_time) * 1e-9 > device.timeout
                     and not device.zeroing.runs):                # a drive may be silent for a second after that frame
                 self.failed.device = number
@@ -387,6 +419,7 @@ cdef class Devices:
             device = &self.devices[self.drives.drives[number].device]
             self.drives.drives[number].reply_time = device.reply_time
             self.drives.drives[number].off = device.zeroing.runs
+            self.drives.drives[number].out = device.drive.state != ACTIVE
         status = self.drives.look(self.arena, <int64_t>self.arena[TICK], self.arena[DT])
         if status != OK:
             self.failed.device = self.drives.failed
@@ -403,9 +436,13 @@ cdef class Devices:
         memset(self.outgoing_count, 0, self.bus_count * sizeof(int32_t))
         for number in range(self.count):
             device = &self.devices[number]
+            if device.drive.disabled >= 0:
+                self.look_at_state(number)
             count = self.look_at_zero(number)
             if count >= 0:
                 count = self.encode(device, &self.outgoing[total])
+            if device.drive.state != ACTIVE:
+                count = 0                                        # neither commanded nor checked
             if count < 0:
                 self.failed.device = number
                 return -count
@@ -419,7 +456,7 @@ cdef class Devices:
         return OK
 
     cdef int encode(self, Device *device, Frame *frames) noexcept nogil:
-        """Encode the frames of a device, with zero torque while its zero is set.
+        """Encode the frames of a device, with zero torque while its zero is set and while it is taken out.
 
         Returns their number, or a negated status.
         """
@@ -433,7 +470,7 @@ cdef class Devices:
                 device.fades_from = -1
             else:
                 self.arena[AUTHORITY] = share * max(faded, 0.0)
-        if device.zeroing.runs:
+        if device.zeroing.runs or device.drive.state != ACTIVE:
             self.arena[AUTHORITY] = 0.0
         count = device.encode(self.arena, device.encode_slots, device.encode_sizes, frames)
         self.arena[AUTHORITY] = share
@@ -478,7 +515,7 @@ cdef class Devices:
         if z.position < 0:
             return count
         z.requested = requested
-        permitted = not self.waiting and may_be_zeroed(z, self.now)
+        permitted = not self.waiting and device.drive.state == ACTIVE and may_be_zeroed(z, self.now)
         if z.runs and permitted and judge_zero(z, self.arena, self.now) == ZERO_LOST:
             repeat_zero(z, self.now)
         elif not z.runs and rises and permitted:
@@ -500,7 +537,124 @@ cdef class Devices:
                 return status
             first += self.outgoing_count[bus]
             self.note_asked(bus, now)
-        return OK
+        return self.send_state(now, page)
+
+    cdef void look_at_state(self, int number) noexcept nogil:
+        """Take a drive out, or let it return, as its parameter and its input require."""
+        cdef Device *device = &self.devices[number]
+        cdef bint disabled
+        cdef int64_t passed = self.now - device.drive.since
+        if not self.arena[device.drive.disable] <= 0.5 and not self.arena[device.drive.disabled] > 0.5:
+            self.live.assume(device.drive.disabled, 1.0)
+            self.live.show(self.page)
+        disabled = self.arena[device.drive.disabled] > 0.5
+        if self.waiting:
+            device.drive.state = OUT if disabled else ACTIVE     # all are disabled, and armed together
+        elif device.drive.state == ACTIVE and disabled:
+            self.take_out(number)
+        elif device.drive.state == DAMPED and passed >= device.damping:
+            enter(&device.drive, OUT, self.now)
+        elif device.drive.state == OUT and not disabled:
+            enter(&device.drive, RETURNING, self.now)
+            if device.ready >= 0:
+                self.arena[device.ready] = 0.0
+            device.replies = device.rounds = 0
+            device.replies_wanted = device.zero.count
+            begin_rest(&device.zeroing, self.now)
+        elif device.drive.state == RETURNING and disabled:
+            enter(&device.drive, OUT, self.now)
+        elif device.drive.state == RETURNING and passed < RETURN_DELAY:
+            device.replies = 0                                   # to the disable
+        elif device.drive.state == RETURNING and self.has_answered(device) and self.is_fit(number):
+            enter(&device.drive, ACTIVE, self.now)
+            device.fades_from = <int64_t>self.arena[TICK]
+            device.drive.returned += 1
+            self.note(number, RETURNED)
+        elif device.drive.state == RETURNING and passed >= ARMING_LIMIT + (
+                ZERO_LIMIT if device.zeroing.due and self.has_replied(device) else 0):
+            self.disable_again(number, NOT_RETURNED)
+
+    cdef void take_out(self, int number) noexcept nogil:
+        cdef Device *device = &self.devices[number]
+        enter(&device.drive, OUT if device.bands == NULL else DAMPED, self.now)
+        device.damp_due = device.drive.sent = 0
+        device.zeroing.runs = False
+        device.drive.taken_out += 1
+        self.note(number, TAKEN_OUT)
+
+    cdef void disable_again(self, int number, int event) noexcept nogil:
+        """Take out a drive that cannot be armed again."""
+        cdef Device *device = &self.devices[number]
+        self.live.assume(device.drive.disabled, 1.0)
+        self.live.show(self.page)
+        enter(&device.drive, OUT, self.now)
+        device.zeroing.runs = False
+        self.note(number, event)
+
+    cdef bint is_fit(self, int number) noexcept nogil:
+        """Return whether a drive that has replied may be commanded: the conditions that would end the run are absent."""
+        cdef Device *device = &self.devices[number]
+        cdef Watched *watched
+        cdef int place
+        cdef double position
+        if (self.now - device.reply_time) * 1e-9 > 0.5 * device.timeout and device.timeout > 0.0:
+            return False
+        if device.fault >= 0 and self.arena[device.fault] != 0.0:
+            return False
+        for place in range(self.drives.count):
+            watched = &self.drives.drives[place]
+            if watched.device != number:
+                continue
+            if watched.temperature >= 0 and self.arena[watched.temperature] >= watched.hot:
+                return False
+            if watched.motion.position < 0:
+                continue
+            position = self.arena[watched.motion.position]
+            if not isfinite(position) or not (watched.motion.low - 1e-3 * TRAVEL_MARGIN <= position
+                    <= watched.motion.high + 1e-3 * TRAVEL_MARGIN):
+                return False
+            if watched.motion.velocity >= 0 and not (
+                    fabs(self.arena[watched.motion.velocity]) <= watched.motion.fastest):
+                return False
+        if self.may_return is None:
+            return True
+        with gil:
+            try:
+                return bool(self.may_return(self.schedule.devices[number].name))
+            except Exception:
+                return False
+
+    cdef int send_state(self, int64_t now, SharedLayout *page) noexcept nogil:
+        """Send the frames of the drives that are taken out or return.
+
+        A drive in OUT that does not reply gets its frames twice a second, so that they do not fill the queue of a bus
+        without another node.
+        """
+        cdef int number
+        cdef int status = OK
+        cdef Device *device
+        cdef Batch *batch
+        for number in range(self.count):
+            device = &self.devices[number]
+            if device.drive.state == DAMPED:
+                batch = <Batch *>(<SpeedBands>device.bands).choose(now)
+                status |= self.send(device.bus, batch.frames, batch.count, now, page, False)
+            elif device.drive.state == OUT and (
+                    now - device.drive.since < STOP_LIMIT or now - device.reply_time < STOP_LIMIT
+                    or now - device.drive.sent >= SILENT_ROUND):
+                device.drive.sent = now
+                if now - device.drive.since < STOP_LIMIT:
+                    status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page, False)
+                status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page, False)
+            elif device.drive.state == RETURNING and now - device.drive.since >= RETURN_DELAY:
+                if not self.has_replied(device) and device.enable.count > 0:
+                    if device.rounds % device.enable.count == 0:
+                        status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page, False)
+                    device.rounds += 1
+                status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page, False)
+                if self.zero_while_arming(number):
+                    status |= self.send(device.bus, device.set_zero.frames, device.set_zero.count, now, page, False)
+        return self.sent(status, False, page)
 
     cdef void note_asked(self, int bus, int64_t at) noexcept nogil:
         """Start timing the replies of a bus's devices, unless the previous reply is still due."""
@@ -510,10 +664,11 @@ cdef class Devices:
             if self.devices[number].bus == bus:
                 self.devices[number].pumped = at
             if self.devices[number].bus == bus and self.devices[number].zero.count:
-                if self.devices[number].owed and self.arena[TICK] >= self.counted_from:
+                if self.devices[number].owed and self.devices[number].drive.state == ACTIVE and self.arena[TICK] >= self.counted_from:
                     self.devices[number].missed += 1
                 self.devices[number].owed = True
-            if self.devices[number].bus == bus and self.devices[number].latency != NULL:
+            if (self.devices[number].bus == bus and self.devices[number].latency != NULL
+                    and self.devices[number].drive.state == ACTIVE):
                 if now < 0:
                     now = monotonic() - self.began
                 self.devices[number].asked = now
@@ -549,6 +704,9 @@ cdef class Devices:
         cdef int status = OK
         for number in range(self.count):
             device = &self.devices[number]
+            if not disable and device.drive.state != ACTIVE:
+                status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page, False)
+                continue
             if enable and not self.has_replied(device) and device.enable.count > 0:
                 if device.rounds % device.enable.count == 0:       # less often for many frames, to limit the bus load
                     status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page, disable)
@@ -621,7 +779,7 @@ cdef class Devices:
         self.stop_due = 0
         for number in range(self.count):
             self.devices[number].zeroing.runs = False
-            self.devices[number].damped = self.devices[number].bands != NULL
+            self.devices[number].damped = self.devices[number].bands != NULL and self.devices[number].drive.state < OUT
             self.devices[number].damp_due = 0
 
     cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, SharedLayout *page) noexcept nogil:
@@ -686,13 +844,15 @@ cdef class Devices:
             or self.arena[device.ready] != 0.0)
 
     cdef bint has_answered(self, const Device *device) noexcept nogil:
+        if device.drive.state == OUT and not self.stopping:
+            return True
         return self.has_replied(device) and (self.stopping or not device.zeroing.due)
 
     cdef bint only_zeros_are_due(self) noexcept nogil:
         """Return whether arming waits for nothing but the zeros of drives."""
         cdef int number
         for number in range(self.count):
-            if not self.has_replied(&self.devices[number]):
+            if self.devices[number].drive.state == ACTIVE and not self.has_replied(&self.devices[number]):
                 return False
         return True
 
@@ -713,6 +873,9 @@ cdef class Devices:
             if self.devices[number].ready >= 0:
                 self.arena[self.devices[number].ready] = 0.0
             self.devices[number].fades_from = -1
+            if self.devices[number].drive.disabled >= 0:
+                self.devices[number].drive.state = (
+                    OUT if self.arena[self.devices[number].drive.disabled] > 0.5 else ACTIVE)
             begin_rest(&self.devices[number].zeroing, self.now)
         self.want_replies(True, False)
 

@@ -104,7 +104,7 @@ cdef class Executor(Waiting):
 
     def run(self, int64_t ticks=-1, *, double fade=FADE_IN / 1e9, double arming_timeout=ARMING_LIMIT / 1e9,
             double stopping_timeout=STOP_LIMIT / 1e9, answered=None,
-            bint confirm=False, permitted=None, rearm=None, notify=None) -> Outcome:
+            bint confirm=False, permitted=None, rearm=None, notify=None, may_return=None) -> Outcome:
         """Arm, run `ticks` grid points (-1: until a signal), and stop safely. Returns an Outcome.
 
         fade : s, over which commands increase to full size after arming
@@ -118,6 +118,7 @@ cdef class Executor(Waiting):
         rearm : slots of the arena that are true while their inputs request arming again; with None a fault ends the
             run. After a fault that can be survived, the run waits in its safe stop for one of them to rise or for a
             letter, and for all conditions of arming
+        may_return : called with the path of a drive that was taken out and is armed again: False refuses it
         notify : called with "fault", "refused" or "rearm", and the Outcome of the fault or of the unmet condition
         """
         cdef int status
@@ -132,7 +133,7 @@ cdef class Executor(Waiting):
             raise ValueError("times of a run must be 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (
                 fade, arming_timeout, stopping_timeout))
         self.body.reset()
-        self.control.devices.fade = fade
+        self.control.devices.fade, self.control.devices.may_return = fade, may_return
         self.tick = self.previous = -1
         self.now = self.armed = 0
         self.halted = False

@@ -46,6 +46,7 @@ cdef class LiveTable:
     cdef readonly str culprit   # path of its block
 
     cdef void forgive(self)
+    cdef void assume(self, int slot, double value) noexcept nogil
     cdef void show(self, SharedLayout *page) noexcept nogil
     cdef void dismiss(self, SharedLayout *page) noexcept nogil
     cdef int work(self, SharedLayout *page, int64_t tick, double dt) noexcept nogil

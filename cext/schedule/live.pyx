@@ -101,6 +101,14 @@ cdef class LiveTable:
         """Clear the exception of setting an attribute."""
         self.error = self.culprit = None
 
+    cdef void assume(self, int slot, double value) noexcept nogil:
+        """Set a parameter from within the loop. slot : its slot in the arena"""
+        cdef int index
+        for index in range(self.count):
+            if self.parameters[index].slot == slot:
+                self.parameters[index].value = self.parameters[index].target = value
+        self.arena[slot] = value
+
     cdef void show(self, SharedLayout *page) noexcept nogil:
         """Write the values to the shared state."""
         cdef int index

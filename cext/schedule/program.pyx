@@ -60,6 +60,7 @@ cdef class Program:
         self.look.item = self.settle.item = UNTIMED
         self.output.item, self.update.item = FIRST_STEP, FIRST_STEP + len(schedule.output)
         self.devices = Devices(schedule, ends, self.memory)
+        self.devices.live = self.live
         self.column_count = len(schedule.columns)
         self.columns = <int32_t *>calloc(max(1, self.column_count), sizeof(int32_t))
         for index, slot in enumerate(schedule.columns):
@@ -177,6 +178,11 @@ cdef class Program:
     def unzeroed(self) -> list[str]:
         """Devices that reply but whose zero was not set, as of cext.schedule.devices.Devices.unzeroed."""
         return self.devices.unzeroed
+
+    @property
+    def switched(self) -> dict[str, tuple[int, int]]:
+        """Drives taken out and armed again, as of cext.schedule.devices.Devices.switched."""
+        return self.devices.switched
 
     @property
     def zeros(self) -> dict[str, tuple[int, int]]:

@@ -95,6 +95,9 @@ def summary(result: RunResult) -> list[str]:
             row("watch", words)
     for index, (path, (zeros, refused)) in enumerate(result.control.zeros.items()):
         row("" if index else "zero", f"{path}: set {count(zeros, 'time')}, refused {count(refused, 'time')}")
+    for index, (path, (taken_out, returned)) in enumerate(result.control.switched.items()):
+        times = f"taken out {count(taken_out, 'time')}, armed again {count(returned, 'time')}"
+        row("" if index else "drive", f"{path}: {times}")
     for entry in result.held:
         row("held", held_text(entry, schedule.rate))
     for stride in result.recording.get("strides", []):
@@ -231,7 +234,7 @@ def other_value(diagram: Diagram) -> str | None:
     for block in diagram:
         for name in block.parameters:
             bounds = block.live(name)
-            if bounds:
+            if bounds and block.parameters[name].dtype is float:
                 value = getattr(block, name)
                 half = value / 2 if bounds.min <= value / 2 <= bounds.max and value else (bounds.min + bounds.max) / 2
                 return f"{block.path}.{name}={half:g}"

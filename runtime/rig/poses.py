@@ -96,6 +96,10 @@ class Poses:
         self.refusals = {path: why for path, why in reasons.items() if why}
         return self.refusals
 
+    def may_return(self, path: str, values: Sequence[float] | np.ndarray) -> bool:
+        """Return whether a drive that was taken out may be armed again at its reading. values : the arena"""
+        return path not in self.look(values, first=False)
+
     def _evidence(self, block, values):
         """Yield (text, rad, tolerance in rad) of all evidence for the position of a joint."""
         shift = getattr(block, "shift", 0.0)

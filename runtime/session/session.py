@@ -188,7 +188,10 @@ class Session:
                 show()
             return False
 
-        return {"answered": show, "confirm": table.confirm, "permitted": permitted}
+        options = {"answered": show, "confirm": table.confirm, "permitted": permitted}
+        return (
+            options if poses is None else options | {"may_return": lambda path: poses.may_return(path, control.values)}
+        )
 
     def finish(self, outcome: Outcome | None, seconds: float) -> Result | None:
         """Give everything back and complete the recording.

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing_extensions import Unpack
 import numpy as np
 from graph.block import BlockOptions
+from graph.declarations import Live
 from graph.signal import Operand, Signal
 from typing import Any
 from blocks.actuators.cubemars.emulator import EmulatedCubeMars
@@ -43,6 +44,7 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         max_acceleration: float = 500.0,
         max_velocity: float = 0.0,
         zero_at_arming: bool = False,
+        disabled: bool | Live = False,
         reply: int = 8,
         **options: Unpack[BlockOptions],
     ) -> None: ...
@@ -54,6 +56,7 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         fault: Signal
         age: Signal
         rms_torque: Signal
+        active: Signal
         torque_sent: Signal
         limited: Signal
     def __call__(
@@ -64,6 +67,7 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         stiffness_command: Operand = ...,
         damping_command: Operand = ...,
         zero: Operand = ...,
+        disable: Operand = ...,
     ) -> Outputs: ...
     def fault_in_words(self, code: int) -> str: ...
     def malformed_in_words(self, lengths: dict[int, int], first_byte: int) -> str: ...

@@ -104,10 +104,10 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     )
     rms_window, warning_temperature = Joint.rms_window, Joint.warning_temperature
     derating_temperature, fault_temperature = Joint.derating_temperature, Joint.fault_temperature
-    zero_at_arming = Joint.zero_at_arming
+    zero_at_arming, disabled = Joint.zero_at_arming, Joint.disabled
 
     current_command = Input("A", "current of the motor, in the direction of the joint")
-    zero = Joint.zero
+    zero, disable, active = Joint.zero, Joint.disable, Joint.active
     position, velocity, torque, current = Joint.position, Joint.velocity, Reporting.torque, Reporting.current
     temperature = Joint.temperature
     fault, age, rms_torque = Joint.fault, Output("s", "time since the newest report"), Joint.rms_torque
@@ -195,7 +195,8 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         self.encode = kernels.encode.renamed(command=self.command_name, sent=self.sent_name)
         if quantity != "current":
             command, sent = COMMANDS[quantity]
-            self.inputs = {self.command_name: command.named(self.command_name)}  # not zero: its torque is unknown
+            # without zero: the torque is unknown
+            self.inputs = {self.command_name: command.named(self.command_name), "disable": type(self).inputs["disable"]}
             self.outputs = {
                 self.sent_name if name == "current_sent" else name: sent.named(self.sent_name)
                 if name == "current_sent"

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing_extensions import Unpack
 import numpy as np
 from graph.block import BlockOptions
+from graph.declarations import Live
 from graph.signal import Operand, Signal
 from typing import Any
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo
@@ -48,8 +49,11 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     derating_temperature: Param[float]
     fault_temperature: Param[float]
     zero_at_arming: Param[bool]
+    disabled: Param[bool]
     current_command: Input
     zero: Input
+    disable: Input
+    active: Output
     position: Output
     velocity: Output
     torque: Output
@@ -115,6 +119,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         derating_temperature: float = 80.0,
         fault_temperature: float = 100.0,
         zero_at_arming: bool = False,
+        disabled: bool | Live = False,
         **options: Unpack[BlockOptions],
     ) -> None: ...
     def __getattr__(self, name: str) -> Signal: ...

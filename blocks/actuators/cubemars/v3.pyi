@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing_extensions import Unpack
 import numpy as np
 from graph.block import BlockOptions
+from graph.declarations import Live
 from graph.signal import Operand, Signal
 from graph.device import DampedStop, Motion
 from typing import Any, TYPE_CHECKING as TYPE_CHECKING
@@ -71,6 +72,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         max_acceleration: float = 500.0,
         max_velocity: float = 0.0,
         zero_at_arming: bool = False,
+        disabled: bool | Live = False,
         report_rate: float = 0.0,
         enter: bool = False,
         **options: Unpack[BlockOptions],
@@ -83,6 +85,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         fault: Signal
         age: Signal
         rms_torque: Signal
+        active: Signal
         torque_sent: Signal
         limited: Signal
         current: Signal
@@ -94,6 +97,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         stiffness_command: Operand = ...,
         damping_command: Operand = ...,
         zero: Operand = ...,
+        disable: Operand = ...,
     ) -> Outputs: ...
     def motion(self) -> Motion: ...
     def feedback_ends(self) -> tuple[float, float]: ...

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing_extensions import Unpack
 import numpy as np
 from graph.block import BlockOptions
+from graph.declarations import Live
 from graph.signal import Operand, Signal
 from blocks.actuators.robstride.models import Model
 from typing import Any, TYPE_CHECKING as TYPE_CHECKING
@@ -54,6 +55,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         max_acceleration: float = 500.0,
         max_velocity: float = 0.0,
         zero_at_arming: bool = False,
+        disabled: bool | Live = False,
         host_id: int = 253,
         can_timeout: float = 0.1,
         **options: Unpack[BlockOptions],
@@ -66,6 +68,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         fault: Signal
         age: Signal
         rms_torque: Signal
+        active: Signal
         torque_sent: Signal
         limited: Signal
     def __call__(
@@ -76,6 +79,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         stiffness_command: Operand = ...,
         damping_command: Operand = ...,
         zero: Operand = ...,
+        disable: Operand = ...,
     ) -> Outputs: ...
     def torque_bytes(self) -> bytes: ...
     def addresses(self) -> list[tuple[int, bool]]: ...

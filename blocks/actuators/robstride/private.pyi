@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing_extensions import Unpack
 import numpy as np
 from graph.block import BlockOptions
+from graph.declarations import Live
 from graph.signal import Operand, Signal
 from graph.device import DampedStop
 from typing import Any, TYPE_CHECKING as TYPE_CHECKING
@@ -61,6 +62,7 @@ class RobStride(Joint, Actuator):
         max_acceleration: float = 500.0,
         max_velocity: float = 0.0,
         zero_at_arming: bool = False,
+        disabled: bool | Live = False,
         host_id: int = 253,
         can_timeout: float = 0.1,
         active_reporting: bool = False,

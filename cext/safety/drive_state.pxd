@@ -1,0 +1,40 @@
+"""State of one drive in a run: commanded, or taken out while the others go on.
+
+    state       from                                        frames
+    ACTIVE      arming                                      commands
+    DAMPED      ACTIVE, if its safe stop begins by damping  damping, for the time of the safe stop
+    OUT         ACTIVE or DAMPED                            zero torque for STOP_LIMIT, and disable
+    RETURNING   OUT, as soon as it is not disabled          enable and zero torque, as in arming
+
+A drive leaves ACTIVE while its parameter `disabled` or its input `disable` is true. The input sets the parameter, so a
+drive returns only after an operator has cleared the parameter. RETURNING ends in ACTIVE with commands that fade in, or,
+after ARMING_LIMIT, in OUT with the parameter set again.
+"""
+
+from libc.stdint cimport int64_t
+
+cdef enum:
+    ACTIVE
+    DAMPED
+    OUT
+    RETURNING
+
+cdef struct DriveState:
+    int state
+    int disabled                # slot of the parameter; -1: the device cannot be taken out
+    int disable                 # slot of the input
+    int active                  # slot of the output
+    int64_t since               # ns, of the newest change
+    int64_t sent                # ns, of the newest disable
+    int64_t taken_out, returned # number of times
+
+
+cdef inline void forget_state(DriveState *drive, const double *arena) noexcept nogil:
+    """Return to the state before arming."""
+    drive.state = ACTIVE if drive.disabled < 0 or not arena[drive.disabled] > 0.5 else OUT
+    drive.since = drive.sent = 0
+    drive.taken_out = drive.returned = 0
+
+
+cdef inline void enter(DriveState *drive, int state, int64_t now) noexcept nogil:
+    drive.state, drive.since = state, now
