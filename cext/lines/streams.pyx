@@ -64,8 +64,7 @@ cdef class Streams(Reopening):
         free(self.sources)
 
     def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False,
-        bint reconnects=False,
-            proof=(b"", b"")) -> Stream:
+            level=None, bint reconnects=False, proof=(b"", b"")) -> Stream:
         """Add a descriptor before `start`.
 
         It is duplicated: the caller closes its own. Returns a Stream; raises OSError if it cannot be polled.
@@ -75,6 +74,7 @@ cdef class Streams(Reopening):
         setup : messages, as bytes, that are written after a reconnect, `pause` s before each
         record : bytes of a record, 1 to 64; a frame contains whole records
         is_gpio : it is a request of one GPIO line, or a socket that emulates one; a sent frame sets its level
+        level : of the emulated line, None if unknown
         reconnects : it is a TCP connection, which is made again after a loss
         proof : (identification query for a line with a path, bytes that only this device's answer contains)
         """
@@ -99,6 +99,8 @@ cdef class Streams(Reopening):
         stream.name, stream.own = name, fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
         source.fd, source.record, source.pause, source.is_gpio = stream.own, record, round(pause * 1e9), is_gpio
         source.level = UNKNOWN if stat.S_ISSOCK(os.fstat(fd).st_mode) else ASK_CHIP
+        if level is not None:
+            source.level = bool(level)
         if is_gpio:
             stream.end.bus.send = gpio_send
         memcpy(source.path, <const char *>encoded, len(encoded))

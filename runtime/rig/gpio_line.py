@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 
 EVENT = 48  # bytes of struct gpio_v2_line_event
+KIND, RISING = 8, 1  # index of the kind of an event, and one of its values
+LEVEL_TIMEOUT = 2.0  # s
 CONSUMER = "tickwork"
 
 
@@ -49,7 +51,7 @@ def opened(
         hint = 'write pin = "GPIO17", or its number on the chip; list the names: gpioinfo'
         raise Refused(RigProblem("TW127", f'[device."{path}"] has no chip and pin', hint))
     if chip.startswith(EMULATED):
-        return open_emulated(name, socket_path(chip, pin))
+        return open_emulated(name, socket_path(chip, pin), output)
     try:
         gpiod = import_module("gpiod")
     except ImportError:
@@ -81,17 +83,26 @@ def socket_path(chip: str, pin: str) -> str:
     return f"{chip.removeprefix(EMULATED)}.{pin}"
 
 
-def open_emulated(name: str, path: str) -> Opened:
-    """Connect to a line of `emulate`. name : of the line, for the message. Raises Refused."""
+def open_emulated(name: str, path: str, output: bool) -> Opened:
+    """Connect to a line of `emulate`, and wait for the level of an input. Raises Refused.
+
+    name : of the line, for the message
+    """
     end = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    level = None
     try:
+        end.settimeout(LEVEL_TIMEOUT)
         end.connect(path)
-    except OSError as error:
+        if not output:
+            level = end.recv(EVENT)[KIND] == RISING
+    except (OSError, IndexError) as error:
         end.close()
+        why = getattr(error, "strerror", None) or "no level"
         hint = "start `python -m runtime emulate` with this rig first, in another terminal"
-        raise Refused(RigProblem("TW127", f"{name}: {error.strerror}", hint)) from None
+        raise Refused(RigProblem("TW127", f"{name}: {why}", hint)) from None
     end.setblocking(False)
-    return Opened(end.detach(), path, record=EVENT, is_gpio=True, remarks=(f"{name} is {EMULATED_TEXT}",))
+    remark = f"{name} is {EMULATED_TEXT}"
+    return Opened(end.detach(), path, record=EVENT, is_gpio=True, level=level, remarks=(remark,))
 
 
 def _open_problem(name, chip, pin, error):

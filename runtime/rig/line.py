@@ -23,7 +23,7 @@ class Opened:
 
     fd : of the line, which the caller now owns; close : called once nothing reads it any more, or None
     channel : name of the line in messages
-    path : where it can be opened again, "" for nowhere; setup : messages sent again after that; record, is_gpio,
+    path : where it can be opened again, "" for nowhere; setup : messages sent again after that; record, is_gpio, level,
         reconnects, proof : as of cext.lines.streams.Streams.add
     remarks : lines for the operator before the run
     """
@@ -34,6 +34,7 @@ class Opened:
     setup: tuple[bytes, ...] = ()
     record: int = 1
     is_gpio: bool = False
+    level: bool | None = None
     reconnects: bool = False
     proof: tuple[bytes, bytes] = (b"", b"")
     remarks: tuple[str, ...] = ()

@@ -85,6 +85,7 @@ class StreamLines:
             setup=opened.setup,
             record=opened.record,
             is_gpio=opened.is_gpio,
+            level=opened.level,
             reconnects=opened.reconnects,
             proof=opened.proof,
         )

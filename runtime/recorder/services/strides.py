@@ -68,10 +68,7 @@ class StrideAverage(Service):
         except BaseException:
             os.unlink(path)
             raise
-        return {
-            "strides": results,
-            "files": {path: "the average stride of " + ", ".join(r["title"] for r in walked)},
-        }
+        return {"strides": results, "files": {path: "the average stride of " + ", ".join(r["title"] for r in walked)}}
 
 
 SERVICE = StrideAverage

@@ -1,5 +1,6 @@
 """Emulated GPIO lines over the socket, in one process."""
 
+import os
 import time
 
 import pytest
@@ -9,6 +10,7 @@ from cext.lines.streams import Streams
 from graph import StreamDevice
 from runtime.base.errors import BadInput
 from runtime.emulation.gpio_server import GpioServer
+from runtime.rig import gpio_line
 from runtime.rig.errors import Refused
 from runtime.rig.gpio_line import opened
 from tests.blocks.actuators.wire import TAKEN, Wired
@@ -29,9 +31,9 @@ def connect(tmp_path, monkeypatch):
         if level is not None:
             server.end.send(LEVEL, level)
         line = opened("line", **kind(name="line", chip=CHIP, pin="GPIO17").opening())
-        stream = streams.add(line.fd, record=line.record, is_gpio=line.is_gpio)
+        stream = streams.add(line.fd, record=line.record, is_gpio=line.is_gpio, level=line.level)
+        os.close(line.fd)
         streams.start()
-        wait(lambda: stream.counts["bytes"] == 48 or level is None)
         stream.begin(time.monotonic_ns())
         return server, stream, Wired(kind)
 
@@ -77,9 +79,19 @@ def test_emergency_stop_is_pressed_when_the_chip_or_its_emulator_is_lost(connect
     assert decoded(stream, switch, 1) == [PRESSED]
 
 
-def test_emergency_stop_without_a_known_level_does_not_let_a_run_start(connect):
-    _, stream, switch = connect(EStopSwitch, None)
-    assert stream.end.receive() == [] and switch.say() == -13  # ESTOP
+def test_input_without_a_level_is_rejected(connect, monkeypatch):
+    monkeypatch.setattr(gpio_line, "LEVEL_TIMEOUT", 0.01)
+    with pytest.raises(Refused) as caught:
+        connect(EStopSwitch, None)
+    assert caught.value.problem.message.endswith("no level")
+
+
+def test_level_before_the_run_is_no_edge(connect):
+    server, stream, line = connect(GpioInput, b"\0")
+    server.end.send(BYTES, event(5, RISING, 1))
+    wait(lambda: stream.counts["bytes"] == 48)
+    stream.begin(time.monotonic_ns())
+    assert decoded(stream, line, 1) == [TAKEN] and (line["on"], line["rises"]) == (1.0, 0.0)
 
 
 def test_level_of_an_output_reaches_the_plant(connect):
@@ -102,6 +114,6 @@ def test_real_chip_and_second_emulator_are_rejected_and_a_missing_one_is_reporte
     assert "start `python -m runtime emulate`" in caught.value.problem.hint
     with pytest.raises(BadInput, match="a line of a real GPIO chip cannot be emulated"):
         GpioServer("line", "/dev/gpiochip0", "GPIO17")
-    connect(GpioInput, None)
+    connect(SyncOut, None)
     with pytest.raises(BadInput, match="chip.GPIO17 has an emulator"):
         GpioServer("line", CHIP, "GPIO17")
