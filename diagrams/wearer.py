@@ -24,18 +24,19 @@ PLACES = {
 RESISTOR_SHARE = 0.1  # of the load under heel or forefoot that a force-sensitive resistor bears
 
 
-def wearer(robot, speed="1.2", mass=70.0, height=1.7, person=0, seed=0):
+def wearer(robot, speed="1.2", mass=70.0, height=1.7, person=0, seed=0, recording=""):
     """Return the plant: an adult who wears the robot.
 
     speed : m/s, 1.5 s after the first step, or as in "0:0 2:1.2 20:1.2"
     mass, height : kg, m
     person : 0 for the average adult, or the number of another
+    recording : path of a recorded motion, as of Walker, instead of speed and person
     """
     devices = [block for block in robot if isinstance(block, Device)]
     cells = {device.path: device for device in devices if isinstance(device, NAU7802)}
     with Diagram("wearer", rate=5 * robot.rate) as plant:
         schedule = speed if ":" in str(speed) else f"0:0 0.5:0 2:{speed}"
-        adult = Walker(schedule, mass=mass, height=height, person=person, seed=seed)
+        adult = Walker(schedule, mass=mass, height=height, person=person, seed=seed, recording=recording)
         motion = adult()._asdict()
         for device in devices:
             side, _, name = device.path.rpartition("/")

@@ -21,6 +21,7 @@ from tests.diagrams import pages
 from tests.diagrams.robots import CLAIMS, ROBOTS, SUITS, path
 from tests.runtime.emulation.test_emulate import read_until
 from tests.runtime.runs import Files, finished, started
+from tests.shared import shared
 
 WALKERS = [(50, 1.6), (110, 0.8), (70, 1.2)]  # kg, m/s
 SILENCE_BEGINS = 0.5  # s
@@ -53,6 +54,20 @@ def test_assistance_does_positive_work_in_the_phases_that_it_claims_and_ends_wit
                 assert power[(phase > begin) & (phase < end)].mean() > 0.5, (side, joint, begin)  # W
             assert power.clip(max=0.0).sum() > -0.1 * power.clip(min=0.0).sum(), (side, joint)
             assert np.abs(trial[f"{side}/{joint}.torque_sent"][standing]).max() < CODE_OF_TORQUE
+
+
+@pytest.mark.parametrize("robot", CLAIMS)
+def test_a_recorded_walk_is_assisted_and_squats_are_not(robot):
+    """Of two recorded adults; the networks were trained on neither."""
+    walk = runtime.run(path(robot), 11.0, settings={"recording": str(shared("gait/healthy_young.csv"))})
+    squats = runtime.run(path(robot), 8.0, settings={"recording": str(shared("gait/series_squat_opencap.csv"))})
+    assert walk.fault is None and squats.fault is None
+    for drive in [name for name in walk.signals if name.endswith(".torque_sent")]:
+        device = drive.removesuffix(".torque_sent")
+        power = (walk[f"{device}.torque"] * walk[f"{device}.velocity"])[walk.time > 8.0]
+        if device.partition("/")[2] in CLAIMS[robot]:
+            assert power.mean() > 0.5 and power.clip(max=0.0).sum() > -0.1 * power.clip(min=0.0).sum(), device  # W
+        assert np.abs(squats[drive]).max() < 0.05, device  # N·m
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
