@@ -40,7 +40,8 @@ class Block:
     of them, among others; a `step` in Python replaces inherited kernels.
 
     Hooks: `configure()` after the parameters are set; `prepare(dt)` when the sampling period is known; `output_range`
-    for the proof; `output_units` where outputs have units of their own.
+    for the proof; `output_units` where outputs have units of their own; `fault_text` for a status of its kernel;
+    `run_summary`.
     """
 
     kernel: Any = None

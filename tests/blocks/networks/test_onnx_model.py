@@ -83,6 +83,24 @@ def test_a_streaming_model_equals_its_window_model(tmp_path):
     np.testing.assert_allclose(streamed, windowed, rtol=0.0, atol=1e-6)  # float32 rounding, of |y| < 1
 
 
+def test_results_in_several_tensors_and_states_in_any_order_are_found_by_name(tmp_path):
+    node = models.helper.make_node
+    nodes = [
+        node("Add", ["h", "x"], ["h_next"]),
+        node("ReduceSum", ["h_next"], ["torque"], keepdims=0),
+        node("ReduceMax", ["x"], ["effort"], keepdims=1),
+    ]
+    outputs = {"h_next": (1, 3), "torque": (), "effort": (1, 1)}
+    path = models.save(tmp_path / "m.onnx", nodes, {"h": (1, 3), "x": (1, 3)}, outputs)
+    rows = samples() - (0.0, 0.0, 74.0)
+    values, valid = stepped(path, rows)
+    reference, state = models.session(path), np.zeros((1, 3), np.float32)
+    for row, x in zip(values, models.normalised(rows).T):
+        state, torque, effort = reference.run(None, {"h": state, "x": x[None]})
+        assert row == models.scaled([torque, effort[0, 0]])
+    assert all(valid)
+
+
 def test_a_range_without_0_starts_at_the_end_nearest_to_0(tmp_path):
     outputs = [{"name": "torque", "range": [0.2, 0.8]}, {"name": "effort", "range": [-3, -1]}]
     path = models.window(tmp_path / "m.onnx", metadata=models.METADATA | {"outputs": outputs})
