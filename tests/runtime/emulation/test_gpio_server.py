@@ -1,6 +1,7 @@
 """Emulated GPIO lines over the socket, in one process."""
 
 import os
+import threading
 import time
 
 import pytest
@@ -15,6 +16,8 @@ from runtime.rig.errors import Refused
 from runtime.rig.gpio_line import opened
 from tests.blocks.actuators.wire import TAKEN, Wired
 from tests.blocks.test_gpio import BYTES, FALLING, LEVEL, LOST, PRESSED, RISING, event
+from tests.runtime.runs import ROOT
+from tests.runtime.test_documents import python_of
 
 CHIP = "unix:chip"
 
@@ -117,3 +120,30 @@ def test_real_chip_and_second_emulator_are_rejected_and_a_missing_one_is_reporte
     connect(SyncOut, None)
     with pytest.raises(BadInput, match="chip.GPIO17 has an emulator"):
         GpioServer("line", CHIP, "GPIO17")
+
+
+def test_the_emergency_stop_of_the_page_is_pressed_by_its_program(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    [script] = python_of((ROOT / "docs/rate.md").read_text())
+    enter = threading.Event()
+    names = {"input": lambda text: enter.wait(5.0)}
+    program = threading.Thread(target=exec, args=(script.replace("/tmp/chip", "chip"), names))
+    program.start()
+    deadline, line = time.monotonic() + 5.0, None
+    while line is None:
+        try:
+            line = opened("stop", **EStopSwitch(name="stop", chip=CHIP, pin="GPIO17").opening())
+        except Refused:
+            assert time.monotonic() < deadline
+    streams, switch = Streams(), Wired(EStopSwitch)
+    stream = streams.add(line.fd, record=line.record, is_gpio=True, level=line.level)
+    os.close(line.fd)
+    streams.start()
+    stream.begin(time.monotonic_ns())
+    assert decoded(stream, switch, 1) == [TAKEN]
+    enter.set()
+    assert decoded(stream, switch, 1) == [PRESSED]
+    program.join()
+    streams.end()
+    for end in ("run", "listener"):
+        names[end].close()
