@@ -94,17 +94,6 @@ def write(robot):
     (FOLDER / f"{robot}.md").write_text(page)
 
 
-def index():
-    """Return the page that lists all robots."""
-    rows = (f"| [{robot}]({robot}.md) | {head(robot).split(chr(10))[2].rstrip('.')} |" for robot in ROBOTS)
-    return (
-        "# Robots\n\nThey share [diagrams/parts.py](../../diagrams/parts.py) and "
-        "[diagrams/wearer.py](../../diagrams/wearer.py), which plays\nevery device in simulation. Pages and "
-        "pictures are written by `python -m tests.diagrams.pages`.\n\n| robot | |\n|---|---|\n" + "\n".join(rows) + "\n"
-    )
-
-
 if __name__ == "__main__":
     for name in sys.argv[1:] or ROBOTS:
         write(name)
-    (FOLDER / "README.md").write_text(index())
