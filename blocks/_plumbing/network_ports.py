@@ -83,15 +83,20 @@ def describe(
     return found
 
 
-def _ports(kind: type, what: str, entries: Iterable[Any], reserved: Container[str]) -> Iterable[Any]:
+def _ports(kind: type, what: str, entries: Any, reserved: Container[str]) -> Iterable[Any]:
     """Yield a Channel or Result of each entry. Raises ValueError."""
     allowed = [each.name for each in fields(kind)]
+    if not isinstance(entries, (list, tuple)):
+        raise ValueError(f"{what}: expected a list of objects, got {entries!r}")
     for entry in entries:
         if not isinstance(entry, dict) or "name" not in entry or set(entry) - set(allowed):
             raise ValueError(f"{what}: expected an object with name and any of {', '.join(allowed[1:])}, got {entry!r}")
         name = entry["name"]
         if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or name in reserved:
             raise ValueError(f"{what}: {name!r} cannot name a port: choose an identifier that is not reserved")
+        for key in ("unit", "description"):
+            if not isinstance(entry.get(key, ""), str):
+                raise ValueError(f"{what}: {key} of {name} must be text, got {entry[key]!r}")
         values = dict(entry)
         values["unit"] = units.canonical(entry.get("unit", "1"))
         values["mean"] = _number(f"{what}: mean of {name}", entry.get("mean", 0.0))

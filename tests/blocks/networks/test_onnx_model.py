@@ -241,6 +241,8 @@ FAULTS = {
         lambda path: models.save(path, [MEAN, COPY], {"x": (1, 3, 2), "h": (3,)}, {"y": (1, 2), "h_next": (3,)}),
         "must have one sample, got 2",
     ),
+    "no list": (model_with("channels", 5), "channels: expected a list of objects, got 5"),
+    "no text": (model_with("channels", [{"name": "a", "unit": ["m"]}]), "channels: unit of a must be text, got ['m']"),
     "unknown key": (model_with("channels", [{"name": "a", "scale": 2}]), "channels: expected an object with name and"),
     "reserved name": (model_with("outputs", [{"name": "valid"}]), "outputs: 'valid' cannot name a port"),
     "zero std": (model_with("outputs", [{"name": "a", "std": 0}]), "outputs: std of a must be above 0, got 0"),
