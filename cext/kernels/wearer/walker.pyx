@@ -60,7 +60,7 @@ cdef struct Leg:                # of a leg, what the update needs from the step
     double former_load          # at the step before
     Symmetric former            # inertia at the step before
 
-cdef struct Support:            # reference of a leg
+cdef struct LegReference:            # reference of a leg
     double phase
     Path q[3]                   # hip, knee, ankle
     double moments[3]           # N·m/kg
@@ -68,7 +68,7 @@ cdef struct Support:            # reference of a leg
     double centre               # of pressure from the heel, foot lengths
 
 cdef struct Reference:          # motion that the robot has not changed
-    Support legs[2]
+    LegReference legs[2]
     double motion[9]            # of the pelvis
     double walking_speed        # m/s
 
@@ -124,7 +124,7 @@ cdef inline void of_tables(double *arena, const Walker *at, const Walker *sizes,
     cdef double slope = arena[at.table + 1]         # of the way; the coefficients follow
     cdef Course course
     cdef Blend *row = &state.blend
-    cdef Support *leg
+    cdef LegReference *leg
     cdef Path hips, ahead
     cdef Path phases[2]
     cdef double stride, first, second
@@ -162,7 +162,7 @@ cdef inline void of_recording(const double *samples, int count, double time, Sta
         Reference *out) noexcept nogil:
     """Compute the reference of a recorded adult."""
     cdef Play now
-    cdef Support *leg
+    cdef LegReference *leg
     cdef int side, j
     play(samples, count, time, &now)
     out.motion[0], out.motion[2], out.motion[4] = state.distance, now.paths[SPEED_PATH].x, now.paths[SPEED_PATH].v
@@ -230,7 +230,7 @@ cdef inline void vary(const Draws *draws, const Variation *variation, const doub
 
 
 cdef inline void step_leg(double *arena, const Walker *at, const Walker *sizes, int side, const double *pelvis,
-        const Support *reference, const int32_t *out) noexcept nogil:
+        const LegReference *reference, const int32_t *out) noexcept nogil:
     """Write the outputs of a leg. pelvis : its motion"""
     cdef const double *body = arena + at.body
     cdef const Muscle *muscles = <const Muscle *>(arena + at.muscles)
