@@ -24,6 +24,7 @@ from graph import Signal, stack, subsystem
 SIDES = ("left", "right")
 SEGMENTS = ("thigh", "shank", "foot")
 CUFF_LEVER = 0.3  # m, distance of a cuff with a load cell from its joint
+LATENCY = 0.01  # s of the networks: one sample. A late result changes nothing in the loop
 
 
 class Motion(NamedTuple):
@@ -80,7 +81,7 @@ def gait(angle, velocity, strike=None):
 
 def leg_torque(joint, knee, thigh, mass):
     """Return the biological torque of a knee or ankle that a network estimates. knee, thigh : Motion; mass : kg"""
-    model = OnnxModel(f"networks/{joint}_torque.onnx", name=f"{joint}_torque_network")
+    model = OnnxModel(f"networks/{joint}_torque.onnx", run="worker", latency=LATENCY, name=f"{joint}_torque_network")
     estimate = model(
         knee_angle=knee.angle, knee_velocity=knee.velocity, hip_angle=thigh.angle, hip_velocity=thigh.velocity
     )
@@ -92,7 +93,9 @@ def estimate(network, thighs):
     outputs = {}
     for side, other in zip(SIDES, reversed(SIDES)):
         with subsystem(side):
-            outputs[side] = OnnxModel(f"networks/{network}.onnx", name=f"{network}_network")(
+            outputs[side] = OnnxModel(
+                f"networks/{network}.onnx", run="worker", latency=LATENCY, name=f"{network}_network"
+            )(
                 hip_angle=thighs[side].angle,
                 hip_velocity=thighs[side].velocity,
                 opposite_hip_angle=thighs[other].angle,
