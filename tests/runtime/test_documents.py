@@ -151,7 +151,7 @@ def test_examples_of_the_recordings_page_have_the_documented_output(tmp_path):
     ]
     assert len(commands) == 12
     one = min(str(path) for path in (tmp_path / "recordings").glob("hold_*.mcap"))
-    walk = finished(KNEE_EXO, "--fast", "--duration", "9", "--trial", "mass=72", "--record", "walk", cwd=tmp_path)
+    walk = finished(KNEE_EXO, "--fast", "--duration", "12", "--trial", "mass=72", "--record", "walk", cwd=tmp_path)
     assert walk.returncode == OK, walk.stderr
     [recording] = (tmp_path / "walk").glob("*.mcap")
     for name in ("without", "assisted", "trial"):
