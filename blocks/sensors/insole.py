@@ -153,7 +153,7 @@ class Insole(StreamDevice):
 class EmulatedInsole(StreamDevice):
     """Emulated pressure insole: a force distributed about a centre of pressure.
 
-    Near an edge the measured centre is shifted inwards.
+    Near an edge the measured centre is shifted inwards, and the force is preserved.
     """
 
     side, rows, columns = (Insole.parameters[name] for name in ("side", "rows", "columns"))

@@ -21,6 +21,7 @@ from cext.abi cimport (
 from cext.kernels.devices.clock_map cimport DeviceClock, sampled
 from cext.kernels.devices.cobs cimport checksum
 from cext.kernels.bernoulli cimport lucky
+from cext.kernels.limits cimport clip
 from cext.ring.newest_ring cimport GAP, START
 from cext.lines.stream_frames cimport BYTES
 
@@ -186,10 +187,20 @@ cdef int decode_kernel(double *arena, const Insole *at, const Insole *sizes, con
     return TAKEN if taken else MALFORMED if corrupt else NOTED
 
 
-cdef inline double hat(double distance, double reach) noexcept nogil:
-    """Return a weight, 1 at the centre and 0 at `reach`; for an integer reach, its samples preserve sum and mean."""
-    distance = fabs(distance) / reach
-    return (1.0 - distance) / reach if distance < 1.0 else 0.0
+cdef enum:
+    CELLS_LIMIT = 120           # of a row or a column
+
+
+cdef void spread(double centre, int count, double reach, double *weights) noexcept nogil:
+    """Distribute a load over cells as a triangle with an integer reach, whose mean is the centre but near an edge."""
+    cdef double total = 0.0
+    cdef int i
+    centre = clip(centre, 0.0, count - 1.0)
+    for i in range(count):
+        weights[i] = max(1.0 - fabs(i - centre) / reach, 0.0)
+        total += weights[i]
+    for i in range(count):
+        weights[i] /= total
 
 
 cdef struct Emulated:
@@ -205,12 +216,14 @@ cdef int make_frame(double *arena, const Emulated *at, const double *plan, doubl
     cdef double area = plan[LENGTH] * plan[WIDTH] / (rows * columns)
     cdef double at_row = arena[at.centre] * rows / plan[LENGTH] - 0.5
     cdef double at_column = 0.5 * columns - 0.5 - arena[at.centre + 1] * columns / plan[WIDTH]
-    cdef double high = rows // 5 if rows >= 10 else 1
-    cdef double wide = columns // 3 if columns >= 6 else 1
+    cdef double[CELLS_LIMIT] along
+    cdef double[CELLS_LIMIT] across
     cdef double raw
     cdef int size = bytes_of(plan)
     cdef int row, column
     cdef uint32_t micros = <uint32_t>(<uint64_t>(arena[TIME] * 1e6) & 0xFFFFFFFFu)
+    spread(at_row, rows, rows // 4 if rows >= 8 else 1, along)
+    spread(at_column, columns, columns // 2 if columns >= 4 else 1, across)
     memset(out, 0, HEADER)
     memcpy(out, "SOLE", 4)
     out[4], out[5] = 1, <uint8_t>plan[SIDE]
@@ -220,7 +233,7 @@ cdef int make_frame(double *arena, const Emulated *at, const double *plan, doubl
     put16(out + 14, micros >> 16)
     for row in range(rows):
         for column in range(columns):
-            raw = rint(arena[at.force] * hat(row - at_row, high) * hat(column - at_column, wide) / (area * UNIT))
+            raw = rint(arena[at.force] * along[row] * across[column] / (area * UNIT))
             put16(out + HEADER + 2 * (row * columns + column), 0 if not raw > 0.0 else NO_CELL - 1 if raw >= NO_CELL
                 else <uint32_t>raw)
     put16(out + size - 2, checksum(out, size - 2))
