@@ -99,7 +99,7 @@ def actuators(result: RunResult) -> list[str]:
                     {
                         name: value
                         for name, value in outputs.items()
-                        if name not in ("fault", "age") and not absent(name, value)
+                        if name not in ("fault", "age", "active") and not absent(name, value)
                     },
                 ),
                 state_text(block, outputs, result),
@@ -125,6 +125,8 @@ def state_text(block: Any, feedback: dict[str, float], result: RunResult) -> str
     words = []
     if block.path in result.outcome.unanswered:
         return instead(result, block) or "never replied"
+    if not feedback.get("active", 1.0):
+        words.append("taken out")
     if feedback.get("fault"):
         words.append(f"fault: {block.fault_in_words(int(feedback['fault']))}")
     age = feedback.get("age", 0.0)

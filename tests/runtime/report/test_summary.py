@@ -13,7 +13,7 @@ from runtime.report import fault, summary, timing
 from runtime.session.prepare import prepare
 from runtime.session.request import Request
 from runtime.session.session import Session
-from tests.runtime.runs import KNEE, KNEE_EXO, knee, line_of, write, writer_of
+from tests.runtime.runs import KNEE, KNEE_EXO, finished, knee, line_of, write, writer_of
 from tests.runtime.terminals import patient
 
 
@@ -328,6 +328,29 @@ def test_a_device_that_reports_a_fault_shows_its_readings(tmp_path):
     assert lines[0].startswith("FAULT at knee, tick 10") and lines[0].endswith(": the device reports a fault")
     assert lines[1].startswith("  reported fault: over-voltage (position = ") and ", fault = 3," in lines[1]
     assert "fault: over-voltage, last reply 5.0 ms before, stop confirmed" in lines[-2]
+
+
+def test_table_of_a_fault_marks_a_drive_that_was_taken_out(tmp_path):
+    path = write(
+        tmp_path,
+        """
+from blocks.actuators import CubeMars
+from blocks.safety import EmergencyStop
+from blocks.logic import Compare
+from blocks.sources import Ramp
+from graph import Diagram
+
+with Diagram("robot", rate=200) as diagram:
+    for number, name in enumerate(("left", "right"), 1):
+        CubeMars("AK80-9", can_id=number, name=name, disabled=name == "left")(torque_command=0.0)
+    EmergencyStop()(Compare(">")(Ramp()(), 0.1))
+""",
+    )
+    lines = finished(path, "--fast", "--duration", "1", "--no-record", cwd=tmp_path).stderr.splitlines()
+    [left] = [line for line in lines if line.startswith("    left  ")]
+    [right] = [line for line in lines if line.startswith("    right  ")]
+    assert "  taken out, last reply 5.0 ms before, stop confirmed" in left and "taken out" not in right
+    assert "active" not in left
 
 
 def test_fault_in_plant_is_labelled(tmp_path):
