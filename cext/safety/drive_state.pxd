@@ -26,6 +26,7 @@ cdef struct DriveState:
     int active                  # slot of the output
     int64_t since               # ns, of the newest change
     int64_t sent                # ns, of the newest disable
+    bint silent                 # it has not replied for a time while out, and may have lost its power
     int64_t taken_out, returned # number of times
 
 
@@ -33,6 +34,7 @@ cdef inline void forget_state(DriveState *drive, const double *arena) noexcept n
     """Return to the state before arming."""
     drive.state = ACTIVE if drive.disabled < 0 or not arena[drive.disabled] > 0.5 else OUT
     drive.since = drive.sent = 0
+    drive.silent = drive.state == OUT
     drive.taken_out = drive.returned = 0
 
 

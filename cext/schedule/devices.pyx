@@ -41,11 +41,12 @@ EVENTS = {                          # of a device, and its text
     ZERO_NOT_SET: ("warning", "the drive has not confirmed its zero; the earlier one is in force"),
     TAKEN_OUT: ("drive", "taken out; {path}.disabled=false arms it again"),
     RETURNED: ("drive", "armed again; its commands fade in"),
-    NOT_RETURNED: ("warning", "not armed again: it does not reply, reports a fault, or its joint is out of range"),
+    NOT_RETURNED: ("warning", "not armed again: it does not reply, it reports a fault, or the angle of its joint is out of range or ambiguous"),
 }
 
 
 cdef int64_t SILENT_ROUND = 500000000    # ns between frames to a drive that is taken out and does not reply
+cdef int64_t POWER_LOSS = 100000000      # ns without a reply of a drive, after which it may have restarted
 cdef int64_t RETURN_DELAY = 20000000     # ns without frames to a drive before it is armed again, for late replies
 
 
@@ -548,7 +549,9 @@ cdef class Devices:
             self.live.assume(device.drive.disabled, 1.0)
             self.live.show(self.page)
         disabled = self.arena[device.drive.disabled] > 0.5
+        device.drive.silent |= self.now - device.reply_time > POWER_LOSS
         if self.waiting:
+            device.drive.silent |= disabled and device.drive.state == ACTIVE
             device.drive.state = OUT if disabled else ACTIVE     # all are disabled, and armed together
         elif device.drive.state == ACTIVE and disabled:
             self.take_out(number)
@@ -578,6 +581,7 @@ cdef class Devices:
         cdef Device *device = &self.devices[number]
         enter(&device.drive, OUT if device.bands == NULL else DAMPED, self.now)
         device.damp_due = device.drive.sent = 0
+        device.drive.silent = False
         device.zeroing.runs = False
         device.drive.taken_out += 1
         self.note(number, TAKEN_OUT)
@@ -616,7 +620,7 @@ cdef class Devices:
             if watched.motion.velocity >= 0 and not (
                     fabs(self.arena[watched.motion.velocity]) <= watched.motion.fastest):
                 return False
-        if self.may_return is None:
+        if self.may_return is None or not device.drive.silent:
             return True
         with gil:
             try:

@@ -118,7 +118,8 @@ cdef class Executor(Waiting):
         rearm : slots of the arena that are true while their inputs request arming again; with None a fault ends the
             run. After a fault that can be survived, the run waits in its safe stop for one of them to rise or for a
             letter, and for all conditions of arming
-        may_return : called with the path of a drive that was taken out and is armed again: False refuses it
+        may_return : called with the path of a drive that was silent while it was taken out, before it is armed again:
+            False refuses it
         notify : called with "fault", "refused" or "rearm", and the Outcome of the fault or of the unmet condition
         """
         cdef int status

@@ -95,7 +95,9 @@ class Robot(Rig):
 
 OUT = "taken out; left.disabled=false arms it again"
 BACK = "armed again; its commands fade in"
-REFUSED = "not armed again: it does not reply, reports a fault, or its joint is out of range"
+REFUSED = (
+    "not armed again: it does not reply, it reports a fault, or the angle of its joint is out of range or ambiguous"
+)
 
 
 def test_drive_is_taken_out_and_armed_again_while_the_other_goes_on():
@@ -157,11 +159,12 @@ def test_drive_with_a_fault_or_out_of_range_stays_out():
         assert robot.what() == [OUT, REFUSED]
 
 
-def test_joint_whose_angle_is_in_doubt_stays_out():
-    robot = Robot({200: 1, 300: 0})
-    asked = []
-    assert robot.run(700, may_return=asked.append).status == "ok"
-    assert set(asked) == {"left"} and robot.what() == [OUT, REFUSED]
+def test_joint_whose_angle_is_ambiguous_after_a_loss_of_power_stays_out():
+    """A drive that replied all the time has kept its power, and thus its angle."""
+    for silent, what in ((range(0), BACK), (range(210, 260), REFUSED)):
+        robot, asked = Robot({200: 1, 300: 0}, silent=silent), []
+        assert robot.run(700, may_return=asked.append).status == "ok"
+        assert robot.what() == [OUT, what] and set(asked) == ({"left"} if silent else set())
 
 
 def test_drive_with_a_damped_stop_is_damped_first():
