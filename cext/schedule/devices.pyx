@@ -41,7 +41,10 @@ EVENTS = {                          # of a device, and its text
     ZERO_NOT_SET: ("warning", "the drive has not confirmed its zero; the earlier one is in force"),
     TAKEN_OUT: ("drive", "taken out; {path}.disabled=false arms it again"),
     RETURNED: ("drive", "armed again; its commands fade in"),
-    NOT_RETURNED: ("warning", "not armed again: it does not reply, it reports a fault, or the angle of its joint is out of range or ambiguous"),
+    NOT_RETURNED: (
+        "warning",
+        "not armed again: it does not reply, it reports a fault, or the angle of its joint is out of range or "
+        "ambiguous"),
 }
 
 
@@ -81,7 +84,8 @@ cdef class Devices:
     def __dealloc__(self):
         for index in range(self.count):
             free(self.devices[index].latency)
-        free(self.devices); free(self.outgoing); free(self.templates); free(self.outgoing_count); free(self.bus_ends); free(self.rounds)
+        free(self.devices); free(self.outgoing); free(self.templates)
+        free(self.outgoing_count); free(self.bus_ends); free(self.rounds)
 
     cdef void reset(self):
         """Restore the state before the first arming. Frames from before are discarded, as they are no replies."""
@@ -596,7 +600,7 @@ cdef class Devices:
         self.note(number, event)
 
     cdef bint is_fit(self, int number) noexcept nogil:
-        """Return whether a drive that has replied may be commanded: the conditions that would end the run are absent."""
+        """Return whether a drive that has replied may be commanded without an immediate fault."""
         cdef Device *device = &self.devices[number]
         cdef Watched *watched
         cdef int place
@@ -668,7 +672,8 @@ cdef class Devices:
             if self.devices[number].bus == bus:
                 self.devices[number].pumped = at
             if self.devices[number].bus == bus and self.devices[number].zero.count:
-                if self.devices[number].owed and self.devices[number].drive.state == ACTIVE and self.arena[TICK] >= self.counted_from:
+                if (self.devices[number].owed and self.devices[number].drive.state == ACTIVE
+                        and self.arena[TICK] >= self.counted_from):
                     self.devices[number].missed += 1
                 self.devices[number].owed = True
             if (self.devices[number].bus == bus and self.devices[number].latency != NULL
