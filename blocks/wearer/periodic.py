@@ -43,5 +43,6 @@ def integral(rate: Real, dt: float) -> Real:
 
 def moving_average(curve: Real, width: int) -> Real:
     """Return the average over `width` samples of a curve that repeats."""
+    width = max(1, width)
     padded = np.pad(curve, width, mode="wrap")
     return np.convolve(padded, np.full(width, 1.0 / width), mode="same")[width:-width]

@@ -39,6 +39,7 @@ SEAM = 0.3  # s, over which the end passes into the beginning
 STRIDES = 0.5, 2.5  # s, shortest and longest stride
 REACH = 0.1  # body heights, least distance of the ankle in front of the other at a strike, or of the hip
 LANDING = 0.15  # s, longest time from the furthest reach to the fastest rotation of the foot to the ground
+LEAST_SWING = 0.15  # s without contact before a strike
 STANCE_LOAD = 0.05  # body weights, from which a recorded force is a contact
 TORQUE_SHARE = 0.25  # of the difference by inverse dynamics: errors of the angles make most of the rest
 LEAST_LOAD = 1e-3  # body weights, that keeps the path of the hips defined while neither foot is loaded
@@ -51,7 +52,8 @@ class Leg:
 
     angles: Real  # of hip, knee and ankle, rad
     moments: Real | None  # in the direction of flexion, N·m/kg
-    force: Complex | None  # of the ground, forward + i up, body weights
+    vertical: Real | None  # force of the ground, body weights
+    forward: Real | None
     contact: Real | None  # 1 where the foot is on the ground
     thigh: Real | None  # pitch, rad
 
@@ -143,17 +145,17 @@ def leg_of(table: Table, side: str, mass: float) -> Leg:
     if angles[:, 1].mean() < 0.0:  # OpenSim's older models extend the knee in the positive direction
         angles[:, 1] *= -1.0
     torques = [curve for curve in (first((name,)) for name in MOMENTS) if curve is not None]
-    forces = [
-        scale * curve
+    scales = (("_bw", 1.0), ("_N_kg", 1.0 / GRAVITY), ("_N", 1.0 / (mass * GRAVITY)))
+    vertical, forward = (
+        next((scale * curve for unit, scale in scales if (curve := first((name + unit,))) is not None), None)
         for name in FORCES
-        for unit, scale in (("_bw", 1.0), ("_N_kg", 1.0 / GRAVITY), ("_N", 1.0 / (mass * GRAVITY)))
-        if (curve := first((name + unit,))) is not None
-    ]
+    )
     contact, thigh = first(CONTACT), first(THIGH)
     return Leg(
         angles=angles,
         moments=-np.column_stack(torques) if len(torques) == 3 else None,
-        force=forces[1] + 1j * np.maximum(forces[0], 0.0) if len(forces) == 2 else None,
+        vertical=None if vertical is None else np.maximum(vertical, 0.0),
+        forward=forward,
         contact=None if contact is None else contact / max(contact.max(), 1e-9),
         thigh=None if thigh is None else np.radians(thigh),
     )
@@ -188,14 +190,15 @@ def flat_feet(legs: list[Leg], strides: list[Strides], walk: Real) -> Real:
 
 
 def ground_of(leg: Leg, strides: Strides, walk: Real, stride_time: float) -> tuple[Complex, Real]:
-    """Return (force in body weights, centre of pressure in foot lengths from the heel) under a foot.
+    """Return (force forward + i up in body weights, centre of pressure in foot lengths from the heel) under a foot.
 
-    Without a recorded force it is that of the average adult with the same stride time and phase; in a stand both feet
-    bear the weight. The centre follows from the phase.
+    What is not recorded of the force is that of the average adult with the same stride time and phase; in a stand both
+    feet bear the weight. The centre follows from the phase.
     """
     force, centre = ground(entry_of(stride_time), strides.phase % 1.0)
-    force = walk * force + (1.0 - walk) * 0.5j if leg.force is None else leg.force
-    return force, STANDING_CENTRE + walk * (centre - STANDING_CENTRE)
+    vertical = 0.5 + walk * (force.imag - 0.5) if leg.vertical is None else leg.vertical
+    forward = walk * force.real if leg.forward is None else leg.forward
+    return forward + 1j * vertical, STANDING_CENTRE + walk * (centre - STANDING_CENTRE)
 
 
 def average_moments(strides: Strides, stride_time: float, walk: Real, torques: Real) -> Real:
@@ -212,21 +215,25 @@ def average_moments(strides: Strides, stride_time: float, walk: Real, torques: R
 
 def closed_leg(leg: Leg, cut: int, seam: int, dt: float) -> Leg:
     """Return a leg whose motion repeats, with smooth angles."""
-    angles = np.column_stack([smooth(curve, dt, CUTOFF)[0] for curve in closed(leg.angles, cut, seam).T])
-    moments = None if leg.moments is None else closed(leg.moments, cut, seam)
-    force = None if leg.force is None else closed(leg.force, cut, seam)
-    return Leg(angles, moments, force, None if leg.contact is None else leg.contact[:cut], None)
+    curves = {name: closed(curve, cut, seam) for name, curve in vars(leg).items() if curve is not None}
+    curves["angles"] = np.column_stack([smooth(curve, dt, CUTOFF)[0] for curve in curves["angles"].T])
+    if leg.contact is not None:
+        curves["contact"] = leg.contact[:cut]
+    return replace(leg, **curves)
 
 
 def strikes_of(leg: Leg, other: Leg, dt: float) -> NDArray[Any]:
     """Return the samples at which the foot strikes the ground: where a contact or a load begins, else of the motion."""
     if leg.contact is not None:
         on = leg.contact > 0.5
-    elif leg.force is not None:
-        on = leg.force.imag > STANCE_LOAD
+    elif leg.vertical is not None:
+        on = leg.vertical > STANCE_LOAD
     else:
         return landings(leg.angles, None if other is leg else other.angles, dt)
-    return 1.0 + np.flatnonzero(~on[:-1] & on[1:])
+    edges = np.diff(on.astype(int), prepend=int(on[-1]))  # the recording repeats
+    rises, falls = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    since = rises - np.append(falls[-1:] - len(on), falls)[np.searchsorted(falls, rises)]
+    return rises[since * dt >= LEAST_SWING]
 
 
 def landings(angles: Real, others: Real | None, dt: float) -> NDArray[Any]:

@@ -1,5 +1,7 @@
 """Recorded motion of the walking adult."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -93,6 +95,23 @@ def test_recorded_torques_and_forces_are_played_and_the_other_leg_is_half_a_stri
     apart = (trace["left_phase"] - trace["right_phase"]) % 1.0
     assert np.abs(apart - 0.5).max() < 1e-9
     assert trace["left_ankle_torque"].min() == pytest.approx(trace["right_ankle_torque"].min(), rel=0.02)
+
+
+def test_contact_that_chatters_begins_one_stride(tmp_path):
+    """The contact opens for 30 ms in the first 100 ms of each stance."""
+    lines = Path(written(tmp_path / "walk.csv")).read_text().splitlines()
+    times = np.arange(len(lines) - 1) / 100.0
+    columns = []
+    for shift in (0.0, 0.5):
+        since = (times + 1.2 * shift) % 1.2
+        columns.append((since < 0.7) & ~((since > 0.05) & (since < 0.085)))
+    names = ["contact_lt,contact_rt", *(f"{int(a)},{int(b)}" for a, b in zip(*columns))]
+    file = tmp_path / "chatter.csv"
+    file.write_text("\n".join(",".join(pair) for pair in zip(lines, names)) + "\n")
+    trace = walk(8.0, rate=100, recording=str(file))
+    strikes = np.flatnonzero(np.diff(trace["left_phase"]) < -0.5) + 1
+    assert np.diff(strikes) == pytest.approx(120, abs=1)
+    assert np.abs((strikes + 60) % 120 - 60).max() <= 2
 
 
 def test_hips_of_a_recorded_adult_move_over_the_loaded_foot(tmp_path):
