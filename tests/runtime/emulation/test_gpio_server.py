@@ -11,6 +11,8 @@ from cext.lines.streams import Streams
 from graph import StreamDevice
 from runtime.base.errors import BadInput
 from runtime.emulation.gpio_server import GpioServer
+from runtime.guardian.plan_types import PlanRelay
+from runtime.guardian.relay import Relay
 from runtime.rig import gpio_line
 from runtime.rig.errors import Refused
 from runtime.rig.gpio_line import opened
@@ -80,6 +82,17 @@ def test_emergency_stop_is_pressed_when_the_chip_or_its_emulator_is_lost(connect
     assert decoded(stream, switch, 1) == [TAKEN] and switch["pressed"] == 0.0
     server.end.send(LOST, b"")
     assert decoded(stream, switch, 1) == [PRESSED]
+
+
+def test_guardian_changes_the_level_of_a_charge_pump(connect):
+    server, stream, _ = connect(SyncOut, None)
+    plan: PlanRelay = {"descriptor": stream.fileno(), "gpio": True, "frames": ["01", "00"], "hold": 10.0}
+    relay = Relay(plan, time.monotonic_ns())
+    levels = []
+    for count in (1, 2):
+        relay.change()
+        wait(lambda: levels.extend(data for _, _, data, _ in server.end.receive()) or len(levels) == count)
+    assert levels == [b"\1", b"\0"]
 
 
 def test_input_without_a_level_is_rejected(connect, monkeypatch):
