@@ -4,12 +4,14 @@
 measured data.
 """
 
+import tempfile
+
 import numpy as np
 
 from blocks.wearer.adults import adult
 from blocks.wearer.norms import COMPONENTS, MOTIONS
-from blocks.wearer.stride import PHASES, series, values
-from tests.blocks.wearer.measure import JOINTS, MOMENTS, measures, rows
+from blocks.wearer.stride import PHASES, other, series, values
+from tests.blocks.wearer.measure import JOINTS, MOMENTS, measures, rows, walk
 
 WALK = MOTIONS["walk"]
 PERCENT = np.arange(101)
@@ -160,7 +162,41 @@ def share_table():
         print(f"| {name} |", " | ".join(cells), "|")
 
 
+def torque_table():
+    """Print the distance of torques from the measured ones, in standard deviations of Pinzone's clinical centre."""
+    norms = rows("walk_norms_pinzone2014_centre1")
+    deviations = [norms[f"{name}_moment_Nm_kg_sd"].mean() for name in MOMENTS.values()]
+    print("| torques of hip, knee and ankle | average adult | recording without torques |")
+    print("|---|--:|--:|")
+    for name, stride_time, angles, torques in people():
+        if torques is not None:
+            usual = [values(each) for each in average(stride_time)["moments"]]
+            cells = [
+                ", ".join(f"{np.abs(a - b).mean() / sd:.2f}" for a, b, sd in zip(each, torques, deviations))
+                for each in (usual, played(angles, stride_time))
+            ]
+            print(f"| {name} |", " | ".join(cells), "|")
+
+
+def played(angles, stride_time):
+    """Return the torques at PHASES that a Walker plays for a recording of the angles of a stride, N·m/kg."""
+    columns = [np.tile(np.degrees(each), 6) for each in (*angles, *map(other, angles))]
+    times = np.arange(6 * len(PHASES)) * stride_time / len(PHASES)
+    contact = [np.tile(each, 6) for each in (PHASES < 0.6, other(PHASES) < 0.6)]
+    names = [f"{name}_{side}_deg" for side in ("lt", "rt") for name in JOINTS.values()]
+    with tempfile.NamedTemporaryFile("w", suffix=".csv") as file:
+        header = ",".join(["time", *names, "contact_lt", "contact_rt"])
+        np.savetxt(file, np.column_stack([times, *columns, *contact]), delimiter=",", header=header, comments="")
+        file.flush()
+        trace = walk(1.2, 4 * stride_time, rate=len(PHASES) / stride_time, recording=file.name, mass=1.0)
+    phase = trace["left_phase"]
+    begin = np.flatnonzero(np.diff(phase) < -0.5)[1] + 1
+    return [trace[f"left_{joint}_torque"][begin : begin + len(PHASES)] for joint in JOINTS]
+
+
 if __name__ == "__main__":
     motion_table()
+    print()
+    torque_table()
     print()
     share_table()
