@@ -70,6 +70,18 @@ def test_a_recorded_walk_is_assisted_and_squats_are_not(robot):
         assert np.abs(squats[drive]).max() < 0.05, device  # N·m
 
 
+@pytest.mark.parametrize("robot, model", [("hip_exo_bilateral", "AK10-9-V2.0"), ("ankle_exo", "CyberGear")])
+def test_robot_assists_with_other_actuators(robot, model):
+    trial = runtime.run(path(robot), 13.0, settings={"model": model})
+    assert trial.fault is None
+    [joint] = CLAIMS[robot]
+    models = {block["path"]: block["parameters"].get("model") for block in trial.diagram["blocks"]}
+    for side in SIDES:
+        assert models[f"{side}/{joint}"] == model
+        power = (trial[f"{side}/{joint}.torque"] * trial[f"{side}/{joint}.velocity"])[trial.time > 8.0]
+        assert power.mean() > 0.5
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_silent_device_ends_the_run_safely(robot):
     for device in [block.path for block in load(path(robot))[1] if isinstance(block, Device)]:
