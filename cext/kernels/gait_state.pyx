@@ -8,14 +8,17 @@ from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
 from cext.kernels.limits cimport clip, is_finite
 
 cdef double AGREEMENT_TIME = 0.3        # s, time constant of the comparison of both legs
+cdef double PEAK_TIME = 5.0             # s, with which the largest velocity decays while both legs walk
+cdef double STILL_SHARE = 0.15          # of the largest velocity in walking: a leg that is slower may stand
+cdef double STILL_FLOOR = 0.25          # of still_velocity, below which the limit does not fall
 
 
 cdef struct State:
     int32_t left_phase, right_phase, left_walking, right_walking, left_velocity, right_velocity
     int32_t state, walking, standing, confidence, still_velocity, still_time, tolerance
-    int32_t track               # s without motion, mean deviation from half a stride
+    int32_t track               # s without motion, mean deviation from half a stride, largest velocity in walking
 
-STATE = items((<State *>ITEMS)[0], "track[2]")
+STATE = items((<State *>ITEMS)[0], "track[3]")
 
 
 cdef int state_kernel(double *arena, const State *at, const State *sizes) noexcept nogil:
@@ -24,13 +27,19 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     cdef double left = arena[at.left_velocity]
     cdef double right = arena[at.right_velocity]
     cdef double *track = arena + at.track
-    cdef double apart, share
+    cdef double apart, share, fastest, still
     if not is_finite(phases + flags + left + right):
         arena[at.state] = arena[at.walking] = arena[at.standing] = 0.0
         arena[at.confidence] = NAN
         return OK
-    # 1. Standing: neither leg has moved for a while.
-    if fabs(left) < arena[at.still_velocity] and fabs(right) < arena[at.still_velocity]:
+    # 1. Standing: neither leg has moved for a while, by the measure of a wearer who walks slowly.
+    fastest = max(fabs(left), fabs(right))
+    if flags == 2.0:
+        track[2] = max(fastest, track[2] - track[2] * min(1.0, arena[DT] / PEAK_TIME))
+    still = arena[at.still_velocity]
+    if track[2] > 0.0:
+        still = max(STILL_FLOOR * still, min(still, STILL_SHARE * track[2]))
+    if fastest < still:
         track[0] += arena[DT]
     else:
         track[0] = 0.0

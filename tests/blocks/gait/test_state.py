@@ -69,6 +69,25 @@ def test_walking_is_certain_before_and_after_the_stop(stopping):
         assert stopping["left_envelope.inside"][(stopping.time > 10.0) & (stopping.time < 20.0)].all()
 
 
+def test_slow_walking_is_not_standing():
+    with Diagram("slow", 100) as diagram:
+        walker = Walker(speed="0:0.3 14:0.3 15:0", name="walker")()
+        signals = {}
+        for side in ("left", "right"):
+            signals |= {
+                f"{side}_phase": getattr(walker, f"{side}_phase"),
+                f"{side}_walking": True,
+                f"{side}_velocity": getattr(walker, f"{side}_thigh_motion")[7],
+            }
+        GaitState(name="state")(**signals)
+    trial = simulate(diagram, 17.0)
+    late = (trial.time > 2.0) & (trial.time < 14.0)
+    assert trial["state.walking"][late].all() and not trial["state.standing"][late].any()
+    moving = np.abs([trial[f"walker.{side}_thigh_motion[7]"] for side in ("left", "right")]).max(axis=0) > 0.05
+    still = trial.time[np.flatnonzero(moving)[-1]]
+    assert 14.0 < still < 16.0 and trial["state.standing"][trial.time > still + 0.2].all()
+
+
 def test_squats_are_not_walking():
     with open(shared("gait/series_squat_opencap.csv"), newline="") as file:
         rows = list(csv.DictReader(file))
