@@ -41,10 +41,12 @@ class GaitState(Block):
 class StrideEnvelope(Block):
     """Check of each stride against the wearer's own: deviation = (u − mean(phase)) / max(deviations · SD, smallest).
 
-    Mean and standard deviation are learned in 50 bins of the phase, the first `strides` of each alone, later ones with
-    a weight of 5 %. `inside` becomes false when the deviation has been above 1 for `outside_time`, and true again
-    after `recovery` inside; strides outside are not learned. Limits: a stumble that leaves the angle in its usual
-    range at that phase shows later, in another signal, or not at all. Direct feedthrough; NaN and infinity give NaN.
+    The phase advances as in the last stride and follows the input within 0.3 of a stride, so that a phase estimated
+    from u does not hide that u deviates. Mean and standard deviation are learned in 50 bins of it, the first `strides`
+    of each alone, later ones with a weight of 5 %. `inside` becomes false when the deviation has been above 1 for
+    `outside_time`, and true again after `recovery` inside; strides outside are not learned. Limits: where strides vary
+    much, a push of 15° for 0.1 s stays inside; a change of speed by half within a stride does not. Direct feedthrough;
+    NaN and infinity give NaN.
     (deviation from a mean trajectory: Lawson et al. 2010)
     """
 
@@ -62,7 +64,7 @@ class StrideEnvelope(Block):
     means = Memory((0.0,) * 50, "mean of each bin")
     variances = Memory((0.0,) * 50, "variance of each bin")
     counts = Memory((0.0,) * 50, "samples in each bin")
-    track = Memory((0.0, 0.0, 0.0, -1.0), "time outside, time inside, whether it was left, last bin")
+    track = Memory((0.0, 0.0, 0.0, -1.0) + (0.0,) * 4, "times outside and inside, last bin, and the predicted phase")
 
     kernel = kernels.stride_envelope
 

@@ -1,13 +1,14 @@
 # cython: freethreading_compatible=True
 """Walking or standing, strides outside their envelope, and torques that fade with either."""
 
-from libc.math cimport NAN, fabs, floor, sqrt
+from libc.math cimport INFINITY, NAN, fabs, floor, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
 from cext.kernels.limits cimport clip, is_finite
 
 cdef double AGREEMENT_TIME = 0.3        # s, time constant of the comparison of both legs
+cdef double FOLLOWING_SHARE = 0.3       # of a stride, in which the predicted phase follows the estimate
 cdef double PEAK_TIME = 5.0             # s, with which the largest velocity decays while both legs walk
 cdef double STILL_SHARE = 0.15          # of the largest velocity in walking: a leg that is slower may stand
 cdef double STILL_FLOOR = 0.25          # of still_velocity, below which the limit does not fall
@@ -63,7 +64,7 @@ cdef struct Envelope:
     int32_t means, variances, counts
     int32_t track               # see below
 
-ENVELOPE = items((<Envelope *>ITEMS)[0], "means[50] variances[50] counts[50] track[4]")
+ENVELOPE = items((<Envelope *>ITEMS)[0], "means[50] variances[50] counts[50] track[8]")
 
 cdef enum:
     BINS = 50
@@ -71,6 +72,10 @@ cdef enum:
     INSIDE = 1                  # s
     LEFT = 2                    # 1 after the envelope was left
     BIN = 3                     # last one
+    EXPECTED = 4                # phase that the cadence predicts
+    LATEST = 5                  # phase one tick before
+    SINCE = 6                   # s since the stride began
+    STRIDE = 7                  # s, duration of the last stride, 0 while unknown
 
 
 cdef int envelope_kernel(double *arena, const Envelope *at, const Envelope *sizes) noexcept nogil:
@@ -89,15 +94,30 @@ cdef int envelope_kernel(double *arena, const Envelope *at, const Envelope *size
         return OK
     arena[at.deviation] = 0.0
     if walking == 0.0:
-        m[OUTSIDE] = m[INSIDE] = m[LEFT] = 0.0
+        m[OUTSIDE] = m[INSIDE] = m[LEFT] = m[STRIDE] = 0.0
+        m[SINCE] = INFINITY
         arena[at.inside] = 1.0
         return OK
-    x = BINS * (phase - floor(phase))
+    # 1. The phase that the last stride predicts, which follows the estimate within part of a stride: an estimate that
+    #    follows the angle would hide where the angle deviates.
+    m[SINCE] += arena[DT]
+    if m[LATEST] - phase > 0.5:
+        m[STRIDE] = m[SINCE] if is_finite(m[SINCE]) else 0.0
+        m[SINCE] = 0.0
+    m[LATEST] = phase
+    if m[STRIDE] > 0.0:
+        share = arena[DT] / m[STRIDE]
+        m[EXPECTED] += share
+        x = phase - m[EXPECTED]
+        m[EXPECTED] += min(1.0, share / FOLLOWING_SHARE) * (x - floor(x + 0.5))
+    else:
+        m[EXPECTED] = phase
+    x = BINS * (m[EXPECTED] - floor(m[EXPECTED]))
     i = min(<int>x, BINS - 1)
     j = (i + 1) % BINS
     share = x - i
     if count[i] >= arena[at.strides] and count[j] >= arena[at.strides]:
-        # 1. Deviation from the mean stride, over the half width of the envelope.
+        # 2. Deviation from the mean stride, over the half width of the envelope.
         expected = (1.0 - share) * mean[i] + share * mean[j]
         spread = sqrt((1.0 - share) * variance[i] + share * variance[j])
         arena[at.deviation] = (u - expected) / max(arena[at.deviations] * spread, arena[at.smallest])
@@ -112,7 +132,7 @@ cdef int envelope_kernel(double *arena, const Envelope *at, const Envelope *size
         if m[INSIDE] >= arena[at.recovery]:
             m[LEFT] = 0.0
     arena[at.inside] = m[LEFT] == 0.0
-    # 2. Strides inside enter the envelope, one sample a bin, at its begin.
+    # 3. Strides inside enter the envelope, one sample a bin, at its begin.
     if i != <int>m[BIN]:
         m[BIN] = i
         if m[LEFT] == 0.0:
