@@ -75,7 +75,7 @@ def test_robot_assists_with_other_actuators(robot, model):
     trial = runtime.run(path(robot), 13.0, settings={"model": model})
     assert trial.fault is None
     [joint] = CLAIMS[robot]
-    models = {block["path"]: block["parameters"].get("model") for block in trial.diagram["blocks"]}
+    models = {block["path"]: block.get("parameters", {}).get("model") for block in trial.diagram["blocks"]}
     for side in SIDES:
         assert models[f"{side}/{joint}"] == model
         power = (trial[f"{side}/{joint}.torque"] * trial[f"{side}/{joint}.velocity"])[trial.time > 8.0]
