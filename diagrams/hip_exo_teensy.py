@@ -4,7 +4,7 @@
     python -m runtime diagrams/hip_exo_teensy.py --duration 20 --set feedback.gain=5
 
 docs/sketches/imu.ino runs on the microcontrollers. A complementary filter estimates the flexion of each thigh, from
-which delayed output feedback assists both hips. The loop runs at 100 Hz on a Raspberry Pi 5.
+which delayed output feedback assists both hips. The computer of this robot is a Raspberry Pi 5, at 100 Hz.
 """
 
 from math import radians
