@@ -83,6 +83,7 @@ def test_every_port_has_its_unit_its_wire_and_its_range(exo):
         "stiffness_command": "0 N·m/rad",
         "damping_command": "0 N·m·s/rad",
         "zero": "no",
+        "disable": "no",
     }
     age = next(port for port in knee["outputs"] if port["name"] == "age")
     assert (age["low"], age["high"]) == (0.0, None)
