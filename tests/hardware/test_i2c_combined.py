@@ -258,9 +258,9 @@ def test_a_rejected_setting_is_reported_with_its_reason(wires):
         hung = ICM20948(name="thigh", bus="imus", mux=0x70, channel=1)
     with pytest.raises(SeveralRefused, match="TW128.*address 0x68: no reply") as refused:
         I2cInterface(BUS, [wrong])
-    assert "on this bus 0x69, 0x70 answer" in str(refused.value)
+    assert "on this bus 0x69, 0x70 reply" in str(refused.value)
     wires.behave(THIGH, stuck=5.0)
-    with pytest.raises(SeveralRefused, match="TW128.*the bus hangs"):
+    with pytest.raises(SeveralRefused, match="TW128.*the bus is stuck"):
         I2cInterface(BUS, [hung])
 
 

@@ -52,8 +52,8 @@ def test_error_frames_and_silence_are_reported_as_the_bitrate(tmp_path):
         thread.join()
     assert (
         process.returncode == 1
-        and "! nobody is understood (" in process.stdout
-        and "most likely the bitrate" in process.stdout
+        and "! no valid frames (" in process.stdout
+        and "The most likely cause is the bitrate" in process.stdout
     )
     assert "sudo ip link set vcan0 type can bitrate 250000" in process.stdout
 
