@@ -741,6 +741,7 @@ cdef class Devices:
             result = judge_zero(z, self.arena, self.now)
         if result == ZERO_SET:
             z.runs = z.due = False
+            device.drive.silent = False                          # its angle is certain
             z.set += 1
             self.note(number, ZEROED)
         elif result == ZERO_KEPT or result == ZERO_UNKNOWN:

@@ -60,7 +60,7 @@ def _cells(row: dict[str, Any]) -> list[str]:
     return [
         row["device"],
         f"{row['bus']} {', '.join(map(str, row['ids'])) or '-'}",
-        "yes" if row["answered"] else "no",
+        "taken out" if row.get("taken_out") else "yes" if row["answered"] else "no",
         marked("age", "-" if row["age"] is None else f"{row['age'] * 1e3:.1f} ms"),
         marked("position", "-" if row["position"] is None else f"{row['position']:.3f} rad{span}"),
         number("velocity", 2, "rad/s"),

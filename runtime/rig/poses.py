@@ -78,27 +78,32 @@ class Poses:
         return place.slot + int(index or 0)
 
     def look(self, values: Sequence[float] | np.ndarray, *, first: bool = True) -> dict[str, str]:
-        """Return {path: reason not to arm}.
+        """Return {path: reason not to arm}; without the joints whose drives are taken out.
 
         values : the arena
         first : whether the robot is armed for the first time in this run, in which no power cycle can have shifted the
             reading of a drive whose zero arming has set
         """
         reasons = {
-            block.path: _refusal(
-                block,
-                float(values[self.schedule.signals[Signal(block, "position").path].slot]),
-                self._evidence(block, values),
-                0.0 if first and getattr(block, "zero_at_arming", False) else getattr(block, "shift", 0.0),
-            )
+            block.path: self._reason(block, values, first)
             for block in self.joints
+            if "active" not in block.outputs or self._value(block, "active", values)
         }
         self.refusals = {path: why for path, why in reasons.items() if why}
         return self.refusals
 
     def may_return(self, path: str, values: Sequence[float] | np.ndarray) -> bool:
         """Return whether a drive that was taken out may be armed again at its reading. values : the arena"""
-        return path not in self.look(values, first=False)
+        return not any(self._reason(block, values, False) for block in self.joints if block.path == path)
+
+    def _value(self, block, name, values):
+        """Return the value of a scalar output."""
+        return float(values[self.schedule.signals[Signal(block, name).path].slot])
+
+    def _reason(self, block, values, first):
+        """Return why a joint is not armed, "" if it is. Arguments as of `look`."""
+        shift = 0.0 if first and getattr(block, "zero_at_arming", False) else getattr(block, "shift", 0.0)
+        return _refusal(block, self._value(block, "position", values), self._evidence(block, values), shift)
 
     def _evidence(self, block, values):
         """Yield (text, rad, tolerance in rad) of all evidence for the position of a joint."""

@@ -94,6 +94,7 @@ class Preflight:
             "bus": block.bus,
             "ids": block.displayed_addresses(),
             "answered": True,
+            "taken_out": measured("active") == 0.0,
             **sample,
             "low": span[0],
             "high": span[1],

@@ -35,6 +35,7 @@ def look(position, stated=None, encoder=0.0, first=True, **parameters):
     schedule = compile(robot)
     poses = Poses(robot, schedule, stated)
     values = schedule.arena.copy()
+    values[schedule.signals["knee.active"].slot] = 1.0
     for name, value in {"knee.position": position, "encoder.angle": encoder, "imu.euler": encoder}.items():
         place = schedule.signals[name]
         values[place.slot : place.slot + place.size] = value
@@ -48,6 +49,17 @@ def test_a_reading_in_range_is_ambiguous_if_one_motor_turn_further_is_also_in_ra
         "1.916 rad lie in its range -0.1 to 2 rad, too: "
     )
     assert "known_pose = [ANGLE, TOLERANCE]" in why and "--pose knee=ANGLE" in why
+
+
+def test_joint_whose_drive_is_taken_out_does_not_prevent_arming_but_its_return_does():
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", range=(-0.1, 2.0), name="knee")(torque_command=0.0)
+    schedule = compile(robot)
+    poses, values = Poses(robot, schedule), schedule.arena.copy()
+    values[schedule.signals["knee.position"].slot] = 0.52
+    assert poses.look(values) == {} and not poses.may_return("knee", values)
+    values[schedule.signals["knee.active"].slot] = 1.0
+    assert "knee" in poses.look(values)
 
 
 def test_zero_that_arming_has_set_decides_until_the_run_is_armed_again():
@@ -158,6 +170,11 @@ def test_table_lists_obstacles_and_effect_of_enter():
     table = Preflight(robot, schedule, {"legs": ("socketcan", "can0")}, True, poses=Poses(robot, schedule))
     values = schedule.arena.copy()
     values[schedule.signals["knee.position"].slot], values[schedule.signals["knee.temperature"].slot] = 0.52, 30.0
+    values[schedule.signals["knee.active"].slot] = 0.0
+    assert any(
+        line.split()[:5] == ["knee", "legs", "1", "taken", "out"] for line in text(table.event(values), Console(200))
+    )
+    values[schedule.signals["knee.active"].slot] = 1.0
     lines = text(table.event(values), Console(200))
     assert lines[-1] == ASK_AGAIN and any(
         line.startswith("NOT armed: knee reads 0.520 rad; a power cycle can shift") for line in lines

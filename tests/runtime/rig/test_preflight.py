@@ -207,6 +207,7 @@ def knee():
             "temperature": 31.0,
             "fault": 0.0,
             "age": 0.002,
+            "active": 1.0,
             **outputs,
         }.items():
             values[schedule.signals[f"knee.{name}"].slot] = value
@@ -316,7 +317,7 @@ def test_drive_without_temperature_and_error_in_replies_is_marked():
         CubeMars("AK80-9", can_id=1, name="knee", reply=6)(torque_command=0.0)
     schedule = compile(diagram)
     arena = schedule.arena.copy()
-    for name, value in (("temperature", float("nan")), ("age", 0.001)):
+    for name, value in (("temperature", float("nan")), ("age", 0.001), ("active", 1.0)):
         arena[schedule.signals[f"knee.{name}"].slot] = value
     event = Preflight(diagram, schedule, {}, True).event(arena)
     (row,) = event["devices"]
