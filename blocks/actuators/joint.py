@@ -218,7 +218,6 @@ class Joint:
     velocity_codes = 0xFFF  # steps of the velocity in its feedback
 
     find: Any  # function of a name that returns a model
-    set_zero_frame: Any  # method that returns the frame which makes the present position of the drive its zero
     parameters: dict[str, Param[Any]]
     hot: float | None
 
@@ -256,9 +255,14 @@ class Joint:
                 f"{low:g} to {high:g} rad: correct offset or range"
             )
 
+    def set_zero_frame(self) -> tuple[int, bool, bytes] | None:
+        """Return the frame that makes the present position of the drive its zero, or None."""
+        return None
+
     def zeroing(self) -> Zeroing | None:
-        """Return the Zeroing of the drive."""
-        return Zeroing(self.set_zero_frame(), self.offset, 1.01 * self.wire[4] / 0xFFF, self.zero_at_arming)
+        """Return the Zeroing of the drive, or None if its protocol has no such frame."""
+        frame = self.set_zero_frame()
+        return frame and Zeroing(frame, self.offset, 1.01 * self.wire[4] / 0xFFF, self.zero_at_arming)
 
     def check_pose(self) -> None:
         """Set `shift`, rad by which a power cycle can shift the reading of the joint, and check `known_pose`."""
