@@ -640,12 +640,13 @@ cdef class Devices:
         """
         cdef int number
         cdef int status = OK
+        cdef int64_t period = <int64_t>(1e9 * self.arena[PERIOD])
         cdef Device *device
         cdef Batch *batch
         for number in range(self.count):
             device = &self.devices[number]
-            if device.drive.state == DAMPED:
-                batch = <Batch *>(<SpeedBands>device.bands).choose(now)
+            if device.drive.state == DAMPED:                     # in force until the next tick, which may be late
+                batch = <Batch *>(<SpeedBands>device.bands).choose(now + 2 * period)
                 status |= self.send(device.bus, batch.frames, batch.count, now, page, False)
             elif device.drive.state == OUT and (
                     now - device.drive.since < STOP_LIMIT or now - device.reply_time < STOP_LIMIT

@@ -175,6 +175,16 @@ def test_drive_with_a_damped_stop_is_damped_first():
     assert set(robot.to_left(350, 400)) == {DISABLE}
 
 
+def test_damping_of_a_drive_stays_inside_its_limit_until_a_late_next_frame():
+    speed, acceleration, limit = 4.0, 500.0, 9.0  # rad/s, rad/s², N·m
+    drive = CubeMars, "AK80-9", {"safe_stop": "damp", "stop_damping": 3.0}
+    robot = Robot({200: 1}, drive, torque=lambda tick: 0.0, angle=lambda tick: speed * (tick - 300) / RATE)
+    assert robot.run(300).status == "ok"
+    codes = {data[5] << 4 | data[6] >> 4 for data in robot.to_left(210, 300)}
+    damping = 5.0 * max(codes) / 0xFFF
+    assert 0.3 < damping <= limit / (speed + acceleration * 3 / RATE)  # age of the speed, and two periods
+
+
 @pytest.mark.parametrize(
     "drive",
     [
