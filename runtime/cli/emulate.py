@@ -39,6 +39,11 @@ def main(arguments: Sequence[str]) -> int:
     from runtime.report.summary import exit_code, stopped
     from runtime.rig import read
 
+    if options.lines is not None:
+        try:
+            options.lines.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BadInput(f"--lines {options.lines}: cannot create the folder: {error.strerror}") from None
     rig = read(options.rig)
     file, robot = load(options.file, options.settings, rig)
     diagram, schedule, _ = plant_of(file, robot)
@@ -116,7 +121,7 @@ def parse(arguments: Sequence[str]) -> Namespace:
         "--lines",
         type=Path,
         metavar="DIR",
-        help="an existing folder for links to the terminals of emulated serial sensors",
+        help="folder for links to the terminals of emulated serial sensors; created if it is missing",
     )
     return parser.parse_args(arguments)
 

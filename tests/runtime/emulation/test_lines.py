@@ -25,7 +25,8 @@ def test_every_kind_of_line_of_a_rig_has_an_emulator():
 def test_sensors_are_identified_by_serial_number_and_stream(tmp_path):
     robot = write(tmp_path, ROBOT, "robot.py")
     rig = write(tmp_path, RIG, "lab.toml")
-    (tmp_path / "ports").mkdir()
+    no_folder = finished("emulate", robot, "--rig", rig, "--lines", robot, cwd=tmp_path)
+    assert no_folder.returncode == BAD_INPUT and "cannot create the folder: File exists" in no_folder.stderr
     plant = started("emulate", robot, "--rig", rig, "--lines", tmp_path / "ports", cwd=tmp_path)
     try:
         told = "".join(read_until(plant.stdout, "Ctrl-C ends it"))
