@@ -96,7 +96,7 @@ class KneeEvents(_Events, Block):
     (terminal swing: Winter 1991)
     """
 
-    lead = Param(0.058, "1", "strike after the event, as a fraction of a stride", min=0.0, max=0.2)
+    lead = Param(0.055, "1", "strike after the event, as a fraction of a stride", min=0.0, max=0.2)
     smallest = Param(0.2, "rad", "smallest height of a swing", above=0.0)
 
     angle = Input("rad", "knee flexion")

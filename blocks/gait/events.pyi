@@ -81,7 +81,7 @@ class KneeEvents(_Events, Block):
     def __init__(
         self,
         shortest: float | Live = 0.5,
-        lead: float | Live = 0.058,
+        lead: float | Live = 0.055,
         smallest: float | Live = 0.2,
         **options: Unpack[BlockOptions],
     ) -> None: ...

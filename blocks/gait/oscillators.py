@@ -50,7 +50,8 @@ class PhaseKalmanFilter(Block):
     is relative to the standard deviation of angle and velocity over a stride, so that amplitude, sign and segment make
     no difference. Errors are limited to three standard deviations. A strike is a measurement of phase 0; more than a
     fifth of a stride from there, the filter starts again at it. The frequency returns to that of the last stride with
-    1 s, and is at least half of it while the leg moves, since at a turning point the velocity does not determine it.
+    1 s. While the leg moves, it is at least half of it and the phase does not go back: at a turning point neither angle
+    nor velocity determines them.
     `walking` is true from a strike on, while the frequency is above 0.3 Hz and the angle follows the waveform. Limits:
     two strides are learned first; a strike detected late delays the phase by as much. Direct feedthrough; NaN and
     infinity give NaN and are not stored.
@@ -60,7 +61,7 @@ class PhaseKalmanFilter(Block):
     phase_noise = Param(0.02, "1", "phase noise per root of a stride", min=0.0)
     frequency_noise = Param(0.2, "Hz", "change of frequency per root of a second", min=0.0)
     angle_noise = Param(0.4, "1", "noise of the angle over its standard deviation", above=0.0)
-    velocity_noise = Param(1.0, "1", "noise of the velocity over its standard deviation", above=0.0)
+    velocity_noise = Param(0.8, "1", "noise of the velocity over its standard deviation", above=0.0)
     strike_noise = Param(0.03, "1", "noise of a heel strike, as a fraction of a stride", above=0.0)
 
     angle = Input("rad", "periodic angle of the leg: thigh, shank, hip or knee")

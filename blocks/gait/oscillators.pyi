@@ -59,7 +59,7 @@ class PhaseKalmanFilter(Block):
         phase_noise: float | Live = 0.02,
         frequency_noise: float | Live = 0.2,
         angle_noise: float | Live = 0.4,
-        velocity_noise: float | Live = 1.0,
+        velocity_noise: float | Live = 0.8,
         strike_noise: float | Live = 0.03,
         **options: Unpack[BlockOptions],
     ) -> None: ...

@@ -347,7 +347,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
     cdef double *learning = arena + at.learning
     cdef double gradient[4]
     cdef double deviation = 0.0
-    cdef double power, speed, shape, slope, bend, jerk, c, s, c1, s1, t, error, pace
+    cdef double power, speed, shape, slope, bend, jerk, c, s, c1, s1, t, error, pace, before
     cdef bint unlike
     cdef int pass_, h, i
     if not (is_finite(angle) and is_finite(velocity)) or strike != strike:
@@ -386,6 +386,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
     learning[SAMPLES] = min(learning[SAMPLES] + 1.0, sizes.stride + 1.0)
     if learning[RUNNING] != 0.0 and learning[STRIDES] > 0.0:
         # 2. Predict: the phase advances at the frequency.
+        before = x[0]
         pace = max(x[1], 0.05) * dt
         x[0] += x[1] * dt
         x[1] += (learning[CADENCE] - x[1]) * dt / CADENCE_TIME
@@ -436,7 +437,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
                 c = arena[at.velocity_noise] * max(x[1], 0.3)
                 correct(x, p, gradient, error, c * c + 0.5 * t * t)
         x[0] = wrapped(x[0])
-        # 4. A leg that moves does not stand: at a turning point the velocity does not determine the frequency.
+        # 4. A leg that moves neither stands nor goes back: at a turning point it is the velocity that is undetermined.
         t = MOVING_SHARE * speed * learning[CADENCE]
         learning[MOTION] += (velocity * velocity - learning[MOTION]) * min(1.0, dt / MOTION_TIME)
         learning[QUIET] = learning[QUIET] + learning[CADENCE] * dt if learning[MOTION] < 0.25 * t * t else 0.0
@@ -445,6 +446,8 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
             x[1] = t
             p[0] = max(p[0], 1e-3)
             p[5] = max(p[5], 1e-2)
+        if nearest(x[0] - before) < t * dt:
+            x[0] = wrapped(before + t * dt)
         x[1] = min(CADENCE_LIMIT, x[1])
         x[2] = max(0.3, min(2.0, x[2]))
         learning[MISFIT] += (deviation * deviation - learning[MISFIT]) * min(1.0, 5.0 * dt)
