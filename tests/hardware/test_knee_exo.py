@@ -137,9 +137,7 @@ def test_bus_off_ends_the_run_with_a_remedy(rig, tmp_path):
         controller.send(ERROR | 0x040, bytes(8))
         out, err = process.communicate(timeout=30)
         frames += controller.heard()
-    assert (
-        process.returncode == 3 and "FAULT at legs" in err and "vcan0 is bus-off after too many errors" in err
-    )
+    assert process.returncode == 3 and "FAULT at legs" in err and "vcan0 is bus-off after too many errors" in err
     assert "120 Ω at both ends" in err and "confirmed by left/knee, right/knee" in out
     for identifier in MOTORS:
         assert commands(frames, identifier)[-2:] == [NOTHING, DISABLE]
