@@ -32,7 +32,6 @@ CURVES = 6  # angles of hip, knee and ankle, vertical and forward force, centre 
 CENTRE_DEVIATION = 0.07  # foot lengths, so that torques of the ankle differ as between adults
 STANCE = np.linspace(0.0, 1.0, 101)
 STANCE_WAVES = sines(STANCE, FORCE_SINES)
-STANCE_FIT, CENTRE_FIT = np.linalg.pinv(STANCE_WAVES), np.linalg.pinv(centre_basis(STANCE))
 DRAW_LIMIT, SCORE_LIMIT = 2.0, 5.0  # standard deviations, of drawn and of given scores
 KNEE_LIMIT = np.radians(-8.0)  # rad, largest extension of the knee while walking
 
@@ -61,8 +60,10 @@ def scores_of(person: Any) -> Real:
     if isinstance(person, (int, float, np.integer)):
         if not 0 <= person < 2**32 or person != int(person):
             raise ValueError(f"person must be a whole number from 0 to {2**32 - 1} or scores, got {person!r}")
+        if not person:
+            return np.zeros(0)
         random = np.random.RandomState(int(person))  # NumPy guarantees these numbers for all its versions
-        return np.clip(random.normal(size=len(COMPONENTS)), -DRAW_LIMIT, DRAW_LIMIT) if person else np.zeros(0)
+        return np.clip(random.normal(size=len(COMPONENTS)), -DRAW_LIMIT, DRAW_LIMIT)
     try:
         scores = np.array(person.split() if isinstance(person, str) else person, float)
     except (TypeError, ValueError):
@@ -98,6 +99,11 @@ def reach(curves: list[Real], pitch: float, load: Real) -> float:
     return float(velocity.real.mean())
 
 
+def fit(basis: Real, curve: Real) -> Real:
+    """Return the least-squares weights of the columns of a basis for a curve."""
+    return np.linalg.lstsq(basis, curve, rcond=None)[0]
+
+
 def adult(entry: dict[str, Any], weights: Real) -> dict[str, Any]:
     """Return the series of an adult at the speed of an entry. weights : WEIGHTS of each of the CURVES
 
@@ -110,7 +116,8 @@ def adult(entry: dict[str, Any], weights: Real) -> dict[str, Any]:
     curves = [curve + spread(sd) @ part for curve, sd, part in zip(average, deviations, parts)]
     waves = shape(STANCE * entry["foot_off"])
     vertical, forward = (
-        np.array(entry[name]) + STANCE_FIT @ ((STANCE_WAVES @ entry[f"{name}_deviation"]) * (waves @ part))
+        np.array(entry[name])
+        + np.linalg.pinv(STANCE_WAVES) @ ((STANCE_WAVES @ entry[f"{name}_deviation"]) * (waves @ part))
         for name, part in zip(("vertical", "forward"), parts[3:5])
     )
     vertical, forward = balanced(vertical, forward, entry["foot_off"])
@@ -125,7 +132,8 @@ def adult(entry: dict[str, Any], weights: Real) -> dict[str, Any]:
         "angles": [series(each) for each in curves],
         "vertical": vertical,
         "forward": forward,
-        "centre": np.array(entry["centre"]) + CENTRE_FIT @ (CENTRE_DEVIATION * waves @ parts[5]),
+        "centre": np.array(entry["centre"])
+        + np.linalg.pinv(centre_basis(STANCE)) @ (CENTRE_DEVIATION * waves @ parts[5]),
         "pelvis_height": height,
         "pelvis_forward": ahead,
     }

@@ -7,9 +7,9 @@ period of a motion that repeats, at evenly spaced times. Pitches are in rad, pos
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blocks.wearer.body import (
     ANKLE_HEIGHT,
@@ -24,8 +24,8 @@ from blocks.wearer.body import (
     THIGH_LENGTH,
 )
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Real = np.ndarray[Any, np.dtype[np.float64]]
+Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 
 def pitches_of(pelvis: Real | float, angles: Sequence[Real]) -> tuple[Real, ...]:

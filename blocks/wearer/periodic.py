@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from blocks.wearer.mechanics import Real
 
@@ -18,7 +15,7 @@ def end_of(angles: Real, seam: int) -> int:
     return first + int(np.argmin(misfit))
 
 
-def closed(curve: NDArray[Any], cut: int, seam: int) -> NDArray[Any]:
+def closed(curve: np.ndarray, cut: int, seam: int) -> np.ndarray:
     """Return a curve that ends at `cut` and is faded into its beginning over `seam` samples."""
     x = np.arange(seam) / seam
     fade = (x**3 * (10.0 - 15.0 * x + 6.0 * x**2)).reshape(seam, *[1] * (curve.ndim - 1))

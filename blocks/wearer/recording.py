@@ -7,10 +7,8 @@ follows from the angles: strides, the path of the hips over the loaded feet, and
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blocks._plumbing.csv_columns import Table, read_table
 from blocks.wearer.body import GRAVITY, SHANK_LENGTH, THIGH_LENGTH
@@ -222,7 +220,7 @@ def closed_leg(leg: Leg, cut: int, seam: int, dt: float) -> Leg:
     return replace(leg, **curves)
 
 
-def strikes_of(leg: Leg, other: Leg, dt: float) -> NDArray[Any]:
+def strikes_of(leg: Leg, other: Leg, dt: float) -> np.ndarray:
     """Return the samples at which the foot strikes the ground: where a contact or a load begins, else of the motion."""
     if leg.contact is not None:
         on = leg.contact > 0.5
@@ -236,7 +234,7 @@ def strikes_of(leg: Leg, other: Leg, dt: float) -> NDArray[Any]:
     return rises[since * dt >= LEAST_SWING]
 
 
-def landings(angles: Real, others: Real | None, dt: float) -> NDArray[Any]:
+def landings(angles: Real, others: Real | None, dt: float) -> np.ndarray:
     """Return the samples at which a foot strikes the ground, from the angles of the leg and of the other leg.
 
     Half way from the furthest reach of the ankle in front of the hip (after Zeni et al. 2008, Gait & Posture
@@ -257,7 +255,7 @@ def landings(angles: Real, others: Real | None, dt: float) -> NDArray[Any]:
     return np.array([k + 0.5 * np.argmin(rotation[k : k + round(LANDING / dt)]) for k in reaches])
 
 
-def strides_of(strikes: NDArray[Any], count: int, dt: float) -> Strides:
+def strides_of(strikes: np.ndarray, count: int, dt: float) -> Strides:
     """Return the strides between strikes, given in samples, of a recording of `count` samples that repeats.
 
     Where the last strike and the first one of the repetition are no stride apart, a usual stride ends and begins there.
@@ -290,7 +288,7 @@ def half_a_stride_later(leg: Leg, strides: Strides) -> tuple[Leg, Strides]:
     at = np.interp(later, phase, np.arange(count))
     whole = np.minimum(at.astype(int), count - 2)
 
-    def moved(curve: NDArray[Any]) -> NDArray[Any]:
+    def moved(curve: np.ndarray) -> np.ndarray:
         part = (at - whole).reshape(count, *[1] * (curve.ndim - 1))
         return (1.0 - part) * curve[whole] + part * curve[whole + 1]
 

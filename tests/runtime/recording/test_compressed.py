@@ -2,6 +2,7 @@
 
 import io
 import random
+import re
 import subprocess
 import sys
 
@@ -106,7 +107,11 @@ def test_damage_in_a_compressed_chunk_ends_the_recording_before_it(recording, co
     assert reported > 50
     recording.write_bytes(data[:begin] + b"\x46" + data[begin + 1 :])  # a record of a kind that readers skip
     trial = runtime.load(recording)
-    assert not trial.complete and " is damaged: " in trial.trouble and " messages are readable" in trial.trouble
+    # of a tick that is partly in that chunk, a row is missing: the recording ends before it
+    assert not trial.complete and re.search(
+        " is damaged: .* messages are readable| is damaged from byte", trial.trouble
+    )
+    assert 0 < len(trial) < len(whole) and set(trial.tick.tolist()) < set(ticks)
     recording.write_bytes(data[: begin + 100] + data[begin + 104 :])
     code, out, err = command_line("convert", recording, "--to", "csv")
     assert code == OK and f"leg.mcap is damaged from byte {begin} of " in err and "Traceback" not in err
