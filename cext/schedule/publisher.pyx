@@ -22,6 +22,7 @@ from cext.clock.signals cimport Signals
 cdef enum:
     RECENT = 6                      # rows that are kept for the report of a fault
     DRAIN_PERIOD = 50_000_000       # ns between two calls of `drain`, at most
+    BACKLOG = 1 << 20               # bytes in virtual time, which the recorder must write before the run can end
 
 
 cdef class Publisher:
@@ -195,15 +196,19 @@ cdef class Publisher:
         """
         cdef SharedLayout *page = self.layout
         cdef int64_t since
+        cdef uint64_t allowed
         cdef int attempts = 1000
         if self.drains and monotonic() - self.drained > DRAIN_PERIOD and not self.drain_here():
             return stopping
-        if page == NULL or not self.virtual or page.capacity - (page.head - load_u64(&page.tail)) >= self.most:
+        if page == NULL or not self.virtual:
+            return True
+        allowed = min(page.capacity - self.most, max(BACKLOG, self.most))
+        if page.head - load_u64(&page.tail) <= allowed:
             return True
         if self.drains:
             return self.drain_here() or stopping
         since = monotonic()
-        while page.capacity - (page.head - load_u64(&page.tail)) < self.most and self.wait_for_reader():
+        while page.head - load_u64(&page.tail) > allowed and self.wait_for_reader():
             attempts -= 1
             if (stopping and attempts == 0) or (not stopping and self.caught[0] != 0):
                 break
