@@ -101,7 +101,7 @@ def reach(curves: list[Real], pitch: float, load: Real) -> float:
 
 def fit(basis: Real, curve: Real) -> Real:
     """Return the least-squares weights of the columns of a basis for a curve."""
-    return np.linalg.lstsq(basis, curve, rcond=None)[0]
+    return np.asarray(np.linalg.pinv(basis) @ curve, float)
 
 
 def adult(entry: dict[str, Any], weights: Real) -> dict[str, Any]:
