@@ -37,6 +37,7 @@ NO_THRESHOLDS = {  # times of processes and of Python, sizes, bit masks
     "ORDERS",
     "RECENT",
     "DRAIN_PERIOD",
+    "BACKLOG",
     "NAME_BYTES",
     "EXIT_CODE",
 }
