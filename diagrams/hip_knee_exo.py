@@ -13,14 +13,8 @@ from blocks.logic import And, Or
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from graph import Diagram, subsystem
-from parts import SIDES, assist, drive, imu, insole, learned_gait, walk
+from parts import PROFILES, SIDES, assist, drive, imu, insole, learned_gait, walk
 from wearer import wearer as plant  # noqa: F401
-
-# Torque profiles (gait phase, N·m).
-PROFILES = {
-    "hip": ((0.06, 0.0), (0.20, -7.0), (0.38, 0.0), (0.58, 0.0), (0.68, 6.0), (0.80, 0.0)),
-    "knee": ((0.16, 0.0), (0.24, -8.0), (0.34, 0.0), (0.48, 0.0), (0.60, 6.0), (0.70, 0.0)),
-}
 
 
 def build(assistance=1.0):

@@ -26,6 +26,12 @@ SEGMENTS = ("thigh", "shank", "foot")
 CUFF_LEVER = 0.3  # m, distance of a cuff with a load cell from its joint
 LATENCY = 0.01  # s of the networks: one sample. A late result changes nothing in the loop
 
+# Torque profiles of hip and knee (gait phase, N·m).
+PROFILES = {
+    "hip": ((0.06, 0.0), (0.20, -7.0), (0.38, 0.0), (0.58, 0.0), (0.68, 6.0), (0.80, 0.0)),
+    "knee": ((0.16, 0.0), (0.24, -8.0), (0.34, 0.0), (0.48, 0.0), (0.60, 6.0), (0.70, 0.0)),
+}
+
 
 class Motion(NamedTuple):
     """Motion of a segment or a joint."""
@@ -79,23 +85,25 @@ def gait(angle, velocity, strike=None):
     return Gait(estimate.phase, estimate.walking, velocity)
 
 
+def network(name):
+    """Return a network of diagrams/networks, in a worker."""
+    return OnnxModel(f"networks/{name}.onnx", run="worker", latency=LATENCY, name=f"{name}_network")
+
+
 def leg_torque(joint, knee, thigh, mass):
     """Return the biological torque of a knee or ankle that a network estimates. knee, thigh : Motion; mass : kg"""
-    model = OnnxModel(f"networks/{joint}_torque.onnx", run="worker", latency=LATENCY, name=f"{joint}_torque_network")
-    estimate = model(
+    estimate = network(f"{joint}_torque")(
         knee_angle=knee.angle, knee_velocity=knee.velocity, hip_angle=thigh.angle, hip_velocity=thigh.velocity
     )
     return Gain(mass, unit="kg", name=f"{joint}_torque")(getattr(estimate, f"{joint}_torque"))
 
 
-def estimate(network, thighs):
-    """Return {side: outputs of a network of diagrams/networks}. thighs : {side: Motion}"""
+def estimate(name, thighs):
+    """Return {side: outputs of a network that receives both thighs}. thighs : {side: Motion}"""
     outputs = {}
     for side, other in zip(SIDES, reversed(SIDES)):
         with subsystem(side):
-            outputs[side] = OnnxModel(
-                f"networks/{network}.onnx", run="worker", latency=LATENCY, name=f"{network}_network"
-            )(
+            outputs[side] = network(name)(
                 hip_angle=thighs[side].angle,
                 hip_velocity=thighs[side].velocity,
                 opposite_hip_angle=thighs[other].angle,

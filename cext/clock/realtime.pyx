@@ -117,7 +117,7 @@ def lock_memory() -> None:
 def prefault(uintptr_t begin, uintptr_t end, bint writable) -> None:
     """Bring the pages of a mapping of this process into memory. Their content stays.
 
-    A part that is no longer mapped is left out: another thread, or the reader of the addresses, may have released it.
+    Memory that has been released since its addresses were read is skipped.
 
     begin, end : addresses, multiples of the page size
     writable : whether the mapping can be written; its pages are then private copies

@@ -4,7 +4,7 @@
     ACTIVE      arming                                      commands
     DAMPED      ACTIVE, if its safe stop begins by damping  damping, for the time of the safe stop
     OUT         ACTIVE or DAMPED                            zero torque for STOP_LIMIT, and disable
-    RETURNING   OUT, as soon as it is not disabled          enable and zero torque, as in arming
+    RETURNING   OUT, once `disabled` is false               enable and zero torque, as in arming
 
 A drive leaves ACTIVE while its parameter `disabled` or its input `disable` is true. The input sets the parameter, so a
 drive returns only after an operator has cleared the parameter. RETURNING ends in ACTIVE with commands that fade in, or,

@@ -1,8 +1,8 @@
 """Emulated chips of an I2C bus, behind a socket that the run opens in place of /dev/i2c-1.
 
 The devices' own tables of reads (blocks.i2c) map the answers of their emulators to registers. A register that the run
-has written keeps its bytes. If several answers have one register, as with the channels of a converter, the run reads
-the one whose other registers agree with what it has written.
+has written keeps its bytes. If several answers contain one register, as with the channels of a converter, the run reads
+the answer whose other registers equal those that it has written.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ class RobStride(Joint, Actuator):
             )
         self.command_name, self.sent_name = f"{quantity}_command", f"{quantity}_sent"
         self.inputs = {self.command_name: COMMANDS[quantity].named(self.command_name)}
-        # no zero with a position or a velocity: a limit of the current is no proof of zero torque
+        # no input `zero` in the position and velocity modes, in which the torque may differ from zero
         self.inputs |= {name: type(self).inputs[name] for name in ("zero", "disable")[quantity != "current" :]}
         self.outputs = {
             name if name != "torque_sent" else self.sent_name: port
