@@ -29,10 +29,11 @@ def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Tri
     """Load a recording, or several as one table. Needs NumPy and mcap, and no compiled module.
 
     load("trial.mcap")          runtime.analysis.trial.Trial: `trial["left/knee.position"]` is an array over the ticks
+    load("trials")              the newest recording of a folder
     load("trials/*.mcap")       runtime.analysis.trials.Trials: one after the other, with the fields of each trial
 
-    path : path of a file, a pattern, or a list of paths. Type checkers take a text for one file: of a pattern, pass
-        `glob.glob(pattern)`
+    path : path of a file or folder, a pattern, or a list of paths. Type checkers take a text for one file: of a
+        pattern, pass `glob.glob(pattern)`
 
     Raises BadInput if there is no such recording.
     """

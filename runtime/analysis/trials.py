@@ -18,7 +18,7 @@ from runtime.analysis.table import table
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
-from runtime.recording.parts import heads
+from runtime.recording.parts import heads, newest
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 
 
 def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Trial | Trials:
-    """Return the Trial of a path, or the Trials of a pattern or a list of paths. Raises BadInput."""
+    """Return the Trial of a path or of the newest recording of a folder, or the Trials of a pattern or list of paths.
+
+    Raises BadInput.
+    """
     if not isinstance(path, (str, os.PathLike)):
         paths = [os.fspath(entry) for entry in path]
         if not paths:
@@ -36,7 +39,7 @@ def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Tri
         return Trials([Trial(entry) for entry in heads(paths)])
     path = os.path.expanduser(path)
     if os.path.exists(path) or not glob.has_magic(path):
-        return Trial(path)
+        return Trial(newest(path))
     paths = sorted(glob.glob(path, recursive=True))
     if not paths:
         raise BadInput(f"no such recording: {path}")

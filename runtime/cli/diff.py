@@ -16,6 +16,7 @@ from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
 from runtime.console.progress import Progress
 from runtime.console.terminal import print_lines
+from runtime.recording.parts import newest
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -33,8 +34,10 @@ examples:
 def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code: 1 if the recordings differ tick by tick."""
     parser = Parser("diff", "Compare two recordings: tick by tick, or with --strides over the gait cycle.", EPILOG)
-    parser.add_argument("first", type=Path, metavar="A", help="the .mcap file of a recording")
-    parser.add_argument("second", type=Path, metavar="B", help="the .mcap file of another recording")
+    parser.add_argument(
+        "first", type=newest, metavar="A", help="the .mcap file of a recording, or a folder: its newest"
+    )
+    parser.add_argument("second", type=newest, metavar="B", help="another, for example of another folder")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="picture of the differences (default: diff.png)"
     )

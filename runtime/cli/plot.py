@@ -14,6 +14,7 @@ from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
 from runtime.console.progress import Progress
 from runtime.console.terminal import print_lines
+from runtime.recording.parts import newest
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 EPILOG = """\
 examples:
+  plot recordings                the newest recording of a folder
   plot trial.mcap                one picture per subsystem, one plot per unit
   plot trial.mcap left/knee      all signals of a block or subsystem
   plot trial.mcap left/knee.position left/knee.torque
@@ -38,7 +40,9 @@ def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "plot", "Plot signals of a recording with faults and marks, over time or over the gait cycle.", EPILOG
     )
-    parser.add_argument("recording", type=Path, metavar="RECORDING", help="the .mcap file of a recording")
+    parser.add_argument(
+        "recording", type=newest, metavar="RECORDING", help="the .mcap file of a recording, or a folder: its newest"
+    )
     parser.add_argument(
         "signals",
         nargs="*",

@@ -44,6 +44,11 @@ def heads(paths: Iterable[str | Path]) -> list[Path]:
     ]
 
 
+def newest(path: str | Path) -> Path:
+    """Return the newest recording of a folder. A path that is not a folder with recordings is returned unchanged."""
+    return max(heads(Path(path).glob("*.mcap")), key=lambda file: file.stat().st_mtime_ns, default=Path(path))
+
+
 def readers_of(path: Path, read: Callable[[Path], Reader]) -> tuple[list[Reader], dict[str, Any]]:
     """Return the readers of a file and of the parts that continue it, and the metadata of the first one.
 

@@ -1,10 +1,13 @@
 """Several recordings as one table, and gait analysis stride by stride."""
 
+import os
+
 import numpy as np
 import pytest
 
 import runtime
 from runtime.base.errors import BadInput
+from runtime.recording.parts import newest
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
 from tests.shared import shared
 
@@ -45,6 +48,15 @@ def test_nested_folders_form_one_table_with_distinct_names(folder):
     trials = runtime.load(folder / "**" / "*.mcap")
     assert trials["trial"].tolist() == ["S01/walk"] * 2 + ["S02/walk"] and trials["a.n"].tolist() == [4, 4, 3]
     assert runtime.load(folder / "S0[12]" / "*.mcap")["subject"].tolist() == ["S01", "S01", "S02"]
+
+
+def test_a_folder_stands_for_its_newest_recording_with_all_parts(folder, tmp_path, command_line):
+    assert runtime.load(folder / "S01").path == folder / "S01" / "walk.mcap"
+    assert command_line("plot", folder / "S02", "-o", "walk.svg")[0] == 0
+    for age, name in enumerate(("new_part2.mcap", "new.mcap", "old.mcap")):
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, (1000 - age, 1000 - age))
+    assert newest(tmp_path).name == "new.mcap"
 
 
 def test_a_field_named_like_a_standard_column_is_prefixed(folder):
