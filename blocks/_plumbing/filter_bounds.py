@@ -23,6 +23,7 @@ from graph.interval import EVERYTHING, Interval
 EPSILON = 2.0**-52
 TINY = 1e-290  # absorbs underflow
 HUGE = 1e307  # above which an intermediate result may overflow
+ZERO = Interval.point(0.0)
 
 
 def with_zero(interval: Interval) -> Interval:
@@ -62,6 +63,7 @@ class Reach:
         union, inputs = None, [with_zero(u) for u in inputs]
         if not sum(size * max(-u.low, u.high) for size, u in zip(self.largest, inputs)) < HUGE:
             return EVERYTHING
+        underflow = TINY * any(u != ZERO for u in inputs)  # of products with inputs that are denormal numbers
         for row in range(len(self.positive)):
             low, high = self.free[row]
             for column, u in enumerate(inputs):
@@ -69,7 +71,7 @@ class Reach:
                 slack = self.slack[row, column] * max(-u.low, u.high)
                 low += p * u.low - n * u.high - slack
                 high += p * u.high - n * u.low + slack
-            rounding = 8.0 * EPSILON * max(-low, high)  # of the sums in this method
+            rounding = 8.0 * EPSILON * max(-low, high) + underflow  # of the sums in this method
             one = Interval(float(low - rounding), float(high + rounding))
             union = one if union is None else union | one
         return union

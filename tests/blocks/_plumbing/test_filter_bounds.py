@@ -155,6 +155,14 @@ def test_an_input_without_bound_has_an_output_without_bound():
     assert block.output_range(u=Interval(0.0, 0.0)).high < 1e-280
 
 
+def test_a_denormal_input_stays_in_range_although_products_with_it_are_rounded_up():
+    u = 3.0 * 5e-324
+    block = made(lambda: Butterworth(4, 16.0))
+    y = play(lambda: Butterworth(4, 16.0), RATE / 2, u=np.full(24, u))["y"]
+    block.dt = 2.0 / RATE
+    assert 1.5 * u < y.max() <= block.output_range(Interval(0.0, u)).high < 1e-200
+
+
 def test_slack_grows_with_rounding_memory_and_stays_small():
     slacks = [float(reach(butterworth(2, cutoff, "lowpass", 1e-3)).slack[0, 0]) for cutoff in (100.0, 10.0, 1.0, 0.1)]
     assert slacks == sorted(slacks) and slacks[0] < 1e-12 and slacks[-1] < 1e-6
