@@ -164,6 +164,25 @@ class TorqueBound:
     figures: tuple = ()
 
 
+@dataclass(frozen=True)
+class Winding:
+    """Currents of an actuator, as amplitudes in a phase of its motor, and its supply.
+
+    limit : torque limit at the joint, N·m; None if its command does not bound the torque
+    current : at most, A; None if unknown
+    rated : rated torque at the joint, N·m; None if not published
+    rated_current, peak_current : of the motor, A; None if not published
+    supply : (lowest, highest) permitted voltage, V; () if not published
+    """
+
+    limit: float | None
+    current: float | None
+    rated: float | None
+    rated_current: float | None
+    peak_current: float | None
+    supply: tuple[float, ...] = ()
+
+
 class Device(Block):
     """A block on a bus: outputs hold the newest sample at the start of a tick, inputs are sent at its end.
 
@@ -326,6 +345,10 @@ class Actuator(Device):
         commands : {input: Interval}; period : s between two command frames
         """
         return TorqueBound("proved")
+
+    def winding(self) -> Winding | None:
+        """Return the Winding of its motor, or None if its currents are unknown."""
+        return None
 
     def fault_in_words(self, code: int) -> str:
         """Return the text of a code of its output `fault`."""

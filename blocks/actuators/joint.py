@@ -9,7 +9,7 @@ from typing import Any
 
 from blocks.actuators import law_figures
 from cext.safety.thresholds import SCALE_TOLERANCE, SCALE_TOLERANCE_WIRE_TORQUE, TORQUE_ACCURACY
-from graph import Input, Interval, Memory, Motion, Output, Param, TorqueBound, Watch, Zeroing
+from graph import Input, Interval, Memory, Motion, Output, Param, TorqueBound, Watch, Winding, Zeroing
 from graph.reach import Reach
 
 RANGES = ("position", "velocity", "stiffness", "damping", "torque")
@@ -338,6 +338,10 @@ class Joint:
         """Return the rated torque at the joint, N·m; the given limit where no rating is published."""
         return self.torque_limit if self.spec.rated is None else self.spec.rated * self.gear_ratio
 
+    def winding(self) -> Winding:
+        """Return the currents of the motor at the torque limit."""
+        return winding_of(self.spec, self.gear_ratio, self.torque_limit)
+
     def find_limit(self) -> float:
         """Return the torque limit, N·m at the joint: rated, peak or a number, within the encoded range."""
         spec, ratio = self.spec, self.gear_ratio
@@ -433,6 +437,25 @@ class Joint:
             "age": Interval(0.0),
             "rms_torque": Interval(0.0),
         }
+
+
+def winding_of(spec: Any, gear_ratio: float, limit: float | None) -> Winding:
+    """Return the Winding of a model.
+
+    gear_ratio : of the gear behind it; limit : N·m at the joint, None if the command does not bound the torque
+
+    The current per torque is the largest of the published ratios, at the rated and at the peak torque: the torque of a
+    motor that saturates rises less than its current.
+    """
+    points = ((spec.rated, spec.rated_current), (spec.peak, spec.peak_current))
+    ratios = [current / torque for torque, current in points if torque and current]
+    if not ratios and spec.torque_constant:
+        ratios = [1.0 / spec.torque_constant]
+    current = spec.peak_current
+    if limit is not None:
+        current = max(ratios) * limit / gear_ratio if ratios else None
+    rated = None if spec.rated is None else spec.rated * gear_ratio
+    return Winding(limit, current, rated, spec.rated_current, spec.peak_current, getattr(spec, "supply", ()))
 
 
 def pose_of(pose: Sequence[float], shift: float) -> tuple[float, ...]:

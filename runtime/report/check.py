@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from graph.drawing.cards import unit_text
 from runtime.console.styles import count
+from runtime.report.battery import battery_lines
 from runtime.report.preflight import covered
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ def text(report: Mapping[str, Any], console: Console) -> list[str]:
     if not report["errors"]:
         for section in (_ports, _schedule, holds, _proofs, _buses):
             lines += section(report, console)
+        lines += battery_lines(report["battery"], console)
     for problem in report["errors"]:
         lines += diagnostic_lines(problem, console, console.error, "error")
     for problem in report["warnings"]:

@@ -45,6 +45,7 @@ CODES = {
     "TW134": "another chip at this address",
     "TW135": "address used by a kernel driver",
     "TW136": "joint without a range",
+    "TW137": "battery that does not fit",
 }
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from graph.names import suggestion
+from runtime.rig.battery import Battery, parse_battery
 from runtime.rig.bus import BITRATE_MAXIMUM, RigBus
 from runtime.rig.errors import RigError, RigProblem
 from runtime.rig.udp import EXAMPLE, UDP, Endpoint
@@ -43,17 +44,23 @@ KEYS = {  # of a bus: type, example, whether it is required
     "options": (dict, "{ ttyBaudrate = 1_000_000 }", False),
 }
 OWN = ("interface", "channel", "bitrate", "fd")  # not allowed in `options`
+TABLES = ("bus", "device", "battery")
 WORDS = {str: "text", int: "a whole number of bit/s", bool: "true or false", dict: "a table"}
 
 
 @dataclass(frozen=True)
 class RigFile:
-    """Rig file. buses : RigBus by logical name; devices : {path: {parameter: value}}; text : unchanged file content"""
+    """Rig file.
+
+    buses : RigBus by logical name; devices : {path: {parameter: value}}; text : unchanged file content
+    battery : Battery, or None if the file has none
+    """
 
     path: Path
     text: str
     buses: dict[str, RigBus]
     devices: dict[str, dict[str, Any]]
+    battery: Battery | None = None
 
 
 def read(path: str | Path) -> RigFile:
@@ -71,20 +78,21 @@ def parse(path: str | Path, text: str) -> RigFile:
     except RecursionError:
         problem = RigProblem("TW101", "invalid TOML: too many nested brackets", "remove brackets")
         raise RigError(path, [problem]) from None
-    hint = 'write [bus.NAME] or [device."PATH"]'
+    hint = 'write [bus.NAME], [device."PATH"] or [battery]'
     problems = [
         RigProblem(
-            "TW102", f"[{key}]: unknown table: a rig has [bus] and [device]", suggestion(key, ("bus", "device")) or hint
+            "TW102", f"[{key}]: unknown table: a rig has [bus], [device] and [battery]", suggestion(key, TABLES) or hint
         )
         for key in content
-        if key not in ("bus", "device")
+        if key not in TABLES
     ]
     buses = {name: _bus(name, table, problems) for name, table in _tables(content, "bus", "NAME", problems)}
     devices = dict(_tables(content, "device", '"PATH"', problems))
+    battery = _battery(content["battery"], problems) if "battery" in content else None
     problems += _shared_channels([bus for bus in buses.values() if bus is not None])
     if problems:
         raise RigError(path, problems)
-    return RigFile(Path(path), text, {name: bus for name, bus in buses.items() if bus is not None}, devices)
+    return RigFile(Path(path), text, {name: bus for name, bus in buses.items() if bus is not None}, devices, battery)
 
 
 def text_of(path: Path) -> str:
@@ -115,6 +123,17 @@ def _tables(content, kind, name, problems):
         if not isinstance(value, dict)
     ]
     return [(key, value) for key, value in entries.items() if isinstance(value, dict)]
+
+
+def _battery(table, problems):
+    """Return the Battery of a table; None if it is invalid, with the problems added to `problems`."""
+
+    def report(message, hint):
+        problems.append(RigProblem("TW102", f"[battery] {message}", hint))
+
+    if isinstance(table, dict):
+        return parse_battery(table, report)
+    report(f"= {table!r}: expected a table", "write [battery], followed by its keys")
 
 
 def _bus(name, table, problems):

@@ -25,7 +25,8 @@ from runtime.diagrams.recorded_signals import select_recorded
 from runtime.diagrams.simulation import Simulation
 from runtime.report.check import text
 from runtime.report.failure_coverage import coverage
-from runtime.rig import read, require_ranges
+from runtime.rig import read, require_ranges, require_supply
+from runtime.session import battery
 from runtime.session.preflight import stop_of
 
 if TYPE_CHECKING:
@@ -69,6 +70,13 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
     coverage               for each failure of a run on a rig: failure,
                            covered, by (what stops the drives, or the drives
                            that nothing stops)
+  battery                  null without a rig that has one: its keys there, energy
+                           (W·h), peak (A, at most), least_time (h), drives,
+                           simulated (null without a plant)
+    drives                 actuator, limit, rated (N·m), current,
+                           rated_current, peak_current (amplitudes in the
+                           motor, A), supply (V), supply_current (A, at most)
+    simulated              seconds, mean mechanical, heat, power (W), time (h)
   plant                    given (true: defined in the file), blocks, rate;
                            null without devices
   errors, warnings         code, title, path, port, at (file:line), message,
@@ -100,14 +108,20 @@ def check(
         return refused(path, error.diagnostics)
     if rig_file is not None:
         require_ranges(rig_file, diagram)
+        require_supply(rig_file.battery, diagram, rig_file.path)
     if rate is not None:
         diagram.rate = rate
     analysis = blamed(path, examine, diagram)
-    errors, plant = list(analysis.errors), None
+    errors, plant, budget, overloads = list(analysis.errors), None, None, []
     schedule = None if errors else select_recorded(blamed(path, assemble, analysis))
     if schedule is not None:
         try:
-            plant = _describe_plant(Simulation(file, diagram, schedule))
+            simulation = Simulation(file, diagram, schedule)
+            plant = _describe_plant(simulation)
+            if rig_file is not None and rig_file.battery is not None:
+                drives = battery.loads(diagram, analysis)
+                budget = battery.budget(rig_file.battery, drives, schedule, simulation)
+                overloads = battery.warnings(rig_file.battery, drives)
         except DiagramError as error:
             errors += error.diagnostics
         except BadInput as error:
@@ -127,9 +141,10 @@ def check(
             _describe_torque(path, torque) for path, torque in analysis.torque_bounds.items() if torque is not None
         ],
         "buses": buses(diagram, schedule),
+        "battery": budget,
         "plant": plant,
         "errors": [_describe(d) for d in errors],
-        "warnings": [_describe(d) for d in analysis.diagnostics if d.severity == "warning"],
+        "warnings": [_describe(d) for d in analysis.diagnostics if d.severity == "warning"] + overloads,
     }
 
 
@@ -142,6 +157,7 @@ def refused(path: Path, diagnostics: Iterable[Diagnostic]) -> dict[str, Any]:
         "rate": None,
         "ok": False,
         "schedule": None,
+        "battery": None,
         "plant": None,
         "errors": [_describe(d) for d in diagnostics],
     }

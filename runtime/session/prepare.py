@@ -14,7 +14,7 @@ from runtime.diagrams.file import compiled, load
 from runtime.diagrams.overrides import set_seeds
 from runtime.diagrams.simulation import Simulation
 from runtime.recorder import can_ask
-from runtime.rig import RigBuses, read, require_ranges
+from runtime.rig import RigBuses, read, require_ranges, require_supply
 from runtime.rig.poses import Poses
 from runtime.session.replay_feed import Feed
 from runtime.session.request import Request
@@ -76,6 +76,7 @@ def prepare(request: Request) -> Prepared:
     file, diagram = load(request.file, request.settings, rig)
     if rig is not None and not request.bench:
         require_ranges(rig, diagram)
+        require_supply(rig.battery, diagram, rig.path)
     adapt(diagram, request)
     ticks = ticks_of(request, diagram)
     schedule = compiled(request.file, diagram)

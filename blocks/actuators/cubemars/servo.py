@@ -8,10 +8,10 @@ from typing import Any
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo
 from blocks.actuators.cubemars.v3 import CubeMarsV3, ExtendedFrames, Reporting
-from blocks.actuators.joint import Joint, motion_of
+from blocks.actuators.joint import Joint, motion_of, winding_of
 from cext.kernels.devices.cubemars import servo as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE, STOP_DAMP_ROUND
-from graph import Actuator, DampedStop, Input, Interval, Memory, Motion, Output, Param, TorqueBound
+from graph import Actuator, DampedStop, Input, Interval, Memory, Motion, Output, Param, TorqueBound, Winding
 
 KINDS = {
     "duty": frames.DUTY,
@@ -251,6 +251,10 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         return {"duty": "its duty_limit", "velocity": "its velocity_limit"}.get(
             self.mode, f"feedback range of {self.spec.name}"
         )
+
+    def winding(self) -> Winding:
+        """Return the currents of the motor, at the torque limit if the mode is a current mode."""
+        return winding_of(self.spec, self.gear_ratio, self.torque_limit if self.mode in CURRENTS else None)
 
     def torque_bound(self, commands: dict[str, Interval], period: float) -> TorqueBound:
         if self.mode in CURRENTS:

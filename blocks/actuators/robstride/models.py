@@ -26,7 +26,7 @@ TEMPERATURE = Interval(-32768 * 0.1, 32767 * 0.1)  # °C, range of the feedback,
 class Model:
     """rated, peak, wire torque in N·m, wire velocity in rad/s, wire stiffness in N·m/rad, wire damping in N·m·s/rad;
     currents in A, the amplitude (the manual's A pk); the constant in N·m per A RMS; speed without load in revolutions a
-    minute; gear is the reduction; too hot in °C.
+    minute; gear is the reduction; too hot in °C; supply is the manual's operating voltage, V.
     """
 
     name: str
@@ -42,6 +42,7 @@ class Model:
     peak_current: float
     no_load: float
     too_hot: float
+    supply: tuple[float, float]
     wire_position: float = 12.57  # rad
     own_timeout: bool = True  # whether the drive can stop itself when it receives nothing
 
@@ -69,15 +70,15 @@ class Model:
 MODELS = {
     model.name: model
     for model in (
-        #     name   rated  peak  wire torque  velocity  stiffness  damping  gear  constant  currents  rpm  too hot
-        Model("RS00", 5.0, 14.0, 14.0, 33.0, 500.0, 5.0, 10.0, 1.48, 4.7, 15.5, 315.0, 145.0),
-        Model("RS01", 6.0, 17.0, 17.0, 44.0, 500.0, 5.0, 7.75, 1.22, 7.0, 23.0, 315.0, 145.0),
-        Model("RS02", 6.0, 17.0, 17.0, 44.0, 500.0, 5.0, 7.75, 1.22, 7.0, 23.0, 410.0, 135.0),
-        Model("RS03", 20.0, 60.0, 60.0, 20.0, 5000.0, 100.0, 9.0, 2.36, 13.0, 43.0, 200.0, 145.0),
-        Model("RS04", 40.0, 120.0, 120.0, 15.0, 5000.0, 100.0, 9.0, 2.1, 27.0, 90.0, 200.0, 145.0),
-        Model("RS05", 1.6, 5.5, 5.5, 50.0, 500.0, 5.0, 7.75, 0.94, 2.4, 11.0, 480.0, 135.0),
-        Model("RS06", 11.0, 36.0, 36.0, 50.0, 5000.0, 100.0, 9.0, 1.09, 14.3, 57.0, 480.0, 145.0),
-        Model("EL05", 1.8, 6.0, 6.0, 50.0, 500.0, 5.0, 9.0, 0.94, 2.6, 11.0, 430.0, 135.0),
+        #     name   rated  peak  wire torque  velocity  stiffness  damping  gear  constant  currents  rpm  too hot  V
+        Model("RS00", 5.0, 14.0, 14.0, 33.0, 500.0, 5.0, 10.0, 1.48, 4.7, 15.5, 315.0, 145.0, (24, 60)),
+        Model("RS01", 6.0, 17.0, 17.0, 44.0, 500.0, 5.0, 7.75, 1.22, 7.0, 23.0, 315.0, 145.0, (24, 50)),
+        Model("RS02", 6.0, 17.0, 17.0, 44.0, 500.0, 5.0, 7.75, 1.22, 7.0, 23.0, 410.0, 135.0, (24, 60)),
+        Model("RS03", 20.0, 60.0, 60.0, 20.0, 5000.0, 100.0, 9.0, 2.36, 13.0, 43.0, 200.0, 145.0, (24, 60)),
+        Model("RS04", 40.0, 120.0, 120.0, 15.0, 5000.0, 100.0, 9.0, 2.1, 27.0, 90.0, 200.0, 145.0, (24, 60)),
+        Model("RS05", 1.6, 5.5, 5.5, 50.0, 500.0, 5.0, 7.75, 0.94, 2.4, 11.0, 480.0, 135.0, (15, 60)),
+        Model("RS06", 11.0, 36.0, 36.0, 50.0, 5000.0, 100.0, 9.0, 1.09, 14.3, 57.0, 480.0, 145.0, (15, 60)),
+        Model("EL05", 1.8, 6.0, 6.0, 50.0, 500.0, 5.0, 9.0, 0.94, 2.6, 11.0, 430.0, 135.0, (15, 60)),
         Model(
             "CyberGear",
             4.0,
@@ -92,6 +93,7 @@ MODELS = {
             23.0,
             296.0,
             80.0,
+            (16, 28),
             wire_position=12.5,
             own_timeout=False,
         ),

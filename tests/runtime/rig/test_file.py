@@ -63,11 +63,15 @@ def test_a_rig_may_be_empty_and_may_have_windows_line_ends(written):
 @pytest.mark.parametrize(
     "text, message, hint",
     [
-        ('[buss.legs]\nchannel = "can0"', "[buss]: unknown table: a rig has [bus] and [device]", "did you mean 'bus'?"),
+        (
+            '[buss.legs]\nchannel = "can0"',
+            "[buss]: unknown table: a rig has [bus], [device] and [battery]",
+            "did you mean 'bus'?",
+        ),
         (
             '[motors."left/knee"]',
-            "[motors]: unknown table: a rig has [bus] and [device]",
-            'write [bus.NAME] or [device."PATH"]',
+            "[motors]: unknown table: a rig has [bus], [device] and [battery]",
+            'write [bus.NAME], [device."PATH"] or [battery]',
         ),
         ('bus = "can0"', "bus = 'can0': expected a table", "write [bus.NAME]"),
         (
@@ -159,7 +163,7 @@ def test_two_buses_cannot_share_an_interface(written):
 def test_all_mistakes_are_reported_together(written):
     text = '[bus.legs]\ninterface = "socketcan"\nbitrate = 1\n[bus.arms]\nchanel = "can1"\n[moter."left/knee"]\n'
     assert [message for _, message, _ in troubles(written(text))] == [
-        "[moter]: unknown table: a rig has [bus] and [device]",
+        "[moter]: unknown table: a rig has [bus], [device] and [battery]",
         "[bus.legs] channel is missing",
         "[bus.arms] chanel: unknown key",
         "[bus.arms] interface is missing",

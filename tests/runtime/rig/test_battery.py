@@ -1,0 +1,125 @@
+"""[battery] of a rig: its keys, the currents of the drives, and what does not fit."""
+
+import math
+
+import pytest
+
+from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride
+from blocks.families import families
+from graph import Diagram, DiagramError
+from runtime.rig import RigError, require_supply
+from runtime.rig.battery import Battery, continuous_current, overloads, peak_current, supply_current, windings
+from runtime.rig.file import parse
+
+TABLE = "[battery]\nvoltage = 24.0\ncapacity = 4\n"
+
+
+def robot(actuator, *arguments, **keywords):
+    with Diagram("robot", rate=200) as diagram:
+        actuator(*arguments, name="knee", **keywords)
+    return diagram
+
+
+def test_battery_is_read_with_its_defaults():
+    battery = parse("lab.toml", TABLE + "max_current = 40\nfuse = 20.0\nload = 15.0\n").battery
+    assert battery == Battery(24.0, 4, 24.0, 40, 20.0, 15.0)
+    assert battery.energy == 96.0 and battery.load_current == 0.625
+    assert parse("lab.toml", TABLE).battery == Battery(24.0, 4, 24.0)
+    assert parse("lab.toml", "").battery is None
+
+
+@pytest.mark.parametrize(
+    "text, message, hint",
+    [
+        ("[battery]\nvoltage = 24.0", "[battery] capacity is missing", "write capacity = 24.0, its capacity in A·h"),
+        (TABLE + 'fuse = "20 A"', "[battery] fuse = '20 A': expected a number above 0, in A", "write the fuse of each"),
+        (
+            TABLE + "load = true",
+            "[battery] load = True: expected a number above 0, in W",
+            "write the computer, sensors",
+        ),
+        (TABLE + "fuse = -1", "[battery] fuse = -1: expected a number above 0, in A", "write the fuse"),
+        (TABLE + "fuze = 20.0", "[battery] fuze: unknown key", "did you mean 'fuse'?"),
+        (TABLE + "full_voltage = 20", "[battery] full_voltage is below voltage", "write the voltage of the fully"),
+        ("battery = 24.0", "[battery] = 24.0: expected a table", "write [battery], followed by its keys"),
+    ],
+)
+def test_wrong_battery_is_an_error(text, message, hint):
+    with pytest.raises(RigError) as caught:
+        parse("lab.toml", text)
+    [problem] = caught.value.problems
+    assert problem.code == "TW102" and problem.message == message and problem.hint.startswith(hint)
+
+
+def test_current_at_the_rated_torque_is_at_least_the_rated_current_of_every_model():
+    tried = set()
+    for drive in (drive for family in families() for drive in family.drives):
+        for model in (model for family in families() for table in family.tables for model in table.models.values()):
+            try:
+                diagram = robot(drive.block, model.name)
+            except DiagramError:  # a model of another block, or without a rating
+                continue
+            winding = windings(diagram)["knee"]
+            assert winding.rated == model.rated and winding.current >= 0.999 * model.rated_current
+            tried.add(model.name)
+    assert len(tried) == 29  # of 30: the rated torque of an AK80-8 V3.0 is not published
+
+
+def test_currents_of_an_ak10_9():
+    # 48 N·m at 29.8 A RMS of the product page is the larger of its two ratios
+    winding = windings(robot(CubeMars, "AK10-9-V2.0", limit=12.0))["knee"]
+    assert winding.current == pytest.approx(12.0 / 48.0 * 29.8 * math.sqrt(2.0))
+    assert supply_current(winding) == pytest.approx(math.sqrt(3.0) / 2.0 * winding.current)
+    assert continuous_current(winding) == supply_current(winding)
+    peak = windings(robot(CubeMars, "AK10-9-V2.0", limit="peak"))["knee"]
+    assert continuous_current(peak) == pytest.approx(supply_current(peak) * 18.0 / 48.0)
+
+
+def test_gear_behind_the_motor_changes_torque_and_not_current():
+    direct = windings(robot(CubeMars, "AK80-9"))["knee"]
+    geared = windings(robot(CubeMars, "AK80-9", gear_ratio=2.0))["knee"]
+    assert geared.limit == 2.0 * direct.limit and geared.current == pytest.approx(direct.current)
+
+
+def test_proved_torque_below_the_limit_lowers_the_current():
+    diagram = robot(CubeMars, "AK80-9")
+    half = windings(diagram, {"knee": 4.5})["knee"]
+    assert half.limit == 4.5 and half.current == pytest.approx(0.5 * windings(diagram)["knee"].current)
+    assert windings(diagram, {"knee": 90.0}) == windings(diagram)
+
+
+def test_servo_mode_without_a_bound_of_torque_has_the_peak_current():
+    winding = windings(robot(CubeMarsServo, "AK80-9", mode="velocity"))["knee"]
+    assert winding.limit is None and winding.current == pytest.approx(math.sqrt(2.0) * 22.3)
+
+
+def test_model_without_ratings_has_the_current_of_its_torque_constant():
+    winding = windings(robot(CubeMarsV3, "AK80-8-V3.0", limit=10.0))["knee"]
+    assert winding.rated is None and winding.current == pytest.approx(10.0 / 1.0569)
+
+
+def test_fuse_and_battery_that_are_too_small_are_reported():
+    drives = windings(robot(CubeMars, "AK10-9-V2.0", limit="peak"))
+    current = supply_current(drives["knee"])
+    generous = Battery(24.0, 4.0, 24.0, max_current=current + 1.1, fuse=current + 0.1, load=24.0)
+    assert list(overloads(generous, drives)) == []
+    assert peak_current(generous, drives) == pytest.approx(current + 1.0)
+    problems = list(overloads(Battery(24.0, 4.0, 24.0, max_current=30.0, fuse=20.0), drives))
+    assert [problem.code for problem in problems] == ["TW137", "TW137"]
+    assert problems[0].message == "knee takes up to 36.5 A at its limit, and its fuse is rated 20 A"
+    assert problems[1].message == "the drives and the load take up to 36.5 A, and the battery delivers 30 A"
+
+
+def test_supply_below_the_range_of_a_drive_is_reported():
+    [problem] = overloads(Battery(22.2, 4.0, 25.2), windings(robot(RobStride, "RS03")))
+    assert problem.message == "[battery] of 22.2 V is below the supply range of knee, 24 to 60 V"
+
+
+@pytest.mark.parametrize("full, fits", [("28.0", True), ("29.4", False)])
+def test_battery_that_would_damage_a_drive_is_rejected(full, fits):
+    rig = parse("lab.toml", TABLE + f"full_voltage = {full}\n")
+    diagram = robot(RobStride, "CyberGear")
+    if fits:
+        return require_supply(rig.battery, diagram, rig.path)
+    with pytest.raises(RigError, match=r"TW137 .*: \[battery\] of up to 29.4 V exceeds the supply range of knee, 16"):
+        require_supply(rig.battery, diagram, rig.path)

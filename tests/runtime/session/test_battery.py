@@ -1,0 +1,83 @@
+"""Battery budget of `check --rig`: the same numbers as from a recorded run of the robot."""
+
+import numpy as np
+import pytest
+
+import runtime
+from runtime.console.styles import Console
+from runtime.report.battery import duration
+from runtime.report.check import text
+from runtime.session.battery import SETTLING_TIME, SIMULATED_TIME
+from runtime.session.check import check
+from tests.runtime.runs import KNEE_EXO, knee
+
+RIG = """
+[bus.legs]
+interface = "socketcan"
+channel = "can0"
+
+[device."left/knee"]
+range = [-0.1, 2.0]
+
+[device."right/knee"]
+range = [-0.1, 2.0]
+
+[battery]
+voltage = 24.0
+capacity = 4.0
+fuse = 8.0
+load = 10.0
+"""
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    path = tmp_path_factory.mktemp("rig") / "lab.toml"
+    path.write_text(RIG)
+    return check(KNEE_EXO, rig=path)
+
+
+def test_power_of_the_simulated_use_is_that_of_a_recorded_run(report):
+    trial = runtime.run(KNEE_EXO, duration=SETTLING_TIME + SIMULATED_TIME)
+    first = round(SETTLING_TIME * 200)
+    power = [trial[f"{side}/knee.torque"] * trial[f"{side}/knee.velocity"] for side in ("left", "right")]
+    used = report["battery"]["simulated"]
+    assert used["mechanical"] == pytest.approx(sum(np.mean(np.maximum(each[first:], 0.0)) for each in power))
+    assert used["mechanical"] > 1.0 and used["heat"] > 0.1
+    assert used["power"] == pytest.approx(used["mechanical"] + used["heat"] + 10.0)
+    assert used["time"] == pytest.approx(96.0 / used["power"])
+
+
+def test_currents_are_those_of_the_proved_torque(report):
+    budget = report["battery"]
+    assert [drive["limit"] for drive in budget["drives"]] == [12.0, 12.0]
+    current = sum(drive["supply_current"] for drive in budget["drives"]) + 10.0 / 24.0
+    assert budget["peak"] == pytest.approx(current) and budget["least_time"] == pytest.approx(4.0 / current)
+
+
+def test_fuse_that_is_too_small_is_a_warning(report):
+    assert report["ok"] and [problem["code"] for problem in report["warnings"]] == ["TW137", "TW137"]
+
+
+def test_section_has_currents_and_times(report):
+    lines = text(report, Console(width=200))
+    begin = next(number for number, line in enumerate(lines) if line.startswith("battery"))
+    assert lines[begin] == "battery  24 V, 4 A·h, 96 W·h, 8 A fuse for each drive"
+    assert lines[begin + 1].startswith("  left/knee   at most 9.12 A from the battery, 10.5 A in the motor at 12 N·m (")
+    assert lines[begin + 3] == "  peak       at most 18.7 A with every drive at its limit"
+    assert "A charge lasts 4.6 h" in lines[begin + 4] and lines[begin + 5].startswith("  at least   13 min")
+    assert [duration(hours) for hours in (0.2, 1.4, 1.5)] == ["12 min", "84 min", "1.5 h"]
+
+
+def test_robot_without_a_plant_has_no_simulated_use(tmp_path):
+    path = knee(tmp_path)
+    (tmp_path / "lab.toml").write_text(
+        '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n[device.knee]\nrange = [-1.0, 2.0]\n'
+        "[battery]\nvoltage = 24.0\ncapacity = 4.0\n"
+    )
+    budget = check(path, rig=tmp_path / "lab.toml")["battery"]
+    assert budget["simulated"] is None and budget["least_time"] > 0.0
+
+
+def test_without_a_battery_there_is_no_budget():
+    assert check(KNEE_EXO)["battery"] is None
