@@ -25,7 +25,7 @@ from blocks.wearer.stride import (
 )
 
 # Shares of the variance between adults: constant over the stride, and harmonics 1 to 3. As the mean of the curves of
-# four adults about the average, see docs/wearer.md.
+# four adults about the average, see docs/explanation/wearer.md.
 OFFSET_SHARE, HARMONIC_SHARES = 0.5, (0.3, 0.15, 0.05)
 WEIGHTS = 1 + 2 * len(HARMONIC_SHARES)  # of a curve
 CURVES = 6  # angles of hip, knee and ankle, vertical and forward force, centre of pressure

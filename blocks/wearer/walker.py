@@ -55,8 +55,8 @@ class Walker(Block):
 
     A recording has the columns time, hip_flexion_lt_deg, knee_flexion_lt_deg, ankle_dorsiflexion_lt_deg and those of
     the right leg (`rt`), or OpenSim's hip_flexion_l, knee_angle_l and ankle_angle_l in degrees. It repeats. Contacts,
-    ground forces, torques and the pitch of the pelvis are played where it has them (docs/wearer.md names the columns);
-    else they follow from the angles and from the average adult at the same phase.
+    ground forces, torques and the pitch of the pelvis are played where it has them (docs/explanation/wearer.md names
+    the columns); else they follow from the angles and from the average adult at the same phase.
 
     Limits: the pelvis follows the reference and does not deviate; its pitch is constant. Step length and cadence do not
     adapt to the robot. Both legs have the same mean motion. Stumbling, turning and slopes are not modelled. The

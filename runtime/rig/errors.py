@@ -1,4 +1,4 @@
-"""Error codes of rigs. docs/rigs.md explains each of them."""
+"""Error codes of rigs. docs/reference/rigs.md explains each of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of docs/trained_networks.md: errors of the trained networks, and their inference time.
+"""Tables of docs/explanation/trained_networks.md: errors of the trained networks, and their inference time.
 
 `python -m tests.diagrams.measure_networks` prints them. The recordings need the shared folder of measured data.
 """

@@ -11,7 +11,7 @@ from runtime.session.simulate import simulate
 from tests.diagrams.networks import NAMES, Network, phase_error
 
 SEEDS = range(6)  # not of the training
-# Of docs/trained_networks.md on 60 seeds, with a margin for the choice of these.
+# Of docs/explanation/trained_networks.md on 60 seeds, with a margin for the choice of these.
 LARGEST_ERRORS = {"phase_sin": 0.14, "phase_cos": 0.13, "hip_torque": 0.19, "knee_torque": 0.10, "ankle_torque": 0.11}
 ROUNDING = 2e-6  # of results between -3 and 3, sums of 48 products in single precision in another order
 

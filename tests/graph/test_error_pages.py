@@ -1,4 +1,4 @@
-"""docs/errors.md: every code of the compiler has an example that provokes it, and each is compiled here."""
+"""docs/reference/errors.md: every code of the compiler has an example that provokes it, and each is compiled here."""
 
 import re
 import textwrap
@@ -9,7 +9,7 @@ import pytest
 from graph import Diagram, DiagramError, compile, jit
 from graph.diagnostics import CODES
 
-PAGE = (Path(__file__).parents[2] / "docs" / "errors.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "errors.md").read_text()
 PRELUDE = re.search(r"```python\n(from .*?)\n\nwith Diagram", PAGE, re.S)[1]
 EXAMPLES = dict(re.findall(r"^## (TW\d{3})[^\n]*\n\n```python\n(.*?)```", PAGE, re.S | re.M))
 

@@ -86,7 +86,7 @@ def test_the_stall_torque_of_a_knee_is_bounded_by_the_limit_and_the_acceleration
 
 
 def test_documented_rates_follow_from_the_frame_bits():
-    page = (Path(__file__).parents[3] / "docs" / "actuators.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "reference" / "actuators.md").read_text()
     knee = Law(12.0, 500.0, 0.005, Interval.point(30.0), Interval.point(1.0))
     assert f"{law().usable_damping:.1f} N·m·s/rad for 9 N·m, 500 rad/s² and 200 Hz" in page
     assert f"{knee.smallest_inertia:.3f} kg·m² for K = 30, B = 1, 12 N·m and 200 Hz" in page

@@ -1,4 +1,4 @@
-"""Table of docs/networks.md: time of a step of OnnxModel beside the call of ONNX Runtime's session in Python.
+"""Table of docs/reference/networks.md: time of a step of OnnxModel beside the call of ONNX Runtime's session in Python.
 
 python -m tests.blocks.networks.measure [MODEL.onnx...]
 """

@@ -1,4 +1,4 @@
-"""Tables of docs/wearer.md: the average walking adult.
+"""Tables of docs/explanation/wearer.md: the average walking adult.
 
 `python -m tests.blocks.wearer.measure` prints them. It needs the shared folder of measured data.
 """

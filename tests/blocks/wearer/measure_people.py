@@ -1,7 +1,7 @@
 """Recorded people beside the average adult and beside the adult of the family who is closest to each.
 
-`python -m tests.blocks.wearer.measure_people` prints the tables of docs/wearer.md. It needs the shared folder of
-measured data.
+`python -m tests.blocks.wearer.measure_people` prints the tables of docs/explanation/wearer.md. It needs the shared
+folder of measured data.
 """
 
 import tempfile

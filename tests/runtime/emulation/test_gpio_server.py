@@ -137,7 +137,7 @@ def test_real_chip_and_second_emulator_are_rejected_and_a_missing_one_is_reporte
 
 def test_the_emergency_stop_of_the_page_is_pressed_by_its_program(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    [script] = python_of((ROOT / "docs/rate.md").read_text())
+    [script] = python_of((ROOT / "docs/reference/rate.md").read_text())
     enter = threading.Event()
     names = {"input": lambda text: enter.wait(5.0)}
     program = threading.Thread(target=exec, args=(script.replace("/tmp/chip", "chip"), names))

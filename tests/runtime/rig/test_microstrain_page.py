@@ -1,4 +1,4 @@
-"""What docs/sensors.md shows is what happens."""
+"""What docs/reference/sensors.md shows is what happens."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ from runtime.rig.file import parse
 from runtime.rig.overrides import override
 from tests.runtime.runs import ROOT, finished, write
 
-PAGE = (ROOT / "docs" / "sensors.md").read_text()
+PAGE = (ROOT / "docs" / "reference" / "sensors.md").read_text()
 MICROSTRAIN = PAGE[PAGE.index("## MicroStrain") :].split("\n## ")[0]
 
 

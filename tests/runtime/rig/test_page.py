@@ -1,6 +1,4 @@
-"""docs/rigs.md: its rig fits the knee exoskeleton, and it has every code of this room, each of which some test
-provokes.
-"""
+"""docs/reference/rigs.md: its rig fits the knee exoskeleton, and each of its error codes is provoked by a test."""
 
 import re
 import socket
@@ -13,7 +11,7 @@ from runtime.diagrams.file import load
 from runtime.rig import CODES, override, read
 from tests.runtime.runs import KNEE_EXO, ROOT
 
-PAGE = (ROOT / "docs" / "rigs.md").read_text()
+PAGE = (ROOT / "docs" / "reference" / "rigs.md").read_text()
 
 
 def test_the_rig_of_the_page_fits_the_knee_exoskeleton(tmp_path):

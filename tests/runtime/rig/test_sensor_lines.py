@@ -1,6 +1,4 @@
-"""Sensors with lines of their own on a rig: a real run reads a pseudo-terminal and a socket; and docs/sensors.md is
-correct.
-"""
+"""Sensors with lines of their own on a rig: a run reads a pseudo-terminal and a socket; their page is correct."""
 
 import csv
 import os
@@ -22,7 +20,7 @@ from tests.blocks.sensors.test_insole import free_port
 from tests.blocks.sensors.test_microcontroller import packet
 from tests.runtime.runs import ROOT, finished, write
 
-PAGE = (ROOT / "docs" / "sensors.md").read_text()
+PAGE = (ROOT / "docs" / "reference" / "sensors.md").read_text()
 SECTIONS = {
     section.splitlines()[0]: section
     for section in re.split(r"^## ", PAGE, flags=re.MULTILINE)[1:]
