@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from graph import Diagram
     from runtime.analysis.trial import Trial
     from runtime.analysis.trials import Trials
+    from runtime.session.simulate import SimulatedRun
 else:
 
     def overload(function):
@@ -77,3 +78,28 @@ def run(
     from runtime.session.simulate import simulate
 
     return simulate(diagram, duration, settings=settings, plant=plant, seed=seed, rate=rate)
+
+
+def simulate(
+    diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
+    *,
+    settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
+    plant: Diagram | Callable[..., Diagram] | None = None,
+    seed: int | None = None,
+    rate: float | None = None,
+) -> SimulatedRun:
+    """Prepare a run in virtual time in this process, which the caller advances step by step.
+
+        with runtime.simulate("diagrams/knee_exo.py") as sim:
+            while sim.time < 10.0:
+                sim.step(0.005)                                 # s
+                if sim["left/knee.torque"] > 5.0:
+                    sim["left/profile.scale"] = 0.8             # a live parameter, which ramps
+        sim.trial["left/knee.position"]                         # as of runtime.run
+
+    Arguments, recorded signals and errors as of `run`. Any division into steps gives the signals of one `run`, bit for
+    bit. Returns a runtime.session.simulate.SimulatedRun.
+    """
+    from runtime.session.simulate import SimulatedRun
+
+    return SimulatedRun(diagram, settings=settings, plant=plant, seed=seed, rate=rate)

@@ -78,6 +78,11 @@ cdef class Executor(Waiting):
     """
 
     cdef bint hosted
+    cdef bint collecting             # whether the garbage collector was enabled before `enter`
+    cdef double switching            # s, the switch interval before `enter`
+    cdef int status                  # of the newest tick, or why the run ends
+    cdef bint begun                  # whether `advance` has armed
+    cdef tuple unanswered            # devices that did not reply while arming
 
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, SharedState page=None,
         bint virtual=False,
@@ -122,51 +127,20 @@ cdef class Executor(Waiting):
             False refuses it
         notify : called with "fault", "refused" or "rearm", and the Outcome of the fault or of the unmet condition
         """
-        cdef int status
         cdef int waited = OK
-        cdef tuple unanswered = ()
         cdef bint stopped = False
         faults = []
-        self.hung = 0
         self.answered, self.confirm, self.permitted, self.notify = answered, confirm, permitted, notify
         self.request(rearm or ())
         if not (fade >= 0.0 and arming_timeout >= 0.0 and stopping_timeout >= 0.0):
             raise ValueError("times of a run must be 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (
                 fade, arming_timeout, stopping_timeout))
-        self.body.reset()
-        self.control.devices.fade, self.control.devices.may_return = fade, may_return
-        self.tick = self.previous = -1
-        self.now = self.armed = 0
-        self.halted = False
-        self.pace.sleeps = self.pace.spins = 0
-        self.overrun.reset()
-        self.journal.clear()
-        switching = sys.getswitchinterval()
-        collecting = gc.isenabled()
-        if not self.hosted:
-            sys.setswitchinterval(min(switching, SWITCH))
-            gc.collect()
-            gc.disable()
-        begin_run()
-        self.signals.take()
+        self.reset(fade, may_return)
+        self.enter()
         try:
-            self.watchdog.start()
-            if self.layout != NULL:
-                take_fatal(self.layout)
-            # else a signal that Python has caught would wait for the end of the run
-            PyErr_CheckSignals()
-            with nogil:
-                if not self.virtual:
-                    prctl(PR_SET_TIMERSLACK, 1)
-                self.begin()
-                status = self.arm(arming_timeout)
-            if status == NO_ANSWER:
-                unanswered = tuple(self.control.devices.silent())
-            with nogil:
-                if status == OK and not self.signals.caught[0]:
-                    status = self.loop(ticks, fade)
-                status = self.cause(status)
-            while rearm is not None and self.is_survived(status):
+            self.begin_watch()
+            self.arm_and_loop(ticks, fade, arming_timeout)
+            while rearm is not None and self.is_survived(self.status):
                 with nogil:
                     self.halt(stopping_timeout)
                     while self.control.live.asked(self.layout, REARM, self.tick, NOT_NOW):
@@ -174,35 +148,125 @@ cdef class Executor(Waiting):
                         pass
                     self.control.live.awaited = REARM
                     self.journal.set_state(WAITING)
-                fault = self.outcome(status)
+                fault = self.outcome(self.status)
                 faults.append(fault)
                 self.call_notify("fault", fault)
                 with nogil:
-                    waited = status = self.cause(self.wait(ticks, arming_timeout))
-                    if status == OK:
-                        status = self.cause(self.loop(ticks, fade))
+                    waited = self.status = self.cause(self.wait(ticks, arming_timeout))
+                    if self.status == OK:
+                        self.status = self.cause(self.loop(ticks, fade))
             with nogil:
-                if status == STOP_WANTED:
-                    stopped, status = True, OK
-                self.stop(-1.0 if status == UNGUARDED and self.carried else stopping_timeout)
+                if self.status == STOP_WANTED:
+                    stopped, self.status = True, OK
+                self.stop(-1.0 if self.status == UNGUARDED and self.carried else stopping_timeout)
         finally:
-            self.watchdog.end()
-            give_back_fatal()
-            self.signals.give_back()
-            if not self.hosted:
-                sys.setswitchinterval(switching)
-                if collecting:
-                    gc.enable()
+            self.leave()
+        ended = self.end()
+        if waited == ENDED or waited == STOP_WANTED:                # the fault persisted when the run ended
+            ended = replace(faults.pop(), signal=ended.signal, unconfirmed=ended.unconfirmed)
+        return replace(ended, stopped=stopped, faults=tuple(faults))
+
+    def advance(self, int64_t ticks) -> bool:
+        """Run the next `ticks` grid points in virtual time; the first call, which may be with 0, resets and arms.
+
+        Between the calls, signals, the garbage collector and the arena belong to the caller. `finish` ends the run.
+        Returns whether all ticks were done: not after a fault or a signal. A fault ends the run.
+        """
+        if not self.virtual:
+            raise ValueError("a run in real time cannot be divided into steps")
+        if not self.begun:
+            self.reset(FADE_IN / 1e9, None)
+        elif self.status != OK:
+            return False
+        self.enter()
+        try:
+            self.begin_watch()
+            if not self.begun:
+                self.arm_and_loop(ticks, FADE_IN / 1e9, ARMING_LIMIT / 1e9)
+                self.begun = not self.signals.caught[0] or self.tick >= 0      # else a signal has interrupted arming
+            else:
+                with nogil:
+                    self.status = self.cause(self.loop(self.previous + 1 + ticks, FADE_IN / 1e9))
+        finally:
+            self.leave()
+        return self.status == OK and not self.signals.caught[0]
+
+    def finish(self) -> Outcome:
+        """Perform the safe stop after `advance`. Returns an Outcome."""
+        self.begun = False
+        self.enter()
+        try:
+            with nogil:
+                self.stop(STOP_LIMIT / 1e9)
+        finally:
+            self.leave()
+        return self.end()
+
+    cdef void reset(self, double fade, may_return):
+        """Restore the state before arming."""
+        self.hung = 0
+        self.body.reset()
+        self.control.devices.fade, self.control.devices.may_return = fade, may_return
+        self.tick = self.previous = -1
+        self.now = self.armed = 0
+        self.halted = False
+        self.status = OK
+        self.unanswered = ()
+        self.pace.sleeps = self.pace.spins = 0
+        self.overrun.reset()
+        self.journal.clear()
+
+    cdef void enter(self):
+        """Take the signals, and outside of another program the collector and the switch interval, until `leave`."""
+        self.switching = sys.getswitchinterval()
+        self.collecting = gc.isenabled()
+        if not self.hosted:
+            sys.setswitchinterval(min(self.switching, SWITCH))
+            gc.collect()
+            gc.disable()
+        begin_run()
+        self.signals.take()
+
+    cdef int begin_watch(self) except -1:
+        self.watchdog.start()
+        if self.layout != NULL:
+            take_fatal(self.layout)
+        # else a signal that Python has caught would wait for the end of the run
+        PyErr_CheckSignals()
+        return 0
+
+    cdef void leave(self):
+        self.watchdog.end()
+        give_back_fatal()
+        self.signals.give_back()
+        if not self.hosted:
+            sys.setswitchinterval(self.switching)
+            if self.collecting:
+                gc.enable()
+
+    cdef void arm_and_loop(self, int64_t ticks, double fade, double arming_timeout):
+        """Arm, then run the ticks. Leaves `status`, and the devices that did not reply."""
+        with nogil:
+            if not self.virtual:
+                prctl(PR_SET_TIMERSLACK, 1)
+            self.begin()
+            self.status = self.arm(arming_timeout)
+        if self.status == NO_ANSWER:
+            self.unanswered = tuple(self.control.devices.silent())
+        with nogil:
+            if self.status == OK and not self.signals.caught[0]:
+                self.status = self.loop(ticks, fade)
+            self.status = self.cause(self.status)
+
+    cdef object end(self):
+        """Return the Outcome after the safe stop. Raises the exception of a reader."""
         error = self.journal.error or (self.tape.error if self.tape is not None else None)
         if error is not None:
             raise error
         if self.layout != NULL:
-            store_i32(&self.layout.status, max(status, 0))
+            store_i32(&self.layout.status, max(self.status, 0))
         self.control.live.leave()
-        ended = self.outcome(status if status != ENDED else OK, unanswered)
-        if waited == ENDED or waited == STOP_WANTED:                # the fault persisted when the run ended
-            ended = replace(faults.pop(), signal=ended.signal, unconfirmed=ended.unconfirmed)
-        return replace(ended, stopped=stopped, faults=tuple(faults))
+        return self.outcome(self.status if self.status != ENDED else OK, self.unanswered)
 
     @property
     def watch(self) -> Stopwatch:
@@ -218,6 +282,16 @@ cdef class Executor(Waiting):
     def newest(self) -> list[tuple]:
         """Rows of the newest ticks, as of cext.schedule.publisher.Publisher.newest."""
         return self.journal.newest()
+
+    @property
+    def signal(self) -> int:
+        """Number of the signal that has ended the newest `advance`, 0 for none."""
+        return self.signals.caught[0]
+
+    @property
+    def failed(self) -> bool:
+        """Whether `advance` has ended in a fault."""
+        return self.status != OK
 
     @property
     def rows(self) -> int:
@@ -243,7 +317,7 @@ cdef class Executor(Waiting):
         cdef int64_t now, began
         # acquisitions of the GIL at the last installation of the handlers
         cdef int64_t held = 0
-        cdef int64_t tick = self.armed
+        cdef int64_t tick = self.previous + 1
         cdef int64_t late = 0
         # grid point after the previous tick; a late tick runs at a newer one
         cdef int64_t awaited

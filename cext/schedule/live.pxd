@@ -66,6 +66,6 @@ cdef inline int apply_changes(LiveTable live, SharedLayout *page, int64_t tick, 
     Returns OK, PYTHON_ERROR or STOP_WANTED. With tick -1, while arming, only a stop takes effect; other letters wait
     for tick 0.
     """
-    if page == NULL or live.moving == 0 and tick < live.due and load_u64(&page.mailbox.posted) == live.seen:
+    if live.moving == 0 and tick < live.due and (page == NULL or load_u64(&page.mailbox.posted) == live.seen):
         return 0
     return live.work(page, tick, dt)

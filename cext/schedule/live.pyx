@@ -71,6 +71,19 @@ cdef class LiveTable:
             if self.check(&letter) != TAKEN:
                 raise ValueError("live parameter %d rejects the value %r" % (index, value))
 
+    def assign(self, int index, double value) -> float:
+        """Set the target of a parameter between two ticks; it then changes at its slew. Returns its present value.
+
+        Raises ValueError for a value that the table does not allow.
+        """
+        cdef Letter letter
+        letter.kind, letter.count, letter.parameters[0], letter.values[0] = SET, 1, index, value
+        if self.check(&letter) != TAKEN:
+            raise ValueError("live parameter %d rejects the value %r" % (index, value))
+        self.parameters[index].target = value
+        self.moving = self.count                # `advance` counts again
+        return self.parameters[index].value
+
     def reset(self) -> None:
         """Restore every parameter to its built value. Native ones are reset with the arena."""
         cdef int index
@@ -135,10 +148,11 @@ cdef class LiveTable:
 
     cdef int work(self, SharedLayout *page, int64_t tick, double dt) noexcept nogil:
         cdef int status = OK
-        if tick >= self.due:
-            self.play(page, tick)
-        if load_u64(&page.mailbox.posted) != self.seen:
-            status = self.take(page, tick)
+        if page != NULL:
+            if tick >= self.due:
+                self.play(page, tick)
+            if load_u64(&page.mailbox.posted) != self.seen:
+                status = self.take(page, tick)
         if status == OK and self.moving:
             status = self.advance(dt)
             self.show(page)

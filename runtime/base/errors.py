@@ -11,3 +11,14 @@ class BadInput(Exception):
 
     code = BAD_INPUT
     diagnostics: tuple = ()
+
+
+class SimulationFault(RuntimeError):
+    """A fault in a run that is advanced step by step.
+
+    fault : dict with `status`, `culprit`, `tick` and `report`, as of Trial.fault
+    """
+
+    def __init__(self, fault: dict) -> None:
+        super().__init__("\n".join(fault["report"]) or fault["status"])
+        self.fault = fault

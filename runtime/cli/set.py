@@ -6,15 +6,15 @@ import math
 import os
 import time
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
-from graph import Param
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import settings
 from runtime.cli.parsing import Parser
 from runtime.console.terminal import print_lines, program
-from runtime.live import patterns, table
+from runtime.live import table
+from runtime.live.requests import changes_of
 from runtime.live.running import page_of, runs
 
 if TYPE_CHECKING:
@@ -97,36 +97,6 @@ def find(pid: int) -> SharedState:
     raise BadInput(
         f"process {pid} {problem}; " + (f"runs are {', '.join(others)}" if others else "no run of this user exists")
     )
-
-
-def changes_of(run_table: Table, name: str, text: str) -> list[tuple[Parameter, float]]:
-    """Return [(Parameter, value)] of the parameters that a name or pattern matches.
-
-    Raises BadInput if none matches or one cannot take the value.
-    """
-    known = {parameter.path: parameter for parameter in run_table.parameters}
-    paths = patterns.matching(name, known)
-    if not paths:
-        hint = patterns.hint(name, known) or "the live parameters are " + ", ".join(known)
-        raise BadInput(f"{name}={text}: {run_table.name} has no live parameter {name!r}; {hint}")
-    return [(known[path], value_of(known[path], name, text)) for path in paths]
-
-
-def value_of(parameter: Parameter, name: str, text: str) -> float:
-    """Convert a text to a value of a parameter. Raises BadInput."""
-    types = {"float": float, "int": int, "bool": bool}
-    bounds: dict[str, Any] = (
-        {}
-        if parameter.dtype == "bool"
-        else {"min": parameter.plain(parameter.low), "max": parameter.plain(parameter.high)}
-    )
-    try:
-        return float(
-            Param(parameter.plain(parameter.built), parameter.unit, dtype=types[parameter.dtype], **bounds).parse(text)
-        )
-    except ValueError as error:
-        which = "" if parameter.path == name else f"{parameter.path} "
-        raise BadInput(f"{name}={text}: {which}{error}") from None
 
 
 def send(page: SharedState, run_table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> list[str]:

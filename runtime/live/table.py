@@ -123,7 +123,12 @@ def values(page: SharedState, parameters: Sequence[Parameter]) -> list[tuple[flo
 
 def read(page: SharedState) -> Table:
     """Return the Table in a shared state; an empty one if there is none."""
-    table = json.loads(page.live or b'{"name": "", "rate": 1.0, "parameters": []}')
+    return parse(page.live or b'{"name": "", "rate": 1.0, "parameters": []}')
+
+
+def parse(text: bytes) -> Table:
+    """Return the Table that `describe` has written as JSON."""
+    table = json.loads(text)
     return Table(
         table["name"],
         table["rate"],

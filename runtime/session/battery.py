@@ -15,7 +15,7 @@ from cext.schedule.program import Program
 from graph import TorqueBound
 from runtime.rig.battery import continuous_current, overloads, peak_current, supply_current, windings
 from runtime.rig.errors import CODES
-from runtime.session.simulate import everything, table
+from runtime.session.memory_trial import everything, table
 
 if TYPE_CHECKING:
     from graph import Diagram, Schedule, Winding

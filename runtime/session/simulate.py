@@ -1,12 +1,13 @@
-"""A run in virtual time inside this process: no files, no other process, no output."""
+"""A run in virtual time inside this process, whole or in steps: no files, no other process, no output."""
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,171 +15,277 @@ import numpy as np
 
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
-from graph.schedule import Column
-from graph.store import to_json
 from runtime.analysis.trial import Trial
-from runtime.base.errors import BadInput
+from runtime.base.errors import BadInput, SimulationFault
+from runtime.base.suggestions import suggestion
 from runtime.diagrams.file import build, compiled, source
 from runtime.diagrams.overrides import restore, set_seeds
 from runtime.diagrams.simulation import Simulation
-from runtime.recorder.report import ending
+from runtime.live.requests import changes_of
+from runtime.live.table import describe, parse
 from runtime.report.fault import explain
+from runtime.session.memory_trial import check_memory, everything, table, trial_of
 from runtime.session.prepare import ticks_of
-from runtime.session.recording_plan import limits
 from runtime.session.request import Request
 from runtime.session.result import Result
 
 if TYPE_CHECKING:
-    from graph import Diagram, Schedule
-    from runtime.diagrams.diagram_file import DiagramFile
+    from typing_extensions import Self
+
+    from graph import Diagram
+    from graph.schedule import SignalPlace
     from runtime.diagrams.overrides import Replaced
 
-MEMORY_SHARE = 0.5  # of this machine's, that the rows of one run may take
+ROWS = 4096  # of a simulation without a duration, after which more memory is taken
+ENDED = "the simulation has ended: make another one with runtime.simulate"
+TYPES = {"float": float, "int": int, "bool": bool}
 
 
 def simulate(
-    diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
-    duration: float,
-    *,
-    settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
-    plant: Diagram | Callable[..., Diagram] | None = None,
-    seed: int | None = None,
-    rate: float | None = None,
+    diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram], duration: float, **options: Any
 ) -> Trial:
     """Run a diagram in virtual time. Arguments, result and errors: see runtime.run."""
-    for name, value in (("duration", duration), ("rate", rate)):
-        if value is not None and not 0.0 < value < math.inf:
-            raise BadInput(f"{name}={value!r}: expected a finite number above 0")
-    given: Any = settings
-    pairs: list[tuple[str, Any]] = list(given.items() if hasattr(given, "items") else given)
-    file = source(diagram, plant)
-    replaced: list[Replaced] = []
-    own_rate = file.given.rate if file.given is not None else 0.0
-    try:
-        robot = build(file, pairs, before=replaced)
+    if not 0.0 < duration < math.inf:
+        raise BadInput(f"duration={duration!r}: expected a finite number above 0")
+    with SimulatedRun(diagram, duration=duration, **options) as run:
+        if run.fault is None:
+            run.advance(run.ticks)
+    return run.trial
+
+
+class SimulatedRun:
+    """Run in virtual time inside this process, which `step` advances.
+
+    Arguments as of runtime.simulate. `duration` is that of the whole run in s, None if it is unknown.
+
+    tick : number of ticks done
+    fault : fault that has ended the run, as of Trial.fault; None without one
+    """
+
+    def __init__(
+        self,
+        diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
+        *,
+        settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
+        plant: Diagram | Callable[..., Diagram] | None = None,
+        seed: int | None = None,
+        rate: float | None = None,
+        duration: float | None = None,
+    ) -> None:
+        if rate is not None and not 0.0 < rate < math.inf:
+            raise BadInput(f"rate={rate!r}: expected a finite number above 0")
+        given: Any = settings
+        pairs: list[tuple[str, Any]] = list(given.items() if hasattr(given, "items") else given)
+        self._lock, self._trial = threading.Lock(), None
+        self._file = source(diagram, plant)
+        self._own_rate = self._file.given.rate if self._file.given is not None else 0.0
+        self._replaced: list[Replaced] = []
+        self._request = Request(self._file.path, duration=duration, fast=True, settings=pairs, seed=seed)
+        try:
+            self._prepare(pairs, rate)
+        except BaseException:
+            self._restore()
+            raise
+
+    def _prepare(self, settings, rate):
+        """Build and compile robot and plant."""
+        file, seed = self._file, self._request.seed
+        self._robot = robot = build(file, settings, before=self._replaced)
         if rate is not None:
             robot.rate = rate
-        return run(file, robot, Request(file.path, duration=duration, fast=True, settings=pairs, seed=seed), replaced)
-    finally:
-        if file.given is not None:  # a Diagram of the caller, for more runs
-            file.given.rate = own_rate
-            restore(replaced)
-
-
-def run(file: DiagramFile, robot: Diagram, request: Request, replaced: list[Replaced]) -> Trial:
-    """Compile a diagram, run it, and return its Trial.
-
-    replaced : list that receives the parameters that were set
-    """
-    if request.seed is not None:
-        replaced += set_seeds(robot, request.seed)
-    ticks = ticks_of(request, robot)
-    schedule = compiled(file.path, robot)
-    if not schedule.sinks:
-        schedule = replace(schedule, **everything(schedule))
-    simulation = Simulation(file, robot, schedule, seed=request.seed)
-    replaced += simulation.replaced
-    rows = table(ticks, 2 + len(schedule.columns))
-    control = Program(schedule, simulation.ends())
-    executor = Executor(
-        control,
-        schedule.rate,
-        plant=simulation.program,
-        substeps=simulation.substeps,
-        virtual=True,
-        rows=rows,
-        hosted=True,
-    )
-    outcome = executor.run(ticks)
-    if outcome.signal:  # Ctrl-C and others have their usual effect now
-        signal.raise_signal(outcome.signal)
-    result = Result(
-        request,
-        robot,
-        schedule,
-        simulation,
-        None,
-        ticks,
-        source_sha256=file.sha256,
-        outcome=outcome,
-        statistics={"missed": 0},  # frames are not counted
-        recording={},
-        seconds=None,
-        control=control,
-        realtime=None,
-        overruns=executor.overruns,
-        profile=executor.profile,
-        page=None,
-        newest=executor.newest,
-    )
-    if outcome.faulted:
-        result.report += explain(result)
-    description = to_json(robot) if file.given is not None else None
-    return Trial.in_memory(
-        about(result),
-        end(result, executor.rows),
-        lambda: json.loads(description or to_json(robot)),
-        rows[: executor.rows],
-    )
-
-
-def table(ticks: int, width: int) -> np.ndarray:
-    """Return an uninitialized array (ticks, width) of doubles.
-
-    Raises BadInput if it takes more than MEMORY_SHARE of this machine's memory.
-    """
-    need, memory = 8 * ticks * width, os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if need > MEMORY_SHARE * memory:
-        raise BadInput(
-            f"{ticks} ticks of {width - 2} signals need {need / 2**30:.1f} GiB of memory, and this machine has "
-            f"{memory / 2**30:.1f} GiB: run for a shorter time, or let the diagram's recorder take fewer signals"
+        if seed is not None:
+            self._replaced += set_seeds(robot, seed)
+        self.ticks = ticks_of(self._request, robot)
+        schedule = compiled(file.path, robot)
+        self._schedule = schedule if schedule.sinks else replace(schedule, **everything(schedule))
+        self._simulation = simulation = Simulation(file, robot, self._schedule, seed=seed)
+        self._replaced += simulation.replaced
+        width = 2 + len(self._schedule.columns)
+        self._rows = table(self.ticks if self.ticks > 0 else ROWS, width)
+        self._full: list[np.ndarray] = []  # copies of `_rows`, each filled once
+        self._live = parse(describe(self._schedule)[1])
+        self._events: list[dict[str, Any]] = []
+        self._control = Program(self._schedule, simulation.ends())
+        self._executor = Executor(
+            self._control,
+            self._schedule.rate,
+            plant=simulation.program,
+            substeps=simulation.substeps,
+            virtual=True,
+            rows=self._rows,
+            hosted=True,
         )
-    return np.empty((ticks, width))
+        self.advance(0)  # arms
 
+    def step(self, seconds: float | None = None) -> None:
+        """Advance the run.
 
-def everything(schedule: Schedule) -> dict[str, Any]:
-    """Return every signal of a schedule as recorded numbers: its fields `columns` and `recorded`."""
-    slots, recorded = [], []
-    for place in sorted(schedule.signals.values(), key=lambda place: place.path):
-        for offset, index in enumerate(np.ndindex(place.shape)):
-            path = place.path + "".join(f"[{number}]" for number in index)
-            recorded.append(Column(len(slots), path, place.dtype, place.unit, place.circle))
-            slots.append(place.slot + offset)
-    return {"columns": np.array(slots, dtype=np.int32), "recorded": recorded}
+        seconds : whole number of ticks, in s; by default one tick
 
+        Raises SimulationFault at a fault, which ends the run, and BadInput after the end. A signal, such as Ctrl-C, is
+        handled between two ticks.
+        """
+        count = 1.0 if seconds is None else seconds * self.rate
+        if not (0.5 < count < math.inf and abs(count - round(count)) < 1e-6 * count):
+            raise BadInput(
+                f"step({seconds!r}): expected a whole number of ticks, which take {1.0 / self.rate:g} s each"
+            )
+        if self._trial is None:
+            self.advance(round(count))
+        elif self.fault is None:
+            raise BadInput(ENDED)
+        if self.fault is not None:
+            raise SimulationFault(self.fault)
 
-def about(result: Result) -> dict[str, Any]:
-    """Return the description of a run: the keys that a recording has, without those of the machine."""
-    request, schedule = result.request, result.schedule
-    return {
-        "name": schedule.name,
-        "rate": schedule.rate,
-        "virtual": True,
-        "simulated": result.plant is not None,
-        "buses": schedule.buses,
-        "part": 1,
-        "limits": {path: list(ends) for path, ends in limits(result.diagram, schedule).items()},
-        "metadata": {
-            "diagram_file": str(request.file),
-            "source_sha256": result.source_sha256,
-            "settings": dict(request.settings),
-            "seed": request.seed,
-            "trial": {},
-            "rig": None,
-        },
-        "signals": [{**vars(column), "circle": list(column.circle)} for column in schedule.recorded],
-    }
+    def advance(self, ticks: int) -> None:
+        """Advance the run by a number of ticks. A fault ends it."""
+        with self._alone():
+            last, going = self.tick + ticks, True
+            while going:
+                room = (1 + len(self._full)) * len(self._rows) - self.tick
+                if room == 0 and self.tick < last:
+                    check_memory(self.tick + ROWS, self._rows.shape[1])
+                    self._full.append(self._rows.copy())
+                    continue
+                going = self._executor.advance(min(last - self.tick, room))
+                if going and self.tick == last:
+                    return
+                if not going and (number := self._executor.signal):
+                    signal.raise_signal(number)  # has its usual effect now
+                    going = not self._executor.failed
+        self.close()
 
+    @contextmanager
+    def _alone(self):
+        if not self._lock.acquire(blocking=False):
+            raise RuntimeError("the simulation is being advanced already, by another thread or by one of its blocks")
+        try:
+            yield
+        finally:
+            self._lock.release()
 
-def end(result: Result, ticks: int) -> dict[str, Any]:
-    """Return how the run ended: the keys of a recording's end.json. ticks : number of rows"""
-    event = result.end_event()
-    return {
-        "ended": ending(event, False),
-        "end": event,
-        "ticks": ticks,
-        "first_tick": 0 if ticks else None,
-        "last_tick": ticks - 1 if ticks else None,
-        "events": [],
-        "problems": [],
-    }
+    def __getitem__(self, path: str) -> Any:
+        """Return the present value of a signal or parameter: a number, or an array for a vector.
+
+        Raises KeyError with a suggestion for an unknown name.
+        """
+        place = self._schedule.signals.get(path)
+        if place is not None:
+            return self._value(place)
+        for live in self._schedule.live:
+            if live.path == path:
+                value = self._control.values[live.slot] if live.slot >= 0 else getattr(live.block, live.name)
+                return TYPES[live.dtype](value)
+        block, _, name = path.rpartition(".")
+        if block in self._robot.blocks and name in self._robot[block].parameters:
+            return getattr(self._robot[block], name)
+        parameters = [f"{block.path}.{name}" for block in self._robot for name in block.parameters]
+        hint = suggestion(path, [*self._schedule.signals, *parameters])
+        raise KeyError(f"{self._schedule.name} has no signal or parameter {path!r}" + (f": {hint}" if hint else ""))
+
+    def _value(self, place: SignalPlace) -> Any:
+        values = self._control.values[place.slot : place.slot + place.size]
+        if place.shape == ():
+            return TYPES[place.dtype](values[0])
+        return values.reshape(place.shape).astype(TYPES[place.dtype])
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        """Change a live parameter from the next tick on, as `set` does: within its bounds, at its slew.
+
+        name : of the parameter, or a pattern such as "*/profile.scale"
+        value : number, bool, or text with a unit
+
+        Raises BadInput.
+        """
+        if self._trial is not None:
+            raise BadInput(ENDED)
+        text = value if isinstance(value, str) else repr(getattr(value, "item", lambda: value)()).lower()
+        for parameter, number in changes_of(self._live, name, text):
+            before = self._control.live.assign(parameter.index, number)
+            event = {"event": "set", "path": parameter.path, "value": parameter.plain(number)}
+            event |= {"from": parameter.plain(before), "tick": self.tick, "by": "step"}
+            self._events.append(event | ({"slew": parameter.slew} if math.isfinite(parameter.slew) else {}))
+
+    @property
+    def tick(self) -> int:
+        """Number of ticks done."""
+        return self._executor.rows
+
+    @property
+    def rate(self) -> float:
+        """Rate of the run in Hz."""
+        return self._schedule.rate
+
+    @property
+    def time(self) -> float:
+        """Time of the next tick in s."""
+        return self.tick / self.rate
+
+    @property
+    def fault(self) -> dict[str, Any] | None:
+        """Fault that has ended the run, as of Trial.fault; None without one."""
+        return None if self._trial is None else self._trial.fault
+
+    @property
+    def trial(self) -> Trial:
+        """The Trial of the run. Raises BadInput before `close`."""
+        if self._trial is None:
+            raise BadInput("the simulation has not ended: leave its `with` block, or call close(), then use its trial")
+        return self._trial
+
+    def close(self) -> None:
+        """Perform the safe stop and end the run. A second call has no effect."""
+        if self._trial is not None:
+            return
+        with self._alone():
+            try:
+                self._trial = self._finish()
+            finally:
+                self._restore()
+
+    def _finish(self) -> Trial:
+        executor = self._executor
+        outcome = executor.finish()
+        result = Result(
+            self._request,
+            self._robot,
+            self._schedule,
+            self._simulation,
+            None,
+            self.ticks,
+            source_sha256=self._file.sha256,
+            outcome=outcome,
+            statistics={"missed": 0},  # frames are not counted
+            recording={},
+            seconds=None,
+            control=self._control,
+            realtime=None,
+            overruns=executor.overruns,
+            profile=executor.profile,
+            page=None,
+            newest=executor.newest,
+        )
+        if outcome.faulted:
+            result.report += explain(result)
+        rest = self._rows[: self.tick - len(self._full) * len(self._rows)]
+        rows = np.concatenate([*self._full, rest]) if self._full else rest
+        self._full = []
+        return trial_of(result, rows, self._events, keep=self._file.given is not None)
+
+    def _restore(self):
+        """Restore a Diagram of the caller, for more runs."""
+        if self._file.given is not None:
+            self._file.given.rate = self._own_rate
+            restore(self._replaced)
+        self._replaced = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        fault = "" if self.fault is None else f", fault: {self.fault['status']}"
+        state = "running" if self._trial is None else f"ended{fault}"
+        return f"<SimulatedRun {self._schedule.name}: {self.tick} ticks at {self.rate:g} Hz, {state}>"

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -15,8 +16,12 @@ import runtime
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import GaussianNoise, Sine
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, DiagramError, Output
 from runtime.base.errors import OK, BadInput
+from runtime.diagrams.file import compiled, load
+from runtime.diagrams.simulation import Simulation
 from tests.runtime.runs import KNEE_EXO, knee
 
 HIP_EXO = KNEE_EXO.with_name("hip_exo.py")
@@ -185,8 +190,6 @@ def test_a_plant_is_given_as_a_function_or_a_diagram(tmp_path):
         for inertia in (0.1, 0.4)
     )
     assert light == pytest.approx(4 * heavy, rel=0.1) and light > 0.5
-    from runtime.diagrams.file import load
-
     robot = load(file)[1]
     assert runtime.run(robot, 0.5, plant=plant(robot))["knee.velocity"][-1] == light
     assert runtime.run(robot, 0.5)["knee.velocity"][-1] != light  # the default: a damped inertia
@@ -363,14 +366,26 @@ def test_a_run_inside_another_run_works():
 
 
 @pytest.mark.timing
-def test_a_minute_of_the_knee_exoskeleton_simulates_fast():
-    """40 ms are the goal on a quiet machine; a busy one takes a few times that."""
-    import time
-
+def test_a_minute_of_the_knee_exoskeleton_takes_little_more_than_its_ticks():
+    """Processor time, because other processes run as well. The ticks alone record nothing."""
+    shares = []
     runtime.run(KNEE_EXO, 60)
-    took = []
+    file, robot = load(KNEE_EXO)
+    schedule = compiled(file.path, robot)
     for _ in range(5):
-        began = time.perf_counter()
+        plant = Simulation(file, robot, schedule)
+        bare = Executor(
+            Program(schedule, plant.ends()),
+            200,
+            plant=plant.program,
+            substeps=plant.substeps,
+            virtual=True,
+            hosted=True,
+        )
+        began = time.thread_time()
+        bare.run(12_000)
+        ticks = time.thread_time() - began
+        began = time.thread_time()
         runtime.run(KNEE_EXO, 60)
-        took.append(time.perf_counter() - began)
-    assert min(took) < 0.12
+        shares.append((time.thread_time() - began) / ticks)
+    assert min(shares) < 1.3
