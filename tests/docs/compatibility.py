@@ -1,0 +1,63 @@
+"""Page docs/hardware/compatibility.md: every actuator model, from the tables of the code.
+
+python -m tests.docs.compatibility
+"""
+
+from blocks.families import families
+from tests.checkout import ROOT
+
+PAGE = ROOT / "docs" / "hardware" / "compatibility.md"
+HEAD = """# Compatible actuators
+
+This page is generated from the tables of the code: `python -m tests.docs.compatibility`. The command
+`python -m runtime blocks --actuators` prints the ranges of the wire protocol in addition.
+
+None of these drives was tried here. The bytes of every protocol are compared with the vendors' manuals and with other
+implementations; the sources are in the [reference](../reference/actuators.md).
+
+* **Rated, peak**: torque at the output, N·m. The limit of a command is the rated torque unless `limit` says otherwise.
+* **Current**: amplitude in a phase of the motor, at the rated and at the peak torque, A.
+* **Supply**: operating voltage of the drive according to its manual, V.
+* **Speed**: range of the wire protocol, rad/s. The speed that a motor reaches depends on its supply.
+* A dash is a value that is not published.
+"""
+COLUMNS = "| model | gear | rated | peak | current | speed | supply |\n|---|--:|--:|--:|--:|--:|--:|\n"
+MODES = "| mode | block | bounded torque | stops without commands |\n|---|---|---|---|\n"
+NOTES = {
+    "RobStride and CyberGear": "| private protocol | `RobStride` | in operation and current mode; otherwise by the "
+    "drive's own limit, not verified | after `can_timeout`, 0.1 s; a CyberGear does not |\n"
+    "| MIT protocol | `RobStrideMIT` | yes | after `can_timeout`, with a "
+    "[minimum firmware](../reference/actuators.md#robstride) |\n",
+    "CubeMars, boards V1 and V2": "| MIT mode | `CubeMars` | yes | not documented for CAN |\n"
+    "| servo mode | `CubeMarsServo` | of currents only | not documented |\n",
+    "CubeMars, boards V3.0": "| force control | `CubeMarsV3` | yes | not documented |\n"
+    "| servo mode | `CubeMarsServo` | of currents only | not documented |\n",
+}
+
+
+def page():
+    """Return the text of the page."""
+    tables = [table for family in families() for table in family.tables if table.title in NOTES]
+    sections = [
+        f"## {table.title}\n\n{MODES}{NOTES[table.title]}\n{COLUMNS}" + "".join(map(row, table.models.values()))
+        for table in tables
+    ]
+    return "\n".join([HEAD, *sections])
+
+
+def row(model):
+    """Return the line of one model."""
+    currents = [model.rated_current, model.peak_current]
+    current = " / ".join(f"{each:.3g}" for each in currents) if all(currents) else "—"
+    supply = "{:g} to {:g}".format(*model.supply) if getattr(model, "supply", ()) else "—"
+    cells = [f"{model.gear:g}:1", known(model.rated), known(model.peak), current, f"{model.wire_velocity:g}", supply]
+    return f"| {model.name} | {' | '.join(cells)} |\n"
+
+
+def known(value):
+    """Return a number as text; a dash if it is None."""
+    return "—" if value is None else f"{value:g}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())
