@@ -42,11 +42,15 @@ def stride(trace, values):
     return np.interp(PERCENT / 100.0, phase - np.round(phase[1]), values[inside])
 
 
-def measures(angle, stride_time):
-    """Return range in degrees, peak velocity and peak acceleration of a stride, from 12 harmonics."""
+def measures(angle, stride_time, cutoff=np.inf):
+    """Return range in degrees, peak velocity and peak acceleration of a stride, from 12 harmonics.
+
+    cutoff : Hz, -3 dB of a second-order low-pass in both directions
+    """
     closed = angle - (angle[-1] - angle[0]) * np.linspace(-0.5, 0.5, len(angle))
     wave = np.fft.rfft(closed[:-1])[:13] / (len(angle) - 1)
     k, phases = np.arange(13), np.arange(400) / 400
+    wave /= 1.0 + (np.sqrt(2.0) - 1.0) * (k / stride_time / cutoff) ** 4
     turns = np.exp(2j * np.pi * np.outer(phases, k)) * np.where(k, 2.0, 1.0)
     curves = [(turns @ (wave * (2j * np.pi * k / stride_time) ** order)).real for order in range(3)]
     return np.degrees(np.ptp(curves[0])), np.abs(curves[1]).max(), np.abs(curves[2]).max()

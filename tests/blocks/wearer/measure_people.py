@@ -17,7 +17,12 @@ WALK = MOTIONS["walk"]
 PERCENT = np.arange(101)
 INDEPENDENT_VALUES = 30  # that a curve counts as
 TIME_TOLERANCE = 0.05  # of the stride time, relative
-FALISSE_TIME, PINZONE_TIME = 1.08, 1.10  # s; the stride of 1.377 m at the average cadence, and assumed
+FALISSE_TIME, PINZONE_TIME = 1.035, 1.10  # s; of the trials, and assumed
+# Range, peak velocity and peak acceleration of hip, knee and ankle of Falisse's adult in single trials: medians of both
+# legs in 11 trials, 12 harmonics of the angles by inverse kinematics, not filtered (github antoinefalisse/3dpredictsim,
+# commit 2985bf7, OpenSimModel/subject2/IK; MIT). The mean over these trials was low-passed at 6 Hz.
+FALISSE_TRIALS = np.array([46.7, 4.3, 49.0, 60.2, 6.8, 129.1, 32.6, 6.8, 187.8])
+CUTOFFS = {"adult of Moore 2015": 6.0}  # Hz, at which the recorded angles are low-passed, and those beside them
 STEP = 0.2
 DRAWS = np.clip(np.random.RandomState(0).normal(size=(200, len(COMPONENTS))), -2.0, 2.0)
 
@@ -115,25 +120,27 @@ def motion_table():
     print("|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|")
     recorded, usual = [], []
     for name, stride_time, angles, _ in people():
-        own, (average_one, close) = figures(angles, stride_time), (average(stride_time), closest(angles, stride_time))
+        cutoff = CUTOFFS.get(name, np.inf)
+        own = FALISSE_TRIALS if "Falisse" in name else figures(angles, stride_time)
+        average_one, close = average(stride_time), closest(angles, stride_time)
         line(f"**{name}**, strides of {stride_time:.2f} s", own)
         for kind, entry in (("average", average_one), ("closest", close)):
-            line(f"{kind} adult, {float(entry['speed']):.2f} m/s", of_entry(entry), own)
+            line(f"{kind} adult, {float(entry['speed']):.2f} m/s", of_entry(entry, cutoff), own)
         recorded.append(own)
-        usual.append(of_entry(average_one))
+        usual.append(of_entry(average_one, cutoff))
     weights = (0.5, 0.5, 1.0, 1.0)  # both legs of the young adult count as one; Pinzone's mean does not
     own, average_one = (np.average(each[:4], axis=0, weights=weights) for each in (recorded, usual))
     line("**mean of the three people**", own)
     line("mean of the average adults", average_one, own)
 
 
-def of_entry(entry):
-    return figures([values(each) for each in entry["angles"]], float(entry["stride_time"]))
+def of_entry(entry, cutoff):
+    return figures([values(each) for each in entry["angles"]], float(entry["stride_time"]), cutoff)
 
 
-def figures(angles, stride_time):
-    """Return range in degrees, peak velocity and peak acceleration of the three joints."""
-    return np.ravel([measures(np.append(each, each[0]), stride_time) for each in angles])
+def figures(angles, stride_time, cutoff=np.inf):
+    """Return range in degrees, peak velocity and peak acceleration of the three joints. cutoff : Hz, of a low-pass"""
+    return np.ravel([measures(np.append(each, each[0]), stride_time, cutoff) for each in angles])
 
 
 def line(name, own, recorded=None):

@@ -216,6 +216,26 @@ def test_norms_are_the_fit_of_the_measured_curves():
     assert module() == NORMS.read_text(encoding="utf-8")
 
 
+def test_means_of_curves_with_another_foot_off_each_regain_the_peaks_of_one_curve():
+    """Strides with one knee-like peak in stance and a sharper one at foot-off, which shifts by 2 % of the stride."""
+    from tests.blocks.wearer.fit_norms import registered
+
+    phases = np.arange(101) / 100.0
+
+    def curve(shift):
+        way = np.where(phases < 0.62, phases / 0.62, (1.0 - phases) / 0.38)
+        at = phases - shift * way**2 * (3.0 - 2.0 * way)
+        return 0.3 * np.sin(2.0 * np.pi * at) + np.exp(-0.5 * ((at - 0.62) / 0.05) ** 2)
+
+    shifts = 0.02 * np.random.default_rng(0).normal(size=4000)
+    mean = np.mean([curve(shift) for shift in shifts], axis=0)
+    rows = [{"hip_mean": value, "hip_sd": "", "phase": "0"} for value in mean]
+    aligned = np.array([row["hip_mean"] for row in registered(rows, {"foot_off_pct": 62.0, "foot_off_sd": 2.0})])
+    assert np.abs(mean - curve(0.0)).max() > 0.05
+    assert aligned == pytest.approx(curve(0.0), abs=0.012)
+    assert np.abs(np.diff(aligned, 2)).max() == pytest.approx(np.abs(np.diff(curve(0.0), 2)).max(), rel=0.06)
+
+
 def recorded(name):
     return np.genfromtxt(shared(f"gait/{name}.csv"), delimiter=",", names=True)
 
