@@ -29,7 +29,7 @@ cdef class Arming:
         """Set the zero of the run's time, one period from now."""
         self.began = self.watchdog.zero = monotonic() + self.pace.period
         self.first_tick = 0
-        self.control.devices.begin(self.began)
+        self.control.devices.buses.begin(self.began)
         if self.layout == NULL:
             return
         self.layout.wall = clock(CLOCK_REALTIME) + self.pace.period
@@ -41,16 +41,16 @@ cdef class Arming:
 
         First close the relays and wait for the drives to start. A drive whose zero is set gets more time.
         """
-        cdef int64_t starting = <int64_t>(1e-9 * self.control.devices.start_time * self.pace.rate)
+        cdef int64_t starting = <int64_t>(1e-9 * self.control.devices.arming.start_time * self.pace.rate)
         cdef int64_t rounds = starting + <int64_t>min(timeout * self.pace.rate, 1e15) + 1
         cdef int64_t round, now
         cdef int status = OK
         self.journal.attend(monotonic())
         self.journal.set_state(ARMING)
-        self.control.devices.begin_arming()
+        self.control.devices.arming.begin()
         cdef int64_t zeroing = <int64_t>(1e-9 * ZERO_LIMIT * self.pace.rate)
-        for round in range(rounds + zeroing + 1 if self.control.devices.count else 0):
-            if round > rounds and not self.control.devices.only_zeros_are_due():
+        for round in range(rounds + zeroing + 1 if self.control.devices.table.count else 0):
+            if round > rounds and not self.control.devices.arming.only_zeros_are_due():
                 break
             self.now = now = self.pace.grid(round)
             if not self.virtual:
@@ -61,10 +61,10 @@ cdef class Arming:
             if status == OK:
                 status = apply_changes(self.control.live, self.layout, -1, 0.0)
             if status == OK:
-                status = self.control.devices.receive(now, self.layout)
+                status = self.control.devices.receive(now)
             if status != OK:
                 return status
-            if round >= starting and self.control.devices.all_answered():
+            if round >= starting and self.control.devices.arming.all_answered():
                 if self.answered is not None:
                     status = self.look_over(timeout)
                     if status != OK or self.signals.caught[0]:
@@ -81,14 +81,14 @@ cdef class Arming:
                 self.body.set_clock(0, -1, 0)
                 return self.start_from_here()
             if round < starting:
-                status = self.control.devices.pump_all(now, self.layout)
+                status = self.control.devices.arming.send_relays(now)
             else:
-                status = self.control.devices.send_batches(True, True, False, now, self.layout)
+                status = self.control.devices.arming.send_batches(True, True, False, now)
             if status == OK:
                 status = self.body.advance_plant(now)
             if status != OK:
                 return status
-        return NO_ANSWER if self.control.devices.count else OK
+        return NO_ANSWER if self.control.devices.table.count else OK
 
     cdef int start_from_here(self) noexcept nogil:
         """Start the blocks; this may hang, as a tick may, and take longer."""
@@ -117,7 +117,7 @@ cdef class Arming:
         while self.control.live.asked(self.layout, CONFIRM, -1, NOT_NOW):
             # a confirmation before the table was shown does not count
             pass
-        self.control.devices.want_replies(True, False)
+        self.control.devices.arming.want_replies(True, False)
         self.journal.set_state(READY)
         while status == OK:
             point = self.next_point(point, 0)
@@ -130,7 +130,7 @@ cdef class Arming:
             if status == OK:
                 status = self.control.devices.watch(self.now)
             if status == OK and confirmed:
-                if self.control.devices.all_answered():
+                if self.control.devices.arming.all_answered():
                     return OK
                 remaining -= 1
                 if remaining <= 0:
@@ -140,11 +140,11 @@ cdef class Arming:
                 confirmed = status == OK
                 self.control.live.asked(self.layout, CONFIRM, -1, TAKEN if confirmed else NOT_NOW)
                 if confirmed:
-                    self.control.devices.want_replies(True, False)
+                    self.control.devices.arming.want_replies(True, False)
                 elif status == UNCLEAR_POSE:
                     status = OK                                    # the operator may move the joint and confirm again
             if status == OK:
-                status = self.control.devices.send_batches(False, True, False, self.now, self.layout)
+                status = self.control.devices.arming.send_batches(False, True, False, self.now)
             if status == OK:
                 status = self.body.advance_plant(self.now)
         return status
@@ -157,9 +157,9 @@ cdef class Arming:
             drain += 1
             if not self.journal.make_room(False):
                 return OK
-            status = self.control.devices.receive(self.now, self.layout)
+            status = self.control.devices.receive(self.now)
             if status == OK and drain < self.tape.drains:
-                status = self.control.devices.send_batches(False, True, False, self.now, self.layout)
+                status = self.control.devices.arming.send_batches(False, True, False, self.now)
             if status != OK:
                 return status
         return status
@@ -189,7 +189,7 @@ cdef class Arming:
         if status == OK:
             status = apply_changes(self.control.live, self.layout, -1, 0.0)
         if status == OK:
-            status = self.control.devices.receive(self.now, self.layout)
+            status = self.control.devices.receive(self.now)
         return status
 
     cdef int64_t next_point(self, int64_t point, int64_t zero) noexcept nogil:
@@ -216,7 +216,7 @@ cdef class Arming:
         cdef int rounds = 0
         cdef int64_t round = max(STOP_ROUND_MINIMUM, min(self.pace.period, STOP_ROUND))
         cdef int64_t now = self.now + self.pace.period if self.virtual else monotonic() - self.began
-        cdef int64_t damping = self.control.devices.longest_damping
+        cdef int64_t damping = self.control.devices.stop.longest_damping
         cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the begin of the stop
         cdef int64_t limit = damping + <int64_t>(timeout * 1e9) if timeout >= 0.0 else 0
         cdef int64_t began = now - since                           # ns from the begin of the run
@@ -224,20 +224,20 @@ cdef class Arming:
         self.control.keep_values()                                 # later replies are not a cause of the fault
         if self.plant is not None:
             self.plant.keep_values()
-        cdef Blame blame = self.control.devices.failed             # later failures are not the cause
+        cdef Blame failed = self.control.devices.failed()           # later failures are not the cause
         self.journal.raise_fence()
         self.journal.set_state(STOPPING)
         self.body.advance_plant_until(now)                         # it moves under the last commands
         # replies to them confirm nothing; the last tick left space for them
-        self.control.devices.receive(now, self.layout)
-        self.control.devices.begin_stop()
-        while self.control.devices.count > 0:
+        self.control.devices.receive(now)
+        self.control.devices.stop.begin()
+        while self.control.devices.table.count > 0:
             self.journal.attend(monotonic())
-            if since >= self.control.devices.stop_due:
-                self.control.devices.want_replies(True, True)
+            if since >= self.control.devices.stop.due:
+                self.control.devices.arming.want_replies(True, True)
                 rounds += since >= damping
             self.journal.make_room(True)
-            due = began + self.control.devices.send_stop(since, now, round, self.layout)
+            due = began + self.control.devices.stop.send(since, now, round)
             if limit == 0:
                 break
             self.body.advance_plant_until(due)
@@ -245,10 +245,10 @@ cdef class Arming:
                 self.pace.sleep_until(self.began + due)
             now = due if self.virtual else monotonic() - self.began
             since = now - began
-            self.control.devices.receive(now, self.layout)
-            if since >= limit or (rounds > (0 if self.virtual else 1) and self.control.devices.all_answered()):
+            self.control.devices.receive(now)
+            if since >= limit or (rounds > (0 if self.virtual else 1) and self.control.devices.arming.all_answered()):
                 break
-        self.control.devices.failed = blame
+        self.control.devices.blame(failed)
         self.halted = True
         if self.virtual:
             self.now = now

@@ -94,7 +94,7 @@ def time_of_control(Program control, BusEnd other, answers, int rounds, double r
         memcpy(to_send[index].data, <const char *>data, len(data))
     control.reset()
     zero = monotonic()
-    control.devices.begin(zero)
+    control.devices.buses.begin(zero)
     control.arena[AUTHORITY], control.arena[DT], control.arena[PERIOD] = 1.0, 1.0 / rate, 1.0 / rate
     took = []
     for round in range(rounds):
@@ -106,7 +106,7 @@ def time_of_control(Program control, BusEnd other, answers, int rounds, double r
         control.arena[TICK], control.arena[TIME] = round, round / rate
         began = monotonic()
         now = began - zero
-        status = control.devices.receive(now, NULL)
+        status = control.devices.receive(now)
         if status == OK:
             status = control.devices.watch(now)
         if status == OK:
@@ -114,7 +114,7 @@ def time_of_control(Program control, BusEnd other, answers, int rounds, double r
         if status == OK:
             status = control.devices.command()
         if status == OK:
-            status = control.devices.transmit(now, NULL)
+            status = control.devices.transmit(now)
         if status == OK:
             status = control.run(&control.update, round, round - 1)
         now = monotonic()

@@ -98,12 +98,12 @@ cdef class Executor(Waiting):
             others)
         self.body.handover = self.watchdog.handover
         self.control, self.plant, self.layout, self.virtual = control, plant, self.journal.layout, virtual
-        self.simulated = plant is not None or control.devices.count == 0 if tape is None else tape.simulated
+        self.simulated = plant is not None or control.devices.table.count == 0 if tape is None else tape.simulated
         self.tape = tape
         self.carried = carried
-        control.devices.alone = guard > 0.0
+        control.devices.table.alone = guard > 0.0
         if guard > 0.0 and not virtual:
-            control.devices.time_replies()
+            control.devices.table.time_replies()
         if tape is not None and not virtual:
             raise ValueError("a recorded run can be replayed only in virtual time")
 
@@ -206,7 +206,7 @@ cdef class Executor(Waiting):
         """Restore the state before arming."""
         self.hung = 0
         self.body.reset()
-        self.control.devices.fade, self.control.devices.may_return = fade, may_return
+        self.control.devices.fade, self.control.devices.switch.may_return = fade, may_return
         self.tick = self.previous = -1
         self.now = self.armed = 0
         self.halted = False
@@ -252,7 +252,7 @@ cdef class Executor(Waiting):
             self.begin()
             self.status = self.arm(arming_timeout)
         if self.status == NO_ANSWER:
-            self.unanswered = tuple(self.control.devices.silent())
+            self.unanswered = tuple(self.control.devices.reports.silent)
         with nogil:
             if self.status == OK and not self.signals.caught[0]:
                 self.status = self.loop(ticks, fade)

@@ -45,7 +45,7 @@ cdef class Waiting(Arming):
             self.watchdog.dismiss()
             return HUNG
         if status == SILENT and self.carried and self.journal.guardian_is_late():
-            self.control.devices.failed.device = -1
+            self.control.devices.table.failed = -1
             return UNGUARDED
         return status
 
@@ -73,7 +73,7 @@ cdef class Waiting(Arming):
         if status == HUNG:
             culprit = names(self.control.schedule)[self.watchdog.at] if self.watchdog.at >= 0 else self.control.culprit
             error = error if culprit == self.control.culprit else None      # a later step was interrupted instead
-        silent = tuple(self.control.devices.silent())
+        silent = tuple(self.control.devices.reports.silent)
         if status == NO_ANSWER and self.tick >= 0:
             unanswered = silent
         return Outcome(
@@ -111,7 +111,7 @@ cdef class Waiting(Arming):
         cdef bint before
         # from when a missing reply prevents arming
         cdef int64_t judged = self.first_tick + self.pace.grid(tick) + DISABLE_CONFIRM_LIMIT
-        self.control.devices.want_replies(False, True)
+        self.control.devices.arming.want_replies(False, True)
         self.previous = tick - 1
         while ticks < 0 or tick < ticks:
             if not self.virtual:
@@ -170,12 +170,12 @@ cdef class Waiting(Arming):
         self.advance_plant_to(tick)
         self.body.set_clock(tick, self.previous, self.late)
         self.control.arena[AUTHORITY] = 0.0
-        self.control.devices.waiting = True
+        self.control.devices.table.waiting = True
         computed = apply_changes(self.control.live, self.layout, tick, (tick - self.previous) / self.pace.rate)
         if computed == STOP_WANTED:
             status[0] = computed
             return computed
-        status[0] = self.control.devices.receive(self.now, self.layout)
+        status[0] = self.control.devices.receive(self.now)
         if status[0] == ESTOP:
             status[0] = OK                                         # the device remembers it and refuses commands
         if status[0] != OK:
@@ -188,15 +188,15 @@ cdef class Waiting(Arming):
             computed = self.control.run(&self.control.update, tick, self.previous)
         standing = self.control.devices.watch(self.now)
         if standing == OK:
-            standing = computed if computed != OK or self.control.devices.all_answered() else NO_ANSWER
-        status[0] = self.control.devices.send_batches(False, False, True, self.now, self.layout)
+            standing = computed if computed != OK or self.control.devices.arming.all_answered() else NO_ANSWER
+        status[0] = self.control.devices.arming.send_batches(False, False, True, self.now)
         if status[0] == OK:
             status[0] = self.body.advance_plant(self.now)
         return standing
 
     cdef void forgive(self, int status) noexcept nogil:
         """Clear the causes of earlier failures."""
-        self.control.devices.failed.device = self.control.devices.failed.bus = -1
+        self.control.devices.table.failed = self.control.devices.buses.failed = -1
         self.control.failed.step = -1
         if status == OK:
             return
@@ -230,15 +230,15 @@ cdef class Waiting(Arming):
             self.tick = tick
             status = self.hear_while_arming()
             if round == 0:
-                self.control.devices.begin_arming()                # later replies are to the disabling
-            elif status == OK and self.control.devices.all_answered():
+                self.control.devices.arming.begin()                # later replies are to the disabling
+            elif status == OK and self.control.devices.arming.all_answered():
                 status = self.control.devices.watch(self.now)
                 if status == OK:
                     self.armed, self.previous, self.late = tick, tick - 1, 0
                     self.body.set_clock(tick, tick - 1, 0)
                     return self.start_from_here()
             if status == OK:
-                status = self.control.devices.send_batches(True, True, False, self.now, self.layout)
+                status = self.control.devices.arming.send_batches(True, True, False, self.now)
             if status == OK:
                 status = self.body.advance_plant(self.now)
             if status != OK:

@@ -23,6 +23,7 @@ from cext.clock.histogram cimport add
 from cext.schedule.python_step cimport PythonStep
 from cext.clock.stopwatch cimport FIRST_STEP, GIL_WAIT, lap
 
+from cext.schedule.device_reports import DeviceReports
 from cext.schedule.kernel_table import address, words
 
 cdef enum:
@@ -59,8 +60,7 @@ cdef class Program:
         self.load_phase(&self.update, schedule.update, True)
         self.look.item = self.settle.item = UNTIMED
         self.output.item, self.update.item = FIRST_STEP, FIRST_STEP + len(schedule.output)
-        self.devices = Devices(schedule, ends, self.memory)
-        self.devices.live = self.live
+        self.devices = Devices(schedule, ends, self.memory, self.live)
         self.column_count = len(schedule.columns)
         self.columns = <int32_t *>calloc(max(1, self.column_count), sizeof(int32_t))
         for index, slot in enumerate(schedule.columns):
@@ -155,54 +155,19 @@ cdef class Program:
         return list(found.values())
 
     @property
-    def latencies(self) -> dict[str, dict[str, float]]:
-        """Reply times of each device on a rig, as of cext.schedule.devices.Devices.latencies."""
-        return self.devices.latencies
-
-    @property
-    def missed(self) -> dict[str, int]:
-        """Commands without a reply in time, as of cext.schedule.devices.Devices.missed."""
-        return self.devices.missed
-
-    @property
-    def malformed(self) -> dict[str, tuple[dict[int, int], int]]:
-        """Frames that devices rejected, as of cext.schedule.devices.Devices.malformed."""
-        return self.devices.malformed
-
-    @property
-    def unready(self) -> list[str]:
-        """Devices that reply but have not returned what arming wrote, as of cext.schedule.devices.Devices.unready."""
-        return self.devices.unready
-
-    @property
-    def unzeroed(self) -> list[str]:
-        """Devices that reply but whose zero was not set, as of cext.schedule.devices.Devices.unzeroed."""
-        return self.devices.unzeroed
-
-    @property
-    def switched(self) -> dict[str, tuple[int, int]]:
-        """Drives taken out and armed again, as of cext.schedule.devices.Devices.switched."""
-        return self.devices.switched
-
-    @property
-    def zeros(self) -> dict[str, tuple[int, int]]:
-        """Zeros set and refused, as of cext.schedule.devices.Devices.zeros."""
-        return self.devices.zeros
+    def reports(self) -> DeviceReports:
+        """Reports of the devices."""
+        return self.devices.reports
 
     def count_from(self, int64_t tick) -> None:
         """Count missing replies from this tick on, as arming may fill the bus before."""
         self.devices.counted_from = tick
 
     @property
-    def watched(self) -> list[dict[str, Any]]:
-        """Monitored values of each actuator, as of cext.safety.drive_watch.DriveWatch.found."""
-        return self.devices.drives.found
-
-    @property
     def culprit(self) -> str | None:
         """Path of the block, device or bus whose step failed last, or None."""
-        if self.devices.culprit is not None:
-            return self.devices.culprit
+        if self.reports.culprit is not None:
+            return self.reports.culprit
         if self.failed.step >= 0:
             phases = self.schedule.look, self.schedule.settle, self.schedule.output, self.schedule.update
             return phases[self.failed.phase][self.failed.step].name
@@ -376,17 +341,16 @@ cdef class Program:
         """
         self.page = page
         self.at = &self.own_at if page == NULL else &page.at
-        return self.devices.share(page) + self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(
-            8 + (<PythonStep>call).news.size() for call in self.holding)
+        return self.devices.share(page) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
 
     cdef int start_from_here(self) noexcept nogil:
         """Restart blocks from the present measurement: run `look`, reset all state, then run `settle`."""
         cdef int status = self.run(&self.look, 0, -1)
         self.at[0] = -1
         if status == OK:
-            self.devices.keep_ready()
+            self.devices.arming.keep_ready()
             status = self.reset_blocks()
-            self.devices.restore_ready()
+            self.devices.arming.restore_ready()
         if status == OK:
             status = self.run(&self.settle, 0, -1)
         return status

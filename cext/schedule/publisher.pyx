@@ -52,8 +52,8 @@ cdef class Publisher:
         self.guard = guard
         program.live.show(self.layout)
         self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
-        self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_BATCH
-            * program.devices.count)
+        self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.buses.count + 3 * FRAMES_PER_BATCH
+            * program.devices.table.count)
         self.most += LETTERS * (8 + CHANGES * sizeof(Change))
         self.most += program.share(self.layout)
         if page is not None:

@@ -53,14 +53,14 @@ cdef class Tick:
 
         now : ns from the begin of the run
         """
-        cdef Laps *laps = self.control.laps if self.control.devices.bus_count > 0 else NULL
+        cdef Laps *laps = self.control.laps if self.control.devices.buses.count > 0 else NULL
         cdef int64_t on_wires = 0
         cdef int status
         self.control.at[0] = -1
         status = apply_changes(self.control.live, self.journal.layout, tick, self.control.arena[DT])
         self.control.at[0] = RECEIVE
         if status == OK:
-            status = self.control.devices.receive(now, self.journal.layout)
+            status = self.control.devices.receive(now)
         if laps != NULL:
             on_wires = lap(laps, RECEIVE)
         if status == OK:
@@ -75,7 +75,7 @@ cdef class Tick:
             return HUNG
         self.control.at[0] = TRANSMIT
         if status == OK:
-            status = self.control.devices.transmit(now, self.journal.layout)
+            status = self.control.devices.transmit(now)
         if laps != NULL:
             on_wires += lap(laps, TRANSMIT)
             if self.journal.layout != NULL:
@@ -120,7 +120,7 @@ cdef class Tick:
         write_clock(self.plant.arena, self.plant_tick, self.plant_tick - 1, self.pace.rate * self.substeps, 0)
         if self.plant.laps != NULL:
             self.plant_watch.begin(self.plant_tick, monotonic())
-        status = self.plant.devices.receive(instant, NULL)
+        status = self.plant.devices.receive(instant)
         if self.plant.laps != NULL:
             lap(self.plant.laps, RECEIVE)
         if status == OK:
@@ -128,7 +128,7 @@ cdef class Tick:
         if status == OK:
             status = self.plant.devices.command()
         if status == OK:
-            status = self.plant.devices.transmit(instant, NULL)
+            status = self.plant.devices.transmit(instant)
         if self.plant.laps != NULL:
             lap(self.plant.laps, TRANSMIT)
         if status == OK:

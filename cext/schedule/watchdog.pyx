@@ -152,7 +152,7 @@ cdef class Watchdog:
     cdef void stop(self, int64_t now) noexcept nogil:
         """Stop the motors of a hung tick. Returns when the loop has returned."""
         cdef int64_t began = now
-        cdef int64_t damping = self.program.devices.longest_damping
+        cdef int64_t damping = self.program.devices.stop.longest_damping
         # ns of unneeded damping, as nothing was under torque
         cdef int64_t damped = 0 if self.running_ticks() else damping
         cdef int64_t due = now
@@ -162,15 +162,15 @@ cdef class Watchdog:
         self.at = self.program.at[0]
         store_i32(&self.hung, 1)
         self.journal.raise_fence_for(self.at)
-        self.program.devices.begin_stop()
+        self.program.devices.stop.begin()
         while not load_i32(&self.leave):
             now = monotonic()
             over = now - began >= STOP_LIMIT + damping - damped
             mine = mine or swap(&self.shared.user, UNOWNED, WATCHDOG)
             if mine and not over and now >= due:
-                self.program.devices.note_speeds(self.journal.layout)
-                due = began - damped + self.program.devices.send_stop(
-                    now - began + damped, now - self.zero, STOP_ROUND, self.journal.layout)
+                self.program.devices.stop.note_speeds()
+                due = began - damped + self.program.devices.stop.send(
+                    now - began + damped, now - self.zero, STOP_ROUND)
             if now >= nudge:
                 pthread_kill(self.loop, SIGURG)
                 nudge = now + (HANG_SIGNAL_PERIOD_STOPPED if over else HANG_SIGNAL_PERIOD)

@@ -190,7 +190,7 @@ def our_chunk(schedule: Schedule, sockets: Sequence[socket.socket], ticks: int) 
     outcome = uninterrupted(Executor(program, RATE, page=page).run(ticks, fade=0.0))
     if outcome.status != "ok":
         raise OSError(f"the measurement ended: {outcome.status} at {outcome.culprit}. Repeat it on an idle machine")
-    return sum(program.missed.values()), page.statistics()["missed"]
+    return sum(program.reports.missed.values()), page.statistics()["missed"]
 
 
 def c_chunk(loop: Callable[..., float], sockets: Sequence[socket.socket], count: int, ticks: int) -> tuple[int, int]:

@@ -17,7 +17,7 @@ def text(status: str, block: Any, program: Program) -> str | None:
     program : of the diagram with the actuator; its `watched` has the value and the bound
     """
     words = WORDS.get(status)
-    row = next((row for row in program.watched if block is not None and row["device"] == block.path), None)
+    row = next((row for row in program.reports.watched if block is not None and row["device"] == block.path), None)
     return None if words is None or row is None else words(block, row["about"], row["value"], row["bound"])
 
 

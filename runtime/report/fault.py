@@ -125,10 +125,14 @@ def raised(outcome: Outcome) -> str:
 def seen(program: Program, block: Block | None, what: str, unit: str) -> str:
     """Return the highest monitored value as text, such as ': 9.1 N·m'; '' without one.
 
-    what : key in Program.watched
+    what : key in DeviceReports.watched
     """
     return next(
-        (f": {row[what]:.1f} {unit}" for row in program.watched if block is not None and row["device"] == block.path),
+        (
+            f": {row[what]:.1f} {unit}"
+            for row in program.reports.watched
+            if block is not None and row["device"] == block.path
+        ),
         "",
     )
 

@@ -44,19 +44,19 @@ def ticks(result: RunResult, block: Block | None) -> list[str]:
 
 def rejected(result: RunResult, block: Any) -> str:
     """Return the malformed frames with a device's ID as text, '' for none."""
-    malformed = result.control.malformed.get(block.path)
+    malformed = result.control.reports.malformed.get(block.path)
     return block.malformed_in_words(*malformed) if malformed else ""
 
 
 def instead(result: RunResult, block: Any) -> str:
     """Return what a device that did not reply to arming sent instead, as text, '' for nothing."""
-    if block.path in result.control.unzeroed:
+    if block.path in result.control.reports.unzeroed:
         position = result.control.final[result.schedule.signals[f"{block.path}.position"].slot]
         return (
             f"it replies, but its zero was not set: it reads {position:.3f} rad. Keep the joint at rest during arming; "
             "if it was at rest, the drive does not set its zero"
         )
-    return block.unready_in_words() if block.path in result.control.unready else rejected(result, block)
+    return block.unready_in_words() if block.path in result.control.reports.unready else rejected(result, block)
 
 
 def nearby(diagram: Diagram, block: Block | None) -> Iterator[str]:

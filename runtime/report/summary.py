@@ -83,19 +83,19 @@ def summary(result: RunResult) -> list[str]:
             "changes",
             f"{count(events.count('set'), 'change')} of live parameters, {count(events.count('mark'), 'mark')}",
         )
-    for index, (path, histogram) in enumerate(result.control.latencies.items()):
+    for index, (path, histogram) in enumerate(result.control.reports.latencies.items()):
         if histogram["count"]:
             row("" if index else "replies", f"{path} after {spread(histogram)}")
     for index, words in enumerate(result.rig.sensors() if result.rig is not None else ()):
         row("" if index else "sensors", words)
     for index, words in enumerate(filter(None, (block.run_summary() for block in result.diagram))):
         row("" if index else "blocks", words)
-    for entry in result.control.watched:
+    for entry in result.control.reports.watched:
         if words := watch_text(entry, schedule.rate):
             row("watch", words)
-    for index, (path, (zeros, refused)) in enumerate(result.control.zeros.items()):
+    for index, (path, (zeros, refused)) in enumerate(result.control.reports.zeros.items()):
         row("" if index else "zero", f"{path}: set {count(zeros, 'time')}, refused {count(refused, 'time')}")
-    for index, (path, (taken_out, returned)) in enumerate(result.control.switched.items()):
+    for index, (path, (taken_out, returned)) in enumerate(result.control.reports.switched.items()):
         times = f"taken out {count(taken_out, 'time')}, armed again {count(returned, 'time')}"
         row("" if index else "drive", f"{path}: {times}")
     for entry in result.held:
@@ -139,7 +139,7 @@ def _buses_text(buses: Sequence[str], frames: dict[str, int]) -> str:
 def watch_text(entry: Mapping[str, Any], rate: float) -> str:
     """Return what the drive monitor reported about one actuator, and for how long; "" for nothing.
 
-    entry : of Program.watched; rate : Hz
+    entry : of DeviceReports.watched; rate : Hz
     """
     reports = [
         f"{words} for {entry[key] / rate:.3g} s"

@@ -65,7 +65,7 @@ class Result(Prepared):
             "stopped": outcome.stopped,
             "overruns": self.overruns,
             "late": self.control.late,
-            "answers": self.control.latencies,
+            "answers": self.control.reports.latencies,
             "held": self.held,
             "report": self.report,
             "faults": [[fault.status, fault.culprit, fault.tick] for fault in outcome.faults],

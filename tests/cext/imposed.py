@@ -107,7 +107,7 @@ def imposed(
         played(position=joint.position, velocity=joint.velocity, **inputs)
     rig = Rig(robot, plant)
     outcome = rig.run(round(seconds * rate), fade=fade)
-    rig.torques, [rig.watched] = np.array(kept.rows), rig.control.watched
+    rig.torques, [rig.watched] = np.array(kept.rows), rig.control.reports.watched
     return rig, outcome
 
 

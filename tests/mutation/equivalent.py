@@ -58,16 +58,16 @@ EQUIVALENT = {
     "cext/schedule/devices.pyx receive: if device.age >= 0: -> if device.age >= 1:": "the arena begins with the clock: "
     "nothing of a block stands at 0",
     "cext/schedule/devices.pyx receive: break -> pass": "what is empty gives nothing more",
-    "cext/schedule/devices.pyx command: if self.laps != NULL and self.laps.each == NULL and self.count > 0: -> "
-    "if self.laps != NULL and self.laps.each == NULL and self.count >= 0:": "where nothing is encoded that takes no "
+    "cext/schedule/devices.pyx command: if self.laps != NULL and self.laps.each == NULL and self.table.count > 0: -> "
+    "if self.laps != NULL and self.laps.each == NULL and self.table.count >= 0:": "where nothing is encoded that takes no "
     "time",
-    "cext/schedule/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
-    "if device.fault >= 1 and self.arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a "
+    "cext/schedule/devices.pyx watch: if device.fault >= 0 and arena[device.fault] != 0.0: -> "
+    "if device.fault >= 1 and arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a "
     "block stands at 0",
-    "cext/schedule/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
-    "if device.fault > 0 and self.arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block "
+    "cext/schedule/devices.pyx watch: if device.fault >= 0 and arena[device.fault] != 0.0: -> "
+    "if device.fault > 0 and arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block "
     "stands at 0",
-    "cext/schedule/devices.pyx send_batches: device.rounds += 1 -> device.rounds -= 1": "what divides it "
+    "cext/schedule/device_arming.pyx send_batches: device.rounds += 1 -> device.rounds -= 1": "what divides it "
     "leaves no remainder "
     "as often",
     "runtime/guardian/stop.py __init__: self.limit = STOP_LIMIT + max((damped.end - now for damped in "

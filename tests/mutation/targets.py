@@ -16,8 +16,25 @@ class Target:
 
 
 STOPS = tuple(
-    f"tests/cext/test_{name}.py"
-    for name in ("every_fault", "faults", "guarded", "life_cycle", "damping", "arming_again", "devices")
+    f"tests/cext/{name}.py"
+    for name in (
+        "schedule/test_every_fault",
+        "schedule/test_faults",
+        "safety/test_guarded",
+        "schedule/test_life_cycle",
+        "safety/test_damping",
+        "schedule/test_arming_again",
+        "schedule/test_devices",
+    )
+)
+DEVICES = (
+    *STOPS,
+    "tests/cext/clock/test_stopwatch.py",
+    "tests/cext/clock/test_overrun.py",
+    "tests/cext/schedule/test_latency.py",
+    "tests/cext/bus/test_memory_bus.py",
+    "tests/cext/bus/test_timed_bus.py",
+    "tests/blocks/actuators/test_cubemars_extended_life.py",
 )
 DRIVE = tuple(
     f"tests/blocks/actuators/test_{name}.py" for name in ("drive_law", "cubemars_bus", "cubemars_wire", "sent")
@@ -50,56 +67,52 @@ TARGETS = (
     Target(
         "cext/kernels/devices/drive_law.pxd",
         ("quotient", "keep_inside"),
-        ("cext/kernels/cubemars", "cext/kernels/cubemars_v3", "cext/kernels/robstride", "cext/kernels/robstride_mit"),
+        (
+            "cext/kernels/devices/cubemars/mit",
+            "cext/kernels/devices/cubemars/v3",
+            "cext/kernels/devices/robstride/private",
+            "cext/kernels/devices/robstride/mit",
+        ),
         DRIVE,
     ),
     Target(
         "cext/kernels/devices/mit.pxd",
         ("limit_law", "quantise", "encode_command"),
-        ("cext/kernels/cubemars", "cext/kernels/cubemars_v3"),
+        ("cext/kernels/devices/cubemars/mit", "cext/kernels/devices/cubemars/v3"),
         (*DRIVE, "tests/blocks/actuators/test_cubemars_v3_wire.py"),
     ),
     Target(
         "cext/schedule/devices.pyx",
-        (
-            "receive",
-            "commanded",
-            "watch",
-            "command",
-            "transmit",
-            "send",
-            "send_batches",
-            "send_stop",
-            "all_answered",
-            "want_replies",
-            "is_like",
-        ),
-        ("cext/devices",),
-        (
-            *STOPS,
-            "tests/cext/clock/test_stopwatch.py",
-            "tests/cext/clock/test_overrun.py",
-            "tests/cext/schedule/test_latency.py",
-            "tests/cext/bus/test_memory_bus.py",
-            "tests/cext/bus/test_timed_bus.py",
-            "tests/blocks/actuators/test_cubemars_extended_life.py",
-        ),
+        ("receive", "offer_one", "watch", "command", "transmit"),
+        ("cext/schedule/devices",),
+        DEVICES,
     ),
+    Target("cext/schedule/buses.pyx", ("send",), ("cext/schedule/buses",), DEVICES),
+    Target(
+        "cext/schedule/device_arming.pyx",
+        ("all_answered", "want_replies", "send_batches"),
+        ("cext/schedule/device_arming",),
+        DEVICES,
+    ),
+    Target("cext/schedule/safe_stop.pyx", ("send",), ("cext/schedule/safe_stop",), DEVICES),
+    Target("cext/schedule/foreign_commands.pxd", ("commanded_device", "is_like"), ("cext/schedule/devices",), DEVICES),
     Target(
         "cext/schedule/publisher.pyx",
         ("fenced", "attend", "raise_fence", "lower_fence", "attend_fenced"),
-        ("cext/journal",),
+        ("cext/schedule/publisher",),
         STOPS,
     ),
-    Target("cext/safety/shared_state.pyx", ("raise_fence", "look_after", "fenced"), ("cext/page",), STOPS),
-    Target("cext/schedule/executor.pyx", ("stop",), ("cext/executor",), STOPS),
+    Target(
+        "cext/safety/shared_state.pyx", ("raise_fence", "look_after", "fenced"), ("cext/safety/shared_state",), STOPS
+    ),
+    Target("cext/schedule/executor.pyx", ("stop",), ("cext/schedule/executor",), STOPS),
     Target(
         "cext/schedule/arming.pyx",
         ("halt",),
-        ("cext/arming",),
+        ("cext/schedule/arming",),
         (*STOPS, "tests/blocks/actuators/test_cubemars_extended_life.py"),
     ),
-    Target("cext/schedule/lifecycle.pyx", ("is_survived",), ("cext/waiting",), STOPS),
+    Target("cext/schedule/lifecycle.pyx", ("is_survived",), ("cext/schedule/lifecycle",), STOPS),
     Target(
         "runtime/guardian/stop.py",
         ("__init__", "step", "receive", "_is_reply"),

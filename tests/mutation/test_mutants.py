@@ -52,6 +52,12 @@ def test_a_sample_covers_every_file_first_in_an_order_given_by_the_seed():
     assert sampled(1) == chosen != sampled(2) and len(chosen) == len(all_mutants())
 
 
+def test_modules_and_tests_of_every_target_exist():
+    files = {f"{module}.pyx" for target in TARGETS for module in target.modules}
+    files |= {test for target in TARGETS for test in target.tests}
+    assert [file for file in sorted(files) if not (ROOT / file).is_file()] == []
+
+
 def test_every_listed_equivalent_mutant_still_exists():
     names = {
         mutant.name

@@ -48,7 +48,7 @@ class Simulated:
         ticks = max(10, round(self.seconds * rate))
         program, outcome, _ = self.run(rate, ticks, self.bitrate)
         why = "" if outcome.status == "ok" else outcome.status
-        return Step(rate, ticks * len(self.ids), sum(program.missed.values()), 0, ticks, why)
+        return Step(rate, ticks * len(self.ids), sum(program.reports.missed.values()), 0, ticks, why)
 
     def run(self, rate: float, ticks: int, bitrate: float) -> tuple[Program, Outcome, TimedBus]:
         """Run the actuators at a rate. Returns (Program of the robot, Outcome, bus)."""
@@ -137,7 +137,7 @@ class OnRig:
         return Step(
             rate,
             round(self.seconds * rate) * len(self.ids),
-            sum(result.control.missed.values()),
+            sum(result.control.reports.missed.values()),
             statistics["missed"],
             statistics["ticks"],
             why,

@@ -74,9 +74,9 @@ def test_replies_of_another_length_are_counted_and_reported(length):
     rig = Rig(walk, plant_of(walk, reply=length))
     outcome = rig.run(50, arming_timeout=0.5)
     assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",))
-    ((lengths, _),) = rig.control.malformed.values()
+    ((lengths, _),) = rig.control.reports.malformed.values()
     assert list(lengths) == [length] and lengths[length] == rig.statistics()["frames"]["malformed"] > 100
-    words = walk["knee"].malformed_in_words(*rig.control.malformed["knee"])
+    words = walk["knee"].malformed_in_words(*rig.control.reports.malformed["knee"])
     assert words == f"{lengths[length]} replies of {length} bytes from id 1: set reply={length}"
 
 
@@ -115,7 +115,7 @@ def test_a_reply_with_another_id_is_not_a_foreign_command():
     rig, knee = answering(lambda tick: [reply(5, error=0)])
     outcome = rig.run(50, arming_timeout=0.5)
     assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",))
-    lengths, first = rig.control.malformed["knee"]
+    lengths, first = rig.control.reports.malformed["knee"]
     assert first == 5 and knee.malformed_in_words(lengths, first).startswith(
         f"{lengths[8]} replies from id 1 with id 5 in byte 0"
     )
@@ -124,7 +124,7 @@ def test_a_reply_with_another_id_is_not_a_foreign_command():
 def test_a_drive_that_changes_its_id_times_out():
     rig, _ = answering(lambda tick: [reply(1 if tick < 60 else 5, error=0)])
     outcome = rig.run(100)
-    assert (outcome.status, outcome.culprit) == ("silent", "knee") and rig.control.malformed["knee"][1] == 5
+    assert (outcome.status, outcome.culprit) == ("silent", "knee") and rig.control.reports.malformed["knee"][1] == 5
 
 
 COMMAND = bytes.fromhex("8000800000000800")  # of another controller: as a reply, of id 128

@@ -232,7 +232,7 @@ def test_fault_queries_do_not_disturb_motion():
     commands = [frame.data for frame in rig.frames if frame.sent and frame.id == 5]
     assert 5 <= commands.count(QUESTION) <= 7
     assert abs(rig["knee.position"][-1] - 0.1) < 3e-3 and abs(rig["knee.position"]).max() < 0.11
-    assert rig.control.missed["knee"] == 0
+    assert rig.control.reports.missed["knee"] == 0
 
 
 def test_a_fault_while_running_ends_the_run_with_its_name():
@@ -256,7 +256,7 @@ def test_a_drive_with_a_fault_is_not_armed():
 
 def test_firmware_without_parameters_is_armed_only_if_configured():
     rig, outcome, knee = lived(parameters_known=False)
-    assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",)) and rig.control.unready == ["knee"]
+    assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",)) and rig.control.reports.unready == ["knee"]
     assert "from firmware 0.3.1.41 on" in knee.unready_in_words()
     assert lived(parameters_known=False, drive_parameters={"can_timeout": 0.0})[1].status == "ok"
 

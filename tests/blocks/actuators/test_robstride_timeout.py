@@ -101,7 +101,7 @@ def test_a_drive_with_another_time_out_is_never_commanded():
 def test_a_drive_that_does_not_return_its_time_out_is_not_armed():
     rig, knee, outcome, moved = armed(None)
     assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",)) and moved == []
-    assert rig.control.unready == ["knee"] and "not the read of its time-out" in knee.unready_in_words()
+    assert rig.control.reports.unready == ["knee"] and "not the read of its time-out" in knee.unready_in_words()
 
 
 def test_without_a_time_out_nothing_is_read():

@@ -63,7 +63,7 @@ def test_the_rms_torque_is_that_of_the_last_window_within_a_bucket():
     longer = reference_rms(rig["knee.torque"], 1.0 + 2.0 / 64)
     assert np.all(rms >= exact - 1e-9) and np.all(rms <= longer * math.sqrt(1.0 + 2.0 / 64) + 1e-9)
     assert rms.max() == pytest.approx(15.0, abs=0.2) and rms[-1] < 3.0
-    assert rig.control.watched[0]["rms_ticks"] == 0 and rig.events == []
+    assert rig.control.reports.watched[0]["rms_ticks"] == 0 and rig.events == []
 
 
 def test_saturate_lowers_limit_to_rated_torque_near_rated_rms():
@@ -80,7 +80,7 @@ def test_saturate_lowers_limit_to_rated_torque_near_rated_rms():
         told["what"]
         == "RMS torque over 1 s is above 90 % of the rated 9 N·m: the torque limit is reduced to the rated torque"
     )
-    assert rig.control.watched[0]["rms_ticks"] == int((rms > 0.9 * RATED).sum()) and rig["knee.limited"][-1] > 0
+    assert rig.control.reports.watched[0]["rms_ticks"] == int((rms > 0.9 * RATED).sum()) and rig["knee.limited"][-1] > 0
 
 
 def test_throttle_reduces_torque_further():
@@ -93,7 +93,7 @@ def test_warn_keeps_limit_and_is_reported_once():
     rig, outcome = watched(rms_mode="warn")
     assert outcome.status == "ok" and rig["knee.torque_sent"][RATE - 1] == pytest.approx(15.0, abs=0.01)
     assert [told["what"] for told in rig.events] == ["RMS torque over 1 s is above the rated 9 N·m"]
-    assert rig.control.watched[0]["rms_ticks"] == int((rig["knee.rms_torque"] > RATED).sum()) > 50
+    assert rig.control.reports.watched[0]["rms_ticks"] == int((rig["knee.rms_torque"] > RATED).sum()) > 50
 
 
 def test_disable_ends_the_run_in_the_tick_that_passes_the_rated_rms():

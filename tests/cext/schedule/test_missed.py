@@ -21,14 +21,14 @@ def silent_robot():
 def test_every_command_but_the_last_counts_as_missed_for_a_silent_drive():
     program = silent_robot()
     assert Executor(program, 200.0, virtual=True).run(100).status == "ok"
-    assert program.missed == {"knee": 99}
+    assert program.reports.missed == {"knee": 99}
 
 
 def test_replies_missed_before_the_first_counted_tick_are_not_counted():
     program = silent_robot()
     program.count_from(60)
     Executor(program, 200.0, virtual=True).run(100)
-    assert program.missed == {"knee": 40}
+    assert program.reports.missed == {"knee": 40}
 
 
 def test_timely_replies_are_not_missed():
@@ -40,4 +40,4 @@ def test_timely_replies_are_not_missed():
     program = Program(compile(robot), [bus.host])
     drive = Program(compile(plant), [bus.device])
     Executor(program, 200.0, plant=drive, substeps=5, virtual=True).run(100)
-    assert program.missed == {"knee": 0}
+    assert program.reports.missed == {"knee": 0}

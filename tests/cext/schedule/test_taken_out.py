@@ -103,7 +103,7 @@ REFUSED = (
 def test_drive_is_taken_out_and_armed_again_while_the_other_goes_on():
     robot = Robot({200: 1, 300: 0})
     assert robot.run(500).status == "ok"
-    assert robot.what() == [OUT, BACK] and robot.control.switched == {"left": (1, 1)}
+    assert robot.what() == [OUT, BACK] and robot.control.reports.switched == {"left": (1, 1)}
     active, torque = robot["left.active"], robot["left.torque"]
     assert active[:202].all() and not active[203:301].any() and active[310:].all()
     assert torque[150] > 1.9 and np.abs(torque[204:301]).max() < 0.01
@@ -222,7 +222,7 @@ def test_drive_that_is_out_stays_out_when_the_run_is_armed_again():
     outcome = robot.run(700, rearm=[], fade=0.0)
     assert outcome.status == "ok" and [fault.culprit for fault in outcome.faults] == ["right"]
     assert not robot["left.active"][260:].any() and robot["right.torque"][-1] > 1.9
-    assert robot.control.switched == {"left": (2, 1)}
+    assert robot.control.reports.switched == {"left": (2, 1)}
 
 
 def test_replayed_changes_send_the_same_frames():

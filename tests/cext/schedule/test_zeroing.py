@@ -102,7 +102,7 @@ def sent_zeros(rig):
 def test_zero_is_refused_while_torque_flows():
     rig = zeroing(presses={150}, torque=lambda tick: 2.0)
     assert rig.run(200).status == "ok"
-    assert sent_zeros(rig) == 0 and rig.control.zeros == {"knee": (0, 1)}
+    assert sent_zeros(rig) == 0 and rig.control.reports.zeros == {"knee": (0, 1)}
     assert events(rig) == [("warning", "the zero was not set: it can be set after 0.1 s of zero torque and rest")]
     assert rig["knee.position"][-1] == pytest.approx(REST, abs=1e-3)
 
@@ -111,13 +111,13 @@ def test_zero_is_refused_for_a_tenth_of_a_second_after_the_torque():
     law = lambda tick: 2.0 if tick < 150 else 0.0  # noqa: E731
     early, late = zeroing(presses={165}, torque=law), zeroing(presses={175}, torque=law)
     assert early.run(200).status == late.run(200).status == "ok"
-    assert early.control.zeros == {"knee": (0, 1)} and late.control.zeros == {"knee": (1, 0)}
+    assert early.control.reports.zeros == {"knee": (0, 1)} and late.control.reports.zeros == {"knee": (1, 0)}
 
 
 def test_zero_is_refused_while_the_joint_moves():
     rig = zeroing(presses={150}, angle=lambda tick: REST + 0.002 * tick)
     assert rig.run(200).status == "ok"
-    assert sent_zeros(rig) == 0 and rig.control.zeros == {"knee": (0, 1)}
+    assert sent_zeros(rig) == 0 and rig.control.reports.zeros == {"knee": (0, 1)}
 
 
 def test_zero_under_a_stiffness_at_its_own_angle_is_refused():
@@ -130,13 +130,13 @@ def test_zero_under_a_stiffness_at_its_own_angle_is_refused():
         motor(position=REST, velocity=0.0)
     rig = Rig(robot, plant)
     assert rig.run(200).status == "ok"
-    assert sent_zeros(rig) == 0 and rig.control.zeros == {"knee": (0, 1)}
+    assert sent_zeros(rig) == 0 and rig.control.reports.zeros == {"knee": (0, 1)}
 
 
 def test_angle_jumps_without_a_fault_and_commands_fade_in():
     rig = zeroing(presses={150}, torque=lambda tick: 2.0 if tick > 150 else 0.0, range=(-0.1, 1.0))
     assert rig.run(300).status == "ok"
-    assert sent_zeros(rig) == 1 and rig.control.zeros == {"knee": (1, 0)}
+    assert sent_zeros(rig) == 1 and rig.control.reports.zeros == {"knee": (1, 0)}
     assert events(rig) == [("zero", "the present position of the drive is its zero")]
     position, torque = rig["knee.position"], rig["knee.torque_sent"]
     assert position[150] == pytest.approx(REST, abs=1e-3)
@@ -149,20 +149,20 @@ def test_angle_jumps_without_a_fault_and_commands_fade_in():
 def test_request_that_is_true_from_the_start_is_none():
     rig = zeroing(presses=range(200))
     assert rig.run(200).status == "ok"
-    assert rig.control.zeros == {} and sent_zeros(rig) == 0
+    assert rig.control.reports.zeros == {} and sent_zeros(rig) == 0
 
 
 def test_zero_that_the_wire_loses_is_sent_again():
     rig = zeroing(presses={150}, lost={FRAME - 1})
     assert rig.run(250).status == "ok"
-    assert sent_zeros(rig) == 2 and rig.control.zeros == {"knee": (1, 0)}
+    assert sent_zeros(rig) == 2 and rig.control.reports.zeros == {"knee": (1, 0)}
     assert np.abs(rig["knee.position"][-20:]).max() < 1e-3
 
 
 def test_drive_may_be_silent_for_a_second_after_its_zero():
     rig = zeroing(presses={150}, silent=range(FRAME, FRAME + 200))
     assert rig.run(600).status == "ok"
-    assert rig.control.zeros == {"knee": (1, 0)}
+    assert rig.control.reports.zeros == {"knee": (1, 0)}
 
 
 def test_drive_that_stays_silent_after_its_zero_ends_the_run():
@@ -190,7 +190,7 @@ def test_zero_of_one_drive_leaves_the_other_under_torque():
 def test_arming_sets_the_zero_before_the_first_tick():
     rig = zeroing(zero_at_arming=True, presses=None, torque=lambda tick: 2.0, range=(-0.5, 0.5))
     assert rig.run(200).status == "ok"
-    assert np.abs(rig["knee.position"]).max() < 1e-3 and rig.control.zeros == {"knee": (1, 0)}
+    assert np.abs(rig["knee.position"]).max() < 1e-3 and rig.control.reports.zeros == {"knee": (1, 0)}
     before = rig.sent()[: rig.sent().index(SET_ZERO)]
     assert before.count(NOTHING) >= 20  # 0.1 s at rest
 
@@ -198,14 +198,14 @@ def test_arming_sets_the_zero_before_the_first_tick():
 def test_arming_waits_until_the_joint_is_at_rest():
     rig = zeroing(zero_at_arming=True, presses=None, angle=lambda tick: REST + 0.002 * min(tick, 300))
     assert rig.run(100).status == "ok"
-    assert rig.control.zeros == {"knee": (1, 0)} and np.abs(rig["knee.position"]).max() < 1e-3
+    assert rig.control.reports.zeros == {"knee": (1, 0)} and np.abs(rig["knee.position"]).max() < 1e-3
 
 
 def test_arming_fails_if_the_joint_keeps_moving():
     rig = zeroing(zero_at_arming=True, presses=None, angle=lambda tick: 0.002 * tick)
     outcome = rig.run(100)
     assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",))
-    assert rig.control.unzeroed == ["knee"] and sent_zeros(rig) == 0
+    assert rig.control.reports.unzeroed == ["knee"] and sent_zeros(rig) == 0
 
 
 def test_range_must_contain_the_angle_after_zeroing():
@@ -240,7 +240,7 @@ def test_every_family_sets_its_zero(drive, at_arming, offset):
     presses = None if at_arming else {60}
     rig = zeroing(drive, presses=presses, zero_at_arming=at_arming, offset=offset)
     assert rig.run(100).status == "ok"
-    assert rig.control.zeros == {"knee": (1, 0)}
+    assert rig.control.reports.zeros == {"knee": (1, 0)}
     assert rig["knee.position"][-1] == pytest.approx(-offset, abs=2e-3)
 
 
@@ -256,7 +256,7 @@ def test_drive_that_ignores_the_frame_keeps_its_zero():
     """Every frame that sets the zero is lost, and the others are not: the drive does not execute it."""
     rig = zeroing(presses={150}, lost={FRAME - 1 + 20 * i for i in range(30)}, torque=lambda tick: 2.0 * (tick > 150))
     assert rig.run(700).status == "ok"
-    assert rig.control.zeros == {"knee": (0, 1)} and sent_zeros(rig) == 20
+    assert rig.control.reports.zeros == {"knee": (0, 1)} and sent_zeros(rig) == 20
     assert events(rig) == [("warning", "the drive has not confirmed its zero; the earlier one is in force")]
     assert np.abs(rig["knee.torque_sent"][150:550]).max() < 0.01 and rig["knee.torque_sent"][-1] > 1.9
     assert rig["knee.position"][-1] == pytest.approx(REST, abs=1e-3)
@@ -272,4 +272,4 @@ def test_drive_that_reads_neither_its_old_position_nor_zero_is_a_fault():
 def test_zero_is_not_set_while_the_run_waits_to_be_armed_again():
     rig = zeroing(presses={130}, torque=lambda tick: math.nan if tick == 100 else 0.0)
     assert rig.run(200, rearm=[]).status == "not finite"
-    assert sent_zeros(rig) == 0 and rig.control.zeros == {"knee": (0, 1)}
+    assert sent_zeros(rig) == 0 and rig.control.reports.zeros == {"knee": (0, 1)}

@@ -1,0 +1,21 @@
+from libc.stdint cimport int64_t, uint64_t
+
+from cext.safety.shared_state cimport SharedLayout
+
+cdef enum:
+    ZEROED
+    ZERO_REFUSED
+    ZERO_NOT_SET
+    TAKEN_OUT
+    RETURNED
+    NOT_RETURNED
+    DEVICE_EVENTS
+
+cdef class DeviceEvents:
+    """Events of the devices of one schedule."""
+    cdef list templates          # EventTemplate, DEVICE_EVENTS of each device that has them
+    cdef void **places           # the same, borrowed: DEVICE_EVENTS of each device; NULL for none
+    cdef SharedLayout *page      # NULL: none
+
+    cdef uint64_t share(self, SharedLayout *page)
+    cdef void publish(self, int device, int event, int64_t tick) noexcept nogil

@@ -1,0 +1,126 @@
+# cython: freethreading_compatible=True
+"""Devices of a schedule in native memory: kernels with their tables, frames encoded at compile time, replies."""
+
+from libc.stdint cimport uintptr_t
+from libc.stdlib cimport calloc, free
+from libc.string cimport memset
+
+from cext.bus.batch cimport load_batch
+from cext.safety.drive_state cimport OUT, forget_state
+from cext.safety.speed_bands cimport SpeedBands
+from cext.safety.zeroing cimport forget_zero
+
+from cext.schedule.kernel_table import address, words
+
+
+cdef class DeviceTable:
+    """Devices of a `graph.Schedule`.
+
+    Parameters
+    ----------
+    schedule : graph.Schedule
+    memory : the arena, an array of doubles that outlives this object
+    """
+
+    def __init__(self, schedule, memory):
+        self.schedule, self.memory, self.keep = schedule, memory, []
+        self.arena = <double *><uintptr_t>memory.ctypes.data
+        self.failed = -1
+        self.load()
+
+    def __dealloc__(self):
+        for index in range(self.count):
+            free(self.devices[index].latency)
+        free(self.devices)
+
+    cdef int load(self) except -1:
+        devices = self.schedule.devices
+        self.devices = <Device *>calloc(max(1, len(devices)), sizeof(Device))
+        self.count = len(devices)
+        for index, entry in enumerate(devices):              # the schedule lists them bus by bus
+            self.load_device(&self.devices[index], entry)
+        return 0
+
+    cdef int load_device(self, Device *device, entry) except -1:
+        """Copy a device. entry : graph.schedule.DeviceSteps"""
+        device.decode = <decode_t><uintptr_t>address(entry.decode, "decode")
+        device.encode = <encode_t><uintptr_t>address(entry.encode, "encode")
+        self.keep += [entry.decode, entry.encode]
+        tables = [
+            words(table) for pair in (entry.decode_table, entry.encode_table) for table in (pair.slots, pair.sizes)]
+        self.keep += tables
+        device.decode_slots = <int32_t *><uintptr_t>tables[0].ctypes.data
+        device.decode_sizes = <int32_t *><uintptr_t>tables[1].ctypes.data
+        device.encode_slots = <int32_t *><uintptr_t>tables[2].ctypes.data
+        device.encode_sizes = <int32_t *><uintptr_t>tables[3].ctypes.data
+        device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
+        device.ready, device.ready_size = entry.ready, entry.ready_size
+        if entry.ready_size > READY_NUMBERS:
+            raise ValueError(f"{entry.name}: at most {READY_NUMBERS} values outlive the start, not {entry.ready_size}")
+        load_batch(&device.enable, entry.enable)
+        for place, frame in enumerate(entry.enable):
+            device.only_reads[place] = frame in entry.reads
+        load_batch(&device.zero, entry.zero)
+        load_batch(&device.disable, entry.disable)
+        device.unanswered = entry.unanswered
+        device.relay = round(entry.relay_time * 1e9)
+        device.drive.disabled, device.drive.disable = entry.disabled_slot, entry.disable_slot
+        device.drive.active = entry.active_slot
+        if entry.zeroing is not None:
+            load_batch(&device.set_zero, [entry.zeroing.zeroing.frame])
+        self.load_zeroing(&device.zeroing, entry.zeroing)
+        if entry.damp is not None:
+            bands = SpeedBands(entry.damp.bands, round(entry.damp.round * 1e9), entry.damp.acceleration,
+                entry.damp.velocity)
+            self.keep.append(bands)
+            device.bands = <void *>bands
+            device.damping = round(entry.damp.duration * 1e9)
+        return 0
+
+    cdef int load_zeroing(self, Zeroing *z, entry) except -1:
+        """Set how the zero of a device is set. entry : graph.schedule.ZeroSteps, or None"""
+        z.position = z.request = z.law = z.current = -1
+        if entry is not None:
+            z.position, z.request, z.law, z.current = entry.position, entry.request, entry.law, entry.current
+            z.offset, z.torque_code = entry.zeroing.offset, entry.zeroing.torque_code
+            z.at_arming = entry.zeroing.at_arming
+        return 0
+
+    cdef int time_replies(self) except -1:
+        """Time the reply of every device to each command from now on."""
+        for index in range(self.count):
+            if self.devices[index].latency == NULL and self.devices[index].zero.count:
+                self.devices[index].latency = <Histogram *>calloc(1, sizeof(Histogram))
+                if self.devices[index].latency == NULL:
+                    raise MemoryError
+        return 0
+
+    cdef void reset(self):
+        """Restore the state before the first arming."""
+        cdef int index
+        cdef Device *device
+        self.now = 0
+        self.failed = -1
+        for index in range(self.count):
+            device = &self.devices[index]
+            forget_zero(&device.zeroing)
+            forget_state(&device.drive, self.arena)
+            device.fades_from = device.asked = -1
+            device.reply_time = device.replies = device.replies_wanted = device.missed = 0
+            device.owed = device.answered = device.doubtful = False
+            memset(device.malformed, 0, sizeof(device.malformed))
+            if device.bands != NULL:
+                (<SpeedBands>device.bands).forget()
+            if device.latency != NULL:
+                memset(device.latency, 0, sizeof(Histogram))
+
+    cdef bint has_replied(self, const Device *device) noexcept nogil:
+        """Return whether a device has replied, and returned what arming writes to it."""
+        return device.replies >= device.replies_wanted and (self.stopping or device.ready < 0
+            or self.arena[device.ready] != 0.0)
+
+    cdef bint has_answered(self, const Device *device) noexcept nogil:
+        """Return whether arming or the safe stop need not wait for a device any longer."""
+        if device.drive.state == OUT and not self.stopping:
+            return True
+        return self.has_replied(device) and (self.stopping or not device.zeroing.due)

@@ -1,0 +1,91 @@
+# cython: freethreading_compatible=True
+"""Safe stop of devices: damping where a drive has it, then zero torque and disable."""
+
+from libc.stdint cimport int64_t
+
+from cext.bus.batch cimport Batch
+from cext.safety.drive_state cimport OUT
+from cext.safety.speed_bands cimport SpeedBands
+from cext.schedule.device_table cimport Device
+from cext.schedule.relays cimport holds_relay, pump
+
+
+cdef class SafeStop:
+    """Safe stop of the devices of one schedule. Its frames were encoded at compile time."""
+
+    def __init__(self, DeviceTable table, Buses buses):
+        self.table, self.buses = table, buses
+        for index in range(table.count):
+            self.longest_damping = max(self.longest_damping, table.devices[index].damping)
+
+    cdef void begin(self) noexcept nogil:
+        """Begin a safe stop. Damping depends on the first `since` of `send`."""
+        cdef int number
+        cdef Device *device
+        self.due = 0
+        for number in range(self.table.count):
+            device = &self.table.devices[number]
+            device.zeroing.runs = False
+            device.damped = device.bands != NULL and device.drive.state < OUT
+            device.damp_due = 0
+
+    cdef int64_t send(self, int64_t since, int64_t now, int64_t round) noexcept nogil:
+        """Send the due frames of the safe stop `since` ns after its begin: damping by the newest speeds, zero torque
+        and disable every `round` ns.
+
+        A device is damped until the first round after its time. Returns when the next frames are due, in ns since the
+        begin of the stop.
+
+        A relay is held while any device is damped, unless it may have dropped: a safe stop never restores a drive's
+        power.
+        """
+        cdef int number
+        cdef Device *device
+        cdef Batch *batch
+        cdef bint disabling = since >= self.due
+        cdef int64_t due
+        if disabling:
+            self.due = next_due(self.due, since, round)
+        due = self.due
+        for number in range(self.table.count):
+            device = &self.table.devices[number]
+            if device.relay > 0:
+                if disabling and since < self.longest_damping and holds_relay(self.table, self.buses, device, now):
+                    pump(self.table, self.buses, device, now, True)
+            elif device.damped and (since < device.damping or not disabling):
+                if since >= device.damp_due:
+                    batch = <Batch *>(<SpeedBands>device.bands).choose(now)
+                    self.buses.send(device.bus, batch.frames, batch.count, now, True)
+                    device.damp_due = next_due(device.damp_due, since, (<SpeedBands>device.bands).round)
+                due = min(due, device.damp_due)
+            elif disabling:
+                device.damped = False
+                self.buses.send(device.bus, device.zero.frames, device.zero.count, now, True)
+                self.buses.send(device.bus, device.disable.frames, device.disable.count, now, True)
+        return due
+
+    cdef void note_speeds(self) noexcept nogil:
+        """Read frames for the speeds of damped devices. The arena stays as the hung tick has left it."""
+        cdef int bus, number
+        for bus in range(self.buses.count):
+            for number in range(self.table.count):
+                if self.table.devices[number].bus == bus and self.table.devices[number].damped:
+                    self.note_speeds_of(bus)
+                    break
+
+    cdef void note_speeds_of(self, int bus) noexcept nogil:
+        cdef int index, number
+        cdef Device *device
+        for index in range(self.buses.receive(bus)):
+            for number in range(self.table.count):
+                device = &self.table.devices[number]
+                if device.bus == bus and device.bands != NULL:
+                    (<SpeedBands>device.bands).note(&self.buses.received[index])
+            if self.buses.page != NULL:
+                self.buses.page.frames_received += 1
+                self.buses.log_frame(&self.buses.received[index])
+
+
+cdef inline int64_t next_due(int64_t due, int64_t now, int64_t round) noexcept nogil:
+    """Return the round after the one sent now: on the same grid, unless that one is missed as well."""
+    return due + round if due + round > now else now + round
