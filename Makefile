@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run lint stubs test test-hardware soak build wheel clean FORCE
+.PHONY: help run lint stubs test test-hardware soak build docs wheel clean FORCE
 
 # Without bytecode a start takes twice as long, and the collection of the tests four times.
 unexport PYTHONDONTWRITEBYTECODE
@@ -44,6 +44,7 @@ help:
 	echo "make test-hardware  run the tests of real buses: SocketCAN on vcan0, here or under User Mode Linux, and UDP"
 	echo "make soak           run the long tests"
 	echo "make build          compile changed modules"
+	echo "make docs           build the site into build/site, without a network"
 	echo "make wheel          write wheel and source archive to dist/"
 	echo "make clean          remove built files"
 	echo "PYTHON=python3.12 make ...  use another Python"
@@ -81,11 +82,14 @@ soak: $(VENV)/installed-test
 
 build: $(VENV)/built
 
+docs: $(VENV)/installed-docs
+	exec $(VENV)/bin/python -m tests.docs.site
+
 wheel: $(VENV)/installed-test
 	exec $(VENV)/bin/python -m build --no-isolation
 
 clean:
-	rm -rf build dist tickwork.egg-info .venv*/built
+	rm -rf build dist docs/api tickwork.egg-info .venv*/built
 	find cext -name '*.so' -delete -o -name '*.c' -delete
 	find blocks cext graph runtime diagrams tests -name __pycache__ -prune -exec rm -rf {} +
 
@@ -234,11 +238,18 @@ $(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
 	compile_imports
 	mv $@.start $@
 
+$(VENV)/installed-docs: pyproject.toml $(VENV)/tools | $(VENV)/built
+	$(tools)
+	touch $@.start
+	say "installing Tickwork, its requirements and those of its site"
+	install --no-build-isolation -e '.[docs]'
+	mv $@.start $@
+
 $(VENV)/installed-test: pyproject.toml $(VENV)/tools | $(VENV)/built
 	$(tools)
 	touch $@.start
 	say "installing Tickwork, its requirements and those of its tests"
 	install --no-build-isolation -e '.[test]'
 	compile_imports
-	cp -p $@.start $(VENV)/installed
+	for other in installed installed-docs; do cp -p $@.start $(VENV)/$$other; done
 	mv $@.start $@

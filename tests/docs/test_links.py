@@ -4,9 +4,7 @@ import re
 
 import pytest
 
-from tests.checkout import ROOT
-
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+from tests.docs.pages import NAMES, PAGES
 
 
 def anchors(path):
@@ -16,7 +14,7 @@ def anchors(path):
     return {re.sub(r"[^\w -]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
 def test_links_have_targets(page):
     for target, anchor in re.findall(r"\]\((?!https?:|mailto:)([^)#\s]*)(?:#([^)\s]+))?\)", page.read_text()):
         path = page.parent / target if target else page

@@ -1,0 +1,126 @@
+"""Configuration of the site. `make docs` builds it into build/site/VERSION, without a network."""
+
+import os
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from tests.docs import generated, site  # noqa: E402
+
+QUICK = bool(os.environ.get("DOCS_QUICK"))  # without pictures and notebooks, for the tests
+
+project = "Tickwork"
+version = release = site.version()
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.viewcode", "sphinx_copybutton"]
+exclude_patterns = ["README.md"]
+templates_path = ["_templates"]
+
+myst_heading_anchors = 4
+nb_execution_mode = "off" if QUICK else "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+copybutton_prompt_text = r"\$ |>>> "
+copybutton_prompt_is_regexp = True
+copybutton_only_copy_prompt_lines = False
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_preserve_defaults = True
+python_use_unqualified_type_names = True
+add_module_names = False
+viewcode_line_numbers = True
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"Tickwork {version}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_theme_options = {
+    "navbar_end": ["versions", "theme-switcher"],
+    "show_prev_next": True,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "show_version_warning_banner": False,
+    "navigation_depth": 3,
+    "back_to_top_button": True,
+}
+html_context = {"default_mode": "auto"}
+pygments_style = "tango"
+
+
+def code(text):
+    """Return a paragraph of a docstring as reStructuredText: spans in backticks as literals, the rest verbatim."""
+    parts = re.split(r"(`[^`\n]+`)", text)
+    return "".join(
+        f"`{part}`" if part.startswith("`") and len(part) > 2 else re.sub(r"([\\*|_`])", r"\\\1", part)
+        for part in parts
+    )
+
+
+def docstring(app, what, name, thing, options, lines):
+    """Convert a docstring in place to reStructuredText.
+
+    Blocks of indented lines and tables are literal; `name : description` is an entry of a definition list.
+    """
+    found = []
+    for block in re.split(r"\n\s*\n", "\n".join(lines).strip("\n")):
+        rows = block.splitlines()
+        if all(row.startswith(" ") for row in rows) or re.search(r"\S {3,}\S", block):
+            found += ["::", "", *(f"    {row}" for row in rows)]
+        elif re.match(r"[\w, *]+ : ", rows[0]):
+            for row in rows:
+                entry = re.match(r"([\w, *]+) : (.*)", row)
+                found += [f"``{entry[1]}``", f"    {code(entry[2])}"] if entry else [f"    {code(row.strip())}"]
+        else:
+            found += map(code, map(str.strip, rows))
+        found.append("")
+    lines[:] = found
+
+
+OUTSIDE = {  # section: its pages in other folders
+    "reference": ["/api/blocks/index", "/api/python", "/api/error_codes"],
+    "explanation": ["/safety_case", "/coming_from/index"],
+}
+
+
+def links(text):
+    """Return the pages that a page links to, as paths relative to it."""
+    return re.findall(r"\]\(([^)#\s:]+)\.md[^)]*\)", text)
+
+
+def contents(source, docname, text):
+    """Return the pages below an index page: generated ones, those that it links to, then the rest of its folder."""
+    folder = source / docname.rpartition("/")[0]
+    if docname == "index":
+        return [page for page in links(text) if page.rpartition("/")[2] in ("index", "README")]
+    if folder == source / "api" / "blocks":
+        return links(text)
+    pages = [page for page in links(text) if "/" not in page] + sorted(path.stem for path in folder.glob("*.md"))
+    others = [page for page in OUTSIDE.get(folder.name, []) if (source / f"{page[1:]}.md").exists()]
+    return [page for page in dict.fromkeys(others + pages) if page != docname.rpartition("/")[2]]
+
+
+def read(app, docname, source):
+    """Replace links to folders outside docs/ by their text, and append its table of contents to an index page."""
+    root = Path(app.srcdir)
+    folder = (root / docname).parent
+
+    def link(match):
+        return match[1] if not match[2].startswith("http") and (folder / match[2]).is_dir() else match[0]
+
+    source[0] = re.sub(r"\[([^\]]+)\]\(([^)#\s]+)\)", link, source[0])
+    if docname.rpartition("/")[2] in ("index", "README"):
+        entries = "\n".join(contents(root, docname, source[0]))
+        source[0] += f"\n\n```{{toctree}}\n:hidden:\n\n{entries}\n```\n"
+
+
+def setup(app):
+    """Write the generated pages, and connect the converters."""
+    generated.write(Path(app.srcdir) / "api")
+    app.connect("autodoc-process-docstring", docstring)
+    app.connect("source-read", read)

@@ -1,0 +1,39 @@
+"""Build the site into build/site/VERSION, beside the versions built before: `python -m tests.docs.site`."""
+
+import json
+import re
+import sys
+
+from sphinx.cmd.build import main
+
+from tests.checkout import ROOT
+
+SITE = ROOT / "build" / "site"
+START = '<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={}/index.html">\n'
+
+
+def version():
+    """Return the version of the tree."""
+    return re.search(r'^version = "(.*)"', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)[1]
+
+
+def build():
+    """Build the version of the tree. Every warning of Sphinx is an error. Returns the exit status."""
+    options = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(ROOT / "build" / "doctrees")]
+    return main([*options, str(ROOT / "docs"), str(SITE / version())])
+
+
+def list_versions(site):
+    """Write the list for the version switcher, newest first, and a start page that opens the newest."""
+    versions = [path.parent.name for path in site.glob("*/index.html")]
+    versions.sort(key=lambda name: [int(part) if part.isdigit() else -1 for part in name.split(".")], reverse=True)
+    (site / "versions.js").write_text(f"window.TICKWORK_VERSIONS = {json.dumps(versions)};\n")
+    (site / "index.html").write_text(START.format(versions[0]))
+
+
+if __name__ == "__main__":
+    status = build()
+    if status == 0:
+        list_versions(SITE)
+        print(f"site: {SITE / 'index.html'}")
+    sys.exit(status)

@@ -1,0 +1,50 @@
+"""The site builds without a warning, contains every page, and needs no network."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from tests.checkout import ROOT
+from tests.docs.pages import DOCS, PAGES
+from tests.docs.site import list_versions
+
+pytest.importorskip("myst_nb")
+pytest.importorskip("pydata_sphinx_theme")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Folder of a site without pictures of blocks and with notebooks that are not executed."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-W", "-q", "--keep-going", "-b", "html", "docs", str(folder / "1.0")]
+    environment = os.environ | {"DOCS_QUICK": "1"}
+    built = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
+    assert (built.returncode, built.stderr) == (0, "")
+    return folder / "1.0"
+
+
+def test_every_page_is_in_the_site_and_in_its_navigation(site):
+    pages = [page.relative_to(DOCS).with_suffix("") for page in PAGES if DOCS in page.parents]
+    start = (site / "index.html").read_text()
+    for page in pages:
+        assert (site / page.with_suffix(".html")).exists(), page
+    for section in ("tutorial", "how_to", "reference", "explanation", "hardware"):
+        assert f'href="{section}/index.html"' in start
+
+
+def test_pages_load_nothing_from_a_network(site):
+    for page in site.rglob("*.html"):
+        loaded = re.findall(r"<(?:script|link|img|iframe)\b[^>]*?(?:src|href)=\"(https?:[^\"]*)", page.read_text())
+        assert not loaded, (page, loaded)
+
+
+def test_versions_are_listed_newest_first(tmp_path):
+    for version in ("0.2.0", "0.10.0", "0.9.1"):
+        (tmp_path / version).mkdir()
+        (tmp_path / version / "index.html").write_text("")
+    list_versions(tmp_path)
+    assert (tmp_path / "versions.js").read_text() == 'window.TICKWORK_VERSIONS = ["0.10.0", "0.9.1", "0.2.0"];\n'
+    assert "url=0.10.0/index.html" in (tmp_path / "index.html").read_text()
