@@ -49,6 +49,7 @@ def test_the_torque_limiter_equals_the_oracle_bit_for_bit(limit, slew):
     assert np.array_equal(y, limited(NOISE, limit, slew))
 
 
+@pytest.mark.hazard("H3c")
 @given(u=st.lists(anything, min_size=1, max_size=40), limit=sizes, slew=st.one_of(sizes, st.just(math.inf)))
 @settings(max_examples=200, deadline=None)
 def test_a_torque_limiter_bounds_torque_and_slew_and_maps_non_finite_input_to_nan(u, limit, slew):
@@ -71,6 +72,7 @@ def test_a_torque_limiter_climbs_in_even_steps_and_stops_at_its_limit():
     assert y.tolist() == [1.0, 2.0, 3.0, 3.0, 2.0, 1.0]
 
 
+@pytest.mark.hazard("H2b")
 def test_torque_limiter_maps_non_finite_input_to_nan_and_does_not_hold_it():
     u = np.array([0.0, 1.0, math.nan, math.nan, 1.0, math.inf, -math.inf, 1.0, 1e308])
     y = both_ways(lambda: TorqueLimiter(limit=12.0, slew=100.0), torque=u)["limited"]

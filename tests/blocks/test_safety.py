@@ -170,6 +170,7 @@ def test_heartbeat_of_button_permits_run():
     assert rig["button.count"][-1] == pytest.approx(2.0 / 0.02, abs=3)
 
 
+@pytest.mark.hazard("H9c")
 def test_press_ends_run_in_its_tick_before_commands_are_sent():
     rig = heartbeat_rig(pressed=from_then_on)
     outcome = rig.run(400)
@@ -178,6 +179,7 @@ def test_press_ends_run_in_its_tick_before_commands_are_sent():
     assert len(rig.commands()) == outcome.tick and ends_in_the_safe_stop(rig)
 
 
+@pytest.mark.hazard("H9c")
 def test_a_silent_button_ends_the_run_after_its_timeout():
     rig = heartbeat_rig(silent=from_then_on, timeout=0.15)
     outcome = rig.run(400)

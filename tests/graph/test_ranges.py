@@ -46,6 +46,7 @@ def test_a_limiter_exactly_at_the_rating_passes_and_just_beyond_it_fails():
     assert complaint(with_limit(math.nextafter(RATED, math.inf))).code == "TW007"
 
 
+@pytest.mark.hazard("H1a")
 def test_a_gain_behind_the_limiter_fails():
     with Diagram("d", rate=200) as diagram:
         knee = drive()
@@ -92,6 +93,7 @@ def test_an_impedance_alone_fails_because_a_live_stiffness_may_become_its_maximu
     assert found.code == "TW007" and "impedance.torque can reach [-2375, 2375] N·m" in found.message
 
 
+@pytest.mark.hazard("H1g")
 def test_the_proof_uses_the_whole_range_of_a_live_parameter():
     class LiveGain(Gain):
         """A gain that may be turned while running."""

@@ -44,6 +44,7 @@ def spring(equilibrium, **filters):
     return lambda knee: Impedance(name="spring")(knee.position, knee.velocity, equilibrium)
 
 
+@pytest.mark.hazard("H5d")
 def test_degrees_typed_as_radians_do_not_compile_and_the_message_suggests_deg():
     assert found(spring(30.0)) == [
         (
@@ -74,6 +75,7 @@ def test_every_drive_with_a_position_command_has_a_reach(drive, model):
     assert found(spring(1.0), drive, model) == []
 
 
+@pytest.mark.hazard("H5d")
 @pytest.mark.parametrize(
     "angle, bounds", [(5.0, "did you mean deg(5)?"), (-0.5, "set -0.1 to 2 rad, or correct `range` of knee")]
 )

@@ -132,6 +132,7 @@ def test_a_command_that_is_not_finite_is_refused_and_makes_no_frame(model, bad):
         assert bytes(wired.frames[0].data) == bytes(64) and wired["torque_sent"] == 0.0
 
 
+@pytest.mark.hazard("H1b")
 @models
 def test_a_command_past_its_limit_is_refused_and_makes_no_frame(model):
     wired = Wired(CubeMars, model, can_id=1)

@@ -119,6 +119,7 @@ def test_random_motion_within_assumption_meets_at_most_the_limit(name, mounted):
             assert np.abs(torques).max() <= limit + drive.torque_code, (rate, commands)
 
 
+@pytest.mark.hazard("H1c")
 @given(data=st.data(), name=st.sampled_from(sorted(KINDS)), mounted=st.booleans())
 @settings(max_examples=400, deadline=None)
 def test_any_command_stays_within_the_limit_over_every_motion_until_a_late_frame(data, name, mounted):
@@ -158,6 +159,7 @@ def test_the_bound_includes_the_truncation_of_opposing_gains():
         assert worst(law, 0.0, 0.0, 0.0, drive.period, 1.0) <= 4.0 + drive.torque_code
 
 
+@pytest.mark.hazard("H1c")
 def test_closed_loop_torque_under_hard_motion_stays_within_the_limit():
     with Diagram("robot", rate=200) as robot:
         knee = CubeMars("AK80-9", name="knee", limit=4.0)

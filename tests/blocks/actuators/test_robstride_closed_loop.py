@@ -248,6 +248,7 @@ def test_late_replies_are_as_old_as_they_are_late():
     assert np.abs(recording["drive.position"][100:] - ok["drive.position"][90:-10]).max() < 0.03
 
 
+@pytest.mark.hazard("H4c")
 @pytest.mark.parametrize("back", [0.03, 0.06])
 def test_power_cycled_drive_is_not_reenabled(back):
     """It answers again before its silence ends the run, and is found stopped."""

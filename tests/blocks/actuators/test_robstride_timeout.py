@@ -22,6 +22,7 @@ def read_reply(counts, index=0x7028, failed=0):
     return READ_REPLY | failed << 16, struct.pack("<HHI", index, 0, counts)
 
 
+@pytest.mark.hazard("H8g")
 def test_arming_writes_the_time_out_and_reads_it_back_before_it_enables():
     listed = RobStride("RS03", can_timeout=0.1).enable_frames()
     assert [(identifier >> 24, data.hex()) for identifier, _, data in listed if data[:2] == b"\x28\x70"] == [

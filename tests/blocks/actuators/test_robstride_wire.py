@@ -125,6 +125,7 @@ def test_a_command_that_is_not_finite_is_refused_and_makes_no_frame(model, bad):
         assert bytes(wired.frames[0].data) == bytes(64) and wired.frames[0].id == 0 and wired["torque_sent"] == 0.0
 
 
+@pytest.mark.hazard("H1b")
 @models
 def test_a_command_past_its_limit_is_refused_and_makes_no_frame(model):
     wired, found = Wired(RobStride, model), MODELS[model]

@@ -97,6 +97,7 @@ def test_stepped_by_hand_it_is_the_block_of_a_diagram(name):
     both_ways(block, **{port: WALK.signals[signal][:1200] for port, signal in inputs.items()})
 
 
+@pytest.mark.hazard("H12c")
 @pytest.mark.parametrize("name", DETECTORS)
 def test_a_missing_sample_gives_nan_and_is_not_stored(name):
     block, inputs = DETECTORS[name]

@@ -110,6 +110,7 @@ def test_stepped_by_hand_it_is_the_block_of_a_diagram(block):
     both_ways(block, **{name: values[:1600] for name, values in inputs(block, played, strike).items()})
 
 
+@pytest.mark.hazard("H12c")
 @pytest.mark.parametrize("block", [PhasePortrait, AdaptiveOscillator, PhaseKalmanFilter])
 def test_a_missing_sample_gives_nan_and_is_not_stored(block):
     played, strike = walk()

@@ -54,6 +54,7 @@ def stopping():
     return gait_of(knees, int(40 * RATE))
 
 
+@pytest.mark.hazard("H12a")
 def test_the_torque_ends_within_300_ms_of_standing_still(stopping):
     speeds = [np.abs(stopping[f"walker.{side}_knee_velocity"]) for side in ("left", "right")]
     moving = np.maximum(*speeds) > 0.2
@@ -90,6 +91,7 @@ def test_slow_walking_is_not_standing():
     assert 14.0 < still < 16.0 and trial["state.standing"][trial.time > still + 0.2].all()
 
 
+@pytest.mark.hazard("H12b")
 def test_squats_are_not_walking():
     with open(shared("gait/series_squat_opencap.csv"), newline="") as file:
         rows = list(csv.DictReader(file))

@@ -268,6 +268,7 @@ def test_error_frames_are_delivered_and_update_state():
     assert wire.can.counts["errors"] == 5 and wire.can.counts["overflows"] == 1 and wire.can.trouble is None
 
 
+@pytest.mark.hazard("H7a")
 def test_bus_off_fails_next_send_and_stop_keeps_trying():
     wire = Wire()
     wire.far.send(error_frame(BUS_OFF))
@@ -380,6 +381,7 @@ wire.send({error_frame(BUS_OFF)!r})
 """
 
 
+@pytest.mark.hazard("H7b")
 def test_failed_bus_does_not_block_confirmed_stop_of_others():
     robot = Robot(2, far=(2,))
     with far_end(robot, BUS_OFF_SCRIPT):
@@ -430,6 +432,7 @@ wire.send({classic(1, ANSWER)!r})
 """
 
 
+@pytest.mark.hazard("H7c")
 def test_a_node_that_floods_the_bus_does_not_delay_a_tick():
     robot = Robot(far=())
     with far_end(robot, BABBLING_SCRIPT):

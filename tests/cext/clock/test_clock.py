@@ -68,6 +68,7 @@ def real_time(diagram, ticks):
     return rig, outcome, time.monotonic() - began
 
 
+@pytest.mark.hazard("H13a")
 def test_ticks_and_missed_ticks_cover_the_grid():
     with Diagram("d", rate=RATE) as diagram:
         Busy(name="b")
@@ -135,6 +136,7 @@ def test_every_grid_point_is_counted_when_the_run_ends_inside_a_skip():
     assert outcome.tick == rig.tick[-1] == diagram["b"].held
 
 
+@pytest.mark.hazard("H13a")
 def test_a_stall_is_not_followed_by_a_burst():
     with Diagram("d", rate=RATE) as diagram:
         Busy(10, 0.1, name="b")

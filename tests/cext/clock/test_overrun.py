@@ -79,6 +79,7 @@ def test_overrun_while_encoding_names_the_device():
     assert (outcome.status, outcome.culprit) == ("overrun", "encoding")
 
 
+@pytest.mark.hazard("H13b")
 def test_an_overrun_fault_names_the_block_and_stop_frames_follow_within_two_ticks():
     rig = robot(0.11, {10}, overrun="fault:3")  # five periods and a half
     outcome = rig.run(100)

@@ -143,6 +143,7 @@ def test_a_limb_at_8_rad_per_s_is_damped_within_5_newton_metres():
     assert half < 0.55  # s; the clipped ideal takes 0.288
 
 
+@pytest.mark.hazard("H10a")
 @pytest.mark.parametrize("rate", [100, 200, 1000])
 @pytest.mark.parametrize("frequency, peak", [(0.5, 45.0), (2.0, 30.0), (5.0, 15.9), (20.0, 3.9)])
 def test_motion_within_max_acceleration_meets_at_most_the_limit(rate, frequency, peak):
@@ -151,6 +152,7 @@ def test_motion_within_max_acceleration_meets_at_most_the_limit(rate, frequency,
     assert np.abs(torque).max() <= LIMIT + CODE and (torque * velocity <= 0.05).all()
 
 
+@pytest.mark.hazard("H10a")
 def test_a_silent_drive_is_damped_within_the_limit_at_every_speed():
     torque, velocity = stopped(moved(lambda t: 50.0 * math.sin(9.0 * t)), silent=True)
     assert np.abs(torque).max() <= LIMIT + CODE

@@ -66,6 +66,7 @@ def test_the_rms_torque_is_that_of_the_last_window_within_a_bucket():
     assert rig.control.reports.watched[0]["rms_ticks"] == 0 and rig.events == []
 
 
+@pytest.mark.hazard("H11b")
 def test_saturate_lowers_limit_to_rated_torque_near_rated_rms():
     rig, outcome = watched()
     assert outcome.status == "ok"
@@ -96,6 +97,7 @@ def test_warn_keeps_limit_and_is_reported_once():
     assert rig.control.reports.watched[0]["rms_ticks"] == int((rig["knee.rms_torque"] > RATED).sum()) > 50
 
 
+@pytest.mark.hazard("H11b")
 def test_disable_ends_the_run_in_the_tick_that_passes_the_rated_rms():
     rig, outcome = watched(rms_mode="disable")
     assert (outcome.status, outcome.culprit) == ("rms torque", "knee")
@@ -108,6 +110,7 @@ def test_limit_at_rated_torque_is_not_lowered_by_rms():
     assert rig["knee.torque_sent"].min() == pytest.approx(9.0, abs=0.01)
 
 
+@pytest.mark.hazard("H11a")
 def test_warming_drive_is_reported_derated_then_ends_run():
     rig, outcome = watched(torque=10.0, temperature=None, seconds=10.0, rms_mode="silent")
     heard = rig["knee.temperature"]

@@ -46,6 +46,7 @@ def test_a_robot_under_a_guardian_runs():
     assert rig.run(5).status == "ok" and len(rig.commands()) == 5
 
 
+@pytest.mark.hazard("H8f")
 def test_without_its_guardian_nothing_is_armed():
     for looked in (0, time.monotonic_ns() - round(2e9 * GUARD)):
         rig = guarded()
@@ -55,6 +56,7 @@ def test_without_its_guardian_nothing_is_armed():
         assert ENABLE not in rig.sent() and set(rig.sent()) == {NOTHING, DISABLE}
 
 
+@pytest.mark.hazard("H8f")
 def test_a_guardian_that_dies_ends_the_run_in_the_safe_stop():
     rig = guarded(lambda: rig.page.look_after(0))
     outcome = rig.run(200)

@@ -120,6 +120,7 @@ def test_velocity_noise_of_0_15_rad_s_raises_no_acceleration_fault(knee, rate, b
     assert outcome.status == "ok" and rig.watched["acceleration_ticks"] == 0
 
 
+@pytest.mark.hazard("H1d")
 @pytest.mark.parametrize("rate", RATES)
 def test_sustained_acceleration_beyond_bound_ends_run(rate):
     """12 Hz, of a peak of 1000 rad/s²: twice the bound, and beyond it for two thirds of the time."""
@@ -141,6 +142,7 @@ def test_single_impacts_are_not_faults():
 # Torque
 
 
+@pytest.mark.hazard("H1e")
 @pytest.mark.parametrize(
     "drive, model, parameters, emulator",
     [
@@ -186,6 +188,7 @@ def test_a_drive_that_lost_its_power_for_50_ms_and_returned_disabled_does_not_fo
         assert rig.watched["value"] < 0.2 * 3.0 and 2.5 < rig.watched["bound"] <= 3.0
 
 
+@pytest.mark.hazard("H6c")
 def test_power_cycled_stiff_drive_is_reported_as_not_following():
     _, outcome = imposed(
         sine(0.3, 1.0),
@@ -257,6 +260,7 @@ def test_a_joint_outside_its_range_ends_the_run_at_once():
     assert 0.95 < rig.watched["value"] < 0.96 and rig.watched["bound"] == 0.9
 
 
+@pytest.mark.hazard("H5c")
 def test_over_travel_to_the_other_side_with_an_offset_on_an_inverted_joint():
     rig, outcome = imposed(lambda t: (-t, -1.0), range=(-0.5, 2.0), offset=1.0, invert=True)
     assert outcome.status == "over-travel" and -0.57 < rig.watched["value"] < -0.55 and rig.watched["bound"] == -0.5
@@ -299,6 +303,7 @@ FIRMWARES = [
 ]
 
 
+@pytest.mark.hazard("H1f")
 @pytest.mark.parametrize(
     "drive, model, emulator, scale, about",
     FIRMWARES,
@@ -370,6 +375,7 @@ def test_a_position_at_the_end_of_its_range_is_not_compared():
 # What cannot be
 
 
+@pytest.mark.hazard("H11c")
 @pytest.mark.parametrize(
     "drive, model, heard", [(CubeMars, "AK80-9", -40.0), (RobStride, "RS02", -100.0), (CubeMarsV3, "AK70-9", -100.0)]
 )

@@ -24,6 +24,7 @@ from tests.blocks.actuators.wire import Frame
 from tests.cext.rigs import STOP, Rig, ends_in_the_safe_stop, one_drive, plant_of
 
 
+@pytest.mark.hazard("H6b")
 def test_a_fault_that_a_drive_reports_ends_the_run():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
@@ -35,6 +36,7 @@ def test_a_fault_that_a_drive_reports_ends_the_run():
     assert ends_in_the_safe_stop(rig)
 
 
+@pytest.mark.hazard("H6a")
 def test_a_silent_drive_ends_the_run_after_its_timeout():
     """Disconnect the plant: it no longer receives or replies."""
     with Diagram("robot", rate=200) as robot:

@@ -327,6 +327,7 @@ def build(fault):
     return rig
 
 
+@pytest.mark.hazard("H6d")
 @pytest.mark.parametrize("what", FAULTS)
 def test_every_drive_on_every_bus_receives_only_stop_within_two_ticks(what):
     fault = FAULTS[what]

@@ -62,6 +62,7 @@ def test_a_nan_fade_in_share_is_a_fault():
     assert (outcome.status, outcome.culprit, outcome.tick) == ("out of limits", "knee", 5) and len(rig.commands()) == 5
 
 
+@pytest.mark.hazard("H8a")
 @pytest.mark.parametrize("tick", [0, 1, 30])
 @pytest.mark.parametrize(
     "error",
@@ -158,6 +159,7 @@ BETWEEN = {
 }
 
 
+@pytest.mark.hazard("H2a")
 @pytest.mark.parametrize("between", BETWEEN)
 def test_a_nan_torque_command_is_a_fault_without_a_frame(between):
     rig = one_drive(lambda knee: BETWEEN[between](At(20, lambda: math.nan).y))
@@ -166,6 +168,7 @@ def test_a_nan_torque_command_is_a_fault_without_a_frame(between):
     assert ends_in_the_safe_stop(rig) and len(rig.commands()) == 20 and rig.statistics()["ticks"] == 20
 
 
+@pytest.mark.hazard("H2a")
 @pytest.mark.parametrize("between", BETWEEN)
 @pytest.mark.parametrize("value", [math.inf, -math.inf])
 def test_an_infinity_is_a_fault_after_any_limiter(between, value):
@@ -184,6 +187,7 @@ def test_the_largest_value_after_a_limiter_is_its_limit(value):
     assert rig["knee.torque_sent"][21] == pytest.approx(1.0, abs=2 * 65.0 / 4095)
 
 
+@pytest.mark.hazard("H1b")
 @pytest.mark.parametrize(
     "value, status",
     [(math.nan, "not finite"), (math.inf, "not finite"), (18.1, "out of limits"), (-1e300, "out of limits")],
@@ -203,6 +207,7 @@ def test_a_native_output_outside_its_range_is_stopped_at_the_actuator(value, sta
     assert ends_in_the_safe_stop(rig) and len(rig.commands()) == 20
 
 
+@pytest.mark.hazard("H2c")
 def test_one_rejected_command_blocks_all_frames_of_the_tick():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="good")(torque_command=1.0)

@@ -72,6 +72,7 @@ def test_reply_to_earlier_run_is_ignored():
     assert rig.run(5).status == "no answer"
 
 
+@pytest.mark.hazard("H3a")
 def test_the_fade_in_is_visible_in_the_sent_torque():
     rig = one_drive(lambda knee: 10.0)
     rig.run(300, fade=0.5)

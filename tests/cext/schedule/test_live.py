@@ -224,6 +224,7 @@ def test_corrupted_change_request_has_no_effect(what):
     assert list(stiffness(found)) == [30.0] * 5 and [change.index for change in found.changes] == [1]
 
 
+@pytest.mark.hazard("H1g")
 def test_no_mailbox_value_moves_a_command_beyond_the_proved_bounds():
     """The limiter's own limit is live up to 12 N·m; 100 N·m are asked for all the time."""
     rig = one_drive(lambda drive: TorqueLimiter(limit=Live(9.0, max=12.0), name="limiter")(100.0))

@@ -64,6 +64,7 @@ def live_rig(make, letters):
     return rig
 
 
+@pytest.mark.hazard("H3b")
 def test_changing_the_stiffness_of_a_deflected_spring_makes_no_torque_step():
     """It goes from 30 to 150 N·m/rad by 0.75 a tick: over a deflection of 0.06 rad by 0.045 N·m a tick, and not by 7
     N·m at once.

@@ -135,6 +135,7 @@ HANGS = {
 }
 
 
+@pytest.mark.hazard("H8b")
 @pytest.mark.parametrize("what", HANGS)
 def test_a_hanging_python_block_is_interrupted_and_the_motors_are_stopped(what):
     rig = calls(HANGS[what])

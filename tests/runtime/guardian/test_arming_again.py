@@ -94,6 +94,7 @@ def test_run_rearms_after_nan_when_r_is_pressed_and_fades_torque_in(bus, termina
     assert "are the same, bit for bit" in replayed.stdout
 
 
+@pytest.mark.hazard("H4c")
 @pytest.mark.parametrize(
     "begin, end, words",
     [

@@ -219,6 +219,7 @@ def test_a_loop_that_ticked_within_the_limit_counts_as_alive():
     assert judged(lambda guardian, page: guardian.check_loop(page.beat + guardian.limit)).verdict is None
 
 
+@pytest.mark.hazard("H8e")
 def test_stalled_loop_is_stopped_and_its_last_tick_reported():
     guardian = judged(lambda guardian, page: guardian.check_loop(page.beat + guardian.limit + 1))
     assert (guardian.verdict["because"], guardian.verdict["state"], guardian.verdict["last_tick"]) == (

@@ -300,6 +300,7 @@ def ends_in_the_safe_stop(buses, fault):
     buses.assert_stopped(fault.seconds)
 
 
+@pytest.mark.hazard("H6d")
 @pytest.mark.parametrize("what", FAULTS)
 def test_drives_on_both_buses_are_stopped_within_two_ticks(buses, what):
     ends_in_the_safe_stop(buses, FAULTS[what])
@@ -346,6 +347,7 @@ def test_button_on_separate_bus_stops_both(buses, how):
         )
 
 
+@pytest.mark.hazard("H9b")
 @pytest.mark.soak
 def test_the_space_bar_stops_both_drives(buses):
     with Terminal() as terminal:

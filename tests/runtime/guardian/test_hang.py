@@ -113,6 +113,7 @@ CRASHES = {
 }
 
 
+@pytest.mark.hazard("H8c")
 @pytest.mark.parametrize("number", CRASHES)
 def test_motors_stop_when_a_block_kills_the_process(bus, tmp_path, number):
     process = bus.start("--record", "out", law=CRASHES[number])

@@ -31,6 +31,7 @@ def holding(channel):
     return process
 
 
+@pytest.mark.hazard("H4e")
 def test_bus_has_one_controller_and_its_process_is_named(channel):
     with holding(channel) as process:
         for _ in range(3):

@@ -94,6 +94,7 @@ def running(lab, **how):
     return process
 
 
+@pytest.mark.hazard("H8g")
 def test_after_kill_9_of_both_processes_only_the_relay_stops_the_drives(lab):
     bus, board = lab
     process = running(lab)

@@ -119,6 +119,7 @@ def test_one_reply_confirms_only_one_device():
     assert stop.report()["confirmed"] == ["left"] and not stop.over
 
 
+@pytest.mark.hazard("H9d")
 def test_stop_ends_when_all_drives_confirm(legs):
     stop, _ = legs
     stop.step(0)
@@ -135,6 +136,7 @@ def test_stop_ends_when_all_drives_confirm(legs):
     }
 
 
+@pytest.mark.hazard("H9d")
 def test_a_stop_times_out_and_reports_missing_drives(legs):
     stop, wires = legs
     for now in range(0, STOP_LIMIT + 1, 1_000_000):

@@ -26,6 +26,7 @@ def bus(tmp_path):
         yield bus
 
 
+@pytest.mark.hazard("H8d")
 def test_kill_9_of_a_run_is_answered_by_its_guardian(bus, tmp_path):
     process = bus.start("--record", "out")
     bus.await_torque()
@@ -61,6 +62,7 @@ def test_run_reports_stop_response_time_of_drives(bus, tmp_path):
         )
 
 
+@pytest.mark.hazard("H4d")
 def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
     process = bus.start("--no-record")
     bus.await_torque()
@@ -97,6 +99,7 @@ def test_after_kill_9_the_joint_is_damped(bus):
         assert {frame.data for frame in said[end - 1 :]} == {NOTHING, DISABLE}
 
 
+@pytest.mark.hazard("H10b")
 def test_after_kill_9_a_moving_joint_is_damped_within_its_limit(tmp_path):
     """Judged from the frames: damping commanded, times the speed that the reply to it reports."""
     with Bus(tmp_path, number=5, motors=(1, 2), moving=True) as bus:
@@ -156,6 +159,7 @@ def test_a_run_that_is_stopped_while_arming_enables_nothing_afterwards(tmp_path)
         assert_nothing_is_left(everybody, bus.channel)
 
 
+@pytest.mark.hazard("H7d")
 def test_commands_of_another_controller_end_the_run(bus):
     process = bus.start("--no-record")
     bus.await_torque()

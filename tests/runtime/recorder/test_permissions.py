@@ -33,6 +33,7 @@ def record(command_line, *words):
     assert code == OK, err
 
 
+@pytest.mark.hazard("H15a")
 def test_a_recording_is_readable_only_by_its_owner(command_line):
     record(command_line, "--can-log")
     folder = command_line.folder / "recordings"

@@ -162,6 +162,7 @@ class Controller:
         return [int(cells[1]) for cells in read_csv(self.folder / "counting.csv")[1]]
 
 
+@pytest.mark.hazard("H15b")
 def test_after_kill_9_of_the_control_process_every_completed_tick_is_on_disk_and_the_recorder_ends(tmp_path):
     control = Controller(tmp_path)
     control.run_until(300)

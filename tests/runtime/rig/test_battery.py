@@ -98,6 +98,7 @@ def test_model_without_ratings_has_the_current_of_its_torque_constant():
     assert winding.rated is None and winding.current == pytest.approx(10.0 / 1.0569)
 
 
+@pytest.mark.hazard("H10c")
 def test_fuse_and_battery_that_are_too_small_are_reported():
     drives = windings(robot(CubeMars, "AK10-9-V2.0", limit="peak"))
     current = supply_current(drives["knee"])
@@ -115,6 +116,7 @@ def test_supply_below_the_range_of_a_drive_is_reported():
     assert problem.message == "[battery] of 22.2 V is below the supply range of knee, 24 to 60 V"
 
 
+@pytest.mark.hazard("H14a")
 @pytest.mark.parametrize("full, fits", [("28.0", True), ("29.4", False)])
 def test_battery_that_would_damage_a_drive_is_rejected(full, fits):
     rig = parse("lab.toml", TABLE + f"full_voltage = {full}\n")

@@ -64,6 +64,7 @@ def test_custom_actuator_that_measures_angle_must_declare_it(tmp_path):
     assert troubles(tmp_path, kind=Winch) == []
 
 
+@pytest.mark.hazard("H5a")
 @pytest.mark.parametrize("command", ["run", "check"])
 def test_run_and_check_report_every_joint_without_a_range(command_line, command):
     rig = write(command_line.folder, LEGS, "lab.toml")

@@ -67,6 +67,7 @@ def test_zero_that_arming_has_set_decides_until_the_run_is_armed_again():
     assert look(0.52, zero_at_arming=True, first=False).startswith("knee reads 0.520 rad; a power cycle can shift it")
 
 
+@pytest.mark.hazard("H5b")
 @pytest.mark.parametrize(
     "width, position, armed",
     [

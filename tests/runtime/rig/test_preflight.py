@@ -47,6 +47,7 @@ def at_the_table(bus, terminal, *words):
     return terminal.look()
 
 
+@pytest.mark.hazard("H4a")
 def test_torque_is_zero_until_operator_presses_enter(bus, terminal, tmp_path):
     shown = at_the_table(bus, terminal, "--record", "out", "--duration", "60").replace("\r", "")
     for side, can_id in (("left", 1), ("right", 2)):
@@ -129,6 +130,7 @@ def test_drive_lost_during_confirmation_ends_run_with_message(bus, terminal):
 IN_DOUBT = '[device."left/knee"]\nrange = [-0.1, 2.0]\nwake_shift = 0.6981\n'
 
 
+@pytest.mark.hazard("H5b")
 def test_neither_enter_nor_yes_arms_a_joint_with_an_ambiguous_angle(bus, terminal):
     """Its drive reads 0.1 rad, and 0.80 and 1.50 rad lie in its range, too."""
     bus.rig.write_text(bus.rig.read_text() + IN_DOUBT)
@@ -175,6 +177,7 @@ def test_a_pose_is_an_angle_of_a_joint_on_a_rig(command_line):
         assert f"--pose {pose}: " in command_line.refused(KNEE_EXO, "--rig", rig, "--pose", pose)
 
 
+@pytest.mark.hazard("H4b")
 def test_without_a_terminal_a_rig_is_refused_before_anything_is_sent(command_line):
     with Bus(command_line.folder, number=6, answering=False) as bus:
         bus.rig.write_text(
@@ -290,6 +293,7 @@ def test_table_lists_how_each_device_is_stopped():
     )
 
 
+@pytest.mark.hazard("H8g")
 def test_check_lists_covered_failures(command_line):
     out = command_line("check", KNEE_EXO)[1]
     assert (

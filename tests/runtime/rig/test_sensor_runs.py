@@ -62,6 +62,7 @@ def test_run_with_sensors_arms_records_and_replays_bit_for_bit(robot):
     assert buses["shank"]["bytes"] > 10_000 and buses["shank"]["losses"] == 0
 
 
+@pytest.mark.hazard("H12d")
 def test_an_unplugged_cable_ends_the_run_and_is_named(robot):
     run = started("robot.py", "--rig", "lab.toml", "--yes", "--duration", "20", cwd=robot.folder)
     await_rows(robot.folder)

@@ -120,6 +120,7 @@ def test_a_robot_arms_runs_and_stops_over_slcan(tmp_path):
         assert "confirmed by knee" in out and re.search(r"0 missed|\d+ missed", out)
 
 
+@pytest.mark.hazard("H7a")
 def test_unplugged_adapter_ends_run_with_message(tmp_path):
     with Adapter() as adapter:
         process = run(tmp_path, adapter)

@@ -129,6 +129,7 @@ def test_only_the_recording_remains(walked):
     assert re.fullmatch(r"knee_exo_\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d", names[0].partition(".")[0])
 
 
+@pytest.mark.hazard("H9a")
 @pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_signal_in_the_middle_ends_in_the_safe_stop(tmp_path, number, code):
     with Listener() as listener:
@@ -360,6 +361,7 @@ def test_the_status_line_refreshes_in_place_and_is_gone_at_the_end(tmp_path):
     assert rest and "\x1b" not in rest.replace("\r\n", "\n")
 
 
+@pytest.mark.hazard("H9a")
 def test_ctrl_c_at_a_terminal_stops_safely(tmp_path):
     """The key reaches the whole foreground group, and yet only the controller: the recorder finishes its files."""
     terminal = Terminal(KNEE_EXO, cwd=tmp_path)
@@ -375,6 +377,7 @@ def test_ctrl_c_at_a_terminal_stops_safely(tmp_path):
     assert files.sidecar["ended"] == "stopped by SIGINT" and files.sidecar["ticks"] == len(files.table["tick"])
 
 
+@pytest.mark.hazard("H9a")
 def test_a_terminal_that_is_closed_ends_the_run_in_the_safe_stop(tmp_path):
     terminal = Terminal(KNEE_EXO, cwd=tmp_path)
     terminal.read_until(r"running.* 0\.[3-9] s")

@@ -1,0 +1,206 @@
+"""Page docs/safety_case.md: each hazard, its measures, and the tests that show them.
+
+python -m tests.docs.safety_case
+
+A test shows a measure with the mark @pytest.mark.hazard("H1a"). The marks are read from the source, without importing
+the tests.
+"""
+
+import ast
+import functools
+from pathlib import Path
+
+from tests.checkout import ROOT
+
+PAGE = ROOT / "docs" / "safety_case.md"
+HEAD, TAIL = (Path(__file__).parent / f"safety_case_{part}.md" for part in ("head", "tail"))
+
+HAZARDS = {  # hazard: (title, possible harm, {measure: text})
+    "H1": (
+        "The torque is higher than intended",
+        "Injury of a joint, a fall.",
+        {
+            "a": "A diagram compiles only if every torque command provably lies within the limit of its actuator.",
+            "b": "A drive's encoder rejects a command beyond the limit, and no frame of that tick is sent.",
+            "c": "Where the drive closes the loop, its stiffness and damping are reduced so that its whole law stays "
+            "within the limit, for accelerations up to `max_acceleration`.",
+            "d": "Acceleration beyond that removes stiffness and damping, and ends the run if it persists.",
+            "e": "A measured torque beyond the limit and its accuracy ends the run.",
+            "f": "A drive whose range of position, velocity or torque differs from the table ends the run, as far as "
+            "its measurements show it.",
+            "g": "A change of a live parameter stays within the bounds of the proof, whichever process requests it.",
+        },
+    ),
+    "H2": (
+        "A torque is computed from invalid numbers",
+        "Full torque in an arbitrary direction.",
+        {
+            "a": "NaN or infinity at an actuator ends the run, and is never sent.",
+            "b": "A limiter returns NaN for NaN, not one of its limits.",
+            "c": "One rejected command blocks the frames of all drives in that tick.",
+        },
+    ),
+    "H3": (
+        "The torque changes suddenly",
+        "A stumble, pain.",
+        {
+            "a": "Commands fade in after arming.",
+            "b": "A live parameter ramps to its new value.",
+            "c": "A limiter bounds the rate of change of a torque.",
+        },
+    ),
+    "H4": (
+        "The robot moves unexpectedly",
+        "A fall, crushed fingers.",
+        {
+            "a": "After all devices have responded, torque stays zero until the operator confirms the measurements.",
+            "b": "Without a terminal for that confirmation, a run on a robot is rejected before anything is sent.",
+            "c": "Nothing enables a motor again by itself: neither a drive that was power-cycled nor a run that ended.",
+            "d": "A run that was suspended and continues sends no torque.",
+            "e": "A bus has one controller: a second run is rejected.",
+        },
+    ),
+    "H5": (
+        "The joint angle is wrong",
+        "Torque in the wrong direction, a joint moved beyond its anatomical range.",
+        {
+            "a": "Every joint needs a range before a run on a robot.",
+            "b": "A joint whose angle is ambiguous after power-up is not armed.",
+            "c": "A joint outside its range ends the run.",
+            "d": "A setpoint outside the range, such as degrees entered as radians, is an error before the run.",
+        },
+    ),
+    "H6": (
+        "A drive fails",
+        "Loss of support on one side, a fall.",
+        {
+            "a": "A drive that does not reply ends the run.",
+            "b": "A fault that a drive reports ends the run.",
+            "c": "A drive that does not follow its commands ends the run.",
+            "d": "Any of these stops every drive on every bus within two ticks.",
+        },
+    ),
+    "H7": (
+        "The bus fails, or carries frames of another controller",
+        "Drives hold their last command, or follow another program.",
+        {
+            "a": "A bus that is off, or an adapter that is unplugged, ends the run.",
+            "b": "The stop reaches the drives of the other buses.",
+            "c": "A node that floods the bus does not delay a tick.",
+            "d": "Commands of another controller end the run.",
+        },
+    ),
+    "H8": (
+        "The control program fails",
+        "Drives hold their last command.",
+        {
+            "a": "An exception in any block ends in the safe stop within its tick.",
+            "b": "A block that hangs is stopped by the watchdog.",
+            "c": "A crash of the process is answered by the guardian.",
+            "d": "The death of the process (`kill -9`) is answered by the guardian.",
+            "e": "A loop that stalls or is suspended is answered by the guardian.",
+            "f": "Nothing is armed without the guardian, and a run ends if it dies.",
+            "g": "Where control process and guardian both die, or the computer loses its power, the time-out in the "
+            "drive or a relay stops it. `check` and the table before arming list the drives with neither.",
+        },
+    ),
+    "H9": (
+        "The robot cannot be stopped",
+        "Any of the above lasts longer.",
+        {
+            "a": "Ctrl-C, a closed terminal and every signal end in the safe stop.",
+            "b": "The space bar ends in the safe stop.",
+            "c": "A press of the emergency-stop button, or its silence, ends the run before another command is sent.",
+            "d": "The stop is repeated until every drive has confirmed it. Drives that have not are reported.",
+        },
+    ),
+    "H10": (
+        "A joint becomes free and the wearer falls",
+        "A fall.",
+        {
+            "a": "A joint may be damped in the safe stop, within its torque limit at every speed.",
+            "b": "The damping is applied by the guardian as well, if the control process has died.",
+            "c": "A fuse or a battery that is too small for the limits is reported before the run.",
+        },
+    ),
+    "H11": (
+        "A drive overheats",
+        "Burns, damage.",
+        {
+            "a": "A hot drive is derated, and ends the run at its limit.",
+            "b": "The RMS torque is compared with the rated torque.",
+            "c": "A temperature sensor that is broken ends the run.",
+        },
+    ),
+    "H12": (
+        "The torque comes at the wrong moment of the gait",
+        "A stumble.",
+        {
+            "a": "The torque ends within 300 ms when the wearer stands still.",
+            "b": "Squats are not taken for walking.",
+            "c": "A missing sample becomes NaN, and is not stored in an estimate.",
+            "d": "A sensor that is unplugged ends the run.",
+        },
+    ),
+    "H13": (
+        "The loop is late",
+        "Delayed torque.",
+        {
+            "a": "Late ticks are skipped on a fixed grid, without a burst, and counted.",
+            "b": "A policy ends the run after a given number of missed ticks.",
+        },
+    ),
+    "H14": (
+        "The supply damages a drive",
+        "An unpredictable drive, fire.",
+        {"a": "A battery above the supply range of a drive is rejected before anything is armed."},
+    ),
+    "H15": (
+        "Data of a trial is lost or disclosed",
+        "A trial that must be repeated, a breach of privacy.",
+        {
+            "a": "A recording is readable only by the account that made it.",
+            "b": "After the death of the control process, every completed tick is on disk.",
+        },
+    ),
+}
+
+
+@functools.cache
+def shown():
+    """Return {measure: [(file, test)]} of the marks in the source of the tests."""
+    found = {}
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        text = path.read_text()
+        if "mark.hazard(" not in text:
+            continue
+        for node in ast.walk(ast.parse(text)):
+            for decorator in getattr(node, "decorator_list", []):
+                if isinstance(decorator, ast.Call) and ast.unparse(decorator.func) == "pytest.mark.hazard":
+                    for argument in decorator.args:
+                        found.setdefault(ast.literal_eval(argument), []).append(
+                            (path.relative_to(ROOT).as_posix(), node.name)
+                        )
+    return found
+
+
+def page():
+    """Return the text of the page."""
+    return "\n".join([HEAD.read_text(), *(section(name) for name in HAZARDS), TAIL.read_text()])
+
+
+def section(hazard):
+    """Return the section of one hazard."""
+    title, harm, measures = HAZARDS[hazard]
+    rows = "".join(row(f"{hazard}{letter}", text) for letter, text in measures.items())
+    return f"## {hazard}. {title}\n\nPossible harm: {harm}\n\n| | measure | shown by |\n|---|---|---|\n{rows}"
+
+
+def row(measure, text):
+    """Return the line of one measure."""
+    tests = "<br>".join(f"`{file}`: `{name}`" for file, name in shown().get(measure, []))
+    return f"| {measure} | {text} | {tests} |\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())
