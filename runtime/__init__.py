@@ -45,39 +45,62 @@ def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Tri
 
 def run(
     diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
-    duration: float,
+    duration: float | None = None,
     *,
     settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
     plant: Diagram | Callable[..., Diagram] | None = None,
     seed: int | None = None,
     rate: float | None = None,
+    fast: bool = True,
+    rig: str | os.PathLike[str] | None = None,
+    **options: Any,
 ) -> Trial:
-    """Run a diagram in virtual time in this process, and return its runtime.analysis.trial.Trial.
+    """Run a diagram, and return its runtime.analysis.trial.Trial.
 
-        trial = run("diagrams/knee_exo.py", duration=60, settings={"left/profile.scale": 0.5})
+        trial = runtime.run("diagrams/knee_exo.py", duration=60, settings={"left/profile.scale": 0.5})
         trial["left/knee.position"]         # array over the ticks, rad
+        runtime.run("diagrams/knee_exo.py", 60, fast=False)             # in real time
+        runtime.run("diagrams/knee_exo.py", 60, rig="lab.toml", trial={"subject": "S03"})
 
-    The run writes no file, starts no process and prints nothing. Its signals equal those of
-    `python -m runtime FILE --fast` bit for bit. Recorded are the signals that the diagram's recorders and viewers take,
-    all signals where it has neither; frames of the buses are not.
+    In virtual time, the default, the run takes place in this process. It writes no file, starts no process and prints
+    nothing. Its signals equal those of `python -m runtime FILE --fast` bit for bit. Recorded are the signals that the
+    diagram's recorders and viewers take, all signals where it has neither; frames of the buses are not.
 
-    diagram : path of a diagram file; a Diagram, which may be run again and keeps its parameters; or a function that
-        builds one
-    duration : s
+    In real time and on a rig, the run is the command `python -m runtime FILE` in a process of its own, with its
+    guardian, recorder and safe stop. Its lines are printed, and the Trial is that of its recording. A rig is armed
+    after the answer to input(), or at once with yes=True. Ctrl-C, the interrupt of a notebook, and the end of this
+    process stop the robot.
+
+    diagram : path of a diagram file; in virtual time also a Diagram, which may be run again and keeps its parameters,
+        or a function that builds one
+    duration : s; in real time None runs until Ctrl-C
     settings : {"left/impedance.stiffness": 40, "assistance": "0.5"} or pairs, as with --set: parameters of blocks and
         of the functions `build` and `plant`
-    plant : Diagram, or function plant(robot) that builds one; by default the file's own. Without either every device is
-        emulated and each actuator turns a free inertia
+    plant : in virtual time a Diagram, or function plant(robot) that builds one; by default the file's own. Without
+        either every device is emulated and each actuator turns a free inertia
     seed : integer from which the seeds of all noise sources of robot and plant are derived; None: their own seeds
     rate : Hz instead of the diagram's own
+    fast : virtual time; False runs the simulation in real time
+    rig : path of a rig file, whose run is in real time
+    options : further options of the command in real time, by their names: yes=True, record="trials",
+        trial={"subject": "S03"}, overrun="fault:5"
 
     A run that ends in a fault returns the Trial up to there, and `trial.fault` describes the fault. Raises BadInput or
     DiagramError for errors before the run. In the main thread, Ctrl-C ends the run and raises KeyboardInterrupt; in
     another thread, the run continues to its end.
     """
-    from runtime.session.simulate import simulate
+    if fast and rig is None:
+        from runtime.base.errors import BadInput
+        from runtime.session.simulate import simulate
 
-    return simulate(diagram, duration, settings=settings, plant=plant, seed=seed, rate=rate)
+        if options:
+            raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
+        if duration is None:
+            raise BadInput("a run in virtual time needs a duration in s, as in runtime.run(diagram, 10)")
+        return simulate(diagram, duration, settings=settings, plant=plant, seed=seed, rate=rate)
+    from runtime.session import own_process
+
+    return own_process.run(diagram, settings, duration=duration, plant=plant, seed=seed, rate=rate, rig=rig, **options)
 
 
 def simulate(

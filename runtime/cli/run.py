@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from runtime.base.errors import BadInput
@@ -19,10 +21,13 @@ def main(arguments: Sequence[str]) -> int:
     from runtime.report import summary
 
     result = carried_out(parse_run(arguments))
+    if result.request.report is not None:
+        with suppress(BrokenPipeError), open(result.request.report, "w") as pipe:
+            pipe.write(json.dumps({"files": result.recording.get("files", [])}) + "\n")
     print_lines(summary.summary(result))
     if result.request.profile and not result.outcome.faulted:
         print_lines(profiled(result))
-    if not result.outcome.faulted:
+    if not result.outcome.faulted and result.request.report is None:
         print_lines(summary.hints(result, program()))
     return summary.exit_code(result.outcome)
 

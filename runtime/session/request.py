@@ -242,6 +242,14 @@ class Request:
         action="store_true",
         help="measure the time of every block and print it at the end",
     )
+    report: int | None = option(
+        "--report",
+        section=OUTPUT,
+        default=None,
+        type=count("--report", minimum=3),
+        metavar="FD",
+        help="for programs that start a run: write its files as a line of JSON to this file descriptor at the end",
+    )
     bench: bool = False  # on a rig: an actuator that moves no joint, so that its range is not required
 
     def __post_init__(self) -> None:

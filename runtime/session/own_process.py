@@ -1,0 +1,287 @@
+"""A run in real time or on a rig for a script or a notebook: the command `run` in a process of its own.
+
+The process has a pseudo terminal, so that it is the command in every respect: guardian, recorder, pre-flight table and
+safe stop. Its lines are printed here. Ctrl-C is passed on, and closing the terminal, as when this process is killed,
+ends the run with a safe stop, too.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import pty
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from codecs import getincrementaldecoder
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cext.schedule.mailbox_writer import Writer
+from runtime.analysis.trial import Trial
+from runtime.base.errors import BAD_INPUT, CHECK_FAILED, BadInput
+from runtime.base.suggestions import suggestion
+from runtime.live.running import page_of
+from runtime.session.request import Request
+
+if TYPE_CHECKING:
+    from cext.safety.shared_state import SharedState
+
+ROOT = str(Path(__file__).parents[2])
+ROWS, COLUMNS = 24, 120  # of the pseudo terminal
+POLL_PERIOD = 0.05  # s
+PREFLIGHT_DELAY = 0.2  # s, after which the recorder has printed the pre-flight table
+ANSWER_TIMEOUT = 1.0  # s for the run to take a confirmation
+STATUS_PERIOD = 1.0  # s, of the status line in a notebook
+KILLING_INTERRUPT = 3  # a run that has not ended at this number of Ctrl-C is killed; its guardian stops the motors
+PROMPT = "Enter arms the robot, q ends the run: "
+NOT_OPTIONS = ("file", "fast", "settings", "no_record", "report")
+
+# The pseudo terminal becomes the controlling one. This program's packages are imported before any others of their name.
+BOOT = """
+import fcntl, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+sys.path[:1] = [sys.argv.pop(1)]
+import cext, graph, blocks, runtime.__main__
+sys.path.append(sys.path.pop(0))
+runtime.__main__.main(None)
+"""
+
+
+def run(file: Any, settings: Any, plant: Any = None, **options: Any) -> Trial:
+    """Run a diagram file in a process of its own, and wait for its end. Arguments and errors: see runtime.run.
+
+    options : {field of Request: value}
+    """
+    if plant is not None:
+        raise BadInput("plant: a run in real time has the plant of its diagram file: define plant(robot) there")
+    if not isinstance(file, (str, os.PathLike)):
+        raise BadInput(
+            "a run in real time or on a rig has a process of its own, which loads a diagram file: save the diagram as "
+            'a file (in a notebook with %%writefile) and pass its path, as in runtime.run("knee.py", 10, fast=False)'
+        )
+    if options.get("record") is None:
+        options["record"] = "recordings"
+    pairs = settings.items() if hasattr(settings, "items") else settings
+    arguments = [os.fspath(file), *words(pairs, options)]
+    return RunProcess(arguments, asks=options.get("rig") is not None and not options.get("yes")).wait()
+
+
+def words(settings: Iterable[tuple[str, Any]], options: Mapping[str, Any]) -> list[str]:
+    """Return the arguments of the command. options : {field of Request: value}. Raises BadInput for an unknown one."""
+    known = {field.name: field.metadata for field in fields(Request) if field.metadata}
+    known = {name: metadata for name, metadata in known.items() if name not in NOT_OPTIONS}
+    arguments = []
+    for name, value in options.items():
+        if name not in known:
+            raise BadInput(f"there is no option {name}" + (f"; {hint}" if (hint := suggestion(name, known)) else ""))
+        (flag, *_), argument = known[name]["flags"], known[name]["argument"]
+        if value is None or value is False:
+            continue
+        if value is True:
+            arguments.append(flag)
+        elif isinstance(value, Mapping):
+            pairs = [f"{key}={text_of(each)}" for key, each in value.items()]
+            arguments += [flag, *pairs] if argument.get("nargs") else [f"{flag}={pair}" for pair in pairs]
+        else:
+            arguments.append(f"{flag}={text_of(value)}")
+    return [*arguments, *(f"--set={name}={text_of(value)}" for name, value in settings)]
+
+
+def text_of(value: Any) -> str:
+    """Return a value as text for the command line."""
+    if isinstance(value, (str, os.PathLike)):
+        return os.fspath(value)
+    value = value.item() if hasattr(value, "item") else value
+    return repr(value).lower() if isinstance(value, bool) else repr(value)
+
+
+class RunProcess:
+    """The command `run` on a pseudo terminal.
+
+    arguments : of the command
+    asks : whether a rig is armed only after a confirmation, which is asked for with input()
+    """
+
+    def __init__(self, arguments: list[str], asks: bool) -> None:
+        self.asks, self.interrupts = asks, 0
+        self.page: SharedState | None = None
+        self.lines: list[str] | None = []  # that were not printed yet: an error, if nothing follows; None: print
+        self.unfinished, self.report, self.status, self.status_due = "", b"", "", 0.0
+        self.decode = getincrementaldecoder("utf-8")("replace").decode
+        self.terminal, theirs = pty.openpty()
+        self.answers, reports = os.pipe()
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
+        environment = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}  # of the notebook
+        try:
+            self.child = subprocess.Popen(
+                [sys.executable, "-c", BOOT, ROOT, "run", f"--report={reports}", *arguments],
+                stdin=theirs,
+                stdout=theirs,
+                stderr=theirs,
+                pass_fds=(reports,),
+                start_new_session=True,
+                env={**environment, "TERM": "xterm", "NO_COLOR": "1"},
+            )
+        except BaseException:
+            os.close(self.terminal)
+            os.close(self.answers)
+            raise
+        finally:
+            os.close(theirs)
+            os.close(reports)
+        self.ended = os.pidfd_open(self.child.pid)
+        self.poll = select.poll()
+        for descriptor in (self.terminal, self.answers, self.ended):
+            self.poll.register(descriptor, select.POLLIN)
+
+    def wait(self) -> Trial:
+        """Print what the run prints until it has ended, and return its Trial. Raises as runtime.run does."""
+        try:
+            self._follow()
+        except BaseException as error:
+            self._stop()
+            if isinstance(error, KeyboardInterrupt) and (recording := self._recording()):
+                raise KeyboardInterrupt(f"the run was stopped; its recording is {recording}") from None
+            raise
+        finally:
+            self._release()
+        recording = self._recording()
+        if self.child.returncode in (BAD_INPUT, CHECK_FAILED):
+            text = "\n".join(line.removeprefix("tickwork: ") for line in self.lines or ())
+            raise BadInput(text or "the run did not start: the lines above state the reason")
+        self._show()
+        if recording is None:
+            how = f"signal {-self.child.returncode}" if self.child.returncode < 0 else f"code {self.child.returncode}"
+            raise RuntimeError(f"the process of the run ended with {how} and without a report; see its recording")
+        return Trial(recording)
+
+    def _follow(self) -> None:
+        """Print lines, and ask for the confirmation, until the process has ended."""
+        while not self._look(POLL_PERIOD):
+            if self.asks and self._state() == "ready":
+                self._look(PREFLIGHT_DELAY)
+                self._show()
+                self._confirm()
+
+    def _look(self, seconds: float) -> bool:
+        """Take what the process writes within a time in s. Returns whether it has ended."""
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0.0:
+            ready = {descriptor for descriptor, _ in self.poll.poll(left * 1e3)}
+            if self.answers in ready:
+                self._take_report()
+            if self.terminal in ready and self._take_text():
+                continue
+            if self.ended in ready:
+                self.child.wait()
+                return True
+        return False
+
+    def _take_report(self) -> None:
+        data = os.read(self.answers, 1 << 16)
+        self.report += data
+        if not data:
+            self.poll.unregister(self.answers)
+
+    def _take_text(self) -> bool:
+        """Read from the terminal. Returns whether there was any text."""
+        try:
+            data = os.read(self.terminal, 1 << 16)
+        except OSError:  # no process has it open
+            data = b""
+        if not data:
+            self.poll.unregister(self.terminal)
+            return False
+        *whole, self.unfinished = (self.unfinished + self.decode(data)).split("\n")
+        for line in whole:
+            self._take_line(bare(line.rstrip("\r")))
+        if "\r" in self.unfinished:  # a status line: the run has begun
+            self.unfinished = self.unfinished[self.unfinished.rindex("\r") :]
+            self._show()
+            self._take_status(bare(self.unfinished))
+        return True
+
+    def _take_line(self, line: str) -> None:
+        if self.lines is not None:
+            self.lines.append(line)
+        else:
+            sys.stdout.write(f"\r{line:{len(self.status)}}\n" if self.status else f"{line}\n")
+            self.status = ""
+
+    def _take_status(self, text: str) -> None:
+        """Show the status line once a second in a notebook."""
+        if text and in_notebook() and time.monotonic() >= self.status_due:
+            sys.stdout.write(f"\r{text:{len(self.status)}}")
+            sys.stdout.flush()
+            self.status, self.status_due = text, time.monotonic() + STATUS_PERIOD
+
+    def _show(self) -> None:
+        """Print the lines that were kept in case of an error, and from now on each at once."""
+        lines, self.lines = self.lines or (), None
+        for line in lines:
+            self._take_line(line)
+        sys.stdout.flush()
+
+    def _state(self) -> str:
+        """Return the state of the run; "init" before it has one."""
+        if self.page is None:
+            with suppress(PermissionError):
+                self.page = page_of(self.child.pid)
+        return "init" if self.page is None else self.page.state
+
+    def _confirm(self) -> None:
+        """Ask whether the robot may be armed, and pass the answer on. Raises BadInput where input() cannot ask."""
+        try:
+            ends = input(PROMPT).strip().lower().startswith("q")
+        except Exception as error:  # EOFError of a script, an error of the kernel's own without a frontend, ...
+            raise BadInput(
+                f"cannot ask for the confirmation of the pre-flight table here ({error}): the run was ended and "
+                "nothing was armed. Run where input() works, or pass yes=True to arm without confirmation"
+            ) from None
+        assert self.page is not None
+        writer = Writer(self.page)
+        (writer.stop if ends else writer.confirm)()
+        until = time.monotonic() + ANSWER_TIMEOUT
+        while self._state() == "ready" and time.monotonic() < until and not self._look(POLL_PERIOD):
+            pass
+
+    def _stop(self) -> None:
+        """Stop the run as Ctrl-C does, and wait until its motors are off and its recording is complete."""
+        self.asks = False
+        over = False
+        while not over:
+            self.interrupts += 1
+            killed = self.interrupts >= KILLING_INTERRUPT
+            signal.pidfd_send_signal(self.ended, signal.SIGKILL if killed else signal.SIGINT)
+            with suppress(KeyboardInterrupt):
+                while not over:
+                    over = self._look(POLL_PERIOD)
+                self._show()
+
+    def _recording(self) -> str | None:
+        """Return the path of the recording; None without a report."""
+        files = json.loads(self.report)["files"] if self.report.endswith(b"\n") else []
+        return next((file["path"] for file in files if file["path"].endswith(".mcap")), None)
+
+    def _release(self) -> None:
+        for descriptor in (self.terminal, self.answers, self.ended):
+            os.close(descriptor)
+
+
+def bare(text: str) -> str:
+    """Return what a terminal shows of a line: the text after the last return, without the erasure of its end."""
+    return text[text.rfind("\r") + 1 :].replace("\x1b[K", "")
+
+
+def in_notebook() -> bool:
+    """Return whether this process is the kernel of a notebook, which shows the end of a line that is written again."""
+    return "ipykernel" in sys.modules and hasattr(sys.stdout, "pub_thread")
