@@ -49,6 +49,8 @@ def main(paths):
         paths = paths or [
             models.window(Path(folder) / "window.onnx"),
             models.streaming(Path(folder) / "streaming.onnx"),
+            models.temporal(Path(folder) / "temporal_streaming.onnx"),
+            models.temporal(Path(folder) / "temporal_window.onnx", window=True),
         ]
         print("| model | step of the block | of which inference | session.run in Python |\n|---|--:|--:|--:|")
         for path in paths:

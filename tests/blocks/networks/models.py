@@ -10,6 +10,8 @@ onnxruntime = pytest.importorskip("onnxruntime", reason="ONNX Runtime is not ins
 
 from onnx import TensorProto, helper, numpy_helper  # noqa: E402
 
+from diagrams.networks import export  # noqa: E402
+
 METADATA = {
     "channels": [
         {"name": "hip_angle", "unit": "rad", "mean": 0.2, "std": 0.4},
@@ -83,6 +85,32 @@ def convolution_window(path, *, seed=0, metadata=METADATA):
         ]
     nodes += [helper.make_node("Flatten", ["h1"], ["y"])]
     return save(path, nodes, {"x": (1, 3, 2 * TAPS - 1)}, {"y": (1, 2)}, convolutions(seed), metadata)
+
+
+TEMPORAL_CHANNELS, TEMPORAL_WIDTH, DILATIONS = 28, 80, (1, 2, 4, 8, 16, 32, 64)
+RECEPTIVE_FIELD = 1 + (TAPS - 1) * sum(DILATIONS)
+
+
+def temporal(path, *, window=False, seed=0):
+    """A temporal convolutional network of 122,561 parameters: streaming, or over a window of its receptive field."""
+    random = np.random.default_rng(seed)
+    widths = [TEMPORAL_CHANNELS, *(TEMPORAL_WIDTH for _ in DILATIONS), 1]
+    layers = [
+        (
+            random.normal(size=(outputs, inputs, taps), scale=(taps * inputs) ** -0.5).astype(np.float32),
+            random.normal(size=outputs, scale=0.1).astype(np.float32),
+        )
+        for inputs, outputs, taps in zip(widths, widths[1:], (*(TAPS for _ in DILATIONS), 1))
+    ]
+    metadata = {
+        "channels": [{"name": f"channel_{index}"} for index in range(TEMPORAL_CHANNELS)],
+        "outputs": [{"name": "torque", "unit": "N·m/kg"}],
+    }
+    if not window:
+        metadata["receptive_field"] = RECEPTIVE_FIELD
+    made = export.model(layers, DILATIONS, metadata, RECEPTIVE_FIELD if window else 1)
+    onnx.save(made, str(path))
+    return str(path)
 
 
 def slow(path, rounds, *, seed=0, metadata=METADATA, streams=False):

@@ -83,6 +83,18 @@ def test_a_streaming_model_equals_its_window_model(tmp_path):
     np.testing.assert_allclose(streamed, windowed, rtol=0.0, atol=1e-6)  # float32 rounding, of |y| < 1
 
 
+def test_a_streaming_network_of_122_561_parameters_equals_its_window_network(tmp_path):
+    rows = np.random.default_rng(1).normal(size=(models.RECEPTIVE_FIELD + 5, models.TEMPORAL_CHANNELS))
+    streaming = OnnxModel(models.temporal(tmp_path / "s.onnx"))
+    window = OnnxModel(models.temporal(tmp_path / "w.onnx", window=True))
+    results = [(streaming.step(*row)[:2], window.step(*row)[:2]) for row in rows]
+    streamed, windowed = np.array(results[models.RECEPTIVE_FIELD - 1 :])[:, :, 0].T
+    assert all(both[0][1] == both[1][1] == (k >= models.RECEPTIVE_FIELD - 1) for k, both in enumerate(results))
+    # float32 rounding: ONNX Runtime adds the same products in another order
+    assert np.abs(streamed - windowed).max() < 16 * np.finfo(np.float32).eps * np.abs(windowed).max()
+    assert np.ptp(windowed) > 0.1
+
+
 def test_results_in_several_tensors_and_states_in_any_order_are_found_by_name(tmp_path):
     node = models.helper.make_node
     nodes = [
