@@ -1,0 +1,36 @@
+"""Pages for users of other software: every diagram of Tickwork on them runs, and they describe one controller."""
+
+import re
+
+import numpy as np
+import pytest
+
+import runtime
+from tests.checkout import ROOT
+
+PAGES = sorted((ROOT / "docs" / "coming_from").glob("*.md"))
+
+
+def diagrams(page):
+    """Return the diagram of each Python sample. Samples of other software have the language `py`."""
+    for sample in re.findall(r"^```python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE):
+        names = {"__name__": "sample"}
+        exec(compile(sample, page.name, "exec"), names)
+        yield names["diagram"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_diagrams_hold_the_joint_with_the_law_of_the_page(page):
+    own = list(diagrams(page))
+    assert own
+    for diagram in own:
+        trial = runtime.run(diagram, duration=6)
+        assert trial.fault is None, (page, diagram.name)
+        position, velocity = trial["knee.position"], trial["knee.velocity"]
+        if diagram.name != "hold":
+            assert np.ptp(position) > 0.3  # the state machine swings the knee
+            continue
+        after = 200  # ticks, of the fade-in and of the first motion
+        law = np.clip(20.0 * (0.3 - position) - velocity, -9.0, 9.0)
+        assert trial["knee.torque"][after + 1 :] == pytest.approx(law[after:-1], abs=0.1)
+        assert position[-1] == pytest.approx(0.3, abs=0.02)
