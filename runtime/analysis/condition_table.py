@@ -209,8 +209,8 @@ def signed(value: float) -> str:
 
 
 def percent(row: Row) -> str:
-    """Return the relative difference of a row in percent; '' if it is infinite."""
-    return f"{100.0 * row.relative:+.0f} %".translate(MINUS) if math.isfinite(row.relative) else ""
+    """Return the relative difference of a row in percent; '' from 1000 % on, relative to almost nothing."""
+    return f"{100.0 * row.relative:+.0f} %".translate(MINUS) if abs(row.relative) < 10.0 else ""
 
 
 def effect_text(value: float) -> str:

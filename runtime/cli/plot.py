@@ -59,8 +59,8 @@ def main(arguments: Sequence[str]) -> int:
     drawing.check(options.output)
     recordings = [options.recording]
     if options.strides:
-        recordings += [Path(word) for word in options.signals if word.endswith(".mcap")]
-        options.signals = [word for word in options.signals if not word.endswith(".mcap")]
+        recordings += [newest(word) for word in options.signals if is_recording(word)]
+        options.signals = [word for word in options.signals if not is_recording(word)]
     with Progress(f"drawing {options.recording.name}") as progress:
         share = 0.5 / len(recordings)
         trials = [read(path, progress, number * share, (number + 1) * share) for number, path in enumerate(recordings)]
@@ -74,6 +74,11 @@ def main(arguments: Sequence[str]) -> int:
         except KeyError as error:
             raise BadInput(error.args[0]) from None
     return OK
+
+
+def is_recording(word: str) -> bool:
+    """Return whether an argument is the path of a recording, or of a folder with recordings, rather than a signal."""
+    return newest(word).suffix == ".mcap"
 
 
 def stride_plots(trials: Sequence[Trial], options: Namespace) -> list[tuple[str, Callable[..., Any]]]:
@@ -104,7 +109,7 @@ def plots(trial: Trial, options: Namespace) -> list[tuple[str, Callable[..., Any
     if not len(trial):
         raise BadInput(f"{trial.path} contains no ticks")
     if options.signals:
-        if others := [word for word in options.signals if word.endswith(".mcap")]:
+        if others := [word for word in options.signals if is_recording(word)]:
             raise BadInput(
                 f"{others[0]}: over time, plot takes one recording and its signals; --strides compares several over "
                 "the gait cycle, and `diff` two of them tick by tick"

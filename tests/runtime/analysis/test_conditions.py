@@ -1,6 +1,9 @@
 """Conditions over the gait cycle: which strides count, their figures, the table and the picture."""
 
+import dataclasses
 import math
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -94,6 +97,8 @@ def test_figures_are_those_of_the_closed_form_and_scale_with_body_mass(pair):
     assert row["positive work"].first[0] == pytest.approx(2.5, rel=2e-3)
     assert row["positive work"].first[1] == pytest.approx(0.05 * math.sqrt(8 / 7), rel=2e-2)
     assert row["positive work"].relative == pytest.approx(-0.2, rel=1e-3)
+    assert condition_table.percent(row["positive work"]) == "−20 %"
+    assert condition_table.percent(dataclasses.replace(row["positive work"], relative=-12.0)) == ""
     assert row["positive work"].effect == pytest.approx(0.5 / (0.05 * math.sqrt(8 / 7)), rel=2e-2)
     assert row["stride time"].effect == row["angle, range"].effect == 0.0
     assert {one.name for one in figures[:2]} <= {"positive work", "torque, peak", "power, peak"}
@@ -127,7 +132,12 @@ def test_sections_of_one_recording_are_conditions(command_line, pair):
 
 
 def test_signals_of_several_recordings_share_a_plot(command_line, pair):
-    code, out, err = command_line("plot", *pair, "left/knee.torque", "--strides", "--last", 4, "-o", "signals.svg")
+    folders = []
+    for path in pair:
+        folders.append(Path(path.stem))
+        folders[-1].mkdir()
+        shutil.copy(path, folders[-1])
+    code, out, err = command_line("plot", *folders, "left/knee.torque", "--strides", "--last", 4, "-o", "signals.svg")
     assert (code, out, err) == (OK, "signals.svg\n", "")
     assert {"left/knee.torque, 4 strides", "off", "on", "[N·m]"} <= drawn("signals.svg")
 
