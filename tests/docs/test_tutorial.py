@@ -1,0 +1,55 @@
+"""The tutorial, followed to the letter: its commands run and print what it shows, and its pictures are theirs."""
+
+import os
+
+import pytest
+
+from tests.docs.fences import fences, texts, without_numbers
+from tests.docs.tutorial import IMAGES, TUTORIAL, Reader, pages
+from tests.runtime.runs import finished
+
+RIG = "4_rig.md"
+MISTAKES = {"TW002": ("(knee.velocity)", "(knee.position)"), "TW007": ("TorqueLimiter(limit=9.0)(torque)", "torque")}
+
+
+def assert_shown(shown, printed):
+    """Check that lines of a page are printed, in this order and apart from numbers. "..." stands for any text."""
+    rest = iter(without_numbers(printed))
+    for line in without_numbers([line for line in shown if line != "..."]):
+        start = line.removesuffix(" ...")
+        assert any(text == line or start != line and text.startswith(start) for text in rest), (line, printed)
+
+
+def test_commands_print_what_the_tutorial_shows_and_draw_its_pictures(tmp_path):
+    reader = Reader(tmp_path)
+    for page in pages():
+        if page != RIG:
+            for shown, printed in reader.follow(page):
+                assert_shown(shown, printed)
+    stored = {picture.name: picture for picture in IMAGES.glob("*.svg") if picture.name != "rig.svg"}
+    assert len(stored) >= 8
+    for name, picture in stored.items():
+        assert texts(picture) == texts(tmp_path / name) != set(), name
+
+
+def test_mistakes_are_reported_as_the_tutorial_shows(tmp_path):
+    files = {fence.file: fence.text for page in pages()[:2] for fence in fences(TUTORIAL / page) if fence.file}
+    reports = [fence.text for fence in fences(TUTORIAL / "2_block.md") if "error TW" in fence.text]
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    for report, (code, (right, wrong)) in zip(reports, MISTAKES.items(), strict=True):
+        assert right in files["exo.py"] and code in report
+        (tmp_path / "exo.py").write_text(files["exo.py"].replace(right, wrong))
+        assert finished("exo.py", "--fast", "--duration", "1", cwd=tmp_path).stderr == report
+
+
+@pytest.mark.paced
+def test_a_run_on_the_emulated_rig_is_armed_tuned_and_stopped(tmp_path):
+    channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.78"
+    options = ("--set", "knee.timeout=0.5", "--realtime", "off")
+    with Reader(tmp_path, channel, pause=0.5, options=options) as reader:
+        for fence in [fence for page in pages()[:4] for fence in fences(TUTORIAL / page) if fence.file]:
+            (tmp_path / fence.file).write_text(fence.text)
+        for shown, printed in reader.follow(RIG):
+            assert_shown([line for line in shown if " strides of " not in line], printed)
+    assert texts(tmp_path / "rig.svg") == texts(IMAGES / "rig.svg")

@@ -1,0 +1,135 @@
+"""Follow the tutorial as its reader does: save its files and run its commands in one folder.
+
+python -m tests.docs.tutorial writes the pictures of the tutorial.
+"""
+
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from tests.checkout import ROOT
+from tests.docs.fences import fences
+from tests.runtime.emulation.test_emulate import read_until
+from tests.runtime.runs import environment, started
+from tests.runtime.terminals import Terminal
+
+TUTORIAL = ROOT / "docs" / "tutorial"
+IMAGES = TUTORIAL / "images"
+CHANNEL = "239.74.163.2"  # multicast group of the page's rig file
+PRESSES = 6  # of the up arrow
+
+
+class Reader:
+    """A reader of the tutorial, with a folder for the files.
+
+    folder : empty
+    channel : multicast group in place of that of the page
+    pause : s before and after the keys in the run on the rig
+    options : of the run on the rig
+    how : arguments of `started`
+    """
+
+    def __init__(self, folder, channel=CHANNEL, pause=7.0, options=(), **how):
+        self.folder, self.channel, self.pause, self.options, self.how = folder, channel, pause, options, how
+        self.shown, self.emulator = "", None
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        if self.emulator:
+            self.emulator.terminate()
+            self.emulator.communicate()
+
+    def follow(self, page):
+        """Follow a page. Yields (its lines, lines that were printed) for each command and each excerpt of output."""
+        cells, session = [], []
+        for fence in fences(TUTORIAL / page):
+            if fence.file:
+                (self.folder / fence.file).write_text(fence.text.replace(CHANNEL, self.channel))
+            elif fence.language == "python":
+                cells.append(fence.text)
+            elif fence.language == "pycon":
+                session.append(fence.text)
+            elif fence.language == "text":
+                yield fence.text.splitlines(), self.shown.splitlines()
+            elif fence.language == "console":
+                for words, output in fence.commands():
+                    if words[:3] == ["python", "-m", "runtime"]:
+                        self.shown = self.command(*words[3:])
+                        yield output, self.shown.replace(self.channel, CHANNEL).splitlines()
+        if cells:
+            self.execute("-c", "\n".join(cells))
+        if session:
+            (self.folder / "session.txt").write_text("\n".join(session))
+            self.execute("-m", "doctest", "session.txt")
+
+    def command(self, *words):
+        """Run one command of `python -m runtime`. Returns what it prints."""
+        if words[0] == "emulate":
+            self.emulator = started(*words, cwd=self.folder, **self.how)
+            return "".join(read_until(self.emulator.stdout, "Ctrl-C ends it"))
+        if "--rig" in words and words[0] != "check":
+            return self.run_on_rig(*words, *self.options)
+        process = started(*words, cwd=self.folder, **self.how)
+        out, err = process.communicate(timeout=60)
+        assert (process.returncode, err) == (0, ""), (words, err)
+        return out
+
+    def run_on_rig(self, *words):
+        """Arm a run, raise the first live parameter, set a mark and stop. Returns what the terminal shows."""
+        shown = []
+        with Terminal() as terminal:
+            terminal.run(*words, cwd=self.folder)
+            terminal.wait_for("press Enter to arm")
+            for keys, pattern in (
+                (b"\n", "running"),
+                (b"\t", r"profile\.peak 6 N·m"),
+                *[(b"\x1b[A", f"profile.peak {6.0 + 0.2 * press:g} N·m") for press in range(1, PRESSES + 1)],
+                (b"m", "mark 1"),
+                (b" ", "try next"),
+            ):
+                if keys in (b"\t", b" "):
+                    time.sleep(self.pause)
+                shown.append(terminal.look())
+                terminal.press(keys)
+                terminal.wait_for(pattern)
+            assert terminal.end() == 0
+            shown.append(terminal.look())
+        return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "", "".join(shown))
+
+    def execute(self, *words):
+        """Run Python, which must not fail."""
+        variables = {**self.how.get("env", environment()), "MPLBACKEND": "agg"}
+        process = subprocess.run(
+            [sys.executable, *words], cwd=self.folder, env=variables, capture_output=True, text=True, timeout=60
+        )
+        assert process.returncode == 0, process.stdout + process.stderr
+
+
+def pages():
+    """Return the names of the pages, in order."""
+    return sorted(path.name for path in TUTORIAL.glob("[0-9]*.md"))
+
+
+def write_pictures():
+    """Follow the tutorial and keep its pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        rc = Path(folder) / "matplotlibrc"
+        rc.write_text("svg.fonttype: none\nsvg.hashsalt: tutorial\n")
+        with Reader(Path(folder), cold=True, env=environment(MATPLOTLIBRC=str(rc))) as reader:
+            for page in pages():
+                for _ in reader.follow(page):
+                    pass
+        IMAGES.mkdir(exist_ok=True)
+        shown = "".join((TUTORIAL / page).read_text() for page in [*pages(), "index.md"])
+        for picture in [picture for picture in Path(folder).glob("*.svg") if f"images/{picture.name})" in shown]:
+            rounded = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\d\.\d)\d+", r"\1", path[0]), picture.read_text())
+            (IMAGES / picture.name).write_text(rounded)
+
+
+if __name__ == "__main__":
+    write_pictures()
