@@ -7,69 +7,86 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from blocks.vectors import Concatenate
 from blocks.windows import MovingAverage, MovingMaximum, MovingMinimum, MovingRMS, samples_in
-from graph import DiagramError, Interval
-from tests.blocks.playing import made, play
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
+from graph import Block, Diagram, DiagramError, Input, Interval, compile
+from tests.blocks.playing import made, play, source
 
 RATE = 1000.0
 MILLION = 1_000_000
 MIXED = st.one_of(st.floats(-1e6, 1e6), st.sampled_from([0.0, 1e6, -1e6, 1e-9, 0.1]))
 
 
+LENGTHS = (7, 3001)
+RUNS = [(kind, length) for kind in (MovingAverage, MovingRMS) for length in LENGTHS]
+RUNS += [(kind, length) for kind in (MovingMaximum, MovingMinimum) for length in (1, 3001)]
+CHECKPOINTS = np.linspace(max(LENGTHS), MILLION - 1, 1000).astype(int)  # ticks, the last among them
+
+
 def signals():
-    """A million samples of each: noise; noise on a large offset; bursts a million million times larger than what
-    follows them.
+    """A million samples of each, shape (MILLION, 4): noise; noise on a large offset; bursts a million million times
+    larger than what follows them; noise with equals among its samples.
     """
-    random = np.random.default_rng(15)
-    noise = random.normal(0.0, 1.0, MILLION)
+    noise = np.random.default_rng(15).normal(0.0, 1.0, MILLION)
     bursts = noise * np.where(np.arange(MILLION) % 5000 < 1000, 1e12, 1.0)
-    return {"noise": noise, "offset": 1e6 + noise, "bursts": bursts}
+    return np.stack([noise, 1e6 + noise, bursts, np.round(noise, 2)], axis=1)
 
 
 @pytest.fixture(scope="module")
 def million():
-    return signals()
+    """The signals, and the outputs of the blocks at the checkpoints by (kind, length), all of one run."""
+    u = signals()
+    taken, row = np.empty((len(CHECKPOINTS), 4 * len(RUNS))), {k: i for i, k in enumerate(CHECKPOINTS.tolist())}
+
+    class Taker(Block):
+        """Keeps its input at the checkpoints."""
+
+        u = Input("any", "what is kept", shape=taken.shape[1:])
+
+        def step(self, u, tick):
+            if tick in row:
+                taken[row[tick]] = u
+
+    with Diagram("played", rate=RATE) as diagram:
+        signal = source(u)
+        Taker()(Concatenate((4,) * len(RUNS))(*(kind(length / RATE)(signal) for kind, length in RUNS)))
+    Executor(Program(compile(diagram)), RATE).spin(MILLION)
+    return u, {run: taken[:, 4 * i : 4 * i + 4] for i, run in enumerate(RUNS)}
 
 
-def checkpoints(length):
-    """A thousand ticks, the last among them."""
-    return np.linspace(length, MILLION - 1, 1000).astype(int)
-
-
-@pytest.mark.parametrize("name", ["noise", "offset", "bursts"])
-@pytest.mark.parametrize("length", [7, 3001])
-def test_a_moving_average_does_not_drift_over_a_million_samples(million, name, length):
+@pytest.mark.parametrize("number", range(3), ids=["noise", "offset", "bursts"])
+@pytest.mark.parametrize("length", LENGTHS)
+def test_a_moving_average_does_not_drift_over_a_million_samples(million, number, length):
     """Against math.fsum at a thousand checkpoints: within two roundings of the mean, and 1e-25 of the largest sample of
     two windows.
     """
-    u = million[name]
-    y = play(lambda: MovingAverage(length / RATE), RATE, u=u)["y"]
-    for k in checkpoints(length):
+    u, y = million[0][:, number], million[1][MovingAverage, length][:, number]
+    for k, average in zip(CHECKPOINTS, y):
         window = u[k - length + 1 : k + 1].tolist()
         mean, largest = math.fsum(window) / length, np.abs(u[max(0, k - 2 * length) : k + 1]).max()
-        assert abs(y[k] - mean) <= 2.0 * math.ulp(mean) + 1e-25 * largest
+        assert abs(average - mean) <= 2.0 * math.ulp(mean) + 1e-25 * largest
 
 
-@pytest.mark.parametrize("name", ["noise", "offset", "bursts"])
-@pytest.mark.parametrize("length", [7, 3001])
-def test_a_moving_rms_does_not_drift_over_a_million_samples(million, name, length):
-    u = million[name]
-    y = play(lambda: MovingRMS(length / RATE), RATE, u=u)["y"]
-    for k in checkpoints(length):
-        square = math.fsum(x * x for x in u[k - length + 1 : k + 1].tolist()) / length
+@pytest.mark.parametrize("number", range(3), ids=["noise", "offset", "bursts"])
+@pytest.mark.parametrize("length", LENGTHS)
+def test_a_moving_rms_does_not_drift_over_a_million_samples(million, number, length):
+    u, y = million[0][:, number], million[1][MovingRMS, length][:, number]
+    for k, rms in zip(CHECKPOINTS, y):
+        root = math.sqrt(math.fsum(x * x for x in u[k - length + 1 : k + 1].tolist()) / length)
         largest = np.abs(u[max(0, k - 2 * length) : k + 1]).max()
-        assert abs(y[k] - math.sqrt(square)) <= 3.0 * math.ulp(math.sqrt(square)) + 1e-25 * largest**2 / math.sqrt(
-            square
-        )
+        assert abs(rms - root) <= 3.0 * math.ulp(root) + 1e-25 * largest**2 / root
 
 
 @pytest.mark.parametrize("length", [1, 3001])
 def test_extremes_of_a_window_are_exact_over_a_million_samples(million, length):
-    u = np.round(million["noise"], 2)  # with equals among them
-    largest, smallest = (play(lambda: kind(length / RATE), RATE, u=u)["y"] for kind in (MovingMaximum, MovingMinimum))
-    for k in checkpoints(length):
+    u, outputs = million[0][:, 3], million[1]
+    for k, largest, smallest in zip(
+        CHECKPOINTS, outputs[MovingMaximum, length][:, 3], outputs[MovingMinimum, length][:, 3]
+    ):
         window = u[k - length + 1 : k + 1]
-        assert largest[k] == window.max() and smallest[k] == window.min()
+        assert largest == window.max() and smallest == window.min()
 
 
 @given(u=st.lists(MIXED, min_size=1, max_size=60), length=st.integers(1, 12))
