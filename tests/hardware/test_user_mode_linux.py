@@ -11,32 +11,25 @@ from tests.hardware.vcan import REQUIRED, there
 from tests.shared import shared
 from tests.test_packaging import ROOT
 
+ADDRESSES = ",".join(f"{address:#04x}" for address in CHIPS)
 CANNOT_RUN = 77  # exit status of vmrun.sh where User Mode Linux cannot run
 
 
-@pytest.mark.parametrize(
-    "file",
-    [
-        "test_i2c.py",
-        *(pytest.param(file, marks=pytest.mark.soak) for file in ("test_i2c_run.py", "test_i2c_combined.py")),
-    ],
-)
-def test_real_i2c_under_user_mode_linux(file):
-    under_user_mode_linux(file, VMRUN_CHIPS=",".join(f"{address:#04x}" for address in CHIPS))
+def test_real_i2c_and_socketcan_under_user_mode_linux():
+    """In one start; a machine that has vcan0 runs the tests of SocketCAN itself."""
+    under_user_mode_linux("test_i2c.py", *[] if there else ["test_socketcan.py"], VMRUN_CHIPS=ADDRESSES)
 
 
+@pytest.mark.soak
+@pytest.mark.parametrize("file", ["test_i2c_run.py", "test_i2c_combined.py"])
+def test_i2c_of_runs_under_user_mode_linux(file):
+    under_user_mode_linux(file, VMRUN_CHIPS=ADDRESSES)
+
+
+@pytest.mark.soak
 @pytest.mark.skipif(there, reason="this machine has vcan0 itself")
-@pytest.mark.parametrize(
-    "file",
-    [
-        "test_socketcan.py",
-        *(
-            pytest.param(file, marks=pytest.mark.soak)
-            for file in ("test_knee_exo.py", "test_guardian.py", "test_tools.py", "test_emulate.py")
-        ),
-    ],
-)
-def test_real_socketcan_under_user_mode_linux(file):
+@pytest.mark.parametrize("file", ["test_knee_exo.py", "test_guardian.py", "test_tools.py", "test_emulate.py"])
+def test_socketcan_of_runs_under_user_mode_linux(file):
     under_user_mode_linux(file)
 
 
@@ -54,16 +47,17 @@ def test_any_other_failure_of_user_mode_linux_fails(tmp_path):
         run_in(script, "test_i2c.py")
 
 
-def under_user_mode_linux(file, **environment):
-    run_in(shared("linux-can-i2c/vmrun.sh"), file, **environment)
+def under_user_mode_linux(*files, **environment):
+    run_in(shared("linux-can-i2c/vmrun.sh"), *files, **environment)
 
 
-def run_in(script, file, **environment):
-    """Run a whole file of tests in one start of User Mode Linux; its output is in the failure. Skip where the script
+def run_in(script, *files, **environment):
+    """Run whole files of tests in one start of User Mode Linux; its output is in the failure. Skip where the script
     exits with 77.
     """
+    folder = os.path.relpath(os.path.dirname(__file__), ROOT)
     options = "-p no:cacheprovider -p no:hypothesispytest --color=no --tb=short -m ''"
-    command = f"{sys.executable} -m pytest {options} {os.path.relpath(os.path.dirname(__file__), ROOT)}/{file}"
+    command = f"{sys.executable} -m pytest {options} {' '.join(f'{folder}/{file}' for file in files)}"
     process = subprocess.run(
         ["sh", script, command],
         cwd=ROOT,
