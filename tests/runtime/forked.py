@@ -1,7 +1,8 @@
 """Processes that are forked from one that has imported what a run and its recorder import.
 
 Each has the arguments, folder, environment and files it is given, as one that is started, but is ready after 20 ms
-instead of 350 ms. What depends on the start of the interpreter needs a `subprocess.Popen`.
+instead of 350 ms. A new session is controlled by the terminal of its standard error. What depends on the start of the
+interpreter needs a `subprocess.Popen`.
 """
 
 import fcntl
@@ -14,6 +15,7 @@ import socket
 import struct
 import subprocess
 import sys
+import termios
 from contextlib import suppress
 from importlib import import_module
 
@@ -165,6 +167,8 @@ def carry_out(words, folder, environment, start_new_session, places, files):
     if start_new_session:
         os.setsid()
     arrange(files, places)
+    if start_new_session and os.isatty(2):
+        fcntl.ioctl(2, termios.TIOCSCTTY, 0)
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)

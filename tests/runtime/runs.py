@@ -78,7 +78,7 @@ def environment(**more):
     """As in an activated environment, from wherever."""
     path = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])
     ours = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    return ours | {"PATH": path, "PYTHONPATH": str(ROOT)} | more
+    return ours | {"PATH": path, "PYTHONPATH": str(ROOT), "LC_ALL": "C.UTF-8"} | more
 
 
 def finished(*arguments, cwd, timeout=60, cold=False, **more):
@@ -94,17 +94,16 @@ def finished(*arguments, cwd, timeout=60, cold=False, **more):
 
 def started(*arguments, cwd, cold=False, **how):
     """A run that has been started. Returns the Popen, with text. cold : in an interpreter that starts with it"""
-    words = list(map(str, arguments))
-    how = {
-        "stdin": subprocess.DEVNULL,
-        "stdout": subprocess.PIPE,
-        "stderr": subprocess.PIPE,
-        "env": environment(),
-        **how,
-    }
+    how = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **how}
+    return module("runtime", *arguments, cwd=cwd, cold=cold, text=True, **how)
+
+
+def module(name, *arguments, cwd=ROOT, cold=False, **how):
+    """Start a module in a forked process, or in an interpreter that starts with it. Returns the Popen."""
+    words, how = ["-m", name, *map(str, arguments)], {"env": environment(), **how}
     if cold or "preexec_fn" in how or not server().serves(how["env"]):
-        return subprocess.Popen([sys.executable, "-m", "runtime", *words], cwd=cwd, text=True, **how)
-    return Forked(server(), ["-m", "runtime", *words], cwd=cwd, text=True, **how)
+        return subprocess.Popen([sys.executable, *words], cwd=cwd, **how)
+    return Forked(server(), words, cwd=cwd, **how)
 
 
 @functools.cache

@@ -12,7 +12,7 @@ import sys
 import termios
 import time
 
-from tests.runtime.runs import environment, write
+from tests.runtime.runs import environment, module, write
 
 WIDE = struct.pack("HHHH", 24, 160, 0, 0)
 
@@ -84,15 +84,20 @@ class Terminal:
         os.close(self.slave)
 
     def start(self, *words, cwd, **how):
-        how = {"stdin": self.slave, "stdout": self.slave, "stderr": self.slave, **how}
-        variables = environment(TERM="xterm", LANG="C.UTF-8", LC_ALL="C.UTF-8")
-        self.process = subprocess.Popen(
-            [sys.executable, *map(str, words)], cwd=cwd, env=variables, start_new_session=True, preexec_fn=own_it, **how
-        )
+        """Start a Python."""
+        how = {**self.session, "preexec_fn": own_it, **how}
+        self.process = subprocess.Popen([sys.executable, *map(str, words)], cwd=cwd, **how)
         return self
 
     def run(self, *words, cwd, **how):
-        return self.start("-m", "runtime", *words, cwd=cwd, **how)
+        """Start a command of Tickwork."""
+        self.process = module("runtime", *words, cwd=cwd, **{**self.session, **how})
+        return self
+
+    @property
+    def session(self):
+        files = {"stdin": self.slave, "stdout": self.slave, "stderr": self.slave}
+        return {**files, "env": environment(TERM="xterm"), "start_new_session": True}
 
     @property
     def attributes(self):

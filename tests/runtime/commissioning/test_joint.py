@@ -3,7 +3,6 @@ compares with it.
 """
 
 import subprocess
-import sys
 import time
 
 import pytest
@@ -19,7 +18,7 @@ from runtime.rig import override, read
 from runtime.rig.file import RigBus, parse
 from runtime.session.preflight import marks, position_range
 from tests.runtime.commissioning.nodes import DISABLE, ENABLE, V3, Commander, Mit, Nodes, Servo
-from tests.runtime.runs import environment, finished, knee, write
+from tests.runtime.runs import finished, knee, started, write
 
 pytestmark = pytest.mark.paced
 
@@ -40,16 +39,7 @@ class Person:
     """Moves the joint, and presses Enter when it is asked to."""
 
     def __init__(self, folder, *words):
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "runtime", "configure", *map(str, words)],
-            cwd=folder,
-            env=environment(),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-        )
+        self.process = started("configure", *words, cwd=folder, stdin=subprocess.PIPE, bufsize=1)
 
     def asked(self, word):
         while word not in (line := self.process.stdout.readline()):

@@ -5,7 +5,6 @@ process that is killed.
 import os
 import select
 import subprocess
-import sys
 import time
 from dataclasses import dataclass
 
@@ -13,7 +12,7 @@ import can
 import psutil
 
 from tests.runtime.guardian.drives import open_bus
-from tests.runtime.runs import DISABLE, ENABLE, NOTHING, ROOT, started, write
+from tests.runtime.runs import DISABLE, ENABLE, NOTHING, module, started, write
 
 MOTORS = (1, 2)
 
@@ -83,19 +82,8 @@ class Bus:
     def __enter__(self):
         if not self.answering:
             return self
-        self.drives = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "tests.runtime.guardian.drives",
-                self.channel,
-                *map(str, self.motors),
-                *["moving"] * self.moving,
-            ],
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        words = [self.channel, *self.motors, *["moving"] * self.moving]
+        self.drives = module("tests.runtime.guardian.drives", *words, stdout=subprocess.PIPE, text=True)
         assert self.drives.stdout.readline() == "ready\n"
         return self
 

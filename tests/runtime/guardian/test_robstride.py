@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
@@ -11,7 +10,7 @@ import pytest
 from tests.blocks.actuators import robstride_reference as reference
 from tests.runtime.guardian.drives import open_bus
 from tests.runtime.guardian.robstride_drives import RS03
-from tests.runtime.runs import ROOT, started, write
+from tests.runtime.runs import module, started, write
 
 pytestmark = pytest.mark.paced
 
@@ -37,12 +36,8 @@ def leg(tmp_path):
     """(start, node): a function that starts a run on a bus of this test alone, and an observer on that bus."""
     channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.{40 + int(time.time()) % 200}"
     rig = write(tmp_path, f'[bus.leg]\ninterface = "udp_multicast"\nchannel = "{channel}"\n', "lab.toml")
-    drives = subprocess.Popen(
-        [sys.executable, "-m", "tests.runtime.guardian.robstride_drives", channel, *map(str, MOTORS.values())],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    words = [channel, *MOTORS.values()]
+    drives = module("tests.runtime.guardian.robstride_drives", *words, stdout=subprocess.PIPE, text=True)
     assert drives.stdout.readline() == "ready\n"
     node = open_bus(channel)
 

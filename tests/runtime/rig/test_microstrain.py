@@ -18,8 +18,7 @@ from runtime.rig.dialogue_line import converse, open_lines
 from runtime.rig.line import Opened
 from runtime.rig.streams import StreamLines
 from tests.blocks.imus.hearing import Hearing
-
-ROOT = Path(__file__).resolve().parents[3]
+from tests.runtime.runs import module
 
 
 class Sensors:
@@ -27,8 +26,7 @@ class Sensors:
 
     def __init__(self, folder, *sensors, rate=1000):
         self.folder = folder
-        command = [sys.executable, "-m", "tests.runtime.rig.sensors", str(folder), str(rate), *sensors]
-        self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        self.process = module("tests.runtime.rig.sensors", folder, rate, *sensors, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout.readline() == "ready\n"
 
     def unplug(self):

@@ -319,7 +319,7 @@ class Terminal:
         if self.pid == 0:
             os.chdir(cwd)
             command = [sys.executable, "-m", "runtime", *map(str, arguments)]
-            os.execvpe(sys.executable, command, environment(TERM="xterm-256color", LC_ALL="C.UTF-8"))
+            os.execvpe(sys.executable, command, environment(TERM="xterm-256color"))
         self.text = ""
 
     def read_until(self, pattern, timeout=30.0):
