@@ -52,21 +52,29 @@ help:
 run: $(VENV)/installed
 	exec $(VENV)/bin/python -m runtime $(RUN)
 
+ruff = $(VENV)/bin/ruff check --quiet && $(VENV)/bin/ruff format --check --quiet
+pyright = $(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
+
 # Many tests wait: one worker more than processors. Those that wait in real time (marked `paced`) follow two at a time, and those that
-# measure it (`timing`) one at a time. Only the files of these are collected: the collection of all takes 7 s.
+# measure it (`timing`) one at a time. Only the files of these are collected: the collection of all takes 7 s. Pyright, half a minute
+# of one processor, uses what the first two stages leave of theirs.
 marked = $$(grep -rl --include='test_*.py' 'mark\.$(1)' tests)
-test: lint
-	if [ -z "$(TESTS)" ]; then
-	    $(VENV)/bin/python -m pytest -n $$(($$(nproc) + 1)) --dist worksteal -m 'not soak and not paced and not timing'
-	    $(VENV)/bin/python -m pytest -n 2 --dist worksteal -m 'paced and not soak' $(call marked,paced)
-	    exec $(VENV)/bin/python -m pytest -m 'timing and not soak' $(call marked,timing)
+test: $(VENV)/installed-test
+	$(ruff)
+	if [ -n "$(TESTS)" ]; then
+	    $(pyright)
+	    exec $(VENV)/bin/python -m pytest $(TESTS)
 	fi
-	exec $(VENV)/bin/python -m pytest $(TESTS)
+	nice -n 19 $(pyright) >build/pyright 2>&1 & types=$$!
+	trap 'kill $$types 2>/dev/null || true' EXIT
+	$(VENV)/bin/python -m pytest -n $$(($$(nproc) + 1)) --dist worksteal -m 'not soak and not paced and not timing'
+	$(VENV)/bin/python -m pytest -n 2 --dist worksteal -m 'paced and not soak' $(call marked,paced)
+	wait $$types || { cat build/pyright; exit 1; }
+	exec $(VENV)/bin/python -m pytest -m 'timing and not soak' $(call marked,timing)
 
 lint: $(VENV)/installed-test
-	$(VENV)/bin/ruff check --quiet
-	$(VENV)/bin/ruff format --check --quiet
-	$(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
+	$(ruff)
+	$(pyright)
 
 stubs: $(VENV)/installed-test
 	$(VENV)/bin/python -m graph.stubs blocks graph/arithmetic.py
