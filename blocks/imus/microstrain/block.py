@@ -93,7 +93,7 @@ class MicroStrain(StreamDevice):
     raw_quaternion = Output("1", "attitude as sent by the sensor, w first", shape=(4,))
     raw_euler = Output("rad", "roll, pitch and yaw as sent by the sensor", shape=(3,), circle=(-math.pi, math.pi))
     temperature = Output("°C", "mean temperature of the sensor")
-    age = Output("s", "time since the newest sample arrived")
+    age = Output("s", "time since the newest sample of all requested channels arrived")
     sample_time = Output("s", "sampling time of the newest sample, on the clock of the run")
     clock_drift = Output("1", "relative slowness of the sensor's clock")
     measured_rate = Output("Hz", "number of samples received in the previous second")
@@ -108,7 +108,7 @@ class MicroStrain(StreamDevice):
     pending = Memory((0.0,) * 65, "bytes of an incomplete packet")
     index = Memory((0.0,) * 768, "number of the row of each descriptor, by set")
     rows = Memory(0.0, "role and destination of each field")
-    settings = Memory((0.0,) * 4, "rate, time of the tare, whether to tare at the start, set whose rate is reported")
+    settings = Memory((0.0,) * 5, "rate, time of the tare, whether to tare at the start, reported set, requested sets")
     state = Memory((0.0,) * 72, "newest times, attitude of the tare, map of the clock")
 
     line = "dialogue"
@@ -149,8 +149,14 @@ class MicroStrain(StreamDevice):
             },
         }
         self.tabulate()
-        primary = 0 if any(field.set == SENSOR for field in self.fields) else 1
-        self.settings = (self.rate, self.tare_time, float(self.tare_at_start), float(primary))
+        sets = [any(field.set == each for field in self.fields) for each in (SENSOR, FILTER)]
+        self.settings = (
+            self.rate,
+            self.tare_time,
+            float(self.tare_at_start),
+            float(not sets[0]),
+            float(sets[0] + 2 * sets[1]),
+        )
 
     def tabulate(self) -> None:
         """Return the table of the kernel, see cext/kernels/devices/microstrain/mip.pyx."""

@@ -84,6 +84,22 @@ def test_outputs_are_nan_before_first_sample():
     )
 
 
+@pytest.mark.parametrize("seed", [1, 3])  # the first packets of the sensors' set are lost, or of the filter's
+def test_arming_waits_for_the_first_sample_of_every_channel(seed):
+    walk = simulate(1, device={"timeout": 0.1}, emulated={"seed": seed}, faults={"skipped": 0.4})
+    assert np.isfinite([*vector(walk, "accel", 3)[0], *vector(walk, "quaternion", 4)[0]]).all()
+
+
+def test_a_sample_needs_the_packets_of_all_requested_sets_that_the_sensor_sends():
+    sensors, filter = mip.packet(0x80, (0x05, bytes(12))), mip.packet(0x82, (0x03, bytes(18)))
+    sensor = Hearing(channels=("gyro", "quaternion"))
+    answers = [sensor.feed(packet) for packet in (sensors, filter, sensors, sensors, filter)]
+    assert answers == [{NOTED: 1}, {TAKEN: 1}, {NOTED: 1}, {NOTED: 1}, {TAKEN: 1}]
+    without_filter = Hearing(channels=("gyro", "quaternion"))
+    answers = [without_filter.feed(sensors, time=time) for time in (0.1, 0.59, 0.61, 0.62)]
+    assert answers == [{NOTED: 1}, {NOTED: 1}, {TAKEN: 1}, {TAKEN: 1}]
+
+
 def test_unrequested_channels_are_nan_and_extra_channels_have_ports():
     walk = simulate(10, device={"channels": ("gyro", "pressure", "linear_accel")}, accel=(1.0, 2.0, 3.0))
     assert np.isnan(vector(walk, "accel", 3)[-1]).all() and np.isnan(walk["imu.temperature"][-1])

@@ -26,6 +26,8 @@ cdef enum: # states of a tare
     IDLE = -1
     WANTED = -2
 
+cdef double SET_WAIT = 0.5      # s after the first packet; a sensor without a filter sends no set of it
+
 cdef struct Row:                # of the table
     double role
     double kind
@@ -40,6 +42,7 @@ cdef struct Settings:
     double tare_time            # s
     double tare_at_start
     double primary              # index of the set whose rate is reported
+    double sets                 # requested sets, one bit each
 
 cdef struct State:
     ClockMap clock
@@ -53,6 +56,9 @@ cdef struct State:
     double attitude             # in the packet: 0 none, 1 as angles, 2 as a quaternion
     double valid                # validity flag of the filter for the packet; below 0: none
     double time                 # time stamp of the packet, s, NaN: none
+    double received             # sets received since the newest whole sample, one bit each
+    double sent                 # sets that the sensor sends
+    double awaited_until        # s, end of the wait for the requested sets that have not been received
 
 
 cdef struct Measured:
@@ -71,7 +77,7 @@ cdef struct MicroStrain:
 MICRO_STRAIN = items(
     (<MicroStrain *>ITEMS)[0],
     "accel[3] gyro[3] mag[3] quaternion[4] euler[3] rotation[9] raw_quaternion[4] raw_euler[3] tare_attitude[4] "
-    "pending[65] index[768] rows[...] settings[4] state[72]")
+    "pending[65] index[768] rows[...] settings[5] state[72]")
 
 
 cdef inline int32_t place_of(const MicroStrain *at, int item) noexcept nogil:
@@ -154,7 +160,10 @@ cdef bint is_whole(const uint8_t *packet) noexcept nogil:
 
 cdef bint take_packet(double *arena, const MicroStrain *at, const MicroStrain *sizes, const uint8_t *packet,
         double came) noexcept nogil:
-    """Decode a packet with a correct checksum. Returns whether it contains data. came : s, arrival"""
+    """Decode a packet with a correct checksum. Returns whether it completes a sample of all requested sets.
+
+    came : s, arrival
+    """
     cdef State *state = state_of(arena, at)
     cdef int offset = HEAD
     cdef int end = HEAD + packet[3]
@@ -180,7 +189,26 @@ cdef bint take_packet(double *arena, const MicroStrain *at, const MicroStrain *s
     measure_rate(arena, at, state, set_index, came)
     if state.attitude != 0.0:
         turn(arena, at, state, came)
-    return set_index < 2
+    return completes(state, <int>(<const Settings *>(arena + at.settings)).sets, set_index, came)
+
+
+cdef bint completes(State *state, int requested, int set_index, double came) noexcept nogil:
+    """Return whether a packet completes a sample: every set of the sensor has been received since the newest one.
+
+    requested : bits of the requested sets, all of which a sample needs at first; after SET_WAIT, those that the sensor
+        sends
+    """
+    cdef int sent = <int>state.sent
+    cdef int received = <int>state.received
+    cdef int needed
+    if set_index == 2:
+        return False
+    sent |= 1 << set_index
+    received |= 1 << set_index
+    needed = requested if came < state.awaited_until else requested & sent
+    state.sent = <double>sent
+    state.received = 0.0 if received & needed == needed else <double>received
+    return state.received == 0.0
 
 
 cdef void begin(double *arena, const MicroStrain *at, const MicroStrain *sizes, double came) noexcept nogil:
@@ -190,6 +218,7 @@ cdef void begin(double *arena, const MicroStrain *at, const MicroStrain *sizes, 
     state.since, state.taring = came, IDLE
     # a start and each further arming reset the state and keep the outputs
     if arena[at.packets] == 0.0:
+        state.awaited_until = came + SET_WAIT
         blank(arena, at, sizes)
         arena[at.valid] = (arena + at.tare_attitude)[0] = 1.0
     if settings.tare_at_start != 0.0 and arena[at.tared] == 0.0:
