@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, TypedDict
 
 from cext.user_text import repr_of, text_of
+from graph import hints
 from graph.declarations import Declaration, Input, Live, LiveBounds, Memory, Output, Param
 from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.diagram import current_scope, is_count
@@ -91,17 +92,26 @@ class Block:
         taken = next((name for name in declared if name in _WORDS), None)
         if taken is not None:
             raise TypeError(f"{cls.__name__}: {taken!r} is reserved and cannot name a port or parameter")
+        code = getattr(inspect.unwrap(cls.__init__), "__code__", None) if "__init__" in vars(cls) else None
+        if code is not None and "__init__" not in code.co_names:
+            raise TypeError(
+                f"{cls.__name__}.__init__ does not call super().__init__(), which makes the block: call it first, or "
+                "omit __init__: declare parameters with Param, and set state in reset(self)"
+            )
         for method in ("step", "update", "settle"):
             function = vars(cls).get(method)
             if function is None or cls.variadic:
                 continue
             names, takes_all = _arguments(function)
+            first = next(iter(inspect.signature(function).parameters), "")
+            if first in cls.inputs or first in CLOCK:
+                raise TypeError(f"{cls.__name__}.{method} takes no `self`: define {method}(self, {first}, ...)")
             strangers = [] if takes_all else [n for n in names if n not in cls.inputs and n not in CLOCK]
             if strangers:
                 raise TypeError(
                     f"{cls.__name__}.{method} takes {strangers[0]!r}, which is neither an input "
                     f"({', '.join(cls.inputs) or 'none'}) "
-                    f"nor one of {', '.join(CLOCK)}"
+                    f"nor one of {', '.join(CLOCK)}{hints.for_argument(cls, strangers[0])}"
                 )
         if cls.step is not Block.step:
             replace_kernels(cls)
@@ -124,6 +134,7 @@ class Block:
         if self.is_python and (self.dt is not None or type(self).prepare is Block.prepare):
             self._attempt(self.prepare, self.dt)
             self.reset()
+        self._attributes = len(vars(self)) + 1
 
     def _set_parameters(self, values: tuple[Any, ...], named: dict[str, Any]) -> None:
         who = type(self).__name__
@@ -133,12 +144,16 @@ class Block:
             problems.append(Diagnostic("TW010", message, path=who, where=self.location, hint=hint))
 
         names = list(self.parameters)
+        signal = next((value for value in (*values, *named.values()) if isinstance(value, Signal)), None)
+        if signal is not None and not named.keys() & self.inputs.keys():
+            wrong(f"the signal {signal.path} was passed as a parameter", hints.in_second_parentheses(self))
+            raise DiagramError(problems)
         if len(values) > len(names):
             wrong(f"takes {len(names)} parameters ({', '.join(names) or 'none'}), got {len(values)}")
         given = dict(zip(names, values))
         for key, value in named.items():
             if key not in self.parameters:
-                wrong(f"has no parameter {key!r}", suggestion(key, names) or f"it has {', '.join(names) or 'none'}")
+                wrong(f"has no parameter {key!r}", hints.for_parameter(self, key))
             elif key in given:
                 wrong(f"{key} was given twice")
             else:
@@ -267,11 +282,7 @@ class Block:
             if not self.variadic and name not in self.inputs:
                 raise DiagramError(
                     Diagnostic(
-                        "TW012",
-                        f"has no input {name!r}",
-                        path=self.path,
-                        where=where,
-                        hint=suggestion(name, names) or f"its inputs are {', '.join(names) or 'none'}",
+                        "TW012", f"has no input {name!r}", path=self.path, where=where, hint=hints.for_input(self, name)
                     )
                 )
             self.diagram.wire(signal, self, name, where)
@@ -352,6 +363,24 @@ class Block:
                 Diagnostic("TW010", f"{name}: {text_of(error)}", path=self.path, hint=self.parameters[name].description)
             ) from None
         self._configure()
+
+    def check_bounds(self, name: str) -> None:
+        """Raise ValueError if a numeric parameter is outside its bounds, after an assignment to the attribute."""
+        value, param = getattr(self, name), self.parameters[name]
+        if value.__class__ is float and param.interior[0] < value < param.interior[1] and name not in self.live_bounds:
+            return  # most parameters, checked in a tenth of the time
+        if param.numeric and value is not None:
+            self.check_live(name, param.check(value))
+
+    def assigned_names(self) -> list[str]:
+        """Return the names of public attributes that were added after a native block was made, except its memory."""
+        if len(vars(self)) <= self._attributes or self.is_python or self.has_python_update:
+            return []
+        return [
+            name
+            for name in list(vars(self))[self._attributes :]
+            if not name.startswith("_") and name not in self.memory and name not in self.parameters
+        ]
 
     def check_live(self, name: str, value: Any) -> Any:
         """Return the value. Raises ValueError outside the parameter's live bounds, which the proof uses."""

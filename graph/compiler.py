@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cext.user_text import text_of
-from graph import units
+from graph import hints, units
 from graph.arena_layout import size_of
 from graph.assembly import assemble
 from graph.block import Sink
@@ -65,6 +65,7 @@ def examine(diagram: Diagram) -> Compilation:
     compilation = Compilation(diagram)
     for check in (
         compilation.check_names,
+        compilation.check_parameters,
         compilation.check_wires,
         compilation.compile_marked,
         compilation.check_steps,
@@ -143,7 +144,14 @@ class Compilation:
     # Wires
 
     def check_names(self) -> None:
-        """Report names that are used twice, and invalid names of buses."""
+        """Report names that are used twice, subsystems that were not entered, and invalid names of buses."""
+        for part in self.diagram.not_entered:
+            self.report(
+                "TW019",
+                f"subsystem({part.name!r}) contains no blocks, since no `with` enters it",
+                where=part.where,
+                hint=f"write `with subsystem({part.name!r}):`, and indent its blocks",
+            )
         for wanted, block in self.diagram.duplicates:
             first = self.diagram[wanted]
             self.report(
@@ -161,6 +169,18 @@ class Compilation:
                 except DiagramError as error:
                     [wrong] = error.diagnostics
                     self.report("TW010", f"its bus: {wrong.message}", block, "", block.location, wrong.hint)
+
+    def check_parameters(self) -> None:
+        """Report parameters that were assigned outside their bounds, and assignments to misspelt parameters."""
+        for block in self.blocks:
+            try:
+                for name in block.parameters:
+                    block.check_bounds(name)
+            except ValueError as error:
+                self.report("TW010", f"{name}: {text_of(error)}", block, hint=block.parameters[name].description)
+            for name in block.assigned_names():
+                if hint := suggestion(name, block.parameters):
+                    self.report("TW010", f"has no parameter {name!r}", block, hint=hint)
 
     def check_wires(self) -> None:
         """Find the source of each input; report inputs that are connected twice, or not at all."""
@@ -194,7 +214,7 @@ class Compilation:
                         f"the input is not connected and has no default [{port.unit}]",
                         block,
                         name,
-                        hint=f"wire it, as in {block.path.split('/')[-1]}({name}=...)",
+                        hint=hints.for_assignment(block) or f"wire it, as in {block.path.split('/')[-1]}({name}=...)",
                     )
                 self.sources[block, name] = np.asarray(0.0 if port.default is None else port.default, dtype=float)
 
@@ -329,7 +349,8 @@ class Compilation:
                     "TW005",
                     f"none of its commands is connected ({', '.join(block.inputs)})",
                     block,
-                    hint=f"connect one, as in {block.path.split('/')[-1]}({next(iter(block.inputs))}=...), or "
+                    hint=hints.for_assignment(block)
+                    or f"connect one, as in {block.path.split('/')[-1]}({next(iter(block.inputs))}=...), or "
                     "remove the actuator",
                 )
 
@@ -591,17 +612,15 @@ class Compilation:
         self.proofs.append(proof)
         if not proof.holds:
             what = source.path if isinstance(source, Signal) else f"{float(source):g} {unit}"
-            what += f" can reach {interval} {unit}" if interval.bounded else " is unbounded"
+            reach = f"can reach {interval} {unit}" if isinstance(source, Signal) else "is commanded"
+            what += f" {reach}" if interval.bounded else " is unbounded"
             self.report(
                 "TW007",
                 f"{what}, and the limit is {limit} {unit} ({block.rating()})",
                 block,
                 name,
                 self.where(block, name),
-                "put a limiter last, as in "
-                f"{block.path.split('/')[-1]}({name}=TorqueLimiter(limit={limit.high:g})(...))"
-                if unit == "N·m"
-                else "insert a Saturation before the actuator",
+                hints.for_limit(block, source, name, unit, limit, interval),
             )
 
     def check_reach(self) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from cext.user_text import repr_of, text_of
 from graph import units
+from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.interval import Interval
 from graph.signal import Signal
 
@@ -90,6 +91,23 @@ class Input(Port):
         if broadcast and shape is not ...:
             raise TypeError(f"broadcast requires shape=..., got {shape!r}")
         self.default, self.broadcast = default, broadcast
+
+    def __set__(self, block: Any, value: Any) -> None:
+        """Set an attribute with the name of the input, as state of a Python block. Raises DiagramError for a signal,
+        and in a native block.
+        """
+        if isinstance(value, Signal) or not block.is_python:
+            raise DiagramError(
+                Diagnostic(
+                    "TW001",
+                    "an assignment does not connect the input",
+                    block.path,
+                    self.name,
+                    caller(),
+                    f"call the block, as in {block.path.split('/')[-1]}({self.name}=...)",
+                )
+            )
+        vars(block)[self.name] = value
 
 
 class Output(Port):
@@ -248,6 +266,7 @@ class Param(Declaration, Generic[T]):
     ) -> None:
         self.default, self.unit, self.description = default, units.canonical(unit), description
         self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
+        self.interior = interior((min, above), (max, below)) if choices is None else (math.inf, -math.inf)
         self.live, self.slew, self.required = live, slew, required
         self.file, self.kernel = file, kernel
         self.dtype = dtype or (float if default is None else type(default))
@@ -340,6 +359,14 @@ class Param(Declaration, Generic[T]):
             return self.check(text)
         value = units.parse_quantity(text, self.unit)
         return self.check(value)
+
+
+def interior(lows: Sequence[float | None], highs: Sequence[float | None]) -> tuple[float, float]:
+    """Return the open interval between the highest of some lower bounds and the lowest of some upper ones."""
+    return (
+        max((end for end in lows if end is not None), default=-math.inf),
+        min((end for end in highs if end is not None), default=math.inf),
+    )
 
 
 def is_whole(value: Any) -> bool:

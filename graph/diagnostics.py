@@ -25,6 +25,7 @@ CODES = {
     "TW016": "bus overload",
     "TW017": "step cannot be compiled",
     "TW018": "block that must run in every tick",
+    "TW019": "subsystem not entered",
     "TW020": "unused outputs",
     "TW021": "command may be held",
     "TW022": "high bus load",

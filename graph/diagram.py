@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from cext.user_text import repr_of
+from graph import hints
 from graph.diagnostics import Diagnostic, DiagramError, Location, caller
 from graph.names import check_name, snake_case, suggestion
 from graph.signal import Signal
@@ -82,6 +83,7 @@ class Diagram:
         self.duplicates: list[tuple[str, Any]] = []  # (path, block) where the name was taken; the compiler reports them
         self._numbers: dict[str, int] = {}  # {path: number appended to the newest block of that name}
         self._tokens: list[Any] = []
+        self.not_entered: list[subsystem] = []  # subsystems that no `with` has opened
 
     def __enter__(self) -> Diagram:
         self._tokens.append(_scope.set(Scope(self)))
@@ -154,7 +156,7 @@ class Diagram:
                         path=block.path,
                         port=port or "",
                         where=where,
-                        hint="connect an output of a block, as in knee.position, or the result of a call",
+                        hint=hints.for_source(source, block.variadic),
                     )
                 )
         self.wires.append(Wire(source, block, port, where))
@@ -201,9 +203,13 @@ class subsystem:
                 )
             )
         conditions = scope.conditions + ((enabled,) if enabled is not None else ())
+        self.name, self.where = name, where
         self.scope = Scope(scope.diagram, f"{scope.prefix}{name}/", scope.every * every, conditions)
+        scope.diagram.not_entered.append(self)
 
     def __enter__(self) -> subsystem:
+        if self in self.scope.diagram.not_entered:
+            self.scope.diagram.not_entered.remove(self)
         self.token = _scope.set(self.scope)
         return self
 
@@ -221,5 +227,5 @@ def is_number(value: Any) -> bool:
     try:
         array = np.asarray(value)
         return array.dtype.kind in "fiub" and array.size > 0
-    except ValueError:  # rows of unequal length
+    except (ValueError, TypeError):  # rows of unequal length, signals
         return False

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from graph import units
 from graph.block import Sink, range_of
 from graph.device import Actuator, Device
+from graph.hints import for_degrees
 from graph.interval import EVERYTHING, Interval
 from graph.ranges import find_ranges, interval_of, interval_of_numbers
 from graph.signal import Signal
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 POSITION, VELOCITY, TORQUE = "rad", "rad/s", "N·m"
 TURN = 2.0 * math.pi
-HALF_TURN = math.pi  # rad; a larger angle may be a value in degrees
 SLACK = 1e-6  # tolerance relative to the width of a limit: intervals are rounded outward
 ZERO = Interval.point(0.0)
 
@@ -393,15 +393,13 @@ class ReachCheck:
         number = interval.low if abs(interval.low) > abs(interval.high) else interval.high
         what = f"{number:g} {unit}" if is_point(interval) else f"{interval.low:g} to {interval.high:g} {unit}"
         bounds = f"{limits.low:.4g} to {limits.high:.4g} {unit}"
-        if unit != TORQUE and abs(number) > HALF_TURN and math.radians(number) in limits:
-            per = "" if unit == POSITION else "/s"
-            hint = f"{number:g} {unit} is {math.degrees(number):.0f}°{per}: did you mean deg({number:g})?"
-        elif unit == TORQUE:
+        if unit == TORQUE:
             hint = (
                 f"set at most {limits.high:.4g} N·m. If a Gain scales the torque down, place the value before the Gain"
             )
         else:
-            hint = f"set {bounds}" + (f", or correct `range` of {actuator.path}" if words == "its range" else "")
+            correction = f", or correct `range` of {actuator.path}" if words == "its range" else ""
+            hint = for_degrees(number, unit, limits) or f"set {bounds}{correction}"
         problem = "is more than one turn of" if inside(interval, limits) else "is outside the limits of"
         where = self.wires[block, name].where if (block, name) in self.wires else None
         self.report(

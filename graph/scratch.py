@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 
 TYPES = {"float": float, "int": int, "bool": bool}  # of a scalar output, by the dtype of its port
 
+NEEDS_PERIOD = (
+    "{} needs a sampling period: make it inside `with Diagram(..., rate=...)`, or set its dt, in s, before the first "
+    "step"
+)
+
 
 class Scratch:
     """Arena and kernel tables of one block, for single steps outside a tick."""
@@ -43,10 +48,7 @@ class Scratch:
         except TypeError:
             if block.dt is not None:
                 raise
-            raise TypeError(
-                f"{block.path} needs a sampling period: make it inside `with Diagram(..., rate=...)`, or set its dt, "
-                "in s, before the first step"
-            ) from None
+            raise TypeError(NEEDS_PERIOD.format(block.path)) from None
         check_kernels(block)
         layout = Layout()
         sizes = {n: size_of(shape) for n, shape in self.shapes.items()}
@@ -59,10 +61,11 @@ class Scratch:
         self.tables = {}
         self.arena = layout.arena()
         self.memory = self.arena[self.memory_start :].copy()
-        period = block.dt if block.dt is not None else 1e-3
-        self.arena[[2, 3, 6]] = period, period, 1.0
-        self.rate = 1.0 / period
+        self.arena[6] = 1.0
         self.tick = 0
+        period = 1.0 if block.dt is None else block.dt  # without one, no result depends on it: see `call`
+        self.arena[2:4] = period
+        self.rate = 1.0 / period
 
     def restart(self) -> None:
         """Reset the memory as at the start of a run, without a call of `prepare`."""
@@ -104,10 +107,21 @@ class Scratch:
         return self.tables[kernel]
 
     def call(self, kernel: Kernel) -> None:
-        """Call a kernel of the block on its arena. Raises ArithmeticError at a status other than 0."""
+        """Call a kernel of the block on its arena.
+
+        Raises ArithmeticError at a status other than 0, and TypeError if the result depends on the sampling period and
+        the block has none: the results of two periods are compared.
+        """
+        if self.block.dt is None:
+            before = self.arena.copy()
+            self.arena[[0, 2, 3]] *= 2.0
+            call_kernel(kernel, self.arena, self.table(kernel))
+            other, self.arena[:] = self.arena[4:].copy(), before
         status = call_kernel(kernel, self.arena, self.table(kernel))
         if status != 0:
             raise ArithmeticError(f"the kernel of {self.block.path} returned status {status}")
+        if self.block.dt is None and not np.array_equal(other, self.arena[4:], equal_nan=True):
+            raise TypeError(NEEDS_PERIOD.format(self.block.path))
 
     def step(self, values, named):
         self.load(values, named, self.block.step_inputs())

@@ -1,13 +1,16 @@
 """Signals: the values that wires carry, and their operators."""
 
+import numbers
 from collections import namedtuple
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import EllipsisType
-from typing import Any, ClassVar, NoReturn, TypeAlias, Union
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeAlias, Union
 
 import numpy as np
+
+from graph.signal_misuse import LOGIC, STACK, WithoutValue
 
 Operand: TypeAlias = Union["Signal", float, Sequence[float], np.ndarray]
 """A value that can be wired to an input: a signal, a number, or an array of numbers."""
@@ -17,7 +20,7 @@ Index: TypeAlias = int | slice | EllipsisType | list[int]
 
 
 @dataclass(frozen=True)
-class Signal:
+class Signal(WithoutValue):
     """One output port of one block. Block attributes and calls return signals; user code does not construct them.
 
     `+`, `-`, `*`, `/`, unary `-`, `[]` and `to` add a block to the diagram and return its output.
@@ -37,6 +40,14 @@ class Signal:
     def declaration(self) -> Any:
         """The Output that declares the port's unit, shape and dtype."""
         return self.block.outputs[self.port]
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether both are the same port. Raises TypeError for a number, which is never equal."""
+        if isinstance(other, Signal):
+            return self.block is other.block and self.port == other.port
+        if isinstance(other, (numbers.Number, np.ndarray)):
+            self.reject("== or != with a number", LOGIC.format('Compare("==") or Compare("!=")'))
+        return NotImplemented
 
     def __repr__(self) -> str:
         return f"<Signal {self.path} [{self.declaration.unit}]>"
@@ -73,6 +84,8 @@ class Signal:
         A signal of undeclared shape is a vector; it takes an int or a list of ints.
         """
         shape = self.declaration.shape
+        if shape == ():
+            raise TypeError(f"{self.path} is a scalar, which has no elements; {STACK}")
         if shape is not ...:
             return self.operators.Select(self.operators.encoded(index), shape)(self)
         if isinstance(index, (slice, tuple)) or index is ...:
@@ -82,16 +95,14 @@ class Signal:
             )
         return self.operators.Select(tuple(index) if isinstance(index, list) else index)(self)
 
-    __iter__ = None  # its length is known only after the compile
+    if TYPE_CHECKING:
+        __iter__ = None  # its length is known only after the compile
+
+        def __bool__(self) -> NoReturn: ...
 
     def to(self, unit: str) -> "Signal":
         """Convert to another unit of the same dimension: `angle.to("deg")`."""
         return self.operators.Convert(unit)(self)
-
-    def __bool__(self) -> NoReturn:
-        raise TypeError(
-            f"{self.path} is a signal, which has no value until the diagram runs: wire it into a block instead"
-        )
 
 
 @cache

@@ -5,22 +5,21 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import os
-import re
 import sys
 import traceback
 from collections.abc import Callable
 from importlib.machinery import SourceFileLoader
-from importlib.util import find_spec
 from pathlib import Path
 from types import CodeType, ModuleType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from cext.user_text import TEXT_LIMIT, bounded, repr_of, text_of
-from graph import Block, Diagram, DiagramError, compile
+from cext.user_text import TEXT_LIMIT, bounded, repr_of
+from graph import Diagram, DiagramError, compile
 from graph.names import suggestion
 from graph.sha256 import sha256
 from runtime.base.ending import Interrupted
 from runtime.base.errors import BadInput
+from runtime.diagrams import hints
 from runtime.diagrams.diagram_file import DiagramFile
 from runtime.diagrams.overrides import set_block_parameters, share_out
 from runtime.diagrams.recorded_signals import select_recorded
@@ -93,14 +92,11 @@ def build(
     path, build = file.path, file.function("build")
     diagram: Any = getattr(file.module, "diagram", None)
     if build is None and not isinstance(diagram, Diagram):
-        raise BadInput(
-            f"{path} has no diagram: it must define `diagram = Diagram(...)` or a function `build()` that returns one"
-        )
+        raise BadInput(f"{path} has no diagram: {without_diagram(file)}")
     share_out(file, settings)
     if build is not None:
         diagram = call(file, build, **file.build_parameters)
-        if not isinstance(diagram, Diagram):
-            raise BadInput(f"{path}: build() returned {repr_of(diagram)}, and must return a Diagram")
+        check_returned(build, diagram, "diagram")
     if not len(diagram):
         raise BadInput(f"{path}: the diagram {diagram.name!r} has no blocks: make them inside `with Diagram(...)`")
     if rig is not None:
@@ -118,9 +114,31 @@ def build_plant(file: DiagramFile, robot: Diagram) -> Diagram:
     function = file.function("plant")
     assert function is not None
     plant = call(file, function, robot, **file.plant_parameters)
-    if not isinstance(plant, Diagram):
-        raise BadInput(f"{file.path}: plant() returned {repr_of(plant)}, and must return a Diagram")
+    check_returned(function, plant, "plant")
     return plant
+
+
+def check_returned(function: Callable[..., Any], value: Any, name: str) -> None:
+    """Raise BadInput if `build` or `plant` has not returned a Diagram. name : usual one of the Diagram"""
+    if not isinstance(value, Diagram):
+        raise BadInput(
+            f"{place_of(function)}: {function.__name__}() returned {repr_of(value)}, and must return a Diagram: end it "
+            f"with `return {name}`"
+        )
+
+
+def place_of(function: Callable[..., Any]) -> str:
+    """Return the file and the line of a function; its name if it has none."""
+    code = getattr(function, "__code__", None)
+    return f"{code.co_filename}:{code.co_firstlineno}" if code else getattr(function, "__name__", "build")
+
+
+def without_diagram(file: DiagramFile) -> str:
+    """Return the remedy for a file without `diagram` and `build`."""
+    others = [name for name, value in vars(file.module).items() if isinstance(value, Diagram)]
+    if others:
+        return f"its Diagram is called {others[0]!r}: rename it to `diagram`"
+    return "write `with Diagram(...) as diagram:`, or a function `build()` that returns a Diagram"
 
 
 def compiled(path: str | os.PathLike[str], diagram: Diagram) -> Schedule:
@@ -213,14 +231,12 @@ def call(file: DiagramFile, function: Callable[..., T], /, *arguments: Any, **na
     try:
         inspect.signature(function).bind(*arguments, **named)
     except TypeError as error:
-        code = getattr(function, "__code__", None)
-        place = f"{code.co_filename}:{code.co_firstlineno}" if code else file.path
         hint = (
             "give the parameter a default, or set its value"
             if "missing" in str(error)
             else "declare it as plant(robot)"
         )
-        raise BadInput(f"{place}: {function.__name__}() cannot be called: {error}; {hint}") from None
+        raise BadInput(f"{place_of(function)}: {function.__name__}() cannot be called: {error}; {hint}") from None
     return guarded(file.path, function, *arguments, **named)
 
 
@@ -262,15 +278,9 @@ def syntax_error(error: SyntaxError) -> str:
 def exception(path: str | os.PathLike[str], error: BaseException) -> str:
     """Return the line in user code that raised an exception, and its text."""
     frames = own_frames(path, error) or traceback.extract_tb(error.__traceback__)
-    hint = (
-        import_hint(path, error)
-        if isinstance(error, ImportError)
-        else port_hint(error)
-        if isinstance(error, AttributeError)
-        else ""
-    )
+    remedy = hints.hint(path, error)
     line = f"\n    {frames[-1].line}" if frames[-1].line else ""
-    return f"{frames[-1].filename}:{frames[-1].lineno}: {words(error)}" + (f"; {hint}" if hint else "") + line
+    return f"{frames[-1].filename}:{frames[-1].lineno}: {words(error)}" + (f"; {remedy}" if remedy else "") + line
 
 
 def own_frames(path: str | os.PathLike[str], error: BaseException) -> list[FrameSummary]:
@@ -302,30 +312,3 @@ def words(error: BaseException, limit: float = TEXT_LIMIT) -> str:
 
     message = bounded(text, limit)
     return type(error).__name__ + (f": {message}" if message else "")
-
-
-def import_hint(path: str | os.PathLike[str], error: ImportError) -> str:
-    """Return the remedy for a failed import: a similar name, or a file that a library shadows."""
-    module = sys.modules.get(error.name or "")
-    path = Path(path)
-    neighbour = path.parent / f"{(error.name or '').partition('.')[0]}.py"
-    file = getattr(module, "__file__", None) or ""
-    if module is not None and neighbour.exists() and os.path.realpath(file) != os.path.realpath(neighbour):
-        return f"{neighbour.name} beside {path.name} has the name of a library: rename it"
-    top = (error.name or "").partition(".")[0]
-    if isinstance(error, ModuleNotFoundError) and top and find_spec(top) is None:
-        return f"if it is a library of blocks: pip install {top.replace('_', '-')}"
-    missing = re.match(r"cannot import name '(\w+)'", text_of(error))
-    return (
-        suggestion(missing[1], [name for name in vars(module) if not name.startswith("_")])
-        if missing and module is not None
-        else ""
-    )
-
-
-def port_hint(error: AttributeError) -> str:
-    """Return a suggestion of a port or parameter with a similar name."""
-    block = error.obj
-    return (
-        suggestion(error.name, [*block.outputs, *block.inputs, *block.parameters]) if isinstance(block, Block) else ""
-    )

@@ -52,5 +52,8 @@ def selection(sink: Any) -> set[int]:
     try:
         places = select([vars(column) for column in sink.columns], sink.block.record)
     except BadInput as error:
-        raise BadInput(f"{sink.block.path}: record: {error}") from None
+        raise BadInput(
+            f"{sink.block.location}: {sink.block.path}: record: {error}; it selects signals: the option --record sets "
+            "the folder of the files"
+        ) from None
     return {sink.columns[place].index for place in places}

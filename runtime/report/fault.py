@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cext.user_text import last_lines
 from graph import Device
 from graph.signal import Signal
+from runtime.diagrams import hints
 from runtime.diagrams.file import own_frames, words
 from runtime.report import drive_faults, fault_context
 from runtime.report.lost_ticks import before_fault
@@ -319,8 +320,8 @@ def first_non_finite(elements: Iterable[float]) -> float:
 def own_traceback(file: Path, error: BaseException) -> list[str]:
     """Return the lines of an exception that are in the user's files, then its message."""
     # the watchdog raises KeyboardInterrupt, not the block
-    message = [] if isinstance(error, KeyboardInterrupt) else last_lines(error)
+    message = [] if isinstance(error, KeyboardInterrupt) else [*last_lines(error), hints.hint(file, error)]
     return [
         *(f"{frame.filename}:{frame.lineno} in {frame.name}: {frame.line}" for frame in own_frames(file, error)),
-        *message,
+        *filter(None, message),
     ]

@@ -32,6 +32,7 @@ def keeps_its_range(data, block, *, numbers=anything | sensible, nan=False, tick
     """Draw an interval for every input, ask for the range, and step with values from the intervals."""
     shape = data.draw(st.sampled_from(shapes)) if any(port.shape is ... for port in block.inputs.values()) else ()
     block.width = size_of(shape)
+    block.dt = block.dt or 1e-3
     block.prepare(block.dt)
     given = {name: draw_interval(data, port, numbers) for name, port in block.inputs.items()}
     found = block.output_range(**given)

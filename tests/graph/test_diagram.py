@@ -13,7 +13,7 @@ from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from graph import Diagram, DiagramError, compile, subsystem
-from tests.graph.complaints import complaints, here, refusal
+from tests.graph.complaints import complaint, complaints, here, refusal
 
 
 @pytest.mark.parametrize("rate", [0, -1, math.inf, math.nan, "200", None, 1j])
@@ -176,10 +176,7 @@ def test_a_value_other_than_a_signal_or_number_is_rejected(source):
 def test_a_block_used_in_place_of_its_output_is_reported():
     with Diagram("d", rate=100):
         found = refusal(Gain(), CubeMars("AK80-9"))
-    assert (
-        found.code == "TW012"
-        and found.hint == "connect an output of a block, as in knee.position, or the result of a call"
-    )
+    assert found.code == "TW012" and found.hint.startswith("choose an output of cube_mars: position, velocity, torque,")
 
 
 def test_a_block_with_several_outputs_requires_one_by_name():
@@ -226,3 +223,13 @@ def test_diagrams_from_functions_report_the_line_in_the_function():
     found = complaints(diagram)
     assert [(d.code, d.path, d.port) for d in found] == [("TW001", "left/sum", "u2"), ("TW001", "right/sum", "u2")]
     assert {d.where for d in found} == {type(found[0].where)(__file__, leg.__code__.co_firstlineno + 2)}
+
+
+def test_a_subsystem_that_no_with_enters_is_reported():
+    with Diagram("d", rate=100) as diagram:
+        subsystem("left")
+        Gain()(1.0)
+        with subsystem("right"):
+            Gain()(1.0)
+    found = complaint(diagram)
+    assert (found.code, found.where) == ("TW019", here(-5)) and "subsystem('left') contains no blocks" in found.message

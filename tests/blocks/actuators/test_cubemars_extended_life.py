@@ -492,5 +492,6 @@ def test_a_run_that_waits_behind_a_fault_may_be_armed_again(report_rate):
 @pytest.mark.parametrize("kind, model", [(EmulatedCubeMarsV3, "AK80-9-V3.0"), (EmulatedCubeMarsServo, "AK80-9")])
 def test_emulated_drive_steps_manually_and_is_passive_before_first_command(kind, model):
     drive = kind(model, gear_ratio=2.0)
+    drive.dt = 0.005
     for position, fault in ((0.0, 0), (1.0, 1), (-3.0, 0)):
         assert drive.step(position=position, velocity=1.0, fault=fault) == (0.0, False)

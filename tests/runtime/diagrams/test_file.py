@@ -157,7 +157,7 @@ def test_a_file_that_may_not_be_read(tmp_path, refused):
 def test_a_file_without_a_diagram(tmp_path, refused, content):
     write(tmp_path, content)
     assert refused("robot.py") == (
-        "robot.py has no diagram: it must define `diagram = Diagram(...)` or a function `build()` that returns one"
+        "robot.py has no diagram: write `with Diagram(...) as diagram:`, or a function `build()` that returns a Diagram"
     )
 
 
@@ -222,7 +222,7 @@ def test_endless_recursion_is_reported(tmp_path, refused):
 def test_a_missing_library_is_reported_with_the_line(tmp_path, refused):
     write(tmp_path, "\nimport no_such_library\n")
     assert refused("robot.py") == (
-        "robot.py:2: ModuleNotFoundError: No module named 'no_such_library'; if it is a library of blocks: pip "
+        "robot.py:2: ModuleNotFoundError: No module named 'no_such_library'; install its library, as in: pip "
         "install no-such-library\n"
         "    import no_such_library"
     )
@@ -237,9 +237,12 @@ def test_a_mistyped_block_is_suggested(tmp_path, refused):
 @pytest.mark.parametrize("function", ["build", "plant"])
 def test_a_function_that_returns_no_diagram_is_reported(tmp_path, refused, function, returned):
     head = KNEE.format(law="return 0.0") if function == "plant" else ""
-    write(tmp_path, f"{head}\ndef {function}({'robot' if function == 'plant' else ''}):\n    return {returned}\n")
+    path = write(
+        tmp_path, f"{head}\ndef {function}({'robot' if function == 'plant' else ''}):\n    return {returned}\n"
+    )
     assert refused("robot.py", "--duration", "1") == (
-        f"robot.py: {function}() returned {returned}, and must return a Diagram"
+        f"robot.py:{line_of(path, f'def {function}')}: {function}() returned {returned}, and must return a Diagram: "
+        f"end it with `return {'plant' if function == 'plant' else 'diagram'}`"
     )
 
 

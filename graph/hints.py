@@ -1,0 +1,116 @@
+"""Remedies for values in the wrong place: a block instead of its output, a signal instead of a parameter."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from graph.declarations import Input
+from graph.names import suggestion
+from graph.signal import Signal
+from graph.signal_misuse import STACK
+
+
+def for_source(source: Any, variadic: bool) -> str:
+    """Return the remedy for a value that cannot be connected.
+
+    variadic : whether the block takes any number of signals
+    """
+    if isinstance(source, type) and hasattr(source, "step_inputs"):  # a class of blocks
+        return f"make a block and call it, as in {source.__name__}(...)({', '.join(source.inputs)})"
+    if hasattr(source, "step_inputs"):
+        inputs = [name for name, port in source.inputs.items() if port.default is None]
+        kind = type(source).__name__
+        if inputs or len(source.outputs) == 1:
+            return f"call the block to get its output, as in {kind}(...)({', '.join(inputs)})"
+        return f"choose an output of {source.path}: {', '.join(source.outputs) or 'it has none'}"
+    if isinstance(source, Input):
+        return f"{source.name} is an input: connect an output, or the signal that is connected to this input"
+    if isinstance(source, (list, tuple)) and any(isinstance(item, Signal) for item in source):
+        return "pass the signals one by one, as in block(a, b)" if variadic else STACK
+    return "connect an output of a block, as in knee.position, or the result of a call"
+
+
+def for_parameter(block: Any, name: str) -> str:
+    """Return the remedy for an argument of a block's class that is no parameter. name : of the argument"""
+    if name in block.inputs:
+        return in_second_parentheses(block, f"{name}=...")
+    if hasattr(type(block), name) and not hasattr(object, name):
+        return f"declare it in the class, as in {name} = Param(1.0, unit)"
+    return suggestion(name, block.parameters) or f"it has {', '.join(block.parameters) or 'none'}"
+
+
+def for_argument(kind: Any, name: str) -> str:
+    """Return "; " and the remedy for an argument of `step` that is no input, or ""; name : of the argument"""
+    if name in kind.parameters:
+        return f"; it is a parameter: read self.{name}"
+    if name in kind.outputs:
+        return "; it is an output: return its value"
+    if name in vars(kind).get("__annotations__", {}):
+        return f'; write `{name} = Input("1")`, with `=` instead of `:`'
+    if getattr(kind, name, None) is Input:
+        return f'; write `{name} = Input("1")`, with the unit in parentheses'
+    return f"; declare it in the class, as in {name} = Input(unit)"
+
+
+def in_second_parentheses(block: Any, inputs: str = "signal") -> str:
+    """Return the remedy for a signal that was passed to a block's class. inputs : as text"""
+    parameters = "..." if block.parameters else ""
+    return (
+        f"pass parameters to the class and signals to the block, as in {type(block).__name__}({parameters})({inputs})"
+    )
+
+
+def for_input(block: Any, name: str | None) -> str:
+    """Return the remedy for an unknown input. name : of the input"""
+    if name in block.parameters:
+        return f"{name} is a parameter: pass it to the class, as in {type(block).__name__}({name}=...)"
+    return suggestion(name, block.inputs) or f"its inputs are {', '.join(block.inputs) or 'none'}"
+
+
+def for_assignment(block: Any) -> str:
+    """Return a remedy if a signal was assigned to an attribute of a block, which connects nothing; else ""."""
+    name = next(
+        (name for name, value in vars(block).items() if isinstance(value, Signal) and value.block is not block), ""
+    )
+    return name and (
+        f"the signal assigned to its attribute {name!r} is not connected: call the block, as in "
+        f"{block.path.split('/')[-1]}({suggested(name, block)}=...)"
+    )
+
+
+def suggested(name: str, block: Any) -> str:
+    """Return the input with the name closest to a misspelt one; its first input if none is close."""
+    return (suggestion(name, block.inputs) or f"{next(iter(block.inputs), name)!r}").split("'")[1]
+
+
+def for_degrees(number: float, unit: str, limits: Any) -> str:
+    """Return the remedy for an angle or a velocity that is within its limits in degrees, or ""; number : in rad"""
+    if unit not in ("rad", "rad/s") or abs(number) <= math.pi or math.radians(number) not in limits:
+        return ""
+    shown = f"{math.degrees(number):.0f}°{unit.removeprefix('rad')}"
+    return f"{number:g} {unit} is {shown}: did you mean deg({number:g})?"
+
+
+def for_limit(block: Any, source: Any, name: str, unit: str, limit: Any, interval: Any) -> str:
+    """Return the remedy for a command outside its limit.
+
+    block : the actuator
+    source : signal or constant that commands it
+    name, unit : of the command
+    limit, interval : Interval of the limit and of the command
+    """
+    if not isinstance(source, Signal):
+        return for_degrees(float(source), unit, limit) or f"command a value from {limit.low:g} to {limit.high:g} {unit}"
+    peak = getattr(getattr(block, "spec", None), "peak", None)
+    at_joint = None if peak is None else peak * getattr(block, "gear_ratio", 1.0)
+    allowed = (
+        f', or pass limit="peak" to {block.path.split("/")[-1]} for {at_joint:g} N·m'
+        if getattr(block, "limit", None) == "rated" and at_joint is not None and interval.high <= at_joint
+        else ""
+    )
+    if unit == "N·m" and interval.bounded and "limit" in source.block.parameters:
+        return f"lower the limit of {source.block.path} to {limit.high:g}{allowed}"
+    if unit == "N·m":
+        return f"put a limiter last, as in {block.path.split('/')[-1]}({name}=TorqueLimiter(limit={limit.high:g})(...))"
+    return "insert a Saturation before the actuator"
