@@ -8,6 +8,7 @@ the tests.
 
 import ast
 import functools
+import textwrap
 from pathlib import Path
 
 from tests.checkout import ROOT
@@ -186,20 +187,23 @@ def shown():
 
 def page():
     """Return the text of the page."""
-    return "\n".join([HEAD.read_text(), *(section(name) for name in HAZARDS), TAIL.read_text()])
+    return "\n".join([HEAD.read_text(), *map(section, HAZARDS), TAIL.read_text()])
 
 
 def section(hazard):
     """Return the section of one hazard."""
     title, harm, measures = HAZARDS[hazard]
-    rows = "".join(row(f"{hazard}{letter}", text) for letter, text in measures.items())
-    return f"## {hazard}. {title}\n\nPossible harm: {harm}\n\n| | measure | shown by |\n|---|---|---|\n{rows}"
+    items = "".join(item(f"{hazard}{letter}", text) for letter, text in measures.items())
+    return f"## {hazard}. {title}\n\nPossible harm: {harm}\n\n{items}"
 
 
-def row(measure, text):
-    """Return the line of one measure."""
-    tests = "<br>".join(f"`{file}`: `{name}`" for file, name in shown().get(measure, []))
-    return f"| {measure} | {text} | {tests} |\n"
+def item(measure, text):
+    """Return the lines of one measure. The name of a test is a sentence."""
+    tests = "".join(
+        f"  * {name.removeprefix('test_').replace('_', ' ')}: `{file}`\n" for file, name in shown().get(measure, [])
+    )
+    lines = textwrap.fill(f"* **{measure}** {text} Shown by:", 120, subsequent_indent="  ")
+    return f"{lines}\n{tests}"
 
 
 if __name__ == "__main__":
