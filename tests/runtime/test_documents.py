@@ -26,7 +26,7 @@ RUNNING, BLOCKS, RECORDINGS = (
 
 def python_of(text):
     """Every block of Python in a page."""
-    return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    return re.findall(r"^```python(?: notest)?\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
 
 
 def shown_after(text, words):

@@ -1,0 +1,47 @@
+"""Every Python sample of every page runs.
+
+The samples of a page run in their order and share their names, in an empty folder with the folders of the clone beside
+them: `diagrams/knee_exo.py` exists. A sample that needs hardware, a second process or a terminal, or that another test
+runs, has the word `notest` behind `python` on its fence.
+
+A fragment may use names of a diagram that the page does not show: SETUP defines them.
+"""
+
+import os
+import re
+
+import pytest
+
+from tests.checkout import ROOT
+from tests.docs.pages import NAMES
+
+SAMPLE = re.compile(r"^```python([^\n]*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+ELSEWHERE = ("docs/reference/errors.md", "docs/tutorial/", "docs/coming_from/")  # tests of their own run their samples
+DIAGRAM = (
+    "from blocks.sources import Sine\nfrom graph import Diagram, stack, subsystem\nDiagram('sample', 200).__enter__()\n"
+)
+SETUP = {
+    "docs/explanation/wearer.md": "from blocks.wearer import Walker\nfrom graph import Diagram\n",
+    "docs/reference/gait.md": DIAGRAM + "left_thigh = right_thigh = Sine(unit='rad')(), Sine(unit='rad/s')()\n",
+    "docs/reference/networks.md": DIAGRAM
+    + "from blocks.limiters import Saturation\nfrom blocks.mathematics import Gain\n"
+    + "angle, velocity, mass = Sine(unit='rad')(), Sine(unit='rad/s')(), 70.0\n",
+}
+PAGES = [name for name in NAMES if SAMPLE.search((ROOT / name).read_text()) and not name.startswith(ELSEWHERE)]
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_samples_run(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder, target in (("diagrams", "diagrams"), ("docs", "docs"), ("networks", "diagrams/networks")):
+        os.symlink(ROOT / target, folder)
+    names = {"__name__": "sample"}
+    exec(SETUP.get(page, ""), names)
+    text = (ROOT / page).read_text()
+    for sample in SAMPLE.finditer(text):
+        if "notest" in sample[1].split():
+            continue
+        file = tmp_path / "sample.py"
+        lines = text[: sample.start(2)].count("\n")
+        file.write_text("\n" * lines + sample[2])  # a traceback has the lines of the page
+        exec(compile(file.read_text(), str(file), "exec"), names)
