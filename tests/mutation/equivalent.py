@@ -59,8 +59,7 @@ EQUIVALENT = {
     "nothing of a block stands at 0",
     "cext/schedule/devices.pyx receive: break -> pass": "what is empty gives nothing more",
     "cext/schedule/devices.pyx command: if self.laps != NULL and self.laps.each == NULL and self.table.count > 0: -> "
-    "if self.laps != NULL and self.laps.each == NULL and self.table.count >= 0:": "where nothing is encoded that takes no "
-    "time",
+    "if self.laps != NULL and self.laps.each == NULL and self.table.count >= 0:": "encoding nothing takes no time",
     "cext/schedule/devices.pyx watch: if device.fault >= 0 and arena[device.fault] != 0.0: -> "
     "if device.fault >= 1 and arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a "
     "block stands at 0",
