@@ -12,7 +12,7 @@ from graph import Device
 from graph.signal import Signal
 from runtime.diagrams import hints
 from runtime.diagrams.file import own_frames, words
-from runtime.report import drive_faults, fault_context
+from runtime.report import drive_faults, fault_context, lost_replies
 from runtime.report.lost_ticks import before_fault
 from runtime.report.timing import micro
 
@@ -39,7 +39,7 @@ def explain(result: RunResult) -> list[str]:
     where = f" of {diagram.name}, the plant" if result.failed_in_plant else ""
     lines = [
         f"FAULT at {outcome.culprit or diagram.name}{where}, {_when(result)}: "
-        f"{what(result, block, program)}{before_fault(result)}"
+        f"{what(result, block, program)}{lost_replies.before_fault(result)}{before_fault(result)}"
     ]
     if block is not None:
         lines += [f"  {line}" for line in circumstances(outcome, diagram, schedule, program, block)]

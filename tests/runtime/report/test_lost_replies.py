@@ -1,0 +1,46 @@
+"""Faults of an actuator that lost frames may have caused report how many of its commands had no reply."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from blocks.actuators import CubeMars
+from graph import Diagram
+from runtime.report.lost_replies import before_fault
+
+
+def ended(status, missed, *, tick=120, failed_in_plant=False):
+    """A RunResult as far as it is read."""
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK80-9", bus="legs", name="knee", timeout=0.1)(torque_command=0.0)
+    return SimpleNamespace(
+        outcome=SimpleNamespace(status=status, tick=tick, culprit="knee"),
+        failed_in_plant=failed_in_plant,
+        schedule=SimpleNamespace(rate=200.0),
+        diagram=robot,
+        control=SimpleNamespace(reports=SimpleNamespace(missed={"knee": missed})),
+    )
+
+
+@pytest.mark.parametrize(
+    "status, missed, said",
+    [
+        ("silent", 50, "; 30 of its 100 commands before had no reply by the next one: frames are lost on bus legs. "),
+        ("silent", 22, ""),  # those of the time-out, and two more
+        (
+            "not following",
+            36,
+            "; 36 of its 120 commands before had no reply by the next one: frames are lost on bus legs, perhaps also "
+            "the one that enables the drive. ",
+        ),
+        ("not following", 2, ""),
+        ("overspeed", 36, ""),
+    ],
+)
+def test_commands_without_a_reply_explain_a_silent_or_idle_drive(status, missed, said):
+    remedy = "Check wiring, termination, adapter and load of the bus"
+    assert before_fault(ended(status, missed)) == (said + remedy if said else "")
+
+
+def test_a_fault_of_the_plant_is_not_explained_by_the_robots_bus():
+    assert before_fault(ended("silent", 50, failed_in_plant=True)) == ""
