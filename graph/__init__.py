@@ -51,3 +51,13 @@ __all__ = [
     "stack",
     "subsystem",
 ]
+
+
+def _repr_svg_(diagram: Diagram) -> str:
+    """Return the drawing of a diagram, which notebooks show."""
+    from graph.drawing import draw, svg  # take 20 ms to import
+
+    return svg(draw(diagram))
+
+
+setattr(Diagram, "_repr_svg_", _repr_svg_)  # here, because the drawing imports Diagram

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
+
 TYPE_CHECKING = False  # not from typing: a typing.py in the working folder could still hide it here
 if TYPE_CHECKING:
-    import os
     from collections.abc import Callable, Iterable, Mapping
     from typing import Any, overload
 
     from graph import Diagram
     from runtime.analysis.trial import Trial
     from runtime.analysis.trials import Trials
+    from runtime.report.check import Report
     from runtime.session.simulate import SimulatedRun
 else:
 
@@ -126,3 +128,32 @@ def simulate(
     from runtime.session.simulate import SimulatedRun
 
     return SimulatedRun(diagram, settings=settings, plant=plant, seed=seed, rate=rate)
+
+
+def check(
+    diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
+    *,
+    settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
+    rate: float | None = None,
+    rig: str | os.PathLike[str] | None = None,
+) -> Report:
+    """Compile a diagram and return the report of `python -m runtime check`, which print() and a notebook show.
+
+        report = runtime.check("diagrams/knee_exo.py", rig="lab.toml")
+        report["ok"], report["proofs"]      # the keys of `check --json`
+
+    diagram : path of a diagram file, a Diagram, or a function that builds one
+    settings, rate, rig : as of `run`; not for a Diagram
+
+    Returns a runtime.report.check.Report, a dict. Raises BadInput if a file cannot be read.
+    """
+    from graph import Diagram
+    from runtime.base.errors import BadInput
+    from runtime.report.check import Report
+    from runtime.session.check import check
+
+    given: Any = settings
+    pairs = list(given.items() if hasattr(given, "items") else given)
+    if isinstance(diagram, Diagram) and (pairs or rate is not None or rig is not None):
+        raise BadInput("settings, rate and rig would change the Diagram: pass the function or the file that builds it")
+    return Report(check(diagram, pairs, rate, None if rig is None else os.fspath(rig)))

@@ -14,13 +14,14 @@ import numpy as np
 from runtime.analysis.average_stride import CURVES, Stride
 from runtime.analysis.legs import STRIDE_REPORT, measured
 from runtime.analysis.strides import bounds, over
-from runtime.analysis.trial import Trial
-from runtime.analysis.trials import labels
 from runtime.base.errors import BadInput
+from runtime.recording.files import short_names
 from runtime.recording.messages import split
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from runtime.analysis.trial_data import TrialData
 
 
 GAIT_PHASE = "blocks.controllers.gait:GaitPhase"
@@ -31,13 +32,13 @@ class Condition:
     """Strides of one condition.
 
     label : name of the condition
-    trial : Trial
+    trial : TrialData
     events, between, last : as for Trial.strides
     mass : kg, by which torque, power and work are divided; None to leave them as they are
     """
 
     label: str
-    trial: Trial
+    trial: TrialData
     events: str | None = None
     between: tuple[str, str] | None = None
     last: int | None = None
@@ -124,7 +125,7 @@ def scaled(stride: Stride, scale: float) -> Stride:
 
 
 def conditions(
-    trials: Sequence[Trial],
+    trials: Sequence[TrialData],
     events: str | None = None,
     sections: Sequence[tuple[str, str]] = (),
     last: int | None = None,
@@ -132,7 +133,7 @@ def conditions(
 ) -> list[Condition]:
     """Return the Conditions of recordings: one for each section of each trial.
 
-    trials : [Trial]
+    trials : [TrialData]
     events : as for Trial.strides
     sections : [(begin, end)], as `between` of Trial.strides; none for whole trials
     last : number of strides, the last of each leg; None for all
@@ -158,13 +159,13 @@ def time_text(text: str) -> str:
         return text
 
 
-def trial_labels(trials: Sequence[Trial]) -> list[str]:
+def trial_labels(trials: Sequence[TrialData]) -> list[str]:
     """Return a label for each trial: its field "condition" if each has another one, else its unique file name."""
     fields = [trial.fields.get("condition", "") for trial in trials]
-    return fields if all(fields) and len(set(fields)) == len(fields) else labels([trial.path for trial in trials])
+    return fields if all(fields) and len(set(fields)) == len(fields) else short_names([trial.path for trial in trials])
 
 
-def body_mass(trial: Trial) -> float:
+def body_mass(trial: TrialData) -> float:
     """Return the field "mass" of a recording in kg. Raises BadInput."""
     text: Any = trial.fields.get("mass", "")
     try:

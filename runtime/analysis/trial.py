@@ -16,12 +16,15 @@ from typing import TYPE_CHECKING
 
 from runtime.analysis import resample, strides, table
 from runtime.analysis.trial_data import TrialData
+from runtime.base.errors import BadInput
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy as np
     import pandas
+
+    from runtime.analysis.pictures import Pictures
 
 
 class Trial(TrialData):
@@ -73,6 +76,37 @@ class Trial(TrialData):
         """
         self.find(path)
         return strides.bounds(self, path, events, between, last)
+
+    def plot(
+        self,
+        *names: str,
+        strides: bool = False,
+        events: str | None = None,
+        between: tuple[str, str] | None = None,
+        last: int | None = None,
+    ) -> Pictures:
+        """Return pictures of signals, which a notebook shows; `.save("knee.png")` writes them.
+
+        names : of signals, blocks or subsystems, in one picture; by default a picture for each subsystem
+        strides : over the gait cycle instead of over time; without names angle, torque and power of each joint
+        events, between, last : with `strides`, as for Trial.strides
+
+        Raises KeyError or BadInput.
+        """
+        from runtime.analysis import pictures
+        from runtime.analysis.conditions import Condition
+
+        if not strides and any(choice is not None for choice in (events, between, last)):
+            raise BadInput("events, between and last select strides: add strides=True")
+        if strides:
+            condition = Condition(self.path.stem, self, events, between, last)
+            return pictures.Pictures(pictures.over_strides([condition], names))
+        return pictures.Pictures(pictures.over_time(self, names))
+
+    def _repr_html_(self) -> str:
+        from runtime.analysis.html import trial_in_html
+
+        return trial_in_html(self)
 
     def table(self) -> pandas.DataFrame:
         """Return a pandas DataFrame with a row a tick, `time` as its index, and a column a number.

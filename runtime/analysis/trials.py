@@ -18,11 +18,11 @@ from runtime.analysis.table import table
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
+from runtime.recording.files import short_names
 from runtime.recording.parts import heads, newest
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
-    from pathlib import Path
 
     import pandas
 
@@ -60,7 +60,7 @@ class Trials:
 
     def __init__(self, trials: Iterable[Trial]) -> None:
         self.trials = list(trials)
-        self.labels = labels([trial.path for trial in self.trials])
+        self.labels = short_names([trial.path for trial in self.trials])
         self._fields = {
             f"trial.{name}" if name in OWN else name: name for trial in self.trials for name in trial.fields
         }
@@ -159,16 +159,6 @@ class Trials:
         made = pandas.concat(parts, ignore_index=True)
         made.attrs["units"] = {path: unit for part in parts for path, unit in part.attrs["units"].items()}
         return made
-
-
-def labels(paths: Sequence[Path]) -> list[str]:
-    """Return unique names of files, without their common folders and ending."""
-    names = [path.stem for path in paths]
-    if len(set(names)) == len(names):
-        return names
-    folders = [os.path.abspath(path.parent) for path in paths]
-    above = os.path.commonpath(folders)
-    return [os.path.join(os.path.relpath(folder, above), name) for folder, name in zip(folders, names)]
 
 
 def _signal(trial, name):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from runtime.analysis import pictures
 from runtime.base.errors import OK, BadInput
-from runtime.base.optional_dependencies import need
 from runtime.cli import drawing, selection
 from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
@@ -18,8 +17,6 @@ from runtime.recording.parts import newest
 
 if TYPE_CHECKING:
     from argparse import Namespace
-
-    from runtime.analysis.trial import Trial
 
 EPILOG = """\
 examples:
@@ -65,10 +62,13 @@ def main(arguments: Sequence[str]) -> int:
         share = 0.5 / len(recordings)
         trials = [read(path, progress, number * share, (number + 1) * share) for number, path in enumerate(recordings)]
         try:
-            pictures = stride_plots(trials, options) if options.strides else plots(trials[0], options)
-            for number, (name, draw) in enumerate(pictures):
-                path = write(options, name if len(pictures) > 1 or options.output is None else "", draw)
-                progress(0.5 + 0.5 * (number + 1) / len(pictures))
+            if options.strides:
+                drawn = pictures.over_strides(selection.conditions_of(trials, options), options.signals)
+            else:
+                drawn = pictures.over_time(trials[0], only_signals(options.signals))
+            for number, (name, draw) in enumerate(drawn.items()):
+                path = write(options, name if len(drawn) > 1 or options.output is None else "", draw)
+                progress(0.5 + 0.5 * (number + 1) / len(drawn))
                 progress.terminal.erase()
                 print_lines([path])
         except KeyError as error:
@@ -81,55 +81,19 @@ def is_recording(word: str) -> bool:
     return newest(word).suffix == ".mcap"
 
 
-def stride_plots(trials: Sequence[Trial], options: Namespace) -> list[tuple[str, Callable[..., Any]]]:
-    """Return [("strides", function that draws the picture into a file)]."""
-    need("matplotlib.figure", "a picture")
-    from runtime.analysis import condition_picture, stride_picture
-    from runtime.analysis.legs import legs
-    from runtime.analysis.plots import PLOT_LIMIT, alone
-
-    compared = selection.conditions_of(trials, options)
-    if options.signals:
-        paths = [path for name in options.signals for path in alone(trials[0], name)]
-        if len(paths) > PLOT_LIMIT:
-            raise BadInput(f"{len(paths)} signals need as many plots, more than {PLOT_LIMIT}: select fewer")
-        return [("strides", lambda file, kind: condition_picture.draw_signals(compared, paths, file, kind))]
-    [first, *others] = compared
-    if others or first.mass is not None:
-        return [("strides", lambda file, kind: condition_picture.draw(compared, file, kind))]
-    both_legs = legs(first.trial, first.events, first.between, first.last)
-    return [("strides", lambda file, kind: stride_picture.draw(first.trial.about["name"], both_legs, file, kind))]
-
-
-def plots(trial: Trial, options: Namespace) -> list[tuple[str, Callable[..., Any]]]:
-    """Return [(name, function that draws the picture into a file)]."""
-    need("matplotlib.figure", "a picture")
-    from runtime.analysis import plots
-
-    if not len(trial):
-        raise BadInput(f"{trial.path} contains no ticks")
-    if options.signals:
-        if others := [word for word in options.signals if is_recording(word)]:
-            raise BadInput(
-                f"{others[0]}: over time, plot takes one recording and its signals; --strides compares several over "
-                "the gait cycle, and `diff` two of them tick by tick"
-            )
-        rows = plots.rows_of(trial, options.signals)
-        return [("plot", lambda file, kind: plots.over_time(trial, rows, trial.path.stem, file, kind))]
-    return [
-        (
-            title,
-            lambda file, kind, rows=rows, title=title, suffix=f", {share}" * bool(share): plots.over_time(
-                trial, rows, f"{trial.path.stem}: {title}{suffix}", file, kind, title
-            ),
+def only_signals(names: Sequence[str]) -> Sequence[str]:
+    """Return the names of signals. Raises BadInput for a recording among them."""
+    if others := [name for name in names if is_recording(name)]:
+        raise BadInput(
+            f"{others[0]}: over time, plot takes one recording and its signals; --strides compares several over the "
+            "gait cycle, and `diff` two of them tick by tick"
         )
-        for title, (rows, share) in plots.overview(trial).items()
-    ]
+    return names
 
 
 def write(options: Namespace, name: str, draw: Callable[..., Any]) -> str:
     """Write a picture and return its path. Only a file named with -o is overwritten."""
-    name = re.sub(r"[^\w.-]+", "_", name)
+    name = pictures.file_name(name)
     output = (
         options.output
         if options.output is None or not name

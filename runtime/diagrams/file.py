@@ -39,11 +39,14 @@ PACKAGES = tuple(
 
 
 def load(
-    path: str | os.PathLike[str], settings: Settings = (), rig: RigFile | None = None, sha256: str | None = None
+    path: str | os.PathLike[str] | Diagram | Callable[..., Diagram],
+    settings: Settings = (),
+    rig: RigFile | None = None,
+    sha256: str | None = None,
 ) -> tuple[DiagramFile, Diagram]:
     """Read a diagram file and build its diagram.
 
-    path : of the file
+    path : of the file; or a Diagram, or a function that builds one
     settings, rig : as of `build`
     sha256 : hex digest of the only source that may be run; None for any
 

@@ -7,7 +7,9 @@ read the recording, too.
 import fcntl
 import os
 import stat
+from collections.abc import Sequence
 from itertools import accumulate, count
+from pathlib import Path
 from typing import Any
 
 SIDECAR = ".json"
@@ -157,3 +159,13 @@ class WholeFile:
         finally:
             self.descriptor = None
             os.close(descriptor)
+
+
+def short_names(paths: Sequence[Path]) -> list[str]:
+    """Return unique names of files, without their common folders and ending."""
+    names = [path.stem for path in paths]
+    if len(set(names)) == len(names):
+        return names
+    folders = [os.path.abspath(path.parent) for path in paths]
+    above = os.path.commonpath(folders)
+    return [os.path.join(os.path.relpath(folder, above), name) for folder, name in zip(folders, names)]

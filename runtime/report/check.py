@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from graph.drawing.cards import unit_text
-from runtime.console.styles import count
+from runtime.console.styles import Console, count
 from runtime.report.battery import battery_lines
 from runtime.report.preflight import covered
 
-if TYPE_CHECKING:
-    from runtime.console.styles import Console
-
+WIDTH = 110  # columns in a notebook
 BAR = 24  # columns of an interval bar
+
+
+class Report(dict):
+    """Report of `check`: a dict whose text a notebook and print() show."""
+
+    def __str__(self) -> str:
+        return "\n".join(text(self, Console(WIDTH)))
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return f'<pre style="line-height: 1.3">{html.escape(str(self))}</pre>'
 
 
 def text(report: Mapping[str, Any], console: Console) -> list[str]:

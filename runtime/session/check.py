@@ -89,10 +89,11 @@ def report_lines(report: Mapping[str, Any], as_json: bool) -> list[str]:
 
 
 def check(
-    path: Path, settings: Settings = (), rate: float | None = None, rig: str | Path | None = None
+    path: Path | Any, settings: Settings = (), rate: float | None = None, rig: str | Path | None = None
 ) -> dict[str, Any]:
     """Check a diagram file. Returns a report as plain data with the keys above.
 
+    path : of the file; or a Diagram, or a function that builds one
     settings : pairs (name, text) from --set
     rate : Hz, replaces the diagram's rate
     rig : path of a rig file, whose devices and bitrates are checked
@@ -102,10 +103,11 @@ def check(
     rig_file = None if rig is None else read(rig)
     try:
         file, diagram = load(path, settings, rig_file)
+        path = file.path
     except BadInput as error:
         if not error.diagnostics:
             raise
-        return refused(path, error.diagnostics)
+        return refused(Path(path), error.diagnostics)
     if rig_file is not None:
         require_ranges(rig_file, diagram)
         require_supply(rig_file.battery, diagram, rig_file.path)
