@@ -175,11 +175,11 @@ class Winding:
     supply : (lowest, highest) permitted voltage, V; () if not published
     """
 
-    limit: float | None
-    current: float | None
-    rated: float | None
-    rated_current: float | None
-    peak_current: float | None
+    limit: float | None = None
+    current: float | None = None
+    rated: float | None = None
+    rated_current: float | None = None
+    peak_current: float | None = None
     supply: tuple[float, ...] = ()
 
 
@@ -346,9 +346,9 @@ class Actuator(Device):
         """
         return TorqueBound("proved")
 
-    def winding(self) -> Winding | None:
-        """Return the Winding of its motor, or None if its currents are unknown."""
-        return None
+    def winding(self) -> Winding:
+        """Return the Winding of its motor. By default nothing is known of it."""
+        return Winding()
 
     def fault_in_words(self, code: int) -> str:
         """Return the text of a code of its output `fault`."""

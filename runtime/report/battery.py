@@ -18,7 +18,9 @@ def battery_lines(report: Mapping[str, Any] | None, console: Console) -> list[st
     for drive in report["drives"]:
         lines += console.hang(f"  {drive['actuator']:<{width}}  ", _drive(drive))
     permitted = "" if report["max_current"] is None else f"; the battery permits {report['max_current']:g} A"
-    lines += console.hang("  peak       ", f"at most {report['peak']:.3g} A with every drive at its limit{permitted}")
+    unknown = any(drive["supply_current"] is None for drive in report["drives"])
+    which = "every drive with a published current" if unknown else "every drive"
+    lines += console.hang("  peak       ", f"at most {report['peak']:.3g} A with {which} at its limit{permitted}")
     used = report["simulated"]
     if used is not None:
         lines += console.hang(
@@ -42,7 +44,7 @@ def _size(report):
 def _drive(drive):
     """Return the currents of one drive as text."""
     if drive["supply_current"] is None:
-        return "currents not published"
+        return "current not published: not included"
     motor = [f"{name} {drive[f'{name}_current']:.3g} A" for name in ("rated", "peak") if drive[f"{name}_current"]]
     limit = "in a mode that does not bound the torque" if drive["limit"] is None else f"at {drive['limit']:g} N·m"
     return (

@@ -90,12 +90,15 @@ def parse_battery(table: Mapping[str, Any], report: Callable[[str, str], None]) 
 
 
 def windings(diagram: Diagram, proved: Mapping[str, float] = MappingProxyType({})) -> dict[str, Winding]:
-    """Return the Winding of each actuator with known currents, by path.
+    """Return the Winding of each actuator, by path.
 
     proved : {path: N·m}, bounds of the torque that are lower than the limit of the actuator
     """
-    known = {block.path: block.winding() for block in diagram if isinstance(block, Actuator)}
-    return {path: _at(winding, proved.get(path, math.inf)) for path, winding in known.items() if winding is not None}
+    return {
+        block.path: _at(block.winding(), proved.get(block.path, math.inf))
+        for block in diagram
+        if isinstance(block, Actuator)
+    }
 
 
 def _at(winding, torque):

@@ -28,7 +28,7 @@ SETTLING_TIME, SIMULATED_TIME = 10.0, 20.0  # s of the simulation: left out, and
 
 
 def loads(diagram: Diagram, analysis: Compilation) -> dict[str, Winding]:
-    """Return the Winding of each actuator with known currents, at the torque that the compiler has proved.
+    """Return the Winding of each actuator, at the torque that the compiler has proved.
 
     diagram : of the robot, with its rig applied; analysis : its Compilation
     """

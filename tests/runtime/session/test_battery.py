@@ -1,15 +1,23 @@
 """Battery budget of `check --rig`: the same numbers as from a recorded run of the robot."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import runtime
+from blocks.actuators import CubeMars
+from graph import Actuator, Diagram, Input
 from runtime.console.styles import Console
-from runtime.report.battery import duration
+from runtime.report.battery import battery_lines, duration
 from runtime.report.check import text
-from runtime.session.battery import SETTLING_TIME, SIMULATED_TIME
+from runtime.rig import RigError
+from runtime.rig.battery import Battery, supply_current, windings
+from runtime.session.battery import SETTLING_TIME, SIMULATED_TIME, budget
 from runtime.session.check import check
-from tests.runtime.runs import KNEE_EXO, knee
+from runtime.session.prepare import prepare
+from runtime.session.request import Request
+from tests.runtime.runs import KNEE_EXO, knee, write
 
 RIG = """
 [bus.legs]
@@ -65,7 +73,9 @@ def test_section_has_currents_and_times(report):
     assert lines[begin] == "battery  24 V, 4 A·h, 96 W·h, 8 A fuse for each drive"
     assert lines[begin + 1].startswith("  left/knee   at most 9.12 A from the battery, 10.5 A in the motor at 12 N·m (")
     assert lines[begin + 3] == "  peak       at most 18.7 A with every drive at its limit"
-    assert "A charge lasts 4.6 h" in lines[begin + 4] and lines[begin + 5].startswith("  at least   13 min")
+    time = duration(report["battery"]["simulated"]["time"])
+    assert lines[begin + 4].startswith("  simulated  ") and lines[begin + 4].endswith(f"A charge lasts {time}")
+    assert lines[begin + 5].startswith("  at least   13 min")
     assert [duration(hours) for hours in (0.2, 1.4, 1.5)] == ["12 min", "84 min", "1.5 h"]
 
 
@@ -77,6 +87,42 @@ def test_robot_without_a_plant_has_no_simulated_use(tmp_path):
     )
     budget = check(path, rig=tmp_path / "lab.toml")["battery"]
     assert budget["simulated"] is None and budget["least_time"] > 0.0
+
+
+def test_drive_without_published_currents_is_listed_and_not_included():
+    class Board(Actuator):
+        """Drive of a laboratory."""
+
+        torque_command = Input("N·m", "torque command", default=0.0)
+
+    with Diagram("board", rate=200) as diagram:
+        Board(name="board")
+        CubeMars("AK80-9", name="knee")
+    drives = windings(diagram)
+    report = budget(Battery(24.0, 4.0, 24.0), drives, None, SimpleNamespace(given=False))
+    assert report["peak"] == pytest.approx(supply_current(drives["knee"]))
+    lines = battery_lines(report, Console(width=200))
+    assert "  board  current not published: not included" in lines
+    assert any("with every drive with a published current at its limit" in line for line in lines)
+
+
+CYBERGEAR = """
+from blocks.actuators import RobStride
+from graph import Diagram
+
+with Diagram("knee", rate=200) as diagram:
+    RobStride("CyberGear", range=(-1.0, 2.0), name="knee")(torque_command=0.0)
+"""
+
+
+def test_robot_whose_drive_the_battery_would_damage_is_rejected_by_check_and_run(tmp_path):
+    path = write(tmp_path, CYBERGEAR)
+    (tmp_path / "lab.toml").write_text(
+        '[bus.can]\ninterface = "socketcan"\nchannel = "can0"\n[battery]\nvoltage = 48.0\ncapacity = 4.0\n'
+    )
+    for examined in (check, lambda file, rig: prepare(Request(file, rig=rig, yes=True))):
+        with pytest.raises(RigError, match="TW137 .*of up to 48 V exceeds the supply range of knee, 16 to 28 V"):
+            examined(path, rig=tmp_path / "lab.toml")
 
 
 def test_without_a_battery_there_is_no_budget():
