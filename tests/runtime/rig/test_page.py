@@ -6,9 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from graph import compile
+from runtime.console.styles import Console
 from runtime.diagrams.file import load
+from runtime.report.battery import battery_lines
 from runtime.rig import CODES, override, read
+from runtime.session.check import check
 from tests.runtime.runs import KNEE_EXO, ROOT
 
 PAGE = (ROOT / "docs" / "reference" / "rigs.md").read_text()
@@ -21,6 +26,17 @@ def test_the_rig_of_the_page_fits_the_knee_exoskeleton(tmp_path):
     knee = diagram["left/knee"]
     assert (knee.can_id, knee.invert, knee.offset) == (3, True, 0.12) and diagram["right/knee"].can_id == 2
     assert all(f"`{name}`" in PAGE for name in knee.hardware)
+
+
+def test_the_battery_budget_of_the_page_is_that_of_check(tmp_path):
+    samples = re.findall(r"^```toml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+    (tmp_path / "lab.toml").write_text(samples[0] + next(sample for sample in samples if "[battery]" in sample))
+    _, *printed = battery_lines(check(KNEE_EXO, rig=tmp_path / "lab.toml")["battery"], Console(width=200))
+    shown = re.search(r"^    battery  .*\n(?:    .+\n)+", PAGE, re.MULTILINE)[0].splitlines()
+    numbers = re.compile(r"\d+(?:\.\d+)?")
+    assert [numbers.sub("#", line[4:]) for line in shown] == [numbers.sub("#", line) for line in printed]
+    for line, fresh in zip(shown, printed):  # the simulated wearer may change a little
+        assert [*map(float, numbers.findall(line))] == pytest.approx([*map(float, numbers.findall(fresh))], rel=0.1)
 
 
 def test_the_charge_pump_of_the_page_compiles_and_its_rig_fits_it(tmp_path):
