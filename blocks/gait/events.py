@@ -21,11 +21,14 @@ class ContactEvents(_Events, Block):
     """Heel strike from the load under a foot: load = (force − zero) / (peak − zero) rises through `rising`.
 
     Zero and peak are the extremes of a 9-sample median over the last 1.5 to 3 s with steps, so that drift, another
-    scale and lost samples, which read 0, make no difference. Contact begins at once, ends 0.05 s after the load fell
-    below `falling`, and is a strike after 0.1 s without contact. The force may have any scale of which `smallest` is a
-    small part. Limits: the first stride after the start sets the scale; a zero that jumps by more than the threshold is
-    found again after 3 s. Direct feedthrough; NaN and infinity pass and are not stored. (thresholds relative to the
-    recent range: Catalfamo et al. 2008; median against lost samples: Tukey 1977)
+    scale and lost samples, which read 0, make no difference. Contact begins at once, or at the second sample where the
+    load jumps by more than half of its range in the first 80 % of a stride. It ends 0.05 s after the load fell below
+    `falling`. It is a strike after 0.1 s without contact, if the contact before bore a load of 0.4 at least: feet that
+    touch the ground in a seat do not step. The force may have any scale of which `smallest` is a small part. Limits:
+    the first stride after the start sets the scale; a zero that jumps by more than the threshold is found again after 3
+    s; a wearer who shifts the weight from foot to foot, steps in place or backwards makes the same contacts. Direct
+    feedthrough; NaN and infinity pass and are not stored. (thresholds relative to the recent range: Catalfamo et al.
+    2008; median against lost samples: Tukey 1977)
     """
 
     rising = Param(0.1, "1", "load at which contact begins", above=0.0, below=1.0)
@@ -39,7 +42,7 @@ class ContactEvents(_Events, Block):
     window = Memory(
         (math.inf, -math.inf, 0.0, math.inf, -math.inf, math.inf, -math.inf, 0.0, 0.0), "zero, peak, windows"
     )
-    state = Memory((0.0, 0.0, 0.0), "contact, time below the falling threshold, time without contact")
+    state = Memory((0.0, 0.0, 0.0, math.inf, 0.0), "contact, times without load, and last loads")
 
     kernel = kernels.contact_events
 
@@ -52,16 +55,19 @@ class GyroEvents(_Events, Block):
     """Heel strike from the angular rate of a shank: the end of its forward swing.
 
     After a mid-swing peak above half the typical one, the rate falls through zero; the strike follows `lead` of the
-    last stride later. The typical peak adapts to the wearer and decays with 5 s. Limits: level walking; a bias of
-    the gyroscope shifts the zero crossing; a signal of opposite sign is not detected. Direct feedthrough; NaN and
-    infinity pass and are not stored.   (Aminian et al. 2002; Jasiewicz et al. 2006)
+    last stride later. The typical peak adapts to the wearer and decays with 5 s. A peak that is below 0.65 of the
+    largest backward rate is no swing: in walking it is 1.0 to 2.3 of it, with a signal of opposite sign 0.5. The rate
+    is a median of three samples. Limits: level walking; a bias of the gyroscope shifts the zero crossing; a leg that
+    hangs from a seat swings alike. Direct feedthrough; NaN and infinity pass and are not stored. (Aminian et al. 2002;
+    Jasiewicz et al. 2006)
     """
 
     lead = Param(0.028, "1", "strike after the zero crossing, as a fraction of a stride", min=0.0, max=0.2)
     smallest = Param(1.0, "rad/s", "smallest mid-swing peak", above=0.0)
 
     velocity = Input("rad/s", "sagittal angular rate of the shank, positive when it swings forward")
-    peak = Memory((0.0, 0.0), "typical peak, and peak of this swing")
+    peak = Memory((0.0, 0.0, 0.0), "typical peak, peak of this swing, and largest backward rate")
+    latest = Memory((math.nan,) * 2, "last two samples")
 
     kernel = kernels.gyro_events
 
@@ -71,9 +77,10 @@ class ThighEvents(_Events, Block):
 
     The range adapts to the wearer, and shrinks after 2 s without an event; an event needs an angle below 30 % before.
     In the mean curves of adults from 0.85 to 1.96 m/s that level is passed at 72.4 to 73.7 % of the stride (Bovi et al.
-    2011; 73.3 % in Pinzone et al. 2014), where the maximum of the angle is anywhere from 86 to 101 %. Limits: level
-    walking; a change of speed within the lead shifts the strike by as much; hip flexion of other activities has the
-    same rise. Direct feedthrough; NaN and infinity pass and are not stored.
+    2011; 73.3 % in Pinzone et al. 2014), where the maximum of the angle is anywhere from 86 to 101 %. The angle is a
+    median of three samples. Limits: level walking; a change of speed within the lead shifts the strike by as much; hip
+    flexion of other activities has the same rise; with a signal of opposite sign strikes are half a stride late. Direct
+    feedthrough; NaN and infinity pass and are not stored.
     """
 
     lead = Param(0.272, "1", "strike after the level, as a fraction of a stride", min=0.0, max=0.5)
@@ -81,6 +88,7 @@ class ThighEvents(_Events, Block):
 
     angle = Input("rad", "flexion of the thigh from vertical, or of the hip")
     extremes = Memory((math.inf, -math.inf, math.inf, -math.inf, 0.0), "range in use, range since the event, armed")
+    latest = Memory((math.nan,) * 2, "last two samples")
 
     kernel = kernels.thigh_events
 
@@ -91,8 +99,10 @@ class KneeEvents(_Events, Block):
     The flexion in swing is a maximum after a rise by 70 % of the typical height, which adapts to the wearer: a stiff
     knee with 0.6 of the range, or less, is followed as well. The event is where the angle has fallen by 60 % of that
     rise and the velocity to half of its peak: 4.8 to 7.2 % of a stride before heel strike in recorded adults from 0.6
-    to 1.9 m/s. Limits: a knee that flexes in stance more than 0.6 of its flexion in swing; stairs. Direct feedthrough;
-    NaN and infinity pass and are not stored.
+    to 1.9 m/s. An extension that takes longer than 0.24 of the time between swings is none before a strike: squats, and
+    legs that hang from a seat, extend as slowly. Angle and velocity are medians of three samples. Limits: a knee that
+    flexes in stance more than 0.6 of its flexion in swing; on stairs up strikes are late by a third of a stride. Direct
+    feedthrough; NaN and infinity pass and are not stored.
     (terminal swing: Winter 1991)
     """
 
@@ -102,6 +112,7 @@ class KneeEvents(_Events, Block):
     angle = Input("rad", "knee flexion")
     velocity = Input("rad/s", "knee flexion velocity")
     turns = Memory((1.0, math.nan, 0.0, 0.0, 0.0, 0.0), "direction, extreme, its age, typical and last height")
-    extension = Memory((0.0, 0.0, 0.0), "extending after swing, peak extension velocity, angle at the peak")
+    extension = Memory((-1.0, 0.0, 0.0, 0.0, math.inf), "extension after swing, and time between swings")
+    latest = Memory((math.nan,) * 4, "last two angles and velocities")
 
     kernel = kernels.knee_events

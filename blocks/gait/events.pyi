@@ -42,6 +42,7 @@ class GyroEvents(_Events, Block):
     smallest: Param[float]
     velocity: Input
     peak: Memory
+    latest: Memory
     def __init__(
         self,
         shortest: float | Live = 0.5,
@@ -59,6 +60,7 @@ class ThighEvents(_Events, Block):
     smallest: Param[float]
     angle: Input
     extremes: Memory
+    latest: Memory
     def __init__(
         self,
         shortest: float | Live = 0.5,
@@ -78,6 +80,7 @@ class KneeEvents(_Events, Block):
     velocity: Input
     turns: Memory
     extension: Memory
+    latest: Memory
     def __init__(
         self,
         shortest: float | Live = 0.5,

@@ -14,9 +14,10 @@ class AdaptiveOscillator(Block):
     θ̂ = α₀ + Σ αᵢ sin φᵢ,  e = θ − θ̂,  φ̇ᵢ = i ω + ν e / Σα cos φᵢ,  ω̇ = ν_ω e / Σα cos φ₁,  α̇ᵢ = η e sin φᵢ,  α̇₀ =
     η e. (Righetti et al. 2006; Ronsse et al. 2013) The phase is φ₁ less its value at heel strike, the mean of the first
     ten after 4 s; then `correction` of the difference is corrected at each strike (Yan et al. 2017). While the angle
-    has moved by less than 15 % of its usual velocity for 0.2 s, ω and α hold; the next strike is phase 0. Limits: locks
-    within about five strides, lags while the speed changes, and detects no standing in white noise of 0.02 rad. Direct
-    feedthrough; NaN and infinity give NaN and are not stored.
+    has moved by less than 15 % of its usual velocity for 0.2 s, ω and α hold; the next strike is phase 0. Where two
+    strides of equal length contradict ω by more than a quarter, ω is set to theirs and the harmonics to 0. Limits:
+    locks within about five strides, lags while the speed changes, and detects no standing in white noise of 0.02 rad.
+    Direct feedthrough; NaN and infinity give NaN and are not stored.
     """
 
     start = Param(0.9, "Hz", "frequency at the start", above=0.2, max=2.5, fixed=True)
@@ -31,14 +32,14 @@ class AdaptiveOscillator(Block):
     phase = Output("1", "gait phase: 0 at heel strike, 1 at the next", range=(0.0, 1.0), circle=(0.0, 1.0))
     walking = Output("1", "true while the oscillators follow the angle", dtype=bool, range=(0.0, 1.0))
     frequency = Output("Hz", "stride frequency")
-    state = Memory((0.0,) * 9, "zero of the phase, ω, α₀, time, mean squared error, and motion of the leg")
+    state = Memory((0.0,) * 10, "zero of the phase, ω, α₀, time, mean squared error, and motion of the leg")
     amplitudes = Memory(0.0, "amplitudes αᵢ, then phases φᵢ")
     zero = Memory((0.0, 0.0, 0.0, math.inf), "offset: cosines, sines, strikes; time since the last strike")
 
     kernel = kernels.adaptive_oscillator
 
     def configure(self) -> None:
-        self.state = (0.0, 2.0 * math.pi * self.start) + (0.0,) * 7
+        self.state = (0.0, 2.0 * math.pi * self.start) + (0.0,) * 8
         self.amplitudes = (0.3,) + (0.0,) * (2 * self.harmonics - 1)
 
 
@@ -49,7 +50,8 @@ class PhaseKalmanFilter(Block):
     Fourier series of 8 harmonics, the mean of the last ten strides between heel strikes. The noise of each measurement
     is relative to the standard deviation of angle and velocity over a stride, so that amplitude, sign and segment make
     no difference. Errors are limited to three standard deviations. A strike is a measurement of phase 0; more than a
-    fifth of a stride from there, the filter starts again at it. The frequency returns to that of the last stride with
+    fifth of a stride from there, the filter starts again at it, with the offset of the last stride if that is more than
+    half a standard deviation, as of a sensor that has slipped. The frequency returns to that of the last stride with
     1 s. While the leg moves, it is at least half of it and the phase does not go back: at a turning point neither angle
     nor velocity determines them.
     `walking` is true from a strike on, while the frequency is above 0.3 Hz and the angle follows the waveform. Limits:
@@ -75,7 +77,7 @@ class PhaseKalmanFilter(Block):
     covariance = Memory((0.0,) * 16, "covariance of the state")
     waveform = Memory((0.0,) * 17, "mean, cosine and sine amplitudes")
     stride = Memory(0.0, "angles since the last strike")
-    learning = Memory((math.inf,) + (0.0,) * 12, "learning of the waveform, and checks of the filter")
+    learning = Memory((math.inf,) + (0.0,) * 13, "learning of the waveform, and checks of the filter")
 
     kernel = kernels.phase_kalman
 

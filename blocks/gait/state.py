@@ -12,11 +12,12 @@ class GaitState(Block):
     """State of the gait from both legs: 2 walking, 1 standing, 0 unknown, and its confidence.
 
     Standing: both velocities are below `still_velocity`, or 15 % of the largest one in recent walking if that is less,
-    for `still_time`; the limit does not fall below a quarter of `still_velocity`. Walking: both legs walk, and their
-    phases are half a stride apart within `tolerance`, in a mean of 0.3 s. All else, such as squats, in which both knees
-    move together, is unknown. The confidence is 1 in standing and 1 − deviation / tolerance in walking. In walking of
-    0.2 to 1.2 m/s both thighs or knees are that slow for less than 0.09 s at a time. Limits: thighs are not still
-    in a stand of which the sway is faster. Direct feedthrough; NaN and infinity give a NaN confidence.
+    for `still_time`; the limit does not fall below a quarter of `still_velocity`. Both are below `still_velocity` for
+    1.5 s in a stand in which the weight shifts from leg to leg. Walking: both legs walk, and their phases are half a
+    stride apart within `tolerance`, in a mean of 0.3 s. All else, such as squats, in which both knees move together, is
+    unknown. The confidence is 1 in standing and 1 − deviation / tolerance in walking. In walking of 0.2 to 1.2 m/s both
+    thighs or knees are that slow for less than 0.09 s at a time. Limits: thighs are not still in a stand of which the
+    sway is faster; steps in place are walking. Direct feedthrough; NaN and infinity give a NaN confidence.
     """
 
     still_velocity = Param(0.25, "rad/s", "largest velocity of a leg that stands", above=0.0)
@@ -33,7 +34,7 @@ class GaitState(Block):
     walking = Output("1", "true in walking", dtype=bool, range=(0.0, 1.0))
     standing = Output("1", "true in standing", dtype=bool, range=(0.0, 1.0))
     confidence = Output("1", "confidence of the state", range=(0.0, 1.0))
-    track = Memory((0.0, 0.5, 0.0), "time without motion, mean deviation of the phases, largest velocity in walking")
+    track = Memory((0.0, 0.5, 0.0, 0.0), "times without motion, deviation of the phases, largest velocity in walking")
 
     kernel = kernels.gait_state
 

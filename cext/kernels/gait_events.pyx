@@ -17,6 +17,12 @@ cdef double SHRINK_AFTER = 2.0          # s without an event
 cdef double RELEASE_TIME = 0.05         # s below the threshold that end a contact
 cdef double SWING_TIME = 0.1            # s without contact before the next strike
 cdef double WINDOW = 1.5                # s, half of the time over which the load range is measured
+cdef double STANCE_LOAD = 0.4           # load that a contact reaches if the foot bears the body
+cdef double JUMP_LOAD = 0.5             # rise of the load within a sample that the next sample must confirm,
+cdef double EXPECTED_SHARE = 0.8        # in this share of a stride after a strike
+cdef double BACKWARD_SHARE = 0.65       # of the largest backward rate of the shank, that a swing exceeds
+cdef double EXTENSION_SHARE = 0.24      # of a stride, of extension from a fifth of its range on; a pendulum takes 0.27
+cdef double EXTENDING_SHARE = 0.5       # of the largest rate of this extension: the knee extends
 
 
 cdef struct Events:
@@ -28,6 +34,17 @@ cdef enum:
     STRIDE = 1                  # s, last stride
     DUE = 2                     # s until the strike; infinite without a pending one
     COUNT = 3                   # strikes since the start
+
+
+cdef inline double middle(double *latest, double x) noexcept nogil:
+    """Store x and return the median of the last three samples: a single outlier has no effect."""
+    cdef double a = latest[0]
+    cdef double b = latest[1]
+    latest[0] = b
+    latest[1] = x
+    if not is_finite(a):
+        return x
+    return max(min(a, b), min(max(a, b), x))
 
 
 cdef inline int finish(double *arena, const Events *at, bint missing) noexcept nogil:
@@ -59,9 +76,16 @@ cdef struct Contact:
     int32_t force, contact, load, rising, falling, smallest
     int32_t recent              # the last samples, oldest overwritten first
     int32_t window              # see below
-    int32_t state               # contact, time below the falling threshold, time without contact
+    int32_t state               # see below
 
-CONTACT = items((<Contact *>ITEMS)[0], "timing[4] recent[9] window[9] state[3]")
+CONTACT = items((<Contact *>ITEMS)[0], "timing[4] recent[9] window[9] state[5]")
+
+cdef enum:
+    LOADED = 0                  # 1 in contact
+    BELOW = 1                   # s below the falling threshold
+    FREE = 2                    # s without contact
+    LARGEST = 3                 # load of the last contact; infinite before the first
+    BEFORE_LOAD = 4             # load one sample before
 
 cdef enum:
     ZERO = 0
@@ -98,9 +122,11 @@ cdef inline double median(double *recent, double *filled, double x) noexcept nog
 
 cdef int contact_kernel(double *arena, const Contact *at, const Contact *sizes) noexcept nogil:
     cdef double force = arena[at.force]
+    cdef double *timing = arena + at.events.timing
     cdef double *w = arena + at.window
     cdef double *state = arena + at.state
     cdef double smooth, low, high, span, level
+    cdef bint expected
     if not is_finite(force):
         arena[at.contact] = NAN
         arena[at.load] = NAN
@@ -133,19 +159,24 @@ cdef int contact_kernel(double *arena, const Contact *at, const Contact *sizes) 
     # 3. Contact begins at once and ends after RELEASE_TIME, so that a drop-out does not end it.
     span = max(w[PEAK] - w[ZERO], arena[at.smallest]) if is_finite(w[ZERO] + w[PEAK]) else INFINITY
     level = (force - w[ZERO]) / span if is_finite(span) else 0.0
-    if state[0] != 0.0:
-        state[1] = state[1] + arena[DT] if level < arena[at.falling] else 0.0
-        if state[1] >= RELEASE_TIME:
-            state[0] = 0.0
-            state[2] = state[1]
+    if state[LOADED] != 0.0:
+        state[LARGEST] = max(state[LARGEST], level)
+        state[BELOW] = state[BELOW] + arena[DT] if level < arena[at.falling] else 0.0
+        if state[BELOW] >= RELEASE_TIME:
+            state[LOADED] = 0.0
+            state[FREE] = state[BELOW]
     else:
-        state[2] += arena[DT]
-        if level > arena[at.rising]:
-            state[0] = 1.0
-            state[1] = 0.0
-            if state[2] >= SWING_TIME:
-                (arena + at.events.timing)[DUE] = 0.0
-    arena[at.contact] = state[0]
+        state[FREE] += arena[DT]
+        expected = timing[SINCE] > EXPECTED_SHARE * timing[STRIDE]
+        if level > arena[at.rising] and (expected or level - state[BEFORE_LOAD] < JUMP_LOAD):
+            # A foot that hardly bore load, such as one that touches the ground while its owner sits, did not step.
+            if state[FREE] >= SWING_TIME and state[LARGEST] >= STANCE_LOAD:
+                timing[DUE] = 0.0
+            state[LOADED] = 1.0
+            state[BELOW] = 0.0
+            state[LARGEST] = level
+    state[BEFORE_LOAD] = level
+    arena[at.contact] = state[LOADED]
     arena[at.load] = level
     return finish(arena, &at.events, False)
 
@@ -156,8 +187,9 @@ cdef struct Thigh:
     Events events
     int32_t angle, lead, smallest
     int32_t extremes            # see below
+    int32_t latest              # the last two samples
 
-THIGH = items((<Thigh *>ITEMS)[0], "timing[4] extremes[5]")
+THIGH = items((<Thigh *>ITEMS)[0], "timing[4] extremes[5] latest[2]")
 
 cdef enum:
     LOW = 0                     # in use
@@ -174,6 +206,7 @@ cdef int thigh_kernel(double *arena, const Thigh *at, const Thigh *sizes) noexce
     cdef double shrink, level
     if not is_finite(angle):
         return finish(arena, &at.events, True)
+    angle = middle(arena + at.latest, angle)
     # 1. The range grows at once; each event moves it to the range since the one before, and without events it shrinks.
     e[NEW_LOW] = min(e[NEW_LOW], angle)
     e[NEW_HIGH] = max(e[NEW_HIGH], angle)
@@ -189,7 +222,7 @@ cdef int thigh_kernel(double *arena, const Thigh *at, const Thigh *sizes) noexce
         e[ARMED] = 1.0
     elif level > 0.7 and e[ARMED] != 0.0:
         e[ARMED] = 0.0
-        timing[DUE] = arena[at.lead] * timing[STRIDE]
+        timing[DUE] = arena[at.lead] * timing[STRIDE] - arena[DT]
         if e[NEW_HIGH] - e[NEW_LOW] > arena[at.smallest] and timing[COUNT] > 0.0:
             e[LOW] += 0.5 * (e[NEW_LOW] - e[LOW])
             e[HIGH] += 0.5 * (e[NEW_HIGH] - e[HIGH])
@@ -213,12 +246,11 @@ cdef enum:
     HEIGHT = 5                  # of the last rise
 
 
-cdef inline bint swing_peak(double *arena, const Swing *at, double reversal) noexcept nogil:
+cdef inline bint swing_peak(double *arena, const Swing *at, double angle, double reversal) noexcept nogil:
     """Follow the turning points of an angle. Return whether a maximum after a large rise was confirmed.
 
     reversal : change that confirms a turning point, as a fraction of the typical height
     """
-    cdef double angle = arena[at.angle]
     cdef double *t = arena + at.turns
     cdef double step
     t[AGE] += arena[DT]
@@ -256,30 +288,45 @@ cdef struct Knee:
     Events events
     Swing swing
     int32_t velocity, lead
-    int32_t extension           # 1 while the knee extends after swing; largest extension velocity; angle at the peak
+    int32_t extension           # see below
+    int32_t latest              # the last two angles and velocities
 
-KNEE = items((<Knee *>ITEMS)[0], "timing[4] turns[6] extension[3]")
+KNEE = items((<Knee *>ITEMS)[0], "timing[4] turns[6] extension[5] latest[4]")
+
+cdef enum:
+    EXTENDING = 0               # s of extension after the flexion in swing, -1 outside it
+    EXTENSION_RATE = 1          # largest
+    SWING_ANGLE = 2             # at the flexion in swing
+    SINCE_SWING = 3             # s since the last flexion in swing
+    SWING_PERIOD = 4            # s between the last two
 
 
 cdef int knee_kernel(double *arena, const Knee *at, const Knee *sizes) noexcept nogil:
     cdef double *timing = arena + at.events.timing
     cdef double *turns = arena + at.swing.turns
-    cdef double *extension = arena + at.extension
+    cdef double *e = arena + at.extension
     cdef double angle = arena[at.swing.angle]
     cdef double velocity = arena[at.velocity]
     if not (is_finite(angle) and is_finite(velocity)):
         return finish(arena, &at.events, True)
-    if swing_peak(arena, &at.swing, 0.2):
-        extension[0] = 1.0
-        extension[1] = 0.0
-        extension[2] = turns[BEFORE]
-    if extension[0] != 0.0:
-        extension[1] = min(extension[1], velocity)
-        if angle < extension[2] - 0.6 * turns[HEIGHT] and velocity > 0.5 * extension[1]:
-            extension[0] = 0.0
-            timing[DUE] = arena[at.lead] * timing[STRIDE]
-        elif turns[RISING] > 0.0:
-            extension[0] = 0.0          # flexes again before it was straight: no strike
+    angle = middle(arena + at.latest, angle)
+    velocity = middle(arena + at.latest + 2, velocity)
+    e[SINCE_SWING] += arena[DT]
+    if swing_peak(arena, &at.swing, angle, 0.2):
+        e[SWING_PERIOD] = min(STRIDE_LIMIT, e[SINCE_SWING] - turns[AGE])
+        e[SINCE_SWING] = turns[AGE]
+        e[EXTENDING] = 0.0
+        e[EXTENSION_RATE] = 0.0
+        e[SWING_ANGLE] = turns[BEFORE]
+    if e[EXTENDING] >= 0.0:
+        e[EXTENSION_RATE] = min(e[EXTENSION_RATE], velocity)
+        if velocity < EXTENDING_SHARE * e[EXTENSION_RATE]:
+            e[EXTENDING] += arena[DT]
+        if angle < e[SWING_ANGLE] - 0.6 * turns[HEIGHT] and velocity > 0.5 * e[EXTENSION_RATE]:
+            e[EXTENDING] = -1.0
+            timing[DUE] = arena[at.lead] * timing[STRIDE] - arena[DT]
+        elif turns[RISING] > 0.0 or e[EXTENDING] > EXTENSION_SHARE * e[SWING_PERIOD]:
+            e[EXTENDING] = -1.0         # flexes again before it was straight, or bears the body while it extends
     return finish(arena, &at.events, False)
 
 
@@ -288,9 +335,10 @@ cdef int knee_kernel(double *arena, const Knee *at, const Knee *sizes) noexcept 
 cdef struct Gyro:
     Events events
     int32_t velocity, smallest, lead
-    int32_t peak                # typical and present peak of mid-swing
+    int32_t peak                # typical and present peak of mid-swing, largest backward rate
+    int32_t latest              # the last two samples
 
-GYRO = items((<Gyro *>ITEMS)[0], "timing[4] peak[2]")
+GYRO = items((<Gyro *>ITEMS)[0], "timing[4] peak[3] latest[2]")
 
 
 cdef int gyro_kernel(double *arena, const Gyro *at, const Gyro *sizes) noexcept nogil:
@@ -299,7 +347,10 @@ cdef int gyro_kernel(double *arena, const Gyro *at, const Gyro *sizes) noexcept 
     cdef double rate = arena[at.velocity]
     if not is_finite(rate):
         return finish(arena, &at.events, True)
+    rate = middle(arena + at.latest, rate)
     peak[0] -= peak[0] * arena[DT] / RANGE_DECAY_TIME
+    peak[2] -= peak[2] * arena[DT] / RANGE_DECAY_TIME
+    peak[2] = max(peak[2], -rate)
     if peak[0] < arena[at.smallest]:
         peak[0] = arena[at.smallest]
     if rate > 0.5 * peak[0] and rate > peak[1]:
@@ -307,8 +358,9 @@ cdef int gyro_kernel(double *arena, const Gyro *at, const Gyro *sizes) noexcept 
     if peak[1] > 0.0 and rate < 0.0:
         # The forward swing of the shank has ended.
         peak[0] += (1.0 if peak[1] > peak[0] else 0.5) * (peak[1] - peak[0])
+        if peak[1] > BACKWARD_SHARE * peak[2]:
+            timing[DUE] = arena[at.lead] * timing[STRIDE] - arena[DT]
         peak[1] = 0.0
-        timing[DUE] = arena[at.lead] * timing[STRIDE]
     return finish(arena, &at.events, False)
 
 

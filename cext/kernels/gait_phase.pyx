@@ -14,11 +14,13 @@ cdef enum:
 cdef double TURN = 6.283185307179586
 cdef double CADENCE_LIMIT = 2.5         # Hz
 cdef double MISFIT_LIMIT = 0.5           # mean squared deviation over the variance of a stride
+cdef double SLIP_LIMIT = 0.5             # standard deviations, from stride to waveform: a sensor has slipped
 cdef double UNLIKE_LIMIT = 0.2           # of a stride, between a strike and the phase: the filter starts again
 cdef double CADENCE_TIME = 1.0           # s, with which the frequency returns to that of the last stride
 cdef double ANGLE_TIME = 0.05            # s, of each of two low-passes for the velocity of an angle
 cdef double ANGLE_SHARE = 0.15            # of the usual velocity
 cdef double IDLE_TIME = 0.2             # s below it: the leg stands
+cdef double FREQUENCY_SHARE = 0.25      # of the cadence, from which the oscillators differ: they start again
 cdef double QUIET_LIMIT = 0.4            # strides without motion: the leg stands
 cdef double MOTION_TIME = 0.1            # s, over which the motion of a leg is averaged
 cdef double MOVING_SHARE = 0.3           # of the usual velocity: the leg moves
@@ -147,7 +149,7 @@ cdef struct Oscillator:
     int32_t amplitudes          # amplitude, then phase in rad of each oscillator
     int32_t zero                # as of the portrait
 
-OSCILLATOR = items((<Oscillator *>ITEMS)[0], "state[9] amplitudes[...] zero[4]")
+OSCILLATOR = items((<Oscillator *>ITEMS)[0], "state[10] amplitudes[...] zero[4]")
 
 cdef enum:
     ZERO = 0                    # phase of the first oscillator at heel strike, in strides
@@ -159,6 +161,7 @@ cdef enum:
     VELOCITY = 6                # of that, after another
     IDLE = 7                    # s below ANGLE_SHARE of the usual velocity
     STOOD = 8                   # 1 if the leg stood since the last strike
+    INTERVAL = 9                # s between the last two strikes
 
 
 cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator *sizes) noexcept nogil:
@@ -170,7 +173,7 @@ cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator
     cdef double *zero = arena + at.zero
     cdef int n = sizes.amplitudes // 2
     cdef double error, total, power, speed, push, first, share
-    cdef bint moving
+    cdef bint moving, regular
     cdef int i
     if not is_finite(angle) or strike != strike:
         arena[at.phase] = NAN
@@ -212,6 +215,16 @@ cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator
     # 4. Phase zero at heel strike: learned in the first ten strikes, then corrected at each.
     zero[3] += dt
     if strike != 0.0:
+        # A frequency that two strides contradict has locked to a harmonic, or to the motion before walking.
+        regular = zero[3] >= 0.4 and zero[3] <= 2.5 and fabs(s[INTERVAL] - zero[3]) < FREQUENCY_SHARE * zero[3]
+        if arena[at.correction] > 0.0 and regular and fabs(s[RATE] * zero[3] / TURN - 1.0) > FREQUENCY_SHARE:
+            s[RATE] = TURN / zero[3]
+            for i in range(1, n):
+                a[i] = 0.0
+                a[n + i] = (i + 1) * a[n]
+                a[n + i] -= TURN * floor(a[n + i] / TURN)
+            s[STOOD] = 1.0
+        s[INTERVAL] = zero[3]
         zero[3] = 0.0
         if s[TIME] > 4.0:
             if zero[2] < LEARNED_STRIKES:
@@ -238,7 +251,7 @@ cdef struct Kalman:
     int32_t stride              # the angles since the last strike
     int32_t learning            # see below
 
-KALMAN = items((<Kalman *>ITEMS)[0], "state[4] covariance[16] waveform[17] stride[...] learning[13]")
+KALMAN = items((<Kalman *>ITEMS)[0], "state[4] covariance[16] waveform[17] stride[...] learning[14]")
 
 cdef enum:
     SINCE = 0                   # s since the last strike
@@ -254,6 +267,7 @@ cdef enum:
     LATEST = 10                 # phase one tick before
     MOTION = 11                 # mean squared velocity
     QUIET = 12                  # strides without motion
+    OFFSET = 13                 # mean of the last stride less that of the waveform, over its standard deviation
 
 
 cdef inline void spectrum(const double *x, int n, double *mean, double *cosines, double *sines) noexcept nogil:
@@ -314,6 +328,7 @@ cdef inline void learn(double *w, double *learning, const double *x, int n) noex
         learning[SPEED] += t * (h + 1) * (h + 1)
     learning[POWER] = max(sqrt(learning[POWER]), 1e-9)
     learning[SPEED] = max(TURN * sqrt(learning[SPEED]), 1e-9)
+    learning[OFFSET] = (mean - w[0]) / learning[POWER]
 
 
 cdef inline void correct(double *x, double *p, const double *gradient, double error, double variance) noexcept nogil:
@@ -369,7 +384,8 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
                 learning[CADENCE] = 1.0 / learning[SINCE]
         if learning[RUNNING] != 0.0 and (learning[LOST] != 0.0 or unlike):
             learning[LOST] = learning[MISFIT] = 0.0
-            x[0] = x[3] = 0.0
+            x[0] = 0.0
+            x[3] = learning[OFFSET] if fabs(learning[OFFSET]) > SLIP_LIMIT else 0.0
             x[1] = learning[CADENCE]
             x[2] = 1.0
             for i in range(16):

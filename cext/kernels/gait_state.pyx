@@ -12,14 +12,21 @@ cdef double FOLLOWING_SHARE = 0.3       # of a stride, in which the predicted ph
 cdef double PEAK_TIME = 5.0             # s, with which the largest velocity decays while both legs walk
 cdef double STILL_SHARE = 0.15          # of the largest velocity in walking: a leg that is slower may stand
 cdef double STILL_FLOOR = 0.25          # of still_velocity, below which the limit does not fall
+cdef double STEP_TIME = 1.5             # s without a leg faster than still_velocity: the wearer stands
 
 
 cdef struct State:
     int32_t left_phase, right_phase, left_walking, right_walking, left_velocity, right_velocity
     int32_t state, walking, standing, confidence, still_velocity, still_time, tolerance
-    int32_t track               # s without motion, mean deviation from half a stride, largest velocity in walking
+    int32_t track               # see below
 
-STATE = items((<State *>ITEMS)[0], "track[3]")
+STATE = items((<State *>ITEMS)[0], "track[4]")
+
+cdef enum:
+    STILL = 0                   # s without motion, by the measure of slow walking
+    APART = 1                   # mean deviation of the phases from half a stride
+    FASTEST = 2                 # largest velocity in recent walking
+    SLOW = 3                    # s below still_velocity
 
 
 cdef int state_kernel(double *arena, const State *at, const State *sizes) noexcept nogil:
@@ -36,25 +43,23 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     # 1. Standing: neither leg has moved for a while, by the measure of a wearer who walks slowly.
     fastest = max(fabs(left), fabs(right))
     if flags == 2.0:
-        track[2] = max(fastest, track[2] - track[2] * min(1.0, arena[DT] / PEAK_TIME))
+        track[FASTEST] = max(fastest, track[FASTEST] - track[FASTEST] * min(1.0, arena[DT] / PEAK_TIME))
     still = arena[at.still_velocity]
-    if track[2] > 0.0:
-        still = max(STILL_FLOOR * still, min(still, STILL_SHARE * track[2]))
-    if fastest < still:
-        track[0] += arena[DT]
-    else:
-        track[0] = 0.0
+    track[SLOW] = track[SLOW] + arena[DT] if fastest < still else 0.0
+    if track[FASTEST] > 0.0:
+        still = max(STILL_FLOOR * still, min(still, STILL_SHARE * track[FASTEST]))
+    track[STILL] = track[STILL] + arena[DT] if fastest < still else 0.0
     # 2. Walking: both legs walk, half a stride apart.
     apart = phases - 0.5
     apart = fabs(apart - floor(apart + 0.5))
     share = min(1.0, arena[DT] / AGREEMENT_TIME)
     if flags < 2.0:
         apart = 0.5
-    track[1] += share * (apart - track[1])
-    arena[at.standing] = track[0] >= arena[at.still_time] - 0.5 * arena[DT]
-    arena[at.walking] = arena[at.standing] == 0.0 and flags == 2.0 and track[1] < arena[at.tolerance]
+    track[APART] += share * (apart - track[APART])
+    arena[at.standing] = track[STILL] >= arena[at.still_time] - 0.5 * arena[DT] or track[SLOW] >= STEP_TIME
+    arena[at.walking] = arena[at.standing] == 0.0 and flags == 2.0 and track[APART] < arena[at.tolerance]
     arena[at.state] = 2.0 * arena[at.walking] + arena[at.standing]
-    arena[at.confidence] = 1.0 if arena[at.standing] != 0.0 else max(0.0, 1.0 - track[1] / arena[at.tolerance]) \
+    arena[at.confidence] = 1.0 if arena[at.standing] != 0.0 else max(0.0, 1.0 - track[APART] / arena[at.tolerance]) \
         if flags == 2.0 else 0.0
     return OK
 

@@ -82,6 +82,48 @@ def test_every_strike_of_steady_walking_is_detected_once_at_any_amplitude(name):
         assert np.median(np.abs(delays)) < 0.016 and np.abs(delays).max() < 0.06
 
 
+@pytest.mark.parametrize("name", DETECTORS)
+def test_outliers_of_one_sample_lose_and_invent_no_strike(name):
+    """Of each signal 0.4 % of the samples are off by 1 rad, or 15 rad/s."""
+    block, inputs = DETECTORS[name]
+    random, signals = np.random.default_rng(3), {}
+    for port, signal in inputs.items():
+        values = WALK.signals[signal]
+        size = 15.0 if signal.endswith("velocity") else 1.0
+        outliers = np.diff((random.random(len(values) + 1) < 0.004).astype(int)) > 0  # no two in a row
+        signals[port] = values + size * outliers * random.choice([-1.0, 1.0], len(values))
+    delays = late(inside(block, **signals), WALK.strikes)
+    assert np.median(np.abs(delays)) < 0.016 and np.abs(delays).max() < 0.06
+
+
+def test_an_outlier_in_swing_is_no_contact():
+    force, strikes = vertical_force(np.full(12, 1.1))
+    force[np.round((strikes[5:9] + 0.85) * RATE).astype(int)] = 700.0
+    assert np.abs(late(inside(ContactEvents, force=force), strikes)).max() < 0.02
+
+
+def test_feet_that_touch_the_ground_in_a_seat_do_not_step():
+    force, strikes = vertical_force(np.full(12, 1.1))
+    touching = 60.0 + 45.0 * np.sin(2.0 * np.pi * 0.9 * np.arange(4000) / RATE)
+    outputs = inside(ContactEvents, force=np.concatenate((force, touching, force)))
+    steps = np.diff(outputs["strides"][[len(force), len(force) + 3990, len(outputs["strides"]) - 1]])
+    assert steps[0] <= 1 and steps[1] >= 10
+
+
+def test_a_knee_that_swings_as_a_pendulum_does_not_step():
+    """After four strides, both phases of 0.8 to 1.1 Hz for 20 s, as of legs that hang from a seat."""
+    walk = WALK.signals["knee"][:1000]
+    for frequency in (0.8, 1.1):
+        swing = 0.6 + 0.5 * np.sin(2.0 * np.pi * frequency * np.arange(4000) / RATE)
+        angle = np.concatenate((walk, swing))
+        strike = inside(KneeEvents, angle=angle, velocity=np.gradient(angle, 1.0 / RATE))["strike"]
+        assert strike[:1000].sum() >= 3 and strike[1400:].sum() <= 1
+
+
+def test_a_gyroscope_that_is_mounted_upside_down_detects_at_most_one_strike():
+    assert inside(GyroEvents, velocity=-WALK.signals["shank_velocity"])["strike"].sum() <= 1
+
+
 def test_a_knee_that_flexes_in_stance_half_as_far_as_in_swing_has_one_strike_a_stride():
     phase = np.arange(20 * 140) / 140.0
     bumps = [np.exp(-0.5 * ((phase % 1.0 - centre) / width) ** 2) for centre, width in ((0.14, 0.06), (0.73, 0.09))]

@@ -130,3 +130,25 @@ def test_time_since_strike_starts_again_after_a_stop():
     walking = np.flatnonzero(np.diff(outputs["walking"]))
     assert list(walking + 1) == [540, 760 + 331, 2140]
     assert outputs["phase"][650] == pytest.approx(0.5, abs=0.001)
+
+
+def test_kalman_filter_walks_again_within_two_strides_of_a_sensor_that_slips_by_20_degrees():
+    played, strike = walk()
+    slip = played.strikes[20] + 0.3
+    angle = played.signals["thigh"] + np.where(played.time > slip, 0.35, 0.0)
+    outputs = inside(PhaseKalmanFilter, angle=angle, velocity=played.signals["thigh_velocity"], strike=strike)
+    assert outputs["walking"][played.time > played.strikes[23]].all()
+    assert error(outputs, played, begin=played.strikes[24]) < 2.0
+
+
+def test_oscillators_that_start_far_from_the_walk_follow_it_after_a_few_strides():
+    """The thigh is 1.4 rad higher in a seat of 8 s, from which the walk starts in 1 s."""
+    played, strike = walk()
+    count = len(played.time)
+    share = np.clip(np.arange(count + 1600) / RATE - 7.0, 0.0, 1.0)
+    thigh = np.concatenate((np.full(1600, played.signals["thigh"][0]), played.signals["thigh"]))
+    angle = 1.4 * (1.0 - share) + share * thigh
+    strikes = np.concatenate((np.zeros(1600, dtype=bool), strike))
+    outputs = inside(AdaptiveOscillator, angle=angle, strike=strikes)
+    late = {name: values[1600:] for name, values in outputs.items()}
+    assert error(late, played, begin=20.0) < 2.0 and late["walking"][played.time > 15.0].all()

@@ -150,6 +150,18 @@ def test_the_gate_fades_to_zero_damping_or_the_last_torque(mode, rest):
     assert outputs[420:] == pytest.approx(rest)
 
 
+def test_weight_that_shifts_from_leg_to_leg_is_standing():
+    """Contacts alternate as in walking, and the thighs move with at most 0.2 rad/s."""
+    phase = np.arange(2000) / 280.0 % 1.0
+    walking, velocity = np.ones(2000, dtype=bool), np.sin(2.0 * np.pi * phase)
+    velocity = np.where(np.arange(2000) < 1000, 2.0, 0.2) * velocity
+    signals = {"left_phase": phase, "right_phase": (phase + 0.5) % 1.0, "left_walking": walking}
+    signals |= {"right_walking": walking, "left_velocity": velocity, "right_velocity": -velocity}
+    outputs = inside(GaitState, **signals)
+    assert outputs["walking"][400:1000].all()
+    assert outputs["standing"][1301:].all() and not outputs["walking"][1301:].any()
+
+
 def test_both_legs_in_phase_are_unknown():
     phase = np.arange(2000) / 220.0 % 1.0
     walking, velocity = np.ones(2000, dtype=bool), np.sin(2.0 * np.pi * phase)
