@@ -113,6 +113,7 @@ ORDER = {
         "emulation",
         "bench",
         "doctor",
+        "laboratory",
         "cli",
     ),
 }

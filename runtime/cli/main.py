@@ -27,6 +27,7 @@ GROUPS = {
         "set": "change live parameters of a run, or list them",
     },
     "look at diagrams and recordings": {
+        "new": "write a package for a laboratory's own robots and blocks",
         "check": "compile a diagram and report ports, schedule, proofs and buses",
         "draw": "draw a diagram: SVG, PNG, Mermaid or an HTML page",
         "blocks": "list the installed blocks, or describe one",

@@ -1,6 +1,6 @@
 """A laboratory's own drive, which an installed package brings: the commands work with it as with ours.
 
-The package is tests/example_lab, its drive the emulated one, behind `emulate` on udp_multicast.
+`new --drive` writes the package; its drive is the emulated one, behind `emulate` on udp_multicast.
 """
 
 import itertools

@@ -1,1 +1,0 @@
-"""Blocks of the gait laboratory."""
