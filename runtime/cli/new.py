@@ -28,7 +28,7 @@ def main(arguments: Sequence[str]) -> int:
             *map(str, paths),
             "try next",
             f"  cd {folder}",
-            "  pip install setuptools cython && pip install --no-build-isolation -e '.[test]'",
+            "  pip install 'setuptools>=77' cython && pip install --no-build-isolation -e '.[test]'",
             "  pytest",
             f"  {short_program()} diagrams/knee.py --duration 10",
         ]
