@@ -46,7 +46,7 @@ def test_mistakes_are_reported_as_the_tutorial_shows(tmp_path):
 @pytest.mark.timing
 def test_a_run_on_the_emulated_rig_is_armed_tuned_and_stopped(tmp_path):
     channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.78"
-    with Reader(tmp_path, channel, pause=0.2, options=("--set", "knee.timeout=0.5")) as reader:
+    with Reader(tmp_path, channel, pause=0.4, options=("--set", "knee.timeout=0.5")) as reader:
         for fence in [fence for page in pages()[:4] for fence in fences(TUTORIAL / page) if fence.file]:
             (tmp_path / fence.file).write_text(fence.text)
         for shown, printed in reader.follow(RIG):

@@ -84,7 +84,7 @@ class Reader:
         shown = []
         with Terminal() as terminal:
             terminal.run(*words, cwd=self.folder)
-            terminal.wait_for("press Enter to arm")
+            terminal.wait_for(r"press Enter to arm[^\r]*[\r\n]+.*ready")
             for keys, pattern in (
                 (b"\n", "running"),
                 (b"\t", r"profile\.peak 6 N·m"),
@@ -92,14 +92,14 @@ class Reader:
                 (b"m", "mark 1"),
                 (b" ", "try next"),
             ):
-                if keys in (b"\t", b" "):
+                if keys in (b"\n", b"\t", b" "):  # a key before the table has been shown arms nothing
                     time.sleep(self.pause)
                 shown.append(terminal.look())
                 terminal.press(keys)
                 terminal.wait_for(pattern)
             assert terminal.end() == 0
             shown.append(terminal.look())
-        return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "", "".join(shown))
+        return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", "".join(shown)).replace("\r\n", "\n").replace("\r", "\n")
 
     def execute(self, *words):
         """Run Python, which must not fail."""

@@ -121,7 +121,10 @@ class Terminal:
 
     def wait_for(self, pattern, timeout=20.0):
         """The match of a pattern in what has been shown since keys were last pressed."""
-        return patient(lambda: re.search(pattern, self.look()), timeout)
+        try:
+            return patient(lambda: re.search(pattern, self.look()), timeout)
+        except AssertionError:
+            raise AssertionError(f"no {pattern!r} in {self.look()[-2000:]}") from None
 
     def end(self, timeout=20.0):
         """Wait for the process. Returns its exit code."""
