@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from blocks.actuators.cubemars import frames, models_v3
@@ -253,8 +254,10 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         )
 
     def winding(self) -> Winding:
-        """Return the currents of the motor, at the torque limit if the mode is a current mode."""
-        return winding_of(self.spec, self.gear_ratio, self.torque_limit if self.mode in CURRENTS else None)
+        """Return the currents of the motor: of a current mode, the largest current that is commanded."""
+        if self.mode not in CURRENTS:
+            return winding_of(self.spec, self.gear_ratio, None)
+        return replace(winding_of(self.spec, self.gear_ratio, self.torque_limit), current=self.current_limit)
 
     def torque_bound(self, commands: dict[str, Interval], period: float) -> TorqueBound:
         if self.mode in CURRENTS:
