@@ -15,9 +15,10 @@ class AdaptiveOscillator(Block):
     η e. (Righetti et al. 2006; Ronsse et al. 2013) The phase is φ₁ less its value at heel strike, the mean of the first
     ten after 4 s; then `correction` of the difference is corrected at each strike (Yan et al. 2017). While the angle
     has moved by less than 15 % of its usual velocity for 0.2 s, ω and α hold; the next strike is phase 0. Where two
-    strides of equal length contradict ω by more than a quarter, ω is set to theirs and the harmonics to 0. Limits:
-    locks within about five strides, lags while the speed changes, and detects no standing in white noise of 0.02 rad.
-    Direct feedthrough; NaN and infinity give NaN and are not stored.
+    strides of equal length contradict ω by more than a quarter, ω is set to theirs. A strike more than a fifth of a
+    stride from phase 0 ends `walking` until one agrees. Limits: locks within about five strides, lags while the speed
+    changes, and detects no standing in white noise of 0.02 rad. Direct feedthrough; NaN and infinity give NaN and are
+    not stored.
     """
 
     start = Param(0.9, "Hz", "frequency at the start", above=0.2, max=2.5, fixed=True)
@@ -32,14 +33,14 @@ class AdaptiveOscillator(Block):
     phase = Output("1", "gait phase: 0 at heel strike, 1 at the next", range=(0.0, 1.0), circle=(0.0, 1.0))
     walking = Output("1", "true while the oscillators follow the angle", dtype=bool, range=(0.0, 1.0))
     frequency = Output("Hz", "stride frequency")
-    state = Memory((0.0,) * 10, "zero of the phase, ω, α₀, time, mean squared error, and motion of the leg")
+    state = Memory((0.0,) * 11, "zero of the phase, ω, α₀, time, mean squared error, and motion of the leg")
     amplitudes = Memory(0.0, "amplitudes αᵢ, then phases φᵢ")
     zero = Memory((0.0, 0.0, 0.0, math.inf), "offset: cosines, sines, strikes; time since the last strike")
 
     kernel = kernels.adaptive_oscillator
 
     def configure(self) -> None:
-        self.state = (0.0, 2.0 * math.pi * self.start) + (0.0,) * 8
+        self.state = (0.0, 2.0 * math.pi * self.start) + (0.0,) * 9
         self.amplitudes = (0.3,) + (0.0,) * (2 * self.harmonics - 1)
 
 

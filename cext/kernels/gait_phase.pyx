@@ -20,7 +20,7 @@ cdef double CADENCE_TIME = 1.0           # s, with which the frequency returns t
 cdef double ANGLE_TIME = 0.05            # s, of each of two low-passes for the velocity of an angle
 cdef double ANGLE_SHARE = 0.15            # of the usual velocity
 cdef double IDLE_TIME = 0.2             # s below it: the leg stands
-cdef double FREQUENCY_SHARE = 0.25      # of the cadence, from which the oscillators differ: they start again
+cdef double FREQUENCY_SHARE = 0.25      # of the cadence, from which the frequency of the oscillators may differ
 cdef double QUIET_LIMIT = 0.4            # strides without motion: the leg stands
 cdef double MOTION_TIME = 0.1            # s, over which the motion of a leg is averaged
 cdef double MOVING_SHARE = 0.3           # of the usual velocity: the leg moves
@@ -149,7 +149,7 @@ cdef struct Oscillator:
     int32_t amplitudes          # amplitude, then phase in rad of each oscillator
     int32_t zero                # as of the portrait
 
-OSCILLATOR = items((<Oscillator *>ITEMS)[0], "state[10] amplitudes[...] zero[4]")
+OSCILLATOR = items((<Oscillator *>ITEMS)[0], "state[11] amplitudes[...] zero[4]")
 
 cdef enum:
     ZERO = 0                    # phase of the first oscillator at heel strike, in strides
@@ -162,6 +162,7 @@ cdef enum:
     IDLE = 7                    # s below ANGLE_SHARE of the usual velocity
     STOOD = 8                   # 1 if the leg stood since the last strike
     INTERVAL = 9                # s between the last two strikes
+    ASTRAY = 10                 # 1 if the last strike was far from phase 0
 
 
 cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator *sizes) noexcept nogil:
@@ -219,11 +220,6 @@ cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator
         regular = zero[3] >= 0.4 and zero[3] <= 2.5 and fabs(s[INTERVAL] - zero[3]) < FREQUENCY_SHARE * zero[3]
         if arena[at.correction] > 0.0 and regular and fabs(s[RATE] * zero[3] / TURN - 1.0) > FREQUENCY_SHARE:
             s[RATE] = TURN / zero[3]
-            for i in range(1, n):
-                a[i] = 0.0
-                a[n + i] = (i + 1) * a[n]
-                a[n + i] -= TURN * floor(a[n + i] / TURN)
-            s[STOOD] = 1.0
         s[INTERVAL] = zero[3]
         zero[3] = 0.0
         if s[TIME] > 4.0:
@@ -232,10 +228,12 @@ cdef int oscillator_kernel(double *arena, const Oscillator *at, const Oscillator
                 s[ZERO] = atan2(zero[1], zero[0]) / TURN
             else:
                 share = 1.0 if s[STOOD] != 0.0 else arena[at.correction]
-                s[ZERO] += share * nearest(a[n] / TURN - s[ZERO])
+                push = nearest(a[n] / TURN - s[ZERO])
+                s[ZERO] += share * push
+                s[ASTRAY] = s[STOOD] == 0.0 and fabs(push) > UNLIKE_LIMIT
         s[STOOD] = 0.0
     arena[at.frequency] = s[RATE] / TURN if moving else 0.0
-    arena[at.walking] = zero[2] >= 3.0 and moving and s[ERROR] < 0.25 * power
+    arena[at.walking] = zero[2] >= 3.0 and moving and s[ASTRAY] == 0.0 and s[ERROR] < 0.25 * power
     arena[at.phase] = wrapped(a[n] / TURN - s[ZERO]) if zero[2] >= 3.0 else 0.0
     return OK
 

@@ -152,3 +152,14 @@ def test_oscillators_that_start_far_from_the_walk_follow_it_after_a_few_strides(
     outputs = inside(AdaptiveOscillator, angle=angle, strike=strikes)
     late = {name: values[1600:] for name, values in outputs.items()}
     assert error(late, played, begin=20.0) < 2.0 and late["walking"][played.time > 15.0].all()
+
+
+def test_oscillators_do_not_walk_from_a_strike_that_contradicts_their_phase():
+    """From the thirtieth strike on, strikes are half a stride late; the phase has adapted after ten of them."""
+    played, strike = walk()
+    times = played.strikes + np.where(np.arange(len(played.strikes)) < 30, 0.0, 0.5 * np.diff(played.strikes)[0])
+    late = np.zeros(len(played.time), dtype=bool)
+    late[np.round(times[times < played.time[-1]] * RATE).astype(int)] = True
+    walking = inside(AdaptiveOscillator, angle=played.signals["thigh"], strike=late)["walking"]
+    at = {number: round(times[number] * RATE) for number in (20, 30, 31, 42)}
+    assert walking[at[20] : at[30]].all() and not walking[at[30] : at[31]].any() and walking[at[42] :].all()
