@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from graph import Diagram, Winding
 
 FULL_MODULATION = math.sqrt(3.0) / 2.0  # supply current per amplitude of the phase current
-HIGHEST = 1e6  # of any value in the table
+VALUE_LIMIT = 1e6  # in the unit of the value
 KEYS = {  # unit, description, whether it is required
     "voltage": ("V", "nominal voltage", True),
     "capacity": ("A·h", "capacity", True),
@@ -78,7 +78,7 @@ def parse_battery(table: Mapping[str, Any], report: Callable[[str, str], None]) 
             if needed:
                 report(f"{key} is missing", f"write {key} = 24.0, its {description} in {unit}")
             valid = valid and not needed
-        elif type(value) not in (int, float) or not 0.0 < value <= HIGHEST:
+        elif type(value) not in (int, float) or not 0.0 < value <= VALUE_LIMIT:
             report(f"{key} = {value!r}: expected a number above 0, in {unit}", f"write the {description} in {unit}")
             valid = False
     if not valid:

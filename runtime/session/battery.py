@@ -44,7 +44,8 @@ def budget(
 
     drives : as returned by `loads`; simulation : of that schedule. It runs if the diagram file has a plant.
     """
-    mean = battery.load_current + sum(continuous_current(winding) or 0.0 for winding in drives.values())
+    continuous = [continuous_current(winding) for winding in drives.values()]
+    mean = None if None in continuous else battery.load_current + sum(filter(None, continuous))
     return {
         **asdict(battery),
         "energy": battery.energy,
