@@ -4,6 +4,7 @@ import os
 
 import pytest
 
+from tests.docs import readme
 from tests.docs.fences import fences, texts, without_numbers
 from tests.docs.tutorial import IMAGES, TUTORIAL, Reader, pages
 from tests.runtime.runs import finished
@@ -26,6 +27,7 @@ def test_commands_print_what_the_tutorial_shows_and_draw_its_pictures(tmp_path):
         if page != RIG:
             for shown, printed in reader.follow(page):
                 assert_shown(shown, printed)
+    (tmp_path / readme.NAME).write_text(readme.draw(tmp_path / "assist", (tmp_path / "exo.svg").read_text()))
     stored = {picture.name: picture for picture in IMAGES.glob("*.svg") if picture.name != "rig.svg"}
     assert len(stored) >= 8
     for name, picture in stored.items():

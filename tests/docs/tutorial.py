@@ -1,6 +1,6 @@
 """Follow the tutorial as its reader does: save its files and run its commands in one folder.
 
-python -m tests.docs.tutorial writes the pictures of the tutorial.
+python -m tests.docs.tutorial writes the pictures of the tutorial and of the README.
 """
 
 import re
@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 from tests.checkout import ROOT
+from tests.docs import readme
 from tests.docs.fences import fences
 from tests.runtime.emulation.test_emulate import read_until
 from tests.runtime.runs import environment, started
@@ -124,11 +125,17 @@ def write_pictures():
             for page in pages():
                 for _ in reader.follow(page):
                     pass
+        (Path(folder) / readme.NAME).write_text(
+            readme.draw(reader.folder / "assist", (reader.folder / "exo.svg").read_text())
+        )
         IMAGES.mkdir(exist_ok=True)
-        shown = "".join((TUTORIAL / page).read_text() for page in [*pages(), "index.md"])
-        for picture in [picture for picture in Path(folder).glob("*.svg") if f"images/{picture.name})" in shown]:
-            rounded = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\d\.\d)\d+", r"\1", path[0]), picture.read_text())
-            (IMAGES / picture.name).write_text(rounded)
+        pages_text = "".join(path.read_text() for path in (ROOT / "README.md", *TUTORIAL.glob("*.md")))
+        for picture in Path(folder).glob("*.svg"):
+            if f"images/{picture.name})" in pages_text:
+                rounded = re.sub(
+                    r' d="[^"]*"', lambda path: re.sub(r"(\d\.\d)\d+", r"\1", path[0]), picture.read_text()
+                )
+                (IMAGES / picture.name).write_text(rounded)
 
 
 if __name__ == "__main__":

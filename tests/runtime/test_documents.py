@@ -9,18 +9,18 @@ from importlib.util import find_spec
 
 import pytest
 
-from runtime.base.errors import CHECK_FAILED, OK
+import runtime
+from runtime.base.errors import OK
 from runtime.bench import blocks
 from runtime.live.running import page_of
-from tests.checkout import python
 from tests.peers import __main__ as peers
 from tests.runtime.runs import KNEE_EXO, ROOT, environment, finished, started, write
 from tests.runtime.terminals import patient
 
 README = (ROOT / "README.md").read_text()
-RUNNING, BLOCKS, RECORDINGS = (
+RUNNING, BLOCKS, RECORDINGS, SPEED = (
     (ROOT / "docs" / f"{name}.md").read_text()
-    for name in ("reference/running", "how_to/blocks", "reference/recordings")
+    for name in ("reference/running", "how_to/blocks", "reference/recordings", "explanation/speed")
 )
 
 
@@ -57,41 +57,44 @@ def sample(tmp_path):
 def test_the_readme_shows_the_output_of_its_diagram(sample):
     process = finished("knee.py", "--duration", "0.5", cwd=sample.parent)
     assert (process.returncode, process.stderr) == (OK, "")
-    shown = shown_after(README, "Saved as `knee.py`")
-    assert len(python_of(README)[0].splitlines()) <= 17
-    # there where a busy machine missed ticks
+    shown = shown_after(README, "knee.py --duration 5` prints")
+    assert len(python_of(README)[0].splitlines()) <= 15
+    # present if a busy machine missed ticks
     told = [line for line in process.stdout.splitlines() if not line.startswith("  overruns")]
     assert without_numbers(told) == without_numbers(shown)
+    plot = finished("plot", "recordings", "knee", cwd=sample.parent)
+    assert (plot.returncode, plot.stderr) == (OK, "") and "`python -m runtime plot recordings knee`" in README
 
 
-def test_the_readmes_diagram_runs_by_itself(sample):
-    process = python("knee.py", "--duration", "1", "--fast", cwd=sample.parent, path=ROOT)
-    assert (process.returncode, process.stderr) == (OK, "") and "knee: 1 s at 200 Hz" in process.stdout
+def test_the_readmes_diagram_moves(sample):
+    trial = runtime.run(sample, 5)
+    position = trial["knee.position"]
+    assert position.max() > 0.2 and position.min() < -0.05 and abs(position[trial.time > 4.4]).max() > 0.01
+    assert abs(position[(trial.time > 2.2) & (trial.time < 2.5)]).max() < 0.01
 
 
-def test_without_the_limiter_the_error_of_the_readme_is_printed(sample):
-    write(
-        sample.parent,
-        sample.read_text().replace("TorqueLimiter(limit=12.0, slew=200.0)(torque)", "torque"),
-        "unlimited.py",
-    )
-    process = finished("unlimited.py", "--duration", "0.5", cwd=sample.parent)
-    assert (process.returncode, process.stdout) == (CHECK_FAILED, "")
-    assert process.stderr.splitlines() == shown_after(README, "Leave the limiter out")
+def test_the_readme_has_the_figures_of_the_speed_page():
+    page = dict(re.findall(r"^      (\w.*?)  +[\d.]+ +([\d.]+)", SPEED, re.MULTILINE))
+    rows = re.findall(r"^\| (Tickwork, .*|0\.\d.*) \|$", README, re.MULTILINE)
+    names, values = (row.split(" | ") for row in rows)
+    assert len(names) == len(values) == 6
+    for name, value in zip(names, values):
+        [median] = [float(text) for full, text in page.items() if full.startswith(name)]
+        assert f"{median:.2g}" == f"{float(value):.2g}", name
 
 
-def test_the_readme_shows_the_tables_of_bench_and_of_the_peers(command_line, monkeypatch, capsys):
+def test_the_speed_page_shows_the_tables_of_bench_and_of_the_peers(command_line, monkeypatch, capsys):
     """The peers may be missing; so may the compiles and the goals, which follow the table."""
     monkeypatch.setattr(blocks, "COMPILE_REPEATS", {3: 1, 30: 1})
     _, out, _ = command_line("bench", "--seconds", "0.002", "--repeats", "7")
     printed = without_numbers(out.splitlines())
-    shown = without_numbers(shown_after(README, "measures this machine"))
+    shown = without_numbers(shown_after(SPEED, "measures this machine"))
     assert [line for line in shown[1:] if line not in printed] == [] and len(shown) == 6
 
     monkeypatch.setattr(sys, "argv", ["peers", "knee", "--seconds", "0.002", "--repeats", "1"])
     peers.main()
     printed = without_numbers(capsys.readouterr().out.splitlines())
-    shown = without_numbers(shown_after(README, "tests.peers"))
+    shown = without_numbers(shown_after(SPEED, "tests.peers"))
     own = [line for line in shown if line.lstrip()[:7] not in ("Drake, ", "PathSim", "bdsim #")]
     assert [line for line in own if line not in printed] == [] and len(own) == 5
 
@@ -102,11 +105,9 @@ def test_commands_of_the_pages_run(tmp_path):
     """
     write(tmp_path, python_of(RUNNING)[0], "hold.py")
     commands = [
-        line.split("#")[0].split()[3:]
-        for line in (README + RUNNING).splitlines()
-        if line.startswith("    python -m runtime ")
+        line.split("#")[0].split()[3:] for line in RUNNING.splitlines() if line.startswith("    python -m runtime ")
     ]
-    assert len(commands) >= 7
+    assert len(commands) >= 4
     for file, *options in ([word for word in words if word != "--fast"] for words in commands):
         if file == "check":
             words = [file, *options]
