@@ -187,7 +187,9 @@ def shown():
 
 def page():
     """Return the text of the page."""
-    return "\n".join([HEAD.read_text(), *map(section, HAZARDS), TAIL.read_text()])
+    tests = {test for own in shown().values() for test in own}
+    size = f"The page has {len(HAZARDS)} hazards, {len(shown())} measures and {len(tests)} tests.\n"
+    return "\n".join([HEAD.read_text(), size, *map(section, HAZARDS), TAIL.read_text()])
 
 
 def section(hazard):
