@@ -40,7 +40,8 @@ ROWS, COLUMNS = 24, 120  # of the pseudo terminal
 POLL_PERIOD = 0.05  # s
 PREFLIGHT_DELAY = 0.2  # s, after which the recorder has printed the pre-flight table
 ANSWER_TIMEOUT = 1.0  # s for the run to take a confirmation
-STATUS_PERIOD = 1.0  # s, of the status line in a notebook
+STATUS_PERIOD = 1.0  # s, of the status line
+SIGNAL_PERIOD = 1.0  # s, after which SIGINT is repeated: while it starts, a process may ignore it
 KILLING_INTERRUPT = 3  # a run that has not ended at this number of Ctrl-C is killed; its guardian stops the motors
 PROMPT = "Enter arms the robot, q ends the run: "
 NOT_OPTIONS = ("file", "fast", "settings", "no_record", "report")
@@ -117,8 +118,17 @@ class RunProcess:
         self.lines: list[str] | None = []  # that were not printed yet: an error, if nothing follows; None: print
         self.unfinished, self.report, self.status, self.status_due = "", b"", "", 0.0
         self.decode = getincrementaldecoder("utf-8")("replace").decode
+        self.descriptors: list[int] = []
+        try:
+            self._start(arguments)
+        except BaseException:
+            self._release()
+            raise
+
+    def _start(self, arguments: list[str]) -> None:
         self.terminal, theirs = pty.openpty()
         self.answers, reports = os.pipe()
+        self.descriptors += [self.terminal, self.answers]
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
         environment = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}  # of the notebook
         try:
@@ -131,16 +141,13 @@ class RunProcess:
                 start_new_session=True,
                 env={**environment, "TERM": "xterm", "NO_COLOR": "1"},
             )
-        except BaseException:
-            os.close(self.terminal)
-            os.close(self.answers)
-            raise
         finally:
             os.close(theirs)
             os.close(reports)
         self.ended = os.pidfd_open(self.child.pid)
+        self.descriptors.append(self.ended)
         self.poll = select.poll()
-        for descriptor in (self.terminal, self.answers, self.ended):
+        for descriptor in self.descriptors:
             self.poll.register(descriptor, select.POLLIN)
 
     def wait(self) -> Trial:
@@ -214,14 +221,13 @@ class RunProcess:
         if self.lines is not None:
             self.lines.append(line)
         else:
-            sys.stdout.write(f"\r{line:{len(self.status)}}\n" if self.status else f"{line}\n")
+            write(f"\r{line:{len(self.status)}}\n" if self.status else f"{line}\n")
             self.status = ""
 
     def _take_status(self, text: str) -> None:
-        """Show the status line once a second in a notebook."""
-        if text and in_notebook() and time.monotonic() >= self.status_due:
-            sys.stdout.write(f"\r{text:{len(self.status)}}")
-            sys.stdout.flush()
+        """Show the status line once a second, where it replaces the one before."""
+        if text and replaces_lines() and time.monotonic() >= self.status_due:
+            write(f"\r{text:{len(self.status)}}")
             self.status, self.status_due = text, time.monotonic() + STATUS_PERIOD
 
     def _show(self) -> None:
@@ -229,7 +235,6 @@ class RunProcess:
         lines, self.lines = self.lines or (), None
         for line in lines:
             self._take_line(line)
-        sys.stdout.flush()
 
     def _state(self) -> str:
         """Return the state of the run; "init" before it has one."""
@@ -256,16 +261,16 @@ class RunProcess:
 
     def _stop(self) -> None:
         """Stop the run as Ctrl-C does, and wait until its motors are off and its recording is complete."""
-        self.asks = False
-        over = False
+        self.asks, over = False, False
         while not over:
             self.interrupts += 1
-            killed = self.interrupts >= KILLING_INTERRUPT
-            signal.pidfd_send_signal(self.ended, signal.SIGKILL if killed else signal.SIGINT)
+            number = signal.SIGKILL if self.interrupts >= KILLING_INTERRUPT else signal.SIGINT
             with suppress(KeyboardInterrupt):
                 while not over:
-                    over = self._look(POLL_PERIOD)
-                self._show()
+                    with suppress(ProcessLookupError):
+                        signal.pidfd_send_signal(self.ended, number)
+                    over = self._look(SIGNAL_PERIOD)
+        self._show()
 
     def _recording(self) -> str | None:
         """Return the path of the recording; None without a report."""
@@ -273,8 +278,12 @@ class RunProcess:
         return next((file["path"] for file in files if file["path"].endswith(".mcap")), None)
 
     def _release(self) -> None:
-        for descriptor in (self.terminal, self.answers, self.ended):
-            os.close(descriptor)
+        """Close the terminal, which ends a run that still continues with a safe stop."""
+        while self.descriptors:
+            os.close(self.descriptors.pop())
+
+    def __del__(self) -> None:
+        self._release()
 
 
 def bare(text: str) -> str:
@@ -282,6 +291,15 @@ def bare(text: str) -> str:
     return text[text.rfind("\r") + 1 :].replace("\x1b[K", "")
 
 
-def in_notebook() -> bool:
-    """Return whether this process is the kernel of a notebook, which shows the end of a line that is written again."""
-    return "ipykernel" in sys.modules and hasattr(sys.stdout, "pub_thread")
+def write(text: str) -> None:
+    """Write to standard output. A closed one does not end the run."""
+    with suppress(OSError, ValueError, AttributeError):  # closed, or None in a program without one
+        sys.stdout.write(text)
+        sys.stdout.flush()
+
+
+def replaces_lines() -> bool:
+    """Return whether standard output is a terminal or a cell, where a return begins the line again."""
+    with suppress(ValueError, AttributeError):
+        return sys.stdout.isatty() or ("ipykernel" in sys.modules and hasattr(sys.stdout, "pub_thread"))
+    return False

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import runtime
 from graph import Diagram
 from runtime.base.errors import BadInput
 from runtime.live.running import page_of
+from runtime.recording.format import Frame
 from runtime.session import own_process
 from tests.runtime.guardian.bus import ROBOT, Bus
 from tests.runtime.runs import DISABLE, ENABLE, FORKING, NOTHING, environment, knee, server, write
@@ -115,7 +117,6 @@ def test_a_rig_is_armed_after_the_answer_to_input(bus, monkeypatch, capsys):
 
     monkeypatch.setattr("builtins.input", answer)
     trial = runtime.run("robot.py", 0.3, rig="lab.toml", realtime="off")
-    bus.listen()
     [(prompt, table, sent)] = asked
     assert (
         sent == {ENABLE, NOTHING}
@@ -124,7 +125,8 @@ def test_a_rig_is_armed_after_the_answer_to_input(bus, monkeypatch, capsys):
     )
     assert trial.fault is None and trial.tick[-1] == 59 and trial["left/knee.torque_sent"][-1] > 1.0
     assert {"event": "confirm", "tick": -1, "by": f"set {os.getpid()}"} in trial.events
-    assert [frame.data for frame in bus.commands(1)][-2:] == [NOTHING, DISABLE]
+    frames = [Frame.unpack(item.payload) for item in trial.frames if item.sent]
+    assert [frame.data.hex().upper() for frame in frames if frame.id == 1][-2:] == [NOTHING, DISABLE]
 
 
 @paced
@@ -171,3 +173,45 @@ def test_the_robot_is_stopped_when_the_process_that_called_is_killed(bus, folder
     [recording] = Path("recordings").glob("*.mcap")
     trial = patient(lambda: (found := runtime.load(recording)).complete and found)
     assert trial.end["ended"] == "stopped by SIGHUP"
+
+
+@paced
+@pytest.mark.parametrize("stream", [None, open(os.devnull, "w")])
+def test_a_closed_output_does_not_end_a_run(folder, monkeypatch, stream):
+    if stream is not None:
+        stream.close()
+    monkeypatch.setattr(sys, "stdout", stream)
+    assert len(runtime.run(knee(folder), 0.1, fast=False)) > 0
+
+
+@paced
+def test_an_interrupt_at_the_table_ends_the_run_before_it_is_armed(bus, monkeypatch):
+    def interrupted(prompt):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("builtins.input", interrupted)
+    before = files_of_this_process()
+    with pytest.raises(KeyboardInterrupt, match="its recording is"):
+        runtime.run("robot.py", rig="lab.toml", realtime="off")
+    bus.listen()
+    assert {frame.data for frame in bus.commands(1)} == {ENABLE, NOTHING, DISABLE}
+    assert files_of_this_process() == before
+
+
+@paced
+def test_a_process_that_does_not_end_is_killed_at_the_third_interrupt(folder, monkeypatch):
+    robot = write(
+        folder,
+        "import signal, time\nfor number in (1, 2, 15): signal.signal(number, signal.SIG_IGN)\n"
+        "open('begun', 'w').close()\ntime.sleep(60)\n",
+    )
+
+    def strike():
+        patient(lambda: Path("begun").exists())
+        for _ in range(3):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.1)
+
+    threading.Thread(target=strike).start()
+    with pytest.raises(KeyboardInterrupt):
+        runtime.run(robot, 1, fast=False)
