@@ -6,6 +6,7 @@ import os
 import select
 import socket
 import threading
+from abc import ABC, abstractmethod
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,10 +21,10 @@ if TYPE_CHECKING:
     from cext.bus.memory_bus import BusEnd
 
 
-class SocketServer(threading.Thread):
+class SocketServer(threading.Thread, ABC):
     """Thread between the emulators of a plant and the runs that connect to a socket.
 
-    path : of the socket; a subclass implements `take` and `serve`
+    path : of the socket
 
     lines : frames to and from the emulators
     clients : connected runs
@@ -56,13 +57,13 @@ class SocketServer(threading.Thread):
         """Reason for a failure of the plant's end."""
         return self.line.trouble
 
+    @abstractmethod
     def take(self) -> None:
         """Process the frames of the emulators, which are in `lines`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def serve(self, client: socket.socket) -> None:
         """Process one packet of a client. Raises OSError if the client has disconnected."""
-        raise NotImplementedError
 
     def welcome(self, client: socket.socket) -> None:
         """Process a new client. Raises OSError if it is not accepted."""
