@@ -185,6 +185,11 @@ cdef class SharedState:
         return max(load_i32(&self.layout.at), -1)
 
     @property
+    def out(self) -> int:
+        """Drives that are taken out and not damped any more: bit k for device k of the schedule, below 64."""
+        return load_i64(&self.layout.out)
+
+    @property
     def crashed(self) -> int:
         """Number of a fatal signal of the control process, 0 without one."""
         return load_i32(&self.layout.crashed)

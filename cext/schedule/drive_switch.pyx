@@ -5,6 +5,7 @@ from libc.math cimport fabs, isfinite
 from libc.stdint cimport int64_t
 
 from cext.abi cimport OK, PERIOD, TICK
+from cext.atomics cimport store_i64
 from cext.bus.batch cimport Batch
 from cext.safety.drive_state cimport ACTIVE, DAMPED, OUT, RETURNING, enter
 from cext.safety.drive_watch cimport Watched
@@ -131,10 +132,13 @@ cdef class DriveSwitch:
         cdef int number
         cdef int status = OK
         cdef int64_t period = <int64_t>(1e9 * self.table.arena[PERIOD])
+        cdef int64_t out = 0
         cdef Device *device
         cdef Batch *batch
         for number in range(self.table.count):
             device = &self.table.devices[number]
+            if device.drive.state >= OUT and number < 64:
+                out |= <int64_t>1 << number
             if device.drive.state == DAMPED:                     # in force until the next tick, which may be late
                 batch = <Batch *>(<SpeedBands>device.bands).choose(now + 2 * period)
                 status |= self.buses.send(device.bus, batch.frames, batch.count, now, False)
@@ -153,4 +157,6 @@ cdef class DriveSwitch:
                 status |= self.buses.send(device.bus, device.zero.frames, device.zero.count, now, False)
                 if zero_while_arming(self.table, self.events, number):
                     status |= self.buses.send(device.bus, device.set_zero.frames, device.set_zero.count, now, False)
+        if self.buses.page != NULL:
+            store_i64(&self.buses.page.out, out)                 # the guardian does not damp them
         return self.buses.status(status, False)

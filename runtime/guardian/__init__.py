@@ -171,7 +171,8 @@ class GuardianProcess(ChildProcess):
             except CannotOpen as error:
                 problems[bus["name"]] = str(error)
         now = time.monotonic_ns()
-        stop = SafeStop(devices, wires, now, relays=[Relay(relay, now) for relay in self._plan["relays"]])
+        relays = [Relay(relay, now) for relay in self._plan["relays"]]
+        stop = SafeStop(devices, wires, now, relays=relays, out=self._page.out)
         for index, wire in wires.items():
             if self._plan["buses"][index]["line"] is None:
                 wire.listen(
@@ -230,6 +231,7 @@ def plan(
         "devices": [
             {
                 "name": device.name,
+                "number": number,
                 "bus": place[device.bus],
                 "zero": _encoded_frames(device.zero),
                 "disable": _encoded_frames(device.disable),
@@ -240,7 +242,7 @@ def plan(
                     for identifier, mask, extended, begin in diagram[device.name].replies()
                 ],
             }
-            for device in schedule.devices
+            for number, device in enumerate(schedule.devices)
             if device.bus in place
         ],
         "relays": list(relays),

@@ -44,9 +44,10 @@ class PlanDamp(TypedDict):
 
 
 class PlanDevice(TypedDict):
-    """Device. bus : index in the plan; unanswered : disable frames without a reply"""
+    """Device. number : index in the schedule; bus : index in the plan; unanswered : disable frames without a reply"""
 
     name: str
+    number: int
     bus: int
     zero: list[EncodedFrame]
     disable: list[EncodedFrame]
@@ -89,6 +90,7 @@ class StopDevice(TypedDict):
     """PlanDevice with frames as bytes. speeds : the replies with its velocity"""
 
     name: str
+    number: int
     bus: int
     zero: list[Frame]
     disable: list[Frame]

@@ -222,7 +222,7 @@ class Guardian:
                 self.receive(index)  # replies to earlier commands confirm nothing
             self.drained[index] = time.monotonic_ns()
         relays = [Relay(relay, now - silent) for relay in self.relays]
-        self.stop = SafeStop(self.devices, self.wires, now, self.verdict["last_tick"] >= 0, relays)
+        self.stop = SafeStop(self.devices, self.wires, now, self.verdict["last_tick"] >= 0, relays, self.page.out)
         self.stop.step(now)
 
     def _block_name(self):

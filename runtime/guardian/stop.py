@@ -32,6 +32,7 @@ class SafeStop:
     now : ns of CLOCK_MONOTONIC at which it begins
     moving : whether the actuators may be under torque, and are damped if configured
     relays : runtime.guardian.relay.Relay, which keep the drives powered while any is damped
+    out : drives that were taken out of the run and are not damped: bit k for device k of the schedule
 
     due : ns of the next `step`
     """
@@ -43,6 +44,7 @@ class SafeStop:
         now: int,
         moving: bool = True,
         relays: Iterable[Relay] = (),
+        out: int = 0,
     ) -> None:
         self.relays = relays
         self.wires, self.began, self.due, self.ended = wires, now, now, None
@@ -50,7 +52,7 @@ class SafeStop:
         self.damped = {
             name: Damped(device["damp"], now)
             for name, device in self.waiting.items()
-            if device["damp"] is not None and moving
+            if device["damp"] is not None and moving and not out >> device["number"] & 1
         }
         self.disabling_due = now
         self.limit = STOP_LIMIT + max((damped.end - now for damped in self.damped.values()), default=0)

@@ -116,6 +116,7 @@ def test_drive_is_taken_out_and_armed_again_while_the_other_goes_on():
 def test_drive_that_is_out_gets_only_zero_torque_and_disable():
     robot = Robot({200: 1, 300: 0})
     robot.run(500)
+    assert robot.page.out == 0
     assert set(robot.to_left(205, 300)) == {NOTHING, DISABLE} and set(robot.to_left(250, 300)) == {DISABLE}
     assert robot.to_left(301, 310).count(ENABLE) >= 1
 
@@ -173,6 +174,12 @@ def test_drive_with_a_damped_stop_is_damped_first():
     damping = set(robot.to_left(205, 295))
     assert damping and not damping & {NOTHING, DISABLE}
     assert set(robot.to_left(350, 400)) == {DISABLE}
+    assert robot.page.out == 1 << [device.name for device in robot.schedule.devices].index("left")
+
+
+def test_guardian_damps_a_drive_that_was_taken_out_only_until_its_damping_ends():
+    robot = Robot({200: 1}, (CubeMars, "AK80-9", {"safe_stop": "damp", "stop_time": 0.5}))
+    assert robot.run(250).status == "ok" and robot.page.out == 0
 
 
 def test_damping_of_a_drive_stays_inside_its_limit_until_a_late_next_frame():

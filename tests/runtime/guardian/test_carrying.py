@@ -55,7 +55,8 @@ class Carrying:
         self.guardian = guardian = Guardian(self.page, self.lines, -1, self.orders, read)
         frames = {"zero": [[1, NOTHING.hex()]], "disable": [[1, DISABLE.hex()]], "damp": None}
         guardian.devices = [
-            decoded({"name": f"{bus}", "bus": bus, "replies": [[1, 0x7FF, "01"]], **frames}) for bus in range(2)
+            decoded({"name": f"{bus}", "number": bus, "bus": bus, "replies": [[1, 0x7FF, "01"]], **frames})
+            for bus in range(2)
         ]
         guardian.buses = [{"name": f"{bus}", "line": bus} for bus in range(2)]
         guardian.items, guardian.limit = ["law"], 40_000_000

@@ -28,7 +28,7 @@ class Log:
         return self.working
 
 
-def device(name, bus, identifier, begin=b"", damp_time=0.0, bands=None, velocity=None):
+def device(name, bus, identifier, begin=b"", damp_time=0.0, bands=None, velocity=None, number=0):
     """As the guardian has it. bands : (speed, data) of its damping"""
     damp = damp_time and {
         "duration": damp_time,
@@ -39,6 +39,7 @@ def device(name, bus, identifier, begin=b"", damp_time=0.0, bands=None, velocity
     }
     return {
         "name": name,
+        "number": number,
         "bus": bus,
         "zero": [(identifier, b"zero")],
         "disable": [(identifier, b"disable")],
@@ -191,6 +192,13 @@ def test_a_drive_that_was_never_under_torque_is_not_damped():
     wire = Log()
     SafeStop([device("knee", 0, 1, damp_time=0.3)], {0: wire}, 0, moving=False).step(0)
     assert wire.sent == [(1, b"zero"), (1, b"disable")]
+
+
+def test_a_drive_that_was_taken_out_is_not_damped_again():
+    wire = Log()
+    drives = [device("knee", 0, 1, damp_time=0.3, number=5), device("hip", 0, 2, damp_time=0.3, number=6)]
+    SafeStop(drives, {0: wire}, 0, out=1 << 6).step(0)
+    assert wire.sent == [(1, b"damp"), (2, b"zero"), (2, b"disable")]
 
 
 def test_a_blocked_bus_does_not_prevent_the_stop_on_other_buses():
