@@ -291,6 +291,21 @@ def test_repeated_runs_keep_no_memory():
     assert resident() - before < 15e6
 
 
+@pytest.mark.soak
+def test_ten_thousand_runs_leave_the_process_as_it_was():
+    def state():
+        gc.collect()
+        return psutil.Process().memory_info().rss, len(os.listdir("/proc/self/fd")), len(sys.modules)
+
+    for _ in range(200):
+        runtime.run(KNEE_EXO, 0.1)
+    memory, *others = state()
+    for _ in range(10_000):
+        runtime.run(KNEE_EXO, 0.1)
+    after, *others_after = state()
+    assert after - memory < 2e6 and others_after == others
+
+
 def test_handlers_collector_and_switch_interval_stay_as_they_are():
     during = []
 
