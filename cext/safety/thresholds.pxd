@@ -13,6 +13,9 @@ cpdef enum:
     # ns: duration of a safe stop, after the damping; then drives that have not confirmed are reported
     STOP_LIMIT = 200000000
 
+    # ns: time for which the input of --arm-on must be active, after it was inactive
+    ARM_HOLD = 1000000000
+
     # periods: duration of one tick after which the watchdog stops the motors
     HANG_PERIODS = 3
     # ns: duration of one tick that the watchdog always allows

@@ -27,6 +27,8 @@ cdef class Arming:
     cdef object answered         # called when every device has replied, or None
     cdef object permitted        # called before arming: whether the position of every joint is certain; or None
     cdef bint confirm            # whether arming needs a confirmation
+    cdef int arm_slot            # slot of the input that confirms while it is held, or -1
+    cdef int64_t released        # ns, when that input was last inactive; -1 before
     cdef int64_t late            # ns, of the previous tick
     cdef int64_t now             # ns from the begin of the run to the present round or tick
 
@@ -35,6 +37,7 @@ cdef class Arming:
     cdef int start_from_here(self) noexcept nogil
     cdef int look_over(self, double timeout) noexcept nogil
     cdef int look_over_again(self, int64_t drain) noexcept nogil
+    cdef bint is_held(self) noexcept nogil
     cdef int call_answered(self) noexcept nogil
     cdef int permission(self) noexcept nogil
     cdef int hear_while_arming(self) noexcept nogil

@@ -18,7 +18,7 @@ from cext.ring.mailbox cimport CONFIRM, NOT_NOW, TAKEN
 from cext.clock.deadline_clock cimport clock, monotonic
 from cext.safety.shared_state cimport ARMING, READY, STOPPING, SharedLayout, store_i64
 from cext.posix cimport CLOCK_REALTIME
-from cext.safety.thresholds cimport STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT
+from cext.safety.thresholds cimport ARM_HOLD, STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT
 from cext.schedule.watchdog cimport release, acquire
 
 
@@ -112,6 +112,7 @@ cdef class Arming:
         cdef int64_t remaining = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
         cdef int status = self.call_answered()
         cdef bint confirmed = not self.confirm
+        cdef bint waits
         if status == OK and confirmed:
             status = self.permission()
         while self.control.live.asked(self.layout, CONFIRM, -1, NOT_NOW):
@@ -119,6 +120,7 @@ cdef class Arming:
             pass
         self.control.devices.arming.want_replies(True, False)
         self.journal.set_state(READY)
+        self.released = -1
         while status == OK:
             point = self.next_point(point, 0)
             self.now = self.pace.grid(point)
@@ -135,10 +137,13 @@ cdef class Arming:
                 remaining -= 1
                 if remaining <= 0:
                     return NO_ANSWER
-            if status == OK and not confirmed and self.control.live.waits(self.layout, CONFIRM):
+            waits = status == OK and not confirmed and self.control.live.waits(self.layout, CONFIRM)
+            if waits or status == OK and not confirmed and self.is_held():
                 status = self.permission()
                 confirmed = status == OK
-                self.control.live.asked(self.layout, CONFIRM, -1, TAKEN if confirmed else NOT_NOW)
+                self.released = -1
+                if waits:
+                    self.control.live.asked(self.layout, CONFIRM, -1, TAKEN if confirmed else NOT_NOW)
                 if confirmed:
                     self.control.devices.arming.want_replies(True, False)
                 elif status == UNCLEAR_POSE:
@@ -148,6 +153,17 @@ cdef class Arming:
             if status == OK:
                 status = self.body.advance_plant(self.now)
         return status
+
+    cdef bint is_held(self) noexcept nogil:
+        """Return whether the input for arming has been active for ARM_HOLD, and was inactive before.
+
+        An input that is active from the start, such as a button that sticks, has no effect.
+        """
+        if self.arm_slot < 0:
+            return False
+        if not self.control.arena[self.arm_slot] > 0.5:            # also NaN
+            self.released = self.now
+        return self.released >= 0 and self.now - self.released > ARM_HOLD
 
     cdef int look_over_again(self, int64_t drain) noexcept nogil:
         """Repeat `look_over` of a recorded run, at its times. drain : number of earlier drains"""

@@ -109,7 +109,7 @@ cdef class Executor(Waiting):
 
     def run(self, int64_t ticks=-1, *, double fade=FADE_IN / 1e9, double arming_timeout=ARMING_LIMIT / 1e9,
             double stopping_timeout=STOP_LIMIT / 1e9, answered=None,
-            bint confirm=False, permitted=None, rearm=None, notify=None, may_return=None) -> Outcome:
+            bint confirm=False, int arm_slot=-1, permitted=None, rearm=None, notify=None, may_return=None) -> Outcome:
         """Arm, run `ticks` grid points (-1: until a signal), and stop safely. Returns an Outcome.
 
         fade : s, over which commands increase to full size after arming
@@ -117,7 +117,9 @@ cdef class Executor(Waiting):
         stopping_timeout : s, after which the safe stop no longer waits for confirmations
         answered : called once, when every device has replied; it should take a few ms at most. Zero torque continues
             for at least a round
-        confirm : with `answered`, wait for a confirmation through the mailbox
+        confirm : with `answered`, wait for a confirmation through the mailbox, or by the input of `arm_slot`
+        arm_slot : slot of the arena with an output of a device, such as a button: held for ARM_HOLD, it confirms. -1
+            for none
         permitted : called before arming, and at each request to arm: False refuses it. With `confirm` the run then
             continues to wait, without it the run ends as an unclear pose
         rearm : slots of the arena that are true while their inputs request arming again; with None a fault ends the
@@ -131,6 +133,7 @@ cdef class Executor(Waiting):
         cdef bint stopped = False
         faults = []
         self.answered, self.confirm, self.permitted, self.notify = answered, confirm, permitted, notify
+        self.arm_slot = arm_slot
         self.request(rearm or ())
         if not (fade >= 0.0 and arming_timeout >= 0.0 and stopping_timeout >= 0.0):
             raise ValueError("times of a run must be 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (

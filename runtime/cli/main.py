@@ -25,6 +25,7 @@ GROUPS = {
         "emulate": "emulate the devices of a diagram on a rig's real buses",
         "replay": "run a recording again, bit for bit or with a changed diagram",
         "set": "change live parameters of a run, or list them",
+        "service": "print a systemd unit that starts a robot at boot",
     },
     "look at diagrams and recordings": {
         "new": "write a package for a laboratory's own robots and blocks",

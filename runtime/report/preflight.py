@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from cext.safety.thresholds import ARM_HOLD
 from runtime.console.styles import count
 from runtime.report.failure_coverage import in_words
 
@@ -27,6 +28,8 @@ def text(event: dict[str, Any], console: Console) -> list[str]:
         lines.append(console.ok(f"{count(len(event['devices']), 'device')}, no problems"))
     for why in event["refused"]:
         lines += console.hang("NOT armed: ", why, console.error)
+    if isinstance(event["confirm"], str):
+        return [*lines, console.bold(f"hold {event['confirm']} for {1e-9 * ARM_HOLD:g} s to arm")]
     return [*lines, console.bold(ASK_AGAIN if event["refused"] else ASK)] if event["confirm"] else lines
 
 

@@ -27,7 +27,7 @@ class Preflight:
 
     diagram, schedule : of the robot, with the parameters of its rig
     interfaces : {bus: (interface, channel)}
-    confirm : whether the operator confirms the table
+    confirm : whether the operator confirms the table; or the signal that confirms it, as of --arm-on
     granted : texts, the real-time privileges of the guardian
     poses : runtime.rig.poses.Poses, or None
     """
@@ -37,7 +37,7 @@ class Preflight:
         diagram: Diagram,
         schedule: Schedule,
         interfaces: Mapping[str, tuple[str, str]],
-        confirm: bool,
+        confirm: bool | str,
         granted: Sequence[str] = (),
         poses: Poses | None = None,
     ) -> None:

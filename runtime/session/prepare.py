@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 from blocks.recorders import CsvRecorder
 from blocks.safety import Rearm
 from blocks.sinks import PlotJuggler, Rerun
-from graph import Diagram, Schedule
+from graph import Device, Diagram, Schedule
 from runtime.base.errors import BadInput
+from runtime.base.suggestions import suggestion
 from runtime.diagrams.file import compiled, load
 from runtime.diagrams.overrides import set_seeds
 from runtime.diagrams.simulation import Simulation
@@ -39,6 +40,7 @@ class Prepared:
 
     ticks : grid points, -1 until stopped
     poses : of the joints of a rig; they prevent arming if a joint may differ from its drive's reading
+    arm_slot : slot of the arena of the signal of --arm-on, -1 without one
     source_sha256 : hex digest of the source of the diagram file; None without a file
     feed : clock and buses of a recorded run that is repeated; None for a new run
     """
@@ -50,6 +52,7 @@ class Prepared:
     rig: RigBuses | None
     ticks: int
     poses: Poses | None = field(default=None, kw_only=True)
+    arm_slot: int = field(default=-1, kw_only=True)
     source_sha256: str | None = field(default=None, kw_only=True)
     feed: Feed | None = field(default=None, kw_only=True)
 
@@ -82,8 +85,8 @@ def prepare(request: Request) -> Prepared:
     schedule = compiled(request.file, diagram)
     check_rearming(diagram, request.rearm, can_ask())
     if rig is not None:
-        if not request.yes and not can_ask():
-            raise BadInput(NO_CONFIRMATION)
+        if not request.yes and request.arm_on is None and not can_ask():
+            raise BadInput(f"{NO_CONFIRMATION}, or --arm-on SIGNAL to arm with a button")
         poses = Poses(diagram, schedule, request.poses)
         return Prepared(
             request,
@@ -93,6 +96,7 @@ def prepare(request: Request) -> Prepared:
             RigBuses(rig, diagram, schedule.buses),
             ticks,
             poses=poses,
+            arm_slot=arming_slot(diagram, schedule, request.arm_on),
             source_sha256=file.sha256,
         )
     return Prepared(
@@ -104,6 +108,28 @@ def prepare(request: Request) -> Prepared:
         ticks,
         source_sha256=file.sha256,
     )
+
+
+def arming_slot(diagram: Diagram, schedule: Schedule, signal: str | None) -> int:
+    """Return the slot of the arena of the signal of --arm-on, -1 without one.
+
+    Raises BadInput unless it is a bool output of a device, the only signals that are read before arming.
+    """
+    if signal is None:
+        return -1
+    allowed = [
+        f"{block.path}.{name}"
+        for block in diagram
+        if isinstance(block, Device)
+        for name, port in block.outputs.items()
+        if (port.dtype, port.shape) == ("bool", ())
+    ]
+    if signal not in allowed:
+        raise BadInput(
+            f"--arm-on {signal}: expected a bool output of a device, such as the button of a GpioInput; "
+            + (suggestion(signal, allowed) or f"the diagram has {', '.join(allowed) or 'none'}")
+        )
+    return schedule.signals[signal].slot
 
 
 def check_rearming(diagram: Diagram, enabled: bool, keys: bool) -> None:

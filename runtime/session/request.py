@@ -194,6 +194,13 @@ class Request:
     yes: bool = option(
         "--yes", section=HARDWARE, default=False, action="store_true", help="on a rig: arm without waiting for Enter"
     )
+    arm_on: str | None = option(
+        "--arm-on",
+        section=HARDWARE,
+        default=None,
+        metavar="SIGNAL",
+        help="on a rig: arm once this signal of a device, such as button.on, was held for 1 s, also without a terminal",
+    )
     poses: dict[str, float] = option(
         "--pose",
         section=HARDWARE,
@@ -259,6 +266,8 @@ class Request:
         """Raise BadInput for options that exclude or need each other."""
         if self.poses and self.rig is None:
             raise BadInput("--pose needs --rig: in simulation every drive reads the true angle of its joint")
+        if self.arm_on is not None and (self.rig is None or self.yes):
+            raise BadInput("--arm-on needs --rig, and excludes --yes, which arms without a confirmation")
         if self.bitrate is not None and self.rig is not None:
             raise BadInput("--bitrate and --rig exclude each other: the rig file has the bitrate of a real bus")
         if self.fast and self.rig is not None:

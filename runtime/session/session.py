@@ -169,7 +169,7 @@ class Session:
             self.prepared.diagram,
             self.prepared.schedule,
             interfaces,
-            not self.request.yes,
+            self.request.arm_on or not self.request.yes,
             list(rig.guardian.granted),
             poses,
         )
@@ -188,7 +188,12 @@ class Session:
                 show()
             return False
 
-        options = {"answered": show, "confirm": table.confirm, "permitted": permitted}
+        options = {
+            "answered": show,
+            "confirm": table.confirm,
+            "permitted": permitted,
+            "arm_slot": self.prepared.arm_slot,
+        }
         return (
             options if poses is None else options | {"may_return": lambda path: poses.may_return(path, control.values)}
         )

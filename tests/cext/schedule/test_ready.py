@@ -155,3 +155,32 @@ def test_exception_in_pose_check_prevents_arming(confirm):
     ready = Ready({500: "confirm"})
     outcome = ready.run(confirm=confirm, permitted=lambda: 1 / 0)
     assert outcome.status == "exception" and isinstance(outcome.error, ZeroDivisionError) and ready.torques() == 0
+
+
+@pytest.mark.parametrize(
+    "presses, armed",
+    [
+        (((200, 1500),), True),  # plant ticks of 1 ms, in which the button is pressed
+        (((200, 1100), (1150, 2000)), False),  # never for 1 s without a break
+        (((0, 3000),), False),  # a button that sticks
+        (((0, 500), (600, 2000)), True),
+    ],
+)
+def test_input_arms_when_held_for_a_second_after_it_was_released(presses, armed):
+    class Button(Block):
+        y = Output("rad")
+
+        def step(self, tick):
+            return float(any(begin <= tick < end for begin, end in presses))
+
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
+    with Diagram("plant", rate=1000) as plant:
+        EmulatedCubeMars.of(robot["knee"], name="drive")(
+            position=Button()(), velocity=0.0, fault=Person({2500: lambda: writer.stop() and 0})()
+        )
+    rig = Rig(robot, plant)
+    writer = Writer(rig.page, "keys")
+    slot = rig.schedule.signals["knee.position"].slot
+    outcome = rig.run(20, fade=0.0, answered=lambda: None, confirm=True, arm_slot=slot)
+    assert outcome.status == "ok" and len(rig.tick) == (20 if armed else 0)

@@ -1,0 +1,41 @@
+"""`service FILE --rig RIG --arm-on SIGNAL`: print a systemd unit that starts a robot with the computer."""
+
+from collections.abc import Sequence
+
+from runtime.base.errors import OK, BadInput
+from runtime.cli.parsing import Parser, add_options, fields_of, instance, short_program
+from runtime.console.terminal import print_lines, print_to_stderr
+from runtime.diagrams.file import compiled, load
+from runtime.rig import read, require_ranges
+from runtime.session.prepare import adapt, arming_slot
+from runtime.session.request import Request
+from runtime.session.service_unit import unit
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code; raises BadInput or DiagramError for a robot that could not run."""
+    parser = Parser(
+        "service",
+        "Print a systemd unit that runs a robot from the start of the computer, in this folder and with these options "
+        "of `run`. The drives get zero torque until the operator has held a button for 1 s, also after every restart.",
+    )
+    add_options(parser, Request, *fields_of(Request), in_sections=True)
+    request = instance(Request, parser.parse_args(arguments))
+    request.check()
+    if request.rig is None or request.arm_on is None:
+        raise BadInput("a service needs --rig FILE and --arm-on SIGNAL, such as --arm-on button.on of a GpioInput")
+    rig = read(request.rig)
+    _, diagram = load(request.file, request.settings, rig)
+    require_ranges(rig, diagram)
+    adapt(diagram, request)
+    arming_slot(diagram, compiled(request.file, diagram), request.arm_on)
+    channels = {str(bus.channel) for bus in rig.buses.values() if bus.interface == "socketcan"}
+    print_lines(unit(diagram.name, channels, arguments).splitlines())
+    print_to_stderr(
+        [
+            f"write it to /etc/systemd/system/{diagram.name}.service, then:",
+            f"  sudo systemctl daemon-reload && sudo systemctl enable --now {diagram.name}",
+            f"  journalctl -fu {diagram.name}     # the output of {short_program()} run",
+        ]
+    )
+    return OK
