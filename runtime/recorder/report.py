@@ -67,7 +67,8 @@ def ending(end: dict[str, Any] | None, orphaned: bool) -> str:
     if end is None:
         return "the control process died" if orphaned else "without an end event"
     if end["status"] != "ok":
-        return f"fault: {end['status']} at {end.get('culprit')}, tick {end.get('tick')}"
+        where = f" at {end['culprit']}" if end.get("culprit") else ""
+        return f"fault: {end['status']}{where}, tick {end.get('tick')}"
     if end.get("stopped"):
         return "stopped by the space bar"
     return f"stopped by {Signals(end['signal']).name}" if end.get("signal") else "ok"
