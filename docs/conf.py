@@ -15,7 +15,8 @@ QUICK = bool(os.environ.get("DOCS_QUICK"))  # without pictures and notebooks, fo
 project = "Tickwork"
 version = release = site.version()
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.viewcode", "sphinx_copybutton"]
-exclude_patterns = ["README.md"]
+INDEX = "reference/blocks.md"  # of readers on GitHub: a site has a page for each block instead
+exclude_patterns = [INDEX]
 templates_path = ["_templates"]
 
 myst_heading_anchors = 4
@@ -47,6 +48,7 @@ html_theme_options = {
     "footer_end": [],
     "show_version_warning_banner": False,
     "navigation_depth": 3,
+    "collapse_navigation": True,
     "back_to_top_button": True,
 }
 html_context = {"default_mode": "auto"}
@@ -83,7 +85,7 @@ def docstring(app, what, name, thing, options, lines):
 
 
 OUTSIDE = {  # section: its pages in other folders
-    "reference": ["/api/blocks/index", "/api/python", "/api/error_codes"],
+    "reference": ["/api/blocks/index", "/api/python/index", "/api/commands", "/api/error_codes"],
     "explanation": ["/safety_case", "/coming_from/index"],
 }
 
@@ -98,20 +100,25 @@ def contents(source, docname, text):
     folder = source / docname.rpartition("/")[0]
     if docname == "index":
         return [page for page in links(text) if page.rpartition("/")[2] in ("index", "README")]
-    if folder == source / "api" / "blocks":
+    if folder.parent == source / "api":
         return links(text)
     pages = [page for page in links(text) if "/" not in page] + sorted(path.stem for path in folder.glob("*.md"))
     others = [page for page in OUTSIDE.get(folder.name, []) if (source / f"{page[1:]}.md").exists()]
-    return [page for page in dict.fromkeys(others + pages) if page != docname.rpartition("/")[2]]
+    left_out = (docname.rpartition("/")[2], Path(INDEX).stem if folder.name == "reference" else "")
+    return [page for page in dict.fromkeys(others + pages) if page not in left_out]
 
 
 def read(app, docname, source):
-    """Replace links to folders outside docs/ by their text, and append its table of contents to an index page."""
+    """Adapt links to what a site contains, and append its table of contents to an index page."""
     root = Path(app.srcdir)
     folder = (root / docname).parent
 
     def link(match):
-        return match[1] if not match[2].startswith("http") and (folder / match[2]).is_dir() else match[0]
+        if ":" in match[2]:
+            return match[0]
+        if (folder / match[2]).resolve() == root / INDEX:
+            return f"[{match[1]}](/api/blocks/index.md)"
+        return match[1] if (folder / match[2]).is_dir() else match[0]
 
     source[0] = re.sub(r"\[([^\]]+)\]\(([^)#\s]+)\)", link, source[0])
     if docname.rpartition("/")[2] in ("index", "README"):
@@ -121,6 +128,6 @@ def read(app, docname, source):
 
 def setup(app):
     """Write the generated pages, and connect the converters."""
-    generated.write(Path(app.srcdir) / "api")
+    generated.write(Path(app.srcdir) / "api", quick=QUICK)
     app.connect("autodoc-process-docstring", docstring)
     app.connect("source-read", read)

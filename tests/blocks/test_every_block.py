@@ -10,39 +10,7 @@ import pytest
 import blocks
 from graph import Block, Device, DiagramError, Sink
 from graph.conformance import check_block, check_declarations
-
-# Parameters for blocks that have no usable defaults and no `examples`, and some with which every parameter of a block
-# has its effect.
-TAMED = {"kp": 2.0, "ki": 9.0, "lower": -1.0, "upper": 1.0, "anti_windup": "back-calculation"}
-EXAMPLES = {
-    "CubeMars": ({"model": "AK80-9"},),
-    "EmulatedCubeMars": ({"model": "AK80-9"},),
-    "EmulatedRobStride": ({"model": "RS03"},),
-    "RobStride": tuple(
-        {"model": "RS03", "mode": mode} for mode in ("operation", "position", "csp", "velocity", "current")
-    ),
-    "CubeMarsV3": ({"model": "AK80-9-V3.0"}, {"model": "AK80-8-V3.0", "limit": 8.0}),
-    "EmulatedCubeMarsV3": ({"model": "AK80-8-V3.0"},),
-    "CubeMarsServo": tuple(
-        {"model": "AK80-9", "mode": mode}
-        for mode in ("duty", "current", "current_brake", "velocity", "position", "position_velocity")
-    ),
-    "EmulatedCubeMarsServo": ({"model": "AK80-9"}, {"model": "AK80-9-V3.0"}),
-    "RobStrideMIT": ({"model": "RS03"},),
-    "EmulatedRobStrideMIT": ({"model": "RS03"},),
-    "TorqueLimiter": ({"limit": 12.0}, {"limit": 12.0, "slew": 200.0}, {"limit": 1.5}),
-    "PI": ({}, TAMED, TAMED | {"tracking_time": 0.2}),
-    "PID": ({}, TAMED | {"kd": 0.1, "filter_time": 0.01, "c": 0.5}),
-    "PD": ({}, {"kd": 0.1, "filter_time": 0.01, "c": 0.5}),
-    "TorqueProfile": ({}, {"points": ((0.1, 3.0), (0.6, -8.0))}),
-    "TorqueGate": ({}, {"mode": "damping"}, {"mode": "hold"}),
-    "FeedForward": ({}, {"friction": 2.0}),
-    "Limb": ({}, {"lower": 0.0}),
-    "StepSource": ({"time": 0.1},),
-    "Pulse": ({}, {"period": 0.1}),
-    "TimeTable": ({}, {"times": (0.0, 0.1), "values": (0.0, 1.0)}),
-    **{name: ({}, {"window": 0.05}) for name in ("MovingAverage", "MovingRMS", "MovingMaximum", "MovingMinimum")},
-}
+from tests.blocks.examples import EXAMPLES
 
 
 def library():

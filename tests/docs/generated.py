@@ -1,28 +1,42 @@
-"""Pages of the site that are generated from the code: Python interface, error codes."""
+"""Pages of the site that are generated from the code: blocks, Python interface, error codes."""
 
 import importlib
 import inspect
+import io
+import os
+from contextlib import redirect_stdout, suppress
+from unittest import mock
 
 from graph import diagnostics
+from runtime.cli.main import GROUPS, main
 from runtime.rig import errors
+from tests.docs import block_pages
 
-MODULES = {  # module: title
-    "graph": "graph: diagrams and blocks",
-    "graph.conformance": "graph.conformance: tests of blocks",
-    "runtime": "runtime: runs and recordings",
-    "runtime.analysis.trial": "runtime.analysis.trial: one recording",
-    "runtime.analysis.trials": "runtime.analysis.trials: several recordings",
+QUICK_FAMILIES = ("actuators", "filters", "states", "wearer")
+MODULES = {  # module: contents
+    "graph": "diagrams and blocks",
+    "graph.conformance": "tests of blocks",
+    "runtime": "runs and recordings",
+    "runtime.analysis.trial": "one recording",
+    "runtime.analysis.trials": "several recordings",
 }
 CODES = {"reference/errors.md": diagnostics.CODES, "reference/rigs.md": errors.CODES}
 
 
-def write(folder):
+def write(folder, quick):
     """Write the generated pages.
 
     folder : Path of docs/api
+    quick : whether to leave out most blocks, and the responses of all
     """
-    put(folder / "python.md", python_page())
-    put(folder / "error_codes.md", error_page())
+    pages = {f"python/{name}": page for name, page in python_pages().items()}
+    pages |= {"error_codes": error_page(), "commands": command_page()}
+    blocks = block_pages.pages(folder / "blocks", not quick, QUICK_FAMILIES if quick else None)
+    pages |= {f"blocks/{name}": page for name, page in blocks.items()}
+    for old in {*folder.rglob("*.md")} - {folder / f"{name}.md" for name in pages}:
+        old.unlink()
+    for name, page in pages.items():
+        put(folder / f"{name}.md", page)
 
 
 def put(path, text):
@@ -32,26 +46,49 @@ def put(path, text):
         path.write_text(text)
 
 
-def python_page():
-    """Return the page of the Python interface: public functions and classes, from their docstrings."""
-    parts = ["# Python interface\n\nBlocks are described by `python -m runtime blocks NAME`.\n"]
+def python_pages():
+    """Return {name: page} of the Python interface: public functions and classes, from their docstrings."""
+    rows = [f"| [{name}]({name}.md) | {title} |" for name, title in MODULES.items()]
+    pages = {"index": "\n".join(["# Python interface\n", "| module | |", "|---|---|", *rows, ""])}
     for name, title in MODULES.items():
         module = importlib.import_module(name)
-        public = getattr(module, "__all__", None) or [
-            key
-            for key, value in vars(module).items()
-            if inspect.isroutine(value) | inspect.isclass(value)
-            and value.__module__ == name
-            and not key.startswith("_")
-            and key != "overload"
-        ]
-        parts.append(f"## {title}\n\n```{{eval-rst}}\n.. currentmodule:: {name}\n")
-        for key in public:
-            kind = "class" if inspect.isclass(getattr(module, key)) else "function"
-            members = "\n   :members:" if kind == "class" else ""
-            parts.append(f".. auto{kind}:: {key}{members}\n")
-        parts.append("```\n")
-    return "\n".join(parts)
+        parts = [f"# {name}\n\n{title[0].upper()}{title[1:]}.\n\n```{{eval-rst}}\n.. currentmodule:: {name}\n"]
+        for key in public(module):
+            if inspect.isclass(getattr(module, key)):
+                parts.append(f".. autoclass:: {key}\n   :members:\n")
+            else:
+                parts.append(f".. autofunction:: {key}\n")
+        pages[name] = "\n".join([*parts, "```\n"])
+    return pages
+
+
+def public(module):
+    """Return the names of the public functions and classes of a module."""
+    return getattr(module, "__all__", None) or [
+        key
+        for key, value in vars(module).items()
+        if (inspect.isfunction(value) or inspect.isclass(value))
+        and value.__module__ == module.__name__
+        and not key.startswith("_")
+        and key != "overload"
+    ]
+
+
+def command_page():
+    """Return the page of the command line: what --help prints for each command."""
+    parts = ["# Command line", "", "What `--help` prints.", "", "```text", _help(), "```"]
+    for names in GROUPS.values():
+        for name in names:
+            parts += ["", f"## {name}", "", "```text", _help(name), "```"]
+    return "\n".join([*parts, ""])
+
+
+def _help(*words):
+    printed = io.StringIO()
+    environment = mock.patch.dict(os.environ, COLUMNS="100")
+    with redirect_stdout(printed), environment, mock.patch("sys.argv", ["-m"]), suppress(SystemExit):
+        main([*words, "--help"])
+    return printed.getvalue().rstrip()
 
 
 def error_page():

@@ -1,0 +1,48 @@
+"""Pages of blocks: every example runs, linear blocks have the frequency response of theory, and the index is fresh."""
+
+import numpy as np
+import pytest
+
+from blocks.filters import Butterworth
+from graph import Device, Sink
+from tests.docs import block_pages, responses
+
+
+@pytest.fixture(scope="module")
+def examples():
+    """Return {name: (Example, home)} of every block."""
+    with responses.folder():
+        yield {kind.__name__: responses.example_of(kind, home) for kind, home in block_pages.homes().items()}
+
+
+def test_every_example_runs_and_its_block_computes(examples):
+    for name, shown in examples.items():
+        trial, inputs = responses.run(shown)
+        if shown.style == "none":
+            assert issubclass(shown.kind, (Device, Sink)) or shown.kind.always or not shown.kind.outputs, name
+            continue
+        assert trial.fault is None and set(inputs) <= set(shown.inputs), name
+        assert any(path.startswith("block.") for path in trial.signals), name
+
+
+def test_frequency_response_of_a_filter_is_that_of_its_design(examples):
+    gain, phase = responses.frequency_response(examples["Butterworth"])
+    design = np.tan(np.pi * responses.FREQUENCIES / responses.RATE) / np.tan(
+        np.pi * Butterworth().cutoff / responses.RATE
+    )
+    assert gain == pytest.approx(1.0 / np.sqrt(1.0 + design**4), abs=1e-6)
+    assert np.degrees(phase[0]) == pytest.approx(0.0, abs=5.0) and np.degrees(phase[-1]) < -170.0
+
+
+@pytest.mark.parametrize("name", ["Median", "SoftStart", "TorqueLimiter"])
+def test_nonlinear_and_time_varying_blocks_have_no_frequency_response(examples, name):
+    assert responses.frequency_response(examples[name]) is None
+
+
+def test_index_of_the_blocks_is_fresh():
+    text = block_pages.index(block_pages.source)
+    assert block_pages.INDEX.read_text() == text, "run `python -m tests.docs.block_pages`"
+
+
+def test_text_of_a_docstring_is_literal_markdown():
+    assert block_pages.markdown("y = a * b for |u| < 1, `*_power` [N]") == r"y = a \* b for \|u\| \< 1, `*_power` \[N\]"
