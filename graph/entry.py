@@ -7,6 +7,8 @@ import sys
 from runpy import run_module
 from typing import TYPE_CHECKING
 
+from cext.one_place import check_place
+
 if TYPE_CHECKING:
     from graph.diagram import Diagram
 
@@ -21,7 +23,8 @@ def main(diagram: Diagram | None = None) -> None:
 
     diagram : the object that the file calls `diagram`; omit it in a file with a function `build`
 
-    Raises ValueError for any other diagram: the command line takes the diagram from the file.
+    Raises ValueError for any other diagram, since the command line takes the diagram from the file, and ImportError if
+    another package has the name `runtime`.
     """
     caller = sys._getframe(1).f_globals
     if caller.get("__name__") != "__main__":
@@ -37,6 +40,7 @@ def main(diagram: Diagram | None = None) -> None:
     first = sys.path[0] == folder != HOME
     if first:  # a file beside the diagram must not replace a library
         sys.path.append(sys.path.pop(0))
+    check_place("runtime", __file__)
     sys.argv[1:1] = ["run", os.path.relpath(caller["__file__"])]
     program = run_module("runtime", run_name="tickwork")  # as `python -m runtime` does, from this process
     program["main"](folder if first else None)

@@ -245,3 +245,32 @@ def test_entry_files_import_nothing_of_tickwork():
     loaded = set(process.stdout.split())
     assert "runtime.base.installation_check" in loaded
     assert not {"cext", "graph", "blocks", "runtime.cli.main", "numpy", "networkx"} & loaded
+
+
+@pytest.mark.parametrize(
+    "name, code",
+    [
+        ("graph", "from blocks.filters import Butterworth"),
+        ("runtime", "from graph import Diagram, main\ndiagram = Diagram('d', 10)\nmain(diagram)"),
+    ],
+)
+def test_a_script_that_finds_another_package_of_that_name_names_both(name, code, lab, tmp_path):
+    other = tmp_path / "other" / name
+    other.mkdir(parents=True)
+    (other / "__init__.py").write_text("")
+    (lab / "knee.py").write_text(code)
+    process = python("knee.py", cwd=lab, path=os.pathsep.join([str(other.parent), str(ROOT)]))
+    message = f"ImportError: `{name}` is {other}, which hides Tickwork's {ROOT / name}: rename or uninstall"
+    assert process.returncode == 1 and message in process.stderr
+
+
+def test_a_distribution_that_has_replaced_a_package_is_named(tmp_path):
+    site = copy_packages(tmp_path / "site")
+    (site / "graph" / "__init__.py").write_text("class Graph: ...\n")
+    folder = site / "graph-0.4.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: graph\nVersion: 0.4\n")
+    (folder / "RECORD").write_text("graph/__init__.py,,\n")
+    process = python(*RUN, "check", "knee.py", cwd=tmp_path, path=site)
+    assert_one_line(process, f"the package graph has replaced files of Tickwork's `graph`")
+    assert "run `pip uninstall graph`, then" in process.stderr

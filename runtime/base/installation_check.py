@@ -145,7 +145,16 @@ def explain(error: ImportError) -> str:
     """
     culprit = (error.name or "").split(".")[0]
     if culprit in ("blocks", "graph", "runtime"):
-        raise error
+        others = _others_of(culprit)
+        if not others:
+            raise error
+        return "the package %s has replaced files of Tickwork's `%s` in %s: run `pip uninstall %s`, then %s" % (
+            others[0],
+            culprit,
+            HERE / culprit,
+            others[0],
+            _remedy(),
+        )
     cause = error  # NumPy replaces an error by advice
     while cause.__cause__ is not None:
         cause = cause.__cause__
@@ -156,6 +165,13 @@ def explain(error: ImportError) -> str:
             "run `make build`" if _is_clone() else _remedy(),
         )
     return "%s cannot be imported (%s): %s" % (culprit or "a library", first_line, _remedy())
+
+
+def _others_of(package):
+    """Return the names of other distributions that have installed files into one of Tickwork's packages."""
+    from importlib.metadata import packages_distributions  # of Python 3.10
+
+    return sorted(set(packages_distributions().get(package, ())) - {"tickwork"})
 
 
 def _remedy():
