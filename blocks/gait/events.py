@@ -87,7 +87,7 @@ class ThighEvents(_Events, Block):
     smallest = Param(0.15, "rad", "smallest range", above=0.0)
 
     angle = Input("rad", "flexion of the thigh from vertical, or of the hip")
-    extremes = Memory((math.inf, -math.inf, math.inf, -math.inf, 0.0), "range in use, range since the event, armed")
+    extremes = Memory((math.inf, -math.inf, math.inf, -math.inf, 0.0, 0.0), "range in use, new range, armed, time")
     latest = Memory((math.nan,) * 2, "last two samples")
 
     kernel = kernels.thigh_events
@@ -99,11 +99,10 @@ class KneeEvents(_Events, Block):
     The flexion in swing is a maximum after a rise by 70 % of the typical height, which adapts to the wearer: a stiff
     knee with 0.6 of the range, or less, is followed as well. The event is where the angle has fallen by 60 % of that
     rise and the velocity to half of its peak: 4.8 to 7.2 % of a stride before heel strike in recorded adults from 0.6
-    to 1.9 m/s. An extension that takes longer than 0.24 of the time between swings is none before a strike: squats, and
-    legs that hang from a seat, extend as slowly. Angle and velocity are medians of three samples. Limits: a knee that
-    flexes in stance more than 0.6 of its flexion in swing; on stairs up strikes are late by a third of a stride. Direct
-    feedthrough; NaN and infinity pass and are not stored.
-    (terminal swing: Winter 1991)
+    to 1.9 m/s. The extension must reach a rate of 3.5 times its range per stride: in walking it is 5 to 10, of a
+    pendulum and in squats 3.1. Angle and velocity are medians of three samples. Limits: a knee that flexes in stance
+    more than 0.6 of its flexion in swing; on stairs up strikes are late by a third of a stride. Direct feedthrough; NaN
+    and infinity pass and are not stored. (terminal swing: Winter 1991)
     """
 
     lead = Param(0.055, "1", "strike after the event, as a fraction of a stride", min=0.0, max=0.2)
@@ -112,7 +111,7 @@ class KneeEvents(_Events, Block):
     angle = Input("rad", "knee flexion")
     velocity = Input("rad/s", "knee flexion velocity")
     turns = Memory((1.0, math.nan, 0.0, 0.0, 0.0, 0.0), "direction, extreme, its age, typical and last height")
-    extension = Memory((-1.0, 0.0, 0.0, 0.0, math.inf), "extension after swing, and time between swings")
+    extension = Memory((0.0, 0.0, 0.0, 0.0, math.inf), "extension after swing, and time between swings")
     latest = Memory((math.nan,) * 4, "last two angles and velocities")
 
     kernel = kernels.knee_events

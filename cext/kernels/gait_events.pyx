@@ -14,6 +14,7 @@ cdef double SWING_SHARE = 0.7           # of the typical height, that a rise nee
 cdef double STRIDE_LIMIT = 3.0          # s, longer intervals contain a stop
 cdef double RANGE_DECAY_TIME = 5.0      # s, time constant with which an adaptive range shrinks
 cdef double SHRINK_AFTER = 2.0          # s without an event
+cdef double LATE_SHARE = 1.2            # of a stride without a strike
 cdef double RELEASE_TIME = 0.05         # s below the threshold that end a contact
 cdef double SWING_TIME = 0.1            # s without contact before the next strike
 cdef double WINDOW = 1.5                # s, half of the time over which the load range is measured
@@ -21,8 +22,7 @@ cdef double STANCE_LOAD = 0.4           # load that a contact reaches if the foo
 cdef double JUMP_LOAD = 0.5             # rise of the load within a sample that the next sample must confirm,
 cdef double EXPECTED_SHARE = 0.8        # in this share of a stride after a strike
 cdef double BACKWARD_SHARE = 0.65       # of the largest backward rate of the shank, that a swing exceeds
-cdef double EXTENSION_SHARE = 0.24      # of a stride, of extension from a fifth of its range on; a pendulum takes 0.27
-cdef double EXTENDING_SHARE = 0.5       # of the largest rate of this extension: the knee extends
+cdef double EXTENSION_RATE_LIMIT = 3.5  # smallest rate of the extension after swing, heights per time between swings
 
 
 cdef struct Events:
@@ -189,7 +189,7 @@ cdef struct Thigh:
     int32_t extremes            # see below
     int32_t latest              # the last two samples
 
-THIGH = items((<Thigh *>ITEMS)[0], "timing[4] extremes[5] latest[2]")
+THIGH = items((<Thigh *>ITEMS)[0], "timing[4] extremes[6] latest[2]")
 
 cdef enum:
     LOW = 0                     # in use
@@ -197,6 +197,7 @@ cdef enum:
     NEW_LOW = 2                 # since the last event
     NEW_HIGH = 3
     ARMED = 4                   # 1 after the angle was in the lower part of its range
+    NEW_TIME = 5                # s over which the new range was measured
 
 
 cdef int thigh_kernel(double *arena, const Thigh *at, const Thigh *sizes) noexcept nogil:
@@ -210,6 +211,14 @@ cdef int thigh_kernel(double *arena, const Thigh *at, const Thigh *sizes) noexce
     # 1. The range grows at once; each event moves it to the range since the one before, and without events it shrinks.
     e[NEW_LOW] = min(e[NEW_LOW], angle)
     e[NEW_HIGH] = max(e[NEW_HIGH], angle)
+    e[NEW_TIME] += arena[DT]
+    if timing[SINCE] > LATE_SHARE * timing[STRIDE] and e[NEW_TIME] > LATE_SHARE * timing[STRIDE]:
+        # A strike is overdue: if the leg moves, its sensor has slipped, and the range is that since then.
+        if e[NEW_HIGH] - e[NEW_LOW] > arena[at.smallest]:
+            e[LOW] = e[NEW_LOW]
+            e[HIGH] = e[NEW_HIGH]
+        e[NEW_LOW] = e[NEW_HIGH] = angle
+        e[NEW_TIME] = 0.0
     if e[HIGH] > e[LOW] and timing[SINCE] > SHRINK_AFTER:
         shrink = 0.5 * (e[HIGH] - e[LOW]) * min(1.0, arena[DT] / RANGE_DECAY_TIME)
         e[LOW] += shrink
@@ -228,6 +237,7 @@ cdef int thigh_kernel(double *arena, const Thigh *at, const Thigh *sizes) noexce
             e[HIGH] += 0.5 * (e[NEW_HIGH] - e[HIGH])
         e[NEW_LOW] = INFINITY
         e[NEW_HIGH] = -INFINITY
+        e[NEW_TIME] = 0.0
     return finish(arena, &at.events, False)
 
 
@@ -294,7 +304,7 @@ cdef struct Knee:
 KNEE = items((<Knee *>ITEMS)[0], "timing[4] turns[6] extension[5] latest[4]")
 
 cdef enum:
-    EXTENDING = 0               # s of extension after the flexion in swing, -1 outside it
+    EXTENDING = 0               # 1 while the knee extends after swing
     EXTENSION_RATE = 1          # largest
     SWING_ANGLE = 2             # at the flexion in swing
     SINCE_SWING = 3             # s since the last flexion in swing
@@ -315,18 +325,18 @@ cdef int knee_kernel(double *arena, const Knee *at, const Knee *sizes) noexcept 
     if swing_peak(arena, &at.swing, angle, 0.2):
         e[SWING_PERIOD] = min(STRIDE_LIMIT, e[SINCE_SWING] - turns[AGE])
         e[SINCE_SWING] = turns[AGE]
-        e[EXTENDING] = 0.0
+        e[EXTENDING] = 1.0
         e[EXTENSION_RATE] = 0.0
         e[SWING_ANGLE] = turns[BEFORE]
-    if e[EXTENDING] >= 0.0:
+    if e[EXTENDING] != 0.0:
         e[EXTENSION_RATE] = min(e[EXTENSION_RATE], velocity)
-        if velocity < EXTENDING_SHARE * e[EXTENSION_RATE]:
-            e[EXTENDING] += arena[DT]
         if angle < e[SWING_ANGLE] - 0.6 * turns[HEIGHT] and velocity > 0.5 * e[EXTENSION_RATE]:
-            e[EXTENDING] = -1.0
-            timing[DUE] = arena[at.lead] * timing[STRIDE] - arena[DT]
-        elif turns[RISING] > 0.0 or e[EXTENDING] > EXTENSION_SHARE * e[SWING_PERIOD]:
-            e[EXTENDING] = -1.0         # flexes again before it was straight, or bears the body while it extends
+            e[EXTENDING] = 0.0
+            # A leg that swings as a pendulum, and one that rises from a squat, extends as slowly as it flexed.
+            if -e[EXTENSION_RATE] * e[SWING_PERIOD] > EXTENSION_RATE_LIMIT * turns[HEIGHT]:
+                timing[DUE] = arena[at.lead] * timing[STRIDE] - arena[DT]
+        elif turns[RISING] > 0.0:
+            e[EXTENDING] = 0.0          # flexes again before it was straight: no strike
     return finish(arena, &at.events, False)
 
 

@@ -14,6 +14,7 @@ cdef enum:
 cdef double TURN = 6.283185307179586
 cdef double CADENCE_LIMIT = 2.5         # Hz
 cdef double MISFIT_LIMIT = 0.5           # mean squared deviation over the variance of a stride
+cdef double OUTLIER_LIMIT = 4.0          # squared deviation, more of which a single sample does not count
 cdef double SLIP_LIMIT = 0.5             # standard deviations, from stride to waveform: a sensor has slipped
 cdef double UNLIKE_LIMIT = 0.2           # of a stride, between a strike and the phase: the filter starts again
 cdef double CADENCE_TIME = 1.0           # s, with which the frequency returns to that of the last stride
@@ -464,7 +465,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
             x[0] = wrapped(before + t * dt)
         x[1] = min(CADENCE_LIMIT, x[1])
         x[2] = max(0.3, min(2.0, x[2]))
-        learning[MISFIT] += (deviation * deviation - learning[MISFIT]) * min(1.0, 5.0 * dt)
+        learning[MISFIT] += (min(deviation * deviation, OUTLIER_LIMIT) - learning[MISFIT]) * min(1.0, 5.0 * dt)
         if x[1] < WALKING_CADENCE or learning[QUIET] > QUIET_LIMIT or learning[MISFIT] > MISFIT_LIMIT:
             learning[LOST] = 1.0
         if not is_finite(x[0] + x[1] + x[2] + x[3]):

@@ -96,6 +96,14 @@ def test_outliers_of_one_sample_lose_and_invent_no_strike(name):
     assert np.median(np.abs(delays)) < 0.016 and np.abs(delays).max() < 0.06
 
 
+def test_a_thigh_sensor_that_slips_by_20_degrees_loses_at_most_two_strikes():
+    for slip in (0.35, -0.35):
+        begin = WALK.strikes[20] + 0.3
+        outputs = inside(ThighEvents, angle=WALK.signals["thigh"] + np.where(WALK.time > begin, slip, 0.0))
+        late(outputs, WALK.strikes, begin=WALK.strikes[23] - 0.2)
+        assert outputs["strides"][round(WALK.strikes[22] * RATE) + 20] >= 20
+
+
 def test_an_outlier_in_swing_is_no_contact():
     force, strikes = vertical_force(np.full(12, 1.1))
     force[np.round((strikes[5:9] + 0.85) * RATE).astype(int)] = 700.0
