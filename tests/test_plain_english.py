@@ -56,8 +56,8 @@ INSTEAD = {  # banned phrase: wording to use instead
 }
 BANNED = {re.compile(rf"\b(?:{phrase})\b"): words for phrase, words in INSTEAD.items()}  # of text in lower case
 ALLOWED = {  # (file, text of the line): reason
-    ("docs/reference/subjects_data.md", "A recording of a person is personal data"): "the legal term",
-    ("docs/reference/subjects_data.md", "A gait pattern can identify a person"): "the legal term",
+    ("docs/how_to/subjects_data.md", "A recording of a person is personal data"): "the legal term",
+    ("docs/how_to/subjects_data.md", "A gait pattern can identify a person"): "the legal term",
 }
 BANNED_IN_NAMES = re.compile(  # a test's name states the behaviour: its subject is a component
     r"def (test_(?:(?:what|whatever|whoever|it|its|so|those)_\w*"

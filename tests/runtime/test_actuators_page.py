@@ -1,4 +1,4 @@
-"""docs/reference/actuators.md: its joint swaps its actuator, its plant stops the run, its driver board runs."""
+"""Pages of actuators and device families: joint, zero, plant and driver board run as the pages state."""
 
 import re
 import shutil
@@ -12,8 +12,9 @@ from runtime.base.errors import CHECK_FAILED, FAULT, OK
 from tests.runtime.runs import ROOT, environment, finished, write
 from tests.runtime.test_documents import python_of
 
-PAGE = (ROOT / "docs" / "reference" / "actuators.md").read_text()
-KNEE, ZERO, PLANT, BOARD = python_of(PAGE)
+KNEE, ZERO, PLANT = python_of((ROOT / "docs" / "reference" / "actuators.md").read_text())
+FAMILIES = (ROOT / "docs" / "how_to" / "device_families.md").read_text()
+[BOARD] = python_of(FAMILIES)
 
 
 def test_the_joint_of_the_page_runs_with_either_actuator(tmp_path):
@@ -48,7 +49,7 @@ def test_the_plant_of_the_page_ends_the_run(tmp_path):
 
 @pytest.mark.skipif(shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler")
 def test_the_driver_board_of_the_page_compiles_runs_and_is_proved(tmp_path):
-    [kernels] = re.findall(r"^```cython\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+    [kernels] = re.findall(r"^```cython\n(.*?)^```", FAMILIES, re.DOTALL | re.MULTILINE)
     path = write(tmp_path, kernels, "board_kernels.pyx")
     compiled = subprocess.run(
         [sys.executable, "-c", "from Cython.Build.Cythonize import main; main()", "-3", "-i", str(path)],

@@ -18,9 +18,17 @@ from tests.runtime.runs import KNEE_EXO, ROOT, environment, finished, started, w
 from tests.runtime.terminals import patient
 
 README = (ROOT / "README.md").read_text()
-RUNNING, BLOCKS, RECORDINGS, SPEED = (
+RUNNING, BLOCKS, NATIVE, TUNING, RECORDINGS, PLOTJUGGLER, SPEED = (
     (ROOT / "docs" / f"{name}.md").read_text()
-    for name in ("reference/running", "how_to/blocks", "reference/recordings", "explanation/speed")
+    for name in (
+        "reference/running",
+        "how_to/blocks",
+        "how_to/native_blocks",
+        "how_to/tuning",
+        "reference/recordings",
+        "how_to/plotjuggler",
+        "explanation/speed",
+    )
 )
 
 
@@ -150,7 +158,9 @@ def test_examples_of_the_recordings_page_have_the_documented_output(tmp_path):
         "2 trials, 400 rows",
     ], reader.stderr
     commands = [
-        line.split("#")[0].split()[3:] for line in RECORDINGS.splitlines() if line.startswith("    python -m runtime ")
+        line.split("#")[0].split()[3:]
+        for line in (RECORDINGS + PLOTJUGGLER).splitlines()
+        if line.startswith("    python -m runtime ")
     ]
     assert len(commands) == 12
     one = min(str(path) for path in (tmp_path / "recordings").glob("hold_*.mcap"))
@@ -174,7 +184,7 @@ def test_examples_of_the_recordings_page_have_the_documented_output(tmp_path):
 
 def test_set_prints_the_output_of_the_page(tmp_path):
     write(tmp_path, python_of(RUNNING)[0], "hold.py")
-    shown = shown_after(RUNNING, "From another shell")
+    shown = shown_after(TUNING, "From another shell")
     commands = [number for number, line in enumerate(shown) if line.startswith("$ ")]
     run = started("hold.py", "--no-record", cwd=tmp_path)
     try:
@@ -197,7 +207,7 @@ def test_the_block_of_the_page_works_as_written():
 
 @pytest.mark.skipif(shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler")
 def test_the_native_block_of_the_page_compiles_and_runs(tmp_path):
-    [kernel] = re.findall(r"^```cython\n(.*?)^```", BLOCKS, re.DOTALL | re.MULTILINE)
+    [kernel] = re.findall(r"^```cython\n(.*?)^```", NATIVE, re.DOTALL | re.MULTILINE)
     path = write(tmp_path, kernel, "my_kernels.pyx")
     compiled = subprocess.run(
         [sys.executable, "-c", "from Cython.Build.Cythonize import main; main()", "-3", "-i", str(path)],
@@ -208,7 +218,7 @@ def test_the_native_block_of_the_page_compiles_and_runs(tmp_path):
         timeout=120,
     )
     assert compiled.returncode == 0, compiled.stderr
-    write(tmp_path, python_of(BLOCKS)[2] + "\nprint(Square().step(3.0))\n", "square.py")
+    write(tmp_path, python_of(NATIVE)[0] + "\nprint(Square().step(3.0))\n", "square.py")
     process = subprocess.run(
         [sys.executable, "square.py"], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60
     )

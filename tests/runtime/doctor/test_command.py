@@ -115,7 +115,7 @@ def test_run_as_root_prints_warning_that_results_apply_to_root(command_line, lai
 
 def test_the_page_matches_the_command(command_line):
     """Its numbers are the program's, and its options exist."""
-    page = (ROOT / "docs" / "explanation" / "realtime.md").read_text()
+    page = "".join((ROOT / "docs" / name / "realtime.md").read_text() for name in ("explanation", "how_to"))
     assert (
         f"priority {PRIORITY} (`--priority`, {PRIORITY_LIMIT} at most)" in page
         and SPIN == 0.5
