@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 import re
 from collections.abc import Iterator
 from functools import cached_property
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 DTYPES = {"int": np.int64, "bool": np.bool_}
 BATCH_ROWS = 2000  # of a Trial without a file
+READ = ("tick", "time", "lateness", "rows", "frames", "events", "end")  # attributes that are read from a file
 ELEMENT = re.compile(r"(.*?)((?:\[[\d, ]+\])*)")
 
 
@@ -86,6 +88,26 @@ class TrialData:
                 made.rows[made.tick % every != 0, place] = np.nan
         return made
 
+    def __copy__(self) -> Self:
+        made = type(self).__new__(type(self))
+        made.__dict__.update(self.__dict__)
+        return made
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state for another process, which opens the file again."""
+        state = {**self.__dict__, "_diagram": self.diagram}
+        if self.file is None:
+            return state
+        if self._recording is not None:
+            state = {name: value for name, value in state.items() if name not in READ} | {"_columns": {}}
+        return state | {"file": os.path.abspath(self.path), "_recording": self._recording is not None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if self.file is not None:
+            self.file = Recording(Path(self.file), lambda part: Reader(part, lambda share: None))
+            self._recording = self.file if self._recording else None
+
     def _describe(self, about):
         self.about = about
         self.signals = {signal["path"]: signal for signal in about["signals"]}
@@ -102,7 +124,7 @@ class TrialData:
             self._forget()
 
     def _forget(self):
-        for name in ("tick", "time", "lateness", "rows", "frames", "events", "end"):
+        for name in READ:
             self.__dict__.pop(name, None)
         self._columns = {}
         self.seams = self._recording.seams

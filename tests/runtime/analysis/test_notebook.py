@@ -15,7 +15,7 @@ from tests.runtime.runs import KNEE_EXO, knee
 
 @pytest.fixture(scope="module")
 def trial():
-    return runtime.run(KNEE_EXO, 6, settings={"assistance": 0.5})
+    return runtime.run(KNEE_EXO, 12, settings={"assistance": 0.5})
 
 
 def text_of(html):
@@ -25,7 +25,7 @@ def text_of(html):
 
 def test_a_trial_shows_its_run_and_its_signals(trial):
     text = text_of(trial._repr_html_())
-    assert "knee_exo ticks 1200 at 200 Hz, 6 s robot simulated, in virtual time settings assistance=0.5" in text
+    assert "knee_exo ticks 2400 at 200 Hz, 12 s robot simulated, in virtual time settings assistance=0.5" in text
     assert "ended ok" in text and "left/knee.position rad" in text and f"{len(trial.names)} signals" in text
 
 

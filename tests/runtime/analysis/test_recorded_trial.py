@@ -1,6 +1,7 @@
 """A recording read back without a compiler: as arrays, tables, at another rate, and stride by stride."""
 
 import math
+import pickle
 import sys
 
 import numpy as np
@@ -89,6 +90,17 @@ def test_signals_are_typed_arrays_with_units_and_time(trial):
         "left/knee.position",
     ]
     assert trial.time[1] == 0.005 and trial.dtype("left/knee.fault") == "int"
+
+
+def test_a_trial_is_the_same_in_another_process(trial, monkeypatch):
+    for whole in (trial, trial.resample(100.0), trial.between(0.01, 0.03)):
+        data = pickle.dumps(whole)
+        with monkeypatch.context() as there:
+            there.chdir("/")
+            copy = pickle.loads(data)
+            assert copy.rows.tobytes() == whole.rows.tobytes() and copy.signals == whole.signals
+            assert (copy.time == whole.time).all() and copy.events == whole.events and copy.diagram == whole.diagram
+            assert copy.complete == whole.complete and repr(copy) == repr(whole)
 
 
 def test_a_misspelt_signal_is_suggested(trial):

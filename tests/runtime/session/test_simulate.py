@@ -2,6 +2,7 @@
 
 import gc
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -123,6 +124,12 @@ def test_the_trial_has_the_methods_of_a_recording():
     assert len(trial.resample(100.0)) == 1000
     with pytest.raises(KeyError, match="did you mean 'left/knee.position'"):
         trial["left/knee.positoin"]
+
+
+def test_a_trial_can_be_sent_to_another_process():
+    trial = runtime.run(KNEE_EXO, 1)
+    copy = pickle.loads(pickle.dumps(trial))
+    assert same(copy, trial) and copy.diagram == trial.diagram and copy.end == trial.end and copy.complete
 
 
 def test_without_recorder_and_viewer_every_signal_is_recorded():
