@@ -39,7 +39,8 @@ def explain(result: RunResult) -> list[str]:
     where = f" of {diagram.name}, the plant" if result.failed_in_plant else ""
     lines = [
         f"FAULT at {outcome.culprit or diagram.name}{where}, {_when(result)}: "
-        f"{what(result, block, program)}{lost_replies.before_fault(result)}{before_fault(result)}"
+        f"{what(result, block, program)}{lost_replies.before_fault(result)}"
+        f"{lost_replies.also_silent(result)}{before_fault(result)}"
     ]
     if block is not None:
         lines += [f"  {line}" for line in circumstances(outcome, diagram, schedule, program, block)]

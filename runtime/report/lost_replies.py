@@ -1,17 +1,45 @@
-"""Frames lost before a fault of an actuator: its commands without a reply."""
+"""Lost frames and common causes before a fault: commands without a reply, and other devices that are silent too."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from graph import Device
+from graph.signal import Signal
+from runtime.console.styles import count
 
 if TYPE_CHECKING:
     from runtime.report.run_result import RunResult
 
 LOST_FRACTION_MINIMUM = 0.02  # of the commands, from which the fault may result from lost frames
 LOST_REPLIES_MINIMUM = 3
+NAMES_LIMIT = 3  # devices in a text
 CONSEQUENCES = {"silent": "", "not following": ", perhaps also the one that enables the drive"}
+
+
+def also_silent(result: RunResult) -> str:
+    """Return text such as '; 7 other devices are silent as well ...' for a silent device, '' if no other one is.
+
+    A device counts from half of its timeout on.
+    """
+    if result.outcome.status != "silent" or result.failed_in_plant:
+        return ""
+    others = [
+        block.path
+        for block in result.diagram
+        if isinstance(block, Device)
+        and block.path != result.outcome.culprit
+        and "age" in block.outputs
+        and result.control.final[result.schedule.signals[Signal(block, "age").path].slot] > 0.5 * block.timeout > 0.0
+    ]
+    if not others:
+        return ""
+    verb = "is" if len(others) == 1 else "are"
+    return (
+        f"; {count(len(others), 'other device')} {verb} silent as well ({', '.join(others[:NAMES_LIMIT])}"
+        f"{', ...' if len(others) > NAMES_LIMIT else ''}): check what they share, such as a hub, a supply or the load "
+        "of the computer"
+    )
 
 
 def before_fault(result: RunResult) -> str:

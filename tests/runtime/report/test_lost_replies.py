@@ -1,12 +1,12 @@
-"""Faults of an actuator that lost frames may have caused report how many of its commands had no reply."""
+"""A silent or idle device: its commands without a reply, and other devices that are silent too."""
 
 from types import SimpleNamespace
 
 import pytest
 
 from blocks.actuators import CubeMars
-from graph import Diagram
-from runtime.report.lost_replies import before_fault
+from graph import Diagram, compile
+from runtime.report.lost_replies import also_silent, before_fault
 
 
 def ended(status, missed, *, tick=120, failed_in_plant=False):
@@ -44,3 +44,20 @@ def test_commands_without_a_reply_explain_a_silent_or_idle_drive(status, missed,
 
 def test_a_fault_of_the_plant_is_not_explained_by_the_robots_bus():
     assert before_fault(ended("silent", 50, failed_in_plant=True)) == ""
+
+
+@pytest.mark.parametrize(
+    "ages, said", [((0.11, 0.04), ""), ((0.11, 0.06), "; 1 other device is silent as well (hip): ")]
+)
+def test_other_silent_devices_are_named(ages, said):
+    with Diagram("robot", rate=200) as robot:
+        for can_id, name in enumerate(("knee", "hip"), 1):
+            CubeMars("AK80-9", bus="legs", can_id=can_id, name=name, timeout=0.1)(torque_command=0.0)
+    schedule = compile(robot)
+    values = schedule.arena.copy()
+    for name, age in zip(("knee", "hip"), ages):
+        values[schedule.signals[f"{name}.age"].slot] = age
+    result = ended("silent", 0)
+    result.diagram, result.schedule, result.control.final = robot, schedule, values
+    remedy = "check what they share, such as a hub, a supply or the load of the computer"
+    assert also_silent(result) == (said + remedy if said else "")
