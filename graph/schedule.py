@@ -1,5 +1,6 @@
 """Result of a compile, as data: arena, steps in order, devices, recorded signals. `cext` executes it."""
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -117,7 +118,7 @@ class SignalPlace:
     @property
     def size(self) -> int:
         """Number of elements."""
-        return int(np.prod(self.shape))
+        return math.prod(self.shape)
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import builtins
 import importlib.util
 import inspect
 import os
 import sys
 import traceback
 from collections.abc import Callable
+from functools import lru_cache
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType, SimpleNamespace
@@ -191,7 +193,13 @@ class Source(SourceFileLoader):
         self.sha256 = digest
         if b"\0" in source:
             raise BadInput(f"{os.path.relpath(self.path)} is not text: a diagram file is Python")
-        return self.source_to_code(source, self.path)
+        return code_of(source, self.path)
+
+
+@lru_cache(maxsize=16)
+def code_of(source: bytes, path: str) -> CodeType:
+    """Return compiled source, for repeated runs of one file."""
+    return builtins.compile(source, path, "exec", dont_inherit=True)
 
 
 def execute(path: Path, sha256: str | None = None) -> tuple[ModuleType, str | None]:

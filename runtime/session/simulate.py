@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,7 +104,6 @@ class SimulatedRun:
         width = 2 + len(self._schedule.columns)
         self._rows = table(self.ticks if self.ticks > 0 else ROWS, width)
         self._full: list[np.ndarray] = []  # copies of `_rows`, each filled once
-        self._live = parse(describe(self._schedule)[1])
         self._events: list[dict[str, Any]] = []
         self._control = Program(self._schedule, simulation.ends())
         self._executor = Executor(
@@ -200,11 +200,15 @@ class SimulatedRun:
         if self._trial is not None:
             raise BadInput(ENDED)
         text = value if isinstance(value, str) else repr(getattr(value, "item", lambda: value)()).lower()
-        for parameter, number in changes_of(self._live, name, text):
+        for parameter, number in changes_of(self._live_parameters, name, text):
             before = self._control.live.assign(parameter.index, number)
             event = {"event": "set", "path": parameter.path, "value": parameter.plain(number)}
             event |= {"from": parameter.plain(before), "tick": self.tick, "by": "step"}
             self._events.append(event | ({"slew": parameter.slew} if math.isfinite(parameter.slew) else {}))
+
+    @cached_property
+    def _live_parameters(self):
+        return parse(describe(self._schedule)[1])
 
     @property
     def tick(self) -> int:
