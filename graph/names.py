@@ -8,6 +8,7 @@ from cext.user_text import repr_of
 from graph.diagnostics import Diagnostic, DiagramError, Location
 
 NAME_LENGTH_LIMIT = 100  # characters
+SIMILARITY = 0.65  # smallest ratio of difflib, from 0 to 1, of a suggested word
 
 
 def check_name(name: object, where: Location | None) -> None:
@@ -46,5 +47,5 @@ def snake_case(name: str) -> str:
 
 def suggestion(word: object, known: Iterable[str]) -> str:
     """Return "did you mean ...?" with the known word closest to a misspelt one, or ""."""
-    close = difflib.get_close_matches(str(word), list(known), n=1)
+    close = difflib.get_close_matches(str(word), list(known), n=1, cutoff=SIMILARITY)
     return f"did you mean {close[0]!r}?" if close else ""

@@ -375,7 +375,12 @@ class TrialData:
             return [self.places[path]], ()
         indices = {place: split(name)[1] for name, place in self.places.items() if name.startswith(f"{path}[")}
         if not indices:
+            of_block = [name for name in self.names if name.startswith(f"{path}.")]
             hint = suggestion(path, [*self.names, *self.places])
+            if of_block:
+                hint = f"it is a block with the signals {', '.join(of_block)}"
+            elif path in ("t", "time", "tick"):
+                hint = f"it is the attribute {'tick' if path == 'tick' else 'time'} of the trial"
             raise KeyError(f"{self.path.name} has no signal {path!r}" + (f": {hint}" if hint else ""))
         last = np.array([[int(number) for number in re.findall(r"\d+", text)] for text in indices.values()]).max(axis=0)
         return list(indices), tuple(int(number) + 1 for number in last)

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+SIMILARITY = 0.65  # smallest ratio of difflib, from 0 to 1
+
 
 def suggestion(word: str, known: Iterable[str]) -> str:
     """Return 'did you mean ...?' for a misspelt word, or ''."""
-    near = difflib.get_close_matches(str(word), list(known), n=1)
+    near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=SIMILARITY)
     return f"did you mean {near[0]!r}?" if near else ""

@@ -6,7 +6,7 @@ import errno
 import signal
 import sys
 from collections.abc import Sequence
-from importlib import import_module
+from importlib import import_module, metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,18 +136,18 @@ def refusal(arguments: Sequence[str]) -> type[DiagramError] | tuple[Any, ...]:
 
 def command(arguments: Sequence[str], folder: str | None) -> int:
     """Run the command that the first argument names; any other first argument is the diagram file of `run`."""
-    if not arguments or arguments[0] in ("-h", "--help"):
+    if arguments[:1] == ["--version"]:
+        print_lines([f"tickwork {metadata.version('tickwork')}"])
+        return OK
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
         (print_lines if arguments else print_to_stderr)(usage())
         return OK if arguments else BAD_INPUT
     first = arguments[0]
     if first not in COMMANDS:
-        if (
-            not first.startswith("-")
-            and not Path(first).suffix
-            and not Path(first).exists()
-            and suggestion(first, COMMANDS)
-        ):
-            raise BadInput(f"{first!r} is neither a command nor a file; {suggestion(first, COMMANDS)}")
+        is_word = first.isidentifier() and not Path(first).exists() and not Path(f"{first}.py").exists()
+        if is_word and (suggestion(first, COMMANDS) or len(arguments) > 1):
+            hint = suggestion(first, COMMANDS) or "the option --help lists the commands"
+            raise BadInput(f"{first!r} is neither a command nor a file; {hint}")
         return run("run", arguments, folder)
     return run(first, arguments[1:], folder)
 

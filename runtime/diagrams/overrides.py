@@ -50,13 +50,26 @@ def share_out(file: DiagramFile, settings: Settings) -> None:
             continue
         places = offered.get(name, open_ended)
         if not places:
-            hint = suggestion(name, offered) or (f"it has {', '.join(offered)}" if offered else "it has none")
+            hint = (
+                suggestion(name, offered)
+                or parameter_of_block(file, name)
+                or (f"it has {', '.join(offered)}" if offered else "it has none")
+            )
             raise BadInput(
                 f"setting {name}={text}: {file.path} has no parameter {name!r}; {hint} "
                 f"(parameters of build() and plant(); name a block's parameter as BLOCK.PARAMETER)"
             )
         for parameter, target in places:
             target[name] = parse_like(parameter.default, name, text)
+
+
+def parameter_of_block(file: DiagramFile, name: str) -> str:
+    """Return a suggestion of a parameter of a block for "stiffness" or "left/impedance/stiffness", or ""."""
+    diagram = getattr(file.module, "diagram", ())
+    known = [f"{block.path}.{parameter}" for block in diagram for parameter in block.parameters]
+    wanted = "." + name.rpartition("/")[2]
+    matching = [path for path in known if path.endswith(wanted)]
+    return suggestion(name, matching) or (f"did you mean {matching[0]!r}?" if matching else "")
 
 
 def parse_like(default: Any, name: str, text: Any) -> Any:

@@ -277,7 +277,7 @@ class Request:
         if self.fast and self.rearm:
             raise BadInput("--fast and --rearm exclude each other: virtual time does not wait for a key")
         if self.fast and self.duration is None:
-            raise BadInput("--fast needs --duration S")
+            raise BadInput("--fast needs --duration S, as in --fast --duration 60")
         if self.fast and self.realtime != "off":
             raise BadInput(f"--realtime {self.realtime} and --fast exclude each other: virtual time has no deadlines")
         for name in ("priority", "cpu"):

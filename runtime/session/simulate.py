@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 import os
 import signal
 import threading
@@ -46,12 +47,17 @@ def simulate(
     diagram: str | os.PathLike[str] | Diagram | Callable[..., Diagram], duration: float, **options: Any
 ) -> Trial:
     """Run a diagram in virtual time. Arguments, result and errors: see runtime.run."""
-    if not 0.0 < duration < math.inf:
-        raise BadInput(f"duration={duration!r}: expected a finite number above 0")
+    check_above_zero("duration", duration)
     with SimulatedRun(diagram, duration=duration, **options) as run:
         if run.fault is None:
             run.advance(run.ticks)
     return run.trial
+
+
+def check_above_zero(name: str, value: Any) -> None:
+    """Raise BadInput unless an argument is a finite number above 0. name : of the argument"""
+    if not isinstance(value, numbers.Real) or not 0.0 < value < math.inf:
+        raise BadInput(f"{name}={value!r}: expected a finite number above 0")
 
 
 class SimulatedRun:
@@ -73,10 +79,12 @@ class SimulatedRun:
         rate: float | None = None,
         duration: float | None = None,
     ) -> None:
-        if rate is not None and not 0.0 < rate < math.inf:
-            raise BadInput(f"rate={rate!r}: expected a finite number above 0")
+        if rate is not None:
+            check_above_zero("rate", rate)
         given: Any = settings
         pairs: list[tuple[str, Any]] = list(given.items() if hasattr(given, "items") else given)
+        if not all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in pairs):
+            raise BadInput(f'settings={settings!r}: expected a dict, as in {{"left/impedance.stiffness": 40}}')
         self._lock, self._trial = threading.Lock(), None
         self._file = source(diagram, plant)
         self._own_rate = self._file.given.rate if self._file.given is not None else 0.0
