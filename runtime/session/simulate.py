@@ -56,7 +56,7 @@ def simulate(
 
 def check_above_zero(name: str, value: Any) -> None:
     """Raise BadInput unless an argument is a finite number above 0. name : of the argument"""
-    if not isinstance(value, numbers.Real) or not 0.0 < value < math.inf:
+    if not isinstance(value, numbers.Real) or not 0.0 < float(value) < math.inf:
         raise BadInput(f"{name}={value!r}: expected a finite number above 0")
 
 
