@@ -85,8 +85,8 @@ def docstring(app, what, name, thing, options, lines):
 
 
 OUTSIDE = {  # section: its pages in other folders
-    "reference": ["/api/blocks/index", "/api/python/index", "/api/commands", "/api/error_codes"],
-    "explanation": ["/safety_case", "/coming_from/index"],
+    "reference": ["/api/blocks/index", "/api/python/index", "/api/commands", "/api/error_codes", "/CHANGELOG"],
+    "explanation": ["/safety_case", "/coming_from/index", "/CONTRIBUTING"],
 }
 
 

@@ -216,6 +216,12 @@ def test_every_file_beside_the_sources_is_installed():
             assert any(fnmatch(path.name, pattern) for pattern in patterns), f"{name} matches none of {patterns}"
 
 
+def test_changelog_and_citation_have_the_version_of_the_package():
+    version = PYPROJECT["project"]["version"]
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+    assert re.findall(r"(?m)^## ([\d.]+)", (ROOT / "docs" / "CHANGELOG.md").read_text())[0] == version
+
+
 def test_tests_that_build_find_build_tools():
     assert set(PYPROJECT["build-system"]["requires"]) <= set(PYPROJECT["project"]["optional-dependencies"]["test"])
 
