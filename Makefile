@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run lint stubs test test-hardware soak build docs wheel clean FORCE
+.PHONY: help run lint stubs test test-all test-hardware soak build docs wheel wheels clean FORCE
 
 # Without bytecode a start takes twice as long, and the collection of the tests four times.
 unexport PYTHONDONTWRITEBYTECODE
@@ -45,7 +45,9 @@ help:
 	echo "make soak           run the long tests"
 	echo "make build          compile changed modules"
 	echo "make docs           build the site into build/site, without a network"
+	echo "make test-all       run the tests with every CPython from 3.10 to 3.13, and with the oldest libraries"
 	echo "make wheel          write wheel and source archive to dist/"
+	echo "make wheels         write and test wheels for x86-64 and aarch64 in dist/"
 	echo "make clean          remove built files"
 	echo "PYTHON=python3.12 make ...  use another Python"
 
@@ -95,6 +97,19 @@ docs: $(VENV)/installed-docs
 
 wheel: $(VENV)/installed-test
 	exec $(VENV)/bin/python -m build --no-isolation
+
+wheels:
+	exec .ci/wheels
+
+# The oldest libraries are those that pyproject.toml names as the minimum of each, on the oldest Python of this machine.
+OLDEST := .venv-oldest
+test-all:
+	for python in $$(.ci/pythons); do $(MAKE) test PYTHON="$$python"; done
+	python=$$(.ci/pythons | head -n 1)
+	"$$python" -m venv --clear $(OLDEST)
+	$(OLDEST)/bin/pip -q install uv
+	$(OLDEST)/bin/uv -q pip install --python $(OLDEST)/bin/python --resolution lowest-direct -e '.[test]'
+	exec $(OLDEST)/bin/python -m pytest -m 'not soak and not paced and not timing'
 
 clean:
 	rm -rf build dist docs/api tickwork.egg-info .venv*/built
