@@ -15,6 +15,7 @@ cdef double STRIDE_LIMIT = 3.0          # s, longer intervals contain a stop
 cdef double RANGE_DECAY_TIME = 5.0      # s, time constant with which an adaptive range shrinks
 cdef double SHRINK_AFTER = 2.0          # s without an event
 cdef double LATE_SHARE = 1.2            # of a stride without a strike
+cdef double SLIP_SHARE = 0.5            # of the range, that a leg of which the sensor has slipped moves over
 cdef double RELEASE_TIME = 0.05         # s below the threshold that end a contact
 cdef double SWING_TIME = 0.1            # s without contact before the next strike
 cdef double WINDOW = 1.5                # s, half of the time over which the load range is measured
@@ -214,7 +215,7 @@ cdef int thigh_kernel(double *arena, const Thigh *at, const Thigh *sizes) noexce
     e[NEW_TIME] += arena[DT]
     if timing[SINCE] > LATE_SHARE * timing[STRIDE] and e[NEW_TIME] > LATE_SHARE * timing[STRIDE]:
         # A strike is overdue: if the leg moves, its sensor has slipped, and the range is that since then.
-        if e[NEW_HIGH] - e[NEW_LOW] > arena[at.smallest]:
+        if e[NEW_HIGH] - e[NEW_LOW] > max(arena[at.smallest], SLIP_SHARE * (e[HIGH] - e[LOW])):
             e[LOW] = e[NEW_LOW]
             e[HIGH] = e[NEW_HIGH]
         e[NEW_LOW] = e[NEW_HIGH] = angle
