@@ -85,6 +85,8 @@ class Panel:
             self.chosen = 0 if self.chosen is None else (self.chosen + 1) % len(self.choices)
         elif key == "shift tab":
             self.chosen = (self.chosen or 0) - 1 if self.chosen else len(self.choices) - 1
+        elif key == "enter" and self.chosen is not None:
+            self.say("up and down change it", now)
         elif key in ("0", *STEPS) and self.chosen is None:
             self.say("select a parameter first with Tab", now)
         elif self.chosen is not None and key in ("0", *STEPS):

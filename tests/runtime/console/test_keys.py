@@ -48,6 +48,8 @@ def test_keys_change_mark_save_and_stop_and_the_recording_has_each_with_its_tick
     terminal.wait_for("select a parameter first with Tab")
     terminal.press(TAB)
     terminal.wait_for(r"spring\.stiffness 30 N·m/rad \(0 to 150 N·m/rad\)")
+    terminal.press(b"\r")
+    terminal.wait_for("up and down change it")
     terminal.press(UP + UP + RIGHT)
     terminal.wait_for(r"spring\.stiffness 40\.5 N·m/rad ")
     terminal.press(b"m")
