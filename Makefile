@@ -54,7 +54,10 @@ help:
 run: $(VENV)/installed
 	exec $(VENV)/bin/python -m runtime $(RUN)
 
-ruff = $(VENV)/bin/ruff check --quiet && $(VENV)/bin/ruff format --check --quiet
+define ruff
+$(VENV)/bin/ruff check --quiet
+$(VENV)/bin/ruff format --check --quiet
+endef
 pyright = $(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
 
 # Many tests wait: one worker more than processors. Those that wait in real time (marked `paced`) follow two at a time, and those that
