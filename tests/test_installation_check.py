@@ -272,5 +272,5 @@ def test_a_distribution_that_has_replaced_a_package_is_named(tmp_path):
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: graph\nVersion: 0.4\n")
     (folder / "RECORD").write_text("graph/__init__.py,,\n")
     process = python(*RUN, "check", "knee.py", cwd=tmp_path, path=site)
-    assert_one_line(process, f"the package graph has replaced files of Tickwork's `graph`")
+    assert_one_line(process, "the package graph has replaced files of Tickwork's `graph`")
     assert "run `pip uninstall graph`, then" in process.stderr

@@ -7,8 +7,8 @@
 "confirm" and "rearm", which armed the robot, have the form of "stop".
 
 `tick` is the tick at whose start the change took effect, -1 while arming; `by` is "keys", "replay", "set" and the ID of
-the process, or "step" of runtime.simulate. A change that was a ramp has its `slew` in units per second: each tick changed the value by slew · dt at
-most, where dt is the time since the previous tick.
+the process, or "step" of runtime.simulate. A change that was a ramp has its `slew` in units per second: each tick
+changed the value by slew · dt at most, where dt is the time since the previous tick.
 """
 
 import math
