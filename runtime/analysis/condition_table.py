@@ -33,6 +33,7 @@ FIGURES = (  # of a stride: name, unit, function of a Stride, whether it scales 
     ("negative work", "J", lambda stride: stride.negative_work, True),
 )
 SIGNAL_LIMIT = 10  # signals of a leg in the table
+ROUNDING = 1e-12  # relative difference of means that is no difference
 EFFECT_LIMIT = 99.0  # larger effects are printed as ">99"
 Differences: TypeAlias = "tuple[tuple[int, int], list[Row], list[Row]]"
 MINUS = str.maketrans("-", "−")
@@ -86,15 +87,16 @@ def compare(first: Condition, second: Condition) -> dict[str, Differences]:
 def figure(name: str, unit: str, a: np.ndarray, b: np.ndarray) -> Row:
     """Return the Row of a figure. a, b : value of each stride"""
     spread = np.sqrt((deviation(a) ** 2 + deviation(b) ** 2) / 2)
-    difference = float(b.mean() - a.mean())
+    first, second = float(a.mean()), float(b.mean())
+    difference = 0.0 if math.isclose(first, second, rel_tol=ROUNDING) else second - first
     return Row(
         name,
         unit,
         share(abs(difference), float(spread)),
-        share(difference, abs(float(a.mean()))),
+        share(difference, abs(first)),
         difference,
-        (float(a.mean()), float(deviation(a))),
-        (float(b.mean()), float(deviation(b))),
+        (first, float(deviation(a))),
+        (second, float(deviation(b))),
     )
 
 

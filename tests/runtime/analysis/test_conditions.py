@@ -131,6 +131,12 @@ def test_sections_of_one_recording_are_conditions(command_line, pair):
     assert code == OK and out.startswith("A  start to mark 1\nB  mark 2 to 9.5 s\n")
 
 
+def test_rounding_of_a_mean_is_no_difference():
+    strides = np.full(3, 1.1)
+    assert condition_table.figure("stride time", "s", strides, strides + 3e-16).largest == 0.0
+    assert condition_table.figure("stride time", "s", strides, strides + 1e-6).largest > 0.0
+
+
 def test_signals_of_several_recordings_share_a_plot(command_line, pair):
     folders = []
     for path in pair:
