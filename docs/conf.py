@@ -99,7 +99,9 @@ def contents(source, docname, text):
     """Return the pages below an index page: generated ones, those that it links to, then the rest of its folder."""
     folder = source / docname.rpartition("/")[0]
     if docname == "index":
-        return [page for page in links(text) if page.rpartition("/")[2] in ("index", "README")]
+        return [f"{title} <{page}>" for title, page in re.findall(r"\[\*\*(.*?)\*\*\]\((\S*?)\.md\)", text)]
+    if folder == source / "api" / "blocks":
+        return [page for page in links(text) if page.endswith("_blocks")]
     if folder.parent == source / "api":
         return links(text)
     pages = [page for page in links(text) if "/" not in page] + sorted(path.stem for path in folder.glob("*.md"))

@@ -19,7 +19,7 @@ import numpy as np
 import runtime
 from blocks.discrete import UnitDelay
 from blocks.sources import GaussianNoise, StepSource
-from graph import Block, Device, Diagram, Signal, Sink, units
+from graph import Actuator, Block, Device, Diagram, Signal, Sink, units
 from runtime.diagrams.catalog import import_line
 from tests.blocks.examples import EXAMPLES
 from tests.checkout import ROOT
@@ -109,7 +109,9 @@ def example_of(kind, home):
     required = {name: port for name, port in made(kind).inputs.items() if port.default is None and not kind.variadic}
     if issubclass(kind, (Device, Sink)) or kind.always or not kind.outputs and not made(kind).outputs:
         shown.inputs = {name: "0.0" if port.dtype == "float" else "False" for name, port in required.items()}
-        shown.imports |= {"from blocks.sources import Sine"} if issubclass(kind, Sink) else set()
+        if issubclass(kind, Actuator):
+            commands = [name for name in made(kind).inputs if name.endswith("_command")]
+            shown.inputs["torque_command" if "torque_command" in commands else commands[0]] = "0.0"
         return shown
     remembers = bool(kind.memory) or kind.reset is not Block.reset
     if home.startswith(WALKING) and required:
