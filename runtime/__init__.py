@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from runtime.analysis.trials import Trials
     from runtime.report.check import Report
     from runtime.session.simulate import SimulatedRun
+    from runtime.studies.result import StudyResult
 else:
 
     def overload(function):
@@ -157,3 +158,72 @@ def check(
     if isinstance(diagram, Diagram) and (pairs or rate is not None or rig is not None):
         raise BadInput("settings, rate and rig would change the Diagram: pass the function or the file that builds it")
     return Report(check(diagram, pairs, rate, None if rig is None else os.fspath(rig)))
+
+
+def study(
+    diagram: str | os.PathLike[str] | Callable[..., Diagram],
+    duration: float,
+    objectives: Mapping[str, Any],
+    *,
+    grid: Mapping[str, Iterable[Any]] | None = None,
+    sample: Mapping[str, Mapping[str, Any]] | None = None,
+    samples: int = 0,
+    sample_seed: int = 0,
+    seeds: Iterable[int] = (),
+    settings: Mapping[str, Any] | None = None,
+    rate: float | None = None,
+    output: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+) -> StudyResult:
+    """Run a diagram in virtual time for grids and samples of parameters, and return the objectives of all runs.
+
+        result = runtime.study(
+            "diagrams/knee_exo.py",
+            duration=30,
+            grid={"assistance": [0.0, 0.5, 1.0]},
+            objectives={"work": {"function": "positive_work", "leg": "left"}},
+            output="assistance.parquet",
+        )
+        result["work"]                  # J, array over the trials
+
+    diagram : path of a diagram file; with workers=0 also a function that builds a Diagram
+    duration : s, of each run
+    objectives : {name: function of a Trial that returns a number, or {"function": function, argument: value}}. A
+        function is the name of one in runtime.studies.objectives, "module:function", or with workers=0 a callable
+    grid : {name of a setting: values}, whose combinations are run
+    sample : {name of a setting: {"uniform": [low, high]}}; also log_uniform: [low, high], normal: [mean, deviation].
+        Every combination of the grid is run with the same samples
+    samples : number of samples
+    sample_seed : integer from which the samples are drawn
+    seeds : every combination is run with each of them, as `seed` of runtime.run
+    settings, rate : of every run, as of `run`
+    output : path of a Parquet table. A study that was interrupted continues when it is called again, and a finished
+        table of the same study is read
+    workers : number of processes, by default one for each processor; 0 runs the trials in this process
+
+    The result is the same, bit for bit, for any number of workers. A run that ends in a fault has no values. Returns a
+    runtime.studies.result.StudyResult. Raises BadInput.
+    """
+    from pathlib import Path
+
+    from runtime.studies.description import Study
+    from runtime.studies.run import run
+
+    description = Study(
+        diagram=diagram,
+        duration=duration,
+        rate=rate,
+        seeds=list(seeds),
+        samples=samples,
+        sample_seed=sample_seed,
+        settings=dict(settings or {}),
+        grid={name: [_plain(value) for value in values] for name, values in (grid or {}).items()},
+        sample={name: dict(given) for name, given in (sample or {}).items()},
+        objectives=dict(objectives),
+    )
+    return run(description, None if output is None else Path(output), workers)
+
+
+def _plain(value):
+    """Return a NumPy scalar as a Python number, any other value unchanged."""
+    return value.item() if hasattr(value, "item") else value

@@ -108,6 +108,7 @@ ORDER = {
         "report",
         "recorder",
         "session",
+        "studies",
         "export",
         "commissioning",
         "emulation",

@@ -24,6 +24,7 @@ GROUPS = {
         "run": "run a diagram, in simulation or on a rig",
         "emulate": "emulate the devices of a diagram on a rig's real buses",
         "replay": "run a recording again, bit for bit or with a changed diagram",
+        "study": "run a diagram for many values of its parameters, as one table",
         "set": "change live parameters of a run, or list them",
         "service": "print a systemd unit that starts a robot at boot",
     },

@@ -1,0 +1,77 @@
+"""`study STUDY.toml`: run a study and print the range of its objectives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from runtime.base.ending import Interrupted
+from runtime.base.errors import OK
+from runtime.base.options import count as whole_number
+from runtime.cli.parsing import Parser
+from runtime.console.styles import count
+from runtime.console.terminal import print_lines, print_to_stderr
+from runtime.studies.description import read
+from runtime.studies.result import StudyResult
+from runtime.studies.run import journal_of, run
+
+EPILOG = """\
+example of a study:
+  diagram = "diagrams/knee_exo.py"
+  duration = 30                         # s, of each run
+  [grid]
+  assistance = [0.0, 0.5, 1.0]
+  [objectives]
+  work = { function = "positive_work", leg = "left" }
+"""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code; raises BadInput for a study that cannot run."""
+    parser = Parser(
+        "study",
+        "Run a diagram in virtual time for grids and samples of parameters, and write the objectives of all runs as "
+        "one Parquet table. A study that was interrupted continues with the same command.",
+        EPILOG,
+    )
+    parser.add_argument("study", type=Path, metavar="STUDY", help="the TOML file of the study")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="Parquet table (default: the name of the study)"
+    )
+    parser.add_argument(
+        "--workers",
+        type=whole_number("--workers"),
+        metavar="N",
+        help="number of processes (default: one for each processor)",
+    )
+    options = parser.parse_args(arguments)
+    study = read(options.study)
+    output = options.output or Path(options.study.with_suffix(".parquet").name)
+    try:
+        result = run(study, output, options.workers)
+    except Interrupted:
+        print_to_stderr([f"tickwork: finished trials are stored in {journal_of(output)}; the same command continues"])
+        raise
+    print_lines([*summary(result), str(output)])
+    return OK
+
+
+def summary(result: StudyResult) -> Iterator[str]:
+    """Yield the lines on a result: trials, faults and errors, and the range of each objective with its trials."""
+    faults, errors = ([text for text in result.columns[name] if text is not None] for name in ("fault", "error"))
+    yield f"{count(len(result), 'trial')}, {count(len(faults), 'fault')}, {count(len(errors), 'error')}"
+    for kind, texts in (("fault", faults), ("error", errors)):
+        if texts:
+            yield f"  first {kind}: {texts[0]}"
+    width = max(map(len, result.study.objectives))
+    for name in result.study.objectives:
+        values = result[name]
+        if not np.isfinite(values).any():
+            yield f"  {name:<{width}}  no value"
+            continue
+        finite = np.where(np.isfinite(values), values, np.nan)
+        for word, number in (("lowest", np.nanargmin(finite)), ("highest", np.nanargmax(finite))):
+            parameters = ", ".join(f"{key}={result.columns[key][number]}" for key in result.study.parameters)
+            yield f"  {name:<{width}}  {word:<7} {values[number]:<12.6g} trial {number}: {parameters}".rstrip(": ")

@@ -1,0 +1,71 @@
+"""Run a study: the trials that are missing, their journal, and the table."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from runtime.base.errors import BadInput
+from runtime.base.optional_dependencies import need
+from runtime.console.progress import Progress
+from runtime.console.styles import count
+from runtime.studies.description import Study
+from runtime.studies.engine import failed, run_here, run_in_processes
+from runtime.studies.journal import Journal
+from runtime.studies.result import PURPOSE, StudyResult, stored
+
+
+def run(study: Study, output: Path | None = None, workers: int | None = None) -> StudyResult:
+    """Run a study, or the rest of one.
+
+    output : path of the Parquet file; None writes no file. A finished table of the same study is read
+    workers : number of processes; 0 runs the trials in this process; None is one for each processor
+
+    Raises BadInput for a description that cannot run, an error of the first trial, and an exception in user code.
+    """
+    if workers is not None and (type(workers) is not int or workers < 0):
+        raise BadInput(f"workers = {workers!r}: expected a number of processes, or 0 for this process")
+    identity = study.identity() if workers != 0 or output is not None else {}
+    if output is None:
+        return StudyResult(study, _rows(study, {}, workers, None))
+    need("pyarrow.parquet", PURPOSE)
+    path = journal_of(output)
+    if output.exists() and not path.exists():
+        return stored(output, study, identity)
+    journal = Journal(path, identity)
+    try:
+        result = StudyResult(study, _rows(study, journal.rows, workers, journal))
+        temporary = output.with_name(f".{output.name}.new")
+        result.write(temporary, identity)
+        os.replace(temporary, output)
+        journal.remove()
+    finally:
+        journal.close()
+    return result
+
+
+def journal_of(output: Path) -> Path:
+    """Return the path of the journal of an unfinished study. output : path of its table"""
+    return output.with_name(f"{output.name}.unfinished")
+
+
+def _rows(study: Study, done: dict[int, dict[str, Any]], workers: int | None, journal: Journal | None):
+    """Return the rows of all trials, in order. done : rows of earlier processes"""
+    parameters = list(study.trials())
+    missing = [(number, each) for number, each in enumerate(parameters) if number not in done]
+    rows = dict(done)
+    workers = len(os.sched_getaffinity(0)) if workers is None else workers
+    ended = run_in_processes(study, missing, workers) if workers else run_here(study, missing)
+    try:
+        with Progress(f"running {count(len(missing), 'trial')}") as progress:
+            for number, row in enumerate(ended, 1):
+                if row["trial"] == 0 and row["error"] is not None:
+                    raise BadInput(failed(0, parameters[0], row["error"]))
+                rows[row["trial"]] = row
+                if journal is not None:
+                    journal.write(row)
+                progress(number / len(missing))
+    finally:
+        ended.close()
+    return [rows[number] for number in range(len(parameters))]

@@ -1,0 +1,168 @@
+"""Studies: trials in processes and in this one, their table, faults, errors, and studies that continue."""
+
+import re
+
+import numpy as np
+import pytest
+
+import runtime
+from runtime.base.errors import BAD_INPUT, OK, BadInput
+from tests.runtime.runs import KNEE_EXO
+
+parquet = pytest.importorskip("pyarrow.parquet")
+
+PEAK = {"function": "peak", "signal": "gain.y"}
+NOISE = {"function": "rms", "signal": "noise.y"}
+STUDY = """\
+diagram = "sine.py"
+duration = 0.5
+[grid]
+gain = [1, 2, 3.5]
+[objectives]
+peak = { function = "peak", signal = "gain.y" }
+"""
+
+
+def study(**changes):
+    given = {"diagram": "sine.py", "duration": 0.5, "grid": {"gain": [1, 2, 3.5]}, "objectives": {"peak": PEAK}}
+    return runtime.study(**(given | changes))
+
+
+def test_table_is_equal_bit_for_bit_in_processes_and_in_this_process(folder):
+    more = {"seeds": [1, 2], "samples": 2, "sample": {"frequency": {"uniform": [0.9, 1.1]}}}
+    more["objectives"] = {"peak": PEAK, "noise": NOISE}
+    for name, workers in (("here", 0), ("two", 2)):
+        study(output=folder / f"{name}.parquet", workers=workers, **more)
+    assert (folder / "here.parquet").read_bytes() == (folder / "two.parquet").read_bytes()
+    table = parquet.read_table(folder / "two.parquet").to_pydict()
+    assert list(table) == ["trial", "gain", "frequency", "seed", "peak", "noise", "ticks", "fault", "error"]
+    assert table["gain"] == [1.0] * 4 + [2.0] * 4 + [3.5] * 4 and table["seed"] == [1, 2] * 6
+    assert len(set(table["noise"])) == 2, "the noise depends on the seed alone"
+    assert len(set(table["frequency"])) == 2, "every grid point has the same samples"
+    assert not list(folder.glob("*.unfinished"))
+
+
+def test_result_has_columns_and_runs_one_trial_again(folder):
+    result = study(workers=0, seeds=[7], objectives={"peak": PEAK, "own": lambda trial: trial["gain.y"].max()})
+    assert np.array_equal(result["peak"], result["own"]) and result["gain"].tolist() == [1, 2, 3.5]
+    assert result.run(2)["gain.y"].max() == result["peak"][2]
+    assert result.table().loc[1, "peak"] == result["peak"][1]
+    with pytest.raises(KeyError, match="no column 'peek'.*peak"):
+        result["peek"]
+
+
+def test_samples_of_a_parameter_do_not_depend_on_the_others(folder):
+    uniform, normal = {"frequency": {"uniform": [0.9, 1.1]}}, {"sine.phase": {"normal": [0.0, 0.1]}}
+    one, both = (study(workers=0, grid={}, samples=3, sample=sample) for sample in (uniform, normal | uniform))
+    assert one["frequency"].tolist() == both["frequency"].tolist()
+    other = study(workers=0, grid={}, samples=3, sample=uniform, sample_seed=1)
+    assert other["frequency"].tolist() != one["frequency"].tolist()
+
+
+def test_interrupted_study_runs_only_the_missing_trials_and_gives_the_same_table(folder):
+    more = {"objectives": {"count": "costs_of_test:counted", "once": "costs_of_test:raises_once"}, "workers": 1}
+    path = folder / "study.parquet"
+    with pytest.raises(BadInput, match=r"trial 2 \(gain=3.5\): KeyError: .*no.such.*costs_of_test.py:\d+"):
+        study(output=path, **more)
+    assert not path.exists() and len((folder / "count").read_text()) == 3
+    with open(folder / "study.parquet.unfinished", "a") as file:
+        file.write('{"trial": 2, "ti')  # as of a process that was killed while it wrote
+    study(output=path, **more)
+    assert len((folder / "count").read_text()) == 4
+    study(output=folder / "whole.parquet", **more)
+    assert path.read_bytes() == (folder / "whole.parquet").read_bytes()
+
+
+def test_trial_runs_again_after_its_process_was_killed(folder):
+    result = study(workers=2, objectives={"once": "costs_of_test:dies_once"})
+    assert (folder / "died").exists() and result["once"].tolist() == [1.0, 1.0, 1.0]
+    with pytest.raises(BadInput, match=r"trial 0 \(gain=1\): its process was killed or crashed"):
+        study(workers=1, objectives={"never": "costs_of_test:dies"})
+
+
+def test_faults_and_errors_are_columns_of_the_table(folder):
+    result = study(workers=0, grid={"gain": [1.0, 0.25], "fails": [False, True]})
+    assert np.isfinite(result["peak"]).tolist() == [True, False, False, False]
+    assert "broken" in result["fault"][1] and result["error"][2] == "gain 0.25 is not allowed"
+    with pytest.raises(BadInput, match=r"trial 0 \(gain=0.25\): gain 0.25 is not allowed"):
+        study(workers=0, grid={"gain": [0.25, 1.0]})
+
+
+def test_usual_objectives_of_a_walking_wearer():
+    given = {
+        "work": {"function": "positive_work", "leg": "left"},
+        "stride": {"function": "stride_time", "leg": "right"},
+        "power": {"function": "mean_power", "joint": "left/knee", "after": 5.0},
+        "tracking": {
+            "function": "tracking_error",
+            "signal": "left/knee.torque",
+            "reference": "left/gate.y",
+            "after": 5.0,
+        },
+        "mean": {"function": "mean", "signal": "left/gait_phase.phase", "after": 5.0},
+    }
+    result = runtime.study(KNEE_EXO, 12, given, grid={"assistance": [0.5]}, workers=0)
+    trial = result.run(0)
+    late = trial.time >= 5.0
+    assert result["stride"][0] == pytest.approx(1.1, abs=0.01)
+    power = (trial["left/knee.torque"] * trial["left/knee.velocity"])[late]
+    assert result["power"][0] == pytest.approx(power.mean(), rel=1e-12)
+    assert result["work"][0] == pytest.approx(1.1 * result["power"][0], rel=0.1), "the knee does little negative work"
+    difference = (trial["left/knee.torque"] - trial["left/gate.y"])[late]
+    assert result["tracking"][0] == pytest.approx(np.std(difference), rel=0.05) and result["tracking"][0] > 0.0
+    assert result["mean"][0] == pytest.approx(0.5, abs=0.05)
+
+
+MISTAKES = {
+    "a misspelt key": ("duration = 0.5", "duraton = 0.5", "unknown key 'duraton'.*duration"),
+    "no duration": ("duration = 0.5", "", "missing key 'duration'"),
+    "a negative duration": ("= 0.5", "= -1", "duration = -1: expected a number of seconds above 0"),
+    "a single value": ("[1, 2, 3.5]", "1", "grid: gain = 1: expected a list"),
+    "a misspelt objective": ('"peak"', '"peek"', "objective peak: .*'peek'.*peak"),
+    "a misspelt argument": (
+        "signal =",
+        "signl =",
+        "objective peak: its arguments are signl, those of peak are signal, after",
+    ),
+    "a missing module": ('"peak"', '"no_such:f"', "objective peak: cannot import no_such:f: No module"),
+    "no objective": ("[objectives]\npeak", "[settings]\npeak", "objectives: none given"),
+    "samples without a distribution": ("duration", "samples = 3\nduration", "samples = 3: expected .* 0 without"),
+    "an unknown distribution": (
+        "duration = 0.5",
+        "duration = 0.5\nsamples = 1\nsample = { fails = { gauss = [0, 1] } }",
+        "sample: fails = .*expected one of uniform",
+    ),
+    "a distribution with wrong limits": (
+        "duration = 0.5",
+        "duration = 0.5\nsamples = 1\nsample = { fails = { log_uniform = [0, 1] } }",
+        "expected a lower and an upper limit, above 0",
+    ),
+    "two columns of one name": ("gain = [", "peak = [", "'peak' is the name of two columns"),
+    "a missing diagram": ("sine.py", "sone.py", "cannot read the diagram sone.py: No such file"),
+    "no TOML": ("[grid]", "[grid", "study.toml: "),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistake_in_a_study_is_named(mistake, folder, command_line):
+    before, after, phrase = MISTAKES[mistake]
+    assert before in STUDY
+    (folder / "study.toml").write_text(STUDY.replace(before, after, 1))
+    assert re.search(phrase, command_line.refused("study", "study.toml"))
+
+
+def test_command_writes_the_table_once_and_rejects_that_of_another_study(folder, command_line):
+    (folder / "study.toml").write_text(STUDY + 'count = "costs_of_test:counted"\n')
+    code, out, err = command_line("study", "study.toml", "--workers", "1")
+    assert (code, err) == (OK, "")
+    assert "3 trials, 0 faults, 0 errors" in out and "highest" in out and "trial 2: gain=3.5" in out
+    assert out.endswith("study.parquet\n")
+    assert command_line("study", "study.toml") == (OK, out, "") and len((folder / "count").read_text()) == 3
+    (folder / "study.toml").write_text(STUDY.replace("3.5", "4"))
+    code, out, err = command_line("study", "study.toml")
+    assert (code, out) == (BAD_INPUT, "")
+    assert "study.parquet has the results of another study, which differs in grid, objectives" in err
+    with open("sine.py", "a") as file:
+        file.write("\n")
+    (folder / "study.toml").write_text(STUDY + 'count = "costs_of_test:counted"\n')
+    assert "differs in the diagram file" in command_line("study", "study.toml")[2]
