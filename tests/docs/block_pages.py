@@ -13,7 +13,7 @@ from tests.docs import responses
 from tests.docs.pages import DOCS
 
 INDEX = DOCS / "reference" / "blocks.md"
-PORTS_DRAWN = 24  # of a block with more ports, only the connected ones are drawn
+PORTS_DRAWN = 24  # of a block with more ports, or beside a Walker, only the connected ones are drawn
 HEAD = """# Blocks
 
 Every block of the library, by family. `python -m runtime blocks NAME` prints the ports and parameters of one.
@@ -118,7 +118,8 @@ def page(kind, home, images, pictures):
     parts += [markdown(more)] if more else []
     parts.append(f"```python\n{import_line(kind, home)}\n```")
     parts += [_paragraph(text) for text in rest]
-    drawing = svg(draw(responses.diagram(shown), all_ports=len(card["inputs"]) + len(card["outputs"]) < PORTS_DRAWN))
+    all_ports = not shown.walker and len(card["inputs"]) + len(card["outputs"]) < PORTS_DRAWN
+    drawing = svg(draw(responses.diagram(shown), all_ports=all_ports))
     (images / f"{name}.svg").write_text(drawing)
     parts.append(f"![{name} in a diagram](images/{name}.svg)")
     parts += [_ports(card, "inputs"), _ports(card, "outputs"), _parameters(card)]

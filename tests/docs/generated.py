@@ -11,6 +11,7 @@ from graph import diagnostics
 from runtime.cli.main import GROUPS, main
 from runtime.rig import errors
 from tests.docs import block_pages
+from tests.docs.pages import DOCS, anchors
 
 QUICK_FAMILIES = ("actuators", "filters", "states", "wearer")
 MODULES = {  # module: contents
@@ -93,11 +94,11 @@ def _help(*words):
 
 def error_page():
     """Return the page of error codes: each code with its title and the page that explains it."""
-    rows = [
-        f"| `{code}` | {title} | [{page.partition('/')[2].removesuffix('.md')}](../{page}) |"
-        for page, codes in CODES.items()
-        for code, title in codes.items()
-    ]
+    rows = []
+    for page, codes in CODES.items():
+        own = {anchor[:5].upper(): f"#{anchor}" for anchor in anchors(DOCS / page)}
+        name = page.partition("/")[2].removesuffix(".md")
+        rows += [f"| `{code}` | {title} | [{name}](../{page}{own.get(code, '')}) |" for code, title in codes.items()]
     return "\n".join(
         [
             "# Error codes\n",

@@ -4,14 +4,7 @@ import re
 
 import pytest
 
-from tests.docs.pages import NAMES, PAGES
-
-
-def anchors(path):
-    """Return the anchors of a page's headings, as GitHub forms them."""
-    text = re.sub(r"^```.*?^```", "", path.read_text(), flags=re.DOTALL | re.MULTILINE)
-    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
-    return {re.sub(r"[^\w -]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+from tests.docs.pages import NAMES, PAGES, anchors
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
