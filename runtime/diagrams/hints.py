@@ -13,7 +13,7 @@ from typing import Any
 
 import graph
 from cext.user_text import text_of
-from graph import Block, Diagram, Param, Signal
+from graph import Block, Diagram, Input, Param, Signal
 from graph.declarations import Declaration
 from graph.names import suggestion
 
@@ -132,6 +132,8 @@ def for_type(text: str, names: Mapping[str, Any]) -> str:
         return f"remove {kind.__name__}.__init__ and set state in reset(self), or pass **named to super().__init__()"
     if "not callable" in text and any(isinstance(value, Declaration) for value in vars(kind).values()):
         return f"derive the class from Block: class {kind.__name__}(Block)"
+    if ("operand" in text and issubclass(kind, Input)) or ".step returned Input(" in text:
+        return "take an input as an argument of the step, as in def step(self, angle)"
     if "operand" in text and issubclass(kind, Param):
         return "a parameter has a value in a block only: read it in a method, as in self.gain"
     if "operand" in text and issubclass(kind, Block):

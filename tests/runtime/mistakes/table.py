@@ -626,6 +626,20 @@ BLOCKS = (
         "set it in reset(self), as in self.sum = 0.0",
     ),
     in_block(
+        "input as an attribute",
+        "def step(self):\n    return 2.0 * self.u  # !",
+        "def step(self, u):\n    return 2.0 * u",
+        "unsupported operand type(s) for *: 'float' and 'Input'",
+        "take an input as an argument of the step, as in def step(self, angle)",
+    ),
+    in_block(
+        "returned input",
+        "def step(self):\n    return self.u",
+        STEP,
+        "own.step returned Input('u', 'any') for y",
+        "take an input as an argument of the step",
+    ),
+    in_block(
         "misspelt step",
         "def Step(self, u):\n    return u",
         STEP,
