@@ -174,6 +174,7 @@ def study(
     rate: float | None = None,
     output: str | os.PathLike[str] | None = None,
     workers: int | None = None,
+    dask: str | None = None,
 ) -> StudyResult:
     """Run a diagram in virtual time for grids and samples of parameters, and return the objectives of all runs.
 
@@ -200,9 +201,10 @@ def study(
     output : path of a Parquet table. A study that was interrupted continues when it is called again, and a finished
         table of the same study is read
     workers : number of processes, by default one for each processor; 0 runs the trials in this process
+    dask : address of a Dask scheduler, such as "tcp://10.0.0.5:8786", whose workers run the trials
 
-    The result is the same, bit for bit, for any number of workers. A run that ends in a fault has no values. Returns a
-    runtime.studies.result.StudyResult. Raises BadInput.
+    The result is the same, bit for bit, for any number of workers and on a cluster. A run that ends in a fault has no
+    values. Returns a runtime.studies.result.StudyResult. Raises BadInput.
     """
     from pathlib import Path
 
@@ -221,7 +223,7 @@ def study(
         sample={name: dict(given) for name, given in (sample or {}).items()},
         objectives=dict(objectives),
     )
-    return run(description, None if output is None else Path(output), workers)
+    return run(description, None if output is None else Path(output), workers, dask)
 
 
 def _plain(value):

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 # module: the extra that installs it
-EXTRAS = {"pandas": "tables", "pyarrow": "parquet", "scipy": "matlab", "rerun": "rerun"}
+EXTRAS = {"pandas": "tables", "pyarrow": "parquet", "scipy": "matlab", "rerun": "rerun", "distributed": "cluster"}
 
 
 class MissingExtra(BadInput, ImportError):

@@ -46,11 +46,12 @@ def main(arguments: Sequence[str]) -> int:
         metavar="N",
         help="number of processes (default: one for each processor)",
     )
+    parser.add_argument("--dask", metavar="ADDRESS", help="run on the workers of this Dask scheduler: tcp://HOST:PORT")
     options = parser.parse_args(arguments)
     study = read(options.study)
     output = options.output or Path(options.study.with_suffix(".parquet").name)
     try:
-        result = run(study, output, options.workers)
+        result = run(study, output, options.workers, options.dask)
     except Interrupted:
         print_to_stderr([f"tickwork: finished trials are stored in {journal_of(output)}; the same command continues"])
         raise

@@ -105,6 +105,10 @@ class Study:
         settings = {**self.settings, **varied}
         return {"duration": self.duration, "settings": settings, "seed": seed, "rate": self.rate}
 
+    def content(self) -> dict[str, Any]:
+        """Return the content of a TOML file with this description. The diagram is a path."""
+        return {**{key: getattr(self, key) for key in KEYS}, "diagram": os.fspath(self.diagram)}
+
     def identity(self) -> dict[str, Any]:
         """Return the description as plain data, with the SHA-256 of the diagram file. Raises BadInput."""
         functions = [given.get("function") if isinstance(given, dict) else given for given in self.objectives.values()]

@@ -12,7 +12,7 @@ from typing import Any
 
 from runtime.base.child_process import ChildProcess
 from runtime.base.errors import BadInput
-from runtime.studies.description import KEYS, Study
+from runtime.studies.description import Study
 from runtime.studies.objectives import load
 from runtime.studies.trial_row import UserCodeError, trial_row
 
@@ -95,11 +95,11 @@ class Worker(ChildProcess):
     def __init__(self, study: Study) -> None:
         super().__init__("runtime.studies.worker", (), ())
         self.answers = self._answers
-        self._order({key: getattr(study, key) for key in KEYS} | {"diagram": str(study.diagram)})
+        self._order(study.content())
 
     def run(self, order: Order) -> None:
         """Start a trial."""
-        self._order({"trial": order[0], "parameters": order[1]})
+        self._order(order)
 
     def row(self) -> dict[str, Any] | None:
         """Return the row of the trial; None if the process has ended."""

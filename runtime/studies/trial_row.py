@@ -11,6 +11,8 @@ from graph import DiagramError
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
 from runtime.session.simulate import simulate
+from runtime.studies.description import described
+from runtime.studies.objectives import load
 
 _PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__))) + os.sep
 Objectives = Mapping[str, Callable[[Trial], float]]
@@ -43,6 +45,20 @@ def trial_row(diagram: Any, run: Mapping[str, Any], objectives: Objectives) -> d
         return {"ticks": 0, "fault": None, "error": str(error.diagnostics[0]), **nothing}
     except Exception as error:
         raise UserCodeError(f"{type(error).__name__}: {error} ({_place(error)})") from error
+
+
+def answer(description: Mapping[str, Any], order: tuple[int, dict[str, Any]]) -> dict[str, Any]:
+    """Run a trial in another process and return its row, or {"trial", "stop": text} for an exception in user code.
+
+    description : of the study, as of its TOML file
+    order : number of the trial, its parameters
+    """
+    study = described(description)
+    objectives = {name: load(name, given) for name, given in study.objectives.items()}
+    try:
+        return {"trial": order[0], **trial_row(study.diagram, study.run_of(order[1]), objectives)}
+    except UserCodeError as error:
+        return {"trial": order[0], "stop": str(error)}
 
 
 def _place(error):

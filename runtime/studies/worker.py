@@ -6,9 +6,7 @@ import json
 import os
 import sys
 
-from runtime.studies.description import described
-from runtime.studies.objectives import load
-from runtime.studies.trial_row import UserCodeError, trial_row
+from runtime.studies.trial_row import answer
 
 
 def main(answers: int, control: int) -> None:
@@ -17,14 +15,8 @@ def main(answers: int, control: int) -> None:
     answers : file descriptor of the pipe for rows
     control : pidfd of the process that runs the study; not used
     """
-    study = described(json.loads(sys.stdin.readline()))
-    objectives = {name: load(name, given) for name, given in study.objectives.items()}
+    description = json.loads(sys.stdin.readline())
     for line in sys.stdin:
-        order = json.loads(line)
-        try:
-            row = trial_row(study.diagram, study.run_of(order["parameters"]), objectives)
-        except UserCodeError as error:
-            row = {"stop": str(error)}
-        data = json.dumps({"trial": order["trial"], **row}).encode() + b"\n"
+        data = json.dumps(answer(description, json.loads(line))).encode() + b"\n"
         while data:
             data = data[os.write(answers, data) :]

@@ -1,0 +1,67 @@
+"""Engine of a study on a cluster: Dask runs the trials, and runs those of a lost worker again."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Generator, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from graph.sha256 import sha256
+from runtime.base.errors import BadInput
+from runtime.base.optional_dependencies import need
+from runtime.studies.description import Study
+from runtime.studies.engine import Order, failed
+from runtime.studies.trial_row import answer
+
+CONNECT_TIMEOUT = 10.0  # s
+
+
+def run_on_dask(study: Study, orders: Iterable[Order], address: str) -> Generator[dict[str, Any], None, None]:
+    """Run trials on a Dask cluster and yield their rows as they end.
+
+    study : as of runtime.studies.engine.run_in_processes
+    address : of the scheduler, such as "tcp://10.0.0.5:8786"
+
+    Raises BadInput for an exception in user code, a trial that Dask gives up, and a scheduler without connection.
+    """
+    distributed: Any = need("distributed", "a study on a cluster")
+    orders = list(orders)
+    try:
+        client = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise BadInput(f"no connection to the Dask scheduler {address}: {error}") from None
+    description = replace(study, diagram=os.path.abspath(study.diagram)).content()
+    source = sha256(Path(study.diagram).read_bytes()).hexdigest()
+    with client:
+        futures = client.map(_trial, orders, description=description, source=source, folder=os.getcwd(), pure=False)
+        order_of = dict(zip((future.key for future in futures), orders))
+        try:
+            for future in distributed.as_completed(futures, loop=client.loop):
+                row, order = _result(future, order_of[future.key]), order_of[future.key]
+                if "stop" in row:
+                    raise BadInput(failed(*order, row["stop"]))
+                yield row
+        finally:
+            client.cancel(futures)
+
+
+def _result(future: Any, order: Order) -> dict[str, Any]:
+    try:
+        return future.result()
+    except Exception as error:
+        raise BadInput(failed(*order, f"{type(error).__name__}: {error}")) from None
+
+
+def _trial(order, description, source, folder):
+    """Run a trial on a worker. source : SHA-256 of the diagram file; folder : with modules of objectives"""
+    try:
+        if sha256(Path(description["diagram"]).read_bytes()).hexdigest() != source:
+            return {"stop": f"the diagram file {description['diagram']} of the worker is another one"}
+    except OSError as error:
+        return {"stop": f"the worker cannot read {description['diagram']}: {error.strerror}"}
+    if folder not in sys.path:
+        sys.path.append(folder)
+    return answer(description, order)

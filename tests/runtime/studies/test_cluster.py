@@ -1,0 +1,43 @@
+"""Studies on a Dask cluster: a real scheduler, with workers in this process and in processes of their own."""
+
+import pytest
+
+import runtime
+from runtime.base.errors import BadInput
+
+distributed = pytest.importorskip("distributed")
+STUDY = {"diagram": "sine.py", "duration": 0.5, "seeds": [1, 2]}
+NOISE = {"function": "rms", "signal": "noise.y"}
+
+
+@pytest.fixture(scope="module")
+def address():
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, protocol="tcp://"
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_table_of_a_cluster_equals_that_of_this_process_bit_for_bit(address, folder):
+    pytest.importorskip("pyarrow")
+    given = {**STUDY, "grid": {"gain": [1, 2, 3.5]}, "objectives": {"noise": NOISE, "own": "costs_of_test:counted"}}
+    runtime.study(**given, workers=0, output="here.parquet")
+    runtime.study(**given, dask=address, output="cluster.parquet")
+    assert (folder / "here.parquet").read_bytes() == (folder / "cluster.parquet").read_bytes()
+
+
+def test_exception_on_a_worker_names_trial_and_line(address, folder):
+    with pytest.raises(BadInput, match=r"trial 0 \(gain=3, seed=1\): KeyError: .*costs_of_test.py:\d+"):
+        runtime.study(
+            **{**STUDY, "seeds": [1]}, grid={"gain": [3]}, objectives={"a": "costs_of_test:raises_once"}, dask=address
+        )
+
+
+@pytest.mark.soak
+def test_cluster_with_a_killed_worker_gives_the_same_table(folder):
+    given = {**STUDY, "seeds": list(range(40)), "objectives": {"noise": NOISE, "once": "costs_of_test:dies_once"}}
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        result = runtime.study(**given, grid={"gain": [3]}, dask=cluster.scheduler_address)
+    assert (folder / "died").exists()
+    here = runtime.study(**given, grid={"gain": [3]}, workers=0)
+    assert result.columns == here.columns
