@@ -38,7 +38,9 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def kernel(folder):
     manager, client = start_new_kernel(kernel_name="python3", cwd=str(folder), env=environment(), startup_timeout=120)
-    yield Kernel(manager, client)
+    made = Kernel(manager, client)
+    assert made.run("import runtime") == ("", {}, "")
+    yield made
     client.stop_channels()
     manager.shutdown_kernel(now=True)
 
