@@ -272,7 +272,7 @@ def call(kind: type[Block]) -> list[str]:
     elif len(kind.outputs) == 1 or named != set(kind.outputs):
         result = "Signal" if len(kind.outputs) == 1 else "Any"
     else:
-        lines += ["    class Outputs(NamedTuple):", *(f"        {name}: Signal" for name in kind.outputs)]
+        lines += ["    class Outputs(NamedTuple):", *(f"        {name}: Signal{hidden(name)}" for name in kind.outputs)]
         result = "Outputs"
     if inputs or issubclass(kind, Sink):
         arguments = ["*signals: Operand", "**named: Operand"]
@@ -281,6 +281,11 @@ def call(kind: type[Block]) -> list[str]:
     else:
         arguments = [f"{name}: Operand = ..." for name in kind.inputs]
     return [*lines, function("__call__", arguments, result)]
+
+
+def hidden(name: str) -> str:
+    """Return a remark for type checkers if an output has the name of a method of tuples, which it replaces."""
+    return "  # type: ignore[assignment]" if hasattr(tuple, name) else ""
 
 
 def makes_ports(kind: type[Block], field: str) -> bool:
