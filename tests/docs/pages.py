@@ -1,9 +1,9 @@
 """The pages that are in the tree: README and docs, without the generated pages of a site."""
 
 import re
+from pathlib import Path
 
-from tests.checkout import ROOT
-
+ROOT = Path(__file__).resolve().parents[2]  # not from tests.checkout, which needs pytest: a site does not
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(path for path in DOCS.rglob("*.md") if DOCS / "api" not in path.parents)]
 NAMES = [path.relative_to(ROOT).as_posix() for path in PAGES]

@@ -22,7 +22,7 @@ from blocks.sources import GaussianNoise, StepSource
 from graph import Actuator, Block, Device, Diagram, Signal, Sink, units
 from runtime.diagrams.catalog import import_line
 from tests.blocks.examples import EXAMPLES
-from tests.checkout import ROOT
+from tests.docs.pages import ROOT
 
 FILES = {"OnnxModel": {"file": "networks/hip_torque.onnx"}, "Playback": {"file": "walk.csv", "column": "knee"}}
 RATE = 200.0  # Hz

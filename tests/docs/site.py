@@ -6,7 +6,7 @@ import sys
 
 from sphinx.cmd.build import main
 
-from tests.checkout import ROOT
+from tests.docs.pages import ROOT
 
 SITE = ROOT / "build" / "site"
 START = '<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={}/index.html">\n'
