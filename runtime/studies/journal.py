@@ -23,7 +23,7 @@ class Journal:
     """
 
     def __init__(self, path: Path, identity: dict[str, Any]) -> None:
-        self.path, self.rows = path, {}
+        self.path, self.rows, self._empty = path, {}, False
         try:
             self._file = open(path, "a+b", buffering=0)
         except OSError as error:
@@ -42,10 +42,11 @@ class Journal:
         self._file.seek(0)
         data = self._file.read()
         whole = data[: data.rfind(b"\n") + 1]  # without the line during which a process was killed
-        os.ftruncate(self._file.fileno(), len(whole))
         head, *lines = whole.splitlines() or [b""]
-        if not head:
-            self.write(identity)
+        self._empty = not lines
+        os.ftruncate(self._file.fileno(), 0 if self._empty else len(whole))
+        if self._empty:
+            self._append(identity)
             return
         check_identity(self.path, json.loads(head), identity)
         for row in map(json.loads, lines):
@@ -53,10 +54,16 @@ class Journal:
 
     def write(self, row: dict[str, Any]) -> None:
         """Append a row."""
-        self._file.write(json.dumps(row).encode() + b"\n")
+        self._append(row)
+        self._empty = False
+
+    def _append(self, content):
+        self._file.write(json.dumps(content).encode() + b"\n")
 
     def close(self) -> None:
-        """Close the file, which remains."""
+        """Close the file, which remains if it has a row."""
+        if self._empty and not self._file.closed:
+            self.path.unlink(missing_ok=True)
         self._file.close()
 
     def remove(self) -> None:

@@ -60,7 +60,7 @@ def _rows(
     """Return the rows of all trials, in order. done : rows of earlier processes"""
     parameters = list(study.trials())
     missing = [(number, each) for number, each in enumerate(parameters) if number not in done]
-    rows = dict(done)
+    rows, new = dict(done), []
     if dask is not None:
         ended = run_on_dask(study, missing, dask)
     elif workers == 0:
@@ -73,8 +73,9 @@ def _rows(
                 if row["trial"] == 0 and row["error"] is not None:
                     raise BadInput(failed(0, parameters[0], row["error"]))
                 rows[row["trial"]] = row
-                if journal is not None:
-                    journal.write(row)
+                new.append(row)
+                while journal is not None and 0 in rows and new:  # the description is right if the first trial is
+                    journal.write(new.pop(0))
                 progress(number / len(missing))
     finally:
         ended.close()

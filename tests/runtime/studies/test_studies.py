@@ -85,7 +85,8 @@ def test_faults_and_errors_are_columns_of_the_table(folder):
     assert np.isfinite(result["peak"]).tolist() == [True, False, False, False]
     assert "broken" in result["fault"][1] and result["error"][2] == "gain 0.25 is not allowed"
     with pytest.raises(BadInput, match=r"trial 0 \(gain=0.25\): gain 0.25 is not allowed"):
-        study(workers=0, grid={"gain": [0.25, 1.0]})
+        study(workers=0, grid={"gain": [0.25, 1.0]}, output="study.parquet")
+    assert not list(folder.glob("study*")), "the corrected study can have the same name"
 
 
 def test_usual_objectives_of_a_walking_wearer():
