@@ -18,5 +18,8 @@ def main(answers: int, control: int) -> None:
     description = json.loads(sys.stdin.readline())
     for line in sys.stdin:
         data = json.dumps(answer(description, json.loads(line))).encode() + b"\n"
-        while data:
-            data = data[os.write(answers, data) :]
+        try:
+            while data:
+                data = data[os.write(answers, data) :]
+        except BrokenPipeError:  # the process that runs the study was killed
+            return
