@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run lint stubs test test-all test-hardware soak build docs wheel wheels clean FORCE
+.PHONY: help run lint stubs stencils test test-all test-hardware soak build docs wheel wheels clean FORCE
 
 # Without bytecode a start takes twice as long, and the collection of the tests four times.
 unexport PYTHONDONTWRITEBYTECODE
@@ -41,6 +41,7 @@ help:
 	echo "make test           set up .venv, build, lint, and run the tests; select with TESTS='tests/graph -k units'"
 	echo "make lint           check style and format with ruff, and types with pyright"
 	echo "make stubs          write the type stubs of blocks and of native modules"
+	echo "make stencils       compile the machine code of kernels for fused schedules, with clang-19"
 	echo "make test-hardware  run the tests of real buses: SocketCAN on vcan0, here or under User Mode Linux, and UDP"
 	echo "make soak           run the long tests"
 	echo "make build          compile changed modules"
@@ -84,6 +85,9 @@ lint: $(VENV)/installed-test
 stubs: $(VENV)/installed-test
 	$(VENV)/bin/python -m graph.stubs blocks graph/arithmetic.py
 	$(VENV)/bin/python -m cext.stubs
+
+stencils: $(VENV)/installed-test
+	exec $(VENV)/bin/python -m cext.fused
 
 test-hardware: $(VENV)/installed-test
 	$(VENV)/bin/python -m pytest -rs -m '' tests/hardware $(TESTS)

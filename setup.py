@@ -1,6 +1,7 @@
 """Build the extension modules: one for each .pyx file in cext. All other metadata is in pyproject.toml."""
 
 import os
+import runpy
 from pathlib import Path
 
 from Cython.Build import cythonize
@@ -18,6 +19,9 @@ if "-O" not in CFLAGS:
 STRIPPED = not any(flag.startswith("-g") for flag in CFLAGS.split())
 if STRIPPED:
     FLAGS.append("-g0")
+
+# The machine code of fused schedules is for kernels with these sources.
+hash_of = runpy.run_path(str(Path(__file__).parent / "cext" / "fused" / "sources.py"))["hash_of"]
 
 DIRECTIVES = {
     "boundscheck": False,
@@ -60,6 +64,7 @@ if __name__ == "__main__":
                 ".".join(source.with_suffix("").parts),
                 [str(source)],
                 depends=["setup.py"],
+                define_macros=[("TICKWORK_SOURCES", f'"{hash_of(source.absolute())}"')],
                 extra_compile_args=FLAGS,
                 extra_link_args=["-s"] if STRIPPED else [],
                 libraries=["m"],

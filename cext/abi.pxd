@@ -121,8 +121,26 @@ from cpython.pycapsule cimport PyCapsule_New
 cdef extern from *:
     """
     #define TICKWORK_ITEMS ((void *)(int[1024]){0})
+    #ifndef TICKWORK_SOURCES
+    #define TICKWORK_SOURCES "none"
+    #endif
+    #define TICKWORK_EXPORT(kernel, items) tickwork_export((void *)(kernel), TICKWORK_SOURCES " " #kernel, items)
+
+    static CYTHON_UNUSED PyObject *tickwork_export(void *kernel, const char *text, PyObject *items) {
+        PyObject *made = NULL, *module = PyImport_ImportModule("cext.kernel");
+        PyObject *capsule = module ? PyCapsule_New(kernel, "int (double *, int32_t const *, int32_t const *)", NULL) : NULL;
+        if (capsule && PyCapsule_SetContext(capsule, (void *)text) == 0)
+            made = PyObject_CallMethod(module, "Kernel", "OO", capsule, items);
+        Py_XDECREF(module);
+        Py_XDECREF(capsule);
+        return made;
+    }
     """
     void *ITEMS "TICKWORK_ITEMS"    # (<Gain *>ITEMS)[0] is a Gain, from which `items` reads the names of its fields
+
+    # The Kernel of a function: `gain = export(<kernel_t>gain_kernel, GAIN)`. The context of its capsule is the hash of
+    # its sources and the C text of the first argument, by which cext.fused finds its machine code.
+    object export "TICKWORK_EXPORT" (kernel_t kernel, tuple items)
 
 cdef struct Rest:               # field `inputs` or `outputs` in the struct of a kernel: all that the struct leaves out
     int32_t count
@@ -139,11 +157,6 @@ cdef inline tuple items(dict fields, str sizes=""):
     """
     from cext.kernel import of_struct
     return of_struct(fields, sizes)
-
-cdef inline object export(kernel_t kernel, tuple items):
-    """The Kernel of a function: `gain = export(<kernel_t>gain_kernel, GAIN)`."""
-    from cext.kernel import Kernel
-    return Kernel(PyCapsule_New(<void *>kernel, KERNEL(), NULL), items)
 
 cdef inline object export_decode(decode_t decode, tuple items):
     """The Kernel of a device's decode, as `export`."""

@@ -53,8 +53,10 @@ cdef extern from "<signal.h>" nogil:
     ctypedef struct sigset_t:
         pass
     ctypedef void (*handler_t)(int)
+    ctypedef void (*context_handler_t)(int, void *information, void *context)
     cdef struct action "sigaction":
         handler_t sa_handler
+        context_handler_t sa_sigaction                  # with SA_SIGINFO
         int sa_flags
         sigset_t sa_mask
     int sigaction(int signum, const action *new, action *old)
@@ -71,6 +73,8 @@ cdef extern from "<signal.h>" nogil:
     const int SIGILL
     const int SIGABRT
     const int SA_RESTART
+    const int SA_SIGINFO
+    const int SIGRTMIN
     const int SA_ONSTACK
     ctypedef struct stack_t:
         void *ss_sp

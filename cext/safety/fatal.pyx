@@ -9,10 +9,11 @@ takes its previous action, on a separate stack, since the thread's own stack may
 from libc.stdint cimport int32_t
 from libc.string cimport memset
 
+from cext.fused.locate cimport IN_RUN, CodeMap, item_of_context
 from cext.safety.forks cimport is_child
 from cext.safety.shared_state cimport SharedLayout, store_i32
 from cext.posix cimport (
-    SA_ONSTACK, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, action, pthread_self, pthread_t, raise_signal, sigaction,
+    SA_ONSTACK, SA_SIGINFO, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, action, pthread_self, pthread_t, raise_signal, sigaction,
     sigaltstack, stack_t,
 )
 
@@ -26,13 +27,19 @@ cdef stack_t stack_before
 cdef char[STACK] room
 cdef SharedLayout *shared = NULL            # global, for the signal handler
 cdef pthread_t loop = 0
+cdef const CodeMap *code = NULL
 
 
-cdef void on_fatal(int number) noexcept nogil:
+cdef void on_fatal(int number, void *information, void *context) noexcept nogil:
     cdef SharedLayout *page = shared if not is_child() else NULL        # a child shares the memory of its parent
     cdef int index
+    cdef int item
     if page != NULL:
-        store_i32(&page.hung, 1 + page.at if pthread_self() == loop and page.at >= 0 else -1)
+        item = page.at if pthread_self() == loop else -1
+        if item >= IN_RUN:
+            index = item_of_context(code, context) if code != NULL else -1
+            item = index if index >= 0 else item - IN_RUN
+        store_i32(&page.hung, 1 + item if item >= 0 else -1)
         store_i32(&page.crashed, number)
         store_i32(&page.fence, 1)
     for index in range(FATAL):
@@ -40,30 +47,33 @@ cdef void on_fatal(int number) noexcept nogil:
     raise_signal(number)                    # delivered on return, even if the instruction would not fail again
 
 
-cdef void take_fatal(SharedLayout *page) noexcept nogil:
-    """Raise the fence and report the signal on fatal signals from now on. The calling thread is the loop's."""
-    global shared, loop
+cdef void take_fatal(SharedLayout *page, const CodeMap *map) noexcept nogil:
+    """Raise the fence and report the signal on fatal signals from now on. The calling thread is the loop's.
+
+    map : steps of the machine code, or NULL
+    """
+    global shared, loop, code
     cdef action install
     cdef stack_t own
     cdef int index
-    shared, loop = page, pthread_self()
+    shared, loop, code = page, pthread_self(), map
     memset(&own, 0, sizeof(stack_t))
     own.ss_sp, own.ss_size = room, STACK
     sigaltstack(&own, &stack_before)
     memset(&install, 0, sizeof(action))
-    install.sa_handler = on_fatal
-    install.sa_flags = SA_ONSTACK
+    install.sa_sigaction = on_fatal
+    install.sa_flags = SA_ONSTACK | SA_SIGINFO
     for index in range(FATAL):
         sigaction(SIGNALS[index], &install, &before[index])
 
 
 cdef void give_back_fatal() noexcept nogil:
     """Restore the state before `take_fatal`. A second call does nothing."""
-    global shared
+    global shared, code
     cdef int index
     if shared == NULL:
         return
     for index in range(FATAL):
         sigaction(SIGNALS[index], &before[index], NULL)
     sigaltstack(&stack_before, NULL)
-    shared = NULL
+    shared, code = NULL, NULL

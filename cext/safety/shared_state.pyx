@@ -9,6 +9,7 @@ from libc.string cimport memcpy, memset
 from posix.unistd cimport close
 
 from cext.clock.histogram cimport buckets, summary
+from cext.fused.locate cimport IN_RUN
 from cext.safety.robust_mutex cimport EDEADLK, find_dead, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
 
 cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(SharedLayout)      # "TICKWRK1", and another for another layout
@@ -181,8 +182,13 @@ cdef class SharedState:
 
     @property
     def at(self) -> int:
-        """Stopwatch item that the loop executes, -1 if unknown."""
-        return max(load_i32(&self.layout.at), -1)
+        """Stopwatch item that the loop executes, or the first of the run that it executes; -1 if unknown."""
+        return max(load_i32(&self.layout.at), -1) & ~IN_RUN
+
+    @property
+    def in_run(self) -> bool:
+        """Whether the loop executes a run of machine code, of which `at` is the first step."""
+        return load_i32(&self.layout.at) >= IN_RUN
 
     @property
     def out(self) -> int:

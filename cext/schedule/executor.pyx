@@ -233,7 +233,7 @@ cdef class Executor(Waiting):
     cdef int begin_watch(self) except -1:
         self.watchdog.start()
         if self.layout != NULL:
-            take_fatal(self.layout)
+            take_fatal(self.layout, self.control.code_map())
         # else a signal that Python has caught would wait for the end of the run
         PyErr_CheckSignals()
         return 0

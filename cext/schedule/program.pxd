@@ -2,11 +2,16 @@ from cpython.object cimport PyObject
 from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.abi cimport kernel_t
+from cext.fused.join cimport Code
+from cext.fused.locate cimport CodeMap
 from cext.schedule.devices cimport Devices
 from cext.schedule.live cimport LiveTable
 from cext.safety.shared_state cimport SharedLayout
 from cext.schedule.python_step cimport PythonStep
 from cext.clock.stopwatch cimport Laps, Stopwatch
+
+# Runs the steps of a segment. Returns OK, or the status of the step that failed, with its number in the upper half.
+ctypedef int64_t (*fused_t)(double *arena) noexcept nogil
 
 cdef struct Step:
     kernel_t kernel              # NULL: a Python step
@@ -22,6 +27,8 @@ cdef struct Segment:             # consecutive steps of one kind, one rate and o
     const int32_t *conditions    # slots that must all be true; else the segment holds its outputs
     int64_t allowance            # ns
     bint python
+    fused_t code                 # all of its steps as one run of machine code, or NULL
+    bint plain                   # has code, and runs in every tick without conditions or an allowance
 
 cdef struct Phase:
     Step *steps
@@ -60,7 +67,12 @@ cdef class Program:
     cdef list holding            # PythonSteps that may hold exceptions
     cdef SharedLayout *page        # for the event of the first held exception; NULL: none
     cdef object schedule
+    cdef Code code               # of the segments, or None
+    cdef readonly int fused      # steps in machine code
 
+    cdef const CodeMap *code_map(self) noexcept
+    cdef int fuse(self) except -1
+    cdef list run_of(self, const Phase *phase, const Segment *segment, list steps)
     cdef void stamp(self, Stopwatch watch)
     cdef int load_phase(self, Phase *phase, steps, bint holds) except -1
     cdef uint64_t share(self, SharedLayout *page)
@@ -74,6 +86,7 @@ cdef class Program:
     cdef void end_allowance(self, Segment *segment, int64_t began) noexcept nogil
     cdef int run_native(self, Phase *phase, Segment *segment) noexcept nogil
     cdef int run_python(self, Phase *phase, int *index, int64_t tick, int64_t previous) noexcept nogil
+    cdef int failed_in(self, Phase *phase, const Segment *segment, int64_t outcome) noexcept nogil
     cdef bint enabled(self, Segment *segment) noexcept nogil
     cdef int start_from_here(self) noexcept nogil
     cdef int reset_blocks(self) noexcept nogil

@@ -7,6 +7,7 @@ from cext.schedule.live import LiveTable
 class Program:
     live: LiveTable
     error: Any
+    fused: int
     def __init__(self, schedule: Any, ends: Any = ...) -> None: ...
     def reset(self) -> None: ...
     @property

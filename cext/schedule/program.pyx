@@ -15,6 +15,8 @@ from libc.stdint cimport uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
+from cext.fused.join cimport Code
+from cext.fused.locate cimport IN_RUN, CodeMap
 from cext.safety.forks cimport is_child, leave
 from cext.abi cimport DT, LATENESS, OK, PERIOD, PYTHON_ERROR
 from cext.atomics cimport store_i64
@@ -24,6 +26,7 @@ from cext.schedule.python_step cimport PythonStep
 from cext.clock.stopwatch cimport FIRST_STEP, GIL_WAIT, lap
 
 from cext.schedule.device_reports import DeviceReports
+from cext.fused import library
 from cext.schedule.kernel_table import address, words
 
 cdef enum:
@@ -58,6 +61,7 @@ cdef class Program:
         self.load_phase(&self.settle, schedule.settle, False)
         self.load_phase(&self.output, schedule.output, True)
         self.load_phase(&self.update, schedule.update, True)
+        self.fuse()
         self.look.item = self.settle.item = UNTIMED
         self.output.item, self.update.item = FIRST_STEP, FIRST_STEP + len(schedule.output)
         self.devices = Devices(schedule, ends, self.memory, self.live)
@@ -114,6 +118,56 @@ cdef class Program:
                 previous = kind
             segment.last = index + 1
         return 0
+
+    cdef int fuse(self) except -1:
+        """Join the machine code of the native segments of a tick. Without stencils, or memory for code, there is none."""
+        cdef Phase *phases[2]
+        cdef Segment *segment
+        cdef int part, index
+        self.code, self.fused = None, 0
+        stencils = library.library()
+        if stencils is None:
+            return 0
+        phases = [&self.output, &self.update]
+        items = FIRST_STEP, FIRST_STEP + len(self.schedule.output)
+        runs = []
+        for part, steps in enumerate((self.schedule.output, self.schedule.update)):
+            for index in range(phases[part].segment_count):
+                segment = &phases[part].segments[index]
+                if not segment.python:
+                    runs.append((items[part] + segment.first, self.run_of(phases[part], segment, steps)))
+        try:
+            self.code = Code(runs, {name: stencils.parts[name] for name in ("enter", "leave")}, stencils.target)
+        except OSError:
+            return 0
+        entries = iter(self.code.entries)
+        for part in range(2):
+            for index in range(phases[part].segment_count):
+                segment = &phases[part].segments[index]
+                if not segment.python:
+                    segment.code = <fused_t><uintptr_t>next(entries)
+                    segment.plain = (
+                        segment.every == 1 and segment.condition_count == 0 and segment.allowance == 0)
+        self.fused = sum(not addresses for _, run in runs for *_, addresses in run)
+        return 0
+
+    cdef const CodeMap *code_map(self) noexcept:
+        """Return the steps of the machine code, or NULL without any."""
+        return NULL if self.code is None else &self.code.map
+
+    cdef list run_of(self, const Phase *phase, const Segment *segment, list steps):
+        """Return the stencils of a segment, as cext.fused.join.Code receives them."""
+        run = []
+        for index in range(segment.first, segment.last):
+            entry = steps[index]
+            stencil = library.stencil_of(entry.kernel, entry.table.sizes)
+            if stencil is not None:
+                run.append((stencil, entry.table.slots, entry.table.sizes, ()))
+            else:
+                step = &phase.steps[index]
+                run.append((library.library().parts["call"], (), (), (
+                    <uintptr_t>step.kernel, <uintptr_t>step.slots, <uintptr_t>step.sizes)))
+        return run
 
     cdef int32_t *hold(self, array) except? NULL:
         """Return the address of an array, and keep the array as long as the program."""
@@ -197,11 +251,18 @@ cdef class Program:
         cdef int index = 0
         cdef int status = OK
         cdef Segment *segment
-        cdef int64_t periods, began
+        cdef int64_t periods, began, outcome
         cdef double dt = self.arena[DT]
         cdef double period = self.arena[PERIOD]
         while index < phase.segment_count:
             segment = &phase.segments[index]
+            if segment.plain and self.laps == NULL:
+                self.at[0] = IN_RUN + phase.item + segment.first
+                outcome = segment.code(self.arena)
+                if outcome != OK:
+                    return self.failed_in(phase, segment, outcome)
+                index += 1
+                continue
             periods = self.due(segment, tick, previous)
             if periods > 0 and not segment.python:
                 if segment.every != 1:
@@ -259,6 +320,15 @@ cdef class Program:
         cdef bint each = laps != NULL and laps.each != NULL
         cdef int item = phase.item + segment.first
         cdef int32_t *at = self.at
+        cdef int64_t outcome
+        if segment.code != NULL and not each:
+            at[0] = IN_RUN + item
+            outcome = segment.code(arena)
+            if outcome != OK:
+                return self.failed_in(phase, segment, outcome)
+            if laps != NULL:
+                lap(laps, item)
+            return OK
         while step < last:
             at[0] = item
             item += 1
@@ -272,6 +342,13 @@ cdef class Program:
         if laps != NULL and not each:
             lap(laps, phase.item + segment.first)
         return OK
+
+    cdef int failed_in(self, Phase *phase, const Segment *segment, int64_t outcome) noexcept nogil:
+        """Attribute the outcome of machine code to its step. Returns the status."""
+        cdef int step = segment.first + <int>(outcome >> 32)
+        self.at[0] = phase.item + step
+        self.blame_step(phase, step)
+        return <int>outcome
 
     cdef bint enabled(self, Segment *segment) noexcept nogil:
         cdef int index

@@ -164,9 +164,11 @@ cdef class Tick:
 
 
 cdef inline void write_clock(double *arena, int64_t tick, int64_t previous, double rate, int64_t late) noexcept nogil:
+    # A division takes longer than a step: its result is kept while the rate is the same, which DT and PERIOD show.
+    if tick - previous != 1 or arena[DT] != arena[PERIOD] or arena[PERIOD] == 0.0:
+        arena[DT] = (tick - previous) / rate
+        arena[PERIOD] = 1.0 / rate
     arena[TIME] = tick / rate
     arena[TICK] = <double>tick
-    arena[DT] = (tick - previous) / rate
-    arena[PERIOD] = 1.0 / rate
     arena[LATENESS] = late * 1e-9
     arena[WAKE] = arena[TIME] + late * 1e-9

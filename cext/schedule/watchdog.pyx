@@ -26,6 +26,7 @@ from libc.stdint cimport int32_t, int64_t
 from posix.unistd cimport _exit
 
 from cext.atomics cimport load_i64, store_i32
+from cext.fused.locate cimport IN_RUN, begin_samples, end_samples, sample
 from cext.clock.deadline_clock cimport monotonic
 from cext.safety.shared_state cimport RUNNING
 from cext.posix cimport (
@@ -85,6 +86,7 @@ cdef class Watchdog:
         self.priority = 0
         if sched_getscheduler(0) & ~SCHED_RESET_ON_FORK == SCHED_FIFO and sched_getparam(0, &parameters) == 0:
             self.priority = parameters.sched_priority + 1
+        begin_samples(self.program.code_map())
         self.before = None
         if threading.current_thread() is threading.main_thread():       # only the main thread can be interrupted
             self.before = signal.signal(SIGURG, signal.default_int_handler)
@@ -118,6 +120,7 @@ cdef class Watchdog:
         store_i32(&self.leave, 1)
         wake(&self.leave)
         pthread_join(self.thread, NULL)
+        end_samples()
         self.shared.user, self.shared.since = LOOP, 0
 
     cdef void sleep(self, int64_t until) noexcept nogil:
@@ -159,8 +162,12 @@ cdef class Watchdog:
         cdef int64_t nudge = now
         cdef bint mine = False
         cdef bint over = False
+        cdef int item
         self.at = self.program.at[0]
         store_i32(&self.hung, 1)
+        if self.at >= IN_RUN:
+            item = sample(self.loop)
+            self.at = item if item >= 0 else self.at - IN_RUN
         self.journal.raise_fence_for(self.at)
         self.program.devices.stop.begin()
         while not load_i32(&self.leave):

@@ -187,6 +187,8 @@ def cause_of_death(page: SharedState, items: list[str]) -> str:
         return f"of {signal.Signals(page.crashed).name}{block}"
     tick = page.statistics()["last_tick"]
     block = f"in {items[page.at]} " if page.state == "running" and page.at >= 0 else ""
+    if block and page.in_run:  # the step is not stored while machine code runs
+        block = f"{block}or a native block after it, "
     where = {
         "init": "before arming",
         "arming": "while arming",

@@ -1,0 +1,129 @@
+"""Compile the stencils of all kernels: `make stencils`, with clang of version 19 or newer.
+
+A kernel without a stencil is called, with the same results: those in UNFUSED, and those of a lab.
+"""
+
+from __future__ import annotations
+
+import importlib
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from os import cpu_count
+from pathlib import Path
+
+import msgspec
+
+from cext.fused import compile as clang
+from cext.fused import library, text
+from cext.kernel import Item, Kernel
+
+KERNELS = Path(__file__).parents[1] / "kernels"
+UNFUSED = ("devices", "networks")  # folders of kernels that talk to hardware, or call other libraries
+CODE_LIMIT = 8000  # bytes of a stencil with holes for sizes
+CONSTANT_LIMIT = 600  # bytes of one with constant sizes, which a larger kernel hardly gains from
+LENGTHS = {"sections": (5, 10)}  # numbers of elements of items that are no signals, by name
+RESTS = range(1, 5)  # numbers of inputs or outputs of kernels that take any
+WIDTHS = (1, 2, 3, 4, 6)  # elements of signals
+
+
+def kernels() -> Iterator[tuple[Path, str, Kernel]]:
+    """Yield each kernel of the library: the .pyx file, its key in the library, and the Kernel."""
+    for path in sorted(KERNELS.rglob("*.pyx")):
+        if path.relative_to(KERNELS).parts[0] in UNFUSED:
+            continue
+        module = importlib.import_module(".".join(path.relative_to(KERNELS.parents[1]).with_suffix("").parts))
+        keys = set()
+        for value in vars(module).values():
+            for kernel in value.values() if isinstance(value, dict) else (value,):
+                key = library.key_of(kernel) if isinstance(kernel, Kernel) else ""
+                if key and key not in keys:
+                    keys.add(key)
+                    yield path, key, kernel
+
+
+def tables(items: tuple[Item, ...]) -> Iterator[tuple[dict[int, str], int, dict[int, int], dict[int, int]]]:
+    """Yield the tables for which a kernel is compiled: names of the items of entries, the length, the entries of their
+    Rests, and the sizes of items that have one.
+    """
+    names, places, sizes, index = {}, [], {}, 0
+    for item in items:
+        names[index] = item.name
+        if item.rest:
+            places.append(index)
+        elif item.size is not None:
+            sizes[index] = item.size
+        index += 1 + item.rest
+    for count in RESTS if places else (0,):
+        fixed = {}
+        for number, place in enumerate(places):
+            fixed |= {place: count, place + 1: index + number * count}
+        yield names, index + count * len(places), fixed, sizes
+
+
+def main() -> None:
+    """Write the files of the targets on the command line, by default of all."""
+    for target in sys.argv[1:] or clang.TARGETS:
+        write(target)
+
+
+def write(target: str) -> None:
+    """Compile the stencils for a target, and write its file."""
+    jobs = [(path, key, *table) for path, key, kernel in kernels() for table in tables(kernel.items)]
+    with ThreadPoolExecutor(cpu_count()) as pool:
+        made = list(pool.map(lambda job: stencils(target, *job), jobs))
+    found: dict[str, list[library.Stencil]] = {}
+    for (_, key, *_), each in zip(jobs, made):
+        found.setdefault(key, []).extend(each)
+    parts = {
+        name: packed({}, 0, clang.compiled(clang.HEADER + clang.CONVENTION + source, target))
+        for name, source in (("enter", clang.ENTER), ("leave", clang.LEAVE), ("call", clang.CALLED))
+    }
+    kernels_found = {key: msgspec.Raw(msgspec.msgpack.encode(each)) for key, each in sorted(found.items()) if each}
+    content = library.Library(target, kernels_found, parts)
+    path = library.FOLDER / f"{target}.stencils"
+    path.write_bytes(msgspec.msgpack.encode(content))
+    print(f"{target}: {sum(map(len, found.values()))} stencils of {len(found)} kernels, {path.stat().st_size} bytes")
+
+
+def constant_sizes(read: list[int], names: dict[int, str]) -> Iterator[dict[int, int]]:
+    """Yield the sizes with which a kernel is compiled. read : entries that it reads; names : of the items of entries"""
+    lengths = [LENGTHS.get(names.get(index, ""), ()) for index in read]
+    for width in WIDTHS if read else ():
+        for number in range(max(1, *map(len, lengths)) if lengths else 1):
+            yield {index: each[number] if each else width for index, each in zip(read, lengths)}
+
+
+def stencils(
+    target: str, path: Path, key: str, names: dict[int, str], length: int, fixed: dict[int, int], sizes: dict[int, int]
+) -> list[library.Stencil]:
+    """Return the stencils of a kernel for tables of a length, those with most constants first."""
+    symbol = key.split()[1]
+    try:
+        source = text.text_of(path.with_suffix(".c"), symbol)
+        open_one = clang.compiled(clang.c_text(source, symbol, length, fixed, sizes), target)
+        read = sorted({hole.which for hole in open_one.holes if hole.value == clang.SIZE})
+        found = []
+        for constants in constant_sizes(read, names):
+            stencil = clang.compiled(clang.c_text(source, symbol, length, fixed, sizes | constants), target)
+            if len(stencil.code) <= CONSTANT_LIMIT:
+                found.append(packed(fixed | constants, length, stencil))
+        found.append(packed(fixed, length, open_one))
+        return found if len(open_one.code) <= CODE_LIMIT else []
+    except subprocess.CalledProcessError as error:
+        print(f"{target}: {symbol}: {error.stderr}")
+    except (KeyError, ValueError) as error:
+        print(f"{target}: {symbol}: {error}")
+    return []
+
+
+def packed(fixed: dict[int, int], length: int, stencil: clang.Stencil) -> library.Stencil:
+    """Return a stencil as the library has it."""
+    holes = b"".join(struct.pack("<5i", *hole) for hole in stencil.holes)
+    return library.Stencil(tuple(fixed.items()), length, stencil.code, holes, stencil.data, stencil.externs)
+
+
+if __name__ == "__main__":
+    main()

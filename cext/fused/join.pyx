@@ -1,0 +1,216 @@
+# cython: freethreading_compatible=True
+"""Machine code of runs of steps, joined from stencils: copied one behind the other, and patched.
+
+The memory is writable while it is filled, then executable; never both.
+"""
+
+from cpython.pycapsule cimport PyCapsule_CheckExact, PyCapsule_GetContext
+from libc.math cimport (
+    acos, asin, atan, atan2, ceil, cos, exp, expm1, floor, fmod, log, pow, rint, sin, tan,
+)
+from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t, uintptr_t
+from libc.stdlib cimport calloc, free
+from libc.string cimport memcpy, memmove, memset
+
+cdef extern from "<sys/mman.h>" nogil:
+    enum: PROT_READ, PROT_WRITE, PROT_EXEC, MAP_PRIVATE, MAP_ANONYMOUS
+    void *MAP_FAILED
+    void *mmap(void *address, size_t length, int protection, int flags, int file, int64_t offset)
+    int mprotect(void *address, size_t length, int protection)
+    int munmap(void *address, size_t length)
+
+cdef extern from *:
+    """
+    extern void sincos(double x, double *sine, double *cosine);     /* of the C library, as GCC calls it */
+    #define tickwork_clear(begin, end) __builtin___clear_cache((char *)(begin), (char *)(end))
+    """
+    void sincos(double x, double *sine, double *cosine) nogil
+    void clear_cache "tickwork_clear" (void *begin, void *end) nogil
+
+cdef enum:                      # values of holes, as in cext.fused.compile
+    SLOT, SIZE, STEP, NEXT, DATA, EXTERN, CALL
+    PAGE = 65536                # bytes, a multiple of the page size of every kernel
+    ALIGNMENT = 32              # bytes, of data
+    CALL_BYTES = 24             # kernel, slots, sizes
+
+FUNCTIONS = {
+    "acos": <uintptr_t>acos, "asin": <uintptr_t>asin, "atan": <uintptr_t>atan, "atan2": <uintptr_t>atan2,
+    "ceil": <uintptr_t>ceil, "cos": <uintptr_t>cos, "exp": <uintptr_t>exp, "expm1": <uintptr_t>expm1,
+    "floor": <uintptr_t>floor, "fmod": <uintptr_t>fmod, "log": <uintptr_t>log, "pow": <uintptr_t>pow,
+    "rint": <uintptr_t>rint, "sin": <uintptr_t>sin, "tan": <uintptr_t>tan, "sincos": <uintptr_t>sincos,
+    "memcpy": <uintptr_t>memcpy, "memmove": <uintptr_t>memmove, "memset": <uintptr_t>memset,
+}
+
+
+cdef struct Hole:
+    int32_t offset
+    int32_t kind                # relocation of ELF
+    int32_t value
+    int32_t which
+    int32_t addend
+
+
+def context_of(function) -> str:
+    """Return the context of a capsule as text, or ""."""
+    cdef const char *text = <const char *>PyCapsule_GetContext(function) if PyCapsule_CheckExact(function) else NULL
+    return "" if text == NULL else text.decode()
+
+
+cdef class Code:
+    """Machine code of runs of steps.
+
+    runs : for each, the stopwatch item of its first step, and a list of (stencil, slots, sizes, addresses): the tables
+        of the step, or the addresses of its kernel and tables for the stencil that calls it
+    parts : stencils `enter` and `leave` around each run
+    target : processor that the code is for
+
+    Raises OSError if the system permits no executable memory.
+    """
+
+    def __init__(self, runs, parts, str target):
+        cdef size_t code_bytes, data_bytes
+        cdef int index, item
+        self.arm = target == "aarch64"
+        self.places, self.entries = {}, []
+        steps = [step for _, run in runs for step in run]
+        everything = [stencil for stencil, *_ in steps] + list(parts.values())
+        code_bytes = sum(len(stencil.code) for stencil, *_ in steps)
+        code_bytes += len(runs) * sum(len(part.code) + 2 * ALIGNMENT for part in parts.values())
+        data_bytes = sum(len(data) + ALIGNMENT for data in {stencil.data for stencil in everything})
+        data_bytes += 8 * len(FUNCTIONS) + sum(CALL_BYTES for *_, addresses in steps if addresses)
+        self.data_size = pages(data_bytes + ALIGNMENT)
+        self.size = self.data_size + pages(code_bytes + ALIGNMENT)
+        self.memory = <char *>mmap(NULL, self.size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0)
+        if self.memory == <char *>MAP_FAILED:
+            self.memory = NULL
+            raise OSError("no memory for machine code")
+        self.map.starts = <uintptr_t *>calloc(max(1, len(steps)), sizeof(uintptr_t))
+        self.map.items = <int32_t *>calloc(max(1, len(steps)), sizeof(int32_t))
+        if self.map.starts == NULL or self.map.items == NULL:
+            raise MemoryError
+        self.map.begin, self.map.end = <uintptr_t>self.memory + self.data_size, <uintptr_t>self.memory + self.size
+        self.at, self.used = self.data_size, 0
+        for item, run in runs:
+            self.at = (self.at + ALIGNMENT - 1) // ALIGNMENT * ALIGNMENT
+            self.entries.append(<uintptr_t>self.memory + self.at)
+            self.add(parts["enter"], (), (), (), 0)
+            for index, (stencil, slots, sizes, addresses) in enumerate(run):
+                self.note(item + index)
+                self.add(stencil, slots, sizes, addresses, index)
+            self.add(parts["leave"], (), (), (), 0)
+        if mprotect(self.memory, self.data_size, PROT_READ) or mprotect(
+                self.memory + self.data_size, self.size - self.data_size, PROT_READ | PROT_EXEC):
+            raise OSError("the system permits no executable memory")
+        clear_cache(self.memory, self.memory + self.size)
+
+    def __dealloc__(self):
+        if self.memory != NULL:
+            munmap(self.memory, self.size)
+        free(self.map.starts)
+        free(self.map.items)
+
+    @property
+    def content(self) -> bytes:
+        """The memory: constants and addresses, then code."""
+        return self.memory[:self.size]
+
+    cdef void note(self, int item) noexcept nogil:
+        """Begin the code of a step in the map."""
+        self.map.starts[self.map.count] = <uintptr_t>self.memory + self.at
+        self.map.items[self.map.count] = item
+        self.map.count += 1
+
+    cdef add(self, stencil, tuple slots, tuple sizes, tuple addresses, int step):
+        """Append a stencil, and fill its holes."""
+        cdef bytes code = stencil.code
+        cdef bytes packed = stencil.holes
+        cdef const Hole *hole = <const Hole *><const char *>packed
+        cdef const Hole *end = hole + len(packed) // sizeof(Hole)
+        cdef size_t length = len(code)
+        cdef char *begin = self.memory + self.at
+        cdef int64_t value
+        cdef int64_t data = self.place(stencil.data) if stencil.data else 0
+        cdef int64_t call = self.place_call(addresses) if addresses else 0
+        memcpy(begin, <const char *>code, length)
+        while hole < end:
+            if hole.value == SLOT:
+                value = 8 * <int64_t>slots[hole.which]
+            elif hole.value == SIZE:
+                value = sizes[hole.which]
+            elif hole.value == STEP:
+                value = step
+            elif hole.value == NEXT:
+                value = <int64_t>(begin + length)
+            elif hole.value == DATA:
+                value = data
+            elif hole.value == CALL:
+                value = call
+            else:
+                value = self.place_function(stencil.externs[hole.which])
+            if self.arm:
+                patch_aarch64(begin + hole.offset, hole, value + hole.addend)
+            else:
+                patch_x86_64(begin + hole.offset, hole, value + hole.addend)
+            hole += 1
+        self.at += length
+
+    cdef int64_t place(self, bytes data):
+        """Return the address of constants, equal ones once."""
+        if data not in self.places:
+            self.used = (self.used + ALIGNMENT - 1) // ALIGNMENT * ALIGNMENT
+            memcpy(self.memory + self.used, <const char *>data, len(data))
+            self.places[data] = <uintptr_t>self.memory + self.used
+            self.used += len(data)
+        return self.places[data]
+
+    cdef int64_t place_function(self, str name):
+        """Return the address of the address of a function of the C library."""
+        if name not in self.places:
+            self.places[name] = self.place_words((FUNCTIONS[name],))
+        return self.places[name]
+
+    cdef int64_t place_call(self, tuple addresses):
+        return self.place_words(addresses)
+
+    cdef int64_t place_words(self, tuple words):
+        """Append addresses to the data, and return the address of the first."""
+        cdef size_t at = (self.used + 7) // 8 * 8
+        for index, word in enumerate(words):
+            (<uint64_t *>(self.memory + at))[index] = word
+        self.used = at + 8 * len(words)
+        return <int64_t>(self.memory + at)
+
+
+cdef size_t pages(size_t size) noexcept nogil:
+    return (size + PAGE - 1) // PAGE * PAGE
+
+
+cdef void patch_x86_64(char *at, const Hole *hole, int64_t value) noexcept nogil:
+    cdef int32_t word = <int32_t>value
+    if hole.value >= NEXT:                  # relative to the hole
+        word = <int32_t>(value - <int64_t>at)
+    memcpy(at, &word, 4)
+
+
+cdef void patch_aarch64(char *at, const Hole *hole, int64_t value) noexcept nogil:
+    cdef int shift = 0 if hole.kind == 277 else 2 if hole.kind == 285 else 4 if hole.kind == 299 else 3
+    cdef uint32_t word
+    cdef uint32_t target, source
+    cdef int64_t distance
+    memcpy(&word, at, 4)
+    target, source = word & 31, word >> 5 & 31
+    if hole.value <= STEP:
+        if hole.kind == 275:                # adrp becomes movz
+            word = 0xD2800000U | <uint32_t>(value & 0xFFFF) << 5 | target
+        else:                               # add becomes movk of the upper half
+            word = 0xF2A00000U | <uint32_t>(value >> 16 & 0xFFFF) << 5 | target
+    elif hole.kind == 282 or hole.kind == 283:
+        distance = value - <int64_t>at
+        word = word & 0xFC000000U | <uint32_t>(distance >> 2) & 0x3FFFFFF
+    elif hole.kind == 275 or hole.kind == 311:
+        distance = (value >> 12) - (<int64_t>at >> 12)
+        word = word & 0x9F00001FU | <uint32_t>(distance & 3) << 29 | <uint32_t>(distance >> 2 & 0x7FFFF) << 5
+    else:
+        distance = (value & 0xFFF) >> shift
+        word = word & ~(<uint32_t>0xFFF << 10) | <uint32_t>distance << 10
+    memcpy(at, &word, 4)

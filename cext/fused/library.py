@@ -1,0 +1,86 @@
+"""Library of stencils: a file of the wheel for each kind of processor, read by the first program of a process."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from cext.fused.join import context_of
+
+FOLDER = Path(__file__).parent
+CONTEXT = re.compile(r"(\w+) .*?(__pyx_f_\w+)\W*$")
+
+
+class Stencil(msgspec.Struct, array_like=True, frozen=True):
+    """Machine code of one step, with holes.
+
+    fixed : (index, value) of the entries of the table of sizes that the code assumes
+    length : of the tables
+    holes : int32 values, five per hole: offset, relocation, value, which, addend
+    data : constants of the code; externs : names of the functions that it calls
+    """
+
+    fixed: tuple[tuple[int, int], ...]
+    length: int
+    code: bytes
+    holes: bytes
+    data: bytes
+    externs: tuple[str, ...]
+
+
+class Library(msgspec.Struct, frozen=True):
+    """Stencils of a kind of processor.
+
+    kernels : {key: stencils of the kernel, those with most constants first}
+    parts : stencils `enter`, `leave` and `call`
+    """
+
+    target: str
+    kernels: dict[str, msgspec.Raw]
+    parts: dict[str, Stencil]
+
+
+def key_of(kernel: Any) -> str:
+    """Return the hash of the sources and the C name of a Kernel's function, or "" if the function has none.
+
+    So a kernel whose sources have changed since the stencils were compiled has none.
+    """
+    match = CONTEXT.match(context_of(getattr(kernel, "function", kernel)))
+    return f"{match[1]} {match[2]}" if match else ""
+
+
+@cache
+def library() -> Library | None:
+    """Return the library for this processor with TICKWORK_FUSED=1 in the environment, or None."""
+    path = FOLDER / f"{platform.machine()}.stencils"
+    if os.environ.get("TICKWORK_FUSED") != "1" or not path.is_file():
+        return None
+    return read(path)
+
+
+def read(path: Path) -> Library:
+    """Return the library in a file."""
+    return msgspec.msgpack.decode(path.read_bytes(), type=Library)
+
+
+@cache
+def variants(key: str) -> tuple[Stencil, ...]:
+    """Return the stencils of a kernel, those with most constants first."""
+    found = library()
+    if found is None or key not in found.kernels:
+        return ()
+    return msgspec.msgpack.decode(found.kernels[key], type=tuple[Stencil, ...])
+
+
+def stencil_of(kernel: Any, sizes: tuple[int, ...]) -> Stencil | None:
+    """Return the stencil of a Kernel for a table of sizes, or None."""
+    for stencil in variants(key_of(kernel)):
+        if stencil.length == len(sizes) and all(sizes[index] == value for index, value in stencil.fixed):
+            return stencil
+    return None

@@ -1,0 +1,125 @@
+# cython: freethreading_compatible=True
+"""The step that machine code executes, from the registers of a signal's context: a program stores no step by step."""
+
+from libc.stdint cimport int32_t, int64_t, uintptr_t
+from libc.string cimport memset
+
+from cext.atomics cimport load_i32, store_i32
+from cext.clock.deadline_clock cimport monotonic
+from cext.posix cimport SA_RESTART, SA_SIGINFO, SIGRTMIN, action, pthread_kill, pthread_t, sigaction
+from cext.threads cimport doze, wake
+
+cdef extern from *:
+    """
+    #include <stdint.h>
+    #include <ucontext.h>
+    static inline uintptr_t tickwork_program_counter(const void *context) {
+    #if defined(__x86_64__)
+        return (uintptr_t)((const ucontext_t *)context)->uc_mcontext.gregs[REG_RIP];
+    #elif defined(__aarch64__)
+        return (uintptr_t)((const ucontext_t *)context)->uc_mcontext.pc;
+    #else
+        return 0;
+    #endif
+    }
+    static inline uintptr_t tickwork_link(const void *context) {
+    #if defined(__aarch64__)
+        return (uintptr_t)((const ucontext_t *)context)->uc_mcontext.regs[30];
+    #else
+        return 0;
+    #endif
+    }
+    static inline uintptr_t tickwork_stack(const void *context) {
+    #if defined(__x86_64__)
+        return (uintptr_t)((const ucontext_t *)context)->uc_mcontext.gregs[REG_RSP];
+    #elif defined(__aarch64__)
+        return (uintptr_t)((const ucontext_t *)context)->uc_mcontext.sp;
+    #else
+        return 0;
+    #endif
+    }
+    """
+    uintptr_t tickwork_program_counter(const void *context) noexcept nogil
+    uintptr_t tickwork_link(const void *context) noexcept nogil
+    uintptr_t tickwork_stack(const void *context) noexcept nogil
+
+cdef enum:
+    AWAITED = 0                 # answers: this, or 2 + item, 1 for an unknown one
+    UNKNOWN = 1
+    SAMPLE_LIMIT = 500000       # ns that a sample may take
+    STACK_WORDS = 512           # in which a return address is looked for: those of a kernel and of a function that it calls
+
+
+cdef int item_at(const CodeMap *map, uintptr_t address) noexcept nogil:
+    """Return the stopwatch item of the step at an address, or -1 outside the code."""
+    cdef int low = 0
+    cdef int high = map.count
+    cdef int middle
+    if address < map.begin or address >= map.end or map.count == 0 or address < map.starts[0]:
+        return -1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if map.starts[middle] <= address:
+            low = middle
+        else:
+            high = middle
+    return map.items[low]
+
+
+cdef int item_of_context(const CodeMap *map, const void *context) noexcept nogil:
+    """Return the stopwatch item of the step that a signal has interrupted, or -1.
+
+    A kernel that is called, or a function of the C library, is found by its return address.
+    """
+    cdef const uintptr_t *stack = <const uintptr_t *>(tickwork_stack(context) & ~<uintptr_t>7)
+    cdef int item = item_at(map, tickwork_program_counter(context))
+    cdef int index
+    if item < 0:
+        item = item_at(map, tickwork_link(context))
+    for index in range(STACK_WORDS if stack != NULL else 0):
+        if item >= 0:
+            break
+        item = item_at(map, stack[index])
+    return item
+
+
+cdef const CodeMap *sampled = NULL      # global, for the signal handler
+cdef int32_t answer = UNKNOWN
+cdef action before                      # of SIGRTMIN
+
+
+cdef void on_sample(int number, void *information, void *context) noexcept nogil:
+    store_i32(&answer, 2 + item_of_context(sampled, context) if sampled != NULL else UNKNOWN)
+    wake(&answer)
+
+
+cdef int begin_samples(const CodeMap *map) noexcept nogil:
+    """Install the handler of samples. map : steps of the machine code, or NULL for no samples"""
+    global sampled
+    cdef action install
+    sampled = map
+    if map == NULL:
+        return 0
+    memset(&install, 0, sizeof(action))
+    install.sa_sigaction = on_sample
+    install.sa_flags = SA_SIGINFO | SA_RESTART
+    return sigaction(SIGRTMIN, &install, &before)
+
+
+cdef void end_samples() noexcept nogil:
+    """Restore the handler before `begin_samples`."""
+    global sampled
+    if sampled != NULL:
+        sigaction(SIGRTMIN, &before, NULL)
+    sampled = NULL
+
+
+cdef int sample(pthread_t thread) noexcept nogil:
+    """Return the stopwatch item of the step that a thread executes in machine code, or -1. Takes SAMPLE_LIMIT at most."""
+    cdef int64_t until = monotonic() + SAMPLE_LIMIT
+    store_i32(&answer, AWAITED)
+    if sampled == NULL or pthread_kill(thread, SIGRTMIN) != 0:
+        return -1
+    while load_i32(&answer) == AWAITED and monotonic() < until:
+        doze(&answer, until)
+    return max(load_i32(&answer), UNKNOWN) - 2
