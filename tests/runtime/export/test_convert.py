@@ -350,7 +350,7 @@ def test_full_disk_leaves_no_file_and_is_reported_in_one_line(recording, tmp_pat
 
 
 def test_a_whole_run_is_the_same_in_every_format(command_line, tmp_path):
-    code, out, err = command_line(KNEE_EXO, "--fast", "--duration", "8", "--record", tmp_path / "run")
+    code, out, err = command_line(KNEE_EXO, "--fast", "--duration", "10", "--record", tmp_path / "run")
     assert code == OK, err
     [path] = (tmp_path / "run").glob("*.mcap")
     assert open(converted(command_line, path, "csv"), "rb").read() == path.with_suffix(".csv").read_bytes()

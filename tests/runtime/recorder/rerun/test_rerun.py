@@ -553,8 +553,8 @@ def test_without_the_library_the_extra_is_named(tmp_path):
             [
                 sys.executable,
                 "-c",
-                "import sys; sys.modules['rerun'] = None\nimport "
-                "importlib.util\nimportlib.util.find_spec = lambda name: None\n"
+                "import importlib.util, sys\nsys.modules['rerun'], find = None, importlib.util.find_spec\n"
+                "importlib.util.find_spec = lambda name: None if name == 'rerun' else find(name)\n"
                 f"from runtime.cli.main import main\nsys.exit(main([{str(KNEE_EXO)!r}, '--rerun', '--duration', '1']))",
             ],
             cwd=tmp_path,
