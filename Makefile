@@ -71,7 +71,7 @@ test: $(VENV)/installed-test
 	    $(pyright)
 	    exec $(VENV)/bin/python -m pytest $(TESTS)
 	fi
-	nice -n 19 $(pyright) >build/pyright 2>&1 & types=$$!
+	chrt --idle 0 $(pyright) >build/pyright 2>&1 & types=$$!
 	trap 'kill $$types 2>/dev/null || true' EXIT
 	$(VENV)/bin/python -m pytest -n $$(($$(nproc) + 1)) --dist worksteal -m 'not soak and not paced and not timing'
 	$(VENV)/bin/python -m pytest -n 2 --dist worksteal -m 'paced and not soak' $(call marked,paced)

@@ -50,6 +50,7 @@ def lives(process):
         return False
 
 
+@pytest.mark.paced  # four processes are started within one tick
 @pytest.mark.parametrize("number", [0, signal.SIGTERM, signal.SIGKILL])
 def test_processes_that_a_block_has_started_end_with_the_run(tmp_path, number):
     path = knee(tmp_path, "tick == 20 and start(); return 1.0")
