@@ -366,7 +366,7 @@ with Realtime("try") as realtime:
 def test_temporary_hang_costs_priority_and_is_reported(tmp_path):
     knee(
         tmp_path,
-        law="import os\n        while tick == 20 and os.sched_getscheduler(0) & 3:\n            pass\n"
+        law="import os\n        while tick >= 20 and os.sched_getscheduler(0) & 3:\n            pass\n"
         "        return float(os.sched_getscheduler(0) & 3)",
     )
     process = finished("robot.py", "--duration", "1", "--realtime", "try", cwd=tmp_path)

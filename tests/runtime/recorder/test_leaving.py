@@ -17,7 +17,7 @@ from tests.runtime.runs import Files, finished, knee, started
     "call, code", [("os._exit(0)", 0), ("os._exit(7)", 7), ("os.execv('/bin/sh', ['sh', '-c', 'exit 5'])", 5)]
 )
 def test_block_that_exits_process_is_reported_with_tick_and_exit_code(tmp_path, call, code):
-    path = knee(tmp_path, f"import os; tick == 20 and {call}; return 1.0")
+    path = knee(tmp_path, f"import os; tick >= 20 and {call}; return 1.0")
     process = finished(path, "--fast", "--duration", "5", cwd=tmp_path, timeout=20)
     assert process.returncode == code and process.stdout == "" and "Traceback" not in process.stderr
     assert (
@@ -60,7 +60,7 @@ def test_the_cause_of_death_in_a_run_of_machine_code_names_its_first_block():
 
 @pytest.mark.parametrize("options", [["--fast"], []])
 def test_a_block_that_aborts_a_simulation_is_reported_with_its_signal(tmp_path, options):
-    path = knee(tmp_path, "import os; tick == 20 and os.abort(); return 1.0")
+    path = knee(tmp_path, "import os; tick >= 20 and os.abort(); return 1.0")
     process = finished(path, *options, "--duration", "5", cwd=tmp_path, timeout=20)
     assert process.returncode == -signal.SIGABRT
     died = "tickwork recorder: the control process died of SIGABRT in law; "
@@ -76,9 +76,9 @@ def test_exec_in_block_leaves_no_recorder_or_guardian(tmp_path, rig):
     call = "__import__('os').execv('/bin/sleep', ['sleep', '30'])"
     with Bus(tmp_path, number=7) if rig else nullcontext() as bus:
         if rig:
-            process = bus.start("--record", "out", law=f"tick == 20 and {call}")
+            process = bus.start("--record", "out", law=f"tick >= 20 and {call}")
         else:
-            path = knee(tmp_path, f"tick == 20 and {call}; return 1.0")
+            path = knee(tmp_path, f"tick >= 20 and {call}; return 1.0")
             process = started(path, "--record", "out", "--fast", "--duration", "5", cwd=tmp_path)
         await_end_of_children(process)
         assert process.poll() is None

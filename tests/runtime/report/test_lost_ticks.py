@@ -1,5 +1,6 @@
 """Faults that a loop which lost ticks may have caused itself name the machine, or the block that took the time."""
 
+import re
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -27,7 +28,7 @@ class Law(Block):
     y = Output("1")
 
     def step(self, tick):
-        if tick == 20:
+        if 20 <= tick < 24:  # a late loop may skip tick 20; after the sleep it skips to tick 30
             time.sleep(0.05)
         return 1.0
 
@@ -130,7 +131,7 @@ def test_the_rows_of_a_real_run_show_the_ticks_that_a_block_has_cost(tmp_path):
             diagram=result.diagram,
         )
     )
-    assert said.startswith("; the loop had lost ") and said.endswith(" (tick 20)") and ": law took 5" in said
+    assert said.startswith("; the loop had lost ") and re.search(r" \(tick 2[0-3]\)$", said) and ": law took 5" in said
 
 
 def test_the_first_line_of_a_report_contains_the_fault(tmp_path):

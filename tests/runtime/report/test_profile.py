@@ -1,6 +1,7 @@
 """How the clock is to be kept, in the words of the command line, and the profile of a run: table, bars and picture."""
 
 import json
+import re
 import struct
 
 import pytest
@@ -39,13 +40,14 @@ def test_an_unknown_overrun_policy_is_rejected_with_the_known_ones(command_line)
     assert parse_run(["robot.py", "--overrun", "catch-up:2,fault:5/100"]).overrun == "catch-up:2,fault:5/100"
 
 
-HOLD = "import time\n        time.sleep(0.04 if tick == 20 else 0.0)\n        return 0.5"
+# At 200 Hz the loop then skips to tick 28. A late loop may skip tick 20 itself.
+HOLD = "import time\n        time.sleep(0.04 if 20 <= tick < 24 else 0.0)\n        return 0.5"
 
 
 def test_overrun_report_names_slowest_blocks(command_line):
     code, out, err = command_line(knee(command_line.folder, HOLD), "--duration", "0.3", "--record", "here")
     [line] = [line for line in out.splitlines() if " lost to law" in line]
-    assert code == 0 and err == "" and "(tick 20)" in line and " ms max " in line
+    assert code == 0 and err == "" and re.search(r"\(tick 2[0-3]\)", line) and " ms max " in line
     [sidecar] = (command_line.folder / "here").glob("*.json")
     assert "law" in {row["name"] for row in json.loads(sidecar.read_text())["end"]["overruns"]}
 
@@ -57,7 +59,7 @@ def test_a_fault_by_overrun_names_the_block_and_the_policy(command_line):
     first = err.splitlines()[0]
     assert (
         code == 3
-        and first.startswith("FAULT at law, tick 20 (0.1 s): it took 4")
+        and re.match(r"FAULT at law, tick 2[0-3] \(0\.1\d* s\): it took 4", first)
         and first.endswith("grid points were missed in total, more than --overrun fault:4 allows")
     )
     assert "safe stop   zero torque, then disable: confirmed by knee" in out
