@@ -62,8 +62,8 @@ endef
 pyright = $(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
 
 # One worker for each processor: with one more, loops of tests in real time are late too often, for a gain of 10 s. Tests that wait in
-# real time (marked `paced`) follow two at a time, and those that measure it (`timing`) one at a time. Only the files of these are collected: the collection of all takes 7 s. Pyright, half a minute
-# of one processor, uses what the first two stages leave of theirs.
+# real time (marked `paced`) follow two at a time, and those that measure it (`timing`) one at a time. Only the files of these are
+# collected: the collection of all takes 7 s. Pyright, half a minute of one processor, uses what the first two stages leave of theirs.
 marked = $$(grep -rl --include='test_*.py' 'mark\.$(1)' tests)
 test: $(VENV)/installed-test
 	$(ruff)
