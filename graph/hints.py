@@ -32,7 +32,7 @@ def for_source(source: Any, variadic: bool) -> str:
 
 
 def for_parameter(block: Any, name: str) -> str:
-    """Return the remedy for an argument of a block's class that is no parameter. name : of the argument"""
+    """Return the remedy for an argument of a block's class that is not a parameter. name : of the argument"""
     if name in block.inputs:
         return in_second_parentheses(block, f"{name}=...")
     if hasattr(type(block), name) and not hasattr(object, name):
@@ -41,7 +41,7 @@ def for_parameter(block: Any, name: str) -> str:
 
 
 def for_argument(kind: Any, name: str) -> str:
-    """Return "; " and the remedy for an argument of `step` that is no input, or ""; name : of the argument"""
+    """Return "; " and the remedy for an argument of `step` that is not an input, or ""; name : of the argument"""
     if name in kind.parameters:
         return f"; it is a parameter: read self.{name}"
     if name in kind.outputs:

@@ -104,7 +104,7 @@ class WithoutValue:
         self.reject(f"numpy.{name}", NUMPY.get(name, FUNCTION))
 
     def __array_function__(self, function: Any, types: Any, arguments: Any, named: Any) -> Any:
-        """Reject a function of NumPy that is no ufunc."""
+        """Reject a function of NumPy that is not a ufunc."""
         self.reject(f"numpy.{function.__name__}", NUMPY.get(function.__name__, FUNCTION))
 
 

@@ -56,10 +56,10 @@ class GyroEvents(_Events, Block):
 
     After a mid-swing peak above half the typical one, the rate falls through zero; the strike follows `lead` of the
     last stride later. The typical peak adapts to the wearer and decays with 5 s. A peak that is below 0.65 of the
-    largest backward rate is no swing: in walking it is 1.0 to 2.3 of it, with a signal of opposite sign 0.5. The rate
-    is a median of three samples. Limits: level walking; a bias of the gyroscope shifts the zero crossing; a leg that
-    hangs from a seat swings alike. Direct feedthrough; NaN and infinity pass and are not stored. (Aminian et al. 2002;
-    Jasiewicz et al. 2006)
+    largest backward rate is not a swing: in walking it is 1.0 to 2.3 of it, with a signal of opposite sign 0.5. The
+    rate is a median of three samples. Limits: level walking; a bias of the gyroscope shifts the zero crossing; a leg
+    that hangs from a seat swings alike. Direct feedthrough; NaN and infinity pass and are not stored. (Aminian et al.
+    2002; Jasiewicz et al. 2006)
     """
 
     lead = Param(0.028, "1", "strike after the zero crossing, as a fraction of a stride", min=0.0, max=0.2)

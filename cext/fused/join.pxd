@@ -16,5 +16,4 @@ cdef class Code:
     cdef add(self, stencil, tuple slots, tuple sizes, tuple addresses, int step)
     cdef int64_t place(self, bytes data)
     cdef int64_t place_function(self, str name)
-    cdef int64_t place_call(self, tuple addresses)
     cdef int64_t place_words(self, tuple words)

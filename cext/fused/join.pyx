@@ -130,7 +130,7 @@ cdef class Code:
         cdef char *begin = self.memory + self.at
         cdef int64_t value
         cdef int64_t data = self.place(stencil.data) if stencil.data else 0
-        cdef int64_t call = self.place_call(addresses) if addresses else 0
+        cdef int64_t call = self.place_words(addresses) if addresses else 0
         memcpy(begin, <const char *>code, length)
         while hole < end:
             if hole.value == SLOT:
@@ -168,9 +168,6 @@ cdef class Code:
         if name not in self.places:
             self.places[name] = self.place_words((FUNCTIONS[name],))
         return self.places[name]
-
-    cdef int64_t place_call(self, tuple addresses):
-        return self.place_words(addresses)
 
     cdef int64_t place_words(self, tuple words):
         """Append addresses to the data, and return the address of the first."""

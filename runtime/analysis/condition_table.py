@@ -33,7 +33,7 @@ FIGURES = (  # of a stride: name, unit, function of a Stride, whether it scales 
     ("negative work", "J", lambda stride: stride.negative_work, True),
 )
 SIGNAL_LIMIT = 10  # signals of a leg in the table
-ROUNDING = 1e-12  # relative difference of means that is no difference
+ROUNDING = 1e-12  # relative difference below which means are equal
 EFFECT_LIMIT = 99.0  # larger effects are printed as ">99"
 Differences: TypeAlias = "tuple[tuple[int, int], list[Row], list[Row]]"
 MINUS = str.maketrans("-", "−")

@@ -27,7 +27,7 @@ PURPOSE = "the table of a study"
 class StudyResult:
     """Table of a study: `trial`, the parameters, the objectives, `ticks`, `fault` and `error` of each trial.
 
-        result["work"]          # array over the trials, NaN where there is no value
+        result["work"]          # array over the trials, NaN for a missing value
         result.table()          # pandas DataFrame
         result.run(17)          # the Trial of one row
 

@@ -19,7 +19,7 @@ Objectives = Mapping[str, Callable[[Trial], float]]
 
 
 class UserCodeError(Exception):
-    """Exception of a diagram or an objective that is no BadInput. The text has its type, its text and its place."""
+    """Exception of a diagram or an objective, other than BadInput. The text has its type, its text and its place."""
 
 
 def trial_row(diagram: Any, run: Mapping[str, Any], objectives: Objectives) -> dict[str, Any]:
