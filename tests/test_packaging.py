@@ -109,6 +109,7 @@ ORDER = {
         "recorder",
         "session",
         "studies",
+        "optimisation",
         "export",
         "commissioning",
         "emulation",

@@ -12,7 +12,15 @@ if TYPE_CHECKING:
 
 
 # module: the extra that installs it
-EXTRAS = {"pandas": "tables", "pyarrow": "parquet", "scipy": "matlab", "rerun": "rerun", "distributed": "cluster"}
+EXTRAS = {
+    "cma": "optimise",
+    "distributed": "cluster",
+    "optuna": "optimise",
+    "pandas": "tables",
+    "pyarrow": "parquet",
+    "rerun": "rerun",
+    "scipy": "matlab",
+}
 
 
 class MissingExtra(BadInput, ImportError):

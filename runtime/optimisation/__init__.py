@@ -1,0 +1,1 @@
+"""Optimisation: parameters with bounds, optimisers that propose values of them, and runs that measure the cost."""
