@@ -18,3 +18,9 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     """Return 'did you mean ...?' for a misspelt word, or ''."""
     near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=SIMILARITY)
     return f"did you mean {near[0]!r}?" if near else ""
+
+
+def unknown_option(name: str, known: Iterable[str]) -> str:
+    """Return the error message for an option that does not exist. known : names of those that do"""
+    hint = suggestion(name.partition("=")[0], known)
+    return f"there is no option {name}" + (f"; {hint}" if hint else "")

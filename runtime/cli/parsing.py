@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from runtime.base.errors import BadInput
 from runtime.base.options import count
-from runtime.base.suggestions import suggestion
+from runtime.base.suggestions import unknown_option
 from runtime.console.terminal import print_lines, program
 
 if TYPE_CHECKING:
@@ -79,8 +79,7 @@ class Parser(argparse.ArgumentParser):
         """Return the error message for an unknown argument."""
         if not word.startswith("-"):
             return f"unexpected argument {word!r}"
-        hint = suggestion(word.partition("=")[0], self._option_string_actions)
-        return f"there is no option {word}" + (f"; {hint}" if hint else "")
+        return unknown_option(word, self._option_string_actions)
 
     def print_help(self, file: Any = None) -> None:
         """Write the help to standard output. file : ignored"""

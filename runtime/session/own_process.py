@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 from cext.schedule.mailbox_writer import Writer
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, BadInput
-from runtime.base.suggestions import suggestion
+from runtime.base.suggestions import unknown_option
 from runtime.live.running import page_of
 from runtime.session.request import Request
 
@@ -83,7 +83,7 @@ def words(settings: Iterable[tuple[str, Any]], options: Mapping[str, Any]) -> li
     arguments = []
     for name, value in options.items():
         if name not in known:
-            raise BadInput(f"there is no option {name}" + (f"; {hint}" if (hint := suggestion(name, known)) else ""))
+            raise BadInput(unknown_option(name, known))
         (flag, *_), argument = known[name]["flags"], known[name]["argument"]
         if value is None or value is False:
             continue
