@@ -2,6 +2,7 @@
 
 import ast
 import os
+import shutil
 import sys
 from importlib.metadata import files
 
@@ -16,6 +17,7 @@ from tests.test_packaging import PYPROJECT, canonical
 def installed(tmp_path_factory):
     """A folder on the path that holds all four packages, as site-packages does, and the console script beside it."""
     folder = copy_packages(tmp_path_factory.mktemp("site"))
+    shutil.copy(ROOT / "tickwork.py", folder)
     module, function = PYPROJECT["project"]["scripts"]["tickwork"].split(":")
     (folder / "bin").mkdir()
     (folder / "bin" / "tickwork").write_text(f"import sys\nfrom {module} import {function}\nsys.exit({function}())\n")
@@ -128,11 +130,12 @@ def test_a_diagram_runs_and_is_recorded_beside_folders_of_the_same_names(install
     assert len(recording.read_text().splitlines()) == 101  # a header and a row a tick
 
 
-def test_console_script_reports_foreign_package_on_path(installed, lab):
-    (lab / "blocks").mkdir()
-    (lab / "blocks" / "__init__.py").write_text("")
+@pytest.mark.parametrize("name, place", [("blocks", "comes from {}"), ("runtime", "is {}/runtime")])
+def test_console_script_reports_foreign_package_on_path(name, place, installed, lab):
+    (lab / name).mkdir()
+    (lab / name / "__init__.py").write_text("")
     process = python(installed / "bin" / "tickwork", "--help", cwd=lab, path=f"{lab}{os.pathsep}{installed}")
-    assert_one_line(process, f"`blocks` comes from {lab}", "PYTHONPATH")
+    assert_one_line(process, f"`{name}` {place.format(lab)}", str(installed), "PYTHONPATH")
     assert "start with `tickwork`" not in process.stderr
 
 
@@ -236,6 +239,7 @@ def test_old_python_parses_entry_files_and_reports_required_version(monkeypatch)
         "base/working_folder.py",
     ):
         ast.parse((ROOT / "runtime" / name).read_text(), feature_version=(3, 6))
+    ast.parse((ROOT / "tickwork.py").read_text(), feature_version=(3, 6))
     monkeypatch.setattr(sys, "version_info", (3, 9, 2, "final", 0))
     assert "Python 3.9, but 3.10 or newer is required" in installation_check.problem()
 
