@@ -78,8 +78,8 @@ def write(target: str) -> None:
     for (_, key, *_), each in zip(jobs, made):
         found.setdefault(key, []).extend(each)
     parts = {
-        name: packed({}, 0, clang.compiled(clang.HEADER + clang.CONVENTION + source, target))
-        for name, source in (("enter", clang.ENTER), ("leave", clang.LEAVE), ("call", clang.CALLED))
+        name: packed({}, 0, clang.compiled(clang.HEADER + clang.DECLARATIONS + source, target))
+        for name, source in (("end", clang.END), ("call", clang.CALLED))
     }
     kernels_found = {key: msgspec.Raw(msgspec.msgpack.encode(each)) for key, each in sorted(found.items()) if each}
     content = library.Library(target, kernels_found, parts)

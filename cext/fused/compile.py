@@ -1,7 +1,8 @@
 """Stencils of kernels: machine code by clang with holes for the positions of items (Xu and Kjolstad 2021).
 
-A stencil is the body of one step. It receives the arena, calls the kernel inline, and continues in the next stencil. In
-its C text an item's position is the address of an external symbol, so the relocations of the object file are the holes.
+A stencil is the body of one step: a C function that receives the arena, calls the kernel inline, and continues in the
+next stencil by a tail call. In its C text an item's position is the address of an external symbol, so the relocations
+of the object file are the holes.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from cext.fused.text import HEADER, with_parallel_loops, with_wide_slots
+from cext.fused.text import HEADER, PARALLEL, with_parallel_loops, with_wide_slots
 
 TARGETS = {"x86_64": "x86_64-linux-gnu", "aarch64": "aarch64-linux-gnu"}
+PARALLEL_FLAGS = ["-mllvm", "-unroll-threshold=0"]  # marked loops become vectors, before they are unrolled
 FLAGS = (
     "-O2 -fno-pic -mcmodel=small -fno-plt -fno-asynchronous-unwind-tables -fno-stack-protector -ffp-contract=off "
     "-fno-math-errno -fomit-frame-pointer -falign-loops=1 -fno-jump-tables -fno-slp-vectorize -w -c"
@@ -42,17 +44,15 @@ RELOCATIONS = {  # by target: kinds of relocations per value
     },
 }
 LAST_JUMP = {"x86_64": (b"\xe9", 4), "aarch64": (b"", 4)}  # instruction before the hole, and length of the hole
-CONVENTION = """#define STENCIL __attribute__((preserve_none)) int64_t
-extern STENCIL NEXT(double *) __attribute__((visibility("hidden")));
+DECLARATIONS = """extern int64_t NEXT(double *) __attribute__((visibility("hidden")));
 extern char STEP;
 """
-ENTER = "int64_t stencil(double *arena) { return NEXT(arena); }"
-LEAVE = "STENCIL stencil(double *arena) { return 0; }"
+END = "int64_t stencil(double *arena) { return 0; }"
 CALLED = """extern struct {
   int (*kernel)(double *, const int32_t *, const int32_t *);
   const int32_t *slots, *sizes;
 } CALL __attribute__((visibility("hidden")));
-STENCIL stencil(double *arena) {
+int64_t stencil(double *arena) {
   int status = CALL.kernel(arena, CALL.slots, CALL.sizes);
   if (__builtin_expect(status, 0)) return (int64_t)(intptr_t)&STEP << 32 | (uint32_t)status;
   __attribute__((musttail)) return NEXT(arena);
@@ -93,9 +93,9 @@ def c_text(text: str, symbol: str, length: int, fixed: dict[int, int], sizes: di
     holes = [index for index in range(length) if index not in fixed]
     slots = [str(fixed.get(index, f"(intptr_t)&T{index} / 8")) for index in range(length)]
     lengths = [str((fixed | sizes).get(index, f"(intptr_t)&Z{index}")) for index in range(length)]
-    return f"""{HEADER}{wide}{CONVENTION}
+    return f"""{HEADER}{wide}{DECLARATIONS}
 {"".join(f"extern double T{index}; extern char Z{index};" for index in holes)}
-STENCIL stencil(double *arena) {{
+int64_t stencil(double *arena) {{
   const intptr_t slots[] = {{{", ".join(slots)}}};
   const intptr_t sizes[] = {{{", ".join(lengths)}}};
   int status = {symbol}(arena, (const void *)slots, (const void *)sizes);
@@ -110,7 +110,8 @@ def compiled(text: str, target: str, clang: str = "clang-19") -> Stencil:
     with tempfile.TemporaryDirectory() as folder:
         source, into = Path(folder, "stencil.c"), Path(folder, "stencil.o")
         source.write_text(text)
-        command = [clang, f"--target={TARGETS[target]}", *FLAGS, "-o", str(into), str(source)]
+        flags = FLAGS + PARALLEL_FLAGS * (PARALLEL in text)
+        command = [clang, f"--target={TARGETS[target]}", *flags, "-o", str(into), str(source)]
         subprocess.run(command, check=True, capture_output=True, text=True)
         return stencil_of(into.read_bytes(), target)
 

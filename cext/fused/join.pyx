@@ -61,21 +61,21 @@ cdef class Code:
 
     runs : for each, the stopwatch item of its first step, and a list of (stencil, slots, sizes, addresses): the tables
         of the step, or the addresses of its kernel and tables for the stencil that calls it
-    parts : stencils `enter` and `leave` around each run
+    end : stencil behind each run
     target : processor that the code is for
 
     Raises OSError if the system permits no executable memory.
     """
 
-    def __init__(self, runs, parts, str target):
+    def __init__(self, runs, end, str target):
         cdef size_t code_bytes, data_bytes
         cdef int index, item
         self.arm = target == "aarch64"
         self.places, self.entries = {}, []
         steps = [step for _, run in runs for step in run]
-        everything = [stencil for stencil, *_ in steps] + list(parts.values())
+        everything = [stencil for stencil, *_ in steps] + [end]
         code_bytes = sum(len(stencil.code) for stencil, *_ in steps)
-        code_bytes += len(runs) * sum(len(part.code) + 2 * ALIGNMENT for part in parts.values())
+        code_bytes += len(runs) * (len(end.code) + ALIGNMENT)
         data_bytes = sum(len(data) + ALIGNMENT for data in {stencil.data for stencil in everything})
         data_bytes += 8 * len(FUNCTIONS) + sum(CALL_BYTES for *_, addresses in steps if addresses)
         self.data_size = pages(data_bytes + ALIGNMENT)
@@ -93,11 +93,10 @@ cdef class Code:
         for item, run in runs:
             self.at = (self.at + ALIGNMENT - 1) // ALIGNMENT * ALIGNMENT
             self.entries.append(<uintptr_t>self.memory + self.at)
-            self.add(parts["enter"], (), (), (), 0)
             for index, (stencil, slots, sizes, addresses) in enumerate(run):
                 self.note(item + index)
                 self.add(stencil, slots, sizes, addresses, index)
-            self.add(parts["leave"], (), (), (), 0)
+            self.add(end, (), (), (), 0)
         if mprotect(self.memory, self.data_size, PROT_READ) or mprotect(
                 self.memory + self.data_size, self.size - self.data_size, PROT_READ | PROT_EXEC):
             raise OSError("the system permits no executable memory")

@@ -38,7 +38,7 @@ class Library(msgspec.Struct, frozen=True):
     """Stencils of a kind of processor.
 
     kernels : {key: stencils of the kernel, those with most constants first}
-    parts : stencils `enter`, `leave` and `call`
+    parts : stencils `call` for a kernel without any, and `end` of a run
     """
 
     target: str

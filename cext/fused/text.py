@@ -32,7 +32,7 @@ LOOP = re.compile(
     r"(?P<body>[^{}]*)\}",
     re.M,
 )
-PARALLEL = "#pragma clang loop vectorize(assume_safety)\n"
+PARALLEL = "#pragma clang loop vectorize(assume_safety) unroll(full)\n"
 
 
 class Source(NamedTuple):

@@ -137,7 +137,7 @@ cdef class Program:
                 if not segment.python:
                     runs.append((items[part] + segment.first, self.run_of(phases[part], segment, steps)))
         try:
-            self.code = Code(runs, {name: stencils.parts[name] for name in ("enter", "leave")}, stencils.target)
+            self.code = Code(runs, stencils.parts["end"], stencils.target)
         except OSError:
             return 0
         entries = iter(self.code.entries)
