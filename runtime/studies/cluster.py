@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Generator, Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,39 +13,49 @@ from graph.sha256 import sha256
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.studies.description import Study
-from runtime.studies.engine import Order, failed
+from runtime.studies.engine import Engine, Order, failed
 from runtime.studies.trial_row import answer
 
 CONNECT_TIMEOUT = 10.0  # s
 
 
-def run_on_dask(study: Study, orders: Iterable[Order], address: str) -> Generator[dict[str, Any], None, None]:
-    """Run trials on a Dask cluster and yield their rows as they end.
+class Cluster(Engine):
+    """Engine that runs trials on a Dask cluster, and again those of a lost worker.
 
-    study : as of runtime.studies.engine.run_in_processes
+    study : with names of the diagram and the objectives, not functions
     address : of the scheduler, such as "tcp://10.0.0.5:8786"
 
-    Raises BadInput for an exception in user code, a trial that Dask gives up, and a scheduler without connection.
+    Raises BadInput for a scheduler without connection, and for a trial that Dask gives up.
     """
-    distributed: Any = need("distributed", "a study on a cluster")
-    orders = list(orders)
-    try:
-        client = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise BadInput(f"no connection to the Dask scheduler {address}: {error}") from None
-    description = replace(study, diagram=os.path.abspath(study.diagram)).content()
-    source = sha256(Path(study.diagram).read_bytes()).hexdigest()
-    with client:
-        futures = client.map(_trial, orders, description=description, source=source, folder=os.getcwd(), pure=False)
+
+    def __init__(self, study: Study, address: str) -> None:
+        self._distributed: Any = need("distributed", "a study on a cluster")
+        try:
+            self._client = self._distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise BadInput(f"no connection to the Dask scheduler {address}: {error}") from None
+        self._trial = partial(
+            _trial,
+            description=replace(study, diagram=os.path.abspath(study.diagram)).content(),
+            source=sha256(Path(study.diagram).read_bytes()).hexdigest(),
+            folder=os.getcwd(),
+        )
+
+    def run(self, orders):
+        orders = list(orders)
+        futures = self._client.map(self._trial, orders, pure=False)
         order_of = dict(zip((future.key for future in futures), orders))
         try:
-            for future in distributed.as_completed(futures, loop=client.loop):
+            for future in self._distributed.as_completed(futures, loop=self._client.loop):
                 row, order = _result(future, order_of[future.key]), order_of[future.key]
                 if "stop" in row:
                     raise BadInput(failed(*order, row["stop"]))
                 yield row
         finally:
-            client.cancel(futures)
+            self._client.cancel(futures)
+
+    def close(self):
+        self._client.close()
 
 
 def _result(future: Any, order: Order) -> dict[str, Any]:

@@ -1,10 +1,11 @@
-"""Engine of a study: it runs trials in processes of this machine, or in this process."""
+"""Engines of a study, which run its trials: in processes of this machine, or in this process."""
 
 from __future__ import annotations
 
 import json
 import os
 import select
+from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Generator, Iterable
 from contextlib import suppress
@@ -22,62 +23,94 @@ ROW_TIMEOUT = 60.0  # s for the rest of a row whose beginning has arrived
 Order = tuple[int, dict[str, Any]]  # number of the trial, its parameters
 
 
-def run_here(study: Study, orders: Iterable[Order]) -> Generator[dict[str, Any], None, None]:
-    """Run trials in this process and yield their rows, in order. Raises BadInput for an exception in user code."""
-    objectives = {name: load(name, given) for name, given in study.objectives.items()}
-    for number, parameters in orders:
-        try:
-            row = trial_row(study.diagram, study.run_of(parameters), objectives)
-        except UserCodeError as error:
-            raise BadInput(failed(number, parameters, str(error))) from error
-        yield {"trial": number, **row}
+class Engine(ABC):
+    """Engine that runs trials of one study, as often as it is called. As a context it ends its processes."""
+
+    @abstractmethod
+    def run(self, orders: Iterable[Order]) -> Generator[dict[str, Any], None, None]:
+        """Run trials and yield their rows as they end. Raises BadInput for an exception in user code."""
+
+    def close(self) -> None:
+        """End the processes of the engine."""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.close()
 
 
-def run_in_processes(study: Study, orders: Iterable[Order], workers: int) -> Generator[dict[str, Any], None, None]:
-    """Run trials in processes and yield their rows as they end. A trial whose process ends is run again once.
+class Here(Engine):
+    """Engine that runs trials in this process, in order."""
+
+    def __init__(self, study: Study) -> None:
+        self._study = study
+        self._objectives = {name: load(name, given) for name, given in study.objectives.items()}
+
+    def run(self, orders):
+        for number, parameters in orders:
+            try:
+                row = trial_row(self._study.diagram, self._study.run_of(parameters), self._objectives)
+            except UserCodeError as error:
+                raise BadInput(failed(number, parameters, str(error))) from error
+            yield {"trial": number, **row}
+
+
+class Processes(Engine):
+    """Engine that runs trials in processes of this machine. A trial whose process ends is run again once.
 
     study : with names of the diagram and the objectives, not functions
-    workers : number of processes
-
-    Raises BadInput for an exception in user code, and for a trial that ends its process again.
+    count : number of processes
     """
-    waiting, attempts = deque(orders), Counter()
-    running: dict[int, tuple[Worker, Order]] = {}
-    poll = select.poll()
 
-    def start(worker: Worker) -> None:
-        if waiting:
-            order = waiting.popleft()
-            attempts[order[0]] += 1
-            running[worker.answers] = worker, order
-            poll.register(worker.answers, select.POLLIN)
-            worker.run(order)
-        else:
-            worker.end()
+    def __init__(self, study: Study, count: int) -> None:
+        self._study, self._count = study, count
+        self._idle: list[Worker] = []
 
-    try:
-        for _ in range(min(workers, len(waiting))):
-            start(Worker(study))
-        while running:
-            for descriptor, _ in poll.poll():
-                worker, order = running.pop(descriptor)
-                poll.unregister(descriptor)
-                row = worker.row()
-                if row is None:
-                    worker.end()
-                    if attempts[order[0]] >= ATTEMPT_LIMIT:
-                        raise BadInput(failed(*order, "its process was killed or crashed. Run this trial by itself"))
-                    waiting.appendleft(order)
-                    worker = Worker(study)
-                elif "stop" in row:
-                    worker.end()
-                    raise BadInput(failed(*order, row["stop"]))
-                start(worker)
-                if row is not None:
-                    yield row
-    finally:
-        for worker, _ in running.values():
-            worker.end()
+    def run(self, orders):
+        waiting, attempts = deque(orders), Counter()
+        running: dict[int, tuple[Worker, Order]] = {}
+        poll = select.poll()
+
+        def start(worker: Worker) -> None:
+            if waiting:
+                order = waiting.popleft()
+                attempts[order[0]] += 1
+                running[worker.answers] = worker, order
+                poll.register(worker.answers, select.POLLIN)
+                worker.run(order)
+            else:
+                self._idle.append(worker)
+
+        try:
+            for _ in range(min(self._count, len(waiting))):
+                start(self._idle.pop() if self._idle else Worker(self._study))
+            while running:
+                for descriptor, _ in poll.poll():
+                    worker, order = running.pop(descriptor)
+                    poll.unregister(descriptor)
+                    row = worker.row()
+                    if row is None:
+                        worker.end()
+                        if attempts[order[0]] >= ATTEMPT_LIMIT:
+                            raise BadInput(
+                                failed(*order, "its process was killed or crashed. Run this trial by itself")
+                            )
+                        waiting.appendleft(order)
+                        worker = Worker(self._study)
+                    elif "stop" in row:
+                        worker.end()
+                        raise BadInput(failed(*order, row["stop"]))
+                    start(worker)
+                    if row is not None:
+                        yield row
+        finally:
+            for worker, _ in running.values():
+                worker.end()
+
+    def close(self):
+        while self._idle:
+            self._idle.pop().end()
 
 
 def failed(number: int, parameters: dict[str, Any], reason: str) -> str:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.console.progress import Progress
 from runtime.console.styles import count
-from runtime.studies.cluster import run_on_dask
+from runtime.studies.cluster import Cluster
 from runtime.studies.description import Study
-from runtime.studies.engine import failed, run_here, run_in_processes
+from runtime.studies.engine import Engine, Here, Order, Processes, failed
 from runtime.studies.journal import Journal
 from runtime.studies.result import PURPOSE, StudyResult, stored
+
+Rows = dict[int, dict[str, Any]]  # number of a trial: its row
+Result = TypeVar("Result", bound=StudyResult)
 
 
 def run(study: Study, output: Path | None = None, workers: int | None = None, dask: str | None = None) -> StudyResult:
@@ -26,27 +30,53 @@ def run(study: Study, output: Path | None = None, workers: int | None = None, da
 
     Raises BadInput for a description that cannot run, an error of the first trial, and an exception in user code.
     """
+
+    def result(engine: Engine, rows: Rows, journal: Journal | None) -> StudyResult:
+        orders = list(enumerate(study.trials()))
+        missing = sum(number not in rows for number, _ in orders)
+        with Progress(f"running {count(missing, 'trial')}") as progress:
+            complete(engine, orders, rows, journal, progress)
+        return StudyResult(study, [rows[number] for number, _ in orders])
+
+    return calculate(study, result, stored, output, workers, dask)
+
+
+def calculate(
+    study: Study,
+    result: Callable[[Engine, Rows, Journal | None], Result],
+    stored: Callable[[Path, Any, dict[str, Any]], Result],
+    output: Path | None,
+    workers: int | None,
+    dask: str | None,
+) -> Result:
+    """Return a result, which becomes the table `output`, or the finished table of the same study.
+
+    result : calculates it with an engine, the rows of earlier processes, and the journal of new ones
+    stored : reads it from its file, of which the study and its identity are given
+    """
     if workers is not None and (type(workers) is not int or workers < 0):
         raise BadInput(f"workers = {workers!r}: expected a number of processes, or 0 for this process")
     if dask is not None and workers is not None:
         raise BadInput("workers and dask exclude each other: the cluster has its own workers")
     identity = study.identity() if workers != 0 or output is not None else {}
     if output is None:
-        return StudyResult(study, _rows(study, {}, None, workers, dask))
+        with _engine(study, workers, dask) as engine:
+            return result(engine, {}, None)
     need("pyarrow.parquet", PURPOSE)
     path = journal_of(output)
     if output.exists() and not path.exists():
         return stored(output, study, identity)
     journal = Journal(path, identity)
     try:
-        result = StudyResult(study, _rows(study, journal.rows, journal, workers, dask))
+        with _engine(study, workers, dask) as engine:
+            calculated = result(engine, dict(journal.rows), journal)
         temporary = output.with_name(f".{output.name}.new")
-        result.write(temporary, identity)
+        calculated.write(temporary, identity)
         os.replace(temporary, output)
         journal.remove()
     finally:
         journal.close()
-    return result
+    return calculated
 
 
 def journal_of(output: Path) -> Path:
@@ -54,29 +84,29 @@ def journal_of(output: Path) -> Path:
     return output.with_name(f"{output.name}.unfinished")
 
 
-def _rows(
-    study: Study, done: dict[int, dict[str, Any]], journal: Journal | None, workers: int | None, dask: str | None
-) -> list[dict[str, Any]]:
-    """Return the rows of all trials, in order. done : rows of earlier processes"""
-    parameters = list(study.trials())
-    missing = [(number, each) for number, each in enumerate(parameters) if number not in done]
-    rows, new = dict(done), []
-    if dask is not None:
-        ended = run_on_dask(study, missing, dask)
-    elif workers == 0:
-        ended = run_here(study, missing)
-    else:
-        ended = run_in_processes(study, missing, workers or len(os.sched_getaffinity(0)))
+def complete(
+    engine: Engine, orders: Iterable[Order], rows: Rows, journal: Journal | None, progress: Callable[[float], None]
+) -> None:
+    """Run the trials that `rows` lacks, and add their rows to it and to the journal. Raises BadInput.
+
+    progress : is called with the fraction that is done, 0 to 1
+    """
+    missing, new = [order for order in orders if order[0] not in rows], []
+    ended = engine.run(missing)
     try:
-        with Progress(f"running {count(len(missing), 'trial')}") as progress:
-            for number, row in enumerate(ended, 1):
-                if row["trial"] == 0 and row["error"] is not None:
-                    raise BadInput(failed(0, parameters[0], row["error"]))
-                rows[row["trial"]] = row
-                new.append(row)
-                while journal is not None and 0 in rows and new:  # the description is right if the first trial is
-                    journal.write(new.pop(0))
-                progress(number / len(missing))
+        for number, row in enumerate(ended, 1):
+            if row["trial"] == 0 and row["error"] is not None:
+                raise BadInput(failed(*missing[0], row["error"]))
+            rows[row["trial"]] = row
+            new.append(row)
+            while journal is not None and 0 in rows and new:  # the description is right if the first trial is
+                journal.write(new.pop(0))
+            progress(number / len(missing))
     finally:
         ended.close()
-    return [rows[number] for number in range(len(parameters))]
+
+
+def _engine(study: Study, workers: int | None, dask: str | None) -> Engine:
+    if dask is not None:
+        return Cluster(study, dask)
+    return Here(study) if workers == 0 else Processes(study, workers or len(os.sched_getaffinity(0)))
