@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from runtime.base.ending import Interrupted
-from runtime.base.errors import OK
+from runtime.base.errors import OK, BadInput
 from runtime.base.options import count as whole_number
 from runtime.cli.parsing import Parser
-from runtime.console.styles import count
 from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.studies.description import read
-from runtime.studies.result import StudyResult
 from runtime.studies.run import journal_of, run
 
 EPILOG = """\
@@ -33,7 +29,7 @@ def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "study",
         "Run a diagram in virtual time for grids and samples of parameters, and write the objectives of all runs as "
-        "one Parquet table. A study that was interrupted continues with the same command.",
+        "one Parquet table, and a picture of them. A study that was interrupted continues with the same command.",
         EPILOG,
     )
     parser.add_argument("study", type=Path, metavar="STUDY", help="the TOML file of the study")
@@ -50,29 +46,13 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     study = read(options.study)
     output = options.output or Path(options.study.with_suffix(".parquet").name)
+    if output.suffix != ".parquet":
+        raise BadInput(f"{output}: the name of the table must end in .parquet")
     try:
         result = run(study, output, options.workers, options.dask)
     except Interrupted:
         print_to_stderr([f"tickwork: finished trials are stored in {journal_of(output)}; the same command continues"])
         raise
-    print_lines([*summary(result), str(output)])
+    pictures = result.plot().save(output.with_suffix(".png"))
+    print_lines([*result.summary(), *map(str, (output, *pictures))])
     return OK
-
-
-def summary(result: StudyResult) -> Iterator[str]:
-    """Yield the lines on a result: trials, faults and errors, and the range of each objective with its trials."""
-    faults, errors = ([text for text in result.columns[name] if text is not None] for name in ("fault", "error"))
-    yield f"{count(len(result), 'trial')}, {count(len(faults), 'fault')}, {count(len(errors), 'error')}"
-    for kind, texts in (("fault", faults), ("error", errors)):
-        if texts:
-            yield f"  first {kind}: {texts[0]}"
-    width = max(map(len, result.study.objectives))
-    for name in result.study.objectives:
-        values = result[name]
-        if not np.isfinite(values).any():
-            yield f"  {name:<{width}}  no value"
-            continue
-        finite = np.where(np.isfinite(values), values, np.nan)
-        for word, number in (("lowest", np.nanargmin(finite)), ("highest", np.nanargmax(finite))):
-            parameters = ", ".join(f"{key}={result.columns[key][number]}" for key in result.study.parameters)
-            yield f"  {name:<{width}}  {word:<7} {values[number]:<12.6g} trial {number}: {parameters}".rstrip(": ")

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from runtime.analysis.pictures import Pictures
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.base.suggestions import suggestion
+from runtime.console.styles import count
 from runtime.session.simulate import simulate
 from runtime.studies.description import RESULTS, Study
 from runtime.studies.journal import check_identity
@@ -29,6 +33,7 @@ class StudyResult:
 
         result["work"]          # array over the trials, NaN for a missing value
         result.table()          # pandas DataFrame
+        result.plot()           # picture of the objectives
         result.run(17)          # the Trial of one row
 
     study : its description
@@ -52,6 +57,43 @@ class StudyResult:
         values = self.columns[name]
         return np.array(values, float) if name in self.study.objectives else np.array(values)
 
+    def plot(self, *names: str) -> Pictures:
+        """Return a picture of objectives, which a notebook shows; `.save("study.png")` writes it.
+
+        names : of objectives; by default all
+
+        With two grid parameters it has heat maps, otherwise a point per trial over each parameter.
+
+        Raises BadInput for another name.
+        """
+        for name in names:
+            if name not in self.study.objectives:
+                hint = (
+                    suggestion(name, self.study.objectives) or f"the objectives are {', '.join(self.study.objectives)}"
+                )
+                raise BadInput(f"the study has no objective {name!r}: {hint}")
+        from runtime.studies import picture
+
+        return Pictures({"study": partial(picture.draw, self, names or tuple(self.study.objectives))})
+
+    def summary(self) -> Iterator[str]:
+        """Yield the lines of a summary: trials, faults and errors, and the range of each objective with its trials."""
+        faults, errors = ([text for text in self.columns[name] if text is not None] for name in ("fault", "error"))
+        yield f"{count(len(self), 'trial')}, {count(len(faults), 'fault')}, {count(len(errors), 'error')}"
+        for kind, texts in (("fault", faults), ("error", errors)):
+            if texts:
+                yield f"  first {kind}: {texts[0]}"
+        width = max(map(len, self.study.objectives))
+        for name in self.study.objectives:
+            values = self[name]
+            if not np.isfinite(values).any():
+                yield f"  {name:<{width}}  no value"
+                continue
+            finite = np.where(np.isfinite(values), values, np.nan)
+            for word, number in (("lowest", np.nanargmin(finite)), ("highest", np.nanargmax(finite))):
+                parameters = ", ".join(f"{key}={self.columns[key][number]}" for key in self.study.parameters)
+                yield f"  {name:<{width}}  {word:<7} {values[number]:<12.6g} trial {number}: {parameters}".rstrip(": ")
+
     def run(self, number: int) -> Trial:
         """Run one trial again and return its Trial, whose signals are those of the study bit for bit.
 
@@ -74,6 +116,10 @@ class StudyResult:
         arrays = [arrow.array(_alike(values), types.get(name)) for name, values in self.columns.items()]
         table = arrow.Table.from_arrays(arrays, names=self.names)
         parquet.write_table(table.replace_schema_metadata({ABOUT: json.dumps(identity)}), path, compression="zstd")
+
+    def _repr_html_(self) -> str:
+        lines = "\n".join(self.summary())
+        return f'<pre style="line-height: 1.3">{escape(lines)}</pre>{self.plot()._repr_html_()}'
 
     def __repr__(self) -> str:
         return f"<StudyResult: {len(self)} trials, {', '.join(self.study.objectives)}>"

@@ -7,12 +7,14 @@ import pytest
 
 import runtime
 from runtime.base.errors import BAD_INPUT, OK, BadInput
+from runtime.studies import picture
 from tests.runtime.runs import KNEE_EXO
 
 parquet = pytest.importorskip("pyarrow.parquet")
 
 PEAK = {"function": "peak", "signal": "gain.y"}
 NOISE = {"function": "rms", "signal": "noise.y"}
+TWO = {"peak": PEAK, "noise": NOISE}
 STUDY = """\
 diagram = "sine.py"
 duration = 0.5
@@ -30,7 +32,7 @@ def study(**changes):
 
 def test_table_is_equal_bit_for_bit_in_processes_and_in_this_process(folder):
     more = {"seeds": [1, 2], "samples": 2, "sample": {"frequency": {"uniform": [0.9, 1.1]}}}
-    more["objectives"] = {"peak": PEAK, "noise": NOISE}
+    more["objectives"] = TWO
     for name, workers in (("here", 0), ("two", 2)):
         study(output=folder / f"{name}.parquet", workers=workers, **more)
     assert (folder / "here.parquet").read_bytes() == (folder / "two.parquet").read_bytes()
@@ -49,6 +51,32 @@ def test_result_has_columns_and_runs_one_trial_again(folder):
     assert result.table().loc[1, "peak"] == result["peak"][1]
     with pytest.raises(KeyError, match="no column 'peek'.*peak"):
         result["peek"]
+
+
+def test_picture_of_two_grid_parameters_is_a_heat_map_of_means_over_the_seeds(folder):
+    result = study(workers=0, grid={"gain": [1.0, 2.0], "fails": [False, True]}, seeds=[1, 2], objectives=TWO)
+    [peak, noise, *_] = picture.heat_maps(result, ["peak", "noise"], ["gain", "fails"]).axes
+    [mesh] = peak.collections
+    np.testing.assert_allclose(mesh.get_array(), [[1.0, np.nan], [2.0, np.nan]])
+    assert [text.get_text() for text in peak.texts] == ["1", "×", "2", "×"]
+    assert [label.get_text() for label in noise.get_xticklabels()] == ["false", "true"]
+    [mesh] = noise.collections
+    assert mesh.get_array()[1, 0] == pytest.approx(result["noise"][4:6].mean(), rel=1e-12)
+
+
+def test_picture_of_other_parameters_has_a_point_per_trial_and_a_line_of_means(folder):
+    sample = {"samples": 4, "sample": {"frequency": {"uniform": [0.9, 1.1]}}}
+    result = study(workers=0, grid={"gain": [1.0, 2.0]}, objectives=TWO, **sample)
+    [over_gain, over_frequency, *_] = picture.curves(result, ["peak", "noise"], ["gain", "frequency"]).axes
+    points, line = over_gain.lines
+    assert points.get_ydata().tolist() == result["peak"].tolist()
+    assert line.get_xdata().tolist() == [1.0, 2.0]
+    assert line.get_ydata() == pytest.approx([result["peak"][:4].mean(), result["peak"][4:].mean()], rel=1e-12)
+    [points] = over_frequency.lines
+    assert points.get_xdata().tolist() == result["frequency"].tolist()
+    assert "data:image/png" in result._repr_html_() and "8 trials, 0 faults" in result._repr_html_()
+    with pytest.raises(BadInput, match="no objective 'peek': did you mean 'peak'"):
+        result.plot("peek")
 
 
 def test_samples_of_a_parameter_do_not_depend_on_the_others(folder):
@@ -157,7 +185,8 @@ def test_command_writes_the_table_once_and_rejects_that_of_another_study(folder,
     code, out, err = command_line("study", "study.toml", "--workers", "1")
     assert (code, err) == (OK, "")
     assert "3 trials, 0 faults, 0 errors" in out and "highest" in out and "trial 2: gain=3.5" in out
-    assert out.endswith("study.parquet\n")
+    assert out.endswith("study.parquet\nstudy.png\n") and (folder / "study.png").read_bytes().startswith(b"\x89PNG")
+    assert "must end in .parquet" in command_line("study", "study.toml", "-o", "study.png")[2]
     assert command_line("study", "study.toml") == (OK, out, "") and len((folder / "count").read_text()) == 3
     (folder / "study.toml").write_text(STUDY.replace("3.5", "4"))
     code, out, err = command_line("study", "study.toml")
