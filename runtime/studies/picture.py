@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, BinaryIO
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from runtime.studies.result import StudyResult
+    from runtime.studies.description import Study
 
 WIDTH, HEIGHT = 3.4, 2.5  # inches, of one plot
 TICK_LIMIT = 12  # labelled values of an axis
@@ -24,26 +24,27 @@ CELL_TEXT_LIMIT = 80  # cells of a heat map with their value as text
 NAME_LIMIT = 32  # characters of a label
 MAP_COLUMNS = 3  # heat maps beside each other
 
+Columns = Mapping[str, Sequence[Any]]  # of the table, by their names
 
-def draw(result: StudyResult, objectives: Sequence[str], file: BinaryIO, kind: str) -> None:
+
+def draw(study: Study, table: Columns, objectives: Sequence[str], file: BinaryIO, kind: str) -> None:
     """Draw the objectives of a study into a file.
 
     objectives : names
     file : open for writing bytes
     kind : "png" or "svg"
     """
-    study = result.study
-    varied = [name for name in [*study.grid, *study.sample] if len(set(result.columns[name])) > 1]
+    varied = [name for name in [*study.grid, *study.sample] if len(set(table[name])) > 1]
     if len(varied) == 2 and not study.sample:
-        figure = heat_maps(result, objectives, varied)
+        figure = heat_maps(study, table, objectives, varied)
     else:
-        figure = curves(result, objectives, varied or ["trial"])
+        figure = curves(study, table, objectives, varied or ["trial"])
     name = getattr(study.diagram, "__name__", None) or os.path.basename(os.fspath(study.diagram))
-    figure.suptitle(plain(f"{name}: {count(len(result), 'trial')}"), fontsize=11, fontweight="bold", color=INK)
+    figure.suptitle(plain(f"{name}: {count(len(table['trial']), 'trial')}"), fontsize=11, fontweight="bold", color=INK)
     picture.save(figure, file, kind)
 
 
-def curves(result: StudyResult, objectives: Sequence[str], parameters: Sequence[str]) -> Figure:
+def curves(study: Study, table: Columns, objectives: Sequence[str], parameters: Sequence[str]) -> Figure:
     """Return a figure with a point per trial: a row of plots per objective, and a column per parameter.
 
     A line connects the means of the trials with the same value of a grid parameter.
@@ -52,12 +53,12 @@ def curves(result: StudyResult, objectives: Sequence[str], parameters: Sequence[
     figure = picture.figure(1.0 + WIDTH * max(columns, 1.4), 0.6 + HEIGHT * rows)
     axes = figure.subplots(rows, columns, sharex="col", sharey="row", squeeze=False)
     for objective, row in zip(objectives, axes):
-        values = result[objective]
+        values = np.array(table[objective], float)
         for parameter, axis in zip(parameters, row):
-            places, labels = places_of(result.columns[parameter])
+            places, labels = places_of(table[parameter])
             dense = len(values) > 200
             axis.plot(places, values, "o", color=BLUE, alpha=0.35 if dense else 0.7, markersize=2.5 if dense else 4)
-            if parameter in result.study.grid:
+            if parameter in study.grid:
                 at = np.unique(places)
                 axis.plot(at, [mean(values[places == place]) for place in at], color=BLUE, linewidth=1.5)
             if labels:
@@ -69,16 +70,16 @@ def curves(result: StudyResult, objectives: Sequence[str], parameters: Sequence[
     return figure
 
 
-def heat_maps(result: StudyResult, objectives: Sequence[str], parameters: Sequence[str]) -> Figure:
+def heat_maps(study: Study, table: Columns, objectives: Sequence[str], parameters: Sequence[str]) -> Figure:
     """Return a figure with a heat map per objective: the mean over the seeds, for each pair of parameter values."""
     columns = min(MAP_COLUMNS, len(objectives))
     rows = -(-len(objectives) // columns)
     figure = picture.figure(0.6 + 1.3 * WIDTH * columns, 0.6 + 1.2 * HEIGHT * rows)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    below, right = ([result.study.grid[name].index(value) for value in result.columns[name]] for name in parameters)
-    low, high = (list(map(text_of, result.study.grid[name])) for name in parameters)
+    below, right = ([study.grid[name].index(value) for value in table[name]] for name in parameters)
+    low, high = (list(map(text_of, study.grid[name])) for name in parameters)
     for objective, axis in zip(objectives, axes):
-        values, cells = result[objective], np.full((len(low), len(high)), np.nan)
+        values, cells = np.array(table[objective], float), np.full((len(low), len(high)), np.nan)
         for cell in set(zip(below, right)):
             cells[cell] = mean(values[[pair == cell for pair in zip(below, right)]])
         axis.set_facecolor(FAINT)

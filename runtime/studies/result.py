@@ -72,9 +72,11 @@ class StudyResult:
                     suggestion(name, self.study.objectives) or f"the objectives are {', '.join(self.study.objectives)}"
                 )
                 raise BadInput(f"the study has no objective {name!r}: {hint}")
-        from runtime.studies import picture
+        from runtime.studies import picture  # imports matplotlib
 
-        return Pictures({"study": partial(picture.draw, self, names or tuple(self.study.objectives))})
+        return Pictures(
+            {"study": partial(picture.draw, self.study, self.columns, names or tuple(self.study.objectives))}
+        )
 
     def summary(self) -> Iterator[str]:
         """Yield the lines of a summary: trials, faults and errors, and the range of each objective with its trials."""

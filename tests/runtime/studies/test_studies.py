@@ -55,7 +55,7 @@ def test_result_has_columns_and_runs_one_trial_again(folder):
 
 def test_picture_of_two_grid_parameters_is_a_heat_map_of_means_over_the_seeds(folder):
     result = study(workers=0, grid={"gain": [1.0, 2.0], "fails": [False, True]}, seeds=[1, 2], objectives=TWO)
-    [peak, noise, *_] = picture.heat_maps(result, ["peak", "noise"], ["gain", "fails"]).axes
+    [peak, noise, *_] = picture.heat_maps(result.study, result.columns, ["peak", "noise"], ["gain", "fails"]).axes
     [mesh] = peak.collections
     np.testing.assert_allclose(mesh.get_array(), [[1.0, np.nan], [2.0, np.nan]])
     assert [text.get_text() for text in peak.texts] == ["1", "×", "2", "×"]
@@ -67,7 +67,9 @@ def test_picture_of_two_grid_parameters_is_a_heat_map_of_means_over_the_seeds(fo
 def test_picture_of_other_parameters_has_a_point_per_trial_and_a_line_of_means(folder):
     sample = {"samples": 4, "sample": {"frequency": {"uniform": [0.9, 1.1]}}}
     result = study(workers=0, grid={"gain": [1.0, 2.0]}, objectives=TWO, **sample)
-    [over_gain, over_frequency, *_] = picture.curves(result, ["peak", "noise"], ["gain", "frequency"]).axes
+    [over_gain, over_frequency, *_] = picture.curves(
+        result.study, result.columns, ["peak", "noise"], ["gain", "frequency"]
+    ).axes
     points, line = over_gain.lines
     assert points.get_ydata().tolist() == result["peak"].tolist()
     assert line.get_xdata().tolist() == [1.0, 2.0]
