@@ -50,6 +50,7 @@ html_theme_options = {
     "navigation_depth": 3,
     "collapse_navigation": True,
     "back_to_top_button": True,
+    "pygments_dark_style": "github-dark",
 }
 html_context = {"default_mode": "auto"}
 pygments_style = "tango"
