@@ -9,7 +9,7 @@ import blocks
 from graph.drawing import draw, svg
 from graph.drawing.cards import documentation, summary, unit_text
 from runtime.diagrams.catalog import class_card, family_of, import_line, libraries
-from tests.docs import responses
+from tests.docs import block_examples, responses
 from tests.docs.pages import DOCS
 
 INDEX = DOCS / "reference" / "blocks.md"
@@ -80,7 +80,7 @@ def pages(folder, pictures, families=None):
     images.mkdir(parents=True, exist_ok=True)
     groups = {family: kinds for family, kinds in family_groups().items() if families is None or family in families}
     found = {"index": _catalog(groups)}
-    with responses.folder():
+    with block_examples.folder():
         for family, kinds in groups.items():
             found[f"{family}_blocks"] = _family(family, kinds)
             for kind in kinds:
@@ -109,7 +109,7 @@ def page(kind, home, images, pictures):
     images : Path of the folder for pictures
     pictures : whether responses are drawn
     """
-    card, shown, name = class_card(kind), responses.example_of(kind, home), kind.__name__
+    card, shown, name = class_card(kind), block_examples.example_of(kind, home), kind.__name__
     first, *rest = documentation(kind)
     title, equation, more = _equation(first)
     parts = [f"# {name}", markdown(title)]
@@ -119,7 +119,7 @@ def page(kind, home, images, pictures):
     parts.append(f"```python\n{import_line(kind, home)}\n```")
     parts += [_paragraph(text) for text in rest]
     all_ports = not shown.walker and len(card["inputs"]) + len(card["outputs"]) < PORTS_DRAWN
-    drawing = svg(draw(responses.diagram(shown), all_ports=all_ports))
+    drawing = svg(draw(block_examples.diagram(shown), all_ports=all_ports))
     (images / f"{name}.svg").write_text(drawing)
     parts.append(f"![{name} in a diagram](images/{name}.svg)")
     parts += [_ports(card, "inputs"), _ports(card, "outputs"), _parameters(card)]

@@ -5,19 +5,19 @@ import pytest
 
 from blocks.filters import Butterworth
 from graph import Device, Sink
-from tests.docs import block_pages, responses
+from tests.docs import block_examples, block_pages, responses
 
 
 @pytest.fixture(scope="module")
 def examples():
     """Return {name: (Example, home)} of every block."""
-    with responses.folder():
-        yield {kind.__name__: responses.example_of(kind, home) for kind, home in block_pages.homes().items()}
+    with block_examples.folder():
+        yield {kind.__name__: block_examples.example_of(kind, home) for kind, home in block_pages.homes().items()}
 
 
 def test_every_example_runs_and_its_block_computes(examples):
     for name, shown in examples.items():
-        trial, inputs = responses.run(shown)
+        trial, inputs = block_examples.run(shown)
         if shown.style == "none":
             assert issubclass(shown.kind, (Device, Sink)) or shown.kind.always or not shown.kind.outputs, name
             continue
@@ -27,8 +27,8 @@ def test_every_example_runs_and_its_block_computes(examples):
 
 def test_frequency_response_of_a_filter_is_that_of_its_design(examples):
     gain, phase = responses.frequency_response(examples["Butterworth"])
-    design = np.tan(np.pi * responses.FREQUENCIES / responses.RATE) / np.tan(
-        np.pi * Butterworth().cutoff / responses.RATE
+    design = np.tan(np.pi * responses.FREQUENCIES / block_examples.RATE) / np.tan(
+        np.pi * Butterworth().cutoff / block_examples.RATE
     )
     assert gain == pytest.approx(1.0 / np.sqrt(1.0 + design**4), abs=1e-6)
     assert np.degrees(phase[0]) == pytest.approx(0.0, abs=5.0) and np.degrees(phase[-1]) < -170.0
