@@ -11,6 +11,7 @@ import numpy as np
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.base.suggestions import suggestion
+from runtime.optimisation.estimate import fitted_minimum
 from runtime.optimisation.parameters import Parameter, distinct
 
 INITIAL_DEVIATION = 0.25  # of CMA-ES, as a fraction of each parameter's bounds
@@ -87,11 +88,19 @@ class Optimiser:
         return len(self.told) // self.population
 
     def optimum(self) -> dict[str, float]:
-        """Return the estimate of the optimum, {name: value}; the initial values before the first cost."""
-        finite = [(cost, values) for values, cost in self.told if cost < math.inf]
+        """Return the estimate of the optimum from all costs so far, {name: value}.
+
+        It is the minimum of a quadratic fit. Before the costs determine one it is the best evaluation, and before the
+        first cost the initial values.
+        """
+        finite = [(values, cost) for values, cost in self.told if cost < math.inf]
         if not finite:
             return {parameter.name: parameter.start for parameter in self.parameters}
-        return dict(min(finite, key=lambda pair: pair[0])[1])
+        points = [[parameter.scaled(values[parameter.name]) for parameter in self.parameters] for values, _ in finite]
+        minimum = fitted_minimum(np.array(points), np.array([cost for _, cost in finite]))
+        if minimum is None:
+            return dict(min(finite, key=lambda pair: pair[1])[0])
+        return {parameter.name: parameter.value(fraction) for parameter, fraction in zip(self.parameters, minimum)}
 
     def state(self) -> dict[str, Any]:
         """Return the state as plain data for JSON, from which `restored` continues with the same proposals."""
