@@ -53,7 +53,9 @@ cdef extern from "<signal.h>" nogil:
     ctypedef struct sigset_t:
         pass
     ctypedef void (*handler_t)(int)
-    ctypedef void (*context_handler_t)(int, void *information, void *context)
+    ctypedef struct siginfo_t:
+        pass
+    ctypedef void (*context_handler_t)(int, siginfo_t *information, void *context)
     cdef struct action "sigaction":
         handler_t sa_handler
         context_handler_t sa_sigaction                  # with SA_SIGINFO

@@ -6,7 +6,7 @@ from libc.string cimport memset
 
 from cext.atomics cimport load_i32, store_i32
 from cext.clock.deadline_clock cimport monotonic
-from cext.posix cimport SA_RESTART, SA_SIGINFO, SIGRTMIN, action, pthread_kill, pthread_t, sigaction
+from cext.posix cimport SA_RESTART, SA_SIGINFO, SIGRTMIN, action, pthread_kill, pthread_t, sigaction, siginfo_t
 from cext.threads cimport doze, wake
 
 cdef extern from *:
@@ -88,7 +88,7 @@ cdef int32_t answer = UNKNOWN
 cdef action before                      # of SIGRTMIN
 
 
-cdef void on_sample(int number, void *information, void *context) noexcept nogil:
+cdef void on_sample(int number, siginfo_t *information, void *context) noexcept nogil:
     store_i32(&answer, 2 + item_of_context(sampled, context) if sampled != NULL else UNKNOWN)
     wake(&answer)
 

@@ -13,8 +13,8 @@ from cext.fused.locate cimport IN_RUN, CodeMap, item_of_context
 from cext.safety.forks cimport is_child
 from cext.safety.shared_state cimport SharedLayout, store_i32
 from cext.posix cimport (
-    SA_ONSTACK, SA_SIGINFO, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, action, pthread_self, pthread_t, raise_signal, sigaction,
-    sigaltstack, stack_t,
+    SA_ONSTACK, SA_SIGINFO, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, action, pthread_self, pthread_t, raise_signal,
+    sigaction, sigaltstack, siginfo_t, stack_t,
 )
 
 cdef enum:
@@ -30,7 +30,7 @@ cdef pthread_t loop = 0
 cdef const CodeMap *code = NULL
 
 
-cdef void on_fatal(int number, void *information, void *context) noexcept nogil:
+cdef void on_fatal(int number, siginfo_t *information, void *context) noexcept nogil:
     cdef SharedLayout *page = shared if not is_child() else NULL        # a child shares the memory of its parent
     cdef int index
     cdef int item
