@@ -62,6 +62,7 @@ class Sum(Block):
             f"u{i}": Input("any", f"input {i}", shape=...).named(f"u{i}") for i in range(1, len(self.signs) + 1)
         }
         self.weights = [1.0 if sign == "+" else -1.0 for sign in self.signs]
+        self.kernel = kernels.additions.get(self.signs, kernels.sum)
 
     def output_range(self, **inputs: Interval) -> Interval:
         first, *rest = (u if sign == "+" else -u for u, sign in zip(inputs.values(), self.signs))

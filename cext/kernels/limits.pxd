@@ -9,9 +9,10 @@ cdef inline bint is_finite(double x) noexcept nogil:
 
 cdef inline double clip(double x, double low, double high) noexcept nogil:
     """Return x clamped to [low, high]; NaN if x is not finite, even if a bound is infinite."""
-    x = finite(x)
+    cdef double zero = x - x    # or NaN; subtracted at the end, since the comparisons need not wait for it
     x = low if low > x else x   # NaN fails both comparisons; without branches, which mispredict with the data
-    return high if high < x else x
+    x = high if high < x else x
+    return x - zero
 
 cdef inline double toward(double previous, double target, double most) noexcept nogil:
     """Move from previous to target by at most `most`, without overshoot.

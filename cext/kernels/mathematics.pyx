@@ -32,24 +32,23 @@ cdef struct Sum:
 SUM = items((<Sum *>ITEMS)[0], "y[...] weights[...]")
 
 
-cdef int sum_kernel(double *arena, const Sum *at, const Sum *sizes) noexcept nogil:
+cdef inline int weighted_sum(
+        double *arena, const Sum *at, const Sum *sizes, double p, double q, double r, const double *weights) noexcept nogil:
+    """Add the inputs. p, q, r : weights of up to three inputs; weights : of more"""
     cdef const int32_t *inputs = each(at, at.inputs)
     cdef int count = at.inputs.count
     cdef double *y = arena + at.y
-    cdef double *weights = arena + at.weights
     cdef double *a = arena + inputs[0]
     cdef double *b
     cdef double *c
-    cdef double p = weights[0]
-    cdef double q, r, total
+    cdef double total
     cdef int i, k
     if count == 2:
-        b, q = arena + inputs[1], weights[1]
+        b = arena + inputs[1]
         for i in range(sizes.y):
             y[i] = p * a[i] + q * b[i]
     elif count == 3:
-        b, q = arena + inputs[1], weights[1]
-        c, r = arena + inputs[2], weights[2]
+        b, c = arena + inputs[1], arena + inputs[2]
         for i in range(sizes.y):
             y[i] = p * a[i] + q * b[i] + r * c[i]
     else:
@@ -59,6 +58,21 @@ cdef int sum_kernel(double *arena, const Sum *at, const Sum *sizes) noexcept nog
                 total += weights[k] * arena[inputs[k] + i]
             y[i] = total
     return OK
+
+
+cdef int sum_kernel(double *arena, const Sum *at, const Sum *sizes) noexcept nogil:
+    cdef const double *weights = arena + at.weights
+    cdef int count = at.inputs.count
+    return weighted_sum(
+        arena, at, sizes, weights[0], weights[1] if count > 1 else 0.0, weights[2] if count > 2 else 0.0, weights)
+
+
+cdef int add_kernel(double *arena, const Sum *at, const Sum *sizes) noexcept nogil:
+    return weighted_sum(arena, at, sizes, 1.0, 1.0, 1.0, arena + at.weights)
+
+
+cdef int subtract_kernel(double *arena, const Sum *at, const Sum *sizes) noexcept nogil:
+    return weighted_sum(arena, at, sizes, 1.0, -1.0, 0.0, arena + at.weights)
 
 
 cdef struct Product:
@@ -212,6 +226,11 @@ cdef int conversion_kernel(double *arena, const Conversion *at, const Conversion
 
 gain = export(<kernel_t>gain_kernel, GAIN)
 sum = export(<kernel_t>sum_kernel, SUM)
+additions = {                       # by signs: without a multiplication for each input
+    "++": export(<kernel_t>add_kernel, SUM),
+    "+++": export(<kernel_t>add_kernel, SUM),
+    "+-": export(<kernel_t>subtract_kernel, SUM),
+}
 product = export(<kernel_t>product_kernel, PRODUCT)
 divide = export(<kernel_t>divide_kernel, PRODUCT)
 magnitude = export(<kernel_t>magnitude_kernel, FUNCTION)
