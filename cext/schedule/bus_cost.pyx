@@ -8,7 +8,7 @@ from libc.string cimport memcpy, memset
 from cext.abi cimport AUTHORITY, DT, FRAMES_PER_TICK, OK, PERIOD, TICK, TIME, Frame
 from cext.bus.memory_bus cimport BusEnd
 from cext.clock.deadline_clock cimport monotonic
-from cext.schedule.program cimport Program
+from cext.schedule.program cimport Program, run_phase
 from cext.posix cimport MSG_DONTWAIT, MSG_NOSIGNAL, iovec, mmsghdr, recvmmsg, sendmmsg
 from cext.bus.socketcan cimport CAN_MTU, CONTROL_WORDS, canfd_frame
 
@@ -110,13 +110,13 @@ def time_of_control(Program control, BusEnd other, answers, int rounds, double r
         if status == OK:
             status = control.devices.watch(now)
         if status == OK:
-            status = control.run(&control.output, round, round - 1)
+            status = run_phase(control, &control.output, round, round - 1)
         if status == OK:
             status = control.devices.command()
         if status == OK:
             status = control.devices.transmit(now)
         if status == OK:
-            status = control.run(&control.update, round, round - 1)
+            status = run_phase(control, &control.update, round, round - 1)
         now = monotonic()
         came = other.bus.receive(other.bus.context, received, FRAMES_PER_TICK)
         if status != OK:

@@ -15,6 +15,7 @@ from cext.abi cimport (
     UNGUARDED,
 )
 from cext.schedule.live cimport STOP_WANTED, apply_changes
+from cext.schedule.program cimport run_phase
 from cext.ring.mailbox cimport NOT_NOW, REARM, TAKEN
 from cext.clock.deadline_clock cimport monotonic
 from cext.safety.shared_state cimport ARMING
@@ -181,11 +182,11 @@ cdef class Waiting(Arming):
         if status[0] != OK:
             return status[0]
         if computed == OK:
-            computed = self.control.run(&self.control.output, tick, self.previous)
+            computed = run_phase(self.control, &self.control.output, tick, self.previous)
         if computed == OK:
             computed = self.control.devices.command()              # encoded, but not sent
         if computed == OK:
-            computed = self.control.run(&self.control.update, tick, self.previous)
+            computed = run_phase(self.control, &self.control.update, tick, self.previous)
         standing = self.control.devices.watch(self.now)
         if standing == OK:
             standing = computed if computed != OK or self.control.devices.arming.all_answered() else NO_ANSWER

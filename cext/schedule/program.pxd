@@ -1,9 +1,9 @@
 from cpython.object cimport PyObject
 from libc.stdint cimport int32_t, int64_t, uint64_t
 
-from cext.abi cimport kernel_t
+from cext.abi cimport OK, kernel_t
 from cext.fused.join cimport Code
-from cext.fused.locate cimport CodeMap
+from cext.fused.locate cimport IN_RUN, CodeMap
 from cext.schedule.devices cimport Devices
 from cext.schedule.live cimport LiveTable
 from cext.safety.shared_state cimport SharedLayout
@@ -36,6 +36,7 @@ cdef struct Phase:
     int step_count
     int segment_count
     int item                     # stopwatch item of its first step, below 0 for none
+    bint plain                   # has one segment, which is plain
 
 cdef struct FailedStep:          # -1: none
     int phase
@@ -90,4 +91,24 @@ cdef class Program:
     cdef bint enabled(self, Segment *segment) noexcept nogil
     cdef int start_from_here(self) noexcept nogil
     cdef int reset_blocks(self) noexcept nogil
-    cdef void record(self, double *row) noexcept nogil
+
+    cdef inline int run_code(self, Phase *phase, const Segment *segment) noexcept nogil:
+        """Run the machine code of a segment."""
+        cdef int64_t outcome
+        self.at[0] = IN_RUN + phase.item + segment.first
+        outcome = segment.code(self.arena)
+        return OK if outcome == OK else self.failed_in(phase, segment, outcome)
+
+    cdef inline void record(self, double *row) noexcept nogil:
+        cdef int index
+        for index in range(self.column_count):
+            row[index] = self.arena[self.columns[index]]
+
+
+cdef inline int run_phase(Program program, Phase *phase, int64_t tick, int64_t previous) noexcept nogil:
+    """Run the steps of a phase that are due in a tick. Returns OK, or the status of the step that failed."""
+    if phase.segment_count == 0:
+        return OK
+    if phase.plain and program.laps == NULL:
+        return program.run_code(phase, phase.segments)
+    return program.run(phase, tick, previous)

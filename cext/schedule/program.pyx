@@ -16,7 +16,7 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
 from cext.fused.join cimport Code
-from cext.fused.locate cimport IN_RUN, CodeMap
+from cext.fused.locate cimport CodeMap
 from cext.safety.forks cimport is_child, leave
 from cext.abi cimport DT, LATENESS, OK, PERIOD, PYTHON_ERROR
 from cext.atomics cimport store_i64
@@ -148,6 +148,7 @@ cdef class Program:
                     segment.code = <fused_t><uintptr_t>next(entries)
                     segment.plain = (
                         segment.every == 1 and segment.condition_count == 0 and segment.allowance == 0)
+            phases[part].plain = phases[part].segment_count == 1 and phases[part].segments.plain
         self.fused = sum(not addresses for _, run in runs for *_, addresses in run)
         return 0
 
@@ -251,16 +252,15 @@ cdef class Program:
         cdef int index = 0
         cdef int status = OK
         cdef Segment *segment
-        cdef int64_t periods, began, outcome
+        cdef int64_t periods, began
         cdef double dt = self.arena[DT]
         cdef double period = self.arena[PERIOD]
         while index < phase.segment_count:
             segment = &phase.segments[index]
             if segment.plain and self.laps == NULL:
-                self.at[0] = IN_RUN + phase.item + segment.first
-                outcome = segment.code(self.arena)
-                if outcome != OK:
-                    return self.failed_in(phase, segment, outcome)
+                status = self.run_code(phase, segment)
+                if status != OK:
+                    return status
                 index += 1
                 continue
             periods = self.due(segment, tick, previous)
@@ -320,15 +320,11 @@ cdef class Program:
         cdef bint each = laps != NULL and laps.each != NULL
         cdef int item = phase.item + segment.first
         cdef int32_t *at = self.at
-        cdef int64_t outcome
         if segment.code != NULL and not each:
-            at[0] = IN_RUN + item
-            outcome = segment.code(arena)
-            if outcome != OK:
-                return self.failed_in(phase, segment, outcome)
-            if laps != NULL:
+            status = self.run_code(phase, segment)
+            if status == OK and laps != NULL:
                 lap(laps, item)
-            return OK
+            return status
         while step < last:
             at[0] = item
             item += 1
@@ -443,8 +439,3 @@ cdef class Program:
                 self.error = error
                 return PYTHON_ERROR
         return OK
-
-    cdef void record(self, double *row) noexcept nogil:
-        cdef int index
-        for index in range(self.column_count):
-            row[index] = self.arena[self.columns[index]]

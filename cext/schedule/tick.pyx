@@ -6,6 +6,7 @@ from libc.stdlib cimport calloc, free
 from cext.abi cimport DT, HUNG, LATENESS, OK, PERIOD, REAL_TIME, TICK, TIME, WAKE
 from cext.clock.histogram cimport add
 from cext.schedule.live cimport apply_changes
+from cext.schedule.program cimport run_phase
 from cext.clock.deadline_clock cimport clock, monotonic
 from cext.posix cimport CLOCK_THREAD_CPUTIME_ID
 from cext.clock.stopwatch cimport COMMAND, PLANT, RECEIVE, RECORD, TRANSMIT, Laps, lap
@@ -67,7 +68,7 @@ cdef class Tick:
             status = self.control.devices.watch(now)
         release(self.handover)
         if status == OK:
-            status = self.control.run(&self.control.output, tick, previous)
+            status = run_phase(self.control, &self.control.output, tick, previous)
         self.control.at[0] = COMMAND
         if status == OK:
             status = self.control.devices.command()
@@ -82,7 +83,7 @@ cdef class Tick:
                 add(&self.journal.layout.bus, on_wires, tick)
         release(self.handover)
         if status == OK:
-            status = self.control.run(&self.control.update, tick, previous)
+            status = run_phase(self.control, &self.control.update, tick, previous)
         if not acquire(self.handover):
             return HUNG
         self.control.at[0] = RECORD if self.plant is None else PLANT
@@ -124,7 +125,7 @@ cdef class Tick:
         if self.plant.laps != NULL:
             lap(self.plant.laps, RECEIVE)
         if status == OK:
-            status = self.plant.run(&self.plant.output, self.plant_tick, self.plant_tick - 1)
+            status = run_phase(self.plant, &self.plant.output, self.plant_tick, self.plant_tick - 1)
         if status == OK:
             status = self.plant.devices.command()
         if status == OK:
@@ -132,7 +133,7 @@ cdef class Tick:
         if self.plant.laps != NULL:
             lap(self.plant.laps, TRANSMIT)
         if status == OK:
-            status = self.plant.run(&self.plant.update, self.plant_tick, self.plant_tick - 1)
+            status = run_phase(self.plant, &self.plant.update, self.plant_tick, self.plant_tick - 1)
         self.plant_tick += 1
         return status
 
@@ -150,10 +151,10 @@ cdef class Tick:
         with nogil:
             start = clock(CLOCK_THREAD_CPUTIME_ID)
             for tick in range(ticks):
-                self.set_clock(tick, tick - 1, 0)
-                status = self.control.run(&self.control.output, tick, tick - 1)
+                write_clock(self.control.arena, tick, tick - 1, self.pace.rate, 0)
+                status = run_phase(self.control, &self.control.output, tick, tick - 1)
                 if status == OK:
-                    status = self.control.run(&self.control.update, tick, tick - 1)
+                    status = run_phase(self.control, &self.control.update, tick, tick - 1)
                 if status != OK:
                     break
                 self.control.record(row)
