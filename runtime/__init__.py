@@ -54,6 +54,7 @@ def run(
     plant: Diagram | Callable[..., Diagram] | None = None,
     seed: int | None = None,
     rate: float | None = None,
+    plant_signals: str | Iterable[str] = (),
     fast: bool = True,
     rig: str | os.PathLike[str] | None = None,
     **options: Any,
@@ -83,6 +84,9 @@ def run(
         either every device is emulated and each actuator turns a free inertia
     seed : integer from which the seeds of all noise sources of robot and plant are derived; None: their own seeds
     rate : Hz instead of the diagram's own
+    plant_signals : in virtual time, signals of the plant that the Trial has besides those of the robot, at the end of
+        each tick: "walker.left_knee_torque" is trial["plant/walker.left_knee_torque"]. A text of names separated by
+        commas, or several; * stands for any text, and a block for all its signals
     fast : virtual time; False runs the simulation in real time
     rig : path of a rig file, whose run is in real time
     options : further options of the command in real time, by their names: yes=True, record="trials",
@@ -92,15 +96,20 @@ def run(
     DiagramError for errors before the run. In the main thread, Ctrl-C ends the run and raises KeyboardInterrupt; in
     another thread, the run continues to its end.
     """
+    from runtime.base.errors import BadInput
+
     if fast and rig is None:
-        from runtime.base.errors import BadInput
         from runtime.session.simulate import simulate
 
         if options:
             raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
         if duration is None:
             raise BadInput("a run in virtual time needs a duration in s, as in runtime.run(diagram, 10)")
-        return simulate(diagram, duration, settings=settings, plant=plant, seed=seed, rate=rate)
+        return simulate(
+            diagram, duration, settings=settings, plant=plant, seed=seed, rate=rate, plant_signals=plant_signals
+        )
+    if plant_signals:
+        raise BadInput("plant_signals: only a run in virtual time records signals of the plant")
     from runtime.session import own_process
 
     return own_process.run(diagram, settings, duration=duration, plant=plant, seed=seed, rate=rate, rig=rig, **options)
@@ -113,6 +122,7 @@ def simulate(
     plant: Diagram | Callable[..., Diagram] | None = None,
     seed: int | None = None,
     rate: float | None = None,
+    plant_signals: str | Iterable[str] = (),
 ) -> SimulatedRun:
     """Prepare a run in virtual time in this process, which the caller advances step by step.
 
@@ -128,7 +138,7 @@ def simulate(
     """
     from runtime.session.simulate import SimulatedRun
 
-    return SimulatedRun(diagram, settings=settings, plant=plant, seed=seed, rate=rate)
+    return SimulatedRun(diagram, settings=settings, plant=plant, seed=seed, rate=rate, plant_signals=plant_signals)
 
 
 def check(

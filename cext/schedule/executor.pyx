@@ -92,7 +92,8 @@ cdef class Executor(Waiting):
         self.signals = Signals(not hosted or threading.current_thread() is threading.main_thread())
         self.pace = DeadlineClock(rate, self.signals, spin=round(spin * 1e9))
         self.overrun = Overrun(overrun)
-        self.journal = Publisher(page, control, virtual, reader, self.signals, round(guard * 1e9), rows, drain)
+        self.journal = Publisher(page, control, virtual, reader, self.signals, round(guard * 1e9), rows, drain,
+            plant)
         self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
         self.watchdog = Watchdog(control, self.journal, self.signals, self.pace.period, guard > 0.0 and not virtual,
             others)

@@ -6,13 +6,14 @@ from cext.schedule.program cimport Program
 cdef class Publisher:
     cdef SharedState page
     cdef SharedLayout *layout          # NULL without a page
-    cdef Program program
+    cdef Program program, plant
     cdef bint virtual
     cdef int reader
     cdef const int32_t *caught
     cdef int64_t guard               # ns of the guardian's silence that end the run, 0: no guardian
     cdef uint64_t most               # ring bytes of one tick, at most
     cdef object table                # the array behind `recent`
+    cdef int width                   # numbers of a row in it
     cdef double *recent              # rows of the newest ticks, a ring; with `table`, of all ticks
     cdef int64_t recent_size         # capacity in rows
     cdef int64_t recent_count        # rows written in total

@@ -40,10 +40,11 @@ cdef class Publisher:
     guard : ns of the guardian's silence that end the run, 0 without a guardian
     rows : C-contiguous float64 array (ticks, 2 + columns) for the row of every tick: tick, lateness in s, recorded
         signals; or None. A run with more ticks overwrites the first rows
+    plant : Program whose columns, at the end of the tick, follow in the rows of that array; or None
     """
 
     def __init__(self, SharedState page, Program program, bint virtual, int reader, Signals signals,
-                 int64_t guard=0, rows=None, drain=None):
+                 int64_t guard=0, rows=None, drain=None, Program plant=None):
         if page is not None and 16 * (3 + program.column_count) > <int64_t>page.layout.capacity:
             raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (
                 page.layout.capacity, 2 + program.column_count))
@@ -60,21 +61,23 @@ cdef class Publisher:
             self.most = min(self.most, page.layout.capacity // 2)          # a smaller ring drops records
         self.records = page is not None or rows is not None
         self.drain, self.drains = drain, drain is not None and page is not None and virtual
-        self.table = np.zeros((RECENT, 2 + program.column_count)) if rows is None else rows
-        if (self.table.ndim != 2 or len(self.table) == 0 or self.table.shape[1] != 2 + program.column_count
-            or self.table.dtype != np.float64
-                or not self.table.flags.carray):
-            raise ValueError("rows must be a writable C-contiguous float64 array of shape (ticks, %d)" % (
-                2 + program.column_count))
+        self.plant = None if rows is None else plant
+        self.width = 2 + program.column_count + (0 if self.plant is None else self.plant.column_count)
+        self.table = np.zeros((RECENT, self.width)) if rows is None else rows
+        if (self.table.ndim != 2 or len(self.table) == 0 or self.table.shape[1] != self.width
+                or self.table.dtype != np.float64 or not self.table.flags.carray):
+            raise ValueError("rows must be a writable C-contiguous float64 array of shape (ticks, %d)" % self.width)
         self.recent = <double *><uintptr_t>self.table.ctypes.data
         self.recent_size = len(self.table)
 
     def newest(self) -> list[tuple]:
-        """Return the newest rows in order, each as a tuple: tick, lateness in s, recorded signals."""
-        cdef int width = 2 + self.program.column_count
+        """Return the newest rows in order, each as a tuple: tick, lateness in s, recorded signals of the robot."""
         cdef int64_t row
         return [
-            tuple(self.recent[row % self.recent_size * width + column] for column in range(width))
+            tuple(
+                self.recent[row % self.recent_size * self.width + column]
+                for column in range(2 + self.program.column_count)
+            )
             for row in range(max(0, self.recent_count - min(<int64_t>RECENT, self.recent_size)), self.recent_count)
         ]
 
@@ -163,12 +166,14 @@ cdef class Publisher:
         """
         cdef SharedLayout *page = self.layout
         cdef int size = 2 + self.program.column_count
-        cdef double *kept = self.recent + self.recent_count % self.recent_size * size
+        cdef double *kept = self.recent + self.recent_count % self.recent_size * self.width
         cdef double *row
         cdef int64_t since
         kept[0] = <double>tick
         kept[1] = self.program.arena[LATENESS]
         self.program.record(kept + 2)
+        if self.plant is not None:
+            self.plant.record(kept + size)
         self.recent_count += 1
         if page == NULL:
             return True

@@ -1,12 +1,19 @@
 """The signals that a run records: those that its recorders select, at their rates."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from graph import Schedule
+from graph.schedule import Column
 from runtime.base.errors import BadInput
 from runtime.recording.signal_selection import select
+
+PLANT = "plant/"  # begin of the paths of a plant's signals
 
 
 def select_recorded(schedule: Schedule) -> Schedule:
@@ -57,3 +64,39 @@ def selection(sink: Any) -> set[int]:
             "the folder of the files"
         ) from None
     return {sink.columns[place].index for place in places}
+
+
+def everything(schedule: Schedule) -> dict[str, Any]:
+    """Return every signal of a schedule as recorded numbers: its fields `columns` and `recorded`."""
+    slots, recorded = [], []
+    for place in sorted(schedule.signals.values(), key=lambda place: place.path):
+        for offset, index in enumerate(np.ndindex(place.shape)):
+            path = place.path + "".join(f"[{number}]" for number in index)
+            recorded.append(Column(len(slots), path, place.dtype, place.unit, place.circle))
+            slots.append(place.slot + offset)
+    return {"columns": np.array(slots, dtype=np.int32), "recorded": recorded}
+
+
+def recorded_of_plant(schedule: Schedule, names: str, first: int) -> dict[str, Any]:
+    """Return signals of a plant that are recorded with those of its robot: its fields `columns` and `recorded`.
+
+    names : of signals or blocks, as of runtime.recording.signal_selection.select; "" for none
+    first : number of the robot's columns, before those of the plant
+
+    Raises BadInput for a name without a signal.
+    """
+    if not names:
+        return {"columns": np.empty(0, np.int32), "recorded": []}
+    fields = everything(schedule)
+    columns = fields["recorded"]
+    try:
+        places = select([vars(column) for column in columns], names)
+    except BadInput as error:
+        raise BadInput(f"plant: {error}") from None
+    return {
+        "columns": fields["columns"][places],
+        "recorded": [
+            replace(columns[place], index=first + index, path=f"{PLANT}{columns[place].path}")
+            for index, place in enumerate(places)
+        ],
+    }

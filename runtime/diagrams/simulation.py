@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cext.bus.memory_bus import MemoryBus
@@ -12,10 +14,11 @@ from graph import Actuator, Device, Diagram, subsystem
 from runtime.base.errors import BadInput
 from runtime.diagrams.file import build_plant, compiled
 from runtime.diagrams.overrides import set_seeds
+from runtime.diagrams.recorded_signals import recorded_of_plant
 
 if TYPE_CHECKING:
     from cext.bus.memory_bus import BusEnd
-    from graph.schedule import Schedule
+    from graph.schedule import Column, Schedule
     from runtime.diagrams.diagram_file import DiagramFile
     from runtime.diagrams.overrides import Replaced
 
@@ -28,6 +31,7 @@ class Simulation:
     schedule : the robot's Schedule
     bitrate : bit/s of each bus; None: frames take no time
     seed : integer from which the seeds of the plant's noise sources are derived, or None to keep theirs
+    plant_signals : signals or blocks of the plant whose values follow those of the robot in the rows of a run
 
     replaced : [(block, "seed", value before)] of those noise sources
     plant : the plant's Schedule, None for a robot without devices
@@ -41,6 +45,7 @@ class Simulation:
         schedule: Schedule,
         bitrate: float | None = None,
         seed: int | None = None,
+        plant_signals: str = "",
     ) -> None:
         self.given = file is not None and file.has_plant
         self.diagram, self.plant, self.replaced = plant_of(file, robot, seed)
@@ -51,12 +56,21 @@ class Simulation:
         }
         self.program = None
         if self.plant is not None:
-            plant = self.plant
+            self.plant = plant = replace(
+                self.plant, **recorded_of_plant(self.plant, plant_signals, len(schedule.columns))
+            )
             unknown = [name for name in plant.buses if name not in self.buses]
             if unknown:
                 known = ", ".join(self.buses) or "none"
                 raise BadInput(f"the plant emulates a device on bus {unknown[0]!r}, but the robot's buses are {known}")
             self.program = Program(plant, [self.buses[name].device for name in plant.buses])
+        elif plant_signals:
+            raise BadInput(f"{robot.name} has no plant, whose signals {plant_signals!r} could be recorded")
+
+    @property
+    def recorded(self) -> Sequence[Column]:
+        """Signals of the plant that follow those of the robot in the rows of a run."""
+        return self.plant.recorded if self.plant is not None else ()
 
     def ends(self) -> list[BusEnd]:
         """Return the robot's end of each bus, in the schedule's order."""

@@ -13,9 +13,10 @@ from blocks.thermal import ThermalModel, loss_of_rating
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import TorqueBound
+from runtime.diagrams.recorded_signals import everything
 from runtime.rig.battery import continuous_current, overloads, peak_current, supply_current, windings
 from runtime.rig.errors import CODES
-from runtime.session.memory_trial import everything, table
+from runtime.session.memory_trial import table
 
 if TYPE_CHECKING:
     from graph import Diagram, Schedule, Winding

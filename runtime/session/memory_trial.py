@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from graph.schedule import Column
 from graph.store import to_json
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
@@ -16,7 +15,6 @@ from runtime.recorder.report import ending
 from runtime.session.recording_plan import limits
 
 if TYPE_CHECKING:
-    from graph import Schedule
     from runtime.session.result import Result
 
 MEMORY_SHARE = 0.5  # of this machine's, that the rows of one run may take
@@ -52,20 +50,10 @@ def check_memory(ticks: int, width: int) -> None:
         )
 
 
-def everything(schedule: Schedule) -> dict[str, Any]:
-    """Return every signal of a schedule as recorded numbers: its fields `columns` and `recorded`."""
-    slots, recorded = [], []
-    for place in sorted(schedule.signals.values(), key=lambda place: place.path):
-        for offset, index in enumerate(np.ndindex(place.shape)):
-            path = place.path + "".join(f"[{number}]" for number in index)
-            recorded.append(Column(len(slots), path, place.dtype, place.unit, place.circle))
-            slots.append(place.slot + offset)
-    return {"columns": np.array(slots, dtype=np.int32), "recorded": recorded}
-
-
 def about(result: Result) -> dict[str, Any]:
     """Return the description of a run: the keys that a recording has, without those of the machine."""
     request, schedule = result.request, result.schedule
+    columns = [*schedule.recorded, *(result.simulation.recorded if result.simulation is not None else ())]
     return {
         "name": schedule.name,
         "rate": schedule.rate,
@@ -82,7 +70,7 @@ def about(result: Result) -> dict[str, Any]:
             "trial": {},
             "rig": None,
         },
-        "signals": [{**vars(column), "circle": list(column.circle)} for column in schedule.recorded],
+        "signals": [{**vars(column), "circle": list(column.circle)} for column in columns],
     }
 
 

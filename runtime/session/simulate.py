@@ -22,11 +22,12 @@ from runtime.base.errors import BadInput, SimulationFault
 from runtime.base.suggestions import suggestion
 from runtime.diagrams.file import build, compiled, source
 from runtime.diagrams.overrides import restore, set_seeds
+from runtime.diagrams.recorded_signals import PLANT, everything
 from runtime.diagrams.simulation import Simulation
 from runtime.live.requests import changes_of
 from runtime.live.table import describe, parse
 from runtime.report.fault import explain
-from runtime.session.memory_trial import check_memory, everything, table, trial_of
+from runtime.session.memory_trial import check_memory, table, trial_of
 from runtime.session.prepare import ticks_of
 from runtime.session.request import Request
 from runtime.session.result import Result
@@ -54,6 +55,14 @@ def simulate(
     return run.trial
 
 
+def value_of(place: SignalPlace, arena: np.ndarray) -> Any:
+    """Return the present value of a signal: a number, or an array for a vector. arena : that of its program"""
+    values = arena[place.slot : place.slot + place.size]
+    if place.shape == ():
+        return TYPES[place.dtype](values[0])
+    return values.reshape(place.shape).astype(TYPES[place.dtype])
+
+
 def check_above_zero(name: str, value: Any) -> None:
     """Raise BadInput unless an argument is a finite number above 0. name : of the argument"""
     if not isinstance(value, numbers.Real) or not 0.0 < float(value) < math.inf:
@@ -77,6 +86,7 @@ class SimulatedRun:
         plant: Diagram | Callable[..., Diagram] | None = None,
         seed: int | None = None,
         rate: float | None = None,
+        plant_signals: str | Iterable[str] = (),
         duration: float | None = None,
     ) -> None:
         if rate is not None:
@@ -91,12 +101,12 @@ class SimulatedRun:
         self._replaced: list[Replaced] = []
         self._request = Request(self._file.path, duration=duration, fast=True, settings=pairs, seed=seed)
         try:
-            self._prepare(pairs, rate)
+            self._prepare(pairs, rate, plant_signals if isinstance(plant_signals, str) else ",".join(plant_signals))
         except BaseException:
             self._restore()
             raise
 
-    def _prepare(self, settings, rate):
+    def _prepare(self, settings, rate, plant_signals):
         """Build and compile robot and plant."""
         file, seed = self._file, self._request.seed
         self._robot = robot = build(file, settings, before=self._replaced)
@@ -107,9 +117,9 @@ class SimulatedRun:
         self.ticks = ticks_of(self._request, robot)
         schedule = compiled(file.path, robot)
         self._schedule = schedule if schedule.sinks else replace(schedule, **everything(schedule))
-        self._simulation = simulation = Simulation(file, robot, self._schedule, seed=seed)
+        self._simulation = simulation = Simulation(file, robot, self._schedule, seed=seed, plant_signals=plant_signals)
         self._replaced += simulation.replaced
-        width = 2 + len(self._schedule.columns)
+        width = 2 + len(self._schedule.columns) + len(simulation.recorded)
         self._rows = table(self.ticks if self.ticks > 0 else ROWS, width)
         self._full: list[np.ndarray] = []  # copies of `_rows`, each filled once
         self._events: list[dict[str, Any]] = []
@@ -175,11 +185,16 @@ class SimulatedRun:
     def __getitem__(self, path: str) -> Any:
         """Return the present value of a signal or parameter: a number, or an array for a vector.
 
+        path : such as "left/knee.torque", "plant/walker.left_knee_angle" or "left/profile.scale"
+
         Raises KeyError with a suggestion for an unknown name.
         """
-        place = self._schedule.signals.get(path)
-        if place is not None:
-            return self._value(place)
+        if path in self._schedule.signals:
+            return value_of(self._schedule.signals[path], self._control.values)
+        plant, program = self._simulation.plant, self._simulation.program
+        of_plant = {} if plant is None else {f"{PLANT}{name}": place for name, place in plant.signals.items()}
+        if path in of_plant and program is not None:
+            return value_of(of_plant[path], program.values)
         for live in self._schedule.live:
             if live.path == path:
                 value = self._control.values[live.slot] if live.slot >= 0 else getattr(live.block, live.name)
@@ -188,14 +203,8 @@ class SimulatedRun:
         if block in self._robot.blocks and name in self._robot[block].parameters:
             return getattr(self._robot[block], name)
         parameters = [f"{block.path}.{name}" for block in self._robot for name in block.parameters]
-        hint = suggestion(path, [*self._schedule.signals, *parameters])
+        hint = suggestion(path, [*self._schedule.signals, *of_plant, *parameters])
         raise KeyError(f"{self._schedule.name} has no signal or parameter {path!r}" + (f": {hint}" if hint else ""))
-
-    def _value(self, place: SignalPlace) -> Any:
-        values = self._control.values[place.slot : place.slot + place.size]
-        if place.shape == ():
-            return TYPES[place.dtype](values[0])
-        return values.reshape(place.shape).astype(TYPES[place.dtype])
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Change a live parameter from the next tick on, as `set` does: within its bounds, at its slew.

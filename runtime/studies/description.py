@@ -17,6 +17,7 @@ from graph.sha256 import sha256
 from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
 from runtime.diagrams.overrides import derived
+from runtime.diagrams.recorded_signals import PLANT
 from runtime.studies import objectives
 
 if sys.version_info >= (3, 11):
@@ -102,8 +103,19 @@ class Study:
         """Return the arguments of runtime.run for a trial. parameters : one of `trials`"""
         varied = dict(parameters)
         seed = varied.pop("seed") if self.seeds else None
-        settings = {**self.settings, **varied}
-        return {"duration": self.duration, "settings": settings, "seed": seed, "rate": self.rate}
+        return {
+            "duration": self.duration,
+            "settings": {**self.settings, **varied},
+            "seed": seed,
+            "rate": self.rate,
+            "plant_signals": self.plant_signals(),
+        }
+
+    def plant_signals(self) -> list[str]:
+        """Return the signals of the plant that arguments of objectives name, as in signal = "plant/walker.speed"."""
+        given = [argument for one in self.objectives.values() if isinstance(one, dict) for argument in one.values()]
+        paths = [argument for argument in given if isinstance(argument, str) and argument.startswith(PLANT)]
+        return list(dict.fromkeys(path.removeprefix(PLANT) for path in paths))
 
     def content(self) -> dict[str, Any]:
         """Return the content of a TOML file with this description. The diagram is a path."""

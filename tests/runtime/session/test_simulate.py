@@ -239,20 +239,23 @@ def test_devices_without_a_plant_are_a_fault(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "arguments, message",
+    "arguments, options, message",
     [
-        ((42, 1), "expected a Diagram, the path of a diagram file or a function"),
-        (("nowhere.py", 1), "file nowhere.py does not exist"),
-        ((sine, 0.001), "shorter than one tick"),
-        ((sine, -1), "duration=-1: expected a finite number above 0"),
-        ((sine, float("nan")), "duration=nan"),
-        ((sine, 1e9), "GiB of memory"),
-        ((lambda: 3, 1), "must return a Diagram"),
+        ((42, 1), {}, "expected a Diagram, the path of a diagram file or a function"),
+        (("nowhere.py", 1), {}, "file nowhere.py does not exist"),
+        ((sine, 0.001), {}, "shorter than one tick"),
+        ((sine, -1), {}, "duration=-1: expected a finite number above 0"),
+        ((sine, float("nan")), {}, "duration=nan"),
+        ((sine, 1e9), {}, "GiB of memory"),
+        ((lambda: 3, 1), {}, "must return a Diagram"),
+        ((sine, 1), {"plant_signals": "limb.torque"}, "sine has no plant"),
+        ((KNEE_EXO, 1), {"plant_signals": "walker.speeed"}, "plant: there is no signal 'walker.speeed'; did you mean"),
+        ((KNEE_EXO, 1), {"plant_signals": "walker", "fast": False}, "only a run in virtual time records signals"),
     ],
 )
-def test_a_diagram_that_cannot_run_raises_bad_input(arguments, message):
+def test_a_diagram_that_cannot_run_raises_bad_input(arguments, options, message):
     with pytest.raises(BadInput, match=message):
-        runtime.run(*arguments)
+        runtime.run(*arguments, **options)
 
 
 def test_an_error_of_the_diagram_is_a_diagram_error():

@@ -110,6 +110,31 @@ def test_a_fault_ends_the_simulation_and_raises(tmp_path):
     assert len(sim.trial) == 100 and "fault: exception" in repr(sim)
 
 
+def test_signals_of_the_plant_are_recorded_at_the_end_of_each_tick(monkeypatch):
+    monkeypatch.setattr(simulate, "ROWS", 64)
+    torque = "plant/walker.left_knee_torque"
+    seen, bare = [], runtime.run(KNEE_EXO, 1)
+    with runtime.simulate(KNEE_EXO, plant_signals="walker.*_knee_torque, walker.pelvis_motion") as sim:
+        while sim.tick < 200:
+            sim.step()
+            seen.append(sim[torque])
+    assert sim.trial[torque].tolist() == seen and len(set(seen)) > 100
+    assert sim.trial.unit(torque) == "N·m" and sim.trial["plant/walker.pelvis_motion"].shape == (200, 9)
+    assert all(np.array_equal(sim.trial[name], bare[name], equal_nan=True) for name in bare.names)
+    assert set(sim.trial.names) - set(bare.names) == {
+        torque,
+        torque.replace("left", "right"),
+        "plant/walker.pelvis_motion",
+    }
+
+
+def test_report_of_a_fault_is_the_same_with_signals_of_the_plant(tmp_path):
+    path = knee(tmp_path, "return 1.0 / (100 - tick)")
+    bare, more = runtime.run(path, 1), runtime.run(path, 1, plant_signals=["*"])
+    assert bare.fault["status"] == "exception" and more.fault == bare.fault
+    assert len(more.signals) > len(bare.signals)
+
+
 @pytest.mark.parametrize("seconds", [0.007, 0.0, -1.0, math.nan, math.inf])
 def test_a_step_is_a_whole_number_of_ticks(seconds):
     with runtime.simulate(sine) as sim, pytest.raises(BadInput, match="whole number of ticks, which take 0.01 s"):

@@ -131,6 +131,7 @@ def test_usual_objectives_of_a_walking_wearer():
             "after": 5.0,
         },
         "mean": {"function": "mean", "signal": "left/gait_phase.phase", "after": 5.0},
+        "muscles": {"function": "rms", "signal": "plant/walker.left_knee_torque", "after": 5.0},
     }
     result = runtime.study(KNEE_EXO, 12, given, grid={"assistance": [0.5]}, workers=0)
     trial = result.run(0)
@@ -141,6 +142,8 @@ def test_usual_objectives_of_a_walking_wearer():
     assert result["work"][0] == pytest.approx(1.1 * result["power"][0], rel=0.1), "the knee does little negative work"
     difference = (trial["left/knee.torque"] - trial["left/gate.y"])[late]
     assert result["tracking"][0] == pytest.approx(np.std(difference), rel=0.05) and result["tracking"][0] > 0.0
+    muscles = trial["plant/walker.left_knee_torque"][late]
+    assert result["muscles"][0] == pytest.approx(np.sqrt(np.mean(muscles**2)), rel=1e-12) and result["muscles"][0] > 5.0
     assert result["mean"][0] == pytest.approx(0.5, abs=0.05)
 
 
