@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Generator, Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -41,7 +42,7 @@ class Cluster(Engine):
             folder=os.getcwd(),
         )
 
-    def run(self, orders):
+    def run(self, orders: Iterable[Order]) -> Generator[dict[str, Any], None, None]:
         orders = list(orders)
         futures = self._client.map(self._trial, orders, pure=False)
         order_of = dict(zip((future.key for future in futures), orders))
@@ -54,7 +55,7 @@ class Cluster(Engine):
         finally:
             self._client.cancel(futures)
 
-    def close(self):
+    def close(self) -> None:
         self._client.close()
 
 

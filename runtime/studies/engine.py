@@ -47,7 +47,7 @@ class Here(Engine):
         self._study = study
         self._objectives = {name: load(name, given) for name, given in study.objectives.items()}
 
-    def run(self, orders):
+    def run(self, orders: Iterable[Order]) -> Generator[dict[str, Any], None, None]:
         for number, parameters in orders:
             try:
                 row = trial_row(self._study.diagram, self._study.run_of(parameters), self._objectives)
@@ -67,7 +67,7 @@ class Processes(Engine):
         self._study, self._count = study, count
         self._idle: list[Worker] = []
 
-    def run(self, orders):
+    def run(self, orders: Iterable[Order]) -> Generator[dict[str, Any], None, None]:
         waiting, attempts = deque(orders), Counter()
         running: dict[int, tuple[Worker, Order]] = {}
         poll = select.poll()
@@ -108,7 +108,7 @@ class Processes(Engine):
             for worker, _ in running.values():
                 worker.end()
 
-    def close(self):
+    def close(self) -> None:
         while self._idle:
             self._idle.pop().end()
 

@@ -80,7 +80,7 @@ def test_proposals_are_within_the_bounds_and_depend_on_the_seed_alone(name):
     assert used == np.random.random()  # no optimiser uses numpy.random
 
 
-def test_generation_may_be_asked_before_it_is_told(name):
+def test_points_of_a_generation_are_proposed_before_their_costs(name):
     optimiser = make_optimiser(name, TORQUE, population=6)
     for generation in range(4):
         assert optimiser.generation == generation
