@@ -4,14 +4,13 @@
 import numpy as np
 
 from cpython.bool cimport PyBool_FromLong
-from cpython.buffer cimport PyBUF_C_CONTIGUOUS, PyBuffer_Release, PyObject_GetBuffer
 from cpython.float cimport PyFloat_AS_DOUBLE, PyFloat_AsDouble, PyFloat_CheckExact
 from cpython.long cimport PyLong_FromDouble
 from cpython.ref cimport Py_DECREF, Py_XDECREF
 from libc.math cimport isfinite
 from libc.stdint cimport int64_t
 from libc.stdlib cimport calloc, free
-from libc.string cimport memcpy, memmove, memset
+from libc.string cimport memcmp, memcpy, memmove, memset
 
 cdef extern from "Python.h":
     PyObject *PyObject_Vectorcall(PyObject *callable, PyObject **arguments, size_t flags, PyObject *names)
@@ -35,7 +34,23 @@ cdef extern from *:
         Py_XDECREF(old);
         return *place == NULL ? -1 : 0;
     }
+
+    /* Head of NumPy's PyArrayObject. Its ABI fixes the layout, since macros such as PyArray_DATA compile to it. */
+    typedef struct {
+        PyObject_HEAD
+        char *data;
+        int axes;
+        Py_ssize_t *shape, *strides;
+        PyObject *base, *dtype;
+        int flags;
+    } tw_array;
     """
+    ctypedef struct Array "tw_array":
+        char *data
+        int axes
+        Py_ssize_t *shape
+        PyObject *dtype
+        int flags
     void incref "tw_incref"(object value)
     int raise_current "tw_reraise"() except -1
     int put_float "tw_put_float"(PyObject **place, double value) except -1
@@ -46,7 +61,11 @@ cdef enum:
     TRUTH
     ARRAY
 
-FLOAT = np.dtype(np.float64)
+cdef enum:
+    C_CONTIGUOUS = 1            # flag of NumPy
+
+cdef object NDARRAY = np.ndarray
+cdef object FLOAT = np.dtype(np.float64)
 KINDS = {"float": REAL, "int": INTEGER, "bool": TRUTH}
 
 
@@ -218,20 +237,16 @@ cdef class PythonStep:
 
     cdef int store_array(self, int index, object value, double *arena) except -1:
         cdef double *run = arena + self.output_slots[index]
-        cdef Py_buffer buffer
         cdef Py_ssize_t i
         view = self.output_views[index]
-        if type(value) is not np.ndarray or value.dtype is not FLOAT:
-            value = np.asarray(value, dtype=FLOAT)
-        if value.shape != view.shape:
-            raise ValueError("expected shape %s, got %s" % (view.shape, value.shape))
-        if value.flags.c_contiguous:
-            PyObject_GetBuffer(value, &buffer, PyBUF_C_CONTIGUOUS)
-            memmove(run, buffer.buf, buffer.len)
-            PyBuffer_Release(&buffer)
+        if has_layout_of(<PyObject *>value, <PyObject *>view):
+            memmove(run, (<Array *><PyObject *>value).data, self.output_sizes[index] * sizeof(double))
         else:
+            value = np.asarray(value, dtype=FLOAT)
+            if value.shape != view.shape:
+                raise ValueError("expected shape %s, got %s" % (view.shape, value.shape))
             view[...] = value
-        for i in range(view.size):
+        for i in range(self.output_sizes[index]):
             if run[i] < self.output_lows[index] or run[i] > self.output_highs[index]:
                 self.refuse(index, value.copy())
         return 0
@@ -252,3 +267,12 @@ cdef class PythonStep:
         for index in range(self.input_count):
             if self.input_kinds[index] != ARRAY:
                 Py_XDECREF(self.arguments[index + 1])
+
+
+cdef bint has_layout_of(PyObject *value, PyObject *view) noexcept:
+    """Return whether a value is an array of contiguous doubles in the shape of a view."""
+    cdef const Array *one = <const Array *>value
+    cdef const Array *other = <const Array *>view
+    return (
+        type(<object>value) is NDARRAY and one.dtype == <PyObject *>FLOAT and one.flags & C_CONTIGUOUS
+        and one.axes == other.axes and memcmp(one.shape, other.shape, one.axes * sizeof(Py_ssize_t)) == 0)

@@ -175,6 +175,39 @@ def test_an_output_vector_may_be_a_list_or_the_input_itself():
     assert rig["p.y[0]"].tolist() == [0.0, 0.02, 0.04] and rig["p.y[1]"][0] == rig["p.y[2]"][0] == 1.0
 
 
+def test_an_output_vector_may_be_an_array_of_any_layout_and_type():
+    matrix = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    frozen = matrix.copy()
+    frozen.flags.writeable = False
+    forms = [
+        matrix,
+        frozen,
+        np.asfortranarray(matrix),
+        np.repeat(matrix, 2, axis=1)[:, ::2],
+        matrix[::-1, ::-1][::-1, ::-1],
+        matrix.astype(">f8"),
+        matrix.astype(np.float32),
+        matrix.astype(int),
+        np.ma.array(matrix),
+        matrix.tolist(),
+    ]
+
+    class Forms(Block):
+        """Returns one form in each tick."""
+
+        y = Output("any", shape=(2, 3))
+
+        def step(self, tick):
+            return forms[tick]
+
+    with Diagram("d", rate=50) as diagram:
+        Forms(name="f")
+    _, rig = run(diagram, len(forms))
+    for row in range(2):
+        for column in range(3):
+            assert rig[f"f.y[{row}][{column}]"].tolist() == [matrix[row, column]] * len(forms)
+
+
 @pytest.mark.parametrize(
     "value, stored",
     [
