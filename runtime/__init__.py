@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from graph import Diagram
     from runtime.analysis.trial import Trial
     from runtime.analysis.trials import Trials
+    from runtime.optimisation.result import OptimisationResult
     from runtime.report.check import Report
     from runtime.session.simulate import SimulatedRun
     from runtime.studies.result import StudyResult
@@ -221,19 +222,88 @@ def study(
     from runtime.studies.description import Study
     from runtime.studies.run import run
 
-    description = Study(
-        diagram=diagram,
-        duration=duration,
-        rate=rate,
-        seeds=list(seeds),
-        samples=samples,
-        sample_seed=sample_seed,
-        settings=dict(settings or {}),
-        grid={name: [_plain(value) for value in values] for name, values in (grid or {}).items()},
-        sample={name: dict(given) for name, given in (sample or {}).items()},
-        objectives=dict(objectives),
+    given = _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate)
+    return run(Study(**given), None if output is None else Path(output), workers, dask)
+
+
+def optimise(
+    diagram: str | os.PathLike[str] | Callable[..., Diagram],
+    duration: float,
+    objectives: Mapping[str, Any],
+    over: Mapping[str, Iterable[float]],
+    *,
+    cost: str = "",
+    optimiser: str = "cma",
+    generations: int = 12,
+    population: int = 9,
+    seed: int = 0,
+    output: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    dask: str | None = None,
+    grid: Mapping[str, Iterable[Any]] | None = None,
+    sample: Mapping[str, Mapping[str, Any]] | None = None,
+    samples: int = 0,
+    sample_seed: int = 0,
+    seeds: Iterable[int] = (),
+    settings: Mapping[str, Any] | None = None,
+    rate: float | None = None,
+) -> OptimisationResult:
+    """Vary parameters of a diagram in virtual time until a cost is low, and return all runs and the best values.
+
+        result = runtime.optimise(
+            "diagrams/knee_exo.py",
+            duration=20,
+            objectives={"cost": "costs:effort"},
+            over={"*/profile.scale": [0.0, 1.0], "stride_time": [0.9, 1.3, 1.1]},
+        )
+        result.optimum                  # {"*/profile.scale": 0.62, "stride_time": 1.04}
+        result.plot()                   # costs and parameters over the generations
+
+    diagram, duration, objectives : as of `study`
+    over : {name of a setting: [low, high] or [low, high, initial]}
+    cost : name of the objective to minimise, by default the only one
+    optimiser : "cma" (CMA-ES), "bayesian" (of Optuna) or "random"
+    generations, population : number of generations, and of proposals in each
+    seed : integer from which the random numbers of the optimiser are derived
+    output, workers, dask : as of `study`
+    grid, sample, samples, sample_seed, seeds : as of `study`. Each proposal is run with all combinations, such as
+        wearers, and its cost is the mean
+    settings, rate : of every run, as of `run`
+
+    The result is the same, bit for bit, for any number of workers and on a cluster. Returns a
+    runtime.optimisation.result.OptimisationResult. Raises BadInput, and MissingExtra without the optimiser's package.
+    """
+    from pathlib import Path
+
+    from runtime.optimisation.description import Optimisation
+    from runtime.optimisation.simulated import run
+
+    description = Optimisation(
+        **_study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate),
+        over={name: [_plain(number) for number in numbers] for name, numbers in over.items()},
+        cost=cost,
+        optimiser=optimiser,
+        generations=generations,
+        population=population,
+        seed=seed,
     )
     return run(description, None if output is None else Path(output), workers, dask)
+
+
+def _study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate):
+    """Return the fields of a Study."""
+    return {
+        "diagram": diagram,
+        "duration": duration,
+        "rate": rate,
+        "seeds": list(seeds),
+        "samples": samples,
+        "sample_seed": sample_seed,
+        "settings": dict(settings or {}),
+        "grid": {name: [_plain(value) for value in values] for name, values in (grid or {}).items()},
+        "sample": {name: dict(given) for name, given in (sample or {}).items()},
+        "objectives": dict(objectives),
+    }
 
 
 def _plain(value):

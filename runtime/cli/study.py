@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from runtime.base.ending import Interrupted
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import count as whole_number
 from runtime.cli.parsing import Parser
 from runtime.console.terminal import print_lines, print_to_stderr
-from runtime.studies.description import read
+from runtime.optimisation import description, simulated
+from runtime.optimisation.description import Optimisation
+from runtime.studies.description import Study, described, read
 from runtime.studies.run import journal_of, run
 
 EPILOG = """\
@@ -21,6 +24,10 @@ example of a study:
   assistance = [0.0, 0.5, 1.0]
   [objectives]
   work = { function = "positive_work", leg = "left" }
+
+instead of [grid], to minimise an objective:
+  [optimise]
+  over = { assistance = [0.0, 1.0], stride_time = [0.9, 1.3] }
 """
 
 
@@ -29,7 +36,8 @@ def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "study",
         "Run a diagram in virtual time for grids and samples of parameters, and write the objectives of all runs as "
-        "one Parquet table, and a picture of them. A study that was interrupted continues with the same command.",
+        "one Parquet table, and a picture of them. With a table [optimise], an optimiser chooses the parameters. A study "
+        "that was interrupted continues with the same command.",
         EPILOG,
     )
     parser.add_argument("study", type=Path, metavar="STUDY", help="the TOML file of the study")
@@ -44,15 +52,23 @@ def main(arguments: Sequence[str]) -> int:
     )
     parser.add_argument("--dask", metavar="ADDRESS", help="run on the workers of this Dask scheduler: tcp://HOST:PORT")
     options = parser.parse_args(arguments)
-    study = read(options.study)
+    study = read(options.study, describe)
     output = options.output or Path(options.study.with_suffix(".parquet").name)
     if output.suffix != ".parquet":
         raise BadInput(f"{output}: the name of the table must end in .parquet")
     try:
-        result = run(study, output, options.workers, options.dask)
+        if isinstance(study, Optimisation):
+            result = simulated.run(study, output, options.workers, options.dask)
+        else:
+            result = run(study, output, options.workers, options.dask)
     except Interrupted:
         print_to_stderr([f"tickwork: finished trials are stored in {journal_of(output)}; the same command continues"])
         raise
     pictures = result.plot().save(output.with_suffix(".png"))
     print_lines([*result.summary(), *map(str, (output, *pictures))])
     return OK
+
+
+def describe(content: Mapping[str, Any]) -> Study:
+    """Return the Study of the content of a TOML file, an Optimisation if it has the table [optimise]."""
+    return description.described(content) if description.TABLE in content else described(content)

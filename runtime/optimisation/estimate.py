@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-FIT_WIDTH = 0.3  # standard deviation of the weights about the later evaluations, as a fraction of the bounds
+FIT_WIDTH = 0.3  # standard deviation of the weights about a centre, as a fraction of the bounds
+WIDTH_HALVINGS = 3
 CURVATURE_SPREAD = 0.5  # expected deviation of the curvatures from their mean, relative to it
 CURVATURE_MINIMUM = 0.2  # smallest curvature in any direction, relative to the mean
 
@@ -12,9 +13,9 @@ CURVATURE_MINIMUM = 0.2  # smallest curvature in any direction, relative to the 
 def fitted_minimum(points: np.ndarray, costs: np.ndarray) -> np.ndarray | None:
     """Return the point of the lowest expected cost, or None if the costs do not determine one.
 
-    A weighted ridge regression: where noise hides a curvature, the fit takes the mean curvature of all directions. It
-    uses every evaluation, so that its error is below that of the best evaluation and of the mean of CMA-ES's
-    distribution, both of which follow the noise.
+    The fit uses every evaluation, so that its error is below that of the best evaluation and of the mean of CMA-ES's
+    distribution, both of which follow the noise. Where another shape of the cost exceeds the noise, it is repeated with
+    a smaller width, about its minimum.
 
     points : n × parameters, as fractions of the bounds, in the order of their evaluation
     costs : n finite numbers
@@ -24,21 +25,38 @@ def fitted_minimum(points: np.ndarray, costs: np.ndarray) -> np.ndarray | None:
     number, size = points.shape
     if number < 2 * (size + 2):
         return None
-    centre = points[number // 2 :].mean(axis=0)
+    minimum, variance = _fit(points, costs, points[number // 2 :].mean(axis=0), FIT_WIDTH)
+    for halving in range(1, WIDTH_HALVINGS + 1):
+        if minimum is None:
+            break
+        narrower, remaining = _fit(points, costs, minimum, FIT_WIDTH / 2**halving)
+        if narrower is None or remaining > 0.5 * variance:  # as noise, which does not depend on the width
+            break
+        minimum, variance = narrower, remaining
+    return minimum
+
+
+def _fit(points, costs, centre, width):
+    """Return the minimum of a weighted ridge regression, or None, and the variance of its residuals.
+
+    Where noise hides a curvature, the fit takes the mean curvature of all directions.
+    """
+    number, size = points.shape
     offsets = points - centre
-    weights = np.exp(-np.sum(offsets**2, axis=1) / (2.0 * FIT_WIDTH**2))
+    weights = np.exp(-np.sum(offsets**2, axis=1) / (2.0 * width**2))
     first, second = np.triu_indices(size)
-    squares = np.column_stack([np.ones(number), offsets, 0.5 * np.sum(offsets**2, axis=1)])
-    root = np.sqrt(weights)
-    isotropic = np.linalg.lstsq(squares * root[:, None], costs * root, rcond=None)[0]
-    curvature = isotropic[-1]
-    if not curvature > 0.0:
-        return None
     diagonal = first == second
     products = offsets[:, first] * offsets[:, second] * np.where(diagonal, 0.5, 1.0)
     terms = np.column_stack([np.ones(number), offsets, products])
-    full = np.linalg.lstsq(terms * root[:, None], costs * root, rcond=None)[0]
-    variance = np.sum(weights * (costs - terms @ full) ** 2) / max(np.sum(weights) - terms.shape[1], 1.0)
+    freedom = np.sum(weights) - terms.shape[1]
+    if width < FIT_WIDTH and freedom < size:
+        return None, 0.0
+    isotropic = _regression(np.column_stack([terms[:, : 1 + size], 0.5 * np.sum(offsets**2, axis=1)]), costs, weights)
+    curvature = isotropic[-1]
+    if not curvature > 0.0:
+        return None, 0.0
+    residual = costs - terms @ _regression(terms, costs, weights)
+    variance = np.sum(weights * residual**2) / max(freedom, 1.0)
     expected = np.concatenate([np.zeros(1 + size), np.where(diagonal, curvature, 0.0)])
     penalty = np.full(len(expected), variance / (CURVATURE_SPREAD * curvature) ** 2)
     penalty[: 1 + size] = 0.0
@@ -47,7 +65,12 @@ def fitted_minimum(points: np.ndarray, costs: np.ndarray) -> np.ndarray | None:
     coefficients = expected + np.linalg.lstsq(normal, weighted @ (costs - terms @ expected), rcond=None)[0]
     hessian = np.zeros((size, size))
     hessian[first, second] = hessian[second, first] = coefficients[1 + size :]
-    return _bounded_minimum(coefficients[1 : 1 + size], hessian, curvature, centre)
+    return _bounded_minimum(coefficients[1 : 1 + size], hessian, curvature, centre), variance
+
+
+def _regression(terms, costs, weights):
+    root = np.sqrt(weights)
+    return np.linalg.lstsq(terms * root[:, None], costs * root, rcond=None)[0]
 
 
 def _bounded_minimum(gradient, hessian, curvature, centre):

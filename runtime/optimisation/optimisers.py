@@ -35,7 +35,7 @@ class Optimiser:
     told : [(values, cost)] in order
     """
 
-    name = ""
+    name, package = "", ""  # of the optimiser, and the package that it needs
     population: int
 
     def __init__(self, parameters: Iterable[Parameter], seed: int = 0, population: int | None = None) -> None:
@@ -148,10 +148,10 @@ class CmaEs(Optimiser):
     its covariance.
     """
 
-    name = "cma"
+    name = package = "cma"
 
     def _begin(self, source, population):
-        library: Any = need("cma", "CMA-ES")
+        library: Any = need(self.package, "CMA-ES")
         if len(self.parameters) < 2:
             raise BadInput("CMA-ES needs two parameters or more: add one, or choose the optimiser bayesian")
         options = {
@@ -188,10 +188,10 @@ class Bayesian(Optimiser):
     The first proposal is the initial values, and the first generation is random.
     """
 
-    name = "bayesian"
+    name, package = "bayesian", "optuna"
 
     def _begin(self, source, population):
-        library: Any = need("optuna", "Bayesian optimisation")
+        library: Any = need(self.package, "Bayesian optimisation")
         self.population = population or 9
         self._library = library
         self._space = {

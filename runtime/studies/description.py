@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -140,8 +140,14 @@ class Study:
         }
 
 
-def read(path: Path) -> Study:
-    """Read the TOML file of a study. Raises BadInput, which names the file."""
+Described = TypeVar("Described", bound=Study)
+
+
+def read(path: Path, describe: Callable[[dict[str, Any]], Described]) -> Described:
+    """Read the TOML file of a study. Raises BadInput, which names the file.
+
+    describe : returns the description of the file's content, as `described`
+    """
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
@@ -149,13 +155,19 @@ def read(path: Path) -> Study:
     except tomllib.TOMLDecodeError as error:
         raise BadInput(f"{path}: {error}") from None
     try:
-        return described(content)
+        return describe(content)
     except BadInput as error:
         raise BadInput(f"{path}: {error}") from None
 
 
 def described(content: Mapping[str, Any]) -> Study:
     """Return the Study of a mapping with the keys of a TOML file. Raises BadInput."""
+    check_keys(content)
+    return Study(**content)
+
+
+def check_keys(content: Mapping[str, Any]) -> None:
+    """Raise BadInput for keys that no study has, missing keys, and tables that are none."""
     for key in content:
         if key not in KEYS:
             raise BadInput(f"unknown key {key!r}; {suggestion(key, KEYS) or 'the keys are ' + ', '.join(KEYS)}")
@@ -165,7 +177,6 @@ def described(content: Mapping[str, Any]) -> Study:
     for key in TABLES:
         if not isinstance(content.get(key, {}), Mapping):
             raise BadInput(f"{key} = {content[key]!r}: expected a table of names and values")
-    return Study(**content)
 
 
 def _is_number(value):

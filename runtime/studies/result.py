@@ -129,6 +129,12 @@ class StudyResult:
 
 def stored(path: Path, study: Study, identity: dict[str, Any]) -> StudyResult:
     """Read the table of this study from a Parquet file. Raises BadInput if the file is that of another study."""
+    names = ["trial", *study.objectives, *RESULTS[1:]]
+    return StudyResult(study, read_table(path, identity).select(names).to_pylist())
+
+
+def read_table(path: Path, identity: dict[str, Any]) -> Any:
+    """Return the pyarrow.Table of a Parquet file. Raises BadInput if the file is that of another study."""
     arrow, parquet = need("pyarrow", PURPOSE), need("pyarrow.parquet", PURPOSE)
     try:
         table = parquet.read_table(path)
@@ -136,8 +142,7 @@ def stored(path: Path, study: Study, identity: dict[str, Any]) -> StudyResult:
     except (OSError, KeyError, ValueError, arrow.ArrowInvalid):
         raise BadInput(f"{path} is not the table of a study: choose another file, or delete this one") from None
     check_identity(path, about, identity)
-    names = ["trial", *study.objectives, *RESULTS[1:]]
-    return StudyResult(study, table.select(names).to_pylist())
+    return table
 
 
 def _alike(values):

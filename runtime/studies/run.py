@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from runtime.base.errors import BadInput
@@ -48,11 +49,13 @@ def calculate(
     output: Path | None,
     workers: int | None,
     dask: str | None,
+    versions: Mapping[str, str] = MappingProxyType({}),
 ) -> Result:
     """Return a result, which becomes the table `output`, or the finished table of the same study.
 
     result : calculates it with an engine, the rows of earlier processes, and the journal of new ones
     stored : reads it from its file, of which the study and its identity are given
+    versions : {"the version of numpy": ...}, which a study that continues must have as well
     """
     if workers is not None and (type(workers) is not int or workers < 0):
         raise BadInput(f"workers = {workers!r}: expected a number of processes, or 0 for this process")
@@ -66,7 +69,7 @@ def calculate(
     path = journal_of(output)
     if output.exists() and not path.exists():
         return stored(output, study, identity)
-    journal = Journal(path, identity)
+    journal = Journal(path, {**identity, **versions})
     try:
         with _engine(study, workers, dask) as engine:
             calculated = result(engine, dict(journal.rows), journal)
