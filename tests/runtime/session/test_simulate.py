@@ -5,6 +5,7 @@ import os
 import pickle
 import signal
 import sys
+import tempfile
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -302,17 +303,23 @@ def test_repeated_runs_keep_no_memory():
 
 
 @pytest.mark.soak
-def test_ten_thousand_runs_leave_the_process_as_it_was():
+def test_ten_thousand_runs_leave_the_process_as_it_was(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
     def state():
         gc.collect()
-        return psutil.Process().memory_info().rss, len(os.listdir("/proc/self/fd")), len(sys.modules)
+        process = psutil.Process()
+        shared = {f"/dev/shm/{name}" for name in os.listdir("/dev/shm")}
+        mapped = [item.path for item in process.memory_maps() if item.path in shared or "/memfd:" in item.path]
+        counts = process.num_fds(), process.num_threads(), process.children(), len(sys.modules)
+        return process.memory_info().rss, (*counts, mapped, os.listdir(tmp_path))
 
     for _ in range(200):
         runtime.run(KNEE_EXO, 0.1)
-    memory, *others = state()
+    memory, others = state()
     for _ in range(10_000):
         runtime.run(KNEE_EXO, 0.1)
-    after, *others_after = state()
+    after, others_after = state()
     assert after - memory < 2e6 and others_after == others
 
 
