@@ -20,7 +20,9 @@ exclude_patterns = [INDEX]
 templates_path = ["_templates"]
 
 myst_heading_anchors = 4
+os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # of cells with %%bash
 nb_execution_mode = "off" if QUICK else "force"
+nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 copybutton_prompt_text = r"\$ |>>> "
@@ -93,7 +95,7 @@ OUTSIDE = {  # section: its pages in other folders
 
 def links(text):
     """Return the pages that a page links to, as paths relative to it."""
-    return re.findall(r"\]\(([^)#\s:]+)\.md[^)]*\)", text)
+    return re.findall(r"\]\(([^)#\s:]+)\.(?:md|ipynb)[^)]*\)", text)
 
 
 def contents(source, docname, text):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Mapping
+from itertools import groupby
 from typing import Any
 
 from graph.drawing.cards import unit_text
@@ -12,6 +13,7 @@ from runtime.report.battery import battery_lines
 from runtime.report.preflight import covered
 
 WIDTH = 110  # columns in a notebook
+FOLDED = ("ports", "schedule")  # sections that a notebook unfolds
 BAR = 24  # columns of an interval bar
 
 
@@ -24,7 +26,15 @@ class Report(dict):
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        return f'<pre style="line-height: 1.3">{html.escape(str(self))}</pre>'
+        sections = str(self).split("\n\n")
+        groups = groupby(sections, lambda section: section if section.startswith(FOLDED) else "")
+        return "".join(_in_html("\n\n".join(texts), bool(folded)) for folded, texts in groups)
+
+
+def _in_html(text, folded):
+    title, _, rest = text.partition("\n") if folded else ("", "", text)
+    lines = f'<pre style="line-height: 1.3">{html.escape(rest)}</pre>'
+    return f"<details><summary>{html.escape(title)}</summary>{lines}</details>" if folded else lines
 
 
 def text(report: Mapping[str, Any], console: Console) -> list[str]:

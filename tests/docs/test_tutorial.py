@@ -1,10 +1,11 @@
-"""The tutorial, followed to the letter: its commands run and print what it shows, and its pictures are theirs."""
+"""The tutorial, followed to the letter: its commands and cells print what it shows, and its pictures are theirs."""
 
 import os
+import re
 
 import pytest
 
-from tests.docs import readme
+from tests.docs import notebook, readme
 from tests.docs.fences import fences, texts, without_numbers
 from tests.docs.tutorial import IMAGES, TUTORIAL, Reader, pages
 from tests.runtime.runs import finished
@@ -43,6 +44,26 @@ def test_mistakes_are_reported_as_the_tutorial_shows(tmp_path):
         assert right in files["exo.py"] and code in report
         (tmp_path / "exo.py").write_text(files["exo.py"].replace(right, wrong))
         assert finished("exo.py", "--fast", "--duration", "1", cwd=tmp_path).stderr == report
+
+
+def outputs(notebook):
+    """Return [(cell number, kind of an output, its text without numbers)] of a notebook."""
+    found = []
+    for number, cell in enumerate(notebook.cells):
+        for output in cell.get("outputs", ()):
+            data = output.get("data", {"text/plain": output.get("text")})
+            html = re.sub("<[^>]*>", "", data.get("text/html", ""))
+            lines = [line for line in f"{data['text/plain']} {html}".splitlines() if not line.startswith("  speed ")]
+            found.append((number, sorted(data), without_numbers([" ".join(" ".join(lines).split())])))
+    return found
+
+
+def test_the_notebook_runs_and_has_the_outputs_that_are_stored_in_it(tmp_path):
+    files = {fence.file: fence.text for page in pages() for fence in fences(TUTORIAL / page) if fence.file}
+    stored = notebook.stored()
+    written = [cell.source.partition("\n") for cell in stored.cells if cell.source.startswith("%%writefile")]
+    assert len(written) == 2 and all(files[first.split()[1]] == text + "\n" for first, _, text in written)
+    assert outputs(notebook.executed(tmp_path)) == outputs(stored)
 
 
 @pytest.mark.timing

@@ -1,6 +1,6 @@
-"""Follow the tutorial as its reader does: save its files and run its commands in one folder.
+"""Follow the tutorial as its reader does: save its files, run its commands and execute its notebook in one folder.
 
-python -m tests.docs.tutorial writes the pictures of the tutorial and of the README.
+python -m tests.docs.tutorial writes the pictures of the tutorial and of the README, and the outputs of the notebook.
 """
 
 import re
@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from tests.checkout import ROOT
-from tests.docs import readme
+from tests.docs import notebook, readme
 from tests.docs.fences import fences
 from tests.runtime.emulation.test_emulate import read_until
 from tests.runtime.runs import environment, started
@@ -47,12 +47,10 @@ class Reader:
 
     def follow(self, page):
         """Follow a page. Yields (its lines, lines that were printed) for each command and each excerpt of output."""
-        cells, session = [], []
+        session = []
         for fence in fences(TUTORIAL / page):
             if fence.file:
                 (self.folder / fence.file).write_text(fence.text.replace(CHANNEL, self.channel))
-            elif fence.language == "python":
-                cells.append(fence.text)
             elif fence.language == "pycon":
                 session.append(fence.text)
             elif fence.language == "text":
@@ -62,11 +60,12 @@ class Reader:
                     if words[:3] == ["python", "-m", "runtime"]:
                         self.shown = self.command(*words[3:])
                         yield output, self.shown.replace(self.channel, CHANNEL).splitlines()
-        if cells:
-            self.execute("-c", "\n".join(cells))
         if session:
             (self.folder / "session.txt").write_text("\n".join(session))
-            self.execute("-m", "doctest", "session.txt")
+            words = [sys.executable, "-m", "doctest", "session.txt"]
+            variables = self.how.get("env", environment())
+            doctest = subprocess.run(words, cwd=self.folder, env=variables, capture_output=True, text=True, timeout=60)
+            assert doctest.returncode == 0, doctest.stdout + doctest.stderr
 
     def command(self, *words):
         """Run one command of `python -m runtime`. Returns what it prints."""
@@ -102,14 +101,6 @@ class Reader:
             shown.append(terminal.look())
         return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", "".join(shown)).replace("\r\n", "\n").replace("\r", "\n")
 
-    def execute(self, *words):
-        """Run Python, which must not fail."""
-        variables = {**self.how.get("env", environment()), "MPLBACKEND": "agg"}
-        process = subprocess.run(
-            [sys.executable, *words], cwd=self.folder, env=variables, capture_output=True, text=True, timeout=60
-        )
-        assert process.returncode == 0, process.stdout + process.stderr
-
 
 def pages():
     """Return the names of the pages, in order."""
@@ -140,3 +131,4 @@ def write_pictures():
 
 if __name__ == "__main__":
     write_pictures()
+    notebook.write()

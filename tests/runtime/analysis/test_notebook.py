@@ -69,6 +69,8 @@ def test_a_diagram_shows_its_drawing_and_check_its_report():
     report = runtime.check(diagram)
     assert report["ok"] and report["diagram"] == "sine" and str(report).startswith("sine  sine: 100 Hz, 2 blocks")
     assert text_of(report._repr_html_()) == " ".join(str(report).split())
+    folded = re.findall("<details><summary>(.*?)</summary>", report._repr_html_())
+    assert [title.split()[0] for title in folded] == ["ports", "schedule"]
     with pytest.raises(BadInput, match="would change the Diagram"):
         runtime.check(diagram, rate=50)
 

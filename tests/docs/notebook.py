@@ -1,0 +1,32 @@
+"""The notebook of the tutorial: its execution, and the outputs that are stored in it."""
+
+import tempfile
+
+import nbformat
+from nbclient import NotebookClient
+
+from tests.docs.pages import DOCS
+from tests.runtime.runs import environment
+
+NOTEBOOK = DOCS / "tutorial" / "6_notebook.ipynb"
+
+
+def stored():
+    """Return the notebook of the tree."""
+    return nbformat.read(NOTEBOOK, 4)
+
+
+def executed(folder):
+    """Return the notebook with new outputs, executed in a folder. Raises CellExecutionError."""
+    notebook, where = stored(), {"metadata": {"path": str(folder)}}
+    client = NotebookClient(notebook, timeout=120, coalesce_streams=True, record_timing=False, resources=where)
+    client.execute(env=environment())
+    return notebook
+
+
+def write():
+    """Execute the notebook and store its outputs."""
+    with tempfile.TemporaryDirectory() as folder:
+        notebook = executed(folder)
+    notebook.metadata.language_info = {"name": "python", "pygments_lexer": "ipython3"}
+    nbformat.write(notebook, NOTEBOOK)
