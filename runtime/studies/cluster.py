@@ -13,8 +13,9 @@ from typing import Any
 from graph.sha256 import sha256
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
-from runtime.studies.description import Study
+from runtime.studies.description import Study, described
 from runtime.studies.engine import Engine, Order, failed
+from runtime.studies.modules import import_again, imported
 from runtime.studies.trial_row import answer
 
 CONNECT_TIMEOUT = 10.0  # s
@@ -39,6 +40,7 @@ class Cluster(Engine):
             _trial,
             description=replace(study, diagram=os.path.abspath(study.diagram)).content(),
             source=sha256(Path(study.diagram).read_bytes()).hexdigest(),
+            sources=study.sources(),
             folder=os.getcwd(),
         )
 
@@ -66,8 +68,13 @@ def _result(future: Any, order: Order) -> dict[str, Any]:
         raise BadInput(failed(*order, f"{type(error).__name__}: {error}")) from None
 
 
-def _trial(order, description, source, folder):
-    """Run a trial on a worker. source : SHA-256 of the diagram file; folder : with modules of objectives"""
+def _trial(order, description, source, sources, folder):
+    """Run a trial on a worker.
+
+    source : SHA-256 of the diagram file
+    sources : {name: SHA-256} of the modules that it and the objectives import
+    folder : with modules of objectives
+    """
     try:
         if sha256(Path(description["diagram"]).read_bytes()).hexdigest() != source:
             return {"stop": f"the diagram file {description['diagram']} of the worker is another one"}
@@ -75,4 +82,10 @@ def _trial(order, description, source, folder):
         return {"stop": f"the worker cannot read {description['diagram']}: {error.strerror}"}
     if folder not in sys.path:
         sys.path.append(folder)
+    if not imported(sources):
+        own = described(description).sources()
+        if own != sources:
+            names = ", ".join(name for name in sources if own.get(name) != sources[name])
+            return {"stop": f"the modules {names} of the worker are others"}
+        import_again(sources)
     return answer(description, order)

@@ -18,7 +18,7 @@ from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
 from runtime.diagrams.overrides import derived
 from runtime.diagrams.recorded_signals import PLANT
-from runtime.studies import objectives
+from runtime.studies import modules, objectives
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -122,7 +122,9 @@ class Study:
         return {**{key: getattr(self, key) for key in KEYS}, "diagram": os.fspath(self.diagram)}
 
     def identity(self) -> dict[str, Any]:
-        """Return the description as plain data, with the SHA-256 of the diagram file. Raises BadInput."""
+        """Return the description as plain data, with the SHA-256 of the diagram file and of the modules that it and
+        the objectives import. Raises BadInput.
+        """
         functions = [given.get("function") if isinstance(given, dict) else given for given in self.objectives.values()]
         if not isinstance(self.diagram, (str, os.PathLike)) or any(callable(function) for function in functions):
             raise BadInput(
@@ -137,7 +139,13 @@ class Study:
             **{key: getattr(self, key) for key in KEYS},
             "diagram": os.fspath(self.diagram),
             "source_sha256": source,
+            **{f"module {name}": digest for name, digest in self.sources().items()},
         }
+
+    def sources(self) -> dict[str, str]:
+        """Return {name: SHA-256} of the modules that diagram and objectives, which are names, import."""
+        functions = [given["function"] if isinstance(given, dict) else given for given in self.objectives.values()]
+        return modules.sources(Path(self.diagram), functions)
 
 
 Described = TypeVar("Described", bound=Study)

@@ -62,6 +62,35 @@ def dies(trial):
 """
 
 
+LIMB = """\
+from blocks.sources import Constant
+from graph import Diagram
+from limb_of_test.lengths import LENGTH
+
+
+def build():
+    with Diagram("limb", rate=100) as diagram:
+        Constant(LENGTH, name="length")()
+    return diagram
+"""
+
+
+@pytest.fixture
+def limb(folder):
+    """Function that writes limb.py, which imports a length from a package.
+
+    Lengths with the same number of digits may share bytecode.
+    """
+
+    def write(length):
+        (folder / "limb.py").write_text(LIMB)
+        (folder / "limb_of_test").mkdir(exist_ok=True)
+        (folder / "limb_of_test" / "lengths.py").write_text("from .shank import SHANK\n\nLENGTH = SHANK\n")
+        (folder / "limb_of_test" / "shank.py").write_text(f"SHANK = {length}\n")
+
+    return write
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """The working folder, with sine.py and the objectives in costs_of_test.py."""

@@ -33,6 +33,15 @@ def test_exception_on_a_worker_names_trial_and_line(address, folder):
         )
 
 
+def test_worker_imports_a_module_again_that_has_changed_since_the_last_study(address, limb):
+    lengths = []
+    for length in (0.25, 0.5):
+        limb(length)
+        objectives = {"length": {"function": "peak", "signal": "length.y"}}
+        lengths += runtime.study("limb.py", 0.5, objectives, dask=address)["length"].tolist()
+    assert lengths == [0.25, 0.5]
+
+
 @pytest.mark.soak
 def test_cluster_with_a_killed_worker_gives_the_same_table(folder):
     given = {**STUDY, "seeds": list(range(40)), "objectives": {"noise": NOISE, "once": "costs_of_test:dies_once"}}

@@ -14,6 +14,7 @@ parquet = pytest.importorskip("pyarrow.parquet")
 
 PEAK = {"function": "peak", "signal": "gain.y"}
 NOISE = {"function": "rms", "signal": "noise.y"}
+LENGTH = {"function": "peak", "signal": "length.y"}
 TWO = {"peak": PEAK, "noise": NOISE}
 STUDY = """\
 diagram = "sine.py"
@@ -145,6 +146,15 @@ def test_usual_objectives_of_a_walking_wearer():
     muscles = trial["plant/walker.left_knee_torque"][late]
     assert result["muscles"][0] == pytest.approx(np.sqrt(np.mean(muscles**2)), rel=1e-12) and result["muscles"][0] > 5.0
     assert result["mean"][0] == pytest.approx(0.5, abs=0.05)
+
+
+def test_study_whose_diagram_imports_another_source_now_is_another_study(limb):
+    given = {"diagram": "limb.py", "grid": {}, "objectives": {"length": LENGTH}, "output": "limb.parquet"}
+    limb(0.25)
+    assert study(workers=1, **given)["length"].tolist() == [0.25]
+    limb(0.5)
+    with pytest.raises(BadInput, match="another study, which differs in module limb_of_test.shank: choose"):
+        study(workers=1, **given)
 
 
 MISTAKES = {
