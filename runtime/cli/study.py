@@ -36,8 +36,8 @@ def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         "study",
         "Run a diagram in virtual time for grids and samples of parameters, and write the objectives of all runs as "
-        "one Parquet table, and a picture of them. With a table [optimise], an optimiser chooses the parameters. A study "
-        "that was interrupted continues with the same command.",
+        "one Parquet table, and a picture of them. With a table [optimise], an optimiser chooses the parameters. A "
+        "study that was interrupted continues with the same command.",
         EPILOG,
     )
     parser.add_argument("study", type=Path, metavar="STUDY", help="the TOML file of the study")
