@@ -55,15 +55,15 @@ def imported(digests: dict[str, str]) -> bool:
 
 
 def import_again(digests: dict[str, str]) -> None:
-    """Forget the modules that this process has imported from another source, so that they are imported again.
+    """Let this process import modules again if it has imported one of them from another source.
 
     digests : of `sources`, as they are now
     """
     with _lock:
-        for name, digest in digests.items():
-            if _imported.get(name, digest) != digest:
-                sys.modules.pop(name, None)
-            _imported[name] = digest
+        changed = any(_imported.get(name, digest) != digest for name, digest in digests.items())
+        for name in digests if changed else ():  # all, because they may import each other
+            sys.modules.pop(name, None)
+        _imported.update(digests)
 
 
 def _find(name: str, folder: str) -> ModuleSpec | None:
