@@ -19,6 +19,8 @@ from cext.kernels import vectors
 from graph import units
 from graph.block import Block
 from graph.declarations import Input, Memory, Output, Param
+from graph.diagnostics import Diagnostic, DiagramError, caller
+from graph.diagram import current_scope
 from graph.interval import Interval
 from graph.signal import Operand, Signal
 from graph.units import canonical, divide, multiply
@@ -284,13 +286,30 @@ def stack(*signals: Operand) -> Signal:
     return Stack(len(signals), shape=() if shape is ... else shape)(*signals)
 
 
+def _check_open(*operands: Any) -> None:
+    """Raise DiagramError outside a diagram, where arithmetic of signals cannot add a block."""
+    if current_scope() is None:
+        path = next(operand.path for operand in operands if isinstance(operand, Signal))
+        raise DiagramError(
+            Diagnostic(
+                "TW011",
+                "the signal is used in arithmetic, and no diagram is open",
+                path=path,
+                where=caller(),
+                hint="write it inside `with Diagram(...)`; a step takes a signal as an input, and gets its value",
+            )
+        )
+
+
 def plus(a: Operand, b: Operand, signs: str = "++") -> Signal:
     """Add two signals or numbers, or subtract the second with signs="+-"."""
+    _check_open(a, b)
     return Sum(signs)(a, b)
 
 
 def times(signal: Signal, factor: Signal | float) -> Signal:
     """Multiply a signal by another, or by a number without a unit."""
+    _check_open(signal)
     return Product()(signal, factor) if isinstance(factor, Signal) else Gain(factor)(signal)
 
 
@@ -299,6 +318,7 @@ def over(dividend: Any, divisor: Signal | float) -> Signal:
 
     Raises ZeroDivisionError for the number 0.
     """
+    _check_open(dividend, divisor)
     if isinstance(divisor, Signal):
         return Divide()(dividend, divisor)
     if divisor == 0:

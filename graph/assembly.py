@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graph.arena_layout import Layout, kernel_table, place_memory, place_parameters, size_of
-from graph.block import CLOCK, Sink
+from graph.block import Sink
 from graph.budget import damping_round
+from graph.class_checks import CLOCK
 from graph.device import Actuator, Device
 from graph.interval import EVERYTHING
 from graph.kernel_items import CHECKED, check_kernels

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, TypedDict
 
 from cext.user_text import repr_of, text_of
 from graph import hints
+from graph.class_checks import arguments_of, check_class
 from graph.declarations import Declaration, Input, Live, LiveBounds, Memory, Output, Param
 from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.diagram import current_scope, is_count
@@ -16,8 +16,6 @@ from graph.kernel_items import check_kernels, replace_kernels
 from graph.names import snake_case, suggestion
 from graph.scratch import Scratch
 from graph.signal import Outputs, Signal
-
-CLOCK = {"t": 0, "tick": 1, "dt": 2}  # arguments that every step may take, and their slots in the arena
 
 
 class BlockOptions(TypedDict, total=False):
@@ -89,30 +87,7 @@ class Block:
             declared.update({n: d for n, d in names.items() if isinstance(d, Declaration) or n in declared})
         for kind, field in ((Input, "inputs"), (Output, "outputs"), (Param, "parameters"), (Memory, "memory")):
             setattr(cls, field, {n: d for n, d in declared.items() if isinstance(d, kind)})
-        taken = next((name for name in declared if name in _WORDS), None)
-        if taken is not None:
-            raise TypeError(f"{cls.__name__}: {taken!r} is reserved and cannot name a port or parameter")
-        code = getattr(inspect.unwrap(cls.__init__), "__code__", None) if "__init__" in vars(cls) else None
-        if code is not None and "__init__" not in code.co_names:
-            raise TypeError(
-                f"{cls.__name__}.__init__ does not call super().__init__(), which makes the block: call it first, or "
-                "omit __init__: declare parameters with Param, and set state in reset(self)"
-            )
-        for method in ("step", "update", "settle"):
-            function = vars(cls).get(method)
-            if function is None or cls.variadic:
-                continue
-            names, takes_all = _arguments(function)
-            first = next(iter(inspect.signature(function).parameters), "")
-            if first in cls.inputs or first in CLOCK:
-                raise TypeError(f"{cls.__name__}.{method} takes no `self`: define {method}(self, {first}, ...)")
-            strangers = [] if takes_all else [n for n in names if n not in cls.inputs and n not in CLOCK]
-            if strangers:
-                raise TypeError(
-                    f"{cls.__name__}.{method} takes {strangers[0]!r}, which is neither an input "
-                    f"({', '.join(cls.inputs) or 'none'}) "
-                    f"nor one of {', '.join(CLOCK)}{hints.for_argument(cls, strangers[0])}"
-                )
+        check_class(cls, declared, _WORDS)
         if cls.step is not Block.step:
             replace_kernels(cls)
         check_kernels(cls)
@@ -338,7 +313,7 @@ class Block:
 
         `*inputs` stands for all inputs that the method does not name.
         """
-        names, takes_all = _arguments(getattr(type(self), method))
+        names, takes_all = arguments_of(getattr(type(self), method))
         return names + [name for name in self.inputs if name not in names] if takes_all else names
 
     def set(self, name: str, value: Any) -> None:
@@ -430,20 +405,6 @@ class Sink(Block):
     def is_active(self, virtual: bool) -> bool:
         """Return whether this sink receives a run. virtual : whether the run is in virtual time"""
         return True
-
-
-def _arguments(function: Callable[..., Any]) -> tuple[list[str], bool]:
-    """Return (names of the positional arguments after self, whether it takes `*arguments`).
-
-    Raises TypeError for a required keyword-only argument: inputs are passed by position.
-    """
-    kinds = inspect.Parameter
-    parameters = list(inspect.signature(function).parameters.values())
-    named = next((p.name for p in parameters if p.kind is kinds.KEYWORD_ONLY and p.default is kinds.empty), None)
-    if named is not None:
-        raise TypeError(f"{function.__qualname__} takes {named!r} by name only, but inputs are passed by position")
-    names = [p.name for p in parameters if p.kind in (kinds.POSITIONAL_ONLY, kinds.POSITIONAL_OR_KEYWORD)]
-    return names[1:], any(p.kind is kinds.VAR_POSITIONAL for p in parameters)
 
 
 def range_of(block: Block, name: str, ranges: Any) -> Interval:

@@ -73,6 +73,7 @@ def examine(diagram: Diagram) -> Compilation:
         compilation.check_shapes,
         compilation.check_units,
         compilation.check_actuators,
+        compilation.check_effects,
         compilation.check_heat,
         compilation.check_relays,
         compilation.check_timeouts,
@@ -315,7 +316,7 @@ class Compilation:
                     block,
                     name,
                     self.where(block, name),
-                    self.unit_hint(got, unit),
+                    self.unit_hint(got, unit) or hints.for_factor(source, got, unit),
                 )
 
     def wired_inputs(self) -> list[tuple[tuple[Block, str], np.ndarray | Signal]]:
@@ -350,9 +351,31 @@ class Compilation:
                     f"none of its commands is connected ({', '.join(block.inputs)})",
                     block,
                     hint=hints.for_assignment(block)
-                    or f"connect one, as in {block.path.split('/')[-1]}({next(iter(block.inputs))}=...), or "
+                    or f"connect one, as in {block.path.split('/')[-1]}({hints.usual_command(block)}=...), or "
                     "remove the actuator",
                 )
+
+    def check_effects(self) -> None:
+        """Warn of a position or velocity command whose gain, the stiffness or the damping, is 0."""
+        for block in self.blocks:
+            if not isinstance(block, Actuator):
+                continue
+            for name, gain in (("position_command", "stiffness_command"), ("velocity_command", "damping_command")):
+                if gain in block.inputs and self.is_zero(block, gain) and not self.is_zero(block, name):
+                    self.report(
+                        "TW027",
+                        f"the command has no effect, because {gain} is 0",
+                        block,
+                        name,
+                        self.where(block, name),
+                        f"connect it, as in {block.path.split('/')[-1]}({name}=..., {gain}=...)",
+                        "warning",
+                    )
+
+    def is_zero(self, block: Block, name: str) -> bool:
+        """Return whether an input is the constant 0."""
+        source = self.sources.get((block, name))
+        return source is not None and not isinstance(source, Signal) and not np.any(source)
 
     def check_heat(self) -> None:
         """Check that each actuator reports its temperature or has a thermal model."""

@@ -264,6 +264,8 @@ class Param(Declaration, Generic[T]):
         file: bool = False,
         kernel: bool = True,
     ) -> None:
+        if isinstance(default, list):
+            raise TypeError(f"all blocks would share the list {default!r}: write the default as a tuple")
         self.default, self.unit, self.description = default, units.canonical(unit), description
         self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
         self.interior = interior((min, above), (max, below)) if choices is None else (math.inf, -math.inf)

@@ -33,6 +33,7 @@ CODES = {
     "TW024": "actuator without temperature monitoring",
     "TW025": "different bitrates on one bus",
     "TW026": "setpoint out of reach",
+    "TW027": "command without effect",
     "TW030": "format of a newer version",
     "TW031": "missing library",
     "TW032": "block from a local file",

@@ -12,7 +12,8 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-from graph.block import CLOCK, Block
+from graph.block import Block
+from graph.class_checks import CLOCK
 from graph.declarations import Input, Output, Param
 
 
@@ -24,7 +25,13 @@ def block(function: Callable[..., Any]) -> type[Block]:
 
     Raises TypeError for an incomplete signature.
     """
-    annotations = inspect.get_annotations(function, eval_str=True)
+    try:
+        annotations = inspect.get_annotations(function, eval_str=True)
+    except NameError as error:
+        raise TypeError(
+            f"{function.__name__}: {error.name!r} in its annotations is not defined: annotate an argument with "
+            'Input(unit) or Param(default, unit), and the result with Output(unit), as in u: Input("rad")'
+        ) from None
     outputs = annotations.pop("return", None)
     if isinstance(outputs, Output):
         outputs = {"y": outputs}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from graph import units
 from graph.declarations import Input
 from graph.names import suggestion
 from graph.signal import Signal
@@ -65,6 +66,8 @@ def for_input(block: Any, name: str | None) -> str:
     """Return the remedy for an unknown input. name : of the input"""
     if name in block.parameters:
         return f"{name} is a parameter: pass it to the class, as in {type(block).__name__}({name}=...)"
+    if f"{name}_command" in block.inputs:
+        return f"did you mean '{name}_command'?"
     return suggestion(name, block.inputs) or f"its inputs are {', '.join(block.inputs) or 'none'}"
 
 
@@ -79,9 +82,22 @@ def for_assignment(block: Any) -> str:
     )
 
 
+def usual_command(block: Any) -> str:
+    """Return the input of an actuator to suggest: its torque command, or its first one."""
+    return "torque_command" if "torque_command" in block.inputs else next(iter(block.inputs))
+
+
 def suggested(name: str, block: Any) -> str:
     """Return the input with the name closest to a misspelt one; its first input if none is close."""
     return (suggestion(name, block.inputs) or f"{next(iter(block.inputs), name)!r}").split("'")[1]
+
+
+def for_factor(source: Any, got: str, expected: str) -> str:
+    """Return the remedy for a product with a number, which has no unit, at an input of another unit, or ""."""
+    block: Any = getattr(source, "block", None)
+    if type(block).__name__ != "Gain" or block.unit != units.ONE:
+        return ""
+    return f'give the factor its unit, as in Gain({block.gain:g}, unit="{units.divide(expected, got)}")(signal)'
 
 
 def for_degrees(number: float, unit: str, limits: Any) -> str:

@@ -21,7 +21,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from cext.kernel import Kernel
-from graph.block import CLOCK
+from graph.class_checks import CLOCK
 from graph.declarations import Memory
 
 if TYPE_CHECKING:

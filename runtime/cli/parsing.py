@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import textwrap
 from collections.abc import Sequence
 from dataclasses import MISSING, fields
@@ -78,7 +79,9 @@ class Parser(argparse.ArgumentParser):
     def explain(self, word: str) -> str:
         """Return the error message for an unknown argument."""
         if not word.startswith("-"):
-            return f"unexpected argument {word!r}"
+            option = "--rig" if word.endswith(".toml") else "--channel" if re.match(r"v?can\d", word) else ""
+            remedy = f": pass it as {option} {word}" if option in self._option_string_actions else ""
+            return f"unexpected argument {word!r}{remedy}"
         return unknown_option(word, self._option_string_actions)
 
     def print_help(self, file: Any = None) -> None:

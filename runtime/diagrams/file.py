@@ -98,6 +98,9 @@ def build(
     diagram: Any = getattr(file.module, "diagram", None)
     if build is None and not isinstance(diagram, Diagram):
         raise BadInput(f"{path} has no diagram: {without_diagram(file)}")
+    plant = getattr(file.module, "plant", None)
+    if isinstance(plant, Diagram):
+        raise BadInput(f"{path}: plant is a Diagram: write a function plant(robot) that returns it")
     share_out(file, settings)
     if build is not None:
         diagram = call(file, build, **file.build_parameters)

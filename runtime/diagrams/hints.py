@@ -6,6 +6,7 @@ import os
 import pkgutil
 import re
 import sys
+import traceback
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,8 +14,9 @@ from typing import Any
 
 import graph
 from cext.user_text import text_of
-from graph import Block, Diagram, Input, Param, Signal
+from graph import Actuator, Block, Diagram, Input, Param, Signal
 from graph.declarations import Declaration
+from graph.hints import usual_command
 from graph.names import suggestion
 
 ALIASES = {"np": "numpy as np", "pd": "pandas as pd", "plt": "matplotlib.pyplot as plt"}
@@ -37,6 +39,9 @@ def hint(path: str | os.PathLike[str], error: BaseException) -> str:
     """Return the remedy for an exception of user code, or "". path : of the diagram file"""
     if isinstance(error, ImportError):
         return for_import(path, error)
+    if isinstance(error, RecursionError):
+        runs = [frame for frame in traceback.extract_stack() if frame.name == "execute"]
+        return "the file runs itself: run it from another file, or in `if __name__ == '__main__':`" if runs[1:] else ""
     if isinstance(error, AttributeError):
         return for_attribute(error)
     if isinstance(error, NameError):
@@ -85,14 +90,16 @@ def for_import(path: str | os.PathLike[str], error: ImportError) -> str:
     file = getattr(module, "__file__", None) or ""
     if module is not None and neighbour.exists() and os.path.realpath(file) != os.path.realpath(neighbour):
         return f"{neighbour.name} beside {path.name} has the name of a library: rename it"
+    if top == "tickwork":
+        return "import from the packages graph, blocks and runtime, as in `from graph import Diagram`"
     if isinstance(error, ModuleNotFoundError):
-        if top == "tickwork":
-            return "import from the packages graph, blocks and runtime, as in `from graph import Diagram`"
         if find_spec(top) is None:
             return f"install its library, as in: pip install {DISTRIBUTIONS.get(top, top.replace('_', '-'))}"
         package = sys.modules.get(name.rpartition(".")[0])
         modules = pkgutil.iter_modules(getattr(package, "__path__", ()), f"{name.rpartition('.')[0]}.")
         return suggestion(name, [entry.name for entry in modules])
+    if "relative import" in text_of(error):
+        return "the file is not in a package: omit the dot, as in `from wearer import plant`"
     missing = re.match(r"cannot import name '(\w+)'", text_of(error))
     if missing is None or module is None:
         return ""
@@ -113,6 +120,10 @@ def for_attribute(error: AttributeError) -> str:
         return "a signal has arithmetic, an index and .to(unit); its values are in the recording of a run"
     if not isinstance(of, Block):
         return ""
+    if isinstance(of, Actuator) and re.match(r"(set|send|write|command|move|apply)", name):
+        return f"call the block to command it, as in {of.path.split('/')[-1]}({usual_command(of)}=...)"
+    if of.is_python and name in ("t", "time", "tick"):
+        return f"take it as an argument, as in def step(self, {', '.join([*of.inputs, 't'])})"
     return suggestion(name, [*of.outputs, *of.inputs, *of.parameters]) or (
         f"set it in reset(self), as in self.{name} = 0.0" if of.is_python else ""
     )
@@ -126,6 +137,17 @@ def for_type(text: str, names: Mapping[str, Any]) -> str:
     """
     kinds = [names[word] for word in re.findall(r"\w+", text) if isinstance(names.get(word), type)]
     kind = next(iter(kinds), object)
+    if "Param.__init__()" in text:
+        return 'as in Param(1.0, "N·m", "description", min=0.0, max=5.0)'
+    if re.search(r"(In|Out)put\.__init__\(\)", text):
+        return 'give its unit, as in Input("rad"); "1" is a number without a unit, and "any" is any unit'
+    if "'Signal' object is not callable" in text:
+        return "omit the parentheses: a signal is connected, as in block(knee.position)"
+    block = names.get("self")
+    if "'NoneType'" in text and isinstance(block, Block):
+        empty = next((name for name in block.parameters if getattr(block, name) is None), "")
+        if empty:
+            return f"the parameter {empty} is None: pass a value, or declare a default, as in {empty} = Param(1.0)"
     if "Diagram.__init__()" in text:
         return 'pass the name and the rate in Hz, as in Diagram("knee", rate=200)'
     if "__init__() got an unexpected keyword" in text and issubclass(kind, Block):

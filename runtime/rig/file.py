@@ -74,6 +74,8 @@ def parse(path: str | Path, text: str) -> RigFile:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         hint = 'quote text with "", and a path in a name: [device."left/knee"]'
+        if re.search("twice|overwrite", str(error)):
+            hint = "write each table and each key once"
         raise RigError(path, [RigProblem("TW101", f"invalid TOML: {error}", hint)]) from None
     except RecursionError:
         problem = RigProblem("TW101", "invalid TOML: too many nested brackets", "remove brackets")

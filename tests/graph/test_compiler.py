@@ -100,7 +100,18 @@ def test_an_actuator_that_is_never_commanded_is_reported():
     assert found.message.startswith(
         "none of its commands is connected (position_command, velocity_command, torque_command"
     )
-    assert found.hint == "connect one, as in knee(position_command=...), or remove the actuator"
+    assert found.hint == "connect one, as in knee(torque_command=...), or remove the actuator"
+
+
+def test_a_position_command_without_stiffness_is_a_warning():
+    with Diagram("d", rate=100) as diagram:
+        CubeMars("AK80-9", name="knee")(position_command=0.5, torque_command=1.0)
+        at = here(-1)
+        CubeMars("AK80-9", can_id=2, name="hip")(position_command=Sine(unit="rad")(), stiffness_command=5.0)
+        CubeMars("AK80-9", can_id=3, name="ankle")(position_command=0.0, velocity_command=0.0)
+    [found] = [warning for warning in compile(diagram).warnings if warning.code == "TW027"]
+    assert (found.path, found.port, found.where) == ("knee", "position_command", at)
+    assert found.message == "the command has no effect, because stiffness_command is 0"
 
 
 def test_two_drives_with_one_id_on_one_bus_name_each_other():

@@ -186,6 +186,12 @@ OPERATIONS = (
         "knee.position is a scalar, which has no elements",
     ),
     in_drive(
+        "call of a signal",
+        "x = knee.position()  # !",
+        "x = knee.position",
+        "'Signal' object is not callable; omit the parentheses",
+    ),
+    in_drive(
         "attribute of a signal",
         "x = knee.position.value  # !",
         "x = knee.position",
@@ -194,6 +200,12 @@ OPERATIONS = (
 )
 
 IMPORTS_AND_NAMES = (
+    Mistake(
+        "relative import",
+        "from .wearer import plant  # !\n" + diagram("Sine()()"),
+        diagram("Sine()()"),
+        ("the file is not in a package: omit the dot, as in `from wearer import plant`",),
+    ),
     Mistake(
         "block not imported",
         diagram(f"{LAW}  # !\n{COMMAND}").replace("from blocks.controllers import Impedance\n", ""),
@@ -429,6 +441,35 @@ WIRES = (
         "with Diagram('b', rate=100) as diagram:\n    Butterworth(2, 20.0)(Sine()())\n",
         "comes from a block that is not in this diagram",
     ),
+    in_command(
+        "factor without a unit",
+        "knee(torque_command=TorqueLimiter(limit=12.0)(-30.0 * knee.position))  # !",
+        "from blocks.mathematics import Gain; "
+        'knee(torque_command=TorqueLimiter(limit=12.0)(Gain(-30, unit="N·m/rad")(knee.position)))',
+        "expected N·m, got rad from gain.y",
+        'give the factor its unit, as in Gain(-30, unit="N·m/rad")(signal)',
+    ),
+    Mistake(
+        "output as a command",
+        diagram(f"{DRIVE}\nknee(torque=1.0)  # !"),
+        diagram(f"{DRIVE}\nknee(torque_command=1.0)"),
+        ("knee: has no input 'torque'", "did you mean 'torque_command'?"),
+    ),
+    in_drive(
+        "method for a command",
+        "knee.set_torque(1.0)  # !",
+        "x = 1.0",
+        "no attribute 'set_torque'; call the block to command it, as in knee(torque_command=...)",
+    ),
+    in_drive(
+        "signal in a step",
+        "Own()(1.0)",
+        "Own()(knee.position)",
+        "TW011 wired outside a diagram: knee.position: the signal is used in arithmetic, and no diagram is open",
+        "a step takes a signal as an input, and gets its value",
+        before=OWN + "    def step(self, u):\n        return 2.0 * knee.position  # !\n",
+        cure_before=OWN + "    def step(self, u):\n        return 2.0 * u\n",
+    ),
 )
 
 PARAMETERS = (
@@ -563,6 +604,18 @@ FILES = (
         "knee has no block 'sne': did you mean 'sine'?",
     ),
     in_file(
+        "plant that is no function",
+        DIAGRAM + "plant = diagram\n",
+        DIAGRAM,
+        "plant is a Diagram: write a function plant(robot) that returns it",
+    ),
+    in_file(
+        "file that runs itself",
+        DIAGRAM + "import runtime\nruntime.run(__file__, 0.01)  # !\n",
+        DIAGRAM + "import runtime\nif __name__ == '__main__':\n    runtime.run(__file__, 0.01)\n",
+        "the file runs itself: run it from another file, or in `if __name__ == '__main__':`",
+    ),
+    in_file(
         "plant without robot",
         DIAGRAM + "def plant():  # !\n    return diagram\n",
         DIAGRAM,
@@ -588,6 +641,55 @@ BLOCKS = (
     ),
     in_block(
         "step without self", "def step(u):\n    return u", STEP, "Own.step takes no `self`: define step(self, u, ...)"
+    ),
+    in_block(
+        "reset without self", f"def reset():\n    pass\n{STEP}", STEP, "Own.reset takes no `self`: define reset(self)"
+    ),
+    in_block(
+        "step that yields", "def step(self, u):\n    yield u", STEP, "Own.step is a generator: end it with `return`"
+    ),
+    in_block("asynchronous step", f"async {STEP}", STEP, "Own.step is a coroutine: define it without `async`"),
+    in_block(
+        "state in the class",
+        "past = []\ndef step(self, u):\n    self.past.append(u)\n    return sum(self.past)",
+        "def reset(self):\n    self.past = []\ndef step(self, u):\n    self.past.append(u)\n    return sum(self.past)",
+        "Own.past is one list for all blocks of the class: if it is state, set it in reset(self), as in self.past = []",
+    ),
+    in_block(
+        "constant list",
+        "weights = [0.5, 0.5]\ndef step(self, u):\n    return self.weights[0] * u",
+        "WEIGHTS = [0.5, 0.5]\ndef step(self, u):\n    return self.WEIGHTS[0] * u",
+        "if it is constant, write its name in upper case",
+    ),
+    in_block(
+        "list as a default",
+        f"k = Param([1.0, 2.0])  # !\n{STEP}",
+        f"k = Param((1.0, 2.0))\n{STEP}",
+        "all blocks would share the list [1.0, 2.0]: write the default as a tuple",
+    ),
+    in_block(
+        "parameter without a default",
+        "k = Param()\ndef step(self, u):\n    return self.k * u  # !",
+        "k = Param(1.0)\ndef step(self, u):\n    return self.k * u",
+        "the parameter k is None: pass a value, or declare a default, as in k = Param(1.0)",
+    ),
+    in_block(
+        "bounds by position",
+        f'k = Param(2.0, "1", 0.0, 10.0)  # !\n{STEP}',
+        f'k = Param(2.0, "1", min=0.0, max=10.0)\n{STEP}',
+        'as in Param(1.0, "N·m", "description", min=0.0, max=5.0)',
+    ),
+    in_block(
+        "port without a unit",
+        f"w = Input()  # !\n{STEP}",
+        f'w = Input("1", default=0.0)\n{STEP}',
+        'give its unit, as in Input("rad"); "1" is a number without a unit',
+    ),
+    in_block(
+        "time as an attribute",
+        "def step(self, u):\n    return self.time  # !",
+        "def step(self, u, t):\n    return t",
+        "take it as an argument, as in def step(self, u, t)",
     ),
     in_block(
         "unknown argument of step",
@@ -689,6 +791,14 @@ BLOCKS = (
         diagram("Own()(Sine()())  # !", OWN.replace("(Block)", "") + "    def step(self, u):\n        return u\n"),
         diagram("Own()(Sine()())", OWN + "    def step(self, u):\n        return u\n"),
         ("'Own' object is not callable; derive the class from Block: class Own(Block)",),
+    ),
+    in_drive(
+        "unit for a declaration",
+        "double()(knee.position)",
+        "double()(knee.position)",
+        "double: 'rad' in its annotations is not defined: annotate an argument with Input(unit)",
+        before="@block\ndef double(u: 'rad') -> 'rad':\n    return 2.0 * u\n",
+        cure_before='@block\ndef double(u: Input("rad")) -> Output("rad"):\n    return 2.0 * u\n',
     ),
     in_drive(
         "function without annotations",

@@ -90,6 +90,12 @@ COMMANDS = {  # {command line: message}; R is a recording
     "knee.py --trial subject": "--trial subject: expected NAME=VALUE, as in subject=S03",
     "knee.py --rig": "argument --rig: expected one argument",
     "knee.py --rig lap.toml": "lap.toml: error TW101 unreadable rig file: no such file\n    did you mean 'lab.toml'?",
+    "knee.py lab.toml": "unexpected argument 'lab.toml': pass it as --rig lab.toml",
+    "scan can0": "unexpected argument 'can0': pass it as --channel can0",
+    "knee.py --rig twice.toml": "write each table and each key once",
+    "check knee.py --rig degrees.toml": "must be within ±12.5 rad, the positions that the drive reports, got [0, 90]: "
+    "if these are degrees, write [0, 1.571]",
+    "study knee.py": "(at line 2, column 6): a study is a TOML file",
     "knee.py --rig lab.toml --fast --duration 1": "--fast and --rig exclude each other: a rig runs in real time",
     "knee.py --rig lab.toml": "[bus.leg] interfce: unknown key\n    did you mean 'interface'?",
     "knee.py --rig knee.py": "unreadable rig file: invalid TOML",
@@ -130,6 +136,9 @@ def folder(tmp_path, command_line):
     """A folder with a diagram, a rig file with a mistake, and notes; the working folder."""
     (tmp_path / "knee.py").write_text(diagram(f"{LAW}\n{COMMAND}\nCsvRecorder()"))
     (tmp_path / "lab.toml").write_text('[bus.leg]\ninterfce = "socketcan"\nchannel = "can0"\n')
+    can = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n'
+    (tmp_path / "degrees.toml").write_text(f"{can}[device.knee]\nrange = [0, 90]\n")
+    (tmp_path / "twice.toml").write_text(can + can)
     (tmp_path / "notes.txt").write_text("notes\n")
     return tmp_path
 
