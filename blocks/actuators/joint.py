@@ -242,7 +242,7 @@ class Joint:
                 f"stop_damping must be at most the drive's {self.wire[3]:g} N·m·s/rad, got {self.stop_damping:g}"
             )
         self.check_temperatures()
-        self.range = motion_of(self.range)
+        self.range = motion_of(self.range, self.wire[0] + abs(self.offset))
         self.check_pose()
         self.check_zero()
 
@@ -472,11 +472,20 @@ def pose_of(pose: Sequence[float], shift: float) -> tuple[float, ...]:
     return tuple(map(float, pose))
 
 
-def motion_of(limits: Sequence[float]) -> tuple[float, ...]:
-    """Return (lowest, highest) of the parameter `range`, () if unknown. Raises ValueError."""
+def motion_of(limits: Sequence[float], reach: float) -> tuple[float, ...]:
+    """Return (lowest, highest) of the parameter `range`, () if unknown. Raises ValueError.
+
+    reach : largest angle of the joint that the drive can report, in rad
+    """
     if not isinstance(limits, (tuple, list)) or len(limits) not in (0, 2):
         raise ValueError(f"range must be the lowest and the highest angle in rad, as in [-0.1, 2.0], got {limits!r}")
     finite = all(isinstance(x, Real) and not isinstance(x, bool) and math.isfinite(x) for x in limits)
     if not finite or (limits and not limits[0] < limits[1]):
         raise ValueError(f"range must be the lowest and the highest angle in rad, in this order, got {limits!r}")
+    if limits and max(-limits[0], limits[1]) > reach:
+        degrees = ", ".join(f"{math.radians(x):.4g}" for x in limits)
+        raise ValueError(
+            f"range must be within ±{reach:.4g} rad, the positions that the drive reports, got {limits!r}: if these "
+            f"are degrees, write [{degrees}]"
+        )
     return tuple(map(float, limits))

@@ -158,7 +158,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
                 f"the board of {spec.name} does not answer commands in servo mode: pass the "
                 "report_rate that is set in it"
             )
-        self.range = motion_of(self.range)
+        self.range = motion_of(self.range, POSITION / self.gear_ratio + abs(self.offset))
         self.check_pose()
         self.check_zero()
         self.check_reports()

@@ -246,6 +246,7 @@ def test_any_frame_changes_only_the_feedback(identifier, data, length, mode):
             "acceleration must be between .* 25.5, .*AK80-64 .* got 30",
         ),
         ("AK80-9", {"mode": "torque"}, "mode: "),
+        ("AK80-9", {"range": (0.0, 90.0)}, r"must be within ±55.85 rad, .* write \[0, 1.571\]"),
         ("AK80-9", {"range": (2.0, 1.0)}, "range must be the lowest and the highest angle"),
         (
             "AK80-9",
