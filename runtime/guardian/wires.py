@@ -29,7 +29,10 @@ IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29  # Linux constants that Python's s
 FRAMES_AT_ONCE = 64  # limit of frames in one `receive`
 ECHO_TIMEOUT = 0.1  # s within which an interface returns sent frames
 SEND_TIMEOUT = 0.002  # s for an interface to accept a frame
-QUICK = {"slcan": {"timeout": 0.0}}  # the default waits a millisecond for every missing byte
+DEFAULTS = {  # options of an interface where the rig file has none
+    "slcan": {"timeout": 0.0},  # python-can's waits a millisecond for every missing byte
+    "udp_multicast": {"hop_limit": 0},  # frames stay on this machine: a neighbour's robot may use the same group
+}
 # for an adapter that was open until now; the default waits 2 s for it to start
 STARTED = {"slcan": {"sleep_after_open": 0.0}}
 # `recv` of these returns at once; others are received in a thread
@@ -106,7 +109,7 @@ class PythonCanWire(Wire):
         logging.getLogger("can").addHandler(logging.NullHandler())  # the caller reports errors
         self.message = can.Message
         try:
-            given: dict = ({"fd": True} if fd else {}) | QUICK.get(interface, {}) | (options or {})
+            given: dict = ({"fd": True} if fd else {}) | DEFAULTS.get(interface, {}) | (options or {})
             self.bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate, **given)
         except Exception as error:  # interfaces raise any exception
             raise CannotOpen(str(error) or type(error).__name__) from error

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import keyword
+import os
 from importlib.util import find_spec
 from pathlib import Path
 
+from graph.sha256 import sha256
 from runtime.base.errors import BadInput
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -49,11 +51,12 @@ def create(folder: Path, drive: bool = False) -> list[Path]:
         raise BadInput(f"a package or module {name!r} is installed already: choose another name")
     if folder.exists():
         raise BadInput(f"{folder} exists already: choose another name, or remove it")
+    group = "239.74.{}.{}".format(*sha256(os.fsencode(folder.absolute())).digest())
     files = FILES | DRIVE_FILES if drive else FILES
     paths = [folder / path.replace(NAME, name) for path in files]
     for path, template in zip(paths, files.values()):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text(template, name, drive))
+        path.write_text(text(template, name, drive).replace("GROUP", group))
     return paths
 
 

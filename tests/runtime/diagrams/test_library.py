@@ -5,12 +5,14 @@ import os
 import shutil
 import subprocess
 import sys
+from ipaddress import ip_address, ip_network
 from pathlib import Path
 
 import pytest
 
 from runtime.base.errors import BadInput
 from runtime.laboratory import create
+from runtime.rig.file import read
 
 ROOT = Path(__file__).parents[3]
 BLOCKS = ("-m", "runtime", "blocks")
@@ -123,6 +125,14 @@ def test_rig_of_the_package_has_the_buses_and_joints_of_its_robot(installed, tmp
         installed, "-m", "runtime", "check", "diagrams/knee.py", "--rig", "rigs/emulated.toml", cwd=tmp_path / "lab"
     )
     assert done.returncode == 0 and "gaitlab.blocks" in (tmp_path / "lab/diagrams/knee.py").read_text(), done.stderr
+
+
+def test_each_laboratory_has_a_multicast_group_of_its_own(tmp_path):
+    rigs = []
+    for name in ("leg_lab", "arm_lab"):
+        create(tmp_path / name)
+        rigs.append(read(tmp_path / name / "rigs" / "emulated.toml").buses["legs"].channel)
+    assert len(set(rigs)) == 2 and all(ip_address(group) in ip_network("239.74.0.0/16") for group in rigs)
 
 
 def test_package_without_a_drive_has_no_line_of_one(tmp_path):

@@ -135,6 +135,11 @@ def test_invalid_frame_is_counted_and_reception_continues(wire, node, channel):
     assert wire.counts["corrupt"] == 5 and wire.trouble is None
 
 
+def test_multicast_frames_stay_on_this_machine(wire):
+    with socket.socket(fileno=os.dup(wire.bus.fileno())) as twin:
+        assert twin.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == 0
+
+
 def test_two_buses_of_one_machine_are_isolated(wire, node):
     other = open_bus(next(CHANNELS))
     other.send(message(1, b"other"))
