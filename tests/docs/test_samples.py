@@ -1,8 +1,8 @@
 """Every Python sample of every page runs.
 
 The samples of a page run in their order and share their names, in an empty folder with the folders of the clone beside
-them: `diagrams/knee_exo.py` exists. A sample that needs hardware, a second process or a terminal, or that another test
-runs, has the word `notest` behind `python` on its fence.
+them: `diagrams/knee_exo.py` exists. A sample that needs hardware, a compiler, a second process or a terminal has the
+word `notest` behind `python` on its fence; another test runs it.
 
 A fragment may use names of a diagram that the page does not show: SETUP defines them.
 """
@@ -20,9 +20,33 @@ from tests.docs.pages import NAMES
 SAMPLE = re.compile(r"^```python([^\n]*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 ELSEWHERE = ("docs/reference/errors.md", "docs/tutorial/", "docs/coming_from/")  # tests of their own run their samples
 DIAGRAM = "from blocks.sources import Sine\nfrom graph import Diagram, stack, subsystem\n"
-INSIDE = ("docs/reference/gait.md", "docs/reference/networks.md")  # samples of these pages are parts of a diagram
+INSIDE = (  # samples of these pages are parts of a diagram
+    "docs/explanation/wearer.md",
+    "docs/reference/gait.md",
+    "docs/reference/networks.md",
+    "docs/reference/rigs.md",
+)
+ROBOT = """
+from blocks.actuators import CubeMars
+from blocks.sensors import NAU7802
+from blocks.wearer import Cuff, Walker
+
+with Diagram("robot", 200) as robot, subsystem("left"):
+    CubeMars("AK80-9", can_id=1, name="knee"), CubeMars("AK80-9", can_id=2, name="ankle"), NAU7802(name="cell")
+drive = robot["left/ankle"].emulator()
+motion = Walker(1.2)(left_ankle_assistance=drive.torque)
+"""
+STUDY = """
+from pathlib import Path
+from runtime.cli.main import main
+
+page = Path("docs/how_to/studies.md").read_text()
+Path("study.toml").write_text(page.split("```toml\\n")[1].split("```")[0].replace("duration = 30 ", "duration = 8 "))
+assert main(["study", "study.toml"]) == 0
+"""
 SETUP = {
-    "docs/explanation/wearer.md": "from blocks.wearer import Walker\nfrom graph import Diagram\n",
+    "docs/explanation/wearer.md": DIAGRAM + ROBOT,
+    "docs/how_to/studies.md": STUDY,
     "docs/reference/gait.md": DIAGRAM + "left_thigh = right_thigh = Sine(unit='rad')(), Sine(unit='rad/s')()\n",
     "docs/reference/networks.md": DIAGRAM
     + "from blocks.limiters import Saturation\nfrom blocks.mathematics import Gain\n"
@@ -33,6 +57,8 @@ PAGES = [name for name in NAMES if SAMPLE.search((ROOT / name).read_text()) and 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_samples_run(page, tmp_path, monkeypatch):
+    for library in re.findall(r"^import (pandas)$", (ROOT / page).read_text(), re.MULTILINE):
+        pytest.importorskip(library)
     monkeypatch.chdir(tmp_path)
     for folder, target in (("diagrams", "diagrams"), ("docs", "docs"), ("networks", "diagrams/networks")):
         os.symlink(ROOT / target, folder)
@@ -47,3 +73,5 @@ def test_samples_run(page, tmp_path, monkeypatch):
             lines = text[: sample.start(2)].count("\n")
             file.write_text("\n" * lines + sample[2])  # a traceback has the lines of the page
             exec(compile(file.read_text(), str(file), "exec"), names)
+    if "robot" in names:
+        names["plant"](names["robot"])

@@ -223,3 +223,15 @@ def test_the_native_block_of_the_page_compiles_and_runs(tmp_path):
         [sys.executable, "square.py"], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60
     )
     assert process.stdout == "9.0\n", process.stderr
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
+def test_the_kernel_in_c_of_the_page_compiles_and_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    [source] = re.findall(r"^```c\n(.*?)^```", NATIVE, re.DOTALL | re.MULTILINE)
+    write(tmp_path, source, "gain.c")
+    command = re.search(r"gain\.c: (.*)", source)[1]
+    assert command.startswith("cc ") and subprocess.run(command.split(), timeout=60).returncode == 0
+    names = {"__name__": "sample"}
+    exec(python_of(NATIVE)[1], names)
+    assert names["Gain"](gain=2.0).step([1.0, 3.0]).tolist() == [2.0, 6.0]
