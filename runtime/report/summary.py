@@ -160,10 +160,11 @@ def stride_text(stride: dict[str, Any]) -> str:
     left_out = f" ({stride['left_out']} excluded)" if stride["left_out"] else ""
     if not stride["strides"]:
         return f"no complete stride{left_out}; {peak}"
+    work = [f"{round(stride[key], 2) + 0.0:.2f} J" for key in ("positive_work", "negative_work")]  # not -0.00
     return (
         f"{stride['strides']} stride{'s' * (stride['strides'] > 1)} of {stride['stride_time']:.2f} s{left_out}; "
         f"{peak}; "
-        f"positive work {stride['positive_work']:.2f} J per stride, negative {stride['negative_work']:.2f} J"
+        f"positive work {work[0]} per stride, negative {work[1]}"
     )
 
 

@@ -111,6 +111,7 @@ def test_summary_describes_strides():
         "1 stride of 1.10 s (2 excluded); peak torque 9.2 N·m; positive work 3.46 J per stride, negative -4.00 J"
     )
     assert summary.stride_text(stride | {"strides": 0, "left_out": 0}) == "no complete stride; peak torque 9.2 N·m"
+    assert summary.stride_text(stride | {"negative_work": -0.004}).endswith("negative 0.00 J")
 
 
 def test_summary_describes_stride_signals_and_unused_ones():
