@@ -59,12 +59,16 @@ def test_cma_es_finds_a_cost_within_5_percent_of_the_lowest_in_9_of_10_seeds_des
     assert np.median(excess) < 0.5 * np.median(best), "the fit is closer than the lowest measured cost"
 
 
-def test_fit_is_exact_for_a_quadratic_cost_without_noise_and_stays_within_the_bounds():
+def test_fit_is_exact_for_a_quadratic_cost_without_noise_and_stays_between_the_evaluations():
     points = np.random.default_rng(1).uniform(size=(60, 3))
     turned = (points - [0.3, 0.6, 0.45]) @ np.array([[1.0, 0.4, 0.0], [0.0, 0.9, 0.2], [0.0, 0.0, 0.8]])
     assert fitted_minimum(points, np.sum(turned**2, axis=1)) == pytest.approx([0.3, 0.6, 0.45], abs=1e-9)
     outside = np.sum((points - [1.4, 0.5, 0.5]) ** 2, axis=1)
-    assert fitted_minimum(points, outside) == pytest.approx([1.0, 0.5, 0.5], abs=1e-9)
+    assert fitted_minimum(points, outside) == pytest.approx([points[:, 0].max(), 0.5, 0.5], abs=1e-9)
+    flat = np.sum((points - [0.3, 0.6, 0.45]) ** 2 * [1.0, 1e-4, 1e-2], axis=1)
+    assert fitted_minimum(points, 1e-200 * flat) == pytest.approx([0.3, 0.6, 0.45], abs=1e-6)
+    penalised = np.where(np.arange(60) % 7 == 0, 1e9, flat)
+    assert fitted_minimum(points, penalised) == pytest.approx([0.3, 0.6, 0.45], abs=1e-6)
 
 
 def test_no_minimum_is_fitted_to_few_costs_or_to_a_cost_without_one():
@@ -72,3 +76,4 @@ def test_no_minimum_is_fitted_to_few_costs_or_to_a_cost_without_one():
     distances = np.sum((points - 0.5) ** 2, axis=1)
     assert fitted_minimum(points[:9], distances[:9]) is None
     assert fitted_minimum(points, -distances) is None
+    assert fitted_minimum(points, np.ones(60)) is None
