@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import settings
 from runtime.cli.parsing import Parser
@@ -16,14 +14,11 @@ from runtime.console.terminal import print_lines, program
 from runtime.live import table
 from runtime.live.requests import changes_of
 from runtime.live.running import page_of, runs
+from runtime.live.sending import batches, send
 
 if TYPE_CHECKING:
     from cext.safety.shared_state import SharedState
     from runtime.live.table import Parameter, Table
-
-TAKE_TIMEOUT = 2.0  # s, to which TAKE_TICKS are added, for the run to take a change
-TAKE_TICKS = 4
-POLL_PERIOD = 0.001  # s
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -68,20 +63,7 @@ def set_live(pid: int, settings: Sequence[tuple[str, str]]) -> list[str]:
     if not settings:
         return listing(pid, page, run_table)
     changes = batches([changes_of(run_table, name, text) for name, text in settings])
-    return [line for batch in changes for line in send(page, run_table, pid, batch)]
-
-
-def batches(groups: Iterable[list[tuple[Parameter, float]]]) -> list[list[tuple[Parameter, float]]]:
-    """Return batches of at most CHANGE_LIMIT changes, each taken in one tick.
-
-    groups : changes that belong together; a group is divided only if it exceeds the limit
-    """
-    collected = [[]]
-    for group in groups:
-        if len(collected[-1]) + len(group) > CHANGE_LIMIT:
-            collected.append([])
-        collected[-1] += group
-    return [batch[first : first + CHANGE_LIMIT] for batch in collected for first in range(0, len(batch), CHANGE_LIMIT)]
+    return [text for batch in changes for text in sent(page, run_table, pid, batch)]
 
 
 def find(pid: int) -> SharedState:
@@ -99,46 +81,11 @@ def find(pid: int) -> SharedState:
     )
 
 
-def send(page: SharedState, run_table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> list[str]:
-    """Send changes to a run and wait until it has taken them. Returns lines. Raises BadInput if it does not."""
+def sent(page: SharedState, run_table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> list[str]:
+    """Send changes and return their lines. Raises BadInput as `send` does."""
     before = table.values(page, run_table.parameters)
-    writer = Writer(page)
-    until = time.monotonic() + TAKE_TIMEOUT + TAKE_TICKS / run_table.rate
-    ticket = None
-    while ticket is None:
-        ticket = writer.set([(parameter.index, value) for parameter, value in changes])
-        if ticket is None:
-            wait(page, pid, until, "its mailbox was full")
-    while (answer := writer.answer(ticket)) is None:
-        try:
-            wait(page, pid, until, "it did not apply the change")
-        except BadInput:
-            if writer.withdraw(ticket):
-                raise
-            until = math.inf  # it is taking the change
-    verdict, tick, _ = answer
-    if verdict == "over":
-        raise BadInput(f"the run of process {pid} has ended; nothing was changed")
-    if verdict != "taken":
-        raise BadInput(
-            f"process {pid} rejected {', '.join(parameter.path for parameter, _ in changes)} ({verdict}); "
-            "nothing was changed"
-        )
+    tick = send(page, run_table.rate, pid, changes)
     return [line(parameter, before[parameter.index][0], value, tick, run_table.rate) for parameter, value in changes]
-
-
-def wait(page: SharedState, pid: int, until: float, problem: str) -> None:
-    """Sleep for one poll period. Raises BadInput if the run has ended or `until` has passed."""
-    if page.closed or page.state in ("stopping", "safe"):
-        raise BadInput(f"the run of process {pid} has ended; nothing was changed")
-    if not os.path.exists(f"/proc/{pid}"):
-        raise BadInput(f"process {pid} has died; nothing was changed")
-    if time.monotonic() > until:
-        raise BadInput(
-            f"process {pid}: {problem} within {TAKE_TIMEOUT:g} s (check whether it is stopped, or "
-            "its disk full); nothing was changed"
-        )
-    time.sleep(POLL_PERIOD)
 
 
 def line(parameter: Parameter, before: float, value: float, tick: int, rate: float) -> str:

@@ -2,8 +2,9 @@
 
     runtime.live.table      parameters: path, unit, bounds, present value
     runtime.live.patterns   `*/profile.scale` for both legs at once
-    runtime.live.running     the runs on this machine and their shared state
-    runtime.cli.set          `python -m runtime set PID left/impedance.stiffness=40`
+    runtime.live.sending    changes of a run of another process
+    runtime.live.running    the runs on this machine and their shared state
+    runtime.cli.set         `python -m runtime set PID left/impedance.stiffness=40`
 
 The shared state contains the table, so that a reader needs nothing else. The loop's side is cext.schedule.live.
 """

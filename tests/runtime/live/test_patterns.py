@@ -4,10 +4,11 @@ import pytest
 
 from cext.schedule.mailbox_writer import CHANGE_LIMIT
 from runtime.base.errors import BadInput
-from runtime.cli.set import batches, changes_of
 from runtime.diagrams.file import load
 from runtime.diagrams.overrides import set_block_parameters
 from runtime.live import patterns
+from runtime.live.requests import changes_of
+from runtime.live.sending import batches
 from runtime.live.table import Parameter, Table
 from runtime.recorder.panel import choices
 from tests.runtime.live.test_set import going

@@ -148,7 +148,7 @@ def test_change_is_applied_and_recorded_at_reported_tick(tmp_path, command_line)
 
 
 def test_stopped_process_drops_change(tmp_path, command_line, monkeypatch):
-    monkeypatch.setattr("runtime.cli.set.TAKE_TIMEOUT", 0.2)
+    monkeypatch.setattr("runtime.live.sending.TAKE_TIMEOUT", 0.2)
     live_diagram(tmp_path)
     with going(tmp_path, "springs.py", "--no-record") as process:
         page = page_of(process.pid)

@@ -1,0 +1,81 @@
+"""Delivery of changes of live parameters to a run of another process."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
+from runtime.base.errors import BadInput
+
+if TYPE_CHECKING:
+    from cext.safety.shared_state import SharedState
+    from runtime.live.table import Parameter
+
+TAKE_TIMEOUT = 2.0  # s, to which TAKE_TICKS are added, for the run to take a change
+TAKE_TICKS = 4
+POLL_PERIOD = 0.001  # s
+
+
+def batches(groups: Iterable[list[tuple[Parameter, float]]]) -> list[list[tuple[Parameter, float]]]:
+    """Return batches of at most CHANGE_LIMIT changes, each taken in one tick.
+
+    groups : changes that belong together; a group is divided only if it exceeds the limit
+    """
+    collected = [[]]
+    for group in groups:
+        if len(collected[-1]) + len(group) > CHANGE_LIMIT:
+            collected.append([])
+        collected[-1] += group
+    return [batch[first : first + CHANGE_LIMIT] for batch in collected for first in range(0, len(batch), CHANGE_LIMIT)]
+
+
+def send(page: SharedState, rate: float, pid: int, changes: Sequence[tuple[Parameter, float]]) -> int:
+    """Send changes to a run and wait until it has taken them.
+
+    rate : of the run in Hz
+    pid : of the run, for messages
+    changes : (parameter, value), at most CHANGE_LIMIT
+
+    Returns the tick from which they are in effect. Raises BadInput if the run does not take them: nothing was changed.
+    """
+    writer = Writer(page)
+    until = time.monotonic() + TAKE_TIMEOUT + TAKE_TICKS / rate
+    ticket = None
+    while ticket is None:
+        ticket = writer.set([(parameter.index, value) for parameter, value in changes])
+        if ticket is None:
+            wait(page, pid, until, "its mailbox was full")
+    while (answer := writer.answer(ticket)) is None:
+        try:
+            wait(page, pid, until, "it did not apply the change")
+        except BadInput:
+            if writer.withdraw(ticket):
+                raise
+            until = math.inf  # it is taking the change
+    verdict, tick, _ = answer
+    if verdict == "over":
+        raise BadInput(f"the run of process {pid} has ended; nothing was changed")
+    if verdict != "taken":
+        raise BadInput(
+            f"process {pid} rejected {', '.join(parameter.path for parameter, _ in changes)} ({verdict}); "
+            "nothing was changed"
+        )
+    return tick
+
+
+def wait(page: SharedState, pid: int, until: float, problem: str) -> None:
+    """Sleep for one poll period. Raises BadInput if the run has ended or `until` has passed."""
+    if page.closed or page.state in ("stopping", "safe"):
+        raise BadInput(f"the run of process {pid} has ended; nothing was changed")
+    if not os.path.exists(f"/proc/{pid}"):
+        raise BadInput(f"process {pid} has died; nothing was changed")
+    if time.monotonic() > until:
+        raise BadInput(
+            f"process {pid}: {problem} within {TAKE_TIMEOUT:g} s (check whether it is stopped, or "
+            "its disk full); nothing was changed"
+        )
+    time.sleep(POLL_PERIOD)
