@@ -72,16 +72,19 @@ class RecorderProcess(ChildProcess):
     """The recorder process of one run. Spawned at once.
 
     page : cext.safety.shared_state.SharedState
+    companion : file descriptor of its connection to a companion (see runtime.recorder.companion); -1 without one
     lifeline : file descriptor that hangs up once no process reads the ring
     pid : process id
+    files : [{path, note}] of the files that it has opened
     """
 
-    def __init__(self, page: SharedState) -> None:
+    def __init__(self, page: SharedState, companion: int = -1) -> None:
         self._terminal = own_terminal()
         self._attributes = None if self._terminal is None else termios.tcgetattr(self._terminal)
-        keys = () if self._terminal is None else (self._terminal,)
-        super().__init__("runtime.recorder.process", (page.fd, *(keys or (-1,))), (page.fd, *keys))
-        self._files = []
+        keys = -1 if self._terminal is None else self._terminal
+        inherited = [descriptor for descriptor in (page.fd, keys, companion) if descriptor >= 0]
+        super().__init__("runtime.recorder.process", (page.fd, keys, companion), tuple(inherited))
+        self.files: list[dict[str, str]] = []
         self._over = self._planned = False
 
     def configure(self, plan: dict[str, Any]) -> None:
@@ -109,7 +112,7 @@ class RecorderProcess(ChildProcess):
         if "error" in answer:
             self._end()
             raise RecorderError(answer["error"])
-        self._files = answer["files"]
+        self.files = answer["files"]
 
     @property
     def alive(self) -> bool:
@@ -177,7 +180,7 @@ class RecorderProcess(ChildProcess):
             self._terminal = None
 
     def _lost(self, problem):
-        return {"files": self._files, "problems": [problem], "strides": [], "sinks": {}, "ended": "unknown"}
+        return {"files": self.files, "problems": [problem], "strides": [], "sinks": {}, "ended": "unknown"}
 
     def _await_writer(self, timeout):
         """Wait until the writer has ended, if the process that started it was killed."""

@@ -41,10 +41,11 @@ class Panel:
     page : cext.safety.shared_state.SharedState
     keyboard : runtime.console.keys.Keyboard
     recording : runtime.recorder.recording.Recording, beside whose files the values are saved
+    companion : runtime.recorder.companion.Companion, which takes the keys that it uses while the run is armed; or None
     """
 
-    def __init__(self, page, keyboard, recording):
-        self.page, self.keyboard, self.recording = page, keyboard, recording
+    def __init__(self, page, keyboard, recording, companion=None):
+        self.page, self.keyboard, self.recording, self.companion = page, keyboard, recording, companion
         self.table = table.read(page)
         self.choices = choices(self.table.parameters)
         self.writer = Writer(page, "keys")
@@ -71,6 +72,8 @@ class Panel:
             self.post(self.writer.confirm(), "", now)
         elif key == "r" and self.page.state == "waiting":
             self.post(self.writer.rearm(), "rearm", now)
+        elif self.companion is not None and not waits and self.companion.press(key):
+            pass
         elif key == "r":
             self.say("r arms again after a fault", now)
         elif key == "m":
@@ -169,6 +172,8 @@ class Panel:
     def parts(self, now: float) -> list[Any]:
         """Return the parts of the status line."""
         parts = [part(8.8, PROMPTS[self.page.state], colour="bold")] if self.page.state in PROMPTS else []
+        if self.companion is not None:
+            parts += self.companion.parts()
         if self.chosen is not None:
             name, parameters = self.choices[self.chosen]
             values = self.values()

@@ -80,13 +80,14 @@ class Control:
         return None if self.abandoned or self.gone else json.loads(line)
 
 
-def main(answers: int, control: int, page: int, keys: int) -> None:
+def main(answers: int, control: int, page: int, keys: int, companion: int) -> None:
     """Run the recorder process.
 
     answers : file descriptor of the pipe to the control process
     control : pidfd of the control process
     page : file descriptor of the shared state
     keys : file descriptor of the terminal, or -1
+    companion : file descriptor of the connection to a companion, or -1
     """
     ignore_signals()
     be_ordinary()
@@ -98,18 +99,20 @@ def main(answers: int, control: int, page: int, keys: int) -> None:
     if plan is None:
         return
     name_process("tickwork-parts")
-    record_parts(state, answers, orders, keys, plan)
+    record_parts(state, answers, orders, keys, companion, plan)
     if ended(control):  # after the writer has seen it alive
         end_marked(mark)
 
 
-def record_parts(page: SharedState, answers: int, orders: Control, keys: int, plan: dict[str, Any]) -> None:
+def record_parts(
+    page: SharedState, answers: int, orders: Control, keys: int, companion: int, plan: dict[str, Any]
+) -> None:
     """Record the parts of a recording, and answer if it stops before the end of the run."""
     checkpoint, causes, part = Checkpoint(page), [], plan.get("part", 1)
     attributes = terminal_attributes(keys) if keys >= 0 else None
     while True:
         current = {**plan, "part": part}
-        cause, unfit = death_of_writer(lambda: write(page, answers, orders, keys, current, checkpoint), page)
+        cause, unfit = death_of_writer(lambda: write(page, answers, orders, keys, companion, current, checkpoint), page)
         if attributes is not None:  # a writer that was killed has not restored the terminal
             restore(keys, attributes)
         state = checkpoint.newest()

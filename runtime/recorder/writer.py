@@ -20,6 +20,7 @@ from runtime.console.keys import Keyboard
 from runtime.console.stderr import Terminal
 from runtime.console.styles import Console
 from runtime.recorder.checkpoint import Checkpoint
+from runtime.recorder.companion import Companion
 from runtime.recorder.disk_sync import DiskSync
 from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
@@ -38,7 +39,13 @@ TERMINAL_POLL_PERIOD = 0.1  # s, of the process group in the foreground
 
 
 def write(
-    page: SharedState, answers: int, control: Any, keys: int, plan: dict[str, Any], checkpoint: Checkpoint
+    page: SharedState,
+    answers: int,
+    control: Any,
+    keys: int,
+    companion: int,
+    plan: dict[str, Any],
+    checkpoint: Checkpoint,
 ) -> None:
     """Record one part, from opening its files to its report.
 
@@ -66,7 +73,8 @@ def write(
     name_process("tickwork-record")
     if "before" not in plan:
         answer(answers, {"ready": True, "files": recording.list_files()})
-    record(page, answers, control, keys, recording, terminal, checkpoint)
+    beside = Companion(companion, recording, page) if companion >= 0 else None
+    record(page, answers, control, keys, beside, recording, terminal, checkpoint)
 
 
 @contextmanager
@@ -96,6 +104,7 @@ def record(
     answers: int,
     control: Any,
     keys: int,
+    companion: Companion | None,
     recording: Recording,
     terminal: Terminal,
     checkpoint: Checkpoint,
@@ -104,13 +113,20 @@ def record(
     plan = recording.plan
     recording.begin()
     answered = keys >= 0 and plan["status_line"] and plan.get("keys", True) and terminal.interactive
-    panel = Panel(page, Keyboard(keys, page.control), recording) if answered else None
+    panel = Panel(page, Keyboard(keys, page.control), recording, companion) if answered else None
     status = StatusLine(terminal, plan, page, panel, recording)
     recording.counts_bits = status.enabled
     sync = DiskSync(recording.sizes()) if plan["folder"] is not None and not plan["virtual"] else None
     try:
         drain(
-            page, control, recording, status, panel, checkpoint, POLL_PERIOD_VIRTUAL if plan["virtual"] else POLL_PERIOD
+            page,
+            control,
+            recording,
+            status,
+            panel,
+            companion,
+            checkpoint,
+            POLL_PERIOD_VIRTUAL if plan["virtual"] else POLL_PERIOD,
         )
     finally:
         if panel is not None:
@@ -134,6 +150,7 @@ def drain(
     recording: Recording,
     status: StatusLine,
     panel: Panel | None,
+    companion: Companion | None,
     checkpoint: Checkpoint,
     idle: float,
 ) -> None:
@@ -148,6 +165,9 @@ def drain(
         rows = flushed + per_flush - recording.ticks if virtual else UNLIMITED
         records = read(page, rows)
         recording.take(records)
+        if companion is not None:
+            companion.take(records, recording.plan["rate"])
+            companion.look()
         now = time.monotonic()
         due = recording.ticks - flushed >= per_flush if virtual else now >= flush_at
         if due or page.held > (FLUSH_SHARE_VIRTUAL if virtual else FLUSH_SHARE):
