@@ -7,7 +7,7 @@ import numbers
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
@@ -35,7 +35,7 @@ from runtime.session.result import Result
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-    from graph import Diagram
+    from graph import Diagram, Schedule
     from graph.schedule import SignalPlace
     from runtime.diagrams.overrides import Replaced
 
@@ -72,7 +72,8 @@ def check_above_zero(name: str, value: Any) -> None:
 class SimulatedRun:
     """Run in virtual time inside this process, which `step` advances.
 
-    Arguments as of runtime.simulate. `duration` is that of the whole run in s, None if it is unknown.
+    Arguments as of runtime.simulate. `duration` is that of the whole run in s, None if it is unknown. Without
+    `keep_rows` the trial has the signals of at least the last tick and at most ROWS ticks, for a run of many hours.
 
     tick : number of ticks done
     fault : fault that has ended the run, as of Trial.fault; None without one
@@ -88,6 +89,7 @@ class SimulatedRun:
         rate: float | None = None,
         plant_signals: str | Iterable[str] = (),
         duration: float | None = None,
+        keep_rows: bool = True,
     ) -> None:
         if rate is not None:
             check_above_zero("rate", rate)
@@ -95,7 +97,7 @@ class SimulatedRun:
         pairs: list[tuple[str, Any]] = list(given.items() if hasattr(given, "items") else given)
         if not all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in pairs):
             raise BadInput(f'settings={settings!r}: expected a dict, as in {{"left/impedance.stiffness": 40}}')
-        self._lock, self._trial = threading.Lock(), None
+        self._lock, self._trial, self._keep_rows = threading.Lock(), None, keep_rows
         self._file = source(diagram, plant)
         self._own_rate = self._file.given.rate if self._file.given is not None else 0.0
         self._replaced: list[Replaced] = []
@@ -162,8 +164,9 @@ class SimulatedRun:
             while going:
                 room = (1 + len(self._full)) * len(self._rows) - self.tick
                 if room == 0 and self.tick < last:
-                    check_memory(self.tick + ROWS, self._rows.shape[1])
-                    self._full.append(self._rows.copy())
+                    if self._keep_rows:
+                        check_memory(self.tick + ROWS, self._rows.shape[1])
+                    self._full.append(self._rows[: len(self._rows) * self._keep_rows].copy())
                     continue
                 going = self._executor.advance(min(last - self.tick, room))
                 if going and self.tick == last:
@@ -205,6 +208,20 @@ class SimulatedRun:
         parameters = [f"{block.path}.{name}" for block in self._robot for name in block.parameters]
         hint = suggestion(path, [*self._schedule.signals, *of_plant, *parameters])
         raise KeyError(f"{self._schedule.name} has no signal or parameter {path!r}" + (f": {hint}" if hint else ""))
+
+    def newest(self, columns: Sequence[int], ticks: int) -> np.ndarray:
+        """Return recorded signals of the newest ticks, an array (ticks, columns).
+
+        columns : of `schedule.recorded`
+        ticks : number of ticks that were done, at most ROWS
+        """
+        rows = np.arange(self.tick - ticks, self.tick) % len(self._rows)
+        return self._rows[rows][:, [2 + column for column in columns]]
+
+    @property
+    def schedule(self) -> Schedule:
+        """Schedule of the robot."""
+        return self._schedule
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Change a live parameter from the next tick on, as `set` does: within its bounds, at its slew.
