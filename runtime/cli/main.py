@@ -25,6 +25,7 @@ GROUPS = {
         "emulate": "emulate the devices of a diagram on a rig's real buses",
         "replay": "run a recording again, bit for bit or with a changed diagram",
         "study": "run a diagram for many values of its parameters, as one table",
+        "optimise": "optimise live parameters while a wearer uses the robot",
         "set": "change live parameters of a run, or list them",
         "service": "print a systemd unit that starts a robot at boot",
     },

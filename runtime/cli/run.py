@@ -14,6 +14,7 @@ from runtime.console.terminal import print_lines, print_to_stderr, program
 if TYPE_CHECKING:
     from runtime.session.request import Request
     from runtime.session.result import Result
+    from runtime.session.session import Session
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -34,16 +35,22 @@ def main(arguments: Sequence[str]) -> int:
 
 def carried_out(request: Request) -> Result:
     """Carry out a run and print its problems. Returns its Result."""
-    from runtime.machine.realtime import RealtimeRefused
-    from runtime.recorder import RecorderError
-    from runtime.report import summary
     from runtime.session.prepare import prepare
     from runtime.session.session import Session
 
     prepared = prepare(request)
     print_to_stderr(map(str, prepared.schedule.warnings))
+    return concluded(Session(prepared, print_to_stderr))
+
+
+def concluded(session: Session) -> Result:
+    """Carry out a Session and print its problems. Returns its Result."""
+    from runtime.machine.realtime import RealtimeRefused
+    from runtime.recorder import RecorderError
+    from runtime.report import summary
+
     try:
-        result = Session(prepared, print_to_stderr).carry_out()
+        result = session.carry_out()
     except (RealtimeRefused, RecorderError) as error:
         raise BadInput(str(error)) from None
     if result.outcome.faulted:

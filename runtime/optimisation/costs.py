@@ -32,6 +32,9 @@ class Cost:
     def take(self, now: float) -> None:
         """Take the samples that have arrived. now : s"""
 
+    def forget(self, before: float) -> None:
+        """Remove the samples before a time in s."""
+
     def check(self, now: float, begin: float) -> None:
         """Raise Missing once a measurement that has begun at a time in s cannot succeed any more."""
 
@@ -68,7 +71,6 @@ class Sampled(Cost):
         self.rows.append(values)
 
     def forget(self, before: float) -> None:
-        """Remove the samples before a time in s."""
         count = sum(time < before for time in self.times)
         del self.times[:count], self.rows[:count]
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from runtime.console.styles import count
 from runtime.optimisation.costs import Cost, Missing
 from runtime.optimisation.metabolic import Estimate
 from runtime.optimisation.optimisers import Optimiser
@@ -261,13 +262,16 @@ class Protocol:
         while not self.robot.running:
             yield
         yield from self._begin()
-        count = self.settings.evaluations
-        while len(self.optimiser.told) < count:
+        evaluations = self.settings.evaluations
+        while len(self.optimiser.told) < evaluations:
             number = len(self.optimiser.told) + 1
             proposal = within_step(self.optimiser.parameters, self.accepted, self.optimiser.ask())
-            self.title = f"{number}/{count}"
+            self.title = f"{number}/{evaluations}"
             self.report(
-                "proposal", [f"proposal {number} of {count}: {self.differences(proposal)}"], number, values=proposal
+                "proposal",
+                [f"proposal {number} of {evaluations}: {self.differences(proposal)}"],
+                number,
+                values=proposal,
             )
             estimate = yield from self._evaluated(proposal, False, number)
             if estimate is None:
@@ -278,7 +282,7 @@ class Protocol:
             self.save()
             best = min(range(number), key=lambda place: self.optimiser.told[place][1])
             lowest = f"; lowest {self.number(self.optimiser.told[best][1])} in evaluation {best + 1}"
-            self.measured(f"evaluation {number} of {count}", estimate, number, lowest, values=proposal)
+            self.measured(f"evaluation {number} of {evaluations}", estimate, number, lowest, values=proposal)
         found = self.optimiser.optimum()
         order = self.settings.order()
         while len(self.validated) < len(order):
@@ -305,7 +309,11 @@ class Protocol:
         told = len(self.optimiser.told)
         which = f"after evaluation {told}" if told else "initial"
         self.title = "begin"
-        self.report("begin", [f"{which} parameters: {self.listed(self.accepted)}. {HELP}"], values=self.accepted)
+        self.report(
+            "begin",
+            [f"{which} parameters: {self.listed(self.accepted)}", *[HELP] * self.settings.attended],
+            values=self.accepted,
+        )
         if self.settings.confirm:
             yield from self._held()
         yield from self._return()
@@ -357,6 +365,7 @@ class Protocol:
     def _measurement(self) -> Steps:
         """Wait, and return the Estimate of the cost."""
         begin, cost = self.now, self.cost
+        cost.forget(begin)
         start, stop = begin + self.settings.settle, begin + self.settings.settle + self.settings.measure
 
         def past(time: float) -> bool:
@@ -426,5 +435,5 @@ class Protocol:
         for condition in dict.fromkeys(name for name, _ in self.validated):
             costs = [each.value for name, each in self.validated if name == condition and math.isfinite(each.value)]
             value = sum(costs) / len(costs) if costs else math.nan
-            lines.append(f"  {condition}: {self.number(value)}, {len(costs)} validation trials")
+            lines.append(f"  {condition}: {self.number(value)}, {count(len(costs), 'validation trial')}")
         return lines

@@ -1,0 +1,267 @@
+"""`optimise FILE`: optimise live parameters of a robot on the wearer, or on a simulated one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from runtime.base.errors import OK, BadInput
+from runtime.base.options import count, number, settings
+from runtime.cli.parsing import Parser, add_options, fields_of, instance
+from runtime.console.terminal import print_lines, print_to_stderr
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from graph.schedule import Schedule
+    from runtime.optimisation.parameters import Parameter
+    from runtime.session.request import Request
+
+DESCRIPTION = (
+    "Run a robot as `run` does, and optimise live parameters while a wearer uses it: propose values, ramp to them, "
+    "wait, measure a cost, and continue. Keys: y applies a proposal, n skips it, p pauses, r repeats the measurement, "
+    "space stops the robot."
+)
+EPILOG = """\
+costs:
+  metabolic.tsv            table of a metabolic cart, a file that grows; also tcp:HOST:PORT, serial:DEVICE@BAUD
+  signal:left/knee.torque  mean of a recorded signal of the diagram
+  typed                    a number that the operator types
+
+example:
+  python -m runtime optimise diagrams/knee_exo.py --rig lab.toml --over profile.scale=0:1 --cost metabolic.tsv
+"""
+OTHERS = ("no_record", "report", "profile")  # options of `run` that do not apply
+SETTLE, MEASURE = 60.0, 120.0  # s
+GENERATIONS = 4
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command. Returns the exit code of the run; raises BadInput for an optimisation that cannot begin."""
+    from runtime.session.request import Request
+
+    parser = Parser("optimise", DESCRIPTION, EPILOG)
+    own = parser.section("optimisation")
+    own.add_argument(
+        "--over",
+        action="append",
+        required=True,
+        metavar="NAME=LOW:HIGH",
+        help="optimise a live parameter within bounds: profile.scale=0:1 of one leg or, without a leg, of all legs; "
+        "=0:1:0.5 begins at 0.5 (default: the value in the diagram). May be repeated",
+    )
+    own.add_argument("--cost", required=True, metavar="SOURCE", help="cost to minimise, see below")
+    own.add_argument(
+        "--settle",
+        type=number("--settle", "seconds"),
+        default=SETTLE,
+        metavar="S",
+        help=f"wait after each change before the measurement (default: {SETTLE:g})",
+    )
+    own.add_argument(
+        "--measure",
+        type=number("--measure", "seconds"),
+        default=MEASURE,
+        metavar="S",
+        help=f"duration of each measurement (default: {MEASURE:g})",
+    )
+    own.add_argument(
+        "--time-constant",
+        type=number("--time-constant", "seconds"),
+        metavar="S",
+        help="fit samples as a first-order response (default: 42 for a cart; the mean for a signal)",
+    )
+    own.add_argument(
+        "--strides", metavar="SIGNAL", help="average a signal over whole strides of this gait phase, from 0 to 1"
+    )
+    own.add_argument("--optimiser", default="cma", metavar="NAME", help="cma (default), bayesian or random")
+    own.add_argument(
+        "--population",
+        type=count("--population", minimum=2),
+        metavar="N",
+        help="evaluations of a generation (default: the optimiser's own)",
+    )
+    own.add_argument(
+        "--generations",
+        type=count("--generations"),
+        default=GENERATIONS,
+        metavar="N",
+        help=f"number of generations (default: {GENERATIONS})",
+    )
+    own.add_argument(
+        "--largest-step",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="limit the change of a parameter from one proposal to the next. May be repeated",
+    )
+    own.add_argument(
+        "--optimiser-seed",
+        type=count("--optimiser-seed", 2**53, 0),
+        default=0,
+        metavar="N",
+        help="of the random numbers of the optimiser and of the order of validation trials (default: 0)",
+    )
+    own.add_argument(
+        "--validate",
+        type=count("--validate", minimum=0),
+        default=0,
+        metavar="N",
+        help="at the end, measure the found and the initial parameters N times each, in random order (default: 0)",
+    )
+    own.add_argument(
+        "--zero",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="validate without assistance, too: a live parameter that switches it off, as in '*/profile.scale=0'",
+    )
+    own.add_argument("--no-confirm", action="store_true", help="apply proposals without waiting for the key y")
+    own.add_argument("--resume", type=Path, metavar="FILE", help="continue from a *.optimisation.json, and extend it")
+    add_options(parser, Request, *(name for name in fields_of(Request) if name not in OTHERS), in_sections=True)
+    options = parser.parse_args(arguments)
+    request = instance(Request, options)
+    if options.fast:
+        if request.duration is not None:
+            raise BadInput("--duration and --fast exclude each other here: the optimisation decides when the run ends")
+        replace(request, duration=1.0).check()
+        return virtual(request, options)
+    request.record = request.record or Path("recordings")
+    request.check()
+    return live(request, options)
+
+
+def parameters_of(options: Namespace) -> list[Parameter]:
+    """Return the parameters of --over and --largest-step. Raises BadInput."""
+    from runtime.optimisation.parameters import distinct, parse
+
+    parameters = {parameter.name: parameter for parameter in distinct(map(parse, options.over))}
+    for name, text in settings(options.largest_step, "--largest-step "):
+        if name not in parameters:
+            raise BadInput(f"--largest-step {name}={text}: --over has {', '.join(parameters)}")
+        try:
+            step = float(text)
+        except ValueError:
+            raise BadInput(f"--largest-step {name}={text}: expected a number above 0") from None
+        parameters[name] = replace(parameters[name], largest_step=step)
+    return list(parameters.values())
+
+
+def plan_of(options: Namespace, schedule: Schedule, attended: bool) -> dict[str, Any]:
+    """Return the plan of the optimiser process, see runtime.optimisation.process. Raises BadInput."""
+    from runtime.live.table import describe, parse
+    from runtime.optimisation import state_file
+    from runtime.optimisation.live_robot import Targets, with_initial
+
+    run_table = parse(describe(schedule)[1])
+    parameters = with_initial(parameters_of(options), run_table)
+    zero = settings(options.zero, "--zero ")
+    Targets(run_table, parameters, zero)
+    if zero and not options.validate:
+        raise BadInput("--zero needs --validate N: it is a condition of the validation trials")
+    cost = cost_plan(options, schedule)
+    if not attended and not options.no_confirm:
+        raise BadInput(
+            "cannot ask for a confirmation of each proposal: standard input is not a terminal. Pass --no-confirm to "
+            "apply proposals without it"
+        )
+    if not attended and cost["kind"] == "typed":
+        raise BadInput("--cost typed needs a terminal: standard input is not a terminal")
+    about = {
+        "diagram": schedule.name,
+        "over": [vars(parameter) for parameter in parameters],
+        "cost": options.cost,
+        "settle": options.settle,
+        "measure": options.measure,
+        "time constant": options.time_constant,
+        "strides": options.strides,
+        "optimiser": options.optimiser,
+        "seed": options.optimiser_seed,
+        "population": options.population,
+        "zero": [list(pair) for pair in zero],
+    }
+    state = state_file.first(about, parameters) if options.resume is None else state_file.read(options.resume, about)
+    return {
+        "state": state,
+        "cost": cost,
+        "zero": zero,
+        "generations": options.generations,
+        "settings": {
+            "settle": options.settle,
+            "measure": options.measure,
+            "confirm": not options.no_confirm,
+            "attended": attended,
+            "validations": options.validate,
+            "zero": bool(zero),
+            "seed": options.optimiser_seed,
+        },
+    }
+
+
+def cost_plan(options: Namespace, schedule: Schedule) -> dict[str, Any]:
+    """Return the part of the plan on the cost. Raises BadInput."""
+    from runtime.base.suggestions import suggestion
+    from runtime.optimisation.metabolic import TIME_CONSTANT
+
+    kind, colon, name = options.cost.partition(":")
+    if kind != "signal" or not colon:
+        if options.strides is not None:
+            raise BadInput("--strides applies to --cost signal:NAME only")
+        if options.cost == "typed":
+            return {"kind": "typed"}
+        return {"kind": "cart", "name": options.cost, "time_constant": options.time_constant or TIME_CONSTANT}
+    if options.strides is not None and options.time_constant is not None:
+        raise BadInput("--strides and --time-constant exclude each other")
+    columns = {column.path: column for column in schedule.recorded}
+    for option, path in (("--cost signal:", name), ("--strides ", options.strides)):
+        if path is not None and path not in columns:
+            hint = suggestion(path, columns) or "record it with a CsvRecorder"
+            raise BadInput(f"{option}{path}: {schedule.name} has no recorded signal {path!r}; {hint}")
+    signals = [columns[path] for path in (name, options.strides) if path is not None]
+    return {
+        "kind": "signal",
+        "name": name,
+        "unit": signals[0].unit,
+        "columns": [column.index for column in signals],
+        "time_constant": options.time_constant,
+    }
+
+
+def live(request: Request, options: Namespace) -> int:
+    """Optimise in real time. Returns the exit code of the run."""
+    from runtime.cli.run import concluded
+    from runtime.optimisation.session import OptimisedSession
+    from runtime.recorder import can_ask
+    from runtime.report import summary
+    from runtime.session.prepare import prepare
+
+    prepared = prepare(request)
+    plan = plan_of(options, prepared.schedule, can_ask())
+    print_to_stderr(map(str, prepared.schedule.warnings))
+    resumed = None if options.resume is None else os.fspath(options.resume)
+    session = OptimisedSession(prepared, print_to_stderr, plan, resumed)
+    result = concluded(session)
+    print_lines(summary.summary(result))
+    assert session.state_path is not None
+    print_lines(outcome(session.state_path))
+    return summary.exit_code(result.outcome)
+
+
+def virtual(request: Request, options: Namespace) -> int:
+    """Optimise on the simulated wearer in virtual time. Returns the exit code."""
+    from runtime.optimisation.virtual import optimise
+
+    options.no_confirm = True
+    path = optimise(request, lambda schedule: plan_of(options, schedule, attended=False), options.resume)
+    print_lines(outcome(path))
+    return OK
+
+
+def outcome(path: str) -> list[str]:
+    """Return lines on the state file and its picture."""
+    from runtime.optimisation.progress_picture import write
+
+    return [f"optimisation: {path}", *write(path)]

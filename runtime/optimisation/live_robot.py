@@ -1,0 +1,157 @@
+"""Live parameters of a run by the names of an optimisation, and the robot of a run in another process."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from cext.schedule.mailbox_writer import CHANGE_LIMIT
+from runtime.base.errors import BadInput
+from runtime.live import patterns, table
+from runtime.live.requests import changes_of
+from runtime.live.sending import send
+from runtime.optimisation.parameters import Parameter
+from runtime.optimisation.protocol import Refused, Robot
+
+if TYPE_CHECKING:
+    from cext.safety.shared_state import SharedState
+    from runtime.live.table import Parameter as LiveParameter
+    from runtime.live.table import Table
+
+SHOW_TIMEOUT = 0.5  # s for the shared state to have the values of a change that was applied
+POLL_PERIOD = 0.002  # s
+
+
+class Targets:
+    """Live parameters that an optimisation sets.
+
+    live : {name of a parameter of the optimisation: its live parameters}
+    zero : [(live parameter, value)] that switch the assistance off, [] if it cannot be switched off
+    """
+
+    def __init__(self, run_table: Table, parameters: Iterable[Parameter], zero: Iterable[tuple[str, str]] = ()) -> None:
+        self.live = {parameter.name: matching(run_table, parameter) for parameter in parameters}
+        self.zero = [change for name, text in zero for change in changes_of(run_table, name, text)]
+        varied = [live.path for group in self.live.values() for live in group]
+        for path in varied:
+            if varied.count(path) > 1:
+                raise BadInput(f"--over: two names match {path}: remove one")
+        count = len({*varied, *(live.path for live, _ in self.zero)})
+        if count > CHANGE_LIMIT:
+            raise BadInput(
+                f"--over and --zero change {count} live parameters: at most {CHANGE_LIMIT} can change in one tick"
+            )
+        self.normal: dict[int, tuple[LiveParameter, float]] = {}  # {index: value before the assistance was off}
+
+    def changes(
+        self, values: Mapping[str, float], zero: bool, target_of: Callable[[LiveParameter], float]
+    ) -> list[tuple[LiveParameter, float]]:
+        """Return [(live parameter, value)] for values of the optimisation.
+
+        zero : whether the assistance is off
+        target_of : function that returns the present target of a live parameter
+        """
+        varied = {live.index: (live, values[name]) for name, group in self.live.items() for live in group}
+        off = {live.index: (live, value) for live, value in self.zero}
+        if zero and not self.normal:
+            self.normal = {index: (live, target_of(live)) for index, (live, _) in off.items()}
+        changes = {**varied, **off} if zero else {**self.normal, **varied}
+        return list(changes.values())
+
+    def shown(self, name: str, value: float) -> str:
+        """Return a value with four digits and its unit."""
+        return self.live[name][0].shown(float(f"{value:.4g}"))
+
+
+def matching(run_table: Table, parameter: Parameter) -> list[LiveParameter]:
+    """Return the live parameters that a parameter of an optimisation sets.
+
+    `profile.peak` is that parameter, or else `*/profile.peak` of every leg. Raises BadInput if there is none, if they
+    are not floats, or if their bounds do not contain those of the optimisation.
+    """
+    known = {live.path: live for live in run_table.parameters}
+    name = parameter.name
+    paths = patterns.matching(name, known) or patterns.matching(f"*/{name}", known)
+    if not paths:
+        hint = patterns.hint(name, known) or "the live parameters are " + (", ".join(known) or "none")
+        raise BadInput(f"--over {name}: {run_table.name} has no live parameter {name!r}; {hint}")
+    for path in paths:
+        live = known[path]
+        if live.dtype != "float":
+            raise BadInput(f"--over {name}: {path} is of type {live.dtype}; only numbers of type float are optimised")
+        if not (live.low <= parameter.low and parameter.high <= live.high):
+            raise BadInput(
+                f"--over {name}={parameter.low:g}:{parameter.high:g}: the live range of {path}, for which the commands "
+                f"are proved, is {live.bounds}. Choose bounds within it, or change Live(...) in the diagram"
+            )
+    return [known[path] for path in paths]
+
+
+def with_initial(parameters: Iterable[Parameter], run_table: Table) -> list[Parameter]:
+    """Return parameters with initial values: by default that of the diagram, where all legs have one within bounds."""
+    result = []
+    for parameter in parameters:
+        built = {live.built for live in matching(run_table, parameter)}
+        if parameter.initial is None and len(built) == 1 and parameter.low <= min(built) <= parameter.high:
+            parameter = replace(parameter, initial=min(built))
+        result.append(parameter)
+    return result
+
+
+class LiveRobot(Robot):
+    """Run of another process.
+
+    page : its shared state
+    targets : Targets
+    announce : function that is called before each change
+    """
+
+    def __init__(self, page: SharedState, targets: Targets, announce: Callable[[], None] = lambda: None) -> None:
+        self.page, self.targets, self.table, self.announce = page, targets, table.read(page), announce
+        self.applied: dict[int, float] = {}  # {index: value}
+
+    @property
+    def running(self) -> bool:
+        return self.page.state == "running" and not self.page.closed
+
+    @property
+    def tick(self) -> int:
+        return self.page.statistics()["last_tick"]
+
+    def apply(self, values: Mapping[str, float], zero: bool) -> None:
+        self.announce()
+        before = self._values()
+        changes = self.targets.changes(values, zero, lambda live: before[live.index][1])
+        differing = [(live, value) for live, value in changes if before[live.index][1] != value]
+        if differing:
+            try:
+                send(self.page, self.table.rate, self.page.control, differing)
+            except BadInput as error:
+                raise Refused(str(error)) from None
+        self.applied = {live.index: value for live, value in changes}
+        until = time.monotonic() + SHOW_TIMEOUT
+        while self.interference() and time.monotonic() < until:  # its tick may not have ended
+            time.sleep(POLL_PERIOD)
+
+    def fallback(self, values: Mapping[str, float]) -> list[tuple[int, float]]:
+        """Return [(index of a live parameter, value)] for values of the optimisation."""
+        before = self._values()
+        changes = self.targets.changes(values, False, lambda live: before[live.index][1])
+        return [(live.index, value) for live, value in changes]
+
+    def reached(self) -> bool:
+        values = self._values()
+        return all(values[index][0] == value for index, value in self.applied.items())
+
+    def interference(self) -> str | None:
+        values = self._values()
+        changed = (index for index, value in self.applied.items() if values[index][1] != value)
+        return next((self.table.parameters[index].path for index in changed), None)
+
+    def shown(self, name: str, value: float) -> str:
+        return self.targets.shown(name, value)
+
+    def _values(self):
+        return table.values(self.page, self.table.parameters)
