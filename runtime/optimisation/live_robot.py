@@ -114,10 +114,12 @@ class LiveRobot(Robot):
 
     @property
     def running(self) -> bool:
+        """Whether the loop runs, armed and without a fault."""
         return self.page.state == "running" and not self.page.closed
 
     @property
     def tick(self) -> int:
+        """Newest tick."""
         return self.page.statistics()["last_tick"]
 
     def apply(self, values: Mapping[str, float], zero: bool) -> None:

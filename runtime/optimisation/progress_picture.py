@@ -14,6 +14,7 @@ from runtime.analysis.picture import BLUE, GREEN, GREY, ORANGE, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 CONDITIONS = {"found": ORANGE, "initial": GREY, "zero": GREEN}  # of validation trials, and their colours
 WIDTH, COST_HEIGHT, ROW = 8.0, 2.8, 1.3  # inches
@@ -30,7 +31,7 @@ def write(path: str) -> list[str]:
     return [f"picture: {target}"]
 
 
-def figure(state: dict[str, Any]):
+def figure(state: dict[str, Any]) -> Figure:
     """Return the figure of a state."""
     optimiser = state["optimiser"]
     values, costs = [values for _, values, _ in optimiser["told"]], [cost for _, _, cost in optimiser["told"]]

@@ -38,6 +38,7 @@ class SimulatedRobot(Robot):
 
     @property
     def tick(self) -> int:
+        """Newest tick."""
         return self.run.tick - 1
 
     def apply(self, values: Mapping[str, float], zero: bool) -> None:
