@@ -5,7 +5,8 @@ cdef inline double finite(double x) noexcept nogil:
     return x - (x - x)
 
 cdef inline bint is_finite(double x) noexcept nogil:
-    return x - x == 0.0
+    cdef double zero = x - x    # or NaN, which differs from itself
+    return zero == zero
 
 cdef inline double clip(double x, double low, double high) noexcept nogil:
     """Return x clamped to [low, high]; NaN if x is not finite, even if a bound is infinite."""
