@@ -9,35 +9,19 @@ import pytest
 
 from runtime.base.errors import OK
 from runtime.session.service_unit import quoted
+from tests.checkout import ROOT
+from tests.docs.fences import fences
 
-ROBOT = """
-from blocks.actuators import CubeMars
-from blocks.gpio import GpioInput
-from graph import Diagram
-
-with Diagram("knee", rate=200) as diagram:
-    CubeMars("AK80-9", bus="legs", can_id=1, name="knee")(torque_command=0.0)
-    GpioInput(name="button")
-"""
-RIG = """
-[bus.legs]
-interface = "socketcan"
-channel = "can7"
-
-[device.knee]
-range = [-1.0, 1.0]
-
-[device.button]
-chip = "/dev/gpiochip0"
-pin = "GPIO17"
-"""
+PAGE = ROOT / "docs" / "how_to" / "start_at_boot.md"
 
 
 @pytest.fixture
 def robot(tmp_path):
-    """Options that name the files of a robot."""
-    (tmp_path / "knee.py").write_text(ROBOT)
-    (tmp_path / "lab.toml").write_text(RIG)
+    """Options that name the files of the robot of the page."""
+    for fence in fences(PAGE):
+        for language, name in (("python", "knee.py"), ("toml", "lab.toml")):
+            if fence.language == language:
+                (tmp_path / name).write_text(fence.text)
     return "knee.py", "--rig", "lab.toml"
 
 
@@ -50,7 +34,7 @@ def test_unit_runs_the_robot_in_this_folder_and_waits_for_the_button(robot, comm
     run = "run knee.py --rig lab.toml --arm-on button.on --set knee.limit=5.0 --rearm"
     assert unit["Service"]["ExecStart"] == f"{sys.executable} -m runtime {run}"
     assert unit["Service"]["WorkingDirectory"] == str(tmp_path) and unit["Service"]["KillMode"] == "process"
-    assert unit["Unit"]["After"] == "sys-subsystem-net-devices-can7.device"
+    assert unit["Unit"]["After"] == "sys-subsystem-net-devices-can0.device"
     assert "/etc/systemd/system/knee.service" in err
     if shutil.which("systemd-analyze"):
         (tmp_path / "knee.service").write_text(out)
