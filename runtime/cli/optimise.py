@@ -262,6 +262,6 @@ def virtual(request: Request, options: Namespace) -> int:
 
 def outcome(path: str) -> list[str]:
     """Return lines on the state file and its picture."""
-    from runtime.optimisation.progress_picture import write
+    from runtime.optimisation.picture import write
 
     return [f"optimisation: {path}", *write(path)]

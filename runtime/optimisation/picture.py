@@ -1,74 +1,114 @@
-"""Picture of an optimisation: the costs over the generations, and the values of each parameter."""
+"""Picture of an optimisation: the cost and the parameters over the evaluations, and the optimum."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, BinaryIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from runtime.analysis import picture
-from runtime.analysis.picture import BLUE, GREY, INK, ORANGE, plain, short
+from runtime.analysis.picture import BLUE, GREEN, GREY, INK, ORANGE, plain, short
+from runtime.optimisation.parameters import Parameter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-    from runtime.optimisation.parameters import Parameter
+CONDITIONS = {"found": ORANGE, "initial": GREY, "zero": GREEN}  # of validation trials, and their colours
+WIDTH, COST_HEIGHT, ROW = 8.0, 2.8, 1.3  # inches
+NAME_LIMIT = 22  # characters of a label
 
-WIDTH, HEIGHT = 3.4, 2.5  # inches, of one plot
-COLUMNS = 3  # plots beside each other
-NAME_LIMIT = 32  # characters of a label
+Values = Mapping[str, float]  # name of a parameter: value
 
 
-def draw(
+def write(path: str) -> list[str]:
+    """Write the picture beside a state file. Returns the line with its path; no line without an evaluation."""
+    state = json.loads(Path(path).read_text())
+    told = state["optimiser"]["told"]
+    if not told:
+        return []
+    target = Path(path.removesuffix(".json")).with_suffix(".optimisation.png")
+    made = figure(
+        [Parameter(**fields) for fields in state["optimiser"]["parameters"]],
+        [values for _, values, _ in told],
+        [cost for _, _, cost in told],
+        state["optimiser"]["population"],
+        state["found"],
+        errors=state["errors"],
+        validated=state["validated"],
+    )
+    with target.open("wb") as file:
+        picture.save(made, file)
+    return [f"picture: {target}"]
+
+
+def figure(
     parameters: Sequence[Parameter],
-    proposals: Sequence[Mapping[str, float]],
+    values: Sequence[Values],
     costs: Sequence[float],
     population: int,
-    optimum: Mapping[str, float],
-    title: str,
-    file: BinaryIO,
-    kind: str,
-) -> None:
-    """Draw an optimisation into a file.
+    optimum: Values | None,
+    title: str = "cost",
+    errors: Sequence[float | None] = (),
+    validated: Sequence[Any] = (),
+) -> Figure:
+    """Return the figure of an optimisation.
 
-    proposals : {name: value} of each evaluation, in order
-    costs : of each evaluation; infinite ones are left out
+    values, costs : of each evaluation, in order; infinite costs are left out
     population : evaluations in a generation
-    optimum : {name: value}, drawn as a line
+    optimum : drawn as lines, unless it is None
     title : of the cost
-    file : open for writing bytes
-    kind : "png" or "svg"
+    errors : standard errors of the costs, None if unknown
+    validated : [(condition, [cost, ...])] of validation trials
     """
-    generations = np.arange(len(costs)) // population
-    panels = [(title, np.array(costs, float), None)]
-    panels += [(each.name, np.array([values[each.name] for values in proposals]), each) for each in parameters]
-    columns = min(COLUMNS, len(panels))
-    rows = -(-len(panels) // columns)
-    figure = picture.figure(WIDTH * columns, 0.4 + HEIGHT * rows)
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for (name, values, parameter), axis in zip(panels, axes):
-        over_generations(axis, generations, np.where(np.isfinite(values), values, np.nan))
-        if parameter is not None:
-            margin = 0.04 * (parameter.high - parameter.low)
-            axis.set_ylim(parameter.low - margin, parameter.high + margin)
-            axis.axhline(optimum[name], color=ORANGE, linewidth=1.5, label="optimum")
-        axis.set_title(plain(short(name, NAME_LIMIT)), fontsize=10, color=INK)
-        axis.set_xlabel("generation", color=INK)
-    if len(axes) > 1:
-        axes[1].legend(fontsize=8, frameon=False)
-    for axis in axes[len(panels) :]:
-        axis.remove()
-    picture.save(figure, file, kind)
+    made = picture.figure(WIDTH, COST_HEIGHT + ROW * len(parameters))
+    heights = [COST_HEIGHT, *[ROW] * len(parameters)]
+    axes: Any = made.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+    numbers = np.arange(1, len(costs) + 1)
+    draw_costs(axes[0], numbers, np.where(np.isfinite(costs), costs, np.nan), errors, population)
+    draw_validation(axes[0], len(costs), validated)
+    axes[0].set_ylabel(plain(short(title, NAME_LIMIT)), fontsize=9, color=INK)
+    for axis, parameter in zip(axes[1:], parameters):
+        axis.plot(numbers, [each[parameter.name] for each in values], "o", color=BLUE, markersize=4)
+        if optimum is not None:
+            axis.axhline(optimum[parameter.name], color=ORANGE, linewidth=1.5)
+        margin = 0.05 * (parameter.high - parameter.low)
+        axis.set_ylim(parameter.low - margin, parameter.high + margin)
+        axis.set_ylabel(plain(short(parameter.name, NAME_LIMIT)), fontsize=9, color=INK)
+    for axis in axes:
+        picture.frame(axis)
+        axis.tick_params(colors=INK, labelsize=8.5, length=3)
+        for first in range(population, len(costs) + 1, population):
+            axis.axvline(first + 0.5, color=GREY, linewidth=0.6, linestyle=":")
+    axes[-1].set_xlim(0.3, len(costs) + 0.7 + 3 * bool(validated))
+    axes[-1].set_xlabel("evaluation; dotted lines: generations; orange: optimum", fontsize=9, color=INK)
+    axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    made.align_ylabels()
+    return made
 
 
-def over_generations(axis: Axes, generations: np.ndarray, values: np.ndarray) -> None:
-    """Plot a point per evaluation, and a line through the medians of the generations. NaN is left out."""
-    axis.plot(generations, values, "o", color=GREY, alpha=0.5, markersize=3.5, linestyle="none")
-    places = [place for place in np.unique(generations) if np.isfinite(values[generations == place]).any()]
-    medians = [np.nanmedian(values[generations == place]) for place in places]
-    axis.plot(places, medians, color=BLUE, linewidth=1.5)
-    picture.frame(axis)
-    axis.tick_params(colors=INK, labelsize=8.5, length=3)
-    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+def draw_costs(
+    axis: Axes, numbers: np.ndarray, costs: np.ndarray, errors: Sequence[float | None], population: int
+) -> None:
+    """Plot the costs with their standard errors, and the median of each generation. NaN is left out."""
+    spread = [0.0 if error is None else error for error in errors] + [0.0] * (len(costs) - len(errors))
+    axis.errorbar(numbers, costs, yerr=spread[: len(costs)], fmt="o", color=BLUE, markersize=4, linewidth=1.0)
+    for first in range(0, len(costs), population):
+        generation = costs[first : first + population]
+        if np.isfinite(generation).any():
+            axis.plot([first + 0.6, first + len(generation) + 0.4], [np.nanmedian(generation)] * 2, color=BLUE)
+
+
+def draw_validation(axis: Axes, count: int, validated: Sequence[Any]) -> None:
+    """Plot the validation trials at the right, each condition in a colour."""
+    for place, condition in enumerate(CONDITIONS):
+        costs = [numbers[0] for name, numbers in validated if name == condition and numbers[0] is not None]
+        axis.plot([count + 1.5 + place] * len(costs), costs, "D", color=CONDITIONS[condition], markersize=5)
+        if costs:
+            axis.lines[-1].set_label(condition)
+    if validated:
+        axis.legend(fontsize=8, title="validation", title_fontsize=8)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -22,7 +21,7 @@ class OptimisationResult(StudyResult):
 
         result.optimum          # {"profile.peak": 7.3, ...}, the values of the lowest cost
         result.costs            # array over the evaluations, infinite for one that failed
-        result.plot()           # picture of costs and parameters over the generations
+        result.plot()           # picture of costs and parameters over the evaluations
         result.run(17)          # the Trial of one row
 
     The last two evaluations are those of the estimated optimum and of the initial values.
@@ -47,19 +46,19 @@ class OptimisationResult(StudyResult):
             yield f"  {self.study.minimised}  {title:<7} {self.costs[number]:<12.6g} evaluation {number}: {values}"
 
     def plot(self) -> Pictures:
-        """Return a picture of the costs and of each parameter over the generations, which a notebook shows."""
-        from runtime.optimisation import picture  # imports matplotlib
+        """Return a picture of the costs and the parameters over the evaluations, which a notebook shows."""
+        return Pictures({"optimisation": self._draw})
 
-        draw = partial(
-            picture.draw,
-            self.study.varied,
-            self.study.proposals[:-2],
-            self.costs[:-2].tolist(),
-            self.study.population,
-            self.optimum,
-            self.study.minimised,
+    def _draw(self, file: BinaryIO, kind: str) -> None:
+        from runtime.analysis import picture
+        from runtime.optimisation.picture import figure  # imports matplotlib
+
+        study, last = self.study, -2  # the estimate and the initial values belong to no generation
+        costs = self.costs[:last].tolist()
+        made = figure(
+            study.varied, study.proposals[:last], costs, study.population, self.optimum, title=study.minimised
         )
-        return Pictures({"optimisation": draw})
+        picture.save(made, file, kind)
 
     def __repr__(self) -> str:
         return f"<OptimisationResult: {len(self.costs)} evaluations, {self.study.minimised}>"
