@@ -1,4 +1,4 @@
-"""Every Python sample of every page runs.
+"""Every Python sample of every page runs, and every rig file is read.
 
 The samples of a page run in their order and share their names, in an empty folder with the folders of the clone beside
 them: `diagrams/knee_exo.py` exists. A sample that needs hardware, a compiler, a second process or a terminal has the
@@ -14,9 +14,11 @@ from contextlib import nullcontext
 import pytest
 
 from graph import Diagram
+from runtime.rig import read
 from tests.checkout import ROOT
 from tests.docs.pages import NAMES
 
+RIG = re.compile(r"^```toml\n(\[(?:bus\.|device\.|battery).*?)^```", re.DOTALL | re.MULTILINE)
 SAMPLE = re.compile(r"^```python([^\n]*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 ELSEWHERE = ("docs/reference/errors.md", "docs/tutorial/", "docs/coming_from/")  # tests of their own run their samples
 DIAGRAM = "from blocks.sources import Sine\nfrom graph import Diagram, stack, subsystem\n"
@@ -75,3 +77,12 @@ def test_samples_run(page, tmp_path, monkeypatch):
             exec(compile(file.read_text(), str(file), "exec"), names)
     if "robot" in names:
         names["plant"](names["robot"])
+
+
+def test_rig_files_are_read(tmp_path):
+    texts = [text for page in NAMES for text in RIG.findall((ROOT / page).read_text())]
+    assert len(texts) > 10
+    for number, text in enumerate(texts):
+        path = tmp_path / f"{number}.toml"
+        path.write_text(text)
+        assert read(path).path == path
