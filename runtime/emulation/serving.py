@@ -81,7 +81,9 @@ def line(before: Mapping[str, Any], now: Mapping[str, Any], rate: float) -> str:
     rate : Hz of the plant
     """
     received, sent = ((now["frames"][kind] - before["frames"][kind]) / REFRESH for kind in ("received", "sent"))
+    late = now["lateness"]
+    lateness = f"late {late['p99'] * 1e6:.0f} µs · " if late["count"] else ""
     return (
         f"emulating {(now['last_tick'] + 1) / rate:.1f} s · {received:.0f} frames/s received, {sent:.0f} sent · "
-        f"late {now['lateness']['p99'] * 1e6:.0f} µs · missed {now['missed']} · Ctrl-C to end"
+        f"{lateness}missed {now['missed']} · Ctrl-C to end"
     )

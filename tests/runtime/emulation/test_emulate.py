@@ -10,10 +10,11 @@ import pytest
 
 from blocks.actuators import EmulatedCubeMars
 from cext.bus.memory_bus import MemoryBus
+from cext.safety.shared_state import SharedState
 from graph import Diagram, compile
 from runtime.base.errors import OK
 from runtime.emulation.buses import PlantBuses
-from runtime.emulation.serving import Service
+from runtime.emulation.serving import Service, line
 from runtime.rig import RigError, read
 from tests.runtime.runs import Files, finished, knee, started, write
 
@@ -24,6 +25,12 @@ pytestmark = pytest.mark.timing
 def rig(tmp_path):
     channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.77"
     return write(tmp_path, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{channel}"\n', "lab.toml")
+
+
+def test_the_status_line_before_the_first_step_has_no_lateness():
+    statistics = SharedState(1 << 16).statistics()
+    shown = "emulating 0.0 s · 0 frames/s received, 0 sent · missed 0 · Ctrl-C to end"
+    assert line(statistics, statistics, 1000.0) == shown
 
 
 def read_until(stream, words):
