@@ -2,6 +2,7 @@
 
 import collections
 import math
+import sys
 from fractions import Fraction
 
 import numpy as np
@@ -390,6 +391,22 @@ def test_nan_in_int_or_bool_is_a_fault_of_the_reading_block(dtype):
     outcome, _ = run(diagram)
     assert (outcome.status, outcome.culprit, outcome.tick) == ("exception", "reads", 2)
     assert str(outcome.error) == "reads.n is nan, which is neither an int nor a bool"
+
+
+def test_the_attributes_of_a_python_block_have_a_dict_that_the_interpreter_reads_fast():
+    class Scales(Block):
+        """Reads a parameter."""
+
+        factor = Param(2.0, "1")
+        y = Output("1")
+
+        def step(self):
+            return self.factor
+
+    with Diagram("d", rate=10) as diagram:
+        block = Scales()
+    run(diagram, 3)
+    assert sys.getsizeof(vars(block)) >= sys.getsizeof(dict(vars(block))), "its keys are those of all instances"
 
 
 def test_update_follows_all_steps_and_uses_inputs_of_its_tick():
