@@ -14,9 +14,10 @@ from runtime.bench.report import machine_lines
 from tests.peers import netlists, python_can, reading, recording
 from tests.peers.agreement import check
 from tests.peers.by_hand import PlainPython, StraightC
-from tests.peers.tickwork import NativeBlocks, PythonBlocks
+from tests.peers.tickwork import CalledBlocks, NativeBlocks, PythonBlocks
 
 DIAGRAMS = {"knee": netlists.knee, "wide": netlists.wide, "wide6": netlists.wide6, "chain": netlists.chain}
+OURS = (NativeBlocks, CalledBlocks, PythonBlocks)
 PEERS = {"drake": ("DrakeCpp", "DrakePython"), "pathsim": ("PathSim",), "bdsim": ("Bdsim",)}  # {module: contenders}
 
 
@@ -26,7 +27,7 @@ def contenders_of(netlist, with_peers=True):
     Returns (contenders, {name: reason} of those left out).
     """
     reference = PlainPython(netlist)
-    contenders, left_out = [NativeBlocks(netlist), PythonBlocks(netlist), reference], {}
+    contenders, left_out = [*(kind(netlist) for kind in OURS), reference], {}
     try:
         contenders.append(StraightC(netlist))
     except NoCompiler as error:

@@ -10,10 +10,9 @@ from cext.bus.socketcan import SocketCan
 from runtime.bench.c_program import NoCompiler
 from runtime.bench.can_cost import ANSWERS, ends
 from tests.peers import netlists, python_can, reading, recording
-from tests.peers.__main__ import PEERS, contenders_of
+from tests.peers.__main__ import OURS, PEERS, contenders_of
 from tests.peers.agreement import Disagreement, check
 from tests.peers.by_hand import PlainPython, StraightC
-from tests.peers.tickwork import NativeBlocks, PythonBlocks
 
 NETLISTS = [netlists.knee(), netlists.wide(), netlists.wide6(), netlists.chain()]
 
@@ -21,7 +20,7 @@ NETLISTS = [netlists.knee(), netlists.wide(), netlists.wide6(), netlists.chain()
 @pytest.mark.parametrize("netlist", NETLISTS, ids=lambda netlist: netlist.name)
 def test_blocks_and_lines_written_by_hand_compute_the_same(netlist):
     reference = PlainPython(netlist)
-    for kind in (NativeBlocks, PythonBlocks, StraightC):
+    for kind in (*OURS, StraightC):
         contender = kind(netlist)
         check(contender, reference)
         contender.restart(), reference.restart()
@@ -66,8 +65,7 @@ def test_without_a_compiler_the_c_benchmark_is_omitted(monkeypatch):
         StraightC(NETLISTS[0])
     contenders, left_out = contenders_of(NETLISTS[0], with_peers=False)
     assert [contender.name for contender in contenders] == [
-        "Tickwork, native blocks",
-        "Tickwork, Python blocks",
+        *(kind.name for kind in OURS),
         "plain Python, one straight line",
     ]
     assert list(left_out) == ["C, one straight line"]

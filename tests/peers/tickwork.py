@@ -1,6 +1,7 @@
 """A netlist in Tickwork: of blocks from the library, and of the same blocks written in Python."""
 
 import math
+from unittest import mock
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from blocks.limiters import Saturation, SlewRate
 from blocks.mathematics import Gain, Sum
 from blocks.sources import Constant, Sine
 from blocks.vectors import Stack
+from cext.fused import library
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, Param, Sink, compile
@@ -270,6 +272,16 @@ class NativeBlocks(Blocks):
 
     def __init__(self, netlist):
         super().__init__(netlist, native_block)
+
+
+class CalledBlocks(Blocks):
+    """Native blocks on a machine without fused schedules: each kernel is called."""
+
+    name = "Tickwork, native blocks, not fused"
+
+    def __init__(self, netlist):
+        with mock.patch.object(library, "library", lambda: None):
+            super().__init__(netlist, native_block)
 
 
 class PythonBlocks(Blocks):
