@@ -20,6 +20,7 @@ exclude_patterns = [INDEX]
 templates_path = ["_templates"]
 
 myst_heading_anchors = 4
+myst_enable_extensions = ["html_image"]
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # of cells with %%bash
 nb_execution_mode = "off" if QUICK else "force"
 nb_execution_in_temp = True
@@ -35,11 +36,13 @@ autodoc_preserve_defaults = True
 python_use_unqualified_type_names = True
 add_module_names = False
 viewcode_line_numbers = True
+toc_object_entries_show_parents = "hide"
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"Tickwork {version}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
@@ -87,9 +90,9 @@ def docstring(app, what, name, thing, options, lines):
     lines[:] = found
 
 
-OUTSIDE = {  # section: its pages in other folders
-    "reference": ["/api/blocks/index", "/api/python/index", "/api/commands", "/api/error_codes", "/CHANGELOG"],
-    "explanation": ["/safety_case", "/coming_from/index", "/CONTRIBUTING"],
+OUTSIDE = {  # section: its pages in other folders, before and after its own
+    "reference": (["/api/blocks/index", "/api/python/index", "/api/commands"], ["/api/error_codes", "/CHANGELOG"]),
+    "explanation": ([], ["/safety_case", "/coming_from/index", "/CONTRIBUTING"]),
 }
 
 
@@ -108,9 +111,9 @@ def contents(source, docname, text):
     if folder.parent == source / "api":
         return links(text)
     pages = [page for page in links(text) if "/" not in page] + sorted(path.stem for path in folder.glob("*.md"))
-    others = [page for page in OUTSIDE.get(folder.name, []) if (source / f"{page[1:]}.md").exists()]
+    first, last = OUTSIDE.get(folder.name, ([], []))
     left_out = (docname.rpartition("/")[2], Path(INDEX).stem if folder.name == "reference" else "")
-    return [page for page in dict.fromkeys(others + pages) if page not in left_out]
+    return [page for page in dict.fromkeys(first + pages + last) if page not in left_out]
 
 
 def read(app, docname, source):
