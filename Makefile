@@ -32,7 +32,7 @@ ifneq ($(USABLE),yes)
 $(VENV)/made: FORCE
 endif
 
-RUN_IMPORTS := can, google.protobuf.descriptor_pb2, mcap.writer, msgspec, networkx, numpy.fft, serial, smbus2
+RUN_IMPORTS := can, google.protobuf.descriptor_pb2, mcap.writer, msgspec, networkx, numpy.fft, runtime.rig.file, serial, smbus2
 
 SOURCES := $(shell find cext -name '*.pyx' -o -name '*.pxd' | LC_ALL=C sort)
 

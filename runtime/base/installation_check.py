@@ -171,9 +171,12 @@ def explain(error: ImportError) -> str:
 
 def _others_of(package):
     """Return the names of other distributions that have installed files into one of Tickwork's packages."""
-    from importlib.metadata import packages_distributions  # of Python 3.10
+    from importlib.metadata import distributions  # of Python 3.8
 
-    return sorted(set(packages_distributions().get(package, ())) - {"tickwork"})
+    names = {
+        other.metadata["Name"] for other in distributions() for file in other.files or () if file.parts[0] == package
+    }
+    return sorted(names - {"tickwork"})
 
 
 def _remedy():
