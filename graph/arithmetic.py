@@ -296,7 +296,8 @@ def _check_open(*operands: Any) -> None:
                 "the signal is used in arithmetic, and no diagram is open",
                 path=path,
                 where=caller(),
-                hint="write it inside `with Diagram(...)`; a step takes a signal as an input, and gets its value",
+                hint="write it inside `with Diagram(...)`; a step takes a signal as an input, and gets its value; it "
+                "stores its last output in an attribute of another name",
             )
         )
 

@@ -356,11 +356,11 @@ class Param(Declaration, Generic[T]):
             except ValueError:
                 return self.check(text)
         if self.dtype is tuple:
-            raise ValueError("cannot be set as text")
+            raise ValueError("cannot be set as text: in a file, write a list without quotes, as in [0.0, 1.0]")
         if not self.numeric:
             return self.check(text)
-        value = units.parse_quantity(text, self.unit)
-        return self.check(value)
+        hexadecimal = self.dtype is int and text[:2].lower() == "0x"
+        return self.check(int(text, 16) if hexadecimal else units.parse_quantity(text, self.unit))
 
 
 def interior(lows: Sequence[float | None], highs: Sequence[float | None]) -> tuple[float, float]:

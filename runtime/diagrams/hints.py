@@ -148,6 +148,8 @@ def for_type(text: str, names: Mapping[str, Any]) -> str:
         empty = next((name for name in block.parameters if getattr(block, name) is None), "")
         if empty:
             return f"the parameter {empty} is None: pass a value, or declare a default, as in {empty} = Param(1.0)"
+    if re.search(r"\.step returned (array\(|\[)", text):
+        return 'return one number for a scalar output, or declare its shape, as in Output("1", shape=(3,))'
     if "Diagram.__init__()" in text:
         return 'pass the name and the rate in Hz, as in Diagram("knee", rate=200)'
     if "__init__() got an unexpected keyword" in text and issubclass(kind, Block):

@@ -281,6 +281,7 @@ def test_command_line_text_becomes_a_value_with_its_unit():
     assert parameters["optional"].parse("60 deg") == pytest.approx(deg(60))
     assert parameters["number"].parse("-1e0 N*m") == -1.0
     assert parameters["count"].parse("4") == 4 and type(parameters["count"].parse("4")) is int
+    assert parameters["count"].parse("0x03") == 3
     assert parameters["flag"].parse("Yes") is True and parameters["text"].parse("b") == "b"
     for name, text, complaint in (
         ("number", "one", "'one' is not a number"),

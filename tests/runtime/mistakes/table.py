@@ -721,6 +721,21 @@ BLOCKS = (
         "step that returns two", "def step(self, u):\n    return u, u", STEP, "own.step returned (0.0, 0.0) for y"
     ),
     in_block(
+        "array for a scalar",
+        "def step(self, u):\n    return [u, u]",
+        STEP,
+        "own.step returned [0.0, 0.0] for y",
+        'return one number for a scalar output, or declare its shape, as in Output("1", shape=(3,))',
+    ),
+    in_block(
+        "last output as state",
+        "def step(self, u):\n    return 0.9 * self.y + u  # !",
+        "def reset(self):\n    self.last = 0.0\ndef step(self, u):\n    self.last = 0.9 * self.last + u\n"
+        "    return self.last",
+        "own.y: the signal is used in arithmetic, and no diagram is open",
+        "it stores its last output in an attribute of another name",
+    ),
+    in_block(
         "state without reset",
         "def step(self, u):\n    self.sum += u  # !\n    return self.sum",
         "def reset(self):\n    self.sum = 0.0\ndef step(self, u):\n    self.sum += u\n    return self.sum",
