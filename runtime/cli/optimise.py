@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +17,7 @@ from runtime.console.terminal import print_lines, print_to_stderr
 if TYPE_CHECKING:
     from argparse import Namespace
 
-    from graph.schedule import Schedule
+    from graph.schedule import Column, Schedule
     from runtime.optimisation.parameters import Parameter
     from runtime.session.request import Request
 
@@ -150,8 +151,12 @@ def parameters_of(options: Namespace) -> list[Parameter]:
     return list(parameters.values())
 
 
-def plan_of(options: Namespace, schedule: Schedule, attended: bool) -> dict[str, Any]:
-    """Return the plan of the optimiser process, see runtime.optimisation.process. Raises BadInput."""
+def plan_of(options: Namespace, schedule: Schedule, recorded: Sequence[Column], attended: bool) -> dict[str, Any]:
+    """Return the plan of the optimiser process, see runtime.optimisation.process. Raises BadInput.
+
+    recorded : signals that a cost can use
+    attended : whether an operator can press keys
+    """
     from runtime.live.table import describe, parse
     from runtime.optimisation import state_file
     from runtime.optimisation.live_robot import Targets, with_initial
@@ -162,7 +167,7 @@ def plan_of(options: Namespace, schedule: Schedule, attended: bool) -> dict[str,
     Targets(run_table, parameters, zero)
     if zero and not options.validate:
         raise BadInput("--zero needs --validate N: it is a condition of the validation trials")
-    cost = cost_plan(options, schedule)
+    cost = cost_plan(options, recorded)
     if not attended and not options.no_confirm:
         raise BadInput(
             "cannot ask for a confirmation of each proposal: standard input is not a terminal. Pass --no-confirm to "
@@ -201,7 +206,7 @@ def plan_of(options: Namespace, schedule: Schedule, attended: bool) -> dict[str,
     }
 
 
-def cost_plan(options: Namespace, schedule: Schedule) -> dict[str, Any]:
+def cost_plan(options: Namespace, recorded: Sequence[Column]) -> dict[str, Any]:
     """Return the part of the plan on the cost. Raises BadInput."""
     from runtime.base.suggestions import suggestion
     from runtime.optimisation.metabolic import TIME_CONSTANT
@@ -215,11 +220,11 @@ def cost_plan(options: Namespace, schedule: Schedule) -> dict[str, Any]:
         return {"kind": "cart", "name": options.cost, "time_constant": options.time_constant or TIME_CONSTANT}
     if options.strides is not None and options.time_constant is not None:
         raise BadInput("--strides and --time-constant exclude each other")
-    columns = {column.path: column for column in schedule.recorded}
+    columns = {column.path: column for column in recorded}
     for option, path in (("--cost signal:", name), ("--strides ", options.strides)):
         if path is not None and path not in columns:
             hint = suggestion(path, columns) or "record it with a CsvRecorder"
-            raise BadInput(f"{option}{path}: {schedule.name} has no recorded signal {path!r}; {hint}")
+            raise BadInput(f"{option}{path}: there is no recorded signal {path!r}; {hint}")
     signals = [columns[path] for path in (name, options.strides) if path is not None]
     return {
         "kind": "signal",
@@ -239,7 +244,7 @@ def live(request: Request, options: Namespace) -> int:
     from runtime.session.prepare import prepare
 
     prepared = prepare(request)
-    plan = plan_of(options, prepared.schedule, can_ask())
+    plan = plan_of(options, prepared.schedule, prepared.schedule.recorded, can_ask())
     print_to_stderr(map(str, prepared.schedule.warnings))
     resumed = None if options.resume is None else os.fspath(options.resume)
     session = OptimisedSession(prepared, print_to_stderr, plan, resumed)
@@ -252,10 +257,17 @@ def live(request: Request, options: Namespace) -> int:
 
 def virtual(request: Request, options: Namespace) -> int:
     """Optimise on the simulated wearer in virtual time. Returns the exit code."""
+    from runtime.diagrams.recorded_signals import PLANT
     from runtime.optimisation.virtual import optimise
 
     options.no_confirm = True
-    path = optimise(request, lambda schedule: plan_of(options, schedule, attended=False), options.resume)
+    signals = [name.removeprefix("signal:") for name in (options.cost, options.strides or "")]
+    path = optimise(
+        request,
+        lambda schedule, recorded: plan_of(options, schedule, recorded, attended=False),
+        options.resume,
+        [name.removeprefix(PLANT) for name in signals if name.startswith(PLANT)],
+    )
     print_lines(outcome(path))
     return OK
 
@@ -264,4 +276,5 @@ def outcome(path: str) -> list[str]:
     """Return lines on the state file and its picture."""
     from runtime.optimisation.picture import write
 
-    return [f"optimisation: {path}", *write(path)]
+    finished = json.loads(Path(path).read_text())["finished"]
+    return [f"optimisation: {path}" + f"; --resume {path} continues" * (not finished), *write(path)]

@@ -25,7 +25,7 @@ from typing import Any
 from runtime.base.errors import BadInput
 from runtime.optimisation.metabolic import plausible, power
 
-CONNECT_TIMEOUT = 3.0  # s
+CONNECT_TIMEOUT, RECONNECT_TIMEOUT = 3.0, 0.3  # s, before and during the run
 RECONNECT_PERIOD = 2.0  # s
 READ_SIZE = 1 << 16  # bytes
 LINE_LIMIT = 1 << 16  # bytes of a line; a longer one is discarded
@@ -287,7 +287,7 @@ class _Tcp:
         if self.end is None and time.monotonic() >= self.due:
             self.due = time.monotonic() + RECONNECT_PERIOD
             with suppress(OSError):
-                self._connect(CONNECT_TIMEOUT)
+                self._connect(RECONNECT_TIMEOUT)
         if self.end is None:
             return b""
         try:

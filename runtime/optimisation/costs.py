@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from runtime.base.errors import BadInput
 from runtime.optimisation.cart import Cart
 from runtime.optimisation.metabolic import Estimate, mean, steady_state
 
@@ -115,10 +116,19 @@ class CartCost(Sampled):
     def __init__(self, cart: Cart, time_constant: float) -> None:
         super().__init__()
         self.cart, self.name, self.time_constant = cart, cart.name, time_constant
+        self.problem = ""  # of a table that cannot be read
 
     def take(self, now: float) -> None:
-        for time, watts in self.cart.take(now):
-            self.add(time, watts)
+        try:
+            for time, watts in self.cart.take(now):
+                self.add(time, watts)
+        except BadInput as error:
+            self.problem = str(error)
+
+    def check(self, now: float, begin: float) -> None:
+        if self.problem:
+            raise Missing(self.problem)
+        super().check(now, begin)
 
     def fit(self, times: np.ndarray, rows: np.ndarray) -> Estimate:
         if len(times) < CART_SAMPLES:

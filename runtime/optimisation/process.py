@@ -24,7 +24,7 @@ from runtime.optimisation.costs import CartCost, Cost, SignalCost, Typed
 from runtime.optimisation.live_robot import LiveRobot, Targets
 from runtime.optimisation.metabolic import Estimate
 from runtime.optimisation.optimisers import Optimiser, restored
-from runtime.optimisation.protocol import BACKSPACE, NUMERALS, Protocol, Settings
+from runtime.optimisation.protocol import BACKSPACE, HELP, NUMERALS, Protocol, Settings
 from runtime.optimisation.state_file import StateFile, finite
 from runtime.recorder.companion import MESSAGE_LIMIT
 
@@ -204,6 +204,7 @@ class Companion:
         keys = [*KEYS, *NUMERALS, *BACKSPACE, "enter"] if self.protocol.typing else KEYS
         needs = {
             "keys": keys if not self.protocol.over else [],
+            "help": HELP if not self.protocol.over else "",
             "watch": self.watch,
             "fallback": self.robot.fallback(self.protocol.accepted) if self.changing and not self.protocol.over else [],
             "status": self.protocol.status,

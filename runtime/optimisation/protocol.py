@@ -123,6 +123,7 @@ class Protocol:
     validated : [(condition, Estimate)] of the validation trials before
 
     over : whether it has ended
+    finished : whether it has ended with the last measurement
     """
 
     def __init__(
@@ -144,7 +145,7 @@ class Protocol:
         self.validated = list(validated or ())
         self.errors: list[float] = []  # standard errors of the costs measured here
         self.now, self.phase, self.until, self.title = 0.0, "start", math.inf, ""
-        self.over, self.text, self.entered = False, "", False
+        self.over, self.finished, self.text, self.entered = False, False, "", False
         self._pressed: str | None = None
         self._run = self._steps()
 
@@ -302,18 +303,22 @@ class Protocol:
         self.report("found", lines, values=found)
         self.accepted = found
         yield from self._return()
-        self.phase = "ended"
+        self.phase, self.finished = "ended", True
+        self.save()
 
     def _begin(self) -> Steps:
         """Ramp to the initial parameters, or to the last accepted ones of an optimisation that continues."""
         told = len(self.optimiser.told)
         which = f"after evaluation {told}" if told else "initial"
         self.title = "begin"
-        self.report(
-            "begin",
-            [f"{which} parameters: {self.listed(self.accepted)}", *[HELP] * self.settings.attended],
-            values=self.accepted,
-        )
+        settings = self.settings
+        trials = settings.evaluations + len(settings.order()) - told - len(self.validated)
+        lines = [
+            f"{count(trials, 'measurement')} of {settings.settle + settings.measure:g} s: "
+            f"{trials * (settings.settle + settings.measure) / 60.0:.0f} min",
+            f"{which} parameters: {self.listed(self.accepted)}",
+        ]
+        self.report("begin", lines + [HELP] * settings.attended, values=self.accepted)
         if self.settings.confirm:
             yield from self._held()
         yield from self._return()

@@ -7,6 +7,7 @@ errors      standard errors of these costs, null if unknown
 accepted    last parameters whose cost was measured
 validated   [[condition, [cost, standard error, samples]], ...] of the validation trials
 found       the optimum that the optimiser estimates
+finished    whether all measurements were made
 """
 
 from __future__ import annotations
@@ -49,6 +50,7 @@ class StateFile:
                 [name, [finite(each.value), finite(each.error), each.count]] for name, each in protocol.validated
             ],
             "found": protocol.optimiser.optimum(),
+            "finished": protocol.finished,
         }
         protocol.errors.clear()
         part = f"{self.path}.part"
@@ -78,6 +80,7 @@ def first(about: dict[str, Any], parameters: Iterable[Parameter]) -> dict[str, A
         "accepted": None,
         "validated": [],
         "found": None,
+        "finished": False,
     }
 
 

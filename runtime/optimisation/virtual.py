@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from runtime.base.ending import Interrupted
 from runtime.base.errors import BadInput, SimulationFault
 from runtime.console.terminal import print_to_stderr
 from runtime.live.table import describe, parse
@@ -21,7 +22,7 @@ from runtime.session.recording_plan import stem
 from runtime.session.simulate import SimulatedRun
 
 if TYPE_CHECKING:
-    from graph.schedule import Schedule
+    from graph.schedule import Column, Schedule
     from runtime.session.request import Request
 
 STEP = 0.5  # s between two looks of the protocol
@@ -55,19 +56,30 @@ class SimulatedRobot(Robot):
         return self.targets.shown(name, value)
 
 
-def optimise(request: Request, plan_of: Callable[[Schedule], dict[str, Any]], resume: os.PathLike[str] | None) -> str:
+def optimise(
+    request: Request,
+    plan_of: Callable[[Schedule, Sequence[Column]], dict[str, Any]],
+    resume: os.PathLike[str] | None,
+    plant_signals: Iterable[str] = (),
+) -> str:
     """Optimise parameters of a diagram on its simulated wearer.
 
     request : options of the run
-    plan_of : function that returns the plan of runtime.optimisation.process for a schedule
+    plan_of : function that returns the plan of runtime.optimisation.process for a schedule and its recorded signals
     resume : state file that is continued; None for a new one
+    plant_signals : signals of the plant that the cost needs, without "plant/"
 
     Returns the path of the state file. Raises BadInput.
     """
     with SimulatedRun(
-        request.file, settings=request.settings, seed=request.seed, rate=request.rate, keep_rows=False
+        request.file,
+        settings=request.settings,
+        seed=request.seed,
+        rate=request.rate,
+        plant_signals=plant_signals,
+        keep_rows=False,
     ) as run:
-        plan = plan_of(run.schedule)
+        plan = plan_of(run.schedule, run.columns)
         if plan["cost"]["kind"] != "signal":
             raise BadInput("--fast needs --cost signal:NAME: a cart and an operator are not in virtual time")
         folder = Path(request.record or "recordings")
@@ -77,6 +89,7 @@ def optimise(request: Request, plan_of: Callable[[Schedule], dict[str, Any]], re
         protocol, columns = protocol_of(run, plan, path), plan["cost"]["columns"]
         cost, ticks = protocol.cost, max(1, round(STEP * run.rate))
         assert isinstance(cost, SignalCost)
+        protocol.save()
         try:
             while not protocol.step(run.time):
                 run.step(ticks / run.rate)
@@ -85,6 +98,9 @@ def optimise(request: Request, plan_of: Callable[[Schedule], dict[str, Any]], re
                     cost.add((first + place) / run.rate, *values)
         except SimulationFault as error:
             raise BadInput(f"the simulation ended with a fault: {error}. {path} has the evaluations so far") from None
+        except Interrupted:
+            print_to_stderr([f"tickwork: the evaluations so far are stored: --resume {path} continues"])
+            raise
     return path
 
 

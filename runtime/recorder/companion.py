@@ -5,6 +5,7 @@ writer that has replaced a dead one starts without it:
 
     status      text of the status line
     keys        names of keys, as of runtime.console.keys, that it receives
+    help        line on these keys
     watch       indices of recorded signals that it receives
     fallback    [[index of a live parameter, value], ...] that are set if it dies, [] to change nothing
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 MESSAGE_LIMIT = 1 << 17  # bytes
 ROWS_LIMIT = 256  # rows of a message
+NOTHING = {"status": "", "keys": (), "help": "", "watch": (), "fallback": ()}
 LOST = "the companion process of the run has ended before the run"
 
 
@@ -42,7 +44,7 @@ class Companion:
     def __init__(self, descriptor: int, recording: Recording, page: SharedState) -> None:
         self.socket = socket.socket(fileno=descriptor)
         self.recording, self.page = recording, page
-        self.needs: dict[str, Any] = {"status": "", "keys": [], "watch": [], "fallback": []}
+        self.needs: dict[str, Any] = dict(NOTHING)
         self.alive = True
 
     def look(self) -> None:
@@ -71,7 +73,7 @@ class Companion:
         if changes:
             Writer(self.page).set(changes)
         then = "its last accepted parameters are restored" if changes else "no parameter was changed"
-        self.needs = {"status": "", "keys": [], "watch": [], "fallback": []}
+        self.needs = dict(NOTHING)
         self.recording.take_event(
             {
                 "event": "companion",

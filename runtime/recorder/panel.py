@@ -80,6 +80,8 @@ class Panel:
             self.post(self.writer.mark(), "mark", now)
         elif key == "?":
             self.recording.say(HELP)
+            if self.companion is not None and self.companion.needs["help"]:
+                self.recording.say(f"tickwork: {self.companion.needs['help']}")
         elif key == "s":
             self.save(now)
         elif key in ("tab", "shift tab", "0", *STEPS) and not self.choices:

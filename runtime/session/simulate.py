@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from graph import Diagram, Schedule
-    from graph.schedule import SignalPlace
+    from graph.schedule import Column, SignalPlace
     from runtime.diagrams.overrides import Replaced
 
 ROWS = 4096  # of a simulation without a duration, after which more memory is taken
@@ -212,11 +212,16 @@ class SimulatedRun:
     def newest(self, columns: Sequence[int], ticks: int) -> np.ndarray:
         """Return recorded signals of the newest ticks, an array (ticks, columns).
 
-        columns : of `schedule.recorded`
+        columns : indices of `columns`
         ticks : number of ticks that were done, at most ROWS
         """
         rows = np.arange(self.tick - ticks, self.tick) % len(self._rows)
         return self._rows[rows][:, [2 + column for column in columns]]
+
+    @property
+    def columns(self) -> list[Column]:
+        """Recorded signals of robot and plant."""
+        return [*self._schedule.recorded, *self._simulation.recorded]
 
     @property
     def schedule(self) -> Schedule:

@@ -104,8 +104,8 @@ def test_killed_optimiser_restores_accepted_parameters_and_can_be_resumed(tmp_pa
         patient(lambda: page.statistics()["ticks"] > ticks + 10)
         assert page.state == "running"
         run.send_signal(signal.SIGINT)
-        _, err = run.communicate(timeout=30)
-    assert run.returncode == 130
+        out, err = run.communicate(timeout=30)
+    assert run.returncode == 130 and ".optimisation.json continues" in out
     assert "ended before the run; its last accepted parameters are restored. The run continues" in err
     killed = Recording(tmp_path / "slow")
     assert "companion" in [event["event"] for event in killed.events] and killed.state["optimiser"]["told"] == []
@@ -128,7 +128,7 @@ def test_hidden_optimum_is_found_on_simulated_wearer(tmp_path, command_line):
     code, out, err = command_line("optimise", *words, "--generations", 5, "--validate", 1, "--zero", "*/profile.on=no")
     assert code == 0, err
     state = Recording(tmp_path / "recordings").state
-    assert len(state["optimiser"]["told"]) == 30
+    assert len(state["optimiser"]["told"]) == 30 and state["finished"]
     assert abs(state["found"]["profile.peak"] - 9.0) < 0.8 and abs(state["found"]["profile.timing"] - 0.52) < 0.02
     results = {name: cost for name, (cost, _, _) in state["validated"]}
     assert results == pytest.approx({"found": 300.0, "initial": 420.0, "zero": 380.0}, abs=12.0)
@@ -153,7 +153,7 @@ REFUSED = {
     ("--over", "profile.peak=4:12", "--over", "left/profile.peak=4:12"): "--over: two names match left/profile.peak",
     (*OVER, "--largest-step", "peak=1"): "--largest-step peak=1: --over has profile.peak, profile.timing",
     (*OVER, "--largest-step", "profile.peak=x"): "--largest-step profile.peak=x: expected a number above 0",
-    (*OVER, "--cost", "signal:wearer.powr"): "--cost signal:wearer.powr: profiles has no recorded signal 'wearer.powr'",
+    (*OVER, "--cost", "signal:wearer.powr"): "--cost signal:wearer.powr: there is no recorded signal 'wearer.powr'",
     (*OVER, "--strides", "left/profile.phase", "--time-constant", "42"): "--strides and --time-constant exclude each",
     (*OVER, "--cost", "metabolic.tsv", "--strides", "left/profile.phase"): "--strides applies to --cost signal:NAME",
     (*OVER, "--cost", "typed"): "--cost typed needs a terminal: standard input is not a terminal",

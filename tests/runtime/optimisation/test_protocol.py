@@ -26,7 +26,8 @@ def test_hidden_optimum_is_approached_with_noisy_breaths():
         results[name].append(estimate.value)
     means = {name: np.mean(values) for name, values in results.items()}
     assert means == pytest.approx({"found": LOWEST, "initial": INITIAL, "zero": ZERO}, abs=25)
-    assert experiment.wearer.targets == found and experiment.protocol.over
+    assert experiment.wearer.targets == found and experiment.protocol.over and experiment.protocol.finished
+    assert experiment.events[0]["lines"][0] == "tickwork: 42 measurements of 150 s: 105 min"
 
 
 def test_each_evaluation_ramps_settles_and_measures():
@@ -37,7 +38,7 @@ def test_each_evaluation_ramps_settles_and_measures():
     assert measurement["cost"] == experiment.optimiser.told[0][1]
     assert 0.0 < change["time"] - proposal["time"] <= 1.5  # the ramp
     assert 150.0 <= measurement["time"] - change["time"] <= 154.0
-    assert measurement["samples"] == pytest.approx(40, abs=1) and experiment.saved == 2
+    assert measurement["samples"] == pytest.approx(40, abs=1) and experiment.saved == 3
     assert measurement["lines"][0].startswith("tickwork: evaluation 1 of 2: ")
 
 
@@ -138,6 +139,14 @@ def test_silent_cart_ramps_back_and_waits_for_operator_after_repetitions():
     experiment.press("y")
     experiment.run()
     assert len(experiment.optimiser.told) == 1
+
+
+def test_table_that_cannot_be_read_is_a_missing_measurement():
+    experiment = Experiment(evaluations=1, attended=False)
+    experiment.wearer.lines = b"time\tVO2 (mL/min/kg)\tVCO2\n"
+    experiment.run()
+    assert experiment.last("missing")["reason"].startswith("metabolic.tsv, line 1: column 'VO2 (mL/min/kg)' (oxygen): ")
+    assert experiment.steps()[-1] == "abandoned" and not experiment.protocol.finished
 
 
 def test_silent_cart_ends_unattended_optimisation():
