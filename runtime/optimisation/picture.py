@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from runtime.analysis import picture
 from runtime.analysis.picture import BLUE, GREEN, GREY, INK, ORANGE, plain, short
 from runtime.optimisation.parameters import Parameter
+from runtime.recording.files import private
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,7 +42,7 @@ def write(path: str) -> list[str]:
         errors=state["errors"],
         validated=state["validated"],
     )
-    with target.open("wb") as file:
+    with open(target, "wb", opener=private) as file:
         picture.save(made, file)
     return [f"picture: {target}"]
 

@@ -25,7 +25,7 @@ from runtime.optimisation.live_robot import LiveRobot, Targets
 from runtime.optimisation.metabolic import Estimate
 from runtime.optimisation.optimisers import Optimiser, restored
 from runtime.optimisation.protocol import BACKSPACE, HELP, NUMERALS, Protocol, Settings
-from runtime.optimisation.state_file import StateFile, finite
+from runtime.optimisation.state_file import StateFile
 from runtime.recorder.companion import MESSAGE_LIMIT
 
 ORDERS_DESCRIPTOR = 0  # standard input
@@ -215,7 +215,7 @@ class Companion:
 
     def report(self, step: str, lines: list[str], **fields: Any) -> None:
         """Send an event for the recording."""
-        fields = {name: finite(value) if isinstance(value, float) else value for name, value in fields.items()}
+        fields = {name: None if value != value else value for name, value in fields.items()}  # NaN is not JSON
         event = {"event": "optimise", "step": step, "tick": self.robot.tick, **fields}
         self.send({"event": event | ({"lines": lines} if lines else {})})
 

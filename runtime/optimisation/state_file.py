@@ -19,6 +19,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import BadInput
+from runtime.recorder.report import PARTIAL, write_json
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -44,26 +45,16 @@ class StateFile:
         self.state = {
             **self.state,
             "optimiser": protocol.optimiser.state(),
-            "errors": [finite(error) for error in [*(self.state["errors"] or ()), *protocol.errors]],
+            "errors": [*self.state["errors"], *protocol.errors],
             "accepted": protocol.accepted,
-            "validated": [
-                [name, [finite(each.value), finite(each.error), each.count]] for name, each in protocol.validated
-            ],
+            "validated": [[name, [each.value, each.error, each.count]] for name, each in protocol.validated],
             "found": protocol.optimiser.optimum(),
             "finished": protocol.finished,
         }
         protocol.errors.clear()
-        part = f"{self.path}.part"
-        with open(part, "w", encoding="utf-8") as file:
-            json.dump(self.state, file, indent=1)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, self.path)
-
-
-def finite(value: float | None) -> float | None:
-    """Return a number for JSON: None instead of NaN and infinities."""
-    return value if value is not None and math.isfinite(value) else None
+        with suppress(FileNotFoundError):  # of a process that was killed
+            os.unlink(self.path + PARTIAL)
+        write_json(self.path, self.state)
 
 
 def first(about: dict[str, Any], parameters: Iterable[Parameter]) -> dict[str, Any]:
@@ -108,6 +99,4 @@ def read(path: str | os.PathLike[str], about: dict[str, Any]) -> dict[str, Any]:
     state["validated"] = [
         [name, [math.nan if number is None else number for number in numbers]] for name, numbers in state["validated"]
     ]
-    with suppress(KeyError):
-        state["errors"] = list(state["errors"])
     return state

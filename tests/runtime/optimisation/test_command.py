@@ -79,6 +79,7 @@ def test_operator_confirms_skips_pauses_and_stops_while_optimiser_hangs(tmp_path
         ("right/profile.peak", accepted[0]),
     ]
     assert files.events[-1]["event"] == "stop" and files.one(".optimisation.png").stat().st_size > 5000
+    assert {path.stat().st_mode & 0o077 for path in files.folder.iterdir()} == {0}  # personal data
 
 
 def test_killed_optimiser_restores_accepted_parameters_and_can_be_resumed(tmp_path):
