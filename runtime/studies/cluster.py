@@ -49,23 +49,21 @@ class Cluster(Engine):
         futures = self._client.map(self._trial, orders, pure=False)
         order_of = dict(zip((future.key for future in futures), orders))
         try:
-            for future in self._distributed.as_completed(futures, loop=self._client.loop):
-                row, order = _result(future, order_of[future.key]), order_of[future.key]
+            ended = self._distributed.as_completed(
+                futures, loop=self._client.loop, with_results=True, raise_errors=False
+            )
+            for future, row in ended:
+                if not isinstance(row, dict):  # an exception, or with its type and traceback
+                    error = row[1] if isinstance(row, tuple) else row
+                    raise BadInput(failed(*order_of[future.key], f"{type(error).__name__}: {error}"))
                 if "stop" in row:
-                    raise BadInput(failed(*order, row["stop"]))
+                    raise BadInput(failed(*order_of[future.key], row["stop"]))
                 yield row
         finally:
             self._client.cancel(futures)
 
     def close(self) -> None:
         self._client.close()
-
-
-def _result(future: Any, order: Order) -> dict[str, Any]:
-    try:
-        return future.result()
-    except Exception as error:
-        raise BadInput(failed(*order, f"{type(error).__name__}: {error}")) from None
 
 
 def _trial(order, description, source, sources, folder):

@@ -11,7 +11,7 @@ from runtime.bench import can_cost
 from runtime.bench.c_program import NoCompiler
 from runtime.bench.measure import interleave, table
 from runtime.bench.report import machine_lines
-from tests.peers import netlists, python_can, reading, recording
+from tests.peers import netlists, python_can, reading, recording, study
 from tests.peers.agreement import check
 from tests.peers.by_hand import PlainPython, StraightC
 from tests.peers.tickwork import CalledBlocks, NativeBlocks, PythonBlocks
@@ -79,7 +79,7 @@ def time_recording(ticks=20_000):
         print(f"  {name:36}{microseconds:16.4g}")
 
 
-OTHERS = {"can": time_drives, "recording": time_recording, "reading": reading.print_times}
+OTHERS = {"can": time_drives, "recording": time_recording, "reading": reading.print_times, "study": study.print_times}
 PARTS = (*DIAGRAMS, *OTHERS)
 
 
