@@ -94,7 +94,7 @@ def measured(
         raise refused or BadInput(
             f"{trial.path} has no complete stride of a joint with position, velocity and torque"
             + ("" if between is None else f" between {begin:g} s and {end:g} s")
-            + ". Name signals to average those, as in --strides left/knee_angle"
+            + ". Run for longer, or name signals to average those, as in --strides left/knee_angle"
         )
     several = len({one["title"] for one, _ in measured_legs}) < len(measured_legs)
     return [({**one, "title": one["path"] if several else one["title"]}, each) for one, each in measured_legs]

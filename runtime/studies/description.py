@@ -156,6 +156,8 @@ def read(path: Path, describe: Callable[[dict[str, Any]], Described]) -> Describ
 
     describe : returns the description of the file's content, as `described`
     """
+    if path.suffix != ".toml":
+        raise BadInput(f"{path}: expected the TOML file of a study, such as study.toml")
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:

@@ -24,6 +24,8 @@ class Journal:
 
     def __init__(self, path: Path, identity: dict[str, Any]) -> None:
         self.path, self.rows, self._empty = path, {}, False
+        if not path.parent.is_dir():
+            raise BadInput(f"cannot write {path}: create the folder {path.parent} first")
         try:
             self._file = open(path, "a+b", buffering=0)
         except OSError as error:

@@ -155,7 +155,7 @@ def test_undrawable_selection_is_reported_in_one_line(command_line, recording, t
         == "-o a.jpg: the name of a picture must end in .png or .svg"
     )
     refusal = command_line.refused("plot", recording, "--strides")
-    assert "has no complete stride of a joint" in refusal and "Name signals" in refusal
+    assert "has no complete stride of a joint" in refusal and "name signals" in refusal
     assert command_line.refused("plot", recording, "--events", "x") == "--events needs --strides"
     assert "No such file" in command_line.refused("plot", recording, "-o", tmp_path / "nowhere" / "a.png")
     assert "has 4 elements: name one" in command_line.refused("plot", recording, "--strides", "left/imu.quaternion")

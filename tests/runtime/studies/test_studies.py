@@ -201,6 +201,8 @@ def test_command_writes_the_table_once_and_rejects_that_of_another_study(folder,
     assert (code, err) == (OK, "")
     assert "3 trials, 0 faults, 0 errors" in out and "highest" in out and "trial 2: gain=3.5" in out
     assert out.endswith("study.parquet\nstudy.png\n") and (folder / "study.png").read_bytes().startswith(b"\x89PNG")
+    assert "expected the TOML file of a study" in command_line("study", "sine.py")[2]
+    assert "create the folder out first" in command_line("study", "study.toml", "-o", "out/study.parquet")[2]
     assert "must end in .parquet" in command_line("study", "study.toml", "-o", "study.png")[2]
     assert command_line("study", "study.toml") == (OK, out, "") and len((folder / "count").read_text()) == 3
     (folder / "study.toml").write_text(STUDY.replace("3.5", "4"))
