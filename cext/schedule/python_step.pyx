@@ -241,14 +241,14 @@ cdef class PythonStep:
         view = self.output_views[index]
         if has_layout_of(<PyObject *>value, <PyObject *>view):
             memmove(run, (<Array *><PyObject *>value).data, self.output_sizes[index] * sizeof(double))
-        else:
+        elif (<Array *><PyObject *>view).axes > 1 or not copy_floats(value, run, self.output_sizes[index]):
             value = np.asarray(value, dtype=FLOAT)
             if value.shape != view.shape:
                 raise ValueError("expected shape %s, got %s" % (view.shape, value.shape))
             view[...] = value
         for i in range(self.output_sizes[index]):
             if run[i] < self.output_lows[index] or run[i] > self.output_highs[index]:
-                self.refuse(index, value.copy())
+                self.refuse(index, np.array(value))
         return 0
 
     cdef int refuse(self, int index, value) except -1:
@@ -276,3 +276,15 @@ cdef bint has_layout_of(PyObject *value, PyObject *view) noexcept:
     return (
         type(<object>value) is NDARRAY and one.dtype == <PyObject *>FLOAT and one.flags & C_CONTIGUOUS
         and one.axes == other.axes and memcmp(one.shape, other.shape, one.axes * sizeof(Py_ssize_t)) == 0)
+
+
+cdef bint copy_floats(value, double *run, int count):
+    """Copy a list or tuple of floats. Returns False for any other value, after it may have copied a part."""
+    cdef int i
+    if type(value) is not list and type(value) is not tuple or len(value) != count:
+        return False
+    for i in range(count):
+        if not PyFloat_CheckExact(value[i]):
+            return False
+        run[i] = PyFloat_AS_DOUBLE(value[i])
+    return True

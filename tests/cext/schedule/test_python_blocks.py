@@ -543,3 +543,21 @@ def test_a_python_block_that_leaves_the_range_it_declares_is_stopped_there():
         assert (outcome.status == "ok") is fine
         if not fine:
             assert outcome.culprit == "p" and "outside its declared range [-1, 1]" in str(outcome.error)
+
+
+@pytest.mark.parametrize("form", [list, tuple, np.array])
+def test_a_vector_outside_its_range_is_refused_in_every_form(form):
+    class Limited(Block):
+        """Leaves its range at tick 5."""
+
+        y = Output("1", shape=(3,), range=(-1.0, 1.0))
+
+        def step(self, tick):
+            return form([0.5, -0.25, tick / 4.0])
+
+    with Diagram("d", rate=10) as diagram:
+        Limited(name="limited")
+    outcome, rig = run(diagram, 10)
+    assert (outcome.culprit, outcome.tick) == ("limited", 5)
+    assert str(outcome.error) == "limited.y is array([ 0.5 , -0.25,  1.25]), outside its declared range [-1, 1]"
+    assert [rig[f"limited.y[{i}]"][4] for i in range(3)] == [0.5, -0.25, 1.0]
