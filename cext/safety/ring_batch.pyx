@@ -93,7 +93,10 @@ cdef class Batch:
                 cells = [row[0] / rate, <int64_t>row[0]]
                 for place in range(count):
                     value = row[2 + <Py_ssize_t>columns[place]]
-                    cells.append(int(value) if whole[place] and isfinite(value) else value)
+                    if whole[place] and isfinite(value):
+                        cells.append(int(value))
+                    else:
+                        cells.append(value)
                 table.append(cells)
             else:
                 at += sizeof(Header) + header.bytes
