@@ -1,13 +1,13 @@
 """Compile the stencils of all kernels: `make stencils`, with clang of version 19 or newer.
 
-A kernel without a stencil is called, with the same results: those in UNFUSED, and those of a lab.
+A kernel without a stencil is called, with the same results: those in UNFUSED, and those of other packages.
+A kernel of which no stencil can be made is an error.
 """
 
 from __future__ import annotations
 
 import importlib
 import struct
-import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -21,19 +21,21 @@ from cext.fused import library, text
 from cext.kernel import Item, Kernel
 
 KERNELS = Path(__file__).parents[1] / "kernels"
-UNFUSED = ("devices", "networks")  # folders of kernels that talk to hardware, or call other libraries
-CODE_LIMIT = 8000  # bytes of a stencil with holes for sizes
-CONSTANT_LIMIT = 600  # bytes of one with constant sizes, which a larger kernel hardly gains from
+UNFUSED = {  # reasons why the kernels of a module have no stencils
+    "networks/inference": "kernel calls another library",
+    "networks/worker": "kernel calls another library",
+    "wearer/walker": "kernel has dozens of outputs",
+}
+CONSTANT_LIMIT = 600  # bytes of a stencil with constant sizes, which a larger kernel hardly gains from
 LENGTHS = {"sections": (5, 10)}  # numbers of elements of items that are no signals, by name
-RESTS = range(1, 5)  # numbers of inputs or outputs of kernels that take any
+RESTS = range(9)  # numbers of inputs or outputs of kernels that take any
 WIDTHS = (1, 2, 3, 4, 6)  # elements of signals
+REST_LIMIT = 4  # number of them up to which their kernels are compiled for all WIDTHS; beyond it for the first
 
 
 def kernels() -> Iterator[tuple[Path, str, Kernel]]:
     """Yield each kernel of the library: the .pyx file, its key in the library, and the Kernel."""
     for path in sorted(KERNELS.rglob("*.pyx")):
-        if path.relative_to(KERNELS).parts[0] in UNFUSED:
-            continue
         module = importlib.import_module(".".join(path.relative_to(KERNELS.parents[1]).with_suffix("").parts))
         keys = set()
         for value in vars(module).values():
@@ -42,6 +44,11 @@ def kernels() -> Iterator[tuple[Path, str, Kernel]]:
                 if key and key not in keys:
                     keys.add(key)
                     yield path, key, kernel
+
+
+def module_of(path: Path) -> str:
+    """Return the name of the module in a .pyx file, as UNFUSED has it."""
+    return path.relative_to(KERNELS).with_suffix("").as_posix()
 
 
 def tables(items: tuple[Item, ...]) -> Iterator[tuple[dict[int, str], int, dict[int, int], dict[int, int]]]:
@@ -71,27 +78,32 @@ def main() -> None:
 
 def write(target: str) -> None:
     """Compile the stencils for a target, and write its file."""
-    jobs = [(path, key, *table) for path, key, kernel in kernels() for table in tables(kernel.items)]
-    with ThreadPoolExecutor(cpu_count()) as pool:
-        made = list(pool.map(lambda job: stencils(target, *job), jobs))
+    unfused = {key: UNFUSED[name] for path, key, _ in kernels() if (name := module_of(path)) in UNFUSED}
+    jobs = [
+        (path, key, *table) for path, key, kernel in kernels() if key not in unfused for table in tables(kernel.items)
+    ]
     found: dict[str, list[library.Stencil]] = {}
-    for (_, key, *_), each in zip(jobs, made):
-        found.setdefault(key, []).extend(each)
+    with ThreadPoolExecutor(cpu_count()) as pool:
+        for (_, key, *_), made in zip(jobs, pool.map(lambda job: stencils(target, *job), jobs)):
+            found.setdefault(key, []).extend(made)
     parts = {
         name: packed({}, 0, clang.compiled(clang.HEADER + clang.DECLARATIONS + source, target))
         for name, source in (("end", clang.END), ("call", clang.CALLED))
     }
-    kernels_found = {key: msgspec.Raw(msgspec.msgpack.encode(each)) for key, each in sorted(found.items()) if each}
-    content = library.Library(target, kernels_found, parts)
+    packs = {key: msgspec.Raw(msgspec.msgpack.encode(each)) for key, each in sorted(found.items())}
+    content = library.Library(target, packs, unfused, parts)
     path = library.FOLDER / f"{target}.stencils"
     path.write_bytes(msgspec.msgpack.encode(content))
     print(f"{target}: {sum(map(len, found.values()))} stencils of {len(found)} kernels, {path.stat().st_size} bytes")
 
 
-def constant_sizes(read: list[int], names: dict[int, str]) -> Iterator[dict[int, int]]:
-    """Yield the sizes with which a kernel is compiled. read : entries that it reads; names : of the items of entries"""
+def constant_sizes(read: list[int], names: dict[int, str], count: int) -> Iterator[dict[int, int]]:
+    """Yield the sizes with which a kernel is compiled.
+
+    read : entries that it reads; names : of the items of entries; count : of the inputs or outputs of a Rest
+    """
     lengths = [LENGTHS.get(names.get(index, ""), ()) for index in read]
-    for width in WIDTHS if read else ():
+    for width in WIDTHS[: None if count <= REST_LIMIT else 1] if read else ():
         for number in range(max(1, *map(len, lengths)) if lengths else 1):
             yield {index: each[number] if each else width for index, each in zip(read, lengths)}
 
@@ -99,24 +111,23 @@ def constant_sizes(read: list[int], names: dict[int, str]) -> Iterator[dict[int,
 def stencils(
     target: str, path: Path, key: str, names: dict[int, str], length: int, fixed: dict[int, int], sizes: dict[int, int]
 ) -> list[library.Stencil]:
-    """Return the stencils of a kernel for tables of a length, those with most constants first."""
+    """Return the stencils of a kernel for tables of a length, those with most constants first.
+
+    fixed : entries of the Rests, the number of their inputs or outputs first
+    """
     symbol = key.split()[1]
+    source = text.text_of(path.with_suffix(".c"), symbol)
     try:
-        source = text.text_of(path.with_suffix(".c"), symbol)
         open_one = clang.compiled(clang.c_text(source, symbol, length, fixed, sizes), target)
         read = sorted({hole.which for hole in open_one.holes if hole.value == clang.SIZE})
         found = []
-        for constants in constant_sizes(read, names):
+        for constants in constant_sizes(read, names, next(iter(fixed.values()), 0)):
             stencil = clang.compiled(clang.c_text(source, symbol, length, fixed, sizes | constants), target)
             if len(stencil.code) <= CONSTANT_LIMIT:
                 found.append(packed(fixed | constants, length, stencil))
-        found.append(packed(fixed, length, open_one))
-        return found if len(open_one.code) <= CODE_LIMIT else []
-    except subprocess.CalledProcessError as error:
-        print(f"{target}: {symbol}: {error.stderr}")
-    except (KeyError, ValueError) as error:
-        print(f"{target}: {symbol}: {error}")
-    return []
+        return [*found, packed(fixed, length, open_one)]
+    except ValueError as error:
+        raise ValueError(f"{target}: {symbol}: {error}") from None
 
 
 def packed(fixed: dict[int, int], length: int, stencil: clang.Stencil) -> library.Stencil:

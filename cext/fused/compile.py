@@ -13,6 +13,7 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+from cext.fused.join import FUNCTIONS, HOLES, RELOCATIONS
 from cext.fused.text import HEADER, PARALLEL, with_parallel_loops, with_wide_slots
 
 TARGETS = {"x86_64": "x86_64-linux-gnu", "aarch64": "aarch64-linux-gnu"}
@@ -21,31 +22,17 @@ FLAGS = (
     "-O2 -fno-pic -mcmodel=small -fno-plt -fno-asynchronous-unwind-tables -fno-stack-protector -ffp-contract=off "
     "-fno-math-errno -fomit-frame-pointer -falign-loops=1 -fno-jump-tables -fno-slp-vectorize -w -c"
 ).split()
-SLOT, SIZE, STEP, NEXT, DATA, EXTERN, CALL = range(7)  # values of holes
-HOLES = {"T": SLOT, "Z": SIZE}
-RELOCATIONS = {  # by target: kinds of relocations per value
-    "x86_64": {
-        SLOT: {10, 11},
-        SIZE: {10, 11},
-        STEP: {10, 11},
-        NEXT: {2, 4},
-        DATA: {2, 4},
-        CALL: {2, 4},
-        EXTERN: {9, 41, 42},
-    },
-    "aarch64": {
-        SLOT: {275, 277},
-        SIZE: {275, 277},
-        STEP: {275, 277},
-        NEXT: {282, 283},
-        DATA: {275, 277, 285, 286, 299},
-        CALL: {275, 277, 286},
-        EXTERN: {311, 312},
-    },
-}
+SLOT, SIZE, STEP, NEXT, DATA, EXTERN, CALL = HOLES.values()
+NUMBERED = {"T": SLOT, "Z": SIZE}  # holes by the first letter of their symbols; the number of the item follows
 LAST_JUMP = {"x86_64": (b"\xe9", 4), "aarch64": (b"", 4)}  # instruction before the hole, and length of the hole
+OPAQUE = {"x86_64": ["-DOPAQUE", "-fpie"]}  # flags with which the code refers to its constants by distance, by target
 DECLARATIONS = """extern int64_t NEXT(double *) __attribute__((visibility("hidden")));
 extern char STEP;
+#ifdef OPAQUE
+#define VALUE(hole) ({ intptr_t value; __asm__("movq $" #hole ", %0" : "=r"(value)); value; })
+#else
+#define VALUE(hole) ((intptr_t)&hole)
+#endif
 """
 END = "int64_t stencil(double *arena) { return 0; }"
 CALLED = """extern struct {
@@ -54,7 +41,7 @@ CALLED = """extern struct {
 } CALL __attribute__((visibility("hidden")));
 int64_t stencil(double *arena) {
   int status = CALL.kernel(arena, CALL.slots, CALL.sizes);
-  if (__builtin_expect(status, 0)) return (int64_t)(intptr_t)&STEP << 32 | (uint32_t)status;
+  if (__builtin_expect(status, 0)) return (int64_t)VALUE(STEP) << 32 | (uint32_t)status;
   __attribute__((musttail)) return NEXT(arena);
 }
 """
@@ -91,29 +78,42 @@ def c_text(text: str, symbol: str, length: int, fixed: dict[int, int], sizes: di
         wide = with_parallel_loops(wide)
     wide = wide.replace("static int __pyx_f_", "static inline __attribute__((always_inline)) int __pyx_f_")
     holes = [index for index in range(length) if index not in fixed]
-    slots = [str(fixed.get(index, f"(intptr_t)&T{index} / 8")) for index in range(length)]
-    lengths = [str((fixed | sizes).get(index, f"(intptr_t)&Z{index}")) for index in range(length)]
+    slots = [str(fixed.get(index, f"VALUE(T{index}) / 8")) for index in range(length)]
+    lengths = [str((fixed | sizes).get(index, f"VALUE(Z{index})")) for index in range(length)]
     return f"""{HEADER}{wide}{DECLARATIONS}
 {"".join(f"extern double T{index}; extern char Z{index};" for index in holes)}
 int64_t stencil(double *arena) {{
   const intptr_t slots[] = {{{", ".join(slots)}}};
   const intptr_t sizes[] = {{{", ".join(lengths)}}};
   int status = {symbol}(arena, (const void *)slots, (const void *)sizes);
-  if (__builtin_expect(status, 0)) return (int64_t)(intptr_t)&STEP << 32 | (uint32_t)status;
+  if (__builtin_expect(status, 0)) return (int64_t)VALUE(STEP) << 32 | (uint32_t)status;
   __attribute__((musttail)) return NEXT(arena);
 }}
 """
 
 
 def compiled(text: str, target: str, clang: str = "clang-19") -> Stencil:
-    """Return the Stencil of a C text. Raises ValueError for a relocation that cannot become a hole."""
+    """Return the Stencil of a C text. Raises ValueError for an error, or a relocation that cannot become a hole.
+
+    With `OPAQUE` an instruction of its own moves each hole to a register.
+    """
+    try:
+        return _compiled(text, target, clang, [])
+    except ValueError:
+        if target not in OPAQUE:
+            raise
+        return _compiled(text, target, clang, OPAQUE[target])
+
+
+def _compiled(text: str, target: str, clang: str, more: list[str]) -> Stencil:
     with tempfile.TemporaryDirectory() as folder:
-        source, into = Path(folder, "stencil.c"), Path(folder, "stencil.o")
-        source.write_text(text)
-        flags = FLAGS + PARALLEL_FLAGS * (PARALLEL in text)
-        command = [clang, f"--target={TARGETS[target]}", *flags, "-o", str(into), str(source)]
-        subprocess.run(command, check=True, capture_output=True, text=True)
-        return stencil_of(into.read_bytes(), target)
+        Path(folder, "stencil.c").write_text(text)
+        flags = FLAGS + PARALLEL_FLAGS * (PARALLEL in text) + more
+        command = [clang, f"--target={TARGETS[target]}", *flags, "-o", "stencil.o", "stencil.c"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        if done.returncode:
+            raise ValueError(done.stderr)
+        return stencil_of(Path(folder, "stencil.o").read_bytes(), target)
 
 
 def stencil_of(content: bytes, target: str) -> Stencil:
@@ -140,10 +140,12 @@ def stencil_of(content: bytes, target: str) -> Stencil:
                     value, which, addend = DATA, 0, addend + symbol.value + places[symbol.section]
                 elif symbol.section:
                     raise ValueError(f"the code refers to {names[symbol.section]}")
-                elif symbol.name in ("NEXT", "STEP", "CALL"):
-                    value, which = {"NEXT": NEXT, "STEP": STEP, "CALL": CALL}[symbol.name], 0
-                elif symbol.name[0] in HOLES and symbol.name[1:].isdigit():
-                    value, which = HOLES[symbol.name[0]], int(symbol.name[1:])
+                elif symbol.name in HOLES:
+                    value, which = HOLES[symbol.name], 0
+                elif symbol.name[0] in NUMBERED and symbol.name[1:].isdigit():
+                    value, which = NUMBERED[symbol.name[0]], int(symbol.name[1:])
+                elif symbol.name not in FUNCTIONS:
+                    raise ValueError(f"the code calls {symbol.name}, which is not in FUNCTIONS of cext.fused.join")
                 else:
                     value = EXTERN
                     if symbol.name not in externs:
@@ -160,7 +162,7 @@ def stencil_of(content: bytes, target: str) -> Stencil:
                 holes.append(Hole(offset, kind, value, which, addend))
     opcode, length = LAST_JUMP[target]
     last = max((hole for hole in holes if hole.value == NEXT), default=None)
-    if last is not None and last.kind != 283 and last.offset + length == len(code):
+    if last is not None and last.offset + length == len(code):
         if code[last.offset - len(opcode) : last.offset] == opcode:  # the next stencil follows
             code = code[: last.offset - len(opcode)]
             holes.remove(last)

@@ -19,21 +19,62 @@ cdef extern from "<sys/mman.h>" nogil:
     int mprotect(void *address, size_t length, int protection)
     int munmap(void *address, size_t length)
 
+cdef extern from "<elf.h>":
+    enum:
+        R_X86_64_PC32, R_X86_64_PLT32, R_X86_64_32, R_X86_64_32S
+        R_X86_64_GOTPCREL, R_X86_64_GOTPCRELX, R_X86_64_REX_GOTPCRELX
+        R_AARCH64_ADR_PREL_PG_HI21, R_AARCH64_ADD_ABS_LO12_NC, R_AARCH64_JUMP26
+        R_AARCH64_LDST32_ABS_LO12_NC, R_AARCH64_LDST64_ABS_LO12_NC, R_AARCH64_LDST128_ABS_LO12_NC
+        R_AARCH64_ADR_GOT_PAGE, R_AARCH64_LD64_GOT_LO12_NC
+
 cdef extern from *:
     """
+    #if defined(__x86_64__) && defined(__LP64__)
+    #define TICKWORK_TARGET "x86_64"
+    #elif defined(__aarch64__) && defined(__LP64__) && defined(__AARCH64EL__)
+    #define TICKWORK_TARGET "aarch64"
+    #else
+    #define TICKWORK_TARGET ""
+    #endif
     extern void sincos(double x, double *sine, double *cosine);     /* of the C library, as GCC calls it */
     #define tickwork_clear(begin, end) __builtin___clear_cache((char *)(begin), (char *)(end))
     """
+    const char *TICKWORK_TARGET
     void sincos(double x, double *sine, double *cosine) nogil
     void clear_cache "tickwork_clear" (void *begin, void *end) nogil
 
-cdef enum:                      # values of holes, as in cext.fused.compile
-    SLOT, SIZE, STEP, NEXT, DATA, EXTERN, CALL
+cdef enum:
+    SLOT, SIZE, STEP, NEXT, DATA, EXTERN, CALL      # values of holes
     PAGE = 65536                # bytes, a multiple of the page size of every kernel
     ALIGNMENT = 32              # bytes, of data
     CALL_BYTES = 24             # kernel, slots, sizes
 
-FUNCTIONS = {
+TARGET = TICKWORK_TARGET.decode()      # kind of this processor, or "" if there is no machine code for it
+
+HOLES = {"SLOT": SLOT, "SIZE": SIZE, "STEP": STEP, "NEXT": NEXT, "DATA": DATA, "EXTERN": EXTERN, "CALL": CALL}
+
+ABSOLUTE_X86_64 = {R_X86_64_32, R_X86_64_32S}
+ABSOLUTE_AARCH64 = {R_AARCH64_ADR_PREL_PG_HI21, R_AARCH64_ADD_ABS_LO12_NC}
+RELOCATIONS = {                 # which `Code` can fill, by target and value
+    "x86_64": {
+        SLOT: ABSOLUTE_X86_64, SIZE: ABSOLUTE_X86_64, STEP: ABSOLUTE_X86_64,
+        NEXT: {R_X86_64_PC32, R_X86_64_PLT32},
+        DATA: {R_X86_64_PC32, R_X86_64_PLT32},
+        CALL: {R_X86_64_PC32, R_X86_64_PLT32},
+        EXTERN: {R_X86_64_GOTPCREL, R_X86_64_GOTPCRELX, R_X86_64_REX_GOTPCRELX},
+    },
+    "aarch64": {
+        SLOT: ABSOLUTE_AARCH64, SIZE: ABSOLUTE_AARCH64, STEP: ABSOLUTE_AARCH64,
+        NEXT: {R_AARCH64_JUMP26},
+        DATA: {
+            *ABSOLUTE_AARCH64,
+            R_AARCH64_LDST32_ABS_LO12_NC, R_AARCH64_LDST64_ABS_LO12_NC, R_AARCH64_LDST128_ABS_LO12_NC,
+        },
+        CALL: {*ABSOLUTE_AARCH64, R_AARCH64_LDST64_ABS_LO12_NC},
+        EXTERN: {R_AARCH64_ADR_GOT_PAGE, R_AARCH64_LD64_GOT_LO12_NC},
+    },
+}
+FUNCTIONS = {                   # that stencils may call
     "acos": <uintptr_t>acos, "asin": <uintptr_t>asin, "atan": <uintptr_t>atan, "atan2": <uintptr_t>atan2,
     "ceil": <uintptr_t>ceil, "cos": <uintptr_t>cos, "exp": <uintptr_t>exp, "expm1": <uintptr_t>expm1,
     "floor": <uintptr_t>floor, "fmod": <uintptr_t>fmod, "log": <uintptr_t>log, "pow": <uintptr_t>pow,
@@ -189,24 +230,29 @@ cdef void patch_x86_64(char *at, const Hole *hole, int64_t value) noexcept nogil
 
 
 cdef void patch_aarch64(char *at, const Hole *hole, int64_t value) noexcept nogil:
-    cdef int shift = 0 if hole.kind == 277 else 2 if hole.kind == 285 else 4 if hole.kind == 299 else 3
-    cdef uint32_t word
-    cdef uint32_t target, source
+    cdef int kind = hole.kind
+    cdef int shift = 3
+    cdef uint32_t word, target
     cdef int64_t distance
     memcpy(&word, at, 4)
-    target, source = word & 31, word >> 5 & 31
+    target = word & 31
     if hole.value <= STEP:
-        if hole.kind == 275:                # adrp becomes movz
+        if kind == R_AARCH64_ADR_PREL_PG_HI21:      # adrp becomes movz
             word = 0xD2800000U | <uint32_t>(value & 0xFFFF) << 5 | target
-        else:                               # add becomes movk of the upper half
+        else:                                       # add becomes movk of the upper half
             word = 0xF2A00000U | <uint32_t>(value >> 16 & 0xFFFF) << 5 | target
-    elif hole.kind == 282 or hole.kind == 283:
+    elif kind == R_AARCH64_JUMP26:
         distance = value - <int64_t>at
         word = word & 0xFC000000U | <uint32_t>(distance >> 2) & 0x3FFFFFF
-    elif hole.kind == 275 or hole.kind == 311:
+    elif kind == R_AARCH64_ADR_PREL_PG_HI21 or kind == R_AARCH64_ADR_GOT_PAGE:
         distance = (value >> 12) - (<int64_t>at >> 12)
         word = word & 0x9F00001FU | <uint32_t>(distance & 3) << 29 | <uint32_t>(distance >> 2 & 0x7FFFF) << 5
-    else:
-        distance = (value & 0xFFF) >> shift
-        word = word & ~(<uint32_t>0xFFF << 10) | <uint32_t>distance << 10
+    else:                                           # the lower 12 bits, in units of the access
+        if kind == R_AARCH64_ADD_ABS_LO12_NC:
+            shift = 0
+        elif kind == R_AARCH64_LDST32_ABS_LO12_NC:
+            shift = 2
+        elif kind == R_AARCH64_LDST128_ABS_LO12_NC:
+            shift = 4
+        word = word & ~(<uint32_t>0xFFF << 10) | <uint32_t>((value & 0xFFF) >> shift) << 10
     memcpy(at, &word, 4)

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from cext.fused.join import context_of
+from cext.fused.join import TARGET, Code, context_of
 
 FOLDER = Path(__file__).parent
 CONTEXT = re.compile(r"(\w+) .*?(__pyx_f_\w+)\W*$")
@@ -38,11 +38,13 @@ class Library(msgspec.Struct, frozen=True):
     """Stencils of a kind of processor.
 
     kernels : {key: stencils of the kernel, those with most constants first}
+    unfused : {key: reason why the kernel has none}
     parts : stencils `call` for a kernel without any, and `end` of a run
     """
 
     target: str
     kernels: dict[str, msgspec.Raw]
+    unfused: dict[str, str]
     parts: dict[str, Stencil]
 
 
@@ -56,12 +58,24 @@ def key_of(kernel: Any) -> str:
 
 
 @cache
+def opened() -> tuple[Library | None, str]:
+    """Return the library for this processor, or the reason why this process does not fuse programs."""
+    path = FOLDER / f"{TARGET}.stencils"
+    if os.environ.get("TICKWORK_FUSED") == "0":
+        return None, "TICKWORK_FUSED=0 in the environment"
+    if not path.is_file():
+        return None, f"no machine code for the processor {platform.machine()}"
+    found = read(path)
+    try:
+        Code((), found.parts["end"], found.target)
+    except OSError as error:
+        return None, str(error)
+    return found, ""
+
+
 def library() -> Library | None:
-    """Return the library for this processor with TICKWORK_FUSED=1 in the environment, or None."""
-    path = FOLDER / f"{platform.machine()}.stencils"
-    if os.environ.get("TICKWORK_FUSED") != "1" or not path.is_file():
-        return None
-    return read(path)
+    """Return the library for this processor, or None if this process does not fuse programs."""
+    return opened()[0]
 
 
 def read(path: Path) -> Library:
@@ -75,7 +89,12 @@ def variants(key: str) -> tuple[Stencil, ...]:
     found = library()
     if found is None or key not in found.kernels:
         return ()
-    return msgspec.msgpack.decode(found.kernels[key], type=tuple[Stencil, ...])
+    return unpacked(found.kernels[key])
+
+
+def unpacked(stencils: msgspec.Raw) -> tuple[Stencil, ...]:
+    """Return the stencils of a kernel in a library."""
+    return msgspec.msgpack.decode(stencils, type=tuple[Stencil, ...])
 
 
 def stencil_of(kernel: Any, sizes: tuple[int, ...]) -> Stencil | None:
@@ -84,3 +103,17 @@ def stencil_of(kernel: Any, sizes: tuple[int, ...]) -> Stencil | None:
         if stencil.length == len(sizes) and all(sizes[index] == value for index, value in stencil.fixed):
             return stencil
     return None
+
+
+def obstacle(kernel: Any, sizes: tuple[int, ...]) -> str:
+    """Return the reason why a step of a Kernel with a table of sizes is called and not fused, or ""."""
+    found, reason = opened()
+    if found is None or stencil_of(kernel, sizes) is not None:
+        return reason
+    key = key_of(kernel)
+    if key in found.kernels:
+        return "no machine code for these numbers of elements"
+    if key in found.unfused:
+        return found.unfused[key]
+    known = {name.split()[1] for name in (*found.kernels, *found.unfused)}
+    return "kernel changed since `make stencils`" if key.partition(" ")[2] in known else "kernel of another package"

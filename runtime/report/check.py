@@ -135,11 +135,30 @@ def _schedule(report: Mapping[str, Any], console: Console) -> list[str]:
         if phase == "output" and plan["devices"]:
             lines += console.hang("  command  ", ", ".join(plan["devices"]))
     lines.append(f"  record   {count(plan['recorded'], 'number')} per tick")
+    lines += fused(steps, console)
     if plan["allowance"]:
         lines += console.hang(
             "  watchdog ", f"allows a tick {plan['allowance'] * 1e3:g} ms beyond its limit, as its blocks declare"
         )
     return [line.rstrip() for line in lines]
+
+
+def fused(steps: list[Mapping[str, Any]], console: Console) -> list[str]:
+    """Return the lines on the native steps in machine code, and why the others are called one by one."""
+    native = [step for step in steps if step["native"]]
+    if not native:
+        return []
+    lines = console.hang(
+        "  fused    ", f"{sum(step['fused'] for step in native)} of {count(len(native), 'native step')}"
+    )
+    blocks = {}
+    for step in native:
+        if not step["fused"]:
+            blocks.setdefault(step["obstacle"], []).append(step["block"])
+    for reason, names in blocks.items():
+        text = reason if len(names) == len(native) else f"{reason}: {', '.join(dict.fromkeys(names))}"
+        lines += console.hang(" " * 11, text, console.faint)
+    return lines
 
 
 def holds(report: Mapping[str, Any], console: Console) -> list[str]:

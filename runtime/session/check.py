@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cext.fused.library import obstacle
 from graph import Device, DiagramError, Signal
 from graph.assembly import assemble
 from graph.compiler import examine
@@ -45,9 +46,12 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            (ports)
   schedule                 null if there are errors
     devices, recorded      paths, in order; number of values recorded per tick
-    output, update         steps in order: block, native, every, rate (Hz),
-                           while, gil (index of the section that holds the
-                           GIL, or null)
+    output, update         steps in order: block, native, fused, obstacle, every,
+                           rate (Hz), while, gil (index of the section that
+                           holds the GIL, or null)
+      fused                true if the step is part of one run of machine code
+                           with the native steps around it
+      obstacle             reason why a native step is not fused, else ""
     gil_sections           number of times a tick takes the GIL
     allowance              s that a tick may take beyond the limit of the watchdog, declared by its blocks
   holds                    rate transitions: source, source_every, target,
@@ -219,10 +223,13 @@ def describe_steps(
     for step in steps:
         native = step.kernel is not None
         gil = None if native else gil or next(sections)
+        reason = obstacle(step.kernel, step.table.sizes) if native else ""
         described.append(
             {
                 "block": step.name,
                 "native": native,
+                "fused": native and not reason,
+                "obstacle": reason,
                 "every": step.every,
                 "rate": schedule.rate / step.every,
                 "while": [names[slot] for slot in step.conditions],

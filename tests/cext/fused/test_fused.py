@@ -1,6 +1,10 @@
 """Fused schedules compute the same bits as calls of their kernels, name the failed step, and fall back to calls."""
 
+import ctypes
+import faulthandler
+import os
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -10,41 +14,38 @@ import pytest
 from blocks.mathematics import Gain
 from blocks.sources import Sine
 from blocks.tables import LookupTable1D
+from cext.clock.stopwatch import names
 from cext.fused import library
-from cext.fused.__main__ import kernels
-from cext.fused.compile import HEADER
+from cext.fused.__main__ import UNFUSED, kernels, module_of, stencils, tables
+from cext.fused.compile import HEADER, TARGETS
 from cext.fused.sources import hash_of
 from cext.fused.text import text_of
+from cext.kernel import Kernel
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, compile
+from tests.cext.rigs import Rig
 from tests.peers import netlists
 from tests.peers.tickwork import Tap, diagram_of, native_block
 
 RATE = 1000.0
-UNFUSED = {"walker.pyx"}  # on x86-64 its stencils would need absolute addresses of constants
 TICKS = (1, 2, 3, 257, 2000)
 
 
 @pytest.fixture
-def fused(monkeypatch):
-    """Programs are fused, if this processor has a library."""
-    path = library.FOLDER / f"{library.platform.machine()}.stencils"
-    if not path.is_file():
-        pytest.skip("no stencils for this processor")
-    stencils = library.read(path)
-    variants = library.variants
-    monkeypatch.setattr(library, "library", lambda: stencils)
-    variants.cache_clear()
-    yield stencils
-    variants.cache_clear()
+def fused():
+    """The library for this processor."""
+    found, reason = library.opened()
+    if found is None:
+        pytest.skip(reason)
+    return found
 
 
 def both(schedule, monkeypatch):
     """Return (program, executor) of a schedule twice: fused, and with calls."""
     one = Program(schedule)
     with monkeypatch.context() as patch:
-        patch.setattr(library, "library", lambda: None)
+        patch.setattr(library, "opened", lambda: (None, ""))
         other = Program(schedule)
     assert other.fused == 0
     return (one, Executor(one, RATE)), (other, Executor(other, RATE))
@@ -100,16 +101,62 @@ def test_kernels_without_a_stencil_are_called(fused, monkeypatch):
     assert np.array_equal(one.values.view(np.int64), other.values.view(np.int64))
 
 
+class Abort(Block):
+    """A kernel that ends the process."""
+
+    u, y = Input("any"), Output("any")
+    kernel = Kernel(ctypes.CDLL(None).abort, "u y")
+
+
+def test_a_crash_names_the_called_kernel_in_the_middle_of_a_run(fused):
+    with Diagram("chain", RATE) as diagram:
+        Tap(name="end")(Gain(2.0)(Abort(name="middle")(Gain(1.5)(Sine()()))))
+    rig = Rig(diagram)
+    child = os.fork()
+    if child == 0:
+        faulthandler.disable()
+        rig.run(1)
+        os._exit(0)
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGABRT == rig.page.crashed
+    hung = rig.page.hung
+    assert hung is not None and names(rig.schedule)[hung] == "middle"
+
+
+def test_programs_are_fused_by_default(fused, monkeypatch):
+    opened = library.opened.__wrapped__  # without its cache
+    monkeypatch.delenv("TICKWORK_FUSED", raising=False)
+    found, reason = opened()
+    assert found is not None and found.target == library.TARGET and reason == ""
+    monkeypatch.setenv("TICKWORK_FUSED", "0")
+    assert opened() == (None, "TICKWORK_FUSED=0 in the environment")
+    monkeypatch.delenv("TICKWORK_FUSED")
+    monkeypatch.setattr(library, "TARGET", "")
+    assert opened() == (None, f"no machine code for the processor {library.platform.machine()}")
+
+
+def test_the_reason_why_a_step_is_not_fused_is_reported(fused, monkeypatch):
+    gain = next(kernel for _, key, kernel in kernels() if key.endswith("gain_kernel"))
+    assert library.obstacle(gain, (1, 1, 1)) == ""
+    assert library.obstacle(gain, (1, 1)) == "no machine code for these numbers of elements"
+    assert library.obstacle(Abort.kernel, (1, 1)) == "kernel of another package"
+    network = next(kernel for path, _, kernel in kernels() if module_of(path) == "networks/worker")
+    assert library.obstacle(network, (1,)) == "kernel calls another library"
+    key_of = library.key_of
+    monkeypatch.setattr(library, "key_of", lambda kernel: "0123456789abcdef " + key_of(kernel).split()[1])
+    assert library.obstacle(gain, (1, 1, 1)) == "kernel changed since `make stencils`"
+
+
 def test_programs_run_without_executable_memory():
     script = (
         "import ctypes, sys\n"
         "if ctypes.CDLL(None).prctl(65, 1, 0, 0, 0) != 0:\n    sys.exit(77)\n"  # PR_SET_MDWE
         "from blocks.sources import Constant\nfrom graph import Diagram, compile\n"
-        "from cext.schedule.program import Program\n"
+        "from cext.fused import library\nfrom cext.schedule.program import Program\n"
         "with Diagram('d', 100.0) as diagram:\n    Constant(1.0)()\n"
-        "program = Program(compile(diagram))\nassert program.fused == 0\n"
+        "program = Program(compile(diagram))\n"
+        "assert program.fused == 0 and 'executable memory' in library.opened()[1]\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], env={"TICKWORK_FUSED": "1"}, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", script], env={}, capture_output=True, text=True)
     if done.returncode == 77:
         pytest.skip("this kernel has no PR_SET_MDWE")
     assert done.returncode == 0, done.stderr
@@ -117,15 +164,27 @@ def test_programs_run_without_executable_memory():
 
 def test_the_text_of_every_kernel_can_be_taken():
     taken = [text_of(path.with_suffix(".c"), key.split()[1]) for path, key, _ in kernels()]
-    assert len(taken) > 140 and all("Py" not in text for text in taken)
+    assert len(taken) > 160 and all("Py" not in text for text in taken)
 
 
-def test_the_stencils_are_of_the_present_sources(fused):
+@pytest.mark.parametrize("target", TARGETS)
+def test_every_kernel_has_stencils_of_the_present_sources(target):
     stale = sorted({path.name for path, key, _ in kernels() if key.split()[0] != hash_of(path)})
     assert stale == [], "built from other sources: run make build"
-    hashes = {key.split()[0] for key in fused.kernels}
-    missing = sorted({path.name for path, key, _ in kernels() if key.split()[0] not in hashes})
-    assert set(missing) <= UNFUSED, "run make stencils"
+    found = library.read(library.FOLDER / f"{target}.stencils")
+    assert set(found.kernels) | set(found.unfused) == {key for _, key, _ in kernels()}, "run make stencils"
+    assert {key for path, key, _ in kernels() if module_of(path) in UNFUSED} == set(found.unfused)
+
+
+@pytest.mark.soak
+@pytest.mark.skipif(shutil.which("clang-19") is None, reason="no clang-19")
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_stencils_are_those_that_clang_makes(target, monkeypatch):
+    found = library.read(library.FOLDER / f"{target}.stencils")
+    for path, key, kernel in kernels():
+        if key not in found.unfused:
+            made = [one for table in tables(kernel.items) for one in stencils(target, path, key, *table)]
+            assert library.unpacked(found.kernels[key]) == tuple(made), key
 
 
 @pytest.mark.soak
