@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-FIT_WIDTH = 0.3  # standard deviation of the weights about a centre, as a fraction of the bounds
+FIT_WIDTH = 0.4  # standard deviation of the weights about a centre, as a fraction of the bounds
 WIDTH_HALVINGS = 3
-CURVATURE_SPREAD = 0.5  # expected deviation of the curvatures from their mean, relative to it
+CURVATURE_SPREAD = 0.3  # expected deviation of the curvatures from their mean, relative to it
 CURVATURE_MINIMUM = 0.2  # smallest curvature in any direction relative to the mean, where noise hides it
 NUMERICAL_MINIMUM = 1e-9  # the same without noise
 PENALTY_LIMIT = 10.0  # largest cost above the median, relative to the difference of median and lowest cost

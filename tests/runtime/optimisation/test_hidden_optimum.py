@@ -1,9 +1,12 @@
 """Hidden optimum of a wearer's metabolic cost over a torque profile, estimated from noisy costs of an optimisation.
 
-The cost is quadratic in peak torque, peak time, rise and fall. Without torque it is about 32 % above the lowest cost:
+The cost is quadratic in peak torque, peak time, rise and fall. Without torque it is 32 % above the lowest on average:
 Zhang et al. 2017 (doi:10.1126/science.aal5054) measured 24 % less with the optimised profile of an ankle exoskeleton
 than without torque.
 """
+
+import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ import pytest
 from runtime.optimisation.estimate import fitted_minimum
 from runtime.optimisation.optimisers import make_optimiser
 from runtime.optimisation.parameters import Parameter
+from tests.checkout import ROOT
 
 PROFILE = [
     Parameter("profile.peak", 0.0, 1.0),  # N·m/kg
@@ -18,19 +22,19 @@ PROFILE = [
     Parameter("profile.rise", 0.05, 0.40),
     Parameter("profile.fall", 0.05, 0.20),
 ]
-CURVATURES = np.array([0.65, 1.0, 0.3, 0.3])  # of the relative cost, over the whole range of each parameter
+CURVATURES = np.array([1.05, 1.0, 0.3, 0.3])  # of the relative cost, over the whole range of each parameter
 GENERATIONS, POPULATION = 12, 9
 
 
 class Wearer:
-    """Wearer with an optimum within the middle half of the bounds.
+    """Wearer with an optimum anywhere in the middle 80 % of the bounds.
 
     noise : standard deviation of a measurement, relative to the cost
     """
 
     def __init__(self, seed, noise):
         self.source, self.noise = np.random.default_rng(500 + seed), noise
-        self.optimum = self.source.uniform(0.25, 0.75, len(PROFILE))
+        self.optimum = self.source.uniform(0.1, 0.9, len(PROFILE))
 
     def excess(self, values):
         """Cost above the lowest one, relative to it."""
@@ -56,7 +60,29 @@ def test_cma_es_finds_a_cost_within_5_percent_of_the_lowest_in_9_of_10_seeds_des
     excess = [wearer.excess(optimiser.optimum()) for wearer, optimiser in ended]
     assert sum(one < 0.05 for one in excess) >= 9
     best = [wearer.excess(min(optimiser.told, key=lambda pair: pair[1])[0]) for wearer, optimiser in ended]
-    assert np.median(excess) < 0.5 * np.median(best), "the fit is closer than the lowest measured cost"
+    assert np.median(excess) < np.median(best), "the fit is closer than the lowest measured cost"
+
+
+@pytest.mark.soak
+def test_estimates_of_100_wearers_are_those_of_the_page():
+    pytest.importorskip("cma")
+    page = (ROOT / "docs/how_to/optimisation.md").read_text()
+    names = ("minimum of the fit", "mean of the distribution", "evaluation with the lowest", "initial values")
+    excess = {name: [] for name in names}
+    for seed in range(100):
+        wearer, optimiser = optimised(seed)
+        strategy: Any = vars(optimiser)["_strategy"]
+        mean = {each.name: each.value(x) for each, x in zip(PROFILE, strategy.result.xfavorite)}
+        best = min(optimiser.told, key=lambda pair: pair[1])[0]
+        initial = {each.name: each.start for each in PROFILE}
+        for name, values in zip(excess, (optimiser.optimum(), mean, best, initial)):
+            excess[name].append(wearer.excess(values))
+    for name, values in excess.items():
+        row = re.search(rf"\| {name}[^|]*\| (\d+) of 100 \| ([\d.]+) %", page)
+        assert row is not None
+        within, median = row.groups()
+        assert abs(sum(one < 0.05 for one in values) - int(within)) <= 3
+        assert 100.0 * np.median(values) == pytest.approx(float(median), abs=0.3)
 
 
 def test_fit_is_exact_for_a_quadratic_cost_without_noise_and_stays_between_the_evaluations():
