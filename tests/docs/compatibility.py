@@ -15,7 +15,7 @@ This page is generated from the tables of the code: `python -m tests.docs.compat
 None of these drives was tried here. The bytes of every protocol are compared with the vendors' manuals and with other
 implementations; the sources are in the [reference](../reference/actuators.md).
 
-* **Rated, peak**: torque at the output, N·m. The limit of a command is the rated torque unless `limit` says otherwise.
+* **Rated, peak**: torque at the output, N·m. The limit of a command is the rated torque unless `limit` changes it.
 * **Current**: amplitude in a phase of the motor, at the rated and at the peak torque, A.
 * **Supply**: operating voltage of the drive according to its manual, V.
 * **Speed**: range of the wire protocol, rad/s. The speed that a motor reaches depends on its supply.
