@@ -29,6 +29,7 @@ CONNECT_TIMEOUT, RECONNECT_TIMEOUT = 3.0, 0.3  # s, before and during the run
 RECONNECT_PERIOD = 2.0  # s
 READ_SIZE = 1 << 16  # bytes
 LINE_LIMIT = 1 << 16  # bytes of a line; a longer one is discarded
+DELAY_LIMIT = 60.0  # s from a breath to its sample; a longer delay is a clock that was set back
 BAUD_RATE = 9600  # of a serial stream, unless it is given
 
 TIME, OXYGEN, CARBON_DIOXIDE, POWER = "time", "oxygen", "carbon dioxide", "power"
@@ -148,7 +149,8 @@ def number(text: str) -> float:
 class Clock:
     """Offset between a cart's clock and that of this process.
 
-    A sample arrives some time after its breath, and never before: the smallest difference is the offset.
+    A sample arrives some time after its breath, and never before: the smallest difference is the offset. A cart that
+    is started again begins with another one.
     """
 
     def __init__(self) -> None:
@@ -162,7 +164,8 @@ class Clock:
         """
         if not math.isfinite(cart):
             return arrival
-        self.offset = min(self.offset, arrival - cart)
+        difference = arrival - cart
+        self.offset = difference if difference - self.offset > DELAY_LIMIT else min(self.offset, difference)
         return cart + self.offset
 
 

@@ -116,7 +116,9 @@ def cost_of(plan: dict[str, Any]) -> Cost:
         return Typed()
     if plan["kind"] == "signal":
         return SignalCost(plan["name"], plan["unit"], plan["time_constant"], len(plan["columns"]) > 1)
-    return CartCost(open_cart(plan["name"]), plan["time_constant"])
+    cart = open_cart(plan["name"])
+    cart.take(time.monotonic())  # a header that is wrong is reported before the run
+    return CartCost(cart, plan["time_constant"])
 
 
 class Companion:

@@ -101,6 +101,8 @@ def optimise(
         except Interrupted:
             print_to_stderr([f"tickwork: the evaluations so far are stored: --resume {path} continues"])
             raise
+    if not protocol.finished:
+        raise BadInput(f"the optimisation has no result: see the last lines. {path} has the evaluations so far")
     return path
 
 

@@ -78,6 +78,8 @@ def test_offset_of_clocks_is_that_of_least_delay():
     assert clock.here(13.0, 113.5) == 113.5
     assert clock.here(16.0, 120.0) == 116.5  # written in one block, later than measured
     assert clock.here(math.nan, 121.0) == 121.0
+    assert clock.here(0.5, 300.0) == 300.0  # the cart was started again
+    assert clock.here(5.0, 303.0) == 303.0 and clock.here(8.0, 307.0) == 306.0
 
 
 def test_file_that_grows_gives_only_new_whole_lines(tmp_path):

@@ -3,11 +3,12 @@
 import json
 import os
 import signal
-import time
 
 import pytest
 
 from runtime.live.running import page_of
+from runtime.optimisation.optimisers import make_optimiser
+from runtime.optimisation.parameters import Parameter
 from tests.runtime.optimisation.diagrams import profiles
 from tests.runtime.runs import Files, descendant, started
 from tests.runtime.terminals import Terminal, patient
@@ -63,10 +64,8 @@ def test_operator_confirms_skips_pauses_and_stops_while_optimiser_hangs(tmp_path
         terminal.wait_for("2/6 skipped: the accepted parameters are restored")
         terminal.wait_for("proposal 2 of 6: ")
         os.kill(optimiser_of(terminal.process), signal.SIGSTOP)
-        began = time.monotonic()
         terminal.press(b" ")
-        patient(lambda: page.state == "safe" or page.closed)
-        assert time.monotonic() - began < 1.5 and terminal.end() == 0
+        assert terminal.end() == 0
         assert "picture: recordings/" in terminal.look()
     files = Recording(tmp_path / "recordings")
     assert files.steps() == ["begin", "proposal", "change", "measurement", "proposal", "skipped", "proposal"]
@@ -78,25 +77,16 @@ def test_operator_confirms_skips_pauses_and_stops_while_optimiser_hangs(tmp_path
         ("left/profile.peak", accepted[0]),
         ("right/profile.peak", accepted[0]),
     ]
-    assert files.events[-1]["event"] == "stop" and files.one(".optimisation.png").stat().st_size > 5000
+    last = files.events[-1]
+    assert (last["event"], last["by"]) == ("stop", "keys")
+    assert files.one(".optimisation.png").stat().st_size > 5000
     assert {path.stat().st_mode & 0o077 for path in files.folder.iterdir()} == {0}  # personal data
 
 
 def test_killed_optimiser_restores_accepted_parameters_and_can_be_resumed(tmp_path):
     profiles(tmp_path)
-    words = ("optimise", "profiles.py", *OVER, *COST, *SHORT, "--generations", "2", "--no-confirm")
-    slow = [word if word != "0.2" else "60" for word in words]  # the measurement
-    with started(*words, cwd=tmp_path) as run:
-        page = patient(lambda: page_of(run.pid))
-        patient(lambda: any((tmp_path / "recordings").glob("*.optimisation.json")))
-        files = Recording(tmp_path / "recordings")
-        patient(lambda: len(files.state["optimiser"]["told"]) == 4)
-        whole = files.state
-        run.send_signal(signal.SIGINT)
-        run.communicate(timeout=30)
-    assert run.returncode == 130
-
-    with started(*slow, "--record", "slow", cwd=tmp_path) as run:
+    words = ("optimise", "profiles.py", *OVER, *COST, *SHORT, "--generations", "1", "--no-confirm", "--measure")
+    with started(*words, "60", cwd=tmp_path) as run:
         page = patient(lambda: page_of(run.pid))
         patient(lambda: peaks(page)[0] not in (0.0, 6.0))
         os.kill(optimiser_of(run), signal.SIGKILL)
@@ -108,19 +98,20 @@ def test_killed_optimiser_restores_accepted_parameters_and_can_be_resumed(tmp_pa
         out, err = run.communicate(timeout=30)
     assert run.returncode == 130 and ".optimisation.json continues" in out
     assert "ended before the run; its last accepted parameters are restored. The run continues" in err
-    killed = Recording(tmp_path / "slow")
+    killed = Recording(tmp_path / "recordings")
     assert "companion" in [event["event"] for event in killed.events] and killed.state["optimiser"]["told"] == []
 
-    state = killed.one(".optimisation.json")
-    content = json.loads(state.read_text())
-    content["about"]["measure"] = 0.2
-    state.write_text(json.dumps(content))
-    with started(*words, "--record", "resumed", "--resume", state, cwd=tmp_path) as run:
-        patient(lambda: len(json.loads(state.read_text())["optimiser"]["told"]) == 4)
+    path = killed.one(".optimisation.json")
+    content = json.loads(path.read_text())
+    content["about"]["measure"] = 0.3
+    path.write_text(json.dumps(content))
+    with started(*words, "0.3", "--record", "resumed", "--resume", path, cwd=tmp_path) as run:
+        patient(lambda: json.loads(path.read_text())["finished"])
         run.send_signal(signal.SIGTERM)
         run.communicate(timeout=30)
-    told = json.loads(state.read_text())["optimiser"]["told"]
-    assert [values for _, values, _ in told] == [values for _, values, _ in whole["optimiser"]["told"]]
+    optimiser = make_optimiser("random", [Parameter(**each) for each in content["about"]["over"]], 0, 2)
+    told = json.loads(path.read_text())["optimiser"]["told"]
+    assert [values for _, values, _ in told] == [optimiser.ask(), optimiser.ask()] and run.returncode == 143
 
 
 def test_hidden_optimum_is_found_on_simulated_wearer(tmp_path, command_line):
@@ -141,6 +132,14 @@ def test_hidden_optimum_is_found_on_simulated_wearer(tmp_path, command_line):
     assert code == 0 and json.loads(path.read_text())["optimiser"]["told"] == state["optimiser"]["told"]
     said = command_line.refused("optimise", *words, "--settle", 10, "--resume", path)
     assert "it was made with settle 60.0, now 10.0; zero [['*/profile.on', 'no']], now []" in said
+
+
+def test_measurements_that_are_missing_end_virtual_optimisation(tmp_path, command_line):
+    profiles(tmp_path, rate=5)
+    words = ("profiles.py", "--fast", *OVER, *COST, *SHORT, "--generations", 1, "--strides", "left/profile.phase")
+    code, _, err = command_line("optimise", *words)
+    assert code == 2 and "1/2: wearer.power: no complete stride in the measurement; the accepted parameters are" in err
+    assert "tickwork: optimisation ended: a confirmation is needed" in err and "the optimisation has no result" in err
 
 
 REFUSED = {
@@ -181,8 +180,9 @@ def test_confirmation_needs_a_terminal(tmp_path, command_line):
     assert said.startswith("cannot ask for a confirmation of each proposal: standard input is not a terminal. Pass")
 
 
-def test_cart_that_cannot_be_opened_ends_run_before_it_is_armed(tmp_path, command_line):
+def test_cart_that_cannot_be_read_ends_run_before_it_is_armed(tmp_path, command_line):
     profiles(tmp_path)
-    said = command_line.refused("optimise", "profiles.py", "--no-confirm", *OVER, "--cost", "no/folder/metabolic.tsv")
-    assert said == "--cost no/folder/metabolic.tsv: there is no folder no/folder"
+    (tmp_path / "metabolic.tsv").write_text("time\tVO2 (mL/min)\n")
+    said = command_line.refused("optimise", "profiles.py", "--no-confirm", *OVER, "--cost", "metabolic.tsv")
+    assert said.startswith("metabolic.tsv, line 1: the header 'time\\tVO2 (mL/min)' has neither a power nor both")
     assert not (tmp_path / "recordings").exists()
