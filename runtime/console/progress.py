@@ -1,10 +1,11 @@
-"""Progress of a long operation, on one terminal line that is refreshed in place."""
+"""Progress of a long operation, on one line of the terminal or below a cell, which is refreshed in place."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
 
+from runtime.console.cell import Cell, in_cell
 from runtime.console.status_layout import bar
 from runtime.console.stderr import Terminal
 
@@ -19,14 +20,14 @@ class Progress:
 
     with Progress("converting trial.mcap") as progress: ... progress(0.4)
 
-    It draws nothing if standard error is not a terminal, and erases its line at the end.
+    It draws on standard error if that is a terminal, or below the cell of a notebook, and erases its line at the end.
     """
 
     def __init__(
-        self, what: str, terminal: Terminal | None = None, clock: Callable[[], float] = time.monotonic
+        self, what: str, terminal: Terminal | Cell | None = None, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.what, self.clock = what, clock
-        self.terminal = terminal or Terminal()
+        self.terminal = terminal or (Cell() if in_cell() else Terminal())
         self.began = self.clock()
         self.next = self.began + SHOW_DELAY
 

@@ -29,6 +29,7 @@ from cext.schedule.mailbox_writer import Writer
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, BadInput
 from runtime.base.suggestions import unknown_option
+from runtime.console.cell import in_cell
 from runtime.live.running import page_of
 from runtime.session.request import Request
 
@@ -301,5 +302,5 @@ def write(text: str) -> None:
 def replaces_lines() -> bool:
     """Return whether standard output is a terminal or a cell, where a return begins the line again."""
     with suppress(ValueError, AttributeError):
-        return sys.stdout.isatty() or ("ipykernel" in sys.modules and hasattr(sys.stdout, "pub_thread"))
+        return sys.stdout.isatty() or in_cell()
     return False

@@ -9,7 +9,8 @@ import pytest
 from cext.bus.socketcan import SocketCan
 from runtime.bench.c_program import NoCompiler
 from runtime.bench.can_cost import ANSWERS, ends
-from tests.peers import netlists, python_can, reading, recording
+from runtime.studies.engine import Here
+from tests.peers import netlists, python_can, reading, recording, study
 from tests.peers.__main__ import OURS, PEERS, contenders_of
 from tests.peers.agreement import Disagreement, check
 from tests.peers.by_hand import PlainPython, StraightC
@@ -113,3 +114,11 @@ def test_recording_is_read_and_exported_alike(tmp_path):
         assert mine[name].to_pylist() == other[name].to_pylist()
     seconds, processor, memory, written = reading.measured("tickwork_parquet", path, tmp_path)
     assert 0 < processor and 0 < seconds < 60 and 10 < memory < 2000 and written > 0.01
+
+
+def test_a_study_and_calls_by_hand_give_the_same_objectives(monkeypatch):
+    monkeypatch.setattr(study, "DURATION", study.SHORT)
+    times, objectives = study.timed(lambda values: study.through(Here(study.study_of(study.SHORT)), values), [0.5, 1.0])
+    assert objectives == [study.by_call(0.5), study.by_call(1.0)] and min(times) > 0.0
+    assert study.bare_ticks() < study.whole_run() < 60.0
+    assert study.ratio([2.0, 3.0, 8.0], [1.0, 1.0, 2.0]) == "3 (2 to 4)"
