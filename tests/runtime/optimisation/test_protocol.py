@@ -11,7 +11,17 @@ from runtime.optimisation.costs import Cost, Missing, SignalCost, Typed
 from runtime.optimisation.metabolic import Estimate
 from runtime.optimisation.optimisers import Random, restored
 from runtime.optimisation.protocol import STAGE_TIME, Settings
-from tests.runtime.optimisation.wearers import INITIAL, LOWEST, OPTIMUM, PARAMETERS, ZERO, Experiment, Wearer, cma
+from tests.runtime.optimisation.wearers import (
+    INITIAL,
+    LOWEST,
+    OPTIMUM,
+    PARAMETERS,
+    PROFILE,
+    ZERO,
+    Experiment,
+    Wearer,
+    cma,
+)
 
 EVALUATION = ["proposal", "change", "measurement"]
 
@@ -28,6 +38,18 @@ def test_hidden_optimum_is_approached_with_noisy_breaths():
     assert means == pytest.approx({"found": LOWEST, "initial": INITIAL, "zero": ZERO}, abs=25)
     assert experiment.wearer.targets == found and experiment.protocol.over and experiment.protocol.finished
     assert experiment.events[0]["lines"][0] == "tickwork: 42 measurements of 150 s: 105 min"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_profile_of_four_parameters_is_found_within_evaluations_of_literature(seed):
+    """Four generations of eight, two minutes each (Zhang et al. 2017). A breath deviates by 10 %, a cost by 2.5 %."""
+    wearer = Wearer(noise=0.10, seed=100 + seed, parameters=PROFILE)
+    experiment = Experiment(cma(seed, PROFILE, population=8), wearer, evaluations=32, settle=1.0, measure=119.0).run()
+    errors = [event["error"] / event["cost"] for event in experiment.events if event["step"] == "measurement"]
+    assert np.median(errors) == pytest.approx(0.025, abs=0.01)
+    wearer.values = experiment.last("found")["values"]
+    assert wearer.cost() < 1.05 * LOWEST
+    assert experiment.wearer.time < 70 * 60
 
 
 def test_each_evaluation_ramps_settles_and_measures():

@@ -11,7 +11,8 @@ from runtime.optimisation.parameters import Parameter
 from runtime.optimisation.protocol import Protocol, Refused, Robot, Settings
 
 PARAMETERS = [Parameter("peak", 4.0, 12.0, initial=6.0), Parameter("timing", 0.40, 0.60, initial=0.44)]
-OPTIMUM = {"peak": 9.0, "timing": 0.52}
+OPTIMUM = {"peak": 9.0, "timing": 0.52, "rise": 0.30, "fall": 0.13}
+PROFILE = [*PARAMETERS, Parameter("rise", 0.10, 0.40, initial=0.20), Parameter("fall", 0.05, 0.20, initial=0.10)]
 LOWEST, INITIAL, ZERO = 300.0, 420.25, 380.0  # W: at the optimum, with the initial values, without assistance
 PENALTY = 400.0  # W at a distance of the whole range
 BREATH = 3.0  # s
@@ -20,7 +21,8 @@ BREATH = 3.0  # s
 class Wearer(Robot):
     """Robot and wearer. `breathe` returns the next breaths as lines of a cart."""
 
-    def __init__(self, noise=0.0, seed=0, slew=1.0):
+    def __init__(self, noise=0.0, seed=0, slew=1.0, parameters=PARAMETERS):
+        self.parameters = parameters
         self.time, self.running, self.zero, self.slew = 0.0, True, False, slew
         self.values, self.targets, self.applied = {}, {}, {}
         self.power, self.breath, self.source, self.noise = 350.0, BREATH, np.random.default_rng(seed), noise
@@ -47,13 +49,14 @@ class Wearer(Robot):
         if self.zero:
             return ZERO
         scaled = [
-            (self.values.get(each.name, each.low) - OPTIMUM[each.name]) / (each.high - each.low) for each in PARAMETERS
+            (self.values.get(each.name, each.low) - OPTIMUM[each.name]) / (each.high - each.low)
+            for each in self.parameters
         ]
         return LOWEST + PENALTY * sum(each**2 for each in scaled)
 
     def advance(self, seconds):
         self.time += seconds
-        for each in PARAMETERS:
+        for each in self.parameters:
             target = self.targets.get(each.name, each.low)
             present, step = self.values.get(each.name, each.low), self.slew * (each.high - each.low) * seconds
             self.values[each.name] = (
@@ -76,7 +79,7 @@ class Experiment:
 
     def __init__(self, optimiser=None, wearer=None, cost=None, accepted=None, validated=None, **settings):
         self.wearer = wearer or Wearer()
-        self.optimiser = optimiser or Random(PARAMETERS, seed=3)
+        self.optimiser = optimiser or Random(self.wearer.parameters, seed=3)
         self.events, self.saved = [], 0
         given = {"evaluations": 3, "settle": 30.0, "measure": 120.0, "confirm": False, **settings}
         cost = cost or CartCost(Cart(self.wearer.read, "metabolic.tsv"), 42.0)
@@ -108,5 +111,5 @@ class Experiment:
         return next(event for event in reversed(self.events) if event["step"] == step)
 
 
-def cma(seed):
-    return make_optimiser("cma", PARAMETERS, seed=seed, population=6)
+def cma(seed, parameters=PARAMETERS, population=6):
+    return make_optimiser("cma", parameters, seed=seed, population=population)
