@@ -47,11 +47,19 @@ class Pictures:
                 draw(file, target.suffix[1:])
         return paths
 
-    def _repr_html_(self) -> str:
+    def html(self) -> str:
+        """Return the pictures as HTML, which contains them."""
         return "".join(
             f'<img alt="{html.escape(title)}" style="max-width: 100%" src="data:image/png;base64,{picture}">'
             for title, picture in ((title, in_base64(draw)) for title, draw in self.draws.items())
         )
+
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, str]:
+        """Return one picture as PNG, which a viewer without HTML and an exported PDF show too, or several as HTML."""
+        if len(self.draws) == 1:
+            [draw] = self.draws.values()
+            return {"image/png": in_base64(draw)}
+        return {"text/html": self.html()}
 
     def __repr__(self) -> str:
         return f"<Pictures: {', '.join(self.draws)}; save('NAME.png') writes them>"

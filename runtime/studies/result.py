@@ -121,7 +121,7 @@ class StudyResult:
 
     def _repr_html_(self) -> str:
         lines = "\n".join(self.summary())
-        return f'<pre style="line-height: 1.3">{escape(lines)}</pre>{self.plot()._repr_html_()}'
+        return f'<pre style="line-height: 1.3">{escape(lines)}</pre>{self.plot().html()}'
 
     def __repr__(self) -> str:
         return f"<StudyResult: {len(self)} trials, {', '.join(self.study.objectives)}>"

@@ -2,6 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from base64 import b64decode
 
 import pytest
 
@@ -37,8 +38,8 @@ def test_a_trial_with_a_fault_shows_the_report_and_escapes_it(tmp_path):
 def test_plots_over_the_gait_cycle_are_shown(trial):
     pictures = trial.plot("left/knee.torque", strides=True, between=("1", "end"))
     assert list(pictures.draws) == ["strides"] and "save('NAME.png')" in repr(pictures)
-    picture = r'<img alt="strides" style="max-width: 100%" src="data:image/png;base64,iVBOR[\w+/=]+">'
-    assert re.fullmatch(picture, pictures._repr_html_())
+    [(kind, picture)] = pictures._repr_mimebundle_().items()
+    assert kind == "image/png" and b64decode(picture).startswith(b"\x89PNG")
     assert list(trial.plot(strides=True, last=2).draws) == ["strides"]
 
 
@@ -48,7 +49,11 @@ def test_plots_over_time_are_saved(trial, tmp_path):
 
 
 def test_a_plot_without_names_has_a_picture_for_each_subsystem(trial):
-    assert list(trial.plot().draws) == ["left", "right", "knee_exo"]
+    pictures = trial.plot()
+    assert list(pictures.draws) == ["left", "right", "knee_exo"]
+    picture = r'<img alt="\w+" style="max-width: 100%" src="data:image/png;base64,iVBOR[\w+/=]+">'
+    [(kind, text)] = pictures._repr_mimebundle_().items()
+    assert kind == "text/html" and re.fullmatch(f"({picture}){{3}}", text)
 
 
 def test_a_plot_that_cannot_be_drawn_is_refused(trial, tmp_path):
