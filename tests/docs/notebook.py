@@ -1,4 +1,7 @@
-"""The notebook of the tutorial: its execution, and the outputs that are stored in it."""
+"""The notebook of the tutorial: its execution, and the outputs that are stored in it.
+
+`python -m tests.docs.notebook` executes it and stores new outputs.
+"""
 
 import tempfile
 
@@ -30,3 +33,7 @@ def write():
         notebook = executed(folder)
     notebook.metadata.language_info = {"name": "python", "pygments_lexer": "ipython3"}
     nbformat.write(notebook, NOTEBOOK)
+
+
+if __name__ == "__main__":
+    write()

@@ -63,7 +63,7 @@ def test_the_notebook_runs_and_has_the_outputs_that_are_stored_in_it(tmp_path):
     stored = notebook.stored()
     written = [cell.source.partition("\n") for cell in stored.cells if cell.source.startswith("%%writefile")]
     assert len(written) == 2 and all(files[first.split()[1]] == text + "\n" for first, _, text in written)
-    assert outputs(notebook.executed(tmp_path)) == outputs(stored)
+    assert outputs(notebook.executed(tmp_path)) == outputs(stored), "run python -m tests.docs.notebook, and look at it"
 
 
 @pytest.mark.timing
