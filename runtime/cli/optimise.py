@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from runtime.base.errors import OK, BadInput
 from runtime.base.options import count, number, settings
 from runtime.cli.parsing import Parser, add_options, fields_of, instance
-from runtime.console.terminal import print_lines, print_to_stderr
+from runtime.console.terminal import print_lines, print_to_stderr, program
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from graph.schedule import Column, Schedule
     from runtime.optimisation.parameters import Parameter
     from runtime.session.request import Request
+    from runtime.session.result import Result
 
 DESCRIPTION = (
     "Run a robot as `run` does, and optimise live parameters while a wearer uses it: propose values, ramp to them, "
@@ -251,8 +253,28 @@ def live(request: Request, options: Namespace) -> int:
     result = concluded(session)
     print_lines(summary.summary(result))
     assert session.state_path is not None
-    print_lines(outcome(session.state_path))
+    print_lines([*outcome(session.state_path), *comparison(result, options.measure)])
     return summary.exit_code(result.outcome)
+
+
+def comparison(result: Result, measure: float) -> list[str]:
+    """Return the command that draws the conditions of a recording over the gait cycle; no line without strides.
+
+    measure : duration of each measurement in s
+    """
+    from runtime.optimisation.intervals import of_conditions
+
+    files = [file["path"] for file in result.recording.get("files", [])]
+    recording, sidecar = (next((path for path in files if path.endswith(kind)), None) for kind in (".mcap", ".json"))
+    if recording is None or sidecar is None or not any(each["strides"] for each in result.recording["strides"]):
+        return []
+    events = json.loads(Path(sidecar).read_text())["events"]
+    conditions = of_conditions(events, result.schedule.rate, measure)
+    if len(conditions) < 2:
+        return []
+    options = " ".join(f"--between {begin:.0f} {end:.0f}" for begin, end in conditions.values())
+    command = f"{program()} plot {shlex.quote(recording)} --strides {options}"
+    return [f"compare {', '.join(conditions)} over the gait cycle: {command}"]
 
 
 def virtual(request: Request, options: Namespace) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from runtime.optimisation.costs import Cost, Missing, SignalCost, Typed
+from runtime.optimisation.intervals import of_conditions
 from runtime.optimisation.metabolic import Estimate
 from runtime.optimisation.optimisers import Random, restored
 from runtime.optimisation.protocol import STAGE_TIME, Settings
@@ -297,6 +298,20 @@ def test_validation_is_blinded_in_terminal_and_named_in_recording():
     trials = [event for event in experiment.events if "condition" in event]
     assert sorted({event["condition"] for event in trials}) == ["found", "initial", "zero"]
     assert not any(name in line for event in trials for line in event["lines"] for name in ("found", "initial", "zero"))
+
+
+def test_measurements_of_conditions_are_intervals_of_recording():
+    experiment = Experiment(evaluations=2, validations=2).run()
+    events = [{**event, "tick": round(100 * event["time"])} for event in experiment.events]
+    trials = {event["condition"]: event["time"] for event in events if "condition" in event}
+    assert of_conditions(events, 100.0, 120.0) == {name: (end - 120.0, end) for name, end in trials.items()}
+    evaluations = [event for event in events if "condition" not in event]
+    ends = [event["time"] for event in evaluations if event["step"] == "measurement"]
+    lowest = 1 + min((0, 1), key=lambda place: experiment.optimiser.told[place][1])
+    assert of_conditions(evaluations, 100.0, 120.0) == {
+        f"evaluation {number}": (ends[number - 1] - 120.0, ends[number - 1]) for number in {1, lowest}
+    }
+    assert of_conditions([], 100.0, 120.0) == {}
 
 
 def test_continued_validation_measures_only_missing_trials():
