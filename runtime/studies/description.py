@@ -163,8 +163,7 @@ def read(path: Path, describe: Callable[[dict[str, Any]], Described]) -> Describ
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot read the study {path}: {getattr(error, 'strerror', None) or error}") from None
     except tomllib.TOMLDecodeError as error:
-        hint = "" if path.suffix == ".toml" else ": a study is a TOML file"
-        raise BadInput(f"{path}: {error}{hint}") from None
+        raise BadInput(f"{path}: {error}") from None
     try:
         return describe(content)
     except BadInput as error:

@@ -95,7 +95,7 @@ COMMANDS = {  # {command line: message}; R is a recording
     "knee.py --rig twice.toml": "write each table and each key once",
     "check knee.py --rig degrees.toml": "must be within ±12.5 rad, the positions that the drive reports, got [0, 90]: "
     "if these are degrees, write [0, 1.571]",
-    "study knee.py": "(at line 2, column 6): a study is a TOML file",
+    "study knee.py": "knee.py: expected the TOML file of a study, such as study.toml",
     "knee.py --rig lab.toml --fast --duration 1": "--fast and --rig exclude each other: a rig runs in real time",
     "knee.py --rig lab.toml": "[bus.leg] interfce: unknown key\n    did you mean 'interface'?",
     "knee.py --rig knee.py": "unreadable rig file: invalid TOML",
