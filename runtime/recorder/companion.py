@@ -17,6 +17,7 @@ lost.
 from __future__ import annotations
 
 import json
+import select
 import socket
 from typing import TYPE_CHECKING, Any
 
@@ -39,13 +40,16 @@ class Companion:
 
     descriptor : of a socket of type SOCK_SEQPACKET
     recording, page : of the run
+    control : pidfd of the control process
     """
 
-    def __init__(self, descriptor: int, recording: Recording, page: SharedState) -> None:
+    def __init__(self, descriptor: int, recording: Recording, page: SharedState, control: int) -> None:
         self.socket = socket.socket(fileno=descriptor)
         self.recording, self.page = recording, page
         self.needs: dict[str, Any] = dict(NOTHING)
         self.alive = True
+        self.control = select.poll()
+        self.control.register(control, select.POLLIN)
 
     def look(self) -> None:
         """Take the messages that have arrived."""
@@ -58,7 +62,7 @@ class Companion:
                 continue
             if not message:
                 self.alive = False
-                if self.page.state not in ("stopping", "safe") and not self.page.closed:
+                if not self.run_has_ended():
                     self.replace()
                 return
             content = json.loads(message)
@@ -66,6 +70,10 @@ class Companion:
             if event is not None:
                 self.recording.take_event(event)
             self.needs.update(content)
+
+    def run_has_ended(self) -> bool:
+        """Return whether the run is being stopped, has ended, or its control process has died."""
+        return self.page.state in ("stopping", "safe") or self.page.closed or bool(self.control.poll(0))
 
     def replace(self) -> None:
         """Set the parameters for this case, and report the end of the companion."""

@@ -73,7 +73,7 @@ def write(
     name_process("tickwork-record")
     if "before" not in plan:
         answer(answers, {"ready": True, "files": recording.list_files()})
-    beside = Companion(companion, recording, page) if companion >= 0 else None
+    beside = Companion(companion, recording, page, control.pidfd) if companion >= 0 else None
     record(page, answers, control, keys, beside, recording, terminal, checkpoint)
 
 

@@ -1,7 +1,10 @@
 """Connection of the recorder to a companion: keys, signals, events, and the death of the companion."""
 
 import json
+import os
+import select
 import socket
+import subprocess
 
 import pytest
 
@@ -26,11 +29,18 @@ class Ends:
     def __init__(self):
         self.page, self.recording = SharedState(4096), Recording()
         ours, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self.companion = Companion(ours.detach(), self.recording, self.page)
+        self.process = subprocess.Popen(["sleep", "60"])
+        self.companion = Companion(ours.detach(), self.recording, self.page, os.pidfd_open(self.process.pid))
 
     def send(self, **message):
         self.theirs.send(json.dumps(message).encode())
         self.companion.look()
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        self.theirs.close()
+        self.companion.socket.close()
 
     def received(self):
         return json.loads(self.theirs.recv(1 << 17))
@@ -46,8 +56,7 @@ def ends(monkeypatch):
     made = Ends()
     made.posted = posted
     yield made
-    made.theirs.close()
-    made.companion.socket.close()
+    made.close()
 
 
 def test_only_keys_that_the_companion_uses_are_sent(ends):
@@ -95,9 +104,11 @@ def test_companion_that_does_not_read_does_not_block(ends):
         ends.companion.press("y")
 
 
-def test_companion_that_ends_after_the_run_changes_nothing(ends):
+@pytest.mark.parametrize("end", [lambda ends: ends.page.close(), lambda ends: ends.process.kill()])
+def test_companion_that_ends_with_the_run_changes_nothing(ends, end):
     ends.send(fallback=[[0, 1.0]])
-    ends.page.close()
+    end(ends)
+    select.select([os.pidfd_open(ends.process.pid)], [], [], 0.0 if ends.page.closed else 10.0)
     ends.theirs.close()
     ends.companion.look()
     assert (ends.posted, ends.recording.events) == ([], [])
@@ -109,4 +120,4 @@ def test_fallback_is_written_to_the_mailbox():
     made.theirs.close()
     made.companion.look()
     assert Writer(made.page).mark() == 1  # letter 0 is in use
-    made.companion.socket.close()
+    made.close()
