@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from runtime.analysis import picture
 from runtime.analysis.picture import BLUE, FAINT, GREY, INK, plain, short
@@ -63,6 +64,8 @@ def curves(study: Study, table: Columns, objectives: Sequence[str], parameters: 
                 axis.plot(at, [mean(values[places == place]) for place in at], color=BLUE, linewidth=1.5)
             if labels:
                 label_ticks(axis, "x", labels)
+            elif all(isinstance(value, int) for value in table[parameter]):
+                axis.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
             dress(axis)
         row[0].set_ylabel(plain(short(objective, NAME_LIMIT)), color=INK)
     for parameter, axis in zip(parameters, axes[-1]):

@@ -93,7 +93,7 @@ class StudyResult:
                 continue
             finite = np.where(np.isfinite(values), values, np.nan)
             for word, number in (("lowest", np.nanargmin(finite)), ("highest", np.nanargmax(finite))):
-                parameters = ", ".join(f"{key}={self.columns[key][number]}" for key in self.study.parameters)
+                parameters = ", ".join(f"{key}={_short(self.columns[key][number])}" for key in self.study.parameters)
                 yield f"  {name:<{width}}  {word:<7} {values[number]:<12.6g} trial {number}: {parameters}".rstrip(": ")
 
     def run(self, number: int) -> Trial:
@@ -151,3 +151,8 @@ def _alike(values):
     if len(kinds) > 1 and (str in kinds or bool in kinds) and type(None) not in kinds:
         return [str(value).lower() if isinstance(value, bool) else str(value) for value in values]
     return [float(value) for value in values] if kinds == {int, float} else values
+
+
+def _short(value):
+    """Return a value of a parameter as text of a summary, a float with six digits."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

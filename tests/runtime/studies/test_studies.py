@@ -67,7 +67,7 @@ def test_picture_of_two_grid_parameters_is_a_heat_map_of_means_over_the_seeds(fo
 
 def test_picture_of_other_parameters_has_a_point_per_trial_and_a_line_of_means(folder):
     sample = {"samples": 4, "sample": {"frequency": {"uniform": [0.9, 1.1]}}}
-    result = study(workers=0, grid={"gain": [1.0, 2.0]}, objectives=TWO, **sample)
+    result = study(workers=0, grid={"gain": [1, 2]}, objectives=TWO, **sample)
     [over_gain, over_frequency, *_] = picture.curves(
         result.study, result.columns, ["peak", "noise"], ["gain", "frequency"]
     ).axes
@@ -77,6 +77,8 @@ def test_picture_of_other_parameters_has_a_point_per_trial_and_a_line_of_means(f
     assert line.get_ydata() == pytest.approx([result["peak"][:4].mean(), result["peak"][4:].mean()], rel=1e-12)
     [points] = over_frequency.lines
     assert points.get_xdata().tolist() == result["frequency"].tolist()
+    assert all(tick == int(tick) for tick in over_gain.get_xticks()), "the gains are integers"
+    assert f"frequency={result['frequency'][0]:.6g}" in "".join(result.summary())
     assert "data:image/png" in result._repr_html_() and "8 trials, 0 faults" in result._repr_html_()
     with pytest.raises(BadInput, match="no objective 'peek': did you mean 'peak'"):
         result.plot("peek")
