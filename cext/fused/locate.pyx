@@ -11,8 +11,17 @@ from cext.threads cimport doze, wake
 
 cdef extern from *:
     """
+    #define _GNU_SOURCE
     #include <stdint.h>
+    #include <sys/syscall.h>
+    #include <sys/uio.h>
     #include <ucontext.h>
+    #include <unistd.h>
+    /* Copy memory of this process. Returns -1 where it cannot be read, instead of a signal. */
+    static inline int tickwork_copy(void *into, uintptr_t from, size_t size) {
+        struct iovec local = {into, size}, remote = {(void *)from, size};
+        return syscall(SYS_process_vm_readv, getpid(), &local, 1ul, &remote, 1ul, 0ul) == (long)size ? 0 : -1;
+    }
     static inline uintptr_t tickwork_program_counter(const void *context) {
     #if defined(__x86_64__)
         return (uintptr_t)((const ucontext_t *)context)->uc_mcontext.gregs[REG_RIP];
@@ -42,12 +51,14 @@ cdef extern from *:
     uintptr_t tickwork_program_counter(const void *context) noexcept nogil
     uintptr_t tickwork_link(const void *context) noexcept nogil
     uintptr_t tickwork_stack(const void *context) noexcept nogil
+    int tickwork_copy(void *into, uintptr_t start, size_t size) noexcept nogil
 
 cdef enum:
     AWAITED = 0                 # answers: this, or 2 + item, 1 for an unknown one
     UNKNOWN = 1
     SAMPLE_LIMIT = 500000       # ns that a sample may take
-    STACK_WORDS = 512           # in which a return address is looked for: those of a kernel and of a function that it calls
+    PAGE_WORDS = 512
+    STACK_PAGES = 2048          # in which a return address is looked for: a stack that a kernel has exhausted
 
 
 cdef int item_at(const CodeMap *map, uintptr_t address) noexcept nogil:
@@ -71,15 +82,24 @@ cdef int item_of_context(const CodeMap *map, const void *context) noexcept nogil
 
     A kernel that is called, or a function of the C library, is found by its return address.
     """
-    cdef const uintptr_t *stack = <const uintptr_t *>(tickwork_stack(context) & ~<uintptr_t>7)
+    cdef uintptr_t[PAGE_WORDS] words
+    cdef uintptr_t stack = tickwork_stack(context) & ~<uintptr_t>7
     cdef int item = item_at(map, tickwork_program_counter(context))
-    cdef int index
+    cdef bint readable = False
+    cdef int page, index, count
     if item < 0:
         item = item_at(map, tickwork_link(context))
-    for index in range(STACK_WORDS if stack != NULL else 0):
-        if item >= 0:
+    for page in range(STACK_PAGES if item < 0 and stack != 0 else 0):
+        count = PAGE_WORDS - <int>(stack // sizeof(uintptr_t) % PAGE_WORDS)
+        if tickwork_copy(words, stack, count * sizeof(uintptr_t)) == 0:
+            readable = True
+            for index in range(count):
+                item = item_at(map, words[index])
+                if item >= 0:
+                    return item
+        elif readable:                  # the end of the stack; before it, the guard of an exhausted one
             break
-        item = item_at(map, stack[index])
+        stack += count * sizeof(uintptr_t)
     return item
 
 

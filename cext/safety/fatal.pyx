@@ -35,13 +35,13 @@ cdef void on_fatal(int number, siginfo_t *information, void *context) noexcept n
     cdef int index
     cdef int item
     if page != NULL:
+        store_i32(&page.fence, 1)
         item = page.at if pthread_self() == loop else -1
         if item >= IN_RUN:
             index = item_of_context(code, context) if code != NULL else -1
             item = index if index >= 0 else item - IN_RUN
-        store_i32(&page.hung, 1 + item if item >= 0 else -1)
         store_i32(&page.crashed, number)
-        store_i32(&page.fence, 1)
+        store_i32(&page.hung, 1 + item if item >= 0 else -1)
     for index in range(FATAL):
         sigaction(SIGNALS[index], &before[index], NULL)
     raise_signal(number)                    # delivered on return, even if the instruction would not fail again

@@ -25,6 +25,7 @@ from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, compile
 from tests.cext.rigs import Rig
+from tests.cext.spinning import needs_compiler
 from tests.peers import netlists
 from tests.peers.tickwork import Tap, diagram_of, native_block
 
@@ -108,18 +109,42 @@ class Abort(Block):
     kernel = Kernel(ctypes.CDLL(None).abort, "u y")
 
 
-def test_a_crash_names_the_called_kernel_in_the_middle_of_a_run(fused):
+ENDLESS = """
+int recursion(double *arena, const int *slots, const int *sizes)
+{
+    volatile char room[1000];
+    room[0] = 1;
+    return recursion(arena, slots, sizes) + room[0];
+}
+"""
+
+
+def recursion(folder):
+    """Return a block whose kernel exhausts the stack."""
+    (folder / "kernel.c").write_text(ENDLESS)
+    subprocess.run(["cc", "-O0", "-shared", "-fPIC", "-o", folder / "kernel.so", folder / "kernel.c"], check=True)
+
+    class Recursion(Block):
+        u, y = Input("any"), Output("any")
+        kernel = Kernel(ctypes.CDLL(str(folder / "kernel.so")).recursion, "u y")
+
+    return Recursion
+
+
+@pytest.mark.parametrize("end", [signal.SIGABRT, pytest.param(signal.SIGSEGV, marks=needs_compiler)])
+def test_a_crash_names_the_called_kernel_in_the_middle_of_a_run(fused, end, tmp_path):
+    kind = Abort if end == signal.SIGABRT else recursion(tmp_path)
     with Diagram("chain", RATE) as diagram:
-        Tap(name="end")(Gain(2.0)(Abort(name="middle")(Gain(1.5)(Sine()()))))
+        Tap(name="end")(Gain(2.0)(kind(name="middle")(Gain(1.5)(Sine()()))))
     rig = Rig(diagram)
     child = os.fork()
     if child == 0:
         faulthandler.disable()
         rig.run(1)
         os._exit(0)
-    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGABRT == rig.page.crashed
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == end == rig.page.crashed
     hung = rig.page.hung
-    assert hung is not None and names(rig.schedule)[hung] == "middle"
+    assert rig.page.fenced and hung is not None and names(rig.schedule)[hung] == "middle"
 
 
 def test_programs_are_fused_by_default(fused, monkeypatch):
