@@ -164,6 +164,18 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "b": "After the death of the control process, every completed tick is on disk.",
         },
     ),
+    "H16": (
+        "An optimiser chooses unsuitable parameters",
+        "Discomfort, a stumble.",
+        {
+            "a": "Bounds outside those of the proof are rejected before anything is armed.",
+            "b": "A proposal differs from the last accepted parameters by at most the largest step.",
+            "c": "The operator confirms each change, unless the command was started without confirmations.",
+            "d": "A measurement that is missing or is not a finite number restores the last accepted parameters.",
+            "e": "The death of the optimiser restores them as well, and a hanging optimiser does not delay the stop.",
+            "f": "A parameter that the operator has changed meanwhile keeps its value.",
+        },
+    ),
 }
 
 

@@ -44,6 +44,7 @@ def peaks(page):
     return [target for _, target in page.live_values()[0:6:3]]
 
 
+@pytest.mark.hazard("H16e")
 def test_operator_confirms_skips_pauses_and_stops_while_optimiser_hangs(tmp_path):
     profiles(tmp_path)
     with Terminal() as terminal:
@@ -83,6 +84,7 @@ def test_operator_confirms_skips_pauses_and_stops_while_optimiser_hangs(tmp_path
     assert {path.stat().st_mode & 0o077 for path in files.folder.iterdir()} == {0}  # personal data
 
 
+@pytest.mark.hazard("H16e")
 def test_killed_optimiser_restores_accepted_parameters_and_can_be_resumed(tmp_path):
     profiles(tmp_path)
     words = ("optimise", "profiles.py", *OVER, *COST, *SHORT, "--generations", "1", "--no-confirm", "--measure")
@@ -166,6 +168,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("words", REFUSED)
+@pytest.mark.hazard("H16a")
 def test_optimisation_that_cannot_begin_is_reported(tmp_path, command_line, words):
     profiles(tmp_path)
     cost = () if "--cost" in words else COST

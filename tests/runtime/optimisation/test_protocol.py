@@ -72,6 +72,7 @@ def test_cost_without_noise_is_that_of_steady_state():
         assert cost == pytest.approx(experiment.wearer.cost(), rel=2e-3)
 
 
+@pytest.mark.hazard("H16b")
 def test_proposals_are_within_largest_step_of_accepted_values():
     limited = [replace(PARAMETERS[0], largest_step=1.0), PARAMETERS[1]]
     experiment = Experiment(Random(limited, seed=5), evaluations=8).run()
@@ -89,6 +90,7 @@ def test_distant_values_are_reached_by_largest_steps():
     assert experiment.wearer.time >= 3 * STAGE_TIME
 
 
+@pytest.mark.hazard("H16c")
 def test_each_change_waits_for_confirmation():
     experiment = Experiment(evaluations=1, confirm=True).run(300)
     assert experiment.steps() == ["begin"] and experiment.wearer.history == []
@@ -145,6 +147,7 @@ def test_repeated_measurement_begins_again():
     assert experiment.steps() == ["begin", "proposal", "change", "repeated", "change", "measurement", "found"]
 
 
+@pytest.mark.hazard("H16d")
 def test_silent_cart_ramps_back_and_waits_for_operator_after_repetitions():
     experiment = Experiment(evaluations=1)
     experiment.run(until=lambda: experiment.protocol.phase == "settle")
@@ -197,6 +200,7 @@ class Given(Cost):
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.hazard("H16d")
 def test_cost_that_is_not_finite_is_missing(value):
     signal = SignalCost("cost", "W")
     for time in np.arange(0.0, 200.0):
@@ -221,6 +225,7 @@ def test_refused_change_keeps_accepted_parameters():
     assert experiment.protocol.over and len(experiment.optimiser.told) == 1
 
 
+@pytest.mark.hazard("H16f")
 def test_change_by_another_process_is_not_overridden():
     experiment = Experiment(evaluations=1)
     experiment.run(until=lambda: experiment.protocol.phase == "measure")
