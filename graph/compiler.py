@@ -215,7 +215,9 @@ class Compilation:
                         f"the input is not connected and has no default [{port.unit}]",
                         block,
                         name,
-                        hint=hints.for_assignment(block) or f"wire it, as in {block.path.split('/')[-1]}({name}=...)",
+                        hint=hints.for_assignment(block)
+                        or hints.for_attribute(block)
+                        or f"wire it, as in {block.path.split('/')[-1]}({name}=...)",
                     )
                 self.sources[block, name] = np.asarray(0.0 if port.default is None else port.default, dtype=float)
 

@@ -82,6 +82,19 @@ def for_assignment(block: Any) -> str:
     )
 
 
+def for_attribute(block: Any) -> str:
+    """Return a remedy if a block is an attribute of another one, as if created in its `reset`; else ""."""
+    for owner in block.diagram:
+        name = next((name for name, value in vars(owner).items() if value is block), "")
+        if name and owner is not block:
+            return (
+                f"{block.path} is the attribute {name!r} of {owner.path}, which connects nothing: create it in the "
+                f"diagram, not in a method of {type(owner).__name__}, and connect it there, as in "
+                f"{owner.path.split('/')[-1]}({type(block).__name__}(...)(signal))"
+            )
+    return ""
+
+
 def usual_command(block: Any) -> str:
     """Return the input of an actuator to suggest: its torque command, or its first one."""
     return "torque_command" if "torque_command" in block.inputs else next(iter(block.inputs))

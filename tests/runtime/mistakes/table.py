@@ -9,7 +9,7 @@ IMPORTS = """
 from blocks.actuators import CubeMars
 from blocks.controllers import Impedance
 from blocks.filters import Butterworth
-from blocks.limiters import TorqueLimiter
+from blocks.limiters import SlewRate, TorqueLimiter
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from graph import Block, Diagram, Input, Output, Param, block, subsystem
@@ -87,6 +87,7 @@ TWO_OUTPUTS = """class Own(Block):
         return u, u
 """
 STEP = "def step(self, u):\n    return u"
+STEP_INDENTED = STEP.replace("\n", "\n    ")
 DIAGRAM = 'with Diagram("knee", rate=200) as diagram:\n    Sine()()\n'
 BUILD = 'def build():  # !\n    with Diagram("knee", rate=200) as diagram:\n        Sine()()\n'
 
@@ -649,6 +650,18 @@ BLOCKS = (
         "step that yields", "def step(self, u):\n    yield u", STEP, "Own.step is a generator: end it with `return`"
     ),
     in_block("asynchronous step", f"async {STEP}", STEP, "Own.step is a coroutine: define it without `async`"),
+    Mistake(
+        "block in reset",
+        diagram(
+            "Own()(Sine()())", f"{OWN}    def reset(self):\n        self.slew = SlewRate(5.0)  # !\n    {STEP_INDENTED}"
+        ),
+        diagram("Own()(SlewRate(5.0)(Sine()()))", f"{OWN}    {STEP_INDENTED}"),
+        (
+            "unconnected input",
+            "slew_rate is the attribute 'slew' of own, which connects nothing: create it in the diagram, not in a "
+            "method of Own, and connect it there, as in own(SlewRate(...)(signal))",
+        ),
+    ),
     in_block(
         "state in the class",
         "past = []\ndef step(self, u):\n    self.past.append(u)\n    return sum(self.past)",
