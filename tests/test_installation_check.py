@@ -17,7 +17,7 @@ from tests.test_packaging import PYPROJECT, canonical
 def installed(tmp_path_factory):
     """A folder on the path that holds all four packages, as site-packages does, and the console script beside it."""
     folder = copy_packages(tmp_path_factory.mktemp("site"))
-    shutil.copy(ROOT / "tickwork.py", folder)
+    shutil.copy(ROOT / "tickwork_command.py", folder)
     module, function = PYPROJECT["project"]["scripts"]["tickwork"].split(":")
     (folder / "bin").mkdir()
     (folder / "bin" / "tickwork").write_text(f"import sys\nfrom {module} import {function}\nsys.exit({function}())\n")
@@ -239,7 +239,7 @@ def test_old_python_parses_entry_files_and_reports_required_version(monkeypatch)
         "base/working_folder.py",
     ):
         ast.parse((ROOT / "runtime" / name).read_text(), feature_version=(3, 6))
-    ast.parse((ROOT / "tickwork.py").read_text(), feature_version=(3, 6))
+    ast.parse((ROOT / "tickwork_command.py").read_text(), feature_version=(3, 6))
     monkeypatch.setattr(sys, "version_info", (3, 9, 2, "final", 0))
     assert "Python 3.9, but 3.10 or newer is required" in installation_check.problem()
 

@@ -52,7 +52,7 @@ def test_wheel_has_exactly_all_modules_and_their_data_files(archives):
     beside = {
         str(name)
         for path in tracked()
-        if (name := path.relative_to(ROOT)).parts[0] in (*PACKAGES, "tickwork.py") and path.suffix != ".pyx"
+        if (name := path.relative_to(ROOT)).parts[0] in (*PACKAGES, "tickwork_command.py") and path.suffix != ".pyx"
     }
     assert {name for name in names if not name.endswith(".so")} == beside
 
