@@ -36,7 +36,7 @@ EQUIVALENT = {
     "place]) -> "
     "budget = length * limit * limit * (1.0 - 1e-13) - (sums[RUNNING] + sums[RUNNING_REST] - arena[at.squares + "
     "place])": "the margin for rounding is a thousand times what is lost",
-    "cext/kernels/limits.pxd clip: return high if high < x else x -> return high if high <= x else x": "they "
+    "cext/kernels/limits.pxd clip: x = high if high < x else x -> x = high if high <= x else x": "they "
     "are the same number",
     "cext/kernels/limits.pxd clip: x = low if low > x else x   # NaN fails both comparisons; without branches, which "
     "mispredict with the data -> "
