@@ -143,11 +143,11 @@ def set_block_parameter(diagram: Diagram, name: str, value: Any) -> Replaced:
 
 
 def set_seeds(diagram: Diagram, seed: int) -> list[Replaced]:
-    """Derive the seed of every noise source of a diagram from one number and the path of its block.
+    """Derive the seed of every noise source of a diagram from one number and the path of its block, within its bounds.
 
     Returns [(block, "seed", value before)].
     """
-    return [set_block_parameter(diagram, f"{block.path}.seed", derived(seed, block.path)) for block in _noise(diagram)]
+    return [set_block_parameter(diagram, f"{block.path}.seed", _seed_of(block, seed)) for block in _noise(diagram)]
 
 
 def _noise(diagram: Diagram) -> list[Block]:
@@ -157,6 +157,12 @@ def _noise(diagram: Diagram) -> list[Block]:
 def derived(seed: int, path: str) -> int:
     """Return the first 53 bits of the SHA-256 of "SEED:PATH" as an integer."""
     return int.from_bytes(sha256(f"{seed}:{path}".encode()).digest()[:7], "big") >> 3
+
+
+def _seed_of(block: Block, seed: int) -> int:
+    number, bounds = derived(seed, block.path), block.parameters["seed"]
+    lowest, highest = bounds.min or 0, bounds.max
+    return number if highest is None or number <= highest else int(lowest + number % (highest - lowest + 1))
 
 
 def restore(replaced: Sequence[Replaced]) -> None:

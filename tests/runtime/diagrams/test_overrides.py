@@ -6,11 +6,12 @@ from types import SimpleNamespace
 import pytest
 
 import runtime
+from graph import Block, Diagram, Output, Param
 from runtime.base.errors import BadInput
 from runtime.base.options import settings
 from runtime.diagrams.diagram_file import DiagramFile
 from runtime.diagrams.file import load
-from runtime.diagrams.overrides import parse_like, share_out
+from runtime.diagrams.overrides import parse_like, set_seeds, share_out
 from tests.runtime.runs import KNEE_EXO
 
 
@@ -122,3 +123,19 @@ def test_a_blocks_parameter_is_set_by_its_path_in_its_unit():
     assert diagram["left/profile"].scale == 0.25 and diagram["right/profile"].scale == 1.0
     assert diagram["right/knee"].offset == pytest.approx(0.17453, abs=1e-5)
     assert diagram["left/knee"].invert is True
+
+
+def test_derived_seeds_stay_within_the_bounds_of_their_blocks():
+    class Dice(Block):
+        seed = Param(1, "1", "", min=1, max=6)
+        y = Output(unit="1")
+
+        def step(self):
+            return float(self.seed)
+
+    with Diagram("dice", rate=100) as diagram:
+        dice = [Dice(name=f"dice{number}") for number in range(8)]
+    for seed in range(20):
+        set_seeds(diagram, seed)
+        assert all(1 <= die.seed <= 6 for die in dice)
+    assert len({die.seed for die in dice}) > 1
