@@ -83,7 +83,8 @@ def text_of(path: Path, symbol: str) -> str:
 def with_wide_slots(text: str, symbol: str) -> str:
     """Return the text with slots and sizes of type intptr_t, so that a compiler can fold them into addresses.
 
-    They are the structs of the items of the kernel, and the tables of a Rest.
+    They are the structs of the items of the kernel, and the tables of a Rest; a kernel uses `sizeof(int32_t)` only to
+    count them.
     """
     found = re.search(rf"\b{symbol}{ITEMS.pattern}[^;]*?\) {{", text)
     structs = {found[1]} if found else set()
@@ -95,7 +96,7 @@ def with_wide_slots(text: str, symbol: str) -> str:
     for struct in structs:
         body = _body(text, struct)
         text = text.replace(body, body.replace("int32_t ", "intptr_t "))
-    return text.replace("int32_t const *", "intptr_t const *")
+    return text.replace("int32_t const *", "intptr_t const *").replace("sizeof(int32_t)", "sizeof(intptr_t)")
 
 
 def with_parallel_loops(text: str) -> str:

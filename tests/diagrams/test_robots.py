@@ -13,6 +13,7 @@ import runtime
 from blocks.clock import Clock
 from blocks.logic import Compare
 from blocks.wearer import Walker
+from cext.fused import library
 from graph import Actuator, Device, Diagram, compile
 from runtime.base.errors import OK
 from runtime.diagrams.file import build_plant, load
@@ -36,6 +37,18 @@ def test_robot_is_native_and_proved_without_warning(robot):
     assert schedule.warnings == [] and schedule.gil_sections == 0
     actuators = {block.path for block in diagram if isinstance(block, Actuator)}
     assert {proof.path for proof in schedule.proofs if proof.port == "torque_command" and proof.holds} == actuators
+
+
+@pytest.mark.parametrize("robot", ["hip_exo", "knee_exo", *ROBOTS])
+def test_machine_code_and_calls_of_the_kernels_compute_the_same_bits(robot, monkeypatch):
+    """In the drivers, the emulated devices and the wearer too."""
+    fused = runtime.run(path(robot), 3.0, plant_signals="*")
+    with monkeypatch.context() as patch:
+        patch.setattr(library, "opened", lambda: (None, "not in this test"))
+        called = runtime.run(path(robot), 3.0, plant_signals="*")
+    assert list(fused.signals) == list(called.signals)
+    differ = [name for name in fused.signals if fused[name].tobytes() != called[name].tobytes()]
+    assert differ == [] and any(name.startswith("plant/") for name in fused.signals)
 
 
 @pytest.mark.parametrize("mass, speed", WALKERS)

@@ -1,0 +1,73 @@
+"""Every stencil of this processor computes what its kernel computes, from any memory."""
+
+import ctypes
+
+import numpy as np
+import pytest
+
+from cext.fused import library
+from cext.fused.__main__ import kernels
+from cext.fused.join import Code
+from graph.arena_layout import CLOCK_SLOTS
+
+MARGIN = 1024  # doubles on both sides of the items: an index that is no index stays inside
+TICKS = 3
+INDEXED = {"machine_kernel"}  # their memory is places in a table
+
+
+def tables_of(kernel, stencil):
+    """Return slots and sizes for which a stencil is made. Items follow each other, of 3 doubles if any number will do."""
+    fixed, lengths, rests = dict(stencil.fixed), [], set()
+    for item in kernel.items:
+        if item.rest:
+            rests |= {len(lengths), len(lengths) + 1}
+        lengths += [None] * (1 + item.rest) if item.rest else [item.size]
+    lengths += [None] * (stencil.length - len(lengths))
+    slots, sizes, at = [], [], MARGIN
+    for index, length in enumerate(lengths):
+        sizes.append(fixed[index] if index in rests else length or fixed.get(index, 3))
+        slots.append(fixed[index] if index in rests else at)
+        at += 0 if index in rests else sizes[-1]
+    return tuple(slots), tuple(sizes)
+
+
+def address_of(function):
+    api = ctypes.pythonapi
+    api.PyCapsule_GetName.restype, api.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    api.PyCapsule_GetPointer.restype = ctypes.c_void_p
+    api.PyCapsule_GetPointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+    return api.PyCapsule_GetPointer(function, api.PyCapsule_GetName(function))
+
+
+def after_ticks(code, arena):
+    """Return the arena and the statuses after some ticks."""
+    arena = arena.copy()
+    run = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(code.entries[0])
+    return arena, [run(arena.ctypes.data) for _ in range(TICKS)]
+
+
+@pytest.mark.parametrize("memory", ["integers", "fractions"])
+def test_a_stencil_computes_what_its_kernel_computes(memory):
+    found, reason = library.opened()
+    if found is None:
+        pytest.skip(reason)
+    random, tried = np.random.default_rng(1), 0
+    end, call = found.parts["end"], found.parts["call"]
+    for _, key, kernel in kernels():
+        for stencil in library.variants(key):
+            slots, sizes = tables_of(kernel, stencil)
+            no_inputs = any(item.rest and item.name == "inputs" for item in kernel.items) and 0 in sizes
+            if no_inputs or memory == "integers" and any(name in key for name in INDEXED):
+                continue
+            tables = [np.array(table, np.int32) for table in (slots, sizes)]
+            addresses = (address_of(kernel.function), *(table.ctypes.data for table in tables))
+            fused = Code([(0, [(stencil, slots, sizes, ())])], end, found.target)
+            called = Code([(0, [(call, (), (), addresses)])], end, found.target)
+            arena = np.zeros(2 * MARGIN + sum(sizes))
+            arena[:CLOCK_SLOTS] = 1.0, 1000.0, 0.001, 0.001, 1.0, 0.0, 1.0, 1.0
+            size = len(arena) - 2 * MARGIN
+            arena[MARGIN:-MARGIN] = random.integers(0, 3, size) if memory == "integers" else random.uniform(size=size)
+            (one, statuses), (other, expected) = after_ticks(fused, arena), after_ticks(called, arena)
+            assert np.array_equal(one, other, equal_nan=True) and statuses == expected, (key, stencil.fixed)
+            tried += 1
+    assert tried > 800
