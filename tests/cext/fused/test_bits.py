@@ -16,7 +16,7 @@ INDEXED = {"machine_kernel"}  # their memory is places in a table
 
 
 def tables_of(kernel, stencil):
-    """Return slots and sizes for which a stencil is made. Items follow each other, of 3 doubles if any number will do."""
+    """Return slots and sizes for which a stencil is made. Items follow each other; those of any size have 3 doubles."""
     fixed, lengths, rests = dict(stencil.fixed), [], set()
     for item in kernel.items:
         if item.rest:
