@@ -10,9 +10,10 @@ from cext.fused.__main__ import kernels
 from cext.fused.join import Code
 from graph.arena_layout import CLOCK_SLOTS
 
-MARGIN = 1024  # doubles on both sides of the items: an index that is no index stays inside
+MARGIN = 64  # doubles on both sides of the items
 TICKS = 3
-INDEXED = {"machine_kernel"}  # their memory is places in a table
+MEMORIES = 4  # all values are between -1 and 1, many of them 0: each is 0 as an index
+UNDEFINED = {"filters_median_kernel"}  # for such memory: a window of 0 samples
 
 
 def tables_of(kernel, stencil):
@@ -46,8 +47,7 @@ def after_ticks(code, arena):
     return arena, [run(arena.ctypes.data) for _ in range(TICKS)]
 
 
-@pytest.mark.parametrize("memory", ["integers", "fractions"])
-def test_a_stencil_computes_what_its_kernel_computes(memory):
+def test_a_stencil_computes_what_its_kernel_computes():
     found, reason = library.opened()
     if found is None:
         pytest.skip(reason)
@@ -57,17 +57,18 @@ def test_a_stencil_computes_what_its_kernel_computes(memory):
         for stencil in library.variants(key):
             slots, sizes = tables_of(kernel, stencil)
             no_inputs = any(item.rest and item.name == "inputs" for item in kernel.items) and 0 in sizes
-            if no_inputs or memory == "integers" and any(name in key for name in INDEXED):
+            if no_inputs or any(name in key for name in UNDEFINED):
                 continue
             tables = [np.array(table, np.int32) for table in (slots, sizes)]
             addresses = (address_of(kernel.function), *(table.ctypes.data for table in tables))
             fused = Code([(0, [(stencil, slots, sizes, ())])], end, found.target)
             called = Code([(0, [(call, (), (), addresses)])], end, found.target)
-            arena = np.zeros(2 * MARGIN + sum(sizes))
-            arena[:CLOCK_SLOTS] = 1.0, 1000.0, 0.001, 0.001, 1.0, 0.0, 1.0, 1.0
-            size = len(arena) - 2 * MARGIN
-            arena[MARGIN:-MARGIN] = random.integers(0, 3, size) if memory == "integers" else random.uniform(size=size)
-            (one, statuses), (other, expected) = after_ticks(fused, arena), after_ticks(called, arena)
-            assert np.array_equal(one, other, equal_nan=True) and statuses == expected, (key, stencil.fixed)
+            for _ in range(MEMORIES):
+                arena = random.uniform(-1.0, 1.0, 2 * MARGIN + sum(sizes)) * random.integers(
+                    0, 2, 2 * MARGIN + sum(sizes)
+                )
+                arena[:CLOCK_SLOTS] = 1.0, 1000.0, 0.001, 0.001, 1.0, 0.0, 1.0, 1.0
+                (one, statuses), (other, expected) = after_ticks(fused, arena), after_ticks(called, arena)
+                assert np.array_equal(one, other, equal_nan=True) and statuses == expected, (key, stencil.fixed)
             tried += 1
     assert tried > 800
