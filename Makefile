@@ -63,7 +63,7 @@ pyright = $(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
 
 # One worker for each processor: with one more, loops of tests in real time are late too often, for a gain of 10 s. Tests that wait in
 # real time (marked `paced`) follow two at a time, and those that measure it (`timing`) one at a time. Only the files of these are
-# collected: the collection of all takes 7 s. Pyright, half a minute of one processor, uses what the first two stages leave of theirs.
+# collected: the collection of all takes 7 s. Pyright, half a minute of one processor, runs beside those that wait.
 marked = $$(grep -rl --include='test_*.py' 'mark\.$(1)' tests)
 test: $(VENV)/installed-test
 	$(ruff)
@@ -71,9 +71,9 @@ test: $(VENV)/installed-test
 	    $(pyright)
 	    exec $(VENV)/bin/python -m pytest $(TESTS)
 	fi
+	$(VENV)/bin/python -m pytest -n $$(nproc) --dist worksteal -m 'not soak and not paced and not timing'
 	chrt --idle 0 $(pyright) >build/pyright 2>&1 & types=$$!
 	trap 'kill $$types 2>/dev/null || true' EXIT
-	$(VENV)/bin/python -m pytest -n $$(nproc) --dist worksteal -m 'not soak and not paced and not timing'
 	$(VENV)/bin/python -m pytest -n 2 --dist worksteal -m 'paced and not soak' $(call marked,paced)
 	wait $$types || { cat build/pyright; exit 1; }
 	exec $(VENV)/bin/python -m pytest -m 'timing and not soak' $(call marked,timing)

@@ -4,7 +4,7 @@ With the 300,000 objects of a session a collection takes 0.15 s. They are frozen
 tests the garbage among the newer objects is collected and the rest is frozen as well; what was frozen is collected
 once in FULL_COLLECTION_INTERVAL of these collections.
 
-Hypothesis draws the same examples in every session; with EXAMPLES=soak it draws others, and twenty times as many.
+Hypothesis draws the same examples in every session; with EXAMPLES=soak it draws others, and thirty times as many.
 """
 
 import gc
@@ -16,7 +16,7 @@ TESTS_BETWEEN_COLLECTIONS = 40
 FULL_COLLECTION_INTERVAL = 20  # collections
 finished = 0
 
-settings.register_profile("steady", max_examples=50, derandomize=True, deadline=None)
+settings.register_profile("steady", max_examples=30, derandomize=True, deadline=None)
 settings.register_profile("soak", max_examples=1000, deadline=None)
 settings.load_profile(os.environ.get("EXAMPLES", "steady"))
 
