@@ -128,11 +128,11 @@ def test_a_signal_ends_an_exit_handler_that_hangs(tmp_path):
     process.communicate()
 
 
-@pytest.mark.parametrize("number", ENDING_SIGNALS, ids=lambda number: number.name)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
 def test_a_search_for_the_highest_rate_ends_with_a_signal(tmp_path, number):
     process = started("rate", "--seconds", "3600", "--low", "3900", "--actuators", "1", cwd=tmp_path, cold=True)
     assert "highest rate" in process.stdout.readline() + process.stdout.readline()
-    time.sleep(1.0)
+    time.sleep(0.5)
     assert processor_time(process, number) < LIMIT / 2
     _, err = process.communicate()
     assert process.returncode == 128 + number and "stopped by " in err and "Traceback" not in err
