@@ -95,14 +95,19 @@ def quantity(value: Any, unit: str) -> str:
     return text.encode("unicode_escape").decode() if text.isspace() else text or "none"
 
 
+def number(value: float) -> str:
+    """Return the text of a bound: a large integer with all its digits, other numbers with six."""
+    return f"{value:.0f}" if 1e6 <= abs(value) <= 2**53 and value == round(value) else f"{value:g}"
+
+
 def bounds_text(param: Param) -> str:
     """Return the text of a parameter's bounds: '0 to 150', 'above 0', 'one of rated, peak', '' without bounds."""
     if param.choices is not None:
-        return "one of " + ", ".join(repr(text) if text.isspace() else text for text in map(text_of, param.choices))
+        return "one of " + ", ".join(text if text.strip() else repr(text) for text in map(text_of, param.choices))
     if param.min is not None and param.max is not None:
-        return f"{param.min:g} to {param.max:g}"
+        return f"{number(param.min)} to {number(param.max)}"
     words = ((param.min, "at least"), (param.above, "above"), (param.max, "at most"), (param.below, "below"))
-    return " and ".join(f"{word} {bound:g}" for bound, word in words if bound is not None)
+    return " and ".join(f"{word} {number(bound)}" for bound, word in words if bound is not None)
 
 
 def interval_text(interval: Interval | None, unit: str) -> str:
@@ -113,10 +118,10 @@ def interval_text(interval: Interval | None, unit: str) -> str:
     if interval.low == interval.high:
         return f"{interval.low:g}{sign}"
     if interval.low == -inf:
-        return f"at most {interval.high:g}{sign}"
-    return (
-        f"at least {interval.low:g}{sign}" if interval.high == inf else (f"{interval.low:g} to {interval.high:g}{sign}")
-    )
+        return f"at most {number(interval.high)}{sign}"
+    if interval.high == inf:
+        return f"at least {number(interval.low)}{sign}"
+    return f"{number(interval.low)} to {number(interval.high)}{sign}"
 
 
 def parameter_cards(block: type[Block] | Block) -> list[dict[str, str | bool]]:
