@@ -48,7 +48,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
 
     (AK Series Module Driver Manual V1.0.18; AKA Series Product Manual V3.0.0, section 4.) A board V1 or V2 must be set
     to servo mode with the vendor's tool. Each mode has one input: `duty_command`, `current_command`,
-    `current_brake_command`, `velocity_command`, or `position_command`. **Only a current bounds the torque**, to
+    `current_brake_command`, `velocity_command`, or `position_command`. Only a current bounds the torque, to
     `limit`; in the other modes the current is limited only by the settings of the drive. Commands have no reply: a
     report counts as the answer. The safe stop commands zero current, and disables a V3.0 board; a current below 0.32 A
     confirms it. A board V1 or V2 has no disable.
