@@ -4,6 +4,7 @@
 """
 
 import re
+import textwrap
 
 import blocks
 from graph.drawing import draw, svg
@@ -34,9 +35,13 @@ def family_groups():
 
 
 def markdown(text):
-    """Return a paragraph of a docstring as Markdown: spans in backticks are code, the rest is literal."""
-    parts = re.split(r"(`[^`\n]+`)", text)
-    return "".join(part if part.startswith("`") else re.sub(r"([\\*_\[\]<#$|])", r"\\\1", part) for part in parts)
+    """Return a paragraph of a docstring as Markdown: code in backticks is kept, paths of pages become links."""
+
+    def convert(match):
+        code, page, sign = match.groups()
+        return code or (f"[docs/{page}](../../{page})" if page else f"\\{sign}")
+
+    return re.sub(r"(`[^`\n]+`)|\bdocs/([\w/]+\.md)|([\\*_\[\]<#$|])", convert, text)
 
 
 def cell(text):
@@ -167,14 +172,14 @@ def _equation(text):
     first, _, rest = re.sub(r"(?<=[.!?])\s+(?=[A-Z(`])", "\n", text, count=1).partition("\n")
     title, colon, equation = first.partition(": ")
     if colon and "=" in equation:
-        return f"{title}.", equation.rstrip("."), rest
+        return f"{title}.", re.sub(r"(?<!\.\.)\.$", "", equation).replace("`", ""), rest
     return first, "", rest
 
 
 def _paragraph(text):
     if not re.search(r"^\s", text, re.MULTILINE):
         return markdown(text)
-    return f"```text\n{text}\n```"
+    return f"```text\n{textwrap.dedent(text)}\n```"
 
 
 def _port_text(port):

@@ -46,3 +46,8 @@ def test_index_of_the_blocks_is_fresh():
 
 def test_text_of_a_docstring_is_literal_markdown():
     assert block_pages.markdown("y = a * b for |u| < 1, `*_power` [N]") == r"y = a \* b for \|u\| \< 1, `*_power` \[N\]"
+
+
+def test_path_of_a_page_in_a_docstring_becomes_a_link():
+    text = "docs/reference/sensors.md describes its bytes"
+    assert block_pages.markdown(text) == "[docs/reference/sensors.md](../../reference/sensors.md) describes its bytes"
