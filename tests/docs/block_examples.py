@@ -57,6 +57,9 @@ SHOWN = {
     "Chirp": Shown(duration=5.0),
     "Debounce": Shown(inputs={"u": 'Compare(">")(Sine()() + Sine(amplitude=0.3, frequency=40.0)(), 0.0)'}),
     "Divide": Shown(inputs={"a": "Sine()()", "b": "Sine(frequency=2.0, bias=2.0)()"}),
+    "FeedForward": Shown({"damping": 1.0, "friction": 2.0}),
+    "Latch": Shown(inputs={"on": 'Compare(">")(Sine()(), 0.5)', "off": 'Compare("<")(Sine()(), -0.5)'}),
+    "Limb": Shown(inputs={"torque": 'StepSource(time=0.1, after=15, unit="N·m")()'}, style="step", duration=2.0),
     "LoadCell": Shown(inputs={"signal": "StepSource(time=1.0)()"}, duration=2.0),
     "LookupTable1D": Shown({"breakpoints": (-1.0, 0.0, 0.5, 1.5), "values": (0.0, 1.0, 0.8, 2.0)}, style="curve"),
     "OnnxModel": Shown({"file": "networks/hip_torque.onnx"}),
@@ -67,6 +70,7 @@ SHOWN = {
     "Playback": Shown({"file": "walk.csv", "column": "knee"}),
     "Polynomial": Shown({"coefficients": (1.0, 0.0, -2.0, 0.5)}, style="curve"),
     "PowerLimiter": Shown({"power": 5.0}),
+    "QuaternionFromEuler": Shown(inputs={"yaw": 'Sine(unit="rad")()'}, style="waves"),
     "RMSTorqueLimiter": Shown({"limit": 9.0}, duration=60.0),
     "SoftStop": Shown(
         {"lower": -0.8, "upper": 0.8, "stiffness": 50.0},
@@ -76,6 +80,7 @@ SHOWN = {
             "velocity": f'Sine(amplitude={2 * math.pi:.3f}, phase={math.pi / 2:.3f}, unit="rad/s")()',
         },
     ),
+    "SplineProfile": Shown({"point_3": 4.0, "point_4": 10.0, "point_5": 2.0}),
     "StateMachine": Shown(inputs={"u": "Sine(amplitude=2.0)()"}, style="waves"),
     "StrideEnvelope": Shown(duration=14.0),
     "Tan": Shown(inputs={"u": 'Ramp(slope=1.4, initial=-1.4, unit="rad")()'}),
@@ -168,7 +173,11 @@ def example_of(kind, home):
     call = f"{kind.__name__}({', '.join(f'{name}={_text(value)}' for name, value in given.items())})"
     own = SHOWN.get(kind.__name__, Shown())
     shown = Example(kind, call, rate=own.rate)
-    required = {name: port for name, port in made(kind).inputs.items() if port.default is None and not kind.variadic}
+    required = {
+        name: port
+        for name, port in made(kind).inputs.items()
+        if (port.default is None or name in own.inputs) and not kind.variadic
+    }
     if issubclass(kind, (Device, Sink)) or kind.always or not kind.outputs and not made(kind).outputs:
         shown.inputs = {name: "0.0" if port.dtype == "float" else "False" for name, port in required.items()}
         if issubclass(kind, Actuator):

@@ -145,8 +145,9 @@ def draw_frequency_response(shown, target):
     if found is None:
         return False
     figure, axes = _axes(2)
-    gain, phase = found
-    axes[0].loglog(FREQUENCIES, np.maximum(gain, 1e-6), color=INK)
+    gain, phase = np.maximum(found[0], 1e-6), found[1]
+    axes[0].loglog(FREQUENCIES, gain, color=INK)
+    axes[0].set_ylim(min(gain.min(), gain.max() / 12) / 1.1, gain.max() * 1.1)  # at least a decade: no rounding errors
     axes[0].set_ylabel("gain")
     axes[1].semilogx(FREQUENCIES, np.degrees(phase), color=INK)
     axes[1].set_ylabel("phase [deg]")
