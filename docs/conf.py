@@ -19,6 +19,7 @@ INDEX = "reference/blocks.md"  # of readers on GitHub: a site has a page for eac
 exclude_patterns = [INDEX]
 templates_path = ["_templates"]
 
+smartquotes = False  # quotation marks and -- belong to code, also outside of backticks
 myst_heading_anchors = 4
 myst_enable_extensions = ["html_image"]
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # of cells with %%bash
