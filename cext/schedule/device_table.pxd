@@ -62,6 +62,7 @@ cdef class DeviceTable:
     cdef int64_t now             # ns since the begin of the run, of the newest drain
     cdef bint waiting            # after a fault, to be armed again: nothing is sent
     cdef bint stopping           # replies to a safe stop are expected
+    cdef bint timed              # the replies are timed
     cdef bint alone              # no other node may command the devices
 
     cdef int load(self) except -1

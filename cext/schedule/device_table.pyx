@@ -88,6 +88,7 @@ cdef class DeviceTable:
 
     cdef int time_replies(self) except -1:
         """Time the reply of every device to each command from now on."""
+        self.timed = True
         for index in range(self.count):
             if self.devices[index].latency == NULL and self.devices[index].zero.count:
                 self.devices[index].latency = <Histogram *>calloc(1, sizeof(Histogram))

@@ -47,4 +47,4 @@ cdef class Devices:
     cdef int command(self) noexcept nogil
     cdef int encode(self, Device *device, Frame *frames) noexcept nogil
     cdef int transmit(self, int64_t now) noexcept nogil
-    cdef void note_commands(self, int bus, int64_t at) noexcept nogil
+    cdef void note_commands(self, int bus, int64_t at, int64_t sent) noexcept nogil

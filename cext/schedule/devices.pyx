@@ -282,19 +282,24 @@ cdef class Devices:
         """Send the frames of `command`, and those of the drives that are taken out or return."""
         cdef int bus, status
         cdef int first = 0
+        cdef int64_t sent = 0
         for bus in range(self.buses.count):
+            if self.table.timed:
+                sent = monotonic() - self.buses.began       # a drive can reply before the call returns
             status = self.buses.send(bus, &self.outgoing[first], self.outgoing_count[bus], now, False)
             if status != OK:
                 return status
             first += self.outgoing_count[bus]
-            self.note_commands(bus, now)
+            self.note_commands(bus, now, sent)
         return self.switch.send(now)
 
-    cdef void note_commands(self, int bus, int64_t at) noexcept nogil:
-        """Start timing the replies of a bus's devices, unless the previous reply is still due. at : ns of the frames"""
+    cdef void note_commands(self, int bus, int64_t at, int64_t sent) noexcept nogil:
+        """Start timing the replies of a bus's devices, unless the previous reply is still due.
+
+        at : ns of the frames; sent : ns before they were sent
+        """
         cdef int number
         cdef Device *device
-        cdef int64_t now = -1
         for number in range(self.table.count):
             device = &self.table.devices[number]
             if device.bus != bus:
@@ -305,9 +310,7 @@ cdef class Devices:
                     device.missed += 1
                 device.owed = True
             if device.latency != NULL and device.drive.state == ACTIVE:
-                if now < 0:
-                    now = monotonic() - self.buses.began
-                device.asked = now
+                device.asked = sent
 
 
 cdef inline void note_reply(Device *device, const Frame *frame, bint counts, int64_t tick) noexcept nogil:
