@@ -63,11 +63,11 @@ def test_a_block_that_aborts_a_simulation_is_reported_with_its_signal(tmp_path, 
     path = knee(tmp_path, "import os; tick >= 20 and os.abort(); return 1.0")
     process = finished(path, *options, "--duration", "5", cwd=tmp_path, timeout=20)
     assert process.returncode == -signal.SIGABRT
-    died = "tickwork recorder: the control process died of SIGABRT in law; "
-    assert (
-        died in process.stderr and " ticks were recorded, the last is 19: " in process.stderr
-    )  # real time can skip some
-    assert Files(tmp_path / "recordings").sidecar["ended"] == "the control process died"
+    assert "tickwork recorder: the control process died of SIGABRT in law; " in process.stderr
+    sidecar = Files(tmp_path / "recordings").sidecar
+    assert f" ticks were recorded, the last is {sidecar['last_tick']}: " in process.stderr
+    assert sidecar["ended"] == "the control process died" and 0 < sidecar["last_tick"] < 20
+    assert sidecar["last_tick"] == 19 or not options  # real time can skip the ticks before
 
 
 @pytest.mark.parametrize("rig", [False, True], ids=["simulated", "on a rig"])
@@ -87,9 +87,10 @@ def test_exec_in_block_leaves_no_recorder_or_guardian(tmp_path, rig):
         if rig:
             bus.listen(0.2)
             bus.stopped_after(0.0)  # the motors were stopped, and not commanded again
-    assert "os._exit or exec; " in err and " ticks were recorded, the last is 19: " in err and "Traceback" not in err
     sidecar = Files(tmp_path / "out").sidecar
-    assert sidecar["ended"] == "the control process died" and sidecar["last_tick"] == 19
+    assert f" ticks were recorded, the last is {sidecar['last_tick']}: " in err and "Traceback" not in err
+    assert "os._exit or exec; " in err and sidecar["ended"] == "the control process died"
+    assert sidecar["last_tick"] == 19 or rig and 0 < sidecar["last_tick"] < 19  # real time can skip the ticks before
 
 
 def alive(process):
