@@ -88,7 +88,9 @@ def quantity(value: Any, unit: str) -> str:
     if isinstance(value, (int, float)):
         return f"{value:g}" + ("" if unit in (units.ONE, units.ANY) else f" {unit}")
     if isinstance(value, (tuple, list)):
-        return f"{len(value)} entries" if len(text_of(value)) > 24 else ", ".join(map(text_of, value)) or "none"
+        if len(text_of(value)) > 24:
+            return f"{len(value)} entries" if len(value) > 1 else "1 entry"
+        return ", ".join(map(text_of, value)) or "none"
     if isinstance(value, dict):
         return ", ".join(map(text_of, value)) or "none"
     text = value if type(value) is str else text_of(value)

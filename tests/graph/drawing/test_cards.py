@@ -83,6 +83,7 @@ def test_bounds_are_formatted(param, words):
         ((1, 2), "1", "1, 2"),
         ({"u": "1"}, "1", "u"),
         (tuple((i / 7, i) for i in range(8)), "1", "8 entries"),
+        ((tuple(i / 7 for i in range(8)),), "1", "1 entry"),
     ],
 )
 def test_values_are_formatted(value, unit, words):
