@@ -85,9 +85,9 @@ class Delay(Block):
 class Integrator(Block):
     """Integral over time with limits: y += dt · u, starting at `initial`.
 
-        forward       y[k] = y[k-1] + dt u[k-1]                  no direct feedthrough of u, so it may close a loop
+        forward       y[k] = y[k-1] + dt u[k-1]                no direct feedthrough of u: may close a loop
         backward      y[k] = y[k-1] + dt u[k]
-        trapezoidal   y[k] = y[k-1] + dt (u[k] + u[k-1]) / 2     with u[-1] = 0
+        trapezoidal   y[k] = y[k-1] + dt (u[k] + u[k-1]) / 2   with u[-1] = 0
 
     The state itself is limited, so the integral leaves a limit as soon as u changes sign: no windup. While `restart` is
     true the output is `initial`. dt is the actual time since the previous step, also after missed ticks. NaN persists

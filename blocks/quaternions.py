@@ -83,8 +83,8 @@ class QuaternionToEuler(Block):
     """
 
     q = Input("1", "quaternion (w, x, y, z)", shape=(4,))
-    yaw = Output("rad", "rotation about z, applied first: -π to π", range=HALF_TURN, circle=(-math.pi, math.pi))
-    pitch = Output("rad", "rotation about the new y, applied second: -π/2 to π/2", range=QUARTER_TURN)
-    roll = Output("rad", "rotation about the new x, applied last: -π to π", range=HALF_TURN, circle=(-math.pi, math.pi))
+    yaw = Output("rad", "rotation about z, applied first", range=HALF_TURN, circle=(-math.pi, math.pi))
+    pitch = Output("rad", "rotation about the new y, applied second", range=QUARTER_TURN)
+    roll = Output("rad", "rotation about the new x, applied last", range=HALF_TURN, circle=(-math.pi, math.pi))
 
     kernel = kernels.to_euler

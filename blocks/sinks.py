@@ -13,7 +13,7 @@ class PlotJuggler(Sink):
     In PlotJuggler: Streaming, UDP Server, port 9870, JSON; tick "use field as timestamp" and enter `timestamp`.
     `python -m runtime plotjuggler FILE` writes a layout with the plots.
 
-    A run in virtual time sends nothing, unless `virtual_time` is set or the run has the option --plotjuggler.
+    A run in virtual time sends nothing, unless `virtual_time` is set or the run has the option `--plotjuggler`.
     """
 
     host = Param("127.0.0.1", "1", "host on which PlotJuggler runs")
@@ -43,8 +43,8 @@ class PlotJuggler(Sink):
 class Rerun(Sink):
     """Rerun viewer: one plot per subsystem with its limits, limbs in 3-D, faults as text.
 
-    Requires rerun-sdk: pip install 'tickwork[rerun]'. A limb is identified by names: actuators called `hip`, `knee` and
-    `ankle` in one subsystem.
+    Requires rerun-sdk: `pip install 'tickwork[rerun]'`. A limb is identified by names: actuators called `hip`, `knee`
+    and `ankle` in one subsystem.
     """
 
     target = Param(

@@ -15,9 +15,14 @@ class StateMachine(Block):
         gait = StateMachine(
             takes={"angle": "rad", "contact": "1"},
             gives={"stiffness": "N·m/rad", "damping": "N·m·s/rad"},
-            states={"stance": {"stiffness": 60.0, "damping": 1.0}, "swing": {"stiffness": 0.0, "damping": 0.4}},
-            transitions=[("stance", "swing", "not contact and angle > 0.5"), ("swing", "stance", "contact and
-            time_in_state > 0.1")],
+            states={
+                "stance": {"stiffness": 60.0, "damping": 1.0},
+                "swing": {"stiffness": 0.0, "damping": 0.4},
+            },
+            transitions=[
+                ("stance", "swing", "not contact and angle > 0.5"),
+                ("swing", "stance", "contact and time_in_state > 0.1"),
+            ],
         )(angle=knee.position, contact=foot.contact)
 
     Principle: 1. once per tick the conditions of the transitions from the present state are evaluated in their order;

@@ -58,8 +58,6 @@ class Item(NamedTuple):
 class Kernel:
     """A native function of the kernel ABI and the names of its items.
 
-    Parameters
-    ----------
     function : PyCapsule named by its C signature, ctypes function pointer, or Numba cfunc
     items : str, as in "u[...] y[...] gain *inputs"
     owner : object that the function uses, kept as long as the kernel

@@ -115,7 +115,7 @@ class Divide(Block):
 
 
 class UnitConversion(Block):
-    """Converts between two units of one dimension: y = factor · u + offset. UnitConversion("deg", "rad")."""
+    """Converts between two units of one dimension: y = factor · u + offset. Example: `UnitConversion("deg", "rad")`."""
 
     source = Param("", "1", "unit of the input", required=True, dtype=str)
     target = Param("", "1", "unit of the output", required=True, dtype=str)

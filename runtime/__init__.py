@@ -33,9 +33,9 @@ def load(path: Iterable[str | os.PathLike[str]]) -> Trials: ...  # noqa: F811
 def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Trial | Trials:  # noqa: F811
     """Load a recording, or several as one table. Needs NumPy and mcap, and no compiled module.
 
-    load("trial.mcap")          runtime.analysis.trial.Trial: `trial["left/knee.position"]` is an array over the ticks
-    load("trials")              the newest recording of a folder
-    load("trials/*.mcap")       runtime.analysis.trials.Trials: one after the other, with the fields of each trial
+    load("trial.mcap")      runtime.analysis.trial.Trial: trial["left/knee.position"] is an array over the ticks
+    load("trials")          the newest recording of a folder
+    load("trials/*.mcap")   runtime.analysis.trials.Trials: one after the other, with the fields of each trial
 
     path : path of a file or folder, a pattern, or a list of paths. Type checkers take a text for one file: of a
         pattern, pass `glob.glob(pattern)`

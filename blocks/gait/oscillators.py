@@ -11,8 +11,10 @@ from graph import Block, Input, Memory, Output, Param
 class AdaptiveOscillator(Block):
     """Gait phase from coupled oscillators that learn frequency and shape of an angle.
 
-    θ̂ = α₀ + Σ αᵢ sin φᵢ,  e = θ − θ̂,  φ̇ᵢ = i ω + ν e / Σα cos φᵢ,  ω̇ = ν_ω e / Σα cos φ₁,  α̇ᵢ = η e sin φᵢ,  α̇₀ =
-    η e. (Righetti et al. 2006; Ronsse et al. 2013) The phase is φ₁ less its value at heel strike, the mean of the first
+        θ̂ = α₀ + Σ αᵢ sin φᵢ,  e = θ − θ̂
+        φ̇ᵢ = i ω + ν e / Σα cos φᵢ,  ω̇ = ν_ω e / Σα cos φ₁,  α̇ᵢ = η e sin φᵢ,  α̇₀ = η e
+
+    (Righetti et al. 2006; Ronsse et al. 2013) The phase is φ₁ less its value at heel strike, the mean of the first
     ten after 4 s; then `correction` of the difference is corrected at each strike (Yan et al. 2017). While the angle
     has moved by less than 15 % of its usual velocity for 0.2 s, ω and α hold; the next strike is phase 0. Where two
     strides of equal length contradict ω by more than a quarter, ω is set to theirs. A strike more than a fifth of a

@@ -38,7 +38,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     report neither faults nor whether the drive is enabled. Faults are read during arming and once per second, in a tick
     with a request instead of a command: the drive holds its last command for one more period. Arming also writes
     `can_timeout` and the torque limit to the drive and reads the time-out back; it fails if the drive returns another
-    time-out or none, as firmware older than models.MIT_FIRMWARE does.
+    time-out or none, as firmware older than `models.MIT_FIRMWARE` does.
     """
 
     can_id = Param(127, "1", "CAN id set in the drive", min=1, max=127, fixed=True)
@@ -163,8 +163,8 @@ class EmulatedRobStrideMIT(Emulated, Device):
     stops itself after the written time-out.
     """
 
-    can_id = Param(127, "1", "its id", min=1, max=127, fixed=True)
-    host_id = Param(0xFD, "1", "id of its replies", min=0, max=255, fixed=True)
+    can_id = Param(127, "1", "CAN id of the drive", min=1, max=127, fixed=True)
+    host_id = Param(0xFD, "1", "id of the drive's replies", min=0, max=255, fixed=True)
     parameters_known = Param(True, "1", "whether the firmware reads and writes parameters", fixed=True, kernel=False)
 
     registers = Memory((0.0,) * 64, "parameters 0x7000 to 0x703F, four raw bytes each")
