@@ -15,7 +15,6 @@ import tempfile
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,8 +22,8 @@ from graph import Actuator, Block, Device, Signal, Sink, units
 from runtime.diagrams.catalog import import_line, libraries
 from tests.blocks.examples import EXAMPLES
 from tests.docs.pages import ROOT
+from tests.docs.shown import RATE, SHOWN, Shown
 
-RATE = 200.0  # Hz
 LONG_LINE = 80  # columns, beyond which each connection takes a line
 WALKING = ("blocks.gait", "blocks.wearer", "blocks.controllers.gait", "blocks.sensors.insole")
 SETTLED = 0.02  # share of the range of a response within which it has settled
@@ -32,73 +31,16 @@ DURATIONS = (0.5, 1.0, 2.0, 5.0, 10.0, 100.0, 1000.0)  # s
 AMPLITUDES = {"N·m": 15.0, "m/s²": 9.81, "°C": 100.0, "N": 500.0, "V": 3.0}  # of inputs by unit; 1 for others
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What an example uses in place of what the declarations determine; None keeps that.
-
-    parameters : of the block
-    inputs : {input: expression}
-    style : curve, step or waves
-    duration : s
-    rate : Hz
-    """
-
-    parameters: dict[str, Any] | None = None
-    inputs: dict[str, str] = field(default_factory=dict)
-    style: str | None = None
-    duration: float | None = None
-    rate: float = RATE
-
-
-STEP, ONCE = "StepSource(time=0.1)()", {"measurement": "0.0"}
-LOW_PASS = (0.0201, 0.0402, 0.0201, 1.0, -1.561, 0.6414)  # Butterworth of second order, 10 Hz at 200 Hz
-SHOWN = {
-    "BiquadCascade": Shown({"sos": (LOW_PASS,)}),
-    "Chirp": Shown(duration=5.0),
-    "Debounce": Shown(inputs={"u": 'Compare(">")(Sine()() + Sine(amplitude=0.3, frequency=40.0)(), 0.0)'}),
-    "Divide": Shown(inputs={"a": "Sine()()", "b": "Sine(frequency=2.0, bias=2.0)()"}),
-    "FeedForward": Shown({"damping": 1.0, "friction": 2.0}),
-    "Latch": Shown(inputs={"on": 'Compare(">")(Sine()(), 0.5)', "off": 'Compare("<")(Sine()(), -0.5)'}),
-    "Limb": Shown(inputs={"torque": 'StepSource(time=0.1, after=15, unit="N·m")()'}, style="step", duration=2.0),
-    "LoadCell": Shown(inputs={"signal": "StepSource(time=1.0)()"}, duration=2.0),
-    "LookupTable1D": Shown({"breakpoints": (-1.0, 0.0, 0.5, 1.5), "values": (0.0, 1.0, 0.8, 2.0)}, style="curve"),
-    "OnnxModel": Shown({"file": "networks/hip_torque.onnx"}),
-    "P": Shown({"kp": 2.0}, ONCE | {"reference": STEP}, "step", 1.0),
-    "PD": Shown({"kd": 0.05, "filter_time": 0.05, "c": 1.0}, ONCE | {"reference": STEP}, "step", 1.0),
-    "PI": Shown({"ki": 2.0}, ONCE | {"reference": STEP}, "step", 1.0),
-    "PID": Shown({"ki": 2.0, "kd": 0.05, "filter_time": 0.05, "c": 1.0}, ONCE | {"reference": STEP}, "step", 1.0),
-    "Playback": Shown({"file": "walk.csv", "column": "knee"}),
-    "Polynomial": Shown({"coefficients": (1.0, 0.0, -2.0, 0.5)}, style="curve"),
-    "PowerLimiter": Shown({"power": 5.0}),
-    "QuaternionFromEuler": Shown(inputs={"yaw": 'Sine(unit="rad")()'}, style="waves"),
-    "RMSTorqueLimiter": Shown({"limit": 9.0}, duration=60.0),
-    "SoftStop": Shown(
-        {"lower": -0.8, "upper": 0.8, "stiffness": 50.0},
-        {
-            "torque": "0.0",
-            "position": 'Sine(unit="rad")()',
-            "velocity": f'Sine(amplitude={2 * math.pi:.3f}, phase={math.pi / 2:.3f}, unit="rad/s")()',
-        },
-    ),
-    "SplineProfile": Shown({"point_3": 4.0, "point_4": 10.0, "point_5": 2.0}),
-    "StateMachine": Shown(inputs={"u": "Sine(amplitude=2.0)()"}, style="waves"),
-    "StrideEnvelope": Shown(duration=14.0),
-    "Tan": Shown(inputs={"u": 'Ramp(slope=1.4, initial=-1.4, unit="rad")()'}),
-    "TemperatureDerating": Shown(inputs={"temperature": 'Ramp(slope=25.0, initial=60.0, unit="°C")()'}),
-    "ThermalModel": Shown(
-        inputs={"torque": 'StepSource(time=60.0, after=9.0, unit="N·m")()'}, duration=3600.0, rate=2.0
-    ),
-    "TransferFunction": Shown({"numerator": (1.0,), "denominator": (0.01, 0.1, 1.0), "domain": "s"}),
-    "UnitConversion": Shown(style="curve"),
-}
-
-
 @dataclass
 class Example:
-    """Example of a block. code : lines that make `diagram` and, if it computes, `trial`; path : of the block in it"""
+    """Example of a block.
+
+    given : its parameters, as keyword arguments
+    path : of the block in the diagram
+    """
 
     kind: type[Block]
-    call: str
+    given: list[str]
     walker: bool = False
     style: str = "none"  # time, curve, step, waves, walk or none
     duration: float = 2.0
@@ -111,11 +53,10 @@ class Example:
     def code(self):
         """Return the code of the diagram."""
         wires = [f"{name}={value}" for name, value in self.inputs.items()]
-        line = f'{self.call[:-1]}{", " if self.call[-2] != "(" else ""}name="block")'
-        if wires and len(line) + sum(map(len, wires)) > LONG_LINE:
-            body = [f"{line}(", *(f"    {wire}," for wire in wires), ")"]
-        else:
-            body = [line + (f"({', '.join(wires)})" if wires else "")]
+        body = _call(self.kind.__name__, [*self.given, 'name="block"'], LONG_LINE)
+        if wires:
+            *body, last = body
+            body += _call(last, wires, LONG_LINE)
         walker = ['walker = Walker(name="walker")()'] if self.walker else []
         head = f'with Diagram("example", rate={self.rate:g}) as diagram:\n'
         return head + "".join(f"    {line}\n" for line in walker + body)
@@ -126,6 +67,12 @@ class Example:
         run = "" if self.style == "none" else f"trial = runtime.run(diagram, {self.duration:g})\n"
         heads = [f"import {name}" for name, used in (("math", "math." in code), ("runtime", run)) if used]
         return "\n".join(heads + _imports(code)) + "\n\n" + code + run
+
+
+def _call(name, arguments, columns):
+    """Return the lines of a call: one, or a line for each argument if it were longer."""
+    line = f"{name}({', '.join(arguments)})"
+    return [line] if len(line) <= columns else [f"{name}(", *(f"    {argument}," for argument in arguments), ")"]
 
 
 def _imports(code):
@@ -169,10 +116,9 @@ def example_of(kind, home):
 
     home : module that exports it
     """
-    given = parameters(kind)
-    call = f"{kind.__name__}({', '.join(f'{name}={_text(value)}' for name, value in given.items())})"
+    given = [f"{name}={_text(value)}" for name, value in parameters(kind).items()]
     own = SHOWN.get(kind.__name__, Shown())
-    shown = Example(kind, call, rate=own.rate)
+    shown = Example(kind, given, rate=own.rate)
     required = {
         name: port
         for name, port in made(kind).inputs.items()
@@ -196,6 +142,7 @@ def example_of(kind, home):
     shown.style = own.style or shown.style
     for place, (name, port) in enumerate(required.items()):
         shown.inputs[name] = own.inputs.get(name) or _source(shown, place, name, port)
+    shown.walker = any("walker." in value for value in shown.inputs.values())
     if own.duration:
         shown.duration = own.duration
     elif shown.style == "step":
@@ -255,7 +202,6 @@ def _of_walker(shown, name, port):
     quantity = {"position": "angle", "u": "torque" if port.unit == "N·m" else "angle", "moment": "torque"}.get(
         quantity, quantity
     )
-    shown.walker = True
     if quantity in ("angle", "velocity") or quantity == "torque" and shown.kind.__name__ != "Cuff":
         return f"walker.{side}_{joint}_{quantity}"
     if quantity in ("phase", "contact"):

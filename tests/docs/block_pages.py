@@ -172,7 +172,7 @@ def _equation(text):
     first, _, rest = re.sub(r"(?<=[.!?])\s+(?=[A-Z(`])", "\n", text, count=1).partition("\n")
     title, colon, equation = first.partition(": ")
     if colon and "=" in equation:
-        return f"{title}.", re.sub(r"(?<!\.\.)\.$", "", equation).replace("`", ""), rest
+        return f"{title}.", re.sub(r"(?<!\.)\.$|(?<=\.{3})\.$", "", equation).replace("`", ""), rest
     return first, "", rest
 
 

@@ -9,7 +9,8 @@ import runtime
 from blocks.discrete import UnitDelay
 from blocks.sources import GaussianNoise, StepSource
 from graph import Diagram, units
-from tests.docs.block_examples import RATE, made, parameters, run
+from tests.docs.block_examples import made, parameters, run
+from tests.docs.shown import RATE
 
 FREQUENCIES = np.geomspace(0.5, 95.0, 200)  # Hz
 INK, FAINT = "#0072b2", "#888888"

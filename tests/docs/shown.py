@@ -1,0 +1,100 @@
+"""Signals, parameters and time spans that show the behaviour of blocks better than those from their declarations."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+RATE = 200.0  # Hz
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What an example uses in place of what the declarations determine; None keeps that.
+
+    parameters : of the block
+    inputs : {input: expression}
+    style : curve, step or waves
+    duration : s
+    rate : Hz
+    """
+
+    parameters: dict[str, Any] | None = None
+    inputs: dict[str, str] = field(default_factory=dict)
+    style: str | None = None
+    duration: float | None = None
+    rate: float = RATE
+
+
+STEP, ONCE = "StepSource(time=0.1)()", {"measurement": "0.0"}
+TILT = Shown(
+    inputs={
+        "gyro": 'stack(Sine(frequency=0.5, unit="rad/s")(), 0.0, 0.0)',
+        "accel": 'stack(0.0, 0.0, Constant(9.81, unit="m/s²")())',
+    },
+    duration=10.0,
+)
+LOW_PASS = (0.0201, 0.0402, 0.0201, 1.0, -1.561, 0.6414)  # Butterworth of second order, 10 Hz at 200 Hz
+SHOWN = {
+    "BiquadCascade": Shown({"sos": (LOW_PASS,)}),
+    "Chirp": Shown(duration=5.0),
+    "ComplementaryOrientation": TILT,
+    "Debounce": Shown(inputs={"u": 'Compare(">")(Sine()() + Sine(amplitude=0.3, frequency=40.0)(), 0.0)'}),
+    "Delay": Shown({"samples": 20}),
+    "Divide": Shown(inputs={"a": "Sine()()", "b": "Sine(frequency=2.0, bias=2.0)()"}),
+    "EmulatedFSR": Shown(inputs={"force": 'Ramp(slope=25.0, unit="N")()'}),
+    "FSR": Shown(inputs={"voltage": 'Ramp(slope=1.6, unit="V")()'}),
+    "FeedForward": Shown({"damping": 1.0, "friction": 2.0}),
+    "GyroEvents": Shown(inputs={"velocity": "walker.left_shank_motion[7]"}),
+    "Hold": Shown({"every": 20}, {"u": "Sine()()"}, "waves"),
+    "Latch": Shown(inputs={"on": 'Compare(">")(Sine()(), 0.5)', "off": 'Compare("<")(Sine()(), -0.5)'}),
+    "Limb": Shown(inputs={"torque": 'StepSource(time=0.1, after=15, unit="N·m")()'}, style="step", duration=2.0),
+    "LoadCell": Shown(inputs={"signal": "StepSource(time=1.0)()"}, duration=2.0),
+    "LookupTable1D": Shown({"breakpoints": (-1.0, 0.0, 0.5, 1.5), "values": (0.0, 1.0, 0.8, 2.0)}, style="curve"),
+    "Madgwick": TILT,
+    "Mahony": TILT,
+    "Median": Shown({"samples": 5}, {"u": "Sine()() + Pulse(period=0.3, duty=0.02)()"}, "waves"),
+    "MovingMaximum": Shown(inputs={"u": "Chirp(stop=2.0)()"}, style="waves", duration=10.0),
+    "MovingMinimum": Shown(inputs={"u": "Chirp(stop=2.0)()"}, style="waves", duration=10.0),
+    "OnnxModel": Shown(
+        {"file": "networks/hip_torque.onnx"},
+        {
+            "hip_angle": "walker.left_hip_angle",
+            "hip_velocity": "walker.left_hip_velocity",
+            "opposite_hip_angle": "walker.right_hip_angle",
+            "opposite_hip_velocity": "walker.right_hip_velocity",
+        },
+        "walk",
+        10.0,
+    ),
+    "P": Shown({"kp": 2.0}, ONCE | {"reference": STEP}, "step", 1.0),
+    "PD": Shown({"kd": 0.05, "filter_time": 0.05, "c": 1.0}, ONCE | {"reference": STEP}, "step", 1.0),
+    "PI": Shown({"ki": 2.0}, ONCE | {"reference": STEP}, "step", 1.0),
+    "PID": Shown({"ki": 2.0, "kd": 0.05, "filter_time": 0.05, "c": 1.0}, ONCE | {"reference": STEP}, "step", 1.0),
+    "PhaseKalmanFilter": Shown(inputs={"angle": "walker.left_hip_angle"}, duration=12.0),
+    "Playback": Shown({"file": "walk.csv", "column": "knee"}),
+    "Polynomial": Shown({"coefficients": (1.0, 0.0, -2.0, 0.5)}, style="curve"),
+    "PowerLimiter": Shown({"power": 5.0}),
+    "QuaternionFromEuler": Shown(inputs={"yaw": 'Sine(unit="rad")()'}, style="waves"),
+    "RMSTorqueLimiter": Shown({"limit": 9.0}, duration=60.0),
+    "Select": Shown({"index": 1}, {"u": "stack(Sine()(), Sine(frequency=2)())"}, "waves"),
+    "SoftStop": Shown(
+        {"lower": -0.8, "upper": 0.8, "stiffness": 50.0},
+        {
+            "torque": "0.0",
+            "position": 'Sine(unit="rad")()',
+            "velocity": f'Sine(amplitude={2 * math.pi:.3f}, phase={math.pi / 2:.3f}, unit="rad/s")()',
+        },
+    ),
+    "SplineProfile": Shown({"point_3": 4.0, "point_4": 10.0, "point_5": 2.0}),
+    "StateMachine": Shown(inputs={"u": "Sine(amplitude=2.0)()"}, style="waves"),
+    "StrideEnvelope": Shown(duration=14.0),
+    "Tan": Shown(inputs={"u": 'Ramp(slope=1.4, initial=-1.4, unit="rad")()'}),
+    "TemperatureDerating": Shown(inputs={"temperature": 'Ramp(slope=25.0, initial=60.0, unit="°C")()'}),
+    "ThermalModel": Shown(
+        inputs={"torque": 'StepSource(time=60.0, after=9.0, unit="N·m")()'}, duration=3600.0, rate=2.0
+    ),
+    "Timer": Shown(inputs={"restart": 'Compare(">")(Sine()(), 0.9)'}, style="waves", duration=3.0),
+    "TorqueProfile": Shown({"points": ((0.0, 0.0), (0.3, 0.0), (0.5, 10.0), (0.65, 0.0))}),
+    "TransferFunction": Shown({"numerator": (1.0,), "denominator": (0.01, 0.1, 1.0), "domain": "s"}),
+    "UnitConversion": Shown(style="curve"),
+}
