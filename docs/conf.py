@@ -1,5 +1,6 @@
 """Configuration of the site. `make docs` builds it into build/site/VERSION, without a network."""
 
+import inspect
 import os
 import re
 import sys
@@ -21,7 +22,8 @@ templates_path = ["_templates"]
 
 smartquotes = False  # quotation marks and -- belong to code, also outside of backticks
 myst_heading_anchors = 4
-myst_enable_extensions = ["html_image"]
+myst_enable_extensions = ["html_image", "tasklist"]
+myst_disable_syntax = ["myst_line_comment"]  # a line of prose may begin with %
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # of cells with %%bash
 nb_execution_mode = "off" if QUICK else "force"
 nb_execution_in_temp = True
@@ -77,13 +79,15 @@ def docstring(app, what, name, thing, options, lines):
     Blocks of indented lines and tables are literal; `name : description` is an entry of a definition list.
     """
     found = []
-    for block in re.split(r"\n\s*\n", "\n".join(lines).strip("\n")):
+    text = re.sub(r"; (?=\w+(, \w+)* : )", "\n", "\n".join(lines).strip("\n"))
+    text = re.sub(r"(?<=\.) (?=\w+(, \w+)* : )", "\n\n", text)
+    for block in re.split(r"\n\s*\n", text):
         rows = block.splitlines()
         if all(row.startswith(" ") for row in rows) or re.search(r"\S {3,}\S", block):
             found += ["::", "", *(f"    {row}" for row in rows)]
-        elif re.match(r"[\w, *]+ : ", rows[0]):
+        elif re.match(r"[\w., *]+ : ", rows[0]):
             for row in rows:
-                entry = re.match(r"([\w, *]+) : (.*)", row)
+                entry = re.match(r"([\w., *]+) : (.*)", row)
                 found += [f"``{entry[1]}``", f"    {code(entry[2])}"] if entry else [f"    {code(row.strip())}"]
         else:
             found += map(code, map(str.strip, rows))
@@ -95,6 +99,11 @@ OUTSIDE = {  # section: its pages in other folders, before and after its own
     "reference": (["/api/blocks/index", "/api/python/index", "/api/commands"], ["/api/error_codes", "/CHANGELOG"]),
     "explanation": ([], ["/safety_case", "/coming_from/index", "/CONTRIBUTING"]),
 }
+
+
+def skip(app, what, name, thing, skipped, options):
+    """Leave out attributes that are modules: their text contains the path of a file."""
+    return True if inspect.ismodule(thing) else None
 
 
 def links(text):
@@ -139,4 +148,5 @@ def setup(app):
     """Write the generated pages, and connect the converters."""
     generated.write(Path(app.srcdir) / "api", quick=QUICK)
     app.connect("autodoc-process-docstring", docstring)
+    app.connect("autodoc-skip-member", skip)
     app.connect("source-read", read)
