@@ -61,9 +61,9 @@ $(VENV)/bin/ruff format --check --quiet
 endef
 pyright = $(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
 
-# One worker for each processor: with one more, loops of tests in real time are late too often, for a gain of 10 s. Tests that wait in
-# real time (marked `paced`) follow two at a time, and those that measure it (`timing`) one at a time. Only the files of these are
-# collected: the collection of all takes 7 s. Pyright, half a minute of one processor, runs beside those that wait.
+# One worker more than processors, since many tests wait for a process. Tests that wait in real time (marked `paced`) follow two at a
+# time, and those that measure it (`timing`) one at a time. Only the files of these are collected: the collection of all takes 7 s.
+# Pyright, half a minute of one processor, runs beside those that wait.
 marked = $$(grep -rl --include='test_*.py' 'mark\.$(1)' tests)
 test: $(VENV)/installed-test
 	$(ruff)
@@ -71,7 +71,7 @@ test: $(VENV)/installed-test
 	    $(pyright)
 	    exec $(VENV)/bin/python -m pytest $(TESTS)
 	fi
-	$(VENV)/bin/python -m pytest -n $$(nproc) --dist worksteal -m 'not soak and not paced and not timing'
+	$(VENV)/bin/python -m pytest -n $$(($$(nproc) + 1)) --dist worksteal -m 'not soak and not paced and not timing'
 	chrt --idle 0 $(pyright) >build/pyright 2>&1 & types=$$!
 	trap 'kill $$types 2>/dev/null || true' EXIT
 	$(VENV)/bin/python -m pytest -n 2 --dist worksteal -m 'paced and not soak' $(call marked,paced)

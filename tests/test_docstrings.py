@@ -1,20 +1,31 @@
 """Public functions, classes and methods have docstrings and annotations."""
 
 import ast
-
-import pytest
+import functools
 
 from tests.checkout import PACKAGES, ROOT
 
 STEPS = ("step", "reset", "update")  # methods of blocks, which the class describes
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
-MODULES = {path: ast.parse(path.read_text()) for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))}
-FOLDERS = sorted({str(path.parent.relative_to(ROOT)) for path in MODULES})
-CLASSES = {}  # by name, since a base class is known by its name only
-for _tree in MODULES.values():
-    for _node in ast.walk(_tree):
-        if isinstance(_node, ast.ClassDef):
-            CLASSES.setdefault(_node.name, []).append(_node)
+
+
+@functools.cache
+def modules():
+    """The syntax tree of every module, by path."""
+    return {
+        path: ast.parse(path.read_text()) for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))
+    }
+
+
+@functools.cache
+def classes():
+    """The classes of all modules by name, since a base class is known by its name only."""
+    found = {}
+    for tree in modules().values():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                found.setdefault(node.name, []).append(node)
+    return found
 
 
 def public(nodes, kinds):
@@ -37,7 +48,7 @@ def methods(kind):
 def inherits_docstring(kind, name):
     """Whether a base class in this tree documents a method or an attribute of this name."""
     for base in map(ast.unparse, kind.bases):
-        for parent in CLASSES.get(base.rpartition(".")[2].partition("[")[0], ()):
+        for parent in classes().get(base.rpartition(".")[2].partition("[")[0], ()):
             own = [each for each in public(parent.body, FUNCTIONS) if each.name == name and ast.get_docstring(each)]
             if parent is not kind and (own or inherits_docstring(parent, name)):
                 return True
@@ -76,17 +87,11 @@ def is_annotated(node, is_method):
     return node.returns is not None and all(each.annotation for each in positional + arguments.kwonlyargs + rest)
 
 
-def found(folder, check):
-    paths = [path for path in MODULES if path.parent == ROOT / folder]
-    return {path.name: names for path in paths if (names := check(MODULES[path]))}
-
-
-CHECKS = {"docstrings": undocumented, "docstrings of methods": undocumented_methods, "annotations": unannotated}
-
-
-@pytest.mark.parametrize("what", CHECKS)
-def test_public_interface_is_complete(what):
-    assert {folder: names for folder in FOLDERS if (names := found(folder, CHECKS[what]))} == {}
+def test_public_interface_is_complete():
+    """In one test, since the syntax trees take seconds."""
+    for check in undocumented, undocumented_methods, unannotated:
+        missing = {str(path.relative_to(ROOT)): names for path, tree in modules().items() if (names := check(tree))}
+        assert not missing, check.__doc__
 
 
 def test_missing_docstring_is_reported():
