@@ -194,7 +194,7 @@ def fenced(result: RunResult) -> str:
     """Return how long the control loop had stalled when the guardian fenced the run."""
     stop = result.rig.report["stop"] if result.rig is not None else None
     if stop is None:
-        return "the run was fenced by another process"
+        return "fenced by the guardian, which left no report of the reason"
     return f"fenced by the guardian: the control loop had stalled for {stop['silent'] * 1e3:.0f} ms"
 
 
