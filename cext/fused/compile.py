@@ -38,10 +38,15 @@ END = "int64_t stencil(double *arena) { return 0; }"
 CALLED = """extern struct {
   int (*kernel)(double *, const int32_t *, const int32_t *);
   const int32_t *slots, *sizes;
+  int32_t **at;
+  int64_t item;
 } CALL __attribute__((visibility("hidden")));
 int64_t stencil(double *arena) {
+  int32_t *at = *CALL.at, run = *at;
+  *at = CALL.item;
   int status = CALL.kernel(arena, CALL.slots, CALL.sizes);
   if (__builtin_expect(status, 0)) return (int64_t)VALUE(STEP) << 32 | (uint32_t)status;
+  *at = run;
   __attribute__((musttail)) return NEXT(arena);
 }
 """

@@ -47,7 +47,7 @@ cdef enum:
     SLOT, SIZE, STEP, NEXT, DATA, EXTERN, CALL      # values of holes
     PAGE = 65536                # bytes, a multiple of the page size of every kernel
     ALIGNMENT = 32              # bytes, of data
-    CALL_BYTES = 24             # kernel, slots, sizes
+    CALL_BYTES = 40             # kernel, slots, sizes, place of the address of the present item, item
 
 TARGET = TICKWORK_TARGET.decode()      # kind of this processor, or "" if there is no machine code for it
 
@@ -101,7 +101,7 @@ cdef class Code:
     """Machine code of runs of steps.
 
     runs : for each, the stopwatch item of its first step, and a list of (stencil, slots, sizes, addresses): the tables
-        of the step, or the addresses of its kernel and tables for the stencil that calls it
+        of the step; or, for the stencil that calls its kernel, the words of `CALL`
     end : stencil behind each run
     target : processor that the code is for
 

@@ -58,7 +58,7 @@ cdef enum:
     UNKNOWN = 1
     SAMPLE_LIMIT = 500000       # ns that a sample may take
     PAGE_WORDS = 512
-    STACK_PAGES = 2048          # in which a return address is looked for: a stack that a kernel has exhausted
+    STACK_PAGES = 16            # in which the return address of a function of the C library is looked for
 
 
 cdef int item_at(const CodeMap *map, uintptr_t address) noexcept nogil:
@@ -80,7 +80,8 @@ cdef int item_at(const CodeMap *map, uintptr_t address) noexcept nogil:
 cdef int item_of_context(const CodeMap *map, const void *context) noexcept nogil:
     """Return the stopwatch item of the step that a signal has interrupted, or -1.
 
-    A kernel that is called, or a function of the C library, is found by its return address.
+    A function of the C library is found by its return address. A kernel that is called needs no search, which could
+    find addresses of previous steps: while it runs, the present item is its own.
     """
     cdef uintptr_t[PAGE_WORDS] words
     cdef uintptr_t stack = tickwork_stack(context) & ~<uintptr_t>7

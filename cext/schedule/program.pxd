@@ -73,7 +73,7 @@ cdef class Program:
 
     cdef const CodeMap *code_map(self) noexcept
     cdef int fuse(self) except -1
-    cdef list run_of(self, const Phase *phase, const Segment *segment, list steps)
+    cdef list run_of(self, const Phase *phase, const Segment *segment, int item, list steps)
     cdef void stamp(self, Stopwatch watch)
     cdef int load_phase(self, Phase *phase, steps, bint holds) except -1
     cdef uint64_t share(self, SharedLayout *page)

@@ -135,7 +135,7 @@ cdef class Program:
             for index in range(phases[part].segment_count):
                 segment = &phases[part].segments[index]
                 if not segment.python:
-                    runs.append((items[part] + segment.first, self.run_of(phases[part], segment, steps)))
+                    runs.append((items[part] + segment.first, self.run_of(phases[part], segment, items[part], steps)))
         try:
             self.code = Code(runs, stencils.parts["end"], stencils.target)
         except OSError:
@@ -156,8 +156,13 @@ cdef class Program:
         """Return the steps of the machine code, or NULL without any."""
         return NULL if self.code is None else &self.code.map
 
-    cdef list run_of(self, const Phase *phase, const Segment *segment, list steps):
-        """Return the stencils of a segment, as cext.fused.join.Code receives them."""
+    cdef list run_of(self, const Phase *phase, const Segment *segment, int item, list steps):
+        """Return the stencils of a segment, as cext.fused.join.Code receives them.
+
+        item : of the first step of the phase
+        """
+        cdef const Step *step
+        cdef int index
         run = []
         for index in range(segment.first, segment.last):
             entry = steps[index]
@@ -167,7 +172,8 @@ cdef class Program:
             else:
                 step = &phase.steps[index]
                 run.append((library.library().parts["call"], (), (), (
-                    <uintptr_t>step.kernel, <uintptr_t>step.slots, <uintptr_t>step.sizes)))
+                    <uintptr_t>step.kernel, <uintptr_t>step.slots, <uintptr_t>step.sizes, <uintptr_t>&self.at,
+                    item + index)))
         return run
 
     cdef int32_t *hold(self, array) except? NULL:

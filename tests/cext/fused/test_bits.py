@@ -53,6 +53,8 @@ def test_a_stencil_computes_what_its_kernel_computes():
         pytest.skip(reason)
     random, tried = np.random.default_rng(1), 0
     end, call = found.parts["end"], found.parts["call"]
+    present = np.zeros(1, np.int64)  # item, at an address in memory
+    place = np.array([present.ctypes.data], np.int64)
     for _, key, kernel in kernels():
         for stencil in library.variants(key):
             slots, sizes = tables_of(kernel, stencil)
@@ -60,7 +62,7 @@ def test_a_stencil_computes_what_its_kernel_computes():
             if no_inputs or any(name in key for name in UNDEFINED):
                 continue
             tables = [np.array(table, np.int32) for table in (slots, sizes)]
-            addresses = (address_of(kernel.function), *(table.ctypes.data for table in tables))
+            addresses = (address_of(kernel.function), *(table.ctypes.data for table in (*tables, place)), 0)
             fused = Code([(0, [(stencil, slots, sizes, ())])], end, found.target)
             called = Code([(0, [(call, (), (), addresses)])], end, found.target)
             for _ in range(MEMORIES):

@@ -14,6 +14,8 @@ import pytest
 from blocks.mathematics import Gain
 from blocks.sources import Sine
 from blocks.tables import LookupTable1D
+from blocks.trigonometry import Cos
+from blocks.vectors import Concatenate, Norm
 from cext.clock.stopwatch import names
 from cext.fused import library
 from cext.fused.__main__ import UNFUSED, kernels, module_of, stencils, tables
@@ -119,32 +121,59 @@ int recursion(double *arena, const int *slots, const int *sizes)
 """
 
 
-def recursion(folder):
-    """Return a block whose kernel exhausts the stack."""
-    (folder / "kernel.c").write_text(ENDLESS)
+def block_in_c(folder, name, text):
+    """Return a block whose kernel is a C function."""
+    (folder / "kernel.c").write_text(text)
     subprocess.run(["cc", "-O0", "-shared", "-fPIC", "-o", folder / "kernel.so", folder / "kernel.c"], check=True)
 
-    class Recursion(Block):
+    class InC(Block):
         u, y = Input("any"), Output("any")
-        kernel = Kernel(ctypes.CDLL(str(folder / "kernel.so")).recursion, "u y")
+        kernel = Kernel(ctypes.CDLL(str(folder / "kernel.so"))[name], "u y")
 
-    return Recursion
+    return InC
 
 
-@pytest.mark.parametrize("end", [signal.SIGABRT, pytest.param(signal.SIGSEGV, marks=needs_compiler)])
-def test_a_crash_names_the_called_kernel_in_the_middle_of_a_run(fused, end, tmp_path):
-    kind = Abort if end == signal.SIGABRT else recursion(tmp_path)
-    with Diagram("chain", RATE) as diagram:
-        Tap(name="end")(Gain(2.0)(kind(name="middle")(Gain(1.5)(Sine()()))))
+def crashed(diagram):
+    """Return the signal that ends a process with a diagram, and the name of the step that the shared state blames."""
     rig = Rig(diagram)
     child = os.fork()
     if child == 0:
         faulthandler.disable()
         rig.run(1)
         os._exit(0)
-    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == end == rig.page.crashed
-    hung = rig.page.hung
-    assert rig.page.fenced and hung is not None and names(rig.schedule)[hung] == "middle"
+    end = os.WTERMSIG(os.waitpid(child, 0)[1])
+    assert rig.page.fenced and rig.page.crashed == end and rig.page.hung is not None
+    return end, names(rig.schedule)[rig.page.hung]
+
+
+@pytest.mark.parametrize("end", [signal.SIGABRT, pytest.param(signal.SIGSEGV, marks=needs_compiler)])
+def test_a_crash_names_the_called_kernel_in_the_middle_of_a_run(fused, end, tmp_path):
+    kind = Abort if end == signal.SIGABRT else block_in_c(tmp_path, "recursion", ENDLESS)
+    with Diagram("chain", RATE) as diagram:
+        Tap(name="end")(Gain(2.0)(kind(name="middle")(Gain(1.5)(Sine()()))))
+    assert crashed(diagram) == (end, "middle")
+
+
+ROOMY = """
+int roomy(double *arena, const int *slots, const int *sizes)
+{
+    volatile char room[4096];
+    room[0] = 1;
+    *(volatile int *)8 = 1;
+    return room[0];
+}
+"""
+
+
+@needs_compiler
+def test_a_crash_names_the_called_kernel_over_old_addresses_in_its_stack(fused, tmp_path):
+    # The stack of the kernel has the return addresses of the cosines of the step before, which are never overwritten.
+    kind = block_in_c(tmp_path, "roomy", ROOMY)
+    with Diagram("chain", RATE) as diagram:
+        signals = [Sine(name=f"sine_{index}")() for index in range(3)]
+        norm = Norm()(Cos(name="cosines")(Concatenate((1, 1, 1))(*signals)))
+        Tap(name="end")(Gain(2.0)(kind(name="middle")(norm)))
+    assert crashed(diagram) == (signal.SIGSEGV, "middle")
 
 
 def test_programs_are_fused_by_default(fused, monkeypatch):
