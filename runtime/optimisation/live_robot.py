@@ -28,12 +28,20 @@ class Targets:
     """Live parameters that an optimisation sets.
 
     live : {name of a parameter of the optimisation: its live parameters}
+    largest_steps : {index of a live parameter: largest change in one ramp, in its unit}
     zero : [(live parameter, value)] that switch the assistance off, [] if it cannot be switched off
     """
 
     def __init__(self, run_table: Table, parameters: Iterable[Parameter], zero: Iterable[tuple[str, str]] = ()) -> None:
+        parameters = list(parameters)
         self.live = {parameter.name: matching(run_table, parameter) for parameter in parameters}
         self.zero = [change for name, text in zero for change in changes_of(run_table, name, text)]
+        self.largest_steps = {
+            live.index: parameter.largest_step
+            for parameter in parameters
+            for live in self.live[parameter.name]
+            if parameter.largest_step is not None
+        }
         varied = [live.path for group in self.live.values() for live in group]
         for path in varied:
             if varied.count(path) > 1:
@@ -46,19 +54,32 @@ class Targets:
         self.normal: dict[int, tuple[LiveParameter, float]] = {}  # {index: value before the assistance was off}
 
     def changes(
-        self, values: Mapping[str, float], zero: bool, target_of: Callable[[LiveParameter], float]
-    ) -> list[tuple[LiveParameter, float]]:
-        """Return [(live parameter, value)] for values of the optimisation.
+        self,
+        values: Mapping[str, float],
+        zero: bool,
+        present_of: Callable[[LiveParameter], float],
+        target_of: Callable[[LiveParameter], float] | None = None,
+    ) -> tuple[list[tuple[LiveParameter, float]], bool]:
+        """Return the changes towards values of the optimisation, none larger than the largest step.
 
         zero : whether the assistance is off
-        target_of : function that returns the present target of a live parameter
+        present_of : function that returns the present value of a live parameter
+        target_of : function that returns its target; None without ramps
+
+        Returns [(live parameter, value)], and whether these are all the requested values.
         """
+        target_of = target_of or present_of
         varied = {live.index: (live, values[name]) for name, group in self.live.items() for live in group}
         off = {live.index: (live, value) for live, value in self.zero}
         if zero and not self.normal:
             self.normal = {index: (live, target_of(live)) for index, (live, _) in off.items()}
-        changes = {**varied, **off} if zero else {**self.normal, **varied}
-        return list(changes.values())
+        requested = list(({**varied, **off} if zero else {**self.normal, **varied}).values())
+        changes = [(live, self._limited(live, value, present_of(live))) for live, value in requested]
+        return changes, changes == requested
+
+    def _limited(self, live, value, present):
+        step = self.largest_steps.get(live.index)
+        return value if step is None else min(max(value, present - step), present + step)
 
     def shown(self, name: str, value: float) -> str:
         """Return a value with four digits and its unit."""
@@ -122,10 +143,10 @@ class LiveRobot(Robot):
         """Newest tick."""
         return self.page.statistics()["last_tick"]
 
-    def apply(self, values: Mapping[str, float], zero: bool) -> None:
+    def apply(self, values: Mapping[str, float], zero: bool) -> bool:
         self.announce()
         before = self._values()
-        changes = self.targets.changes(values, zero, lambda live: before[live.index][1])
+        changes, complete = self._changes(values, zero, before)
         differing = [(live, value) for live, value in changes if before[live.index][1] != value]
         if differing:
             try:
@@ -136,12 +157,12 @@ class LiveRobot(Robot):
         until = time.monotonic() + SHOW_TIMEOUT
         while self.interference() and time.monotonic() < until:  # its tick may not have ended
             time.sleep(POLL_PERIOD)
+        return complete
 
-    def fallback(self, values: Mapping[str, float]) -> list[tuple[int, float]]:
-        """Return [(index of a live parameter, value)] for values of the optimisation."""
-        before = self._values()
-        changes = self.targets.changes(values, False, lambda live: before[live.index][1])
-        return [(live.index, value) for live, value in changes]
+    def fallback(self, values: Mapping[str, float]) -> tuple[list[tuple[int, float]], bool]:
+        """Return [(index of a live parameter, value)] towards values of the optimisation, and whether it is these."""
+        changes, complete = self._changes(values, False, self._values())
+        return [(live.index, value) for live, value in changes], complete
 
     def reached(self) -> bool:
         values = self._values()
@@ -154,6 +175,11 @@ class LiveRobot(Robot):
 
     def shown(self, name: str, value: float) -> str:
         return self.targets.shown(name, value)
+
+    def _changes(self, values, zero, before):
+        return self.targets.changes(
+            values, zero, lambda live: before[live.index][0], lambda live: before[live.index][1]
+        )
 
     def _values(self):
         return table.values(self.page, self.table.parameters)

@@ -203,12 +203,14 @@ class Companion:
     def send_needs(self) -> None:
         """Send what the recorder shows and does, where it has changed."""
         now = time.monotonic()
+        fallback, complete = self.robot.fallback(self.protocol.accepted)
         keys = [*KEYS, *NUMERALS, *BACKSPACE, "enter"] if self.protocol.typing else KEYS
         needs = {
             "keys": keys if not self.protocol.over else [],
             "help": HELP if not self.protocol.over else "",
             "watch": self.watch,
-            "fallback": self.robot.fallback(self.protocol.accepted) if self.changing and not self.protocol.over else [],
+            "fallback": fallback if self.changing and not self.protocol.over else [],
+            "partial": not complete,
             "status": self.protocol.status,
         }
         if needs != self.sent or now >= self.due:

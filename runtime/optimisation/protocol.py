@@ -61,11 +61,14 @@ class Robot:
     running: bool
     tick: int
 
-    def apply(self, values: Mapping[str, float], zero: bool) -> None:
-        """Begin to ramp parameters. Raises Refused, and then nothing was changed.
+    def apply(self, values: Mapping[str, float], zero: bool) -> bool:
+        """Begin to ramp parameters, each by at most its largest step from its present value.
 
         values : {name of a parameter of the optimisation: value}
         zero : whether the assistance is off
+
+        Returns whether the ramps end at `values`; otherwise further calls are necessary. Raises Refused, and then
+        nothing was changed.
         """
         raise NotImplementedError
 
@@ -141,7 +144,6 @@ class Protocol:
         self._report, self.save = report, save
         self.initial = {parameter.name: parameter.start for parameter in optimiser.parameters}
         self.accepted = dict(self.initial if accepted is None else accepted)
-        self.present = dict(self.accepted)  # the values applied last
         self.validated = list(validated or ())
         self.errors: list[float] = []  # standard errors of the costs measured here
         self.now, self.phase, self.until, self.title = 0.0, "start", math.inf, ""
@@ -227,11 +229,9 @@ class Protocol:
     def _ramp(self, values: Mapping[str, float], zero: bool = False) -> Steps:
         """Ramp to values, by no more than the largest step at a time."""
         while True:
-            stage = within_step(self.optimiser.parameters, self.present, values)
-            self.robot.apply(stage, zero)
-            self.present = stage
+            complete = self.robot.apply(values, zero)
             yield from self._wait("ramp", self.robot.reached)
-            if stage == values:
+            if complete:
                 return
             resume = self.now + STAGE_TIME
             yield from self._wait("ramp", lambda: self.now >= resume)

@@ -42,12 +42,13 @@ class SimulatedRobot(Robot):
         """Newest tick."""
         return self.run.tick - 1
 
-    def apply(self, values: Mapping[str, float], zero: bool) -> None:
-        changes = self.targets.changes(values, zero, lambda live: self.run[live.path])
+    def apply(self, values: Mapping[str, float], zero: bool) -> bool:
+        changes, complete = self.targets.changes(values, zero, lambda live: self.run[live.path])
         for live, value in changes:
             if self.run[live.path] != value:
                 self.run[live.path] = live.plain(value)
         self.applied = {live.path: value for live, value in changes}
+        return complete
 
     def reached(self) -> bool:
         return all(self.run[path] == value for path, value in self.applied.items())

@@ -8,6 +8,7 @@ writer that has replaced a dead one starts without it:
     help        line on these keys
     watch       indices of recorded signals that it receives
     fallback    [[index of a live parameter, value], ...] that are set if it dies, [] to change nothing
+    partial     whether the fallback is only the first step towards the last accepted parameters
 
 and {"event": {...}} for the recording, whose "lines" are printed. It receives {"key": name}, and {"rows": [[time in s,
 value, ...], ...]} for consecutive ticks. Neither end waits for the other: rows that the companion does not take are
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 MESSAGE_LIMIT = 1 << 17  # bytes
 ROWS_LIMIT = 256  # rows of a message
-NOTHING = {"status": "", "keys": (), "help": "", "watch": (), "fallback": ()}
+NOTHING = {"status": "", "keys": (), "help": "", "watch": (), "fallback": (), "partial": False}
 LOST = "the companion process of the run has ended before the run"
 
 
@@ -81,6 +82,8 @@ class Companion:
         if changes:
             Writer(self.page).set(changes)
         then = "its last accepted parameters are restored" if changes else "no parameter was changed"
+        if changes and self.needs["partial"]:
+            then = "the parameters were moved towards the last accepted ones, by the largest step"
         self.needs = dict(NOTHING)
         self.recording.take_event(
             {

@@ -169,10 +169,10 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
         "Discomfort, a stumble.",
         {
             "a": "Bounds outside those of the proof are rejected before anything is armed.",
-            "b": "A proposal differs from the last accepted parameters by at most the largest step.",
+            "b": "No ramp of the optimiser changes a parameter of --over by more than its largest step.",
             "c": "The operator confirms each change, unless the command was started without confirmations.",
             "d": "A measurement that is missing or is not a finite number restores the last accepted parameters.",
-            "e": "The death of the optimiser restores them as well, and a hanging optimiser does not delay the stop.",
+            "e": "The death of the optimiser restores them as well, or moves towards them by the largest step. A hanging optimiser does not delay the stop.",
             "f": "A parameter that the operator has changed meanwhile keeps its value.",
         },
     ),

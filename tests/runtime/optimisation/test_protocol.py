@@ -84,10 +84,38 @@ def test_proposals_are_within_largest_step_of_accepted_values():
 def test_distant_values_are_reached_by_largest_steps():
     limited = [replace(PARAMETERS[0], largest_step=1.0), PARAMETERS[1]]
     experiment = Experiment(Random(limited, seed=5), evaluations=0, accepted={"peak": 6.0, "timing": 0.44})
+    experiment.wearer.hold({"peak": 6.0, "timing": 0.44})
     experiment.optimiser.tell({"peak": 9.5, "timing": 0.44}, 100.0)
     experiment.run()
     assert [values["peak"] for values in experiment.wearer.history] == [6.0, 7.0, 8.0, 9.0, 9.5]
     assert experiment.wearer.time >= 3 * STAGE_TIME
+
+
+@pytest.mark.hazard("H16b")
+def test_first_ramp_starts_at_present_values_of_robot():
+    limited = [replace(PARAMETERS[0], largest_step=1.0), PARAMETERS[1]]
+    experiment = Experiment(Random(limited, seed=5), evaluations=0)
+    experiment.wearer.hold({"peak": 9.0, "timing": 0.44})  # the initial value is 6
+    experiment.run()
+    assert [values["peak"] for values in experiment.wearer.history] == [8.0, 7.0, 6.0, 6.0]
+
+
+@pytest.mark.hazard("H16b")
+@pytest.mark.parametrize("key", "yn")
+def test_values_changed_by_operator_are_left_by_largest_steps(key):
+    limited = [replace(PARAMETERS[0], largest_step=1.0), PARAMETERS[1]]
+    experiment = Experiment(Random(limited, seed=5), evaluations=1)
+    experiment.wearer.hold({"peak": 6.0, "timing": 0.44})
+    experiment.run(until=lambda: experiment.protocol.phase == "measure")
+    goal = experiment.wearer.targets["peak"] if key == "y" else 6.0
+    experiment.wearer.hold({"peak": 9.9})  # with a key
+    experiment.run(20)
+    assert experiment.steps()[-1] == "interfered"
+    experiment.wearer.history.clear()
+    experiment.press(key)
+    experiment.run(until=lambda: experiment.wearer.values["peak"] == goal)
+    peaks = [9.9, *(values["peak"] for values in experiment.wearer.history)]
+    assert len(peaks) > 3 and np.abs(np.diff(peaks)).max() <= 1.0 + 1e-9
 
 
 @pytest.mark.hazard("H16c")

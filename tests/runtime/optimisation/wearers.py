@@ -7,7 +7,7 @@ import numpy as np
 from runtime.optimisation.cart import Cart
 from runtime.optimisation.costs import CartCost
 from runtime.optimisation.optimisers import Random, make_optimiser
-from runtime.optimisation.parameters import Parameter
+from runtime.optimisation.parameters import Parameter, within_step
 from runtime.optimisation.protocol import Protocol, Refused, Robot, Settings
 
 PARAMETERS = [Parameter("peak", 4.0, 12.0, initial=6.0), Parameter("timing", 0.40, 0.60, initial=0.44)]
@@ -29,6 +29,11 @@ class Wearer(Robot):
         self.rejects = self.silent = False
         self.lines, self.history = b"", []
 
+    def hold(self, values):
+        """Have values from now on, which another process has set."""
+        self.values |= values
+        self.targets |= values
+
     @property
     def tick(self):
         return round(self.time * 100)
@@ -36,8 +41,11 @@ class Wearer(Robot):
     def apply(self, values, zero):
         if self.rejects:
             raise Refused("the run rejected peak: out of bounds")
-        self.history.append(dict(values))
-        self.applied, self.targets, self.zero = dict(values), dict(values), zero
+        present = {each.name: self.values.get(each.name, each.low) for each in self.parameters}
+        stage = within_step(self.parameters, present, values)
+        self.history.append(stage)
+        self.applied, self.targets, self.zero = dict(stage), dict(stage), zero
+        return stage == values
 
     def reached(self):
         return self.values == self.applied
@@ -80,6 +88,7 @@ class Experiment:
     def __init__(self, optimiser=None, wearer=None, cost=None, accepted=None, validated=None, **settings):
         self.wearer = wearer or Wearer()
         self.optimiser = optimiser or Random(self.wearer.parameters, seed=3)
+        self.wearer.parameters = self.optimiser.parameters
         self.events, self.saved = [], 0
         given = {"evaluations": 3, "settle": 30.0, "measure": 120.0, "confirm": False, **settings}
         cost = cost or CartCost(Cart(self.wearer.read, "metabolic.tsv"), 42.0)
