@@ -98,7 +98,7 @@ def frame_node(level: Level, found: Compilation, all_ports: bool) -> Node:
     left += [(node.y, node.what) for node in inner.nodes if node.side == "first"]
     right = [(node.y, node.what) for node in inner.nodes if node.side == "last"]
     left, right = ({key: y for y, key in sorted(pins)} for pins in (left, right))
-    return Node(level, inner.width, inner.height, left, right)
+    return Node(level, inner.width, inner.height, left, right, frame=True)
 
 
 def note(level: Level) -> str:

@@ -1,7 +1,8 @@
 """Layered layout: the column of each box of a level, and the order in each column.
 
-Principle of operation: 1. Links that close a loop become feedback, preferably those without direct feedthrough. 2. Each
-box is in the leftmost column that its sources permit. 3. A link over several columns has a node in each of them, so
+Principle of operation: 1. Links that close a loop become feedback, preferably those without direct feedthrough, and all
+links between two subsystems that feed each other, such as left and right, which are one above the other. 2. Each box is
+in the leftmost column that its sources permit. 3. A link over several columns has a node in each of them, so
 that it passes between boxes. 4. Each column is sorted by the mean position of the neighbours, forwards and backwards,
 until the number of crossings no longer decreases. (Sugiyama, Tagawa and Toda 1981; Gansner et al. 1993)
 """
@@ -35,6 +36,7 @@ class Node:
     right: dict = field(default_factory=dict)
     side: str = ""
     eager: bool = False  # a device: the preferred place to open a loop
+    frame: bool = False  # a subsystem
     layer: int = 0
     x: float = 0.0
     y: float = 0.0
@@ -106,7 +108,9 @@ def arrange(nodes: Sequence[Node], edges: Sequence[Edge]) -> tuple[list[list[Nod
 def feedback(nodes: Sequence[Node], edges: Sequence[Edge]) -> set[Edge]:
     """Return a set of feedback edges, without which there is no loop."""
     position = {node: index for index, node in enumerate(nodes)}
-    back = {edge for edge in edges if edge.source is edge.target}
+    ends = {(edge.source, edge.target) for edge in edges if edge.source.frame and edge.target.frame}
+    mutual = {(source, target) for source, target in ends if (target, source) in ends}
+    back = {edge for edge in edges if edge.source is edge.target or (edge.source, edge.target) in mutual}
     while True:
         remaining = [edge for edge in edges if edge not in back]
         graph = nx.DiGraph((edge.source, edge.target) for edge in remaining)

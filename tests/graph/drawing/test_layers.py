@@ -56,6 +56,17 @@ def test_a_block_that_feeds_itself_is_feedback():
     assert feedback([a], [itself]) == {itself}
 
 
+def test_subsystems_that_feed_each_other_are_in_one_column():
+    """As the two legs of a robot: their drawing is half as wide as side by side."""
+    source, left, right, sink = map(node, ["source", "left", "right", "sink"])
+    left.frame = right.frame = True
+    across = [edge(left, right), edge(right, left)]
+    links = [edge(source, left), edge(source, right), *across, edge(left, sink), edge(right, sink)]
+    columns, nets, _ = arrange([source, left, right, sink], links)
+    assert column_of(columns) == {"source": 0, "left": 1, "right": 1, "sink": 2}
+    assert [edge for net in nets if net.back for edge in net.edges] == across
+
+
 def test_a_block_without_inputs_is_placed_beside_its_first_target():
     a, b, c, late = map(node, ["a", "b", "c", "late"])
     columns, _, _ = arrange([a, late, b, c], [edge(a, b), edge(b, c), edge(late, c)])
