@@ -172,7 +172,7 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
             "b": "No ramp of the optimiser changes a parameter of --over by more than its largest step.",
             "c": "The operator confirms each change, unless the command was started without confirmations.",
             "d": "A measurement that is missing or is not a finite number restores the last accepted parameters.",
-            "e": "The death of the optimiser restores them as well, or moves towards them by the largest step. A hanging optimiser does not delay the stop.",
+            "e": "Its death restores them, or moves towards them by a step. If it hangs, the stop is not delayed.",
             "f": "A parameter that the operator has changed meanwhile keeps its value.",
         },
     ),
