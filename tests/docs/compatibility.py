@@ -9,17 +9,21 @@ from tests.checkout import ROOT
 PAGE = ROOT / "docs" / "hardware" / "compatibility.md"
 HEAD = """# Compatible actuators
 
-This page is generated from the tables of the code: `python -m tests.docs.compatibility`. The command
-`python -m runtime blocks --actuators` prints the ranges of the wire protocol in addition.
+The models that Tickwork supports, with their ratings. `python -m runtime blocks --actuators` also prints the ranges of
+their protocols.
 
-None of these drives was tried here. The bytes of every protocol are compared with the vendors' manuals and with other
+None of these drives has been tested. The bytes of every protocol are compared with the vendors' manuals and with other
 implementations; the sources are in the [reference](../reference/actuators.md).
 
 * **Rated, peak**: torque at the output, N·m. The limit of a command is the rated torque unless `limit` changes it.
 * **Current**: amplitude in a phase of the motor, at the rated and at the peak torque, A.
 * **Supply**: operating voltage of the drive according to its manual, V.
 * **Speed**: range of the wire protocol, rad/s. The speed that a motor reaches depends on its supply.
+* **Bounded torque**: whether `check` proves that the torque stays within its limit.
+* **Stops without commands**: whether the drive stops by itself if it receives no more commands.
 * A dash is a value that is not published.
+
+`python -m tests.docs.compatibility` writes this page from the tables of the code.
 """
 COLUMNS = "| model | gear | rated | peak | current | speed | supply |\n|---|--:|--:|--:|--:|--:|--:|\n"
 MODES = "| mode | block | bounded torque | stops without commands |\n|---|---|---|---|\n"
@@ -29,9 +33,9 @@ NOTES = {
     "| MIT protocol | `RobStrideMIT` | yes | after `can_timeout`, with a "
     "[minimum firmware](../reference/actuators.md#robstride) |\n",
     "CubeMars, boards V1 and V2": "| MIT mode | `CubeMars` | yes | not documented for CAN |\n"
-    "| servo mode | `CubeMarsServo` | of currents only | not documented |\n",
+    "| servo mode | `CubeMarsServo` | for current commands only | not documented |\n",
     "CubeMars, boards V3.0": "| force control | `CubeMarsV3` | yes | not documented |\n"
-    "| servo mode | `CubeMarsServo` | of currents only | not documented |\n",
+    "| servo mode | `CubeMarsServo` | for current commands only | not documented |\n",
 }
 
 

@@ -18,15 +18,17 @@ PAGE = ROOT / "docs" / "hardware" / "energy.md"
 BATTERY = Battery(voltage=24.0, capacity=4.0, full_voltage=24.0, load=15.0)
 HEAD = f"""# Currents and energy of the robots
 
-What the robots of this repository take from a battery of {BATTERY.voltage:g} V and {BATTERY.capacity:g} A·h, with
-{BATTERY.load:g} W for computer and sensors. The numbers come from the simulation with the average adult, and from the
-ratings of the drives: nothing of this was tried here on a robot. `check` prints the same for your robot, with the
-battery of its rig file ([Power](power.md#battery)). This page is written by `python -m tests.docs.energy`.
+The robots of this repository with a battery of {BATTERY.voltage:g} V and {BATTERY.capacity:g} A·h, and a load of
+{BATTERY.load:g} W for computer and sensors. The numbers come from the simulation with the average adult and from the
+ratings of the drives; nothing on this page has been tested on a robot. `check` prints the same for your robot, with the
+battery of its rig file ([Power](power.md#battery)).
 
 * **Drive**: largest supply current of one drive, at the torque that the compiler has proved. Compare the fuse with it.
 * **Peak**: largest current of the battery, with every drive at that torque and at full speed.
 * **Motion, heat**: mean power of the drives over 20 s of simulated walking. Energy that flows back is not counted.
 * **Lasts**: time of one charge in that use. **At least**: time with every drive at its rated torque and full speed.
+
+`python -m tests.docs.energy` writes this page.
 
 | robot | drives | drive | peak | motion | heat | lasts | at least |
 |---|---|--:|--:|--:|--:|--:|--:|
