@@ -93,7 +93,7 @@ def write(target: str) -> None:
     packs = {key: msgspec.Raw(msgspec.msgpack.encode(each)) for key, each in sorted(found.items())}
     content = library.Library(target, packs, unfused, parts)
     path = library.FOLDER / f"{target}.stencils"
-    path.write_bytes(msgspec.msgpack.encode(content))
+    library.write(path, content)
     print(f"{target}: {sum(map(len, found.values()))} stencils of {len(found)} kernels, {path.stat().st_size} bytes")
 
 

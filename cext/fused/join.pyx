@@ -51,6 +51,8 @@ cdef enum:
 
 TARGET = TICKWORK_TARGET.decode()      # kind of this processor, or "" if there is no machine code for it
 
+VERSION = 2                     # of the stencils that `Code` joins: changes with `Hole` and with the words of `CALL`
+
 HOLES = {"SLOT": SLOT, "SIZE": SIZE, "STEP": STEP, "NEXT": NEXT, "DATA": DATA, "EXTERN": EXTERN, "CALL": CALL}
 
 ABSOLUTE_X86_64 = {R_X86_64_32, R_X86_64_32S}

@@ -5,15 +5,18 @@ from __future__ import annotations
 import os
 import platform
 import re
+import struct
+import zlib
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from cext.fused.join import TARGET, Code, context_of
+from cext.fused.join import TARGET, VERSION, Code, context_of
 
 FOLDER = Path(__file__).parent
+HEAD = struct.Struct("<II")  # of a file: version of the stencils, and checksum of the content that follows
 CONTEXT = re.compile(r"(\w+) .*?(__pyx_f_\w+)\W*$")
 
 
@@ -65,10 +68,10 @@ def opened() -> tuple[Library | None, str]:
         return None, "TICKWORK_FUSED=0 in the environment"
     if not path.is_file():
         return None, f"no machine code for the processor {platform.machine()}"
-    found = read(path)
     try:
+        found = read(path)
         Code((), found.parts["end"], found.target)
-    except OSError as error:
+    except (OSError, ValueError) as error:
         return None, str(error)
     return found, ""
 
@@ -79,8 +82,20 @@ def library() -> Library | None:
 
 
 def read(path: Path) -> Library:
-    """Return the library in a file."""
-    return msgspec.msgpack.decode(path.read_bytes(), type=Library)
+    """Return the library in a file. Raises OSError, or ValueError for a file that is damaged or of another version."""
+    found = path.read_bytes()
+    head, content = found[: HEAD.size], memoryview(found)[HEAD.size :]
+    if len(head) < HEAD.size or HEAD.unpack(head)[1] != zlib.crc32(content):
+        raise ValueError(f"the file {path.name} is damaged: its checksum is wrong")
+    if HEAD.unpack(head)[0] != VERSION:
+        raise ValueError(f"the file {path.name} is of another version of the native code")
+    return msgspec.msgpack.decode(content, type=Library)
+
+
+def write(path: Path, library: Library) -> None:
+    """Write a library to a file."""
+    content = msgspec.msgpack.encode(library)
+    path.write_bytes(HEAD.pack(VERSION, zlib.crc32(content)) + content)
 
 
 @cache

@@ -200,6 +200,28 @@ def test_the_reason_why_a_step_is_not_fused_is_reported(fused, monkeypatch):
     assert library.obstacle(gain, (1, 1, 1)) == "kernel changed since `make stencils`"
 
 
+def cut(content):
+    return content[: len(content) // 2]
+
+
+def flipped(content):
+    return content[:200_000] + bytes([content[200_000] ^ 4]) + content[200_001:]
+
+
+def of_another_version(content):
+    return bytes([content[0] + 1]) + content[1:]
+
+
+@pytest.mark.parametrize("change", [cut, flipped, of_another_version, lambda content: b""])
+def test_a_damaged_or_foreign_file_of_stencils_is_not_used(fused, monkeypatch, tmp_path, change):
+    name = f"{library.TARGET}.stencils"
+    (tmp_path / name).write_bytes(change((library.FOLDER / name).read_bytes()))
+    monkeypatch.setattr(library, "FOLDER", tmp_path)
+    reason = "is of another version" if change is of_another_version else "is damaged"
+    found = library.opened.__wrapped__()
+    assert found[0] is None and f"{name} {reason}" in found[1]
+
+
 def test_programs_run_without_executable_memory():
     script = (
         "import ctypes, sys\n"
