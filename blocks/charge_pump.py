@@ -29,7 +29,7 @@ class ChargePump(GpioLine, StreamDevice):
     """Toggling output that keeps the relay of the motors' supply closed: level(k) = not level(k − 1).
 
     The level changes once in every round of arming, in every tick that is sent, and in the damped part of a safe stop.
-    It is constant from the fence on: after a fault, an emergency stop, an exception or a hung block. It is also
+    It is constant once sending is blocked: after a fault, an emergency stop, an exception or a hung block. It is also
     constant when every process has been killed or the computer has crashed, without any process detecting that. A safe
     stop never closes a relay that may have opened.
 

@@ -74,7 +74,7 @@ class Controls(StreamDevice):
         super().configure()
         named, self.plan = declared(self, type(self).outputs)
         ports = {
-            name: Output("1", "axis position, -1 to 1", range=(-1.0, 1.0))
+            name: Output("1", "axis position", range=(-1.0, 1.0))
             if kind == AXIS
             else Output("1", "true while pressed", dtype=bool)
             for name, kind in named.items()

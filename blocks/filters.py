@@ -148,8 +148,7 @@ class Complementary(Block):
     """Complementary filter of gyroscope and accelerometer: τ dθ/dt = (angle - θ) + τ · rate.   (Higgins 1975)
 
     Backward difference, θ[k] = (τ (θ[k-1] + dt · rate) + dt · angle) / (τ + dt). Direct feedthrough. Starts at the
-    first angle. A gyroscope bias b causes an error of τ b. NaN or infinity in either input passes and is not held. (A
-    comparison of complementary and Kalman filtering.)
+    first angle. A gyroscope bias b causes an error of τ b. NaN or infinity in either input passes and is not held.
     """
 
     time_constant = Param(0.5, "s", "time constant τ: the angle dominates below 1/(2π τ), the rate above", above=0.0)

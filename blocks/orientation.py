@@ -23,8 +23,9 @@ class Ahrs:
 class Madgwick(Ahrs, Block):
     """Orientation by gradient descent: q̇ = ½ q ⊗ ω − gain ∇f / |∇f|.   (Madgwick, Harrison, Vaidyanathan 2011)
 
-    f is the difference between the measured directions of gravity and magnetic field and those predicted by q. The dip
-    of the field is taken from the measurement. Direct feedthrough; NaN passes and is not stored.
+    f is the difference between the measured directions of gravity and magnetic field and those predicted by q, and
+    ∇f = Jᵀ f with its Jacobian J. The dip of the field is taken from the measurement. Direct feedthrough; NaN passes
+    and is not stored.
     """
 
     gain = Param(0.1, "rad/s", "correction rate: √¾ of the gyroscope error", min=0.0, max=10.0, live=True)

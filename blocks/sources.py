@@ -16,7 +16,7 @@ from graph import Block, Interval, Memory, Output, Param, units
 class Constant(UnitOfOutput, Block):
     """Constant: y = value.
 
-    A number connected to an input is a constant, too; this block has a name and a unit, and can be recorded or live.
+    A number connected to an input is also a constant. This block has a name and a unit, so it can be recorded.
     """
 
     value = Param(0.0, "any", "value of the output")
@@ -83,8 +83,9 @@ class Sine(UnitOfOutput, Block):
 class Chirp(UnitOfOutput, Block):
     """Sine wave with a frequency sweep: y = bias + amplitude · sin(2π ∫ f dt + phase).
 
-    linear: f = start + (stop − start) t / duration. logarithmic: f = start · (stop / start) ^ (t / duration). The
-    frequency remains at `stop` after `duration`. With phase = π/2 the wave equals scipy.signal.chirp, a cosine.
+    With `method="linear"`, f = start + (stop − start) t / duration. With `method="logarithmic"`,
+    f = start · (stop / start) ^ (t / duration). The frequency remains at `stop` after `duration`. With phase = π/2 the
+    wave equals scipy.signal.chirp, a cosine.
     """
 
     amplitude = Param(1.0, "any", "amplitude, half of peak to peak")

@@ -22,7 +22,7 @@ BEYOND_CHOICES = ("clamp", "extrapolate", "error")
 
 
 class LookupTable1D(UnitOfOutput, Block):
-    """Curve through points: y = v(u), v linear between the breakpoints (numpy.interp if it clamps)."""
+    """Curve through points: y = v(u), v linear between the breakpoints (numpy.interp, with `beyond="clamp"`)."""
 
     breakpoints = Param((0.0, 1.0), "any", "breakpoints of the input: at least two, strictly increasing")
     values = Param((0.0, 1.0), "any", "values of the output, one per breakpoint")

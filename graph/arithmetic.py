@@ -27,7 +27,7 @@ from graph.units import canonical, divide, multiply
 
 
 class Gain(Block):
-    """Multiplies by a constant: y = gain · u. Direct feedthrough; NaN passes."""
+    """Product with a constant: y = gain · u. Direct feedthrough; NaN passes."""
 
     gain = Param(1.0, "any", "factor")
     unit = Param("1", "1", "unit of the factor; the output has the product of both units")
@@ -94,10 +94,10 @@ class Product(Block):
 
 
 class Divide(Block):
-    """Divides two signals: y = a / b.
+    """Quotient of two signals: y = a / b.
 
-    Division is that of IEEE 754, except that 1 / inf is NaN: 1 / 0 is infinity and 0 / 0 is NaN. Both are faults at an
-    actuator. Element by element; a scalar is combined with every element.
+    Division is that of IEEE 754, except that 1 / inf is NaN: 1 / 0 is infinity and 0 / 0 is NaN. An actuator reports
+    either as a fault. Element by element; a scalar is combined with every element.
     """
 
     a = Input("any", "dividend", shape=..., broadcast=True)

@@ -171,11 +171,11 @@ class Joint:
         kernel=False,
     )
 
-    position_command = Input("rad", "θ₀", default=0.0)
-    velocity_command = Input("rad/s", "ω₀", default=0.0)
-    torque_command = Input("N·m", "τ_ff", default=0.0)
-    stiffness_command = Input("N·m/rad", "K", default=0.0)
-    damping_command = Input("N·m·s/rad", "B", default=0.0)
+    position_command = Input("rad", "equilibrium angle θ₀", default=0.0)
+    velocity_command = Input("rad/s", "reference velocity ω₀", default=0.0)
+    torque_command = Input("N·m", "feed-forward torque τ_ff", default=0.0)
+    stiffness_command = Input("N·m/rad", "stiffness K", default=0.0)
+    damping_command = Input("N·m·s/rad", "damping B", default=0.0)
     zero = Input(
         "1",
         "rising edge: the present position becomes the drive's zero; refused under torque and in motion",

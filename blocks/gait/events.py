@@ -20,15 +20,18 @@ class _Events:
 class ContactEvents(_Events, Block):
     """Heel strike from the load under a foot: load = (force − zero) / (peak − zero) rises through `rising`.
 
-    Zero and peak are the extremes of a 9-sample median over the last 1.5 to 3 s with steps, so that drift, another
-    scale and lost samples, which read 0, make no difference. Contact begins at once, or at the second sample where the
-    load jumps by more than half of its range in the first 80 % of a stride. It ends 0.05 s after the load fell below
-    `falling`. It is a strike after 0.1 s without contact, if the contact before bore a load of 0.4 at least: feet that
-    touch the ground in a seat do not step. The force may have any scale of which `smallest` is a small part. Limits:
-    the first stride after the start sets the scale; a zero that jumps by more than the threshold is found again after 3
-    s; a wearer who shifts the weight from foot to foot, steps in place or backwards makes the same contacts. Direct
-    feedthrough; NaN and infinity pass and are not stored. (thresholds relative to the recent range: Catalfamo et al.
-    2008; median against lost samples: Tukey 1977)
+    Zero and peak are the extremes of a 9-sample median over the last 1.5 to 3 s of steps, so drift, the scale of the
+    sensor and lost samples, which read 0, have no effect. The force may have any scale; `smallest` is in its unit.
+
+    Contact begins when the load rises through `rising`, or at the second sample if the load jumps by more than half of
+    its range in the first 80 % of a stride. It ends 0.05 s after the load has fallen below `falling`. Contact is a heel
+    strike if it follows 0.1 s without contact and the previous contact carried a load of at least 0.4: the feet of a
+    seated wearer can touch the ground without a strike.
+
+    Limits: the first stride after the start sets the scale. After a jump of the zero by more than the threshold, events
+    are detected again within 3 s. Shifting the weight from foot to foot and stepping in place or backwards make the
+    same contacts as walking. Direct feedthrough; NaN and infinity pass and are not stored. (thresholds relative to the
+    recent range: Catalfamo et al. 2008; median against lost samples: Tukey 1977)
     """
 
     rising = Param(0.1, "1", "load at which contact begins", above=0.0, below=1.0)
@@ -54,15 +57,17 @@ class ContactEvents(_Events, Block):
 class GyroEvents(_Events, Block):
     """Heel strike from the angular rate of a shank: the end of its forward swing.
 
-    After a mid-swing peak above half the typical one, the rate falls through zero; the strike follows `lead` of the
-    last stride later. The typical peak adapts to the wearer and decays with 5 s. A peak that is below 0.65 of the
-    largest backward rate is not a swing: in walking it is 1.0 to 2.3 of it, with a signal of opposite sign 0.5. The
-    rate is a median of three samples. Limits: level walking; a bias of the gyroscope shifts the zero crossing; a leg
-    that hangs from a seat swings alike. Direct feedthrough; NaN and infinity pass and are not stored. (Aminian et al.
-    2002; Jasiewicz et al. 2006)
+    After a mid-swing peak above half the typical one, the rate falls through zero; the strike follows after the
+    fraction `lead` of the last stride. The typical peak adapts to the wearer and decays with a time constant of 5 s. A
+    peak below 0.65 of the largest backward rate is rejected: the ratio is 1.0 to 2.3 in walking, and 0.5 with a signal
+    of opposite sign. The rate is a median of three samples.
+
+    Limits: level walking only. A bias of the gyroscope shifts the zero crossing. A leg that swings freely while the
+    wearer is seated gives the same signal. Direct feedthrough; NaN and infinity pass and are not stored. (Aminian et
+    al. 2002; Jasiewicz et al. 2006)
     """
 
-    lead = Param(0.028, "1", "strike after the zero crossing, as a fraction of a stride", min=0.0, max=0.2)
+    lead = Param(0.028, "1", "time from the zero crossing to the strike, as a fraction of a stride", min=0.0, max=0.2)
     smallest = Param(1.0, "rad/s", "smallest mid-swing peak", above=0.0)
 
     velocity = Input("rad/s", "sagittal angular rate of the shank, positive when it swings forward")
@@ -96,16 +101,18 @@ class ThighEvents(_Events, Block):
 class KneeEvents(_Events, Block):
     """Heel strike from the angle of a knee: `lead` of a stride after its extension in late swing slows down.
 
-    The flexion in swing is a maximum after a rise by 70 % of the typical height, which adapts to the wearer: a stiff
-    knee with 0.6 of the range, or less, is followed as well. The event is where the angle has fallen by 60 % of that
-    rise and the velocity to half of its peak: 4.8 to 7.2 % of a stride before heel strike in recorded adults from 0.6
-    to 1.9 m/s. The extension must reach a rate of 3.5 times its range per stride: in walking it is 5 to 10, of a
-    pendulum and in squats 3.1. Angle and velocity are medians of three samples. Limits: a knee that flexes in stance
-    more than 0.6 of its flexion in swing; on stairs up strikes are late by a third of a stride. Direct feedthrough; NaN
-    and infinity pass and are not stored. (terminal swing: Winter 1991)
+    The flexion in swing is a maximum after a rise by 70 % of the typical height, which adapts to the wearer, also to a
+    stiff knee with 0.6 of the range or less. The event is where the angle has fallen by 60 % of that rise and the
+    velocity to half of its peak: 4.8 to 7.2 % of a stride before heel strike in recorded adults at 0.6 to 1.9 m/s. The
+    extension must reach a rate of 3.5 times its range per stride: that rate is 5 to 10 in walking, and 3.1 for a
+    pendulum and in squats. Angle and velocity are medians of three samples.
+
+    Limits: a knee that flexes in stance by more than 0.6 of its flexion in swing is not followed. On stairs up, strikes
+    are late by a third of a stride. Direct feedthrough; NaN and infinity pass and are not stored. (terminal swing:
+    Winter 1991)
     """
 
-    lead = Param(0.055, "1", "strike after the event, as a fraction of a stride", min=0.0, max=0.2)
+    lead = Param(0.055, "1", "time from the event to the strike, as a fraction of a stride", min=0.0, max=0.2)
     smallest = Param(0.2, "rad", "smallest height of a swing", above=0.0)
 
     angle = Input("rad", "knee flexion")

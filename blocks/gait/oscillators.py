@@ -11,16 +11,18 @@ from graph import Block, Input, Memory, Output, Param
 class AdaptiveOscillator(Block):
     """Gait phase from coupled oscillators that learn frequency and shape of an angle.
 
-        θ̂ = α₀ + Σ αᵢ sin φᵢ,  e = θ − θ̂
-        φ̇ᵢ = i ω + ν e / Σα cos φᵢ,  ω̇ = ν_ω e / Σα cos φ₁,  α̇ᵢ = η e sin φᵢ,  α̇₀ = η e
+        e       = θ − α₀ − Σ αᵢ sin φᵢ
+        dφᵢ/dt  = i ω + (ν e / Σα) cos φᵢ      dω/dt   = (ν_ω e / Σα) cos φ₁
+        dαᵢ/dt  = η e sin φᵢ                   dα₀/dt  = η e
 
     (Righetti et al. 2006; Ronsse et al. 2013) The phase is φ₁ less its value at heel strike, the mean of the first
-    ten after 4 s; then `correction` of the difference is corrected at each strike (Yan et al. 2017). While the angle
-    has moved by less than 15 % of its usual velocity for 0.2 s, ω and α hold; the next strike is phase 0. Where two
-    strides of equal length contradict ω by more than a quarter, ω is set to theirs. A strike more than a fifth of a
-    stride from phase 0 ends `walking` until one agrees. Limits: locks within about five strides, lags while the speed
-    changes, and detects no standing in white noise of 0.02 rad. Direct feedthrough; NaN and infinity give NaN and are
-    not stored.
+    ten strikes after 4 s; from then on, the share `correction` of the phase error is corrected at each strike (Yan et
+    al. 2017). While the velocity of the angle has been below 15 % of its usual value for 0.2 s, ω and α hold; the next
+    strike is phase 0. Where two strides of equal length contradict ω by more than a quarter, ω is set to theirs. A
+    strike more than a fifth of a stride from phase 0 ends `walking` until a strike agrees.
+
+    Limits: locks within about five strides, lags while the speed changes, and does not detect standing in white noise
+    of 0.02 rad. Direct feedthrough; NaN and infinity give NaN and are not stored.
     """
 
     start = Param(0.9, "Hz", "frequency at the start", above=0.2, max=2.5, fixed=True)

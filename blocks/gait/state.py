@@ -11,17 +11,21 @@ MODES = ("zero", "damping", "hold")
 class GaitState(Block):
     """State of the gait from both legs: 2 walking, 1 standing, 0 unknown, and its confidence.
 
-    Standing: both velocities are below `still_velocity`, or 15 % of the largest one in recent walking if that is less,
-    for `still_time`; the limit does not fall below a quarter of `still_velocity`. Both are below `still_velocity` for
-    1.5 s in a stand in which the weight shifts from leg to leg. Walking: both legs walk, and their phases are half a
-    stride apart within `tolerance`, in a mean of 0.3 s. All else, such as squats, in which both knees move together, is
-    unknown. The confidence is 1 in standing and 1 − deviation / tolerance in walking. In walking of 0.2 to 1.2 m/s both
-    thighs or knees are that slow for less than 0.09 s at a time. Limits: thighs are not still in a stand of which the
-    sway is faster; steps in place are walking. Direct feedthrough; NaN and infinity give a NaN confidence.
+    Standing: both velocities are below a limit for `still_time`, or below `still_velocity` for 1.5 s, as in a stance in
+    which the weight shifts from leg to leg. The limit is `still_velocity`, or 15 % of the largest velocity in recent
+    walking if that is less, and at least a quarter of `still_velocity`. At 0.2 to 1.2 m/s both thighs or knees are that
+    slow for less than 0.09 s at a time.
+
+    Walking: both phases are known, and they are half a stride apart within `tolerance`, in a mean of 0.3 s. Any other
+    motion, such as a squat, in which both knees move together, is unknown. The confidence is 1 in standing and
+    1 − deviation / tolerance in walking.
+
+    Limits: standing is not detected if the thighs sway faster than the limit; steps in place count as walking. Direct
+    feedthrough; NaN and infinity give a NaN confidence.
     """
 
-    still_velocity = Param(0.25, "rad/s", "largest velocity of a leg that stands", above=0.0)
-    still_time = Param(0.15, "s", "time after which slow legs stand", above=0.0)
+    still_velocity = Param(0.25, "rad/s", "largest velocity of a standing leg", above=0.0)
+    still_time = Param(0.15, "s", "time of low velocity after which the state is standing", above=0.0)
     tolerance = Param(0.15, "1", "largest deviation of the phases from half a stride", above=0.0, max=0.5)
 
     left_phase = Input("1", "gait phase of the left leg")

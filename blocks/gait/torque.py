@@ -74,9 +74,9 @@ class SplineProfile(Block):
 class BiologicalTorque(_Delayed, Block):
     """Share of an estimated biological torque: τ = scale · low-pass(m(t − delay)).   (Molinaro et al. 2024)
 
-    Two first-order low-passes in a row, −3 dB at `cutoff`, without overshoot. Published assistance of hip and knee uses
-    0.15 to 0.2 of the moment, delayed by up to 0.2 s, below 6 Hz. Direct feedthrough; NaN passes and is not stored,
-    infinity becomes NaN.
+    Two first-order low-passes in series, −3 dB at `cutoff`, without overshoot. Published assistance of hip and knee
+    uses 0.15 to 0.2 of the moment, delayed by up to 0.2 s, below 6 Hz. Direct feedthrough; NaN passes and is not
+    stored, infinity becomes NaN.
     """
 
     scale = Param(0.2, "1", "share of the biological torque", min=0.0, max=1.0, live=True)

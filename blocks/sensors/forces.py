@@ -16,7 +16,7 @@ class LoadCell(Block):
     feedthrough; NaN passes and is excluded from a tare.
     """
 
-    capacity = Param(100.0, "N", "force at which the signal is `at_capacity`", above=0.0)
+    capacity = Param(100.0, "N", "rated force of the load cell", above=0.0)
     at_capacity = Param(
         1.0, "any", "change of the signal from no load to `capacity`; negative if it decreases", fixed=True
     )
@@ -47,7 +47,7 @@ class LoadCell(Block):
 class EmulatedLoadCell(Block):
     """Emulated load cell with its amplifier: signal = zero + F · at_capacity / capacity.
 
-    `robot["left/cell"].emulator()` emulates that of a LoadCell of a robot; its signal is an input of the emulated
+    `robot["left/cell"].emulator()` emulates the cell of a robot's LoadCell; its signal is an input of the emulated
     converter or microcontroller. Direct feedthrough; NaN passes.
     """
 
@@ -105,13 +105,13 @@ class FSR(Block):
 class EmulatedFSR(Block):
     """Force-sensitive resistor in its voltage divider, for a plant: u = U F R / (F R + k).
 
-    `robot["left/heel"].emulator()` is that of the FSR of a robot; its voltage is an input of the emulated converter.
-    Direct feedthrough; NaN and infinity give NaN.
+    `robot["left/heel"].emulator()` emulates the sensor of a robot's FSR; its voltage is an input of the emulated
+    converter. Direct feedthrough; NaN and infinity give NaN.
     """
 
     supply, resistor, sensitivity = (FSR.parameters[name] for name in ("supply", "resistor", "sensitivity"))
 
-    force = Input("N", "force on the sensor; below 0 as 0")
+    force = Input("N", "force on the sensor; negative values count as 0")
     voltage = Output("V", "voltage at the resistor")
 
     kernel = kernels.resistor_divider

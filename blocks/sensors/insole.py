@@ -50,7 +50,7 @@ class Insole(StreamDevice):
     is NaN for a force below `least`. Regions divide the foot across its length, from the heel on.
     """
 
-    side = Param("left", "1", "side whose frames are accepted", choices=tuple(SIDES))
+    side = Param("left", "1", "side of the insole, as in its frames", choices=tuple(SIDES))
     transport = Param(
         "udp",
         "1",

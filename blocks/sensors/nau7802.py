@@ -29,7 +29,7 @@ class NAU7802(I2cDevice):
     cell, or `scale`, in N per count, from a measurement with a weight.   (Nuvoton, NAU7802 1.7)
     """
 
-    address = Param(0x2A, "1", "address, fixed in the chip", min=0x08, max=0x77, fixed=True, kernel=False)
+    address = Param(0x2A, "1", "address, always 0x2a", min=0x08, max=0x77, fixed=True, kernel=False)
     rate = Param(80, "1/s", "conversions per second", choices=tuple(RATES), fixed=True, kernel=False)
     gain = Param(128, "1", "gain of the amplifier", choices=GAINS, fixed=True, kernel=False)
     supply = Param(

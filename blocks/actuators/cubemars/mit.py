@@ -14,12 +14,12 @@ from graph import Actuator, Param
 
 
 class CubeMars(StopInMitMode, Joint, Actuator):
-    """A CubeMars AK actuator in MIT mode: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
+    """CubeMars AK actuator in MIT mode: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
     (AK Series Module Driver Manual V1.0.18, pages 64 to 68.) Feedback is from the previous tick; commands are sent at
     the end of a tick. Without stiffness and damping, the drive outputs `torque_command` only; with them, the whole law
-    stays within `limit` while |α| <= max_acceleration. Replies of 7 or 6 bytes contain neither temperature nor error:
-    `temperature` is NaN, and `fault` is always 0.
+    stays within `limit` while the acceleration of the joint is at most `max_acceleration`. Replies of 7 or 6 bytes
+    contain neither temperature nor error: `temperature` is NaN, and `fault` is always 0.
     """
 
     reply = Param(

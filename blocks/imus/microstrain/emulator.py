@@ -17,9 +17,9 @@ class EmulatedMicroStrain(Device):
     """Emulated MicroStrain sensor with MIP on an in-memory line or a pseudo-terminal.
 
     `EmulatedMicroStrain.of(robot["left/shank_imu"])` emulates the sensor of a robot's block and streams from the start
-    with the settings of the block. With streaming=False it waits for its set-up, as after being plugged in. After a
-    disconnection the sensor has its saved settings. With every fault input at zero, the sensor is healthy. It sends at
-    most 256 bytes per tick of the plant.
+    with the settings of the block. With `streaming_at_start=False` it waits for its set-up, as after being plugged in.
+    After a disconnection the sensor has its saved settings. With every fault input at zero, the sensor is healthy. It
+    sends at most 256 bytes per tick of the plant.
     """
 
     bus = Param("imu", "1", "logical name of the line", dtype=str)

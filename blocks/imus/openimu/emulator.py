@@ -14,10 +14,10 @@ G = 9.80665
 class EmulatedOpenImu(Device):
     """Emulated OpenIMU: accepts settings, returns them on request, and sends data truncated as by its firmware.
 
-    Inputs are in the axes printed on its case (x forward, y right, z down); without connections, it rests level. Its
-    initial settings are those of delivery: 100 Hz, angular rate, acceleration and magnetic field, in inconsistent axes.
-    Filters and orientation are stored and have no effect. `EmulatedOpenImu.of(robot["shank_imu"])` emulates the unit of
-    a robot's block.
+    Inputs are in the axes printed on its case (x forward, y right, z down); without connections, it is level and at
+    rest. Its initial settings are those of delivery: 100 Hz, angular rate, acceleration and magnetic field, in
+    inconsistent axes. Filters and orientation are stored and have no effect. `EmulatedOpenImu.of(robot["shank_imu"])`
+    emulates the unit of a robot's block.
     """
 
     bus = Param("can", "1", "logical name of the CAN bus", dtype=str)
