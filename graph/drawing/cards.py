@@ -102,14 +102,26 @@ def number(value: float) -> str:
     return f"{value:.0f}" if 1e6 <= abs(value) <= 2**53 and value == round(value) else f"{value:g}"
 
 
+def choice_text(choice: Any) -> str:
+    """Return the text of a choice, in quotes if it is empty, a space or a separator of lists."""
+    text = text_of(choice)
+    return text if text.strip(",; \t\n") else repr(text)
+
+
 def bounds_text(param: Param) -> str:
     """Return the text of a parameter's bounds: '0 to 150', 'above 0', 'one of rated, peak', '' without bounds."""
     if param.choices is not None:
-        return "one of " + ", ".join(text if text.strip() else repr(text) for text in map(text_of, param.choices))
+        return "one of " + ", ".join(map(choice_text, param.choices))
     if param.min is not None and param.max is not None:
         return f"{number(param.min)} to {number(param.max)}"
     words = ((param.min, "at least"), (param.above, "above"), (param.max, "at most"), (param.below, "below"))
     return " and ".join(f"{word} {number(bound)}" for bound, word in words if bound is not None)
+
+
+def default_text(param: Param) -> str:
+    """Return the text of a parameter's default; an empty choice is '', not none."""
+    choice = param.choices is not None and isinstance(param.default, str)
+    return choice_text(param.default) if choice else quantity(param.default, param.unit)
 
 
 def interval_text(interval: Interval | None, unit: str) -> str:
@@ -139,7 +151,7 @@ def parameter_cards(block: type[Block] | Block) -> list[dict[str, str | bool]]:
             "description": param.description,
             "bounds": bounds_text(param),
             "live": param.live,
-            "default": "required" if param.required else quantity(param.default, param.unit),
+            "default": "required" if param.required else default_text(param),
         }
         if isinstance(block, Block):
             value = getattr(block, name)

@@ -37,11 +37,13 @@ class Example:
 
     given : its parameters, as keyword arguments
     path : of the block in the diagram
+    motion : parameters of the Walker
     """
 
     kind: type[Block]
     given: list[str]
     walker: bool = False
+    motion: str = ""
     style: str = "none"  # time, curve, step, waves, walk or none
     duration: float = 2.0
     rate: float = RATE
@@ -57,7 +59,8 @@ class Example:
         if wires:
             *body, last = body
             body += _call(last, wires, LONG_LINE)
-        walker = ['walker = Walker(name="walker")()'] if self.walker else []
+        settings = self.motion and f"{self.motion}, "
+        walker = [f'walker = Walker({settings}name="walker")()'] if self.walker else []
         head = f'with Diagram("example", rate={self.rate:g}) as diagram:\n'
         return head + "".join(f"    {line}\n" for line in walker + body)
 
@@ -118,7 +121,7 @@ def example_of(kind, home):
     """
     given = [f"{name}={_text(value)}" for name, value in parameters(kind).items()]
     own = SHOWN.get(kind.__name__, Shown())
-    shown = Example(kind, given, rate=own.rate)
+    shown = Example(kind, given, rate=own.rate, motion=own.walker)
     required = {
         name: port
         for name, port in made(kind).inputs.items()

@@ -8,13 +8,14 @@ import textwrap
 
 import blocks
 from graph.drawing import draw, svg
-from graph.drawing.cards import documentation, summary, unit_text
+from graph.drawing.cards import documentation, port_card, summary, unit_text
 from runtime.diagrams.catalog import class_card, family_of, import_line, libraries
 from tests.docs import block_examples, responses
 from tests.docs.pages import DOCS
 
 INDEX = DOCS / "reference" / "blocks.md"
 PORTS_DRAWN = 24  # of a block with more ports, or beside a Walker, only the connected ones are drawn
+TRUTHS = {"yes": "true", "no": "false"}  # of drawings, and as descriptions have them
 HEAD = """# Blocks
 
 Every block of the library, by family. `python -m runtime blocks NAME` prints the ports and parameters of one.
@@ -104,7 +105,7 @@ def _catalog(groups):
 def _family(family, kinds):
     rows = [[f"[{kind.__name__}]({kind.__name__}.md)", cell(summary(kind))] for kind in kinds]
     entries = "\n".join(kind.__name__ for kind in kinds)
-    return f"# {family}\n\n{table(['block', ''], rows)}\n```{{toctree}}\n:hidden:\n\n{entries}\n```\n"
+    return f"# {family}\n\n{table(['block', 'description'], rows)}\n```{{toctree}}\n:hidden:\n\n{entries}\n```\n"
 
 
 def page(kind, home, images, pictures):
@@ -115,6 +116,9 @@ def page(kind, home, images, pictures):
     pictures : whether responses are drawn
     """
     card, shown, name = class_card(kind), block_examples.example_of(kind, home), kind.__name__
+    block = block_examples.made(kind)
+    card |= {side: [port_card(port) for port in getattr(block, side).values()] for side in ("inputs", "outputs")}
+    card["made"] = [side for side in ("inputs", "outputs") if getattr(block, side).keys() != getattr(kind, side).keys()]
     first, *rest = documentation(kind)
     title, equation, more = _equation(first)
     parts = [f"# {name}", markdown(title)]
@@ -137,24 +141,28 @@ def page(kind, home, images, pictures):
 
 def _ports(card, side):
     rows = [[f"`{port['name']}`", cell(unit_text(port)), cell(_port_text(port))] for port in card[side]]
-    text = "These are the ports of an example: they depend on the parameters.\n\n" if card["made"] else ""
+    text = "They depend on the parameters; these are the ports of the example.\n\n" if side in card["made"] else ""
     if card["variadic"] and side == "inputs":
         return "## Inputs\n\nAny number of signals; without connections, all ports."
-    return f"## {side.capitalize()}\n\n{text}{table(['name', 'unit', ''], rows)}" if rows else ""
+    return f"## {side.capitalize()}\n\n{text}{table(['name', 'unit', 'description'], rows)}" if rows else ""
 
 
 def _parameters(card):
-    rows = [
-        [
-            f"`{item['name']}`",
-            cell(unit_text(item)),
-            cell(item["description"]),
-            cell(item["default"]),
-            cell("; ".join(word for word in (item["bounds"], "live" if item["live"] else "") if word)),
-        ]
-        for item in card["parameters"]
-    ]
-    return "## Parameters\n\n" + table(["name", "unit", "", "default", "bounds"], rows) if rows else ""
+    rows = []
+    for item in card["parameters"]:
+        default, bounds = TRUTHS.get(item["default"], item["default"]), item["bounds"]
+        if default in TRUTHS.values():
+            bounds = ""
+        if re.search(r"\b0x", item["description"]):  # the address of a device
+            default, bounds = _hexadecimal(default), _hexadecimal(bounds)
+        words = "; ".join(word for word in (bounds, "live" if item["live"] else "") if word)
+        rows.append([f"`{item['name']}`", cell(unit_text(item)), cell(item["description"]), cell(default), cell(words)])
+    return "## Parameters\n\n" + table(["name", "unit", "description", "default", "bounds"], rows) if rows else ""
+
+
+def _hexadecimal(text):
+    """Return a text with its integers in hexadecimal, 0 as it is."""
+    return re.sub(r"\b[1-9]\d*\b", lambda match: f"{int(match[0]):#x}", text)
 
 
 def _responses(shown, images):
@@ -183,7 +191,11 @@ def _paragraph(text):
 
 
 def _port_text(port):
-    words = [port["description"], f"default {port['default']}" if "default" in port else "", port.get("range", "")]
+    words = [
+        port["description"],
+        f"default {TRUTHS.get(port['default'], port['default'])}" if "default" in port else "",
+        port.get("range", ""),
+    ]
     return "; ".join(word for word in words if word)
 
 

@@ -12,7 +12,8 @@ from graph import Diagram, units
 from tests.docs.block_examples import made, parameters, run
 from tests.docs.shown import RATE
 
-FREQUENCIES = np.geomspace(0.5, 95.0, 200)  # Hz
+FREQUENCIES = np.geomspace(0.5, 95.0, 2000)  # Hz, closer than the width of a notch
+FAINTEST = 1e-4  # share of the largest gain below which a frequency response is not drawn
 INK, FAINT = "#0072b2", "#888888"
 COLOURS = (INK, "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 
@@ -116,24 +117,26 @@ def _draw_times(shown, trial, inputs, outputs, target):
         values = np.asarray(trial[path])
         key = (given, trial.unit(path), "" if values.ndim == 1 and values.dtype.kind != "i" else name)
         panels.setdefault(key, []).append((name, path))
+    follows = shown.style == "walk" and not shown.motion
+    start = shown.duration / 2 if follows else 0.0  # by when blocks follow a steady gait
     figure, axes = _axes(min(len(panels), 7))
     for each, ((given, unit, _), entries) in zip(axes, panels.items()):
         count = 0
         for name, path in entries:
             values = np.asarray(trial[path], float).reshape(len(trial[path]), -1)
+            times = np.asarray(trial.time_of(path))
+            drawn = times >= start
             for part, value in enumerate(values.T):
                 label = f"{name}[{part}]" if values.shape[1] > 1 else name
-                each.plot(trial.time_of(path), value, color=COLOURS[count % len(COLOURS)], label=label)
+                each.plot(times[drawn], value[drawn], color=COLOURS[count % len(COLOURS)], label=label)
                 count += 1
         if count == 1:
             each.lines[0].set_color(FAINT if given else INK)
         elif count <= len(COLOURS):
-            each.legend(fontsize=8, loc="upper right", framealpha=0.7)
+            each.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
         sign = "" if unit in (units.ONE, units.ANY, "", None) else f" [{unit}]"
         each.set_ylabel((entries[0][0] if count == 1 else "inputs" if given else "outputs") + sign)
     axes[-1].set_xlabel("time [s]")
-    if shown.style == "walk":
-        axes[-1].set_xlim(shown.duration / 2, shown.duration)
     _save(figure, target)
     return {"step": "Step response", "walk": "Response to a walking adult", "time": "Output over time"}.get(
         shown.style, "Response to waves"
@@ -146,7 +149,7 @@ def draw_frequency_response(shown, target):
     if found is None:
         return False
     figure, axes = _axes(2)
-    gain, phase = np.maximum(found[0], 1e-6), found[1]
+    gain, phase = np.maximum(found[0], FAINTEST * found[0].max()), found[1]
     axes[0].loglog(FREQUENCIES, gain, color=INK)
     axes[0].set_ylim(min(gain.min(), gain.max() / 12) / 1.1, gain.max() * 1.1)  # at least a decade: no rounding errors
     axes[0].set_ylabel("gain")

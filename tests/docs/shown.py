@@ -16,6 +16,7 @@ class Shown:
     style : curve, step or waves
     duration : s
     rate : Hz
+    walker : parameters of the Walker; with them, its start is shown too
     """
 
     parameters: dict[str, Any] | None = None
@@ -23,6 +24,7 @@ class Shown:
     style: str | None = None
     duration: float | None = None
     rate: float = RATE
+    walker: str = ""
 
 
 STEP, ONCE = "StepSource(time=0.1)()", {"measurement": "0.0"}
@@ -33,28 +35,54 @@ TILT = Shown(
     },
     duration=10.0,
 )
+MOTION = {  # of a joint: 0.5 rad at 1 Hz, and its velocity
+    "position": 'Sine(amplitude=0.5, unit="rad")()',
+    "velocity": f'Sine(amplitude={math.pi:.3f}, phase={math.pi / 2:.3f}, unit="rad/s")()',
+}
+ROTATING = f"Sine(phase={math.pi / 2:.3f})(), Sine()()"  # cosine and sine
 LOW_PASS = (0.0201, 0.0402, 0.0201, 1.0, -1.561, 0.6414)  # Butterworth of second order, 10 Hz at 200 Hz
 SHOWN = {
+    "AdaptiveOscillator": Shown(duration=16.0),
     "BiquadCascade": Shown({"sos": (LOW_PASS,)}),
     "Chirp": Shown(duration=5.0),
+    "Complementary": Shown(
+        inputs={
+            "rate": f'Sine(amplitude={2 * math.pi:.3f}, phase={math.pi / 2:.3f}, unit="rad/s")()',
+            "angle": 'Sine(unit="rad")() + GaussianNoise(deviation=0.2, unit="rad")()',
+        }
+    ),
     "ComplementaryOrientation": TILT,
+    "Constant": Shown({"value": 5.0, "unit": "N·m"}),
+    "Cross": Shown(inputs={"a": "stack(1.0, 0.0, 0.0)", "b": f"stack({ROTATING}, 0.0)"}),
+    "CubeMarsServo": Shown({"model": "AK80-9", "mode": "current"}),
+    "Cuff": Shown({"zero": 10.0, "noise": 2.0}),
     "Debounce": Shown(inputs={"u": 'Compare(">")(Sine()() + Sine(amplitude=0.3, frequency=40.0)(), 0.0)'}),
     "Delay": Shown({"samples": 20}),
     "Divide": Shown(inputs={"a": "Sine()()", "b": "Sine(frequency=2.0, bias=2.0)()"}),
+    "Dot": Shown(inputs={"a": "stack(1.0, 0.0)", "b": f"stack({ROTATING})"}),
     "EmulatedFSR": Shown(inputs={"force": 'Ramp(slope=25.0, unit="N")()'}),
+    "EmulatedLoadCell": Shown(inputs={"force": 'Ramp(slope=100.0, initial=-100.0, unit="N")()'}),
     "FSR": Shown(inputs={"voltage": 'Ramp(slope=1.6, unit="V")()'}),
     "FeedForward": Shown({"damping": 1.0, "friction": 2.0}),
+    "FootContact": Shown(inputs={"heel": "0.7 * walker.left_ground_force[1]"}),
+    "Gain": Shown({"gain": 2.5}),
+    "GaitState": Shown(duration=8.0, walker='speed="0:0 2:0 4:1.2"'),
     "GyroEvents": Shown(inputs={"velocity": "walker.left_shank_motion[7]"}),
     "Hold": Shown({"every": 20}, {"u": "Sine()()"}, "waves"),
+    "Impedance": Shown(inputs=MOTION),
     "Latch": Shown(inputs={"on": 'Compare(">")(Sine()(), 0.5)', "off": 'Compare("<")(Sine()(), -0.5)'}),
     "Limb": Shown(inputs={"torque": 'StepSource(time=0.1, after=15, unit="N·m")()'}, style="step", duration=2.0),
     "LoadCell": Shown(inputs={"signal": "StepSource(time=1.0)()"}, duration=2.0),
     "LookupTable1D": Shown({"breakpoints": (-1.0, 0.0, 0.5, 1.5), "values": (0.0, 1.0, 0.8, 2.0)}, style="curve"),
     "Madgwick": TILT,
     "Mahony": TILT,
+    "MatrixGain": Shown({"matrix": ((1.0, 1.0), (1.0, -1.0))}),
     "Median": Shown({"samples": 5}, {"u": "Sine()() + Pulse(period=0.3, duty=0.02)()"}, "waves"),
+    "MovingAverage": Shown({"window": 0.1}, duration=0.5),
     "MovingMaximum": Shown(inputs={"u": "Chirp(stop=2.0)()"}, style="waves", duration=10.0),
     "MovingMinimum": Shown(inputs={"u": "Chirp(stop=2.0)()"}, style="waves", duration=10.0),
+    "MovingRMS": Shown({"window": 0.1}, duration=0.5),
+    "Norm": Shown(inputs={"u": "stack(0.5, Sine()())"}, style="waves"),
     "OnnxModel": Shown(
         {"file": "networks/hip_torque.onnx"},
         {

@@ -34,6 +34,11 @@ def test_frequency_response_of_a_filter_is_that_of_its_design(examples):
     assert np.degrees(phase[0]) == pytest.approx(0.0, abs=5.0) and np.degrees(phase[-1]) < -170.0
 
 
+def test_frequency_response_of_a_notch_reaches_its_bottom(examples):
+    gain, _ = responses.frequency_response(examples["Notch"])
+    assert gain.min() < 0.1 and responses.FREQUENCIES[gain.argmin()] == pytest.approx(50.0, abs=0.2)
+
+
 @pytest.mark.parametrize("name", ["Median", "SoftStart", "TorqueLimiter"])
 def test_nonlinear_and_time_varying_blocks_have_no_frequency_response(examples, name):
     assert responses.frequency_response(examples[name]) is None
@@ -42,6 +47,22 @@ def test_nonlinear_and_time_varying_blocks_have_no_frequency_response(examples, 
 def test_index_of_the_blocks_is_fresh():
     text = block_pages.index(block_pages.source)
     assert block_pages.INDEX.read_text() == text, "run `python -m tests.docs.block_pages`"
+
+
+def test_tables_show_addresses_as_data_sheets_do_and_the_truth_of_defaults(examples, tmp_path):
+    kind = examples["ICM20948"].kind
+    text = block_pages.page(kind, block_pages.homes()[kind], tmp_path, pictures=False)
+    assert (
+        "| 0x68 | 0x8 to 0x77 |" in text
+        and "| 0 | 0 to 0x77 |" in text
+        and "whether the magnetometer is read | true |" in text
+    )
+
+
+def test_ports_of_a_page_are_those_of_its_example(examples, tmp_path):
+    kind = examples["CubeMarsServo"].kind
+    text = block_pages.page(kind, block_pages.homes()[kind], tmp_path, pictures=False)
+    assert "`current_command`" in text and ">current_command " in (tmp_path / "CubeMarsServo.svg").read_text()
 
 
 def test_text_of_a_docstring_is_literal_markdown():

@@ -59,7 +59,7 @@ def test_the_family_of_a_block_follows_from_its_class_and_module(kind, name):
         (Param(1.0, above=0.0), "above 0"),
         (Param(1.0, min=0.0, below=1.5), "at least 0 and below 1.5"),
         (Param("a", choices=("a", "b")), "one of a, b"),
-        (Param(",", choices=(",", "\t")), "one of ,, '\\t'"),
+        (Param(",", choices=(",", "\t")), "one of ',', '\\t'"),
         (Param("", choices=("", "a")), "one of '', a"),
         (Param(0, min=0, max=9007199254740992), "0 to 9007199254740992"),
         (Param(1.0), ""),
