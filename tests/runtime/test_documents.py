@@ -97,7 +97,7 @@ def test_the_speed_page_shows_the_tables_of_bench_and_of_the_peers(command_line,
     monkeypatch.setattr(blocks, "COMPILE_REPEATS", {3: 1, 30: 1})
     _, out, _ = command_line("bench", "--seconds", "0.002", "--repeats", "7")
     printed = without_numbers(out.splitlines())
-    shown = without_numbers(shown_after(SPEED, "measures this machine"))
+    shown = without_numbers(shown_after(SPEED, "measures your machine"))
     assert [line for line in shown[1:] if line not in printed] == [] and len(shown) == 6
 
     monkeypatch.setattr(sys, "argv", ["peers", "knee", "--seconds", "0.002", "--repeats", "1"])

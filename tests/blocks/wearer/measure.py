@@ -108,7 +108,11 @@ def curve_table():
     for joint, column in MOMENTS.items():
         line(f"{joint} moment per kg", -stride(trace, trace[f"left_{joint}_torque"]) / 70.0, f"{column}_moment_Nm_kg")
     print()
-    print("| stance of the man of Fukuchi 2018 | 1.30 m/s | SD of adults | of his stances | 1.69 m/s | SD | SD |")
+    print(
+        "| RMS difference from the man of Fukuchi 2018"
+        + "".join(f" | {v} m/s | SD of adults | SD of his stances" for v in ("1.30", "1.69"))
+        + " |"
+    )
     print("|---|--:|--:|--:|--:|--:|--:|")
     cells: dict[str, list[str]] = {"vertical force": [], "forward force": [], "centre of pressure": []}
     for speed in (1.30, 1.69):
@@ -131,7 +135,7 @@ def curve_table():
             spread = np.sqrt(np.mean(man[f"{column}_sd"][inside] ** 2))
             cells[name].append(f"{text:.3f} | {between(name, speed)} | {spread:.3f}")
     for name, values in cells.items():
-        print(f"| {name}, RMS difference |", " | ".join(values), "|")
+        print(f"| {name} |", " | ".join(values), "|")
 
 
 def between(name, speed):
@@ -146,7 +150,7 @@ def between(name, speed):
 
 
 def slip_table():
-    print("| m/s | slip of the heel, mm | of the ball, mm | pelvis up and down, mm |")
+    print("| m/s | slip of the heel, mm | slip of the ball, mm | vertical motion of the pelvis, mm |")
     print("|--:|--:|--:|--:|")
     for speed in (0.3, 0.85, 1.21, 1.5, 1.96):
         trace = walk(speed, 8.0)
