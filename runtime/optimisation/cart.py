@@ -23,12 +23,13 @@ from contextlib import suppress
 from typing import Any
 
 from runtime.base.errors import BadInput
-from runtime.optimisation.metabolic import plausible, power
+from runtime.optimisation.metabolic import HIGHEST_POWER, LOWEST_POWER, plausible, power
 
 CONNECT_TIMEOUT, RECONNECT_TIMEOUT = 3.0, 0.3  # s, before and during the run
 RECONNECT_PERIOD = 2.0  # s
 READ_SIZE = 1 << 16  # bytes
 LINE_LIMIT = 1 << 16  # bytes of a line; a longer one is discarded
+LINE_SHOWN = 60  # characters of a rejected line in a message
 DELAY_LIMIT = 60.0  # s from a breath to its sample; a longer delay is a clock that was set back
 BAUD_RATE = 9600  # of a serial stream, unless it is given
 
@@ -53,12 +54,13 @@ class Table:
     """Lines of a cart's table, from which samples are taken.
 
     rejected : number of lines without a valid sample
+    reason : the last of these and why it was rejected, as text
     """
 
     def __init__(self) -> None:
         self.columns: dict[str, tuple[int, float]] = {}  # {kind: (place, factor)}
         self.separator: str | None = None
-        self.rejected = 0
+        self.rejected, self.reason = 0, ""
         self._second = False  # whether the next line follows the header, and may have the units
 
     def sample(self, line: str) -> tuple[float, float] | None:
@@ -84,8 +86,19 @@ class Table:
             watts = power(values.get(OXYGEN, math.nan), values.get(CARBON_DIOXIDE, math.nan))
         if not plausible(watts) or (TIME in self.columns and not math.isfinite(values.get(TIME, math.nan))):
             self.rejected += 1
+            self.reason = f"{line.strip()[:LINE_SHOWN]!r}, {self._reason(watts)}"
             return None
         return values.get(TIME, math.nan), watts
+
+    def _reason(self, watts):
+        if plausible(watts):
+            return "whose time is not a number"
+        if not math.isfinite(watts):
+            return "whose gases or power are not numbers"
+        return (
+            f"whose {watts:.3g} W is outside the range of {LOWEST_POWER:g} to {HIGHEST_POWER:g} W: compare the units "
+            "of the header with the numbers"
+        )
 
     def _cells(self, line):
         cells = line.split(self.separator)

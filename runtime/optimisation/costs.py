@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from runtime.base.errors import BadInput
+from runtime.console.styles import count
 from runtime.optimisation.cart import Cart
 from runtime.optimisation.metabolic import Estimate, mean, steady_state
 
@@ -117,6 +118,7 @@ class CartCost(Sampled):
         super().__init__()
         self.cart, self.name, self.time_constant = cart, cart.name, time_constant
         self.problem = ""  # of a table that cannot be read
+        self.before = 0  # lines rejected before the measurement
 
     def take(self, now: float) -> None:
         try:
@@ -128,11 +130,23 @@ class CartCost(Sampled):
     def check(self, now: float, begin: float) -> None:
         if self.problem:
             raise Missing(self.problem)
-        super().check(now, begin)
+        try:
+            super().check(now, begin)
+        except Missing as error:
+            raise Missing(f"{error}{self.rejection()}") from None
+
+    def forget(self, before: float) -> None:
+        super().forget(before)
+        self.before = self.cart.table.rejected
+
+    def rejection(self) -> str:
+        """Return how many lines were rejected in the measurement, and one with the reason; "" if there were none."""
+        number = self.cart.table.rejected - self.before
+        return f"; {count(number, 'line')} rejected, such as {self.cart.table.reason}" if number else ""
 
     def fit(self, times: np.ndarray, rows: np.ndarray) -> Estimate:
         if len(times) < CART_SAMPLES:
-            raise ValueError(f"{len(times)} valid samples, expected {CART_SAMPLES} or more")
+            raise ValueError(f"{len(times)} valid samples, expected {CART_SAMPLES} or more{self.rejection()}")
         return steady_state(times, rows[:, 0], self.time_constant)
 
 

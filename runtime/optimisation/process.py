@@ -35,6 +35,7 @@ REFRESH_PERIOD = 1.0  # s, after which the needs are sent again
 STATUS_PERIOD = 0.25  # s
 END_TIMEOUT = 2.0  # s for the process to end after the run
 NICENESS = 10
+ENDED = ("stopping", "safe")  # states of a run that is ending
 KEYS = ["y", "n", "p", "r"]
 
 
@@ -164,8 +165,10 @@ class Companion:
     def run(self) -> None:
         """Carry out the optimisation until the end of the run."""
         self.save()
-        while not self.over and not self.page.closed and self.page.state not in ("stopping", "safe"):
+        while not self.over and not self.page.closed and self.page.state not in ENDED:
             self.receive()
+            if self.page.closed or self.page.state in ENDED:  # meanwhile: not a missing measurement
+                return
             self.protocol.step(time.monotonic())
             self.send_needs()
 

@@ -354,7 +354,7 @@ class Protocol:
             except Missing as error:
                 failures += 1
                 confirmed = not self.settings.confirm and failures <= RETRY_LIMIT
-                then = "it is measured again" if confirmed else "y: measure again; n: skip"
+                then = "It is measured again" if confirmed else "y: measure again; n: skip"
                 text = f"{self.title}: {error}; the accepted parameters are restored. {then}"
                 self.report("missing", [text], number, reason=str(error))
                 yield from self._return()

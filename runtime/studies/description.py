@@ -68,8 +68,12 @@ class Study:
         for name, values in self.grid.items():
             if not isinstance(values, list) or not values or not all(map(_is_value, values)):
                 raise BadInput(f"grid: {name} = {values!r}: expected a list of numbers, texts or booleans")
+            _check_distinct(f"grid: {name}", values)
         if not isinstance(self.seeds, list) or not all(type(seed) is int for seed in self.seeds):
             raise BadInput(f"seeds = {self.seeds!r}: expected a list of integers, as in [1, 2, 3]")
+        _check_distinct("seeds", self.seeds)
+        if self.sample and self.samples == 0:
+            raise BadInput("missing key 'samples': the number of values of [sample], as in samples = 50")
         if type(self.samples) is not int or self.samples < 0 or (self.samples > 0) != bool(self.sample):
             raise BadInput(
                 f"samples = {self.samples!r}: expected a whole number, 1 or more with a [sample] table and 0 without"
@@ -80,6 +84,9 @@ class Study:
             raise BadInput('objectives: none given: add one, as in work = {function = "positive_work", leg = "left"}')
         for name, given in self.objectives.items():
             objectives.load(name, given)
+        for name in self.parameters:
+            if self.parameters.count(name) + (name in self.settings) > 1:
+                raise BadInput(f"{name!r} is given in two tables, such as [settings] and [grid]: remove one")
         names = [*RESULTS, *self.settings, *self.parameters, *self.objectives]
         for name in names:
             if names.count(name) > 1:
@@ -193,8 +200,21 @@ def _is_number(value):
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
+def _is_finite(value):
+    return _is_number(value) and math.isfinite(value)
+
+
 def _is_value(value):
     return isinstance(value, (int, float, str, bool))
+
+
+def _check_distinct(name, values):
+    """Raise BadInput for a value that is given twice: its trials would be equal, and no independent repetitions."""
+    known = set()
+    for value in values:
+        if (type(value), value) in known:
+            raise BadInput(f"{name} = {values!r}: {value!r} is given twice, and equal trials have equal results")
+        known.add((type(value), value))
 
 
 def _check_distribution(name, given):
@@ -203,7 +223,7 @@ def _check_distribution(name, given):
     kind, numbers = next(iter(given.items())) if isinstance(given, dict) and len(given) == 1 else (None, None)
     if kind not in DISTRIBUTIONS:
         raise BadInput(f"{where}: expected one of {', '.join(DISTRIBUTIONS)}, as in {{uniform = [0.5, 1.5]}}")
-    if not isinstance(numbers, list) or len(numbers) != 2 or not all(map(_is_number, numbers)):
+    if not isinstance(numbers, list) or len(numbers) != 2 or not all(map(_is_finite, numbers)):
         raise BadInput(f"{where}: expected two numbers, as in {{{kind} = [0.5, 1.5]}}")
     if kind == "normal" and numbers[1] < 0.0:
         raise BadInput(f"{where}: expected a mean and a standard deviation of 0 or more")

@@ -116,7 +116,7 @@ class Processes(Engine):
 def failed(number: int, parameters: dict[str, Any], reason: str) -> str:
     """Return the message about a trial that stops the study."""
     values = ", ".join(f"{name}={value}" for name, value in parameters.items())
-    return f"trial {number} ({values}): {reason}"
+    return f"trial {number}{f' ({values})' if values else ''}: {reason}"
 
 
 class Worker(ChildProcess):

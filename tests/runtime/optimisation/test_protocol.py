@@ -203,6 +203,18 @@ def test_table_that_cannot_be_read_is_a_missing_measurement():
     assert experiment.steps()[-1] == "abandoned" and not experiment.protocol.finished
 
 
+def test_lines_with_wrong_units_are_the_reason_of_a_missing_measurement():
+    experiment = Experiment(evaluations=1, attended=False)
+    experiment.wearer.silent = True
+    experiment.run(until=lambda: experiment.protocol.phase == "settle")
+    experiment.wearer.lines = b"9\t6\n10\t5.5\n"  # kcal/min instead of W
+    experiment.run(until=lambda: "missing" in experiment.steps())
+    assert experiment.last("missing")["reason"] == (
+        "no sample of metabolic.tsv for 30 s; 2 lines rejected, such as '10\\t5.5', whose 5.5 W is outside the range "
+        "of 20 to 3000 W: compare the units of the header with the numbers"
+    )
+
+
 def test_silent_cart_ends_unattended_optimisation():
     experiment = Experiment(evaluations=1, attended=False)
     experiment.wearer.silent = True

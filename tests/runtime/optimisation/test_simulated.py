@@ -133,11 +133,7 @@ MISTAKES = {
         'optimiser = "cmaes"\npopulation',
         "no optimiser 'cmaes': did you mean 'cma'",
     ),
-    "a parameter of the grid": (
-        "[objectives]",
-        "[grid]\ngain = [1]\n[objectives]",
-        "'gain' is the name of two columns",
-    ),
+    "a parameter of the grid": ("[objectives]", "[grid]\ngain = [1]\n[objectives]", "'gain' is given in two tables"),
 }
 
 

@@ -183,6 +183,23 @@ MISTAKES = {
         "duration = 0.5\nsamples = 1\nsample = { fails = { log_uniform = [0, 1] } }",
         "expected a lower and an upper limit, above 0",
     ),
+    "a distribution without a finite limit": (
+        "duration = 0.5",
+        "duration = 0.5\nsamples = 1\nsample = { fails = { normal = [nan, 1] } }",
+        "sample: fails = .*expected two numbers",
+    ),
+    "no number of samples": (
+        "duration = 0.5",
+        "duration = 0.5\nsample = { fails = { uniform = [0, 1] } }",
+        "missing key 'samples': the number of values",
+    ),
+    "a seed twice": ("duration = 0.5", "duration = 0.5\nseeds = [1, 2, 1]", r"seeds = .*: 1 is given twice"),
+    "a value twice": ("[1, 2, 3.5]", "[1, 2, 2]", r"grid: gain = \[1, 2, 2\]: 2 is given twice"),
+    "a name in two tables": (
+        "[objectives]",
+        "[settings]\ngain = 2\n[objectives]",
+        "'gain' is given in two tables, such as .settings. and .grid.: remove one",
+    ),
     "two columns of one name": ("gain = [", "peak = [", "'peak' is the name of two columns"),
     "a missing diagram": ("sine.py", "sone.py", "cannot read the diagram sone.py: No such file"),
     "no TOML": ("[grid]", "[grid", "study.toml: "),
