@@ -9,6 +9,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from docutils import nodes  # noqa: E402
+
 from tests.docs import generated, site  # noqa: E402
 
 QUICK = bool(os.environ.get("DOCS_QUICK"))  # without pictures and notebooks, for the tests
@@ -144,9 +146,32 @@ def read(app, docname, source):
         source[0] += f"\n\n```{{toctree}}\n:hidden:\n\n{entries}\n```\n"
 
 
+def block_page(app, text):
+    """Return the page of a block or of a family, as `Gain`, `Gain()` or `blocks.mathematics`; None for other code."""
+    name = text.removesuffix("()").rpartition(".")[2]
+    if text.startswith("blocks.") and name.islower():
+        name += "_blocks"
+    elif "." in text and not text.startswith("blocks."):
+        return None
+    page = f"api/blocks/{name}"
+    return page if page in app.env.found_docs else None
+
+
+def link_blocks(app, doctree, docname):
+    """Link the names of blocks in code spans to their pages, except in headings, links and a block's own page."""
+    for span in list(doctree.findall(nodes.literal)):
+        page = block_page(app, span.astext())
+        parents = (nodes.reference, nodes.title, nodes.term)
+        if page is None or page == docname or isinstance(span.parent, parents):
+            continue
+        target = app.builder.get_relative_uri(docname, page)
+        span.replace_self(nodes.reference("", "", span.deepcopy(), internal=True, refuri=target))
+
+
 def setup(app):
     """Write the generated pages, and connect the converters."""
     generated.write(Path(app.srcdir) / "api", quick=QUICK)
     app.connect("autodoc-process-docstring", docstring)
     app.connect("autodoc-skip-member", skip)
     app.connect("source-read", read)
+    app.connect("doctree-resolved", link_blocks)

@@ -16,16 +16,17 @@ Frame: TypeAlias = tuple[int, bool, bytes]
 class Motion:
     """Limits of an actuator's motion and torque during a run (cext/safety/motion_watch.pxd).
 
-    acceleration : rad/s², highest acceleration assumed while stiffness or damping is commanded
-    velocity_code : rad/s, resolution of the reported velocity
+    acceleration : highest acceleration assumed while stiffness or damping is commanded, rad/s²
+    velocity_code : resolution of the reported velocity, rad/s
     gains : (name of a memory, index) from which the kernel reads the allowed share of stiffness and damping, or None
     range : (lowest, highest) joint angle in rad, () if not declared
-    fastest : rad/s, highest joint speed
-    limit : N·m, highest measured torque; decreases with the torque limit of the watch
-    accuracy : N·m, accuracy of the torque measurement
-    offset : rad, of the drive's position; position_end, velocity_end : rad, rad/s, half ranges that the drive reports
+    fastest : highest joint speed, rad/s
+    limit : highest measured torque, N·m; decreases with the torque limit of the watch
+    accuracy : accuracy of the torque measurement, N·m
+    offset : offset of the drive's position, rad
+    position_end, velocity_end : half of the ranges that the drive reports, rad and rad/s
     law : name of the memory with the last sent position, velocity, stiffness, damping and torque, or None
-    current : name of the output with the last sent current, or None; current_scale : N·m/A
+    current : name of the output with the last sent current, or None; current_scale : torque per current, N·m/A
     velocity_tolerance, torque_tolerance : largest relative difference between two measurements of one quantity
     """
 
@@ -50,10 +51,10 @@ class Motion:
 class Watch:
     """Torque and temperature limits of an actuator during a run (cext/safety/drive_watch.pyx).
 
-    rated, limit : N·m, rated and highest torque at the output `torque`; the RMS torque is written to `rms_torque`
+    rated, limit : rated and highest torque at the output `torque`, N·m; the RMS torque is written to `rms_torque`
     mode : reaction to an RMS torque above the rated torque: silent, warn, saturate, throttle or disable
-    window : s, averaging time of the RMS torque
-    warm, derate, hot : °C, temperatures that cause a warning, a reduced torque limit, and a fault
+    window : averaging time of the RMS torque, s
+    warm, derate, hot : temperatures that cause a warning, a reduced torque limit, and a fault, °C
     law_limit : (name of a memory, index) from which the kernel reads the remaining torque limit, or None
     motion : Motion; with None, only NaN and infinity in the feedback are faults
     """
@@ -112,13 +113,13 @@ class ReplyField:
 class DampedStop:
     """Frames that damp a joint at the beginning of a safe stop, chosen in cext/safety/speed_bands.pyx.
 
-    duration : s, of damping; the device is disabled afterwards
+    duration : duration of the damping, s; the device is disabled afterwards
     bands : (highest speed in rad/s, frames) in ascending order; the last speed is infinite. Frames are as in
         `Device.zero_frames`
     velocity : ReplyField of the joint's velocity; with None the last band is used
-    acceleration : rad/s², highest acceleration of the joint; bounds the speed at the arrival of the next frame
-    round : s between frames
-    limit : N·m, highest torque while damping
+    acceleration : highest acceleration of the joint, rad/s²; bounds the speed at the arrival of the next frame
+    round : time between frames, s
+    limit : highest torque while damping, N·m
     """
 
     duration: float
@@ -134,8 +135,8 @@ class Zeroing:
     """The frame that makes the present position of a drive its zero (cext/safety/zeroing.pxd).
 
     frame : (arbitration id, is extended, data)
-    offset : rad, position of the drive at the zero of the joint
-    torque_code : N·m, largest sent torque that counts as zero
+    offset : position of the drive at the zero of the joint, rad
+    torque_code : largest sent torque that counts as zero, N·m
     at_arming : whether arming sets the zero
     """
 
@@ -151,9 +152,9 @@ class TorqueBound:
 
     kind : "proved", from the bounds of the commands; "assumed", under an assumption; "drive", a limit inside the drive
         that is not verified here; "none", no bound
-    limit : N·m, or None
+    limit : highest torque, N·m; None without a bound
     holds : text that states the assumption, if the kind is not "proved"
-    acceleration : rad/s², assumed highest acceleration, or None
+    acceleration : assumed highest acceleration, rad/s², or None
     figures : consequences of the assumption, as (name, value, unit, description)
     """
 
@@ -169,7 +170,7 @@ class Winding:
     """Currents of an actuator, as amplitudes in a phase of its motor, and its supply.
 
     limit : torque limit at the joint, N·m; None if its command does not bound the torque
-    current : at most, A; None if unknown
+    current : highest current, A; None if unknown
     rated : rated torque at the joint, N·m; None if not published
     rated_current, peak_current : of the motor, A; None if not published
     supply : (lowest, highest) permitted voltage, V; () if not published
@@ -190,12 +191,13 @@ class Device(Block):
     medium : type of the bus: "can"; "stream", bytes of a serial line, a socket or an input device, in frames of up to
         64 bytes; or "i2c", one frame for each reply to a register transfer
     bus : logical name, which a rig file assigns to an interface
-    timeout : s without a sample after which the run ends in the safe stop; 0 to disable
-    relay_time : s without a command after which the relay of this device opens; 0 for a device without a relay. If it
-        is above 0, `encode` is also called in every round of arming and while a safe stop damps, until the relay opens
-    start_time : s at the beginning of arming during which no other device receives a frame, so that devices powered
-        through the relay can start
-    hot : °C above which the operator should inspect the device before arming; None to disable
+    timeout : time without a sample after which the run ends in the safe stop, s; 0 to disable
+    relay_time : time without a command after which the relay of this device opens, s; 0 for a device without a relay.
+        If it is above 0, `encode` is also called in every round of arming and while a safe stop damps, until the relay
+        opens
+    start_time : time at the beginning of arming during which no other device receives a frame, s, so that devices
+        powered through the relay can start
+    hot : temperature above which the operator should inspect the device before arming, °C; None to disable
     hardware : names of the parameters that describe construction and mounting, the only ones that a rig file may set
     """
 
@@ -342,7 +344,7 @@ class Actuator(Device):
     def torque_bound(self, commands: dict[str, Interval], period: float) -> TorqueBound:
         """Return the TorqueBound of its torque.
 
-        commands : {input: Interval}; period : s between two command frames
+        commands : {input: Interval}; period : time between two command frames, s
         """
         return TorqueBound("proved")
 

@@ -13,6 +13,7 @@ class StreamDevice(Device):
 
     frame.id : 0 data; 1 line disconnected; 2 line reconnected
     frame.flags : bit 0, bytes before this frame were lost; bit 1, first bytes of one read, or of a datagram
+
     `decode` returns TAKEN for a complete sample, NOTED for an incomplete one, MALFORMED for corrupt bytes.
 
     line : kind of the line, a key of runtime.rig.streams.KINDS

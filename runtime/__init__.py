@@ -33,12 +33,13 @@ def load(path: Iterable[str | os.PathLike[str]]) -> Trials: ...  # noqa: F811
 def load(path: str | os.PathLike[str] | Iterable[str | os.PathLike[str]]) -> Trial | Trials:  # noqa: F811
     """Load a recording, or several as one table. Needs NumPy and mcap, and no compiled module.
 
-    load("trial.mcap")      runtime.analysis.trial.Trial: trial["left/knee.position"] is an array over the ticks
-    load("trials")          the newest recording of a folder
-    load("trials/*.mcap")   runtime.analysis.trials.Trials: one after the other, with the fields of each trial
+        trial = load("trial.mcap")              # a runtime.analysis.trial.Trial
+        trial["left/knee.position"]             # array over the ticks
+        newest = load("trials")                 # the newest recording of a folder
+        trials = load("trials/*.mcap")          # a runtime.analysis.trials.Trials, one recording after the other
 
-    path : path of a file or folder, a pattern, or a list of paths. Type checkers take a text for one file: of a
-        pattern, pass `glob.glob(pattern)`
+    path : path of a file or folder, a pattern, or a list of paths. A type checker cannot distinguish a pattern from
+        the path of one file: pass `glob.glob(pattern)` for a return type of Trials
 
     Raises BadInput if there is no such recording.
     """
@@ -68,17 +69,17 @@ def run(
         runtime.run("diagrams/knee_exo.py", 60, rig="lab.toml", trial={"subject": "S03"})
 
     In virtual time, the default, the run takes place in this process. It writes no file, starts no process and prints
-    nothing. Its signals equal those of `python -m runtime FILE --fast` bit for bit. Recorded are the signals that the
-    diagram's recorders and viewers take, all signals where it has neither; frames of the buses are not.
+    nothing. Its signals equal those of `python -m runtime FILE --fast` bit for bit. The Trial has the signals that
+    the diagram's recorders and viewers take, or all signals if it has neither, and no frames of the buses.
 
     In real time and on a rig, the run is the command `python -m runtime FILE` in a process of its own, with its
-    guardian, recorder and safe stop. Its lines are printed, and the Trial is that of its recording. A rig is armed
+    guardian, recorder and safe stop. Its output is printed, and the Trial is that of its recording. A rig is armed
     after the answer to input(), or at once with yes=True. Ctrl-C, the interrupt of a notebook, and the end of this
     process stop the robot.
 
     diagram : path of a diagram file; in virtual time also a Diagram, which may be run again and keeps its parameters,
         or a function that builds one
-    duration : s; in real time None runs until Ctrl-C
+    duration : duration in s; in real time None runs until Ctrl-C
     settings : {"left/impedance.stiffness": 40, "assistance": "0.5"} or pairs, as with --set: parameters of blocks and
         of the functions `build` and `plant`
     plant : in virtual time a Diagram, or function plant(robot) that builds one; by default the file's own. Without
@@ -86,7 +87,7 @@ def run(
     seed : integer from which the seeds of all noise sources of robot and plant are derived; None: their own seeds
     rate : Hz instead of the diagram's own
     plant_signals : in virtual time, signals of the plant that the Trial has besides those of the robot, at the end of
-        each tick: "walker.left_knee_torque" is trial["plant/walker.left_knee_torque"]. A text of names separated by
+        each tick: "walker.left_knee_torque" is trial["plant/walker.left_knee_torque"]. A string of names separated by
         commas, or several; * stands for any text, and a block for all its signals
     fast : virtual time; False runs the simulation in real time
     rig : path of a rig file, whose run is in real time
@@ -199,7 +200,7 @@ def study(
         result["work"]                  # J, array over the trials
 
     diagram : path of a diagram file; with workers=0 also a function that builds a Diagram
-    duration : s, of each run
+    duration : duration of each run, s
     objectives : {name: function of a Trial that returns a number, or {"function": function, argument: value}}. A
         function is the name of one in runtime.studies.objectives, "module:function", or with workers=0 a callable
     grid : {name of a setting: values}, whose combinations are run
@@ -212,7 +213,7 @@ def study(
     output : path of a Parquet table. A study that was interrupted continues when it is called again, and a finished
         table of the same study is read
     workers : number of processes, by default one for each processor; 0 runs the trials in this process
-    dask : address of a Dask scheduler, such as "tcp://10.0.0.5:8786", whose workers run the trials
+    dask : address of a Dask scheduler, such as `tcp://10.0.0.5:8786`, whose workers run the trials
 
     The result is the same, bit for bit, for any number of workers and on a cluster. A run that ends in a fault has no
     values. Returns a runtime.studies.result.StudyResult. Raises BadInput.

@@ -1,11 +1,5 @@
 """Trial: a recording with every signal of every tick, the frames, the events and the metadata.
 
-    trial = Trial("recordings/knee_exo_2026-11-21_10-00-00.mcap")
-    trial["left/knee.position"]     # array over the ticks
-    trial.unit("left/knee.position")        # "rad"
-    trial.time                      # s
-    trial.time_of("left/knee.position")     # s, of its samples, if it was recorded at a lower rate
-
 A truncated or damaged file is read up to the last complete row; `complete` is then False. It includes the parts that
 standby recorders continued.
 """
@@ -28,7 +22,14 @@ if TYPE_CHECKING:
 
 
 class Trial(TrialData):
-    """Recording, with its signals over the gait cycle, at other rates, and as a table."""
+    """Recording, with its signals over the gait cycle, at other rates, and as a table.
+
+    trial = runtime.load("recordings/knee_exo_2026-11-21_10-00-00.mcap")
+    trial["left/knee.position"]             # array over the ticks
+    trial.unit("left/knee.position")        # "rad"
+    trial.time                              # array over the ticks, s
+    trial.time_of("left/knee.position")     # times of its samples in s, if it was recorded at a lower rate
+    """
 
     def resample(self, rate: float) -> Trial:
         """Return this Trial at a fixed rate in Hz, from its first tick to its last, with missed ticks filled in.
@@ -50,7 +51,7 @@ class Trial(TrialData):
     ) -> np.ndarray:
         """Return a signal over the gait cycle, as (strides, points), or (strides, points, ...) for a vector.
 
-        path : of the signal
+        path : path of the signal
         events : times in s at which strides begin, such as heel strikes; or the path of a bool that becomes true there,
             or of a gait phase that falls from 1 to 0 there. By default the phase of the innermost subsystem of the
             signal that has one, while its `walking` is true
@@ -70,7 +71,7 @@ class Trial(TrialData):
         between: tuple[str, str] | None = None,
         last: int | None = None,
     ) -> np.ndarray:
-        """Return the begin and end of the strides of `strides`, as (strides, 2) in s.
+        """Return the start and end of each stride of `strides`, as (strides, 2) in s.
 
         A stride twice as long as its neighbours is counted as two with a missed event.
         """
@@ -87,7 +88,7 @@ class Trial(TrialData):
     ) -> Pictures:
         """Return pictures of signals, which a notebook shows; `.save("knee.png")` writes them.
 
-        names : of signals, blocks or subsystems, in one picture; by default a picture for each subsystem
+        names : names of signals, blocks or subsystems, in one picture; by default a picture for each subsystem
         strides : over the gait cycle instead of over time; without names angle, torque and power of each joint
         events, between, last : with `strides`, as for Trial.strides
 
@@ -109,7 +110,7 @@ class Trial(TrialData):
         return trial_in_html(self)
 
     def table(self) -> pandas.DataFrame:
-        """Return a pandas DataFrame with a row a tick, `time` as its index, and a column a number.
+        """Return a pandas DataFrame with one row per tick, `time` as its index, and one column per number.
 
         `attrs` has the units and the fields of the trial. Raises MissingExtra.
         """

@@ -1,8 +1,8 @@
 """Several recordings as one table, one below the other, with the fields of each trial.
 
 trials = load("trials/*.mcap")
-trials["left/knee.torque"]          # array over the rows of all
-trials["subject"]                   # of each row
+trials["left/knee.torque"]          # array over the rows of all trials
+trials["subject"]                   # the subject of each row
 trials[0]                           # the first Trial
 """
 
@@ -50,7 +50,7 @@ OWN = ("trial", "tick", "time")  # columns of every table
 
 
 class Trials:
-    """Several trials as one table, a row a tick of each, in order.
+    """Several trials as one table, with one row per tick, in order.
 
     trials : [Trial]
     labels : name of each trial in the column "trial": its file name, with the folder where file names are equal

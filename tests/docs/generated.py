@@ -4,6 +4,7 @@ import importlib
 import inspect
 import io
 import os
+import re
 from contextlib import redirect_stdout, suppress
 from unittest import mock
 
@@ -15,12 +16,23 @@ from tests.docs.pages import DOCS, anchors
 
 QUICK_FAMILIES = ("actuators", "filters", "states", "wearer")
 MODULES = {  # module: contents
-    "graph": "diagrams and blocks",
-    "graph.conformance": "tests of blocks",
-    "runtime": "runs and recordings",
-    "runtime.analysis.trial": "one recording",
-    "runtime.analysis.trials": "several recordings",
+    "graph": "diagrams, blocks and devices",
+    "graph.conformance": "the test that every block must pass",
+    "runtime": "functions that run, check, study and optimise a diagram, and load a recording",
+    "runtime.analysis.trial": "one recording: its signals, strides, plots and table",
+    "runtime.analysis.trials": "several recordings as one table",
+    "runtime.session.simulate": "a simulation that the caller advances step by step",
+    "runtime.studies.result": "the result of a study",
+    "runtime.optimisation.result": "the result of an optimisation in simulation",
 }
+SHOWN = {  # module: its names for users; all public names of the other modules
+    "graph.conformance": ["check_block"],
+    "runtime.session.simulate": ["SimulatedRun"],
+    "runtime.studies.result": ["StudyResult"],
+    "runtime.optimisation.result": ["OptimisationResult"],
+}
+INHERITED = ("Trial", "OptimisationResult")  # classes whose page lists the members of their base class
+SPECIAL = ("__getitem__", "__setitem__")
 CODES = {"reference/errors.md": diagnostics.CODES, "reference/rigs.md": errors.CODES}
 
 
@@ -50,17 +62,27 @@ def put(path, text):
 def python_pages():
     """Return {name: page} of the Python interface: public functions and classes, from their docstrings."""
     rows = [f"| [{name}]({name}.md) | {title} |" for name, title in MODULES.items()]
-    pages = {"index": "\n".join(["# Python interface\n", "| module | |", "|---|---|", *rows, ""])}
+    pages = {"index": "\n".join(["# Python interface\n", "| module | contents |", "|---|---|", *rows, ""])}
     for name, title in MODULES.items():
         module = importlib.import_module(name)
         parts = [f"# {name}\n\n{title[0].upper()}{title[1:]}.\n\n```{{eval-rst}}\n.. currentmodule:: {name}\n"]
-        for key in public(module):
-            if inspect.isclass(getattr(module, key)):
-                parts.append(f".. autoclass:: {key}\n   :members:\n")
+        for key in SHOWN.get(name) or public(module):
+            if inspect.isclass(value := getattr(module, key)):
+                parts.append("\n   ".join([f".. autoclass:: {key}", *options(value)]) + "\n")
             else:
                 parts.append(f".. autofunction:: {key}\n")
         pages[name] = "\n".join([*parts, "```\n"])
     return pages
+
+
+def options(kind):
+    """Return the options of autodoc for a class."""
+    special = [name for name in SPECIAL if hasattr(kind, name)]
+    return [
+        ":members:",
+        *([":inherited-members:"] if kind.__name__ in INHERITED else []),
+        *([f":special-members: {', '.join(special)}"] if special else []),
+    ]
 
 
 def public(module):
@@ -77,7 +99,8 @@ def public(module):
 
 def command_page():
     """Return the page of the command line: what --help prints for each command."""
-    parts = ["# Command line", "", "What `--help` prints.", "", "```text", _help(), "```"]
+    head = "The output of `python -m runtime --help`, and of each command with `--help`."
+    parts = ["# Command line", "", head, "", "```text", _help(), "```"]
     for names in GROUPS.values():
         for name in names:
             parts += ["", f"## {name}", "", "```text", _help(name), "```"]
@@ -96,13 +119,16 @@ def error_page():
     """Return the page of error codes: each code with its title and the page that explains it."""
     rows = []
     for page, codes in CODES.items():
-        own = {anchor[:5].upper(): f"#{anchor}" for anchor in anchors(DOCS / page)}
+        found = anchors(DOCS / page)
+        own = {code.upper(): f"#{anchor}" for anchor in found for code in re.findall(r"tw\d{3}", anchor)}
+        rest = "#troubleshooting" if "troubleshooting" in found else ""
         name = page.partition("/")[2].removesuffix(".md")
-        rows += [f"| `{code}` | {title} | [{name}](../{page}{own.get(code, '')}) |" for code, title in codes.items()]
+        rows += [f"| `{code}` | {title} | [{name}](../{page}{own.get(code, rest)}) |" for code, title in codes.items()]
     return "\n".join(
         [
             "# Error codes\n",
-            "An error names its code, the place in your file, what is wrong, and what to do.\n",
+            "An error message contains its code, the place in your file, the problem and a remedy. Codes from TW101 "
+            "on are those of rig files and devices.\n",
             "| code | error | explained in |",
             "|---|---|---|",
             *rows,

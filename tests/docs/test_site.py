@@ -42,6 +42,16 @@ def test_pages_load_nothing_from_a_network(site):
         assert not loaded, (page, loaded)
 
 
+def test_names_of_blocks_link_to_their_pages(site):
+    assert 'href="../api/blocks/CubeMars.html"' in (site / "reference" / "actuators.html").read_text()
+
+
+def test_page_of_a_trial_lists_the_inherited_members(site):
+    page = (site / "api" / "python" / "runtime.analysis.trial.html").read_text()
+    for name in ("__getitem__", "fault", "strides", "time", "unit"):
+        assert f'id="runtime.analysis.trial.Trial.{name}"' in page
+
+
 def test_versions_are_listed_newest_first(tmp_path):
     for version in ("0.2.0", "0.10.0", "0.9.1"):
         (tmp_path / version).mkdir()
