@@ -11,7 +11,7 @@ from tests.docs.pages import NAMES
 
 LINE = re.compile(r"python -m runtime ([^`\n]*)")
 PLACEHOLDERS = ("FILE", "...")  # of a diagram file
-PARTS = {"stream": ("actuator", "imu", "openimu", "i2c")}  # words of a command with a help of their own
+PARTS = {"stream": ("actuator", "imu", "openimu", "i2c"), "bench": ("gait",)}  # words with a help of their own
 
 
 def words(line):

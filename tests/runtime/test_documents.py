@@ -154,7 +154,8 @@ def test_examples_of_the_recordings_page_have_the_documented_output(tmp_path):
         timeout=60,
     )
     assert reader.stdout.splitlines() == [
-        "200 samples in rad, until 0.995 s, of {'subject': 'S03'}",
+        "200 samples in rad, until 0.995 s",
+        "{'subject': 'S03'}",
         "996 samples at 1000 Hz",
         "2 trials, 400 rows",
     ], reader.stderr
