@@ -148,10 +148,10 @@ def read(app, docname, source):
 
 def block_page(app, text):
     """Return the page of a block or of a family, as `Gain`, `Gain()` or `blocks.mathematics`; None for other code."""
-    name = text.removesuffix("()").rpartition(".")[2]
-    if text.startswith("blocks.") and name.islower():
+    home, _, name = text.removesuffix("()").rpartition(".")
+    if home == "blocks" and name.islower():
         name += "_blocks"
-    elif "." in text and not text.startswith("blocks."):
+    elif not name[:1].isupper() or not (home == "" or home.startswith("blocks.")):
         return None
     page = f"api/blocks/{name}"
     return page if page in app.env.found_docs else None
