@@ -96,7 +96,39 @@ def read(path: str | os.PathLike[str], about: dict[str, Any]) -> dict[str, Any]:
     if differing:
         changes = "; ".join(f"{name} {known.get(name)!r}, now {about.get(name)!r}" for name in differing)
         raise BadInput(f"--resume {path}: it was made with {changes}. Pass the same options, or begin without --resume")
-    state["validated"] = [
-        [name, [math.nan if number is None else number for number in numbers]] for name, numbers in state["validated"]
-    ]
+    try:
+        _check(state)
+        state["validated"] = [
+            [name, [math.nan if number is None else float(number) for number in (value, error)] + [int(samples)]]
+            for name, (value, error, samples) in state["validated"]
+        ]
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        reason = f"missing {error}" if isinstance(error, KeyError) else error
+        raise BadInput(f"--resume {path}: its content was changed or is damaged: {reason}") from None
     return state
+
+
+def _check(state):
+    """Raise ValueError, KeyError or TypeError for a state that no optimisation has written.
+
+    The parameters that it restores must be within the bounds of the optimisation.
+    """
+    over = state["about"]["over"]
+    if state["optimiser"]["parameters"] != over:
+        raise ValueError("the parameters of 'optimiser' are not those of 'over'")
+    places = [("a cost", values) for _, values, _ in state["optimiser"]["told"]]
+    if state["accepted"] is not None:
+        places.append(("'accepted'", state["accepted"]))
+    for place, values in places:
+        if sorted(values) != sorted(parameter["name"] for parameter in over):
+            raise ValueError(f"the names of {place} are not those of 'over'")
+        for parameter in over:
+            value, low, high = (values[parameter["name"]], parameter["low"], parameter["high"])
+            if not low <= value <= high:
+                raise ValueError(
+                    f"{parameter['name']} = {value!r} of {place}: expected a number from {low:g} to {high:g}"
+                )
+    for _, _, cost in state["optimiser"]["told"]:
+        if not float(cost) < math.inf:
+            raise ValueError(f"cost = {cost!r}: expected a finite number")
+    list(state["errors"])
