@@ -75,7 +75,7 @@ def main(arguments: Sequence[str]) -> int:
         type=number("--rise", "seconds"),
         default=1.0,
         metavar="S",
-        help="s from zero to the target, and back (default: 1)",
+        help="time in s from zero to the target, and back (default: 1)",
     )
     parser.add_argument(
         "--speed",

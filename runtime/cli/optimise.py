@@ -106,7 +106,7 @@ def main(arguments: Sequence[str]) -> int:
         type=count("--optimiser-seed", 2**53, 0),
         default=0,
         metavar="N",
-        help="of the random numbers of the optimiser and of the order of validation trials (default: 0)",
+        help="seed of the optimiser and of the order of validation trials (default: 0)",
     )
     own.add_argument(
         "--validate",

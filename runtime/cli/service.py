@@ -16,8 +16,8 @@ def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code; raises BadInput or DiagramError for a robot that could not run."""
     parser = Parser(
         "service",
-        "Print a systemd unit that runs a robot from the start of the computer, in this folder and with these options "
-        "of `run`. The drives get zero torque until the operator has held a button for 1 s, also after every restart.",
+        "Print a systemd unit that starts a robot when the computer boots, in this folder and with these options of "
+        "`run`. The drives get zero torque until the operator has held a button for 1 s, also after every restart.",
     )
     add_options(parser, Request, *fields_of(Request), in_sections=True)
     request = instance(Request, parser.parse_args(arguments))

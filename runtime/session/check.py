@@ -53,7 +53,8 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            with the native steps around it
       obstacle             reason why a native step is not fused, else ""
     gil_sections           number of times a tick takes the GIL
-    allowance              s that a tick may take beyond the limit of the watchdog, declared by its blocks
+    allowance              time in s that a tick may take beyond the limit
+                           of the watchdog, declared by its blocks
   holds                    rate transitions: source, source_every, target,
                            target_every (ticks)
   proofs                   command, unit, low, high, limit_low, limit_high,

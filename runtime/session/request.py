@@ -232,7 +232,7 @@ class Request:
         default=0.0,
         type=spin_window,
         metavar="TIME",
-        help="spin instead of sleeping for this long before a deadline: 50us",
+        help="busy-wait instead of sleeping for this long before each deadline, such as 50us",
     )
     bitrate: float | None = option(
         "--bitrate",
