@@ -152,7 +152,7 @@ class EmulatedControls(StreamDevice):
         self.inputs = {
             name: Input(
                 "1",
-                "axis position, -1 to 1" if kind == AXIS else "true while pressed",
+                "axis position from -1 to 1" if kind == AXIS else "true while pressed",
                 default=0.0 if kind == AXIS else False,
                 dtype=float if kind == AXIS else bool,
             ).named(name)

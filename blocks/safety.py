@@ -16,7 +16,7 @@ class EmergencyStop(Block):
 
     No command of that tick is sent. A diagram may contain several; a vector counts as pressed if any element is. The
     block runs in every tick, so it cannot be part of a slower or disabled subsystem. The run ends with exit code 3,
-    unless the operator may arm it again; it is never armed again automatically.
+    or waits for the operator to arm it again (`--rearm`); it is never armed again automatically.
     """
 
     pressed = Input("1", "true ends the run", shape=..., dtype=bool)

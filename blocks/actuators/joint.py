@@ -189,7 +189,7 @@ class Joint:
     temperature = Output("°C", "temperature of the drive")
     fault = Output("1", "error code of the drive, 0 for none", dtype=int)
     age = Output("s", "time since the newest reply")
-    rms_torque = Output("N·m", "root mean square of the torque over rms_window", kernel=False)
+    rms_torque = Output("N·m", "root mean square of the torque over `rms_window`", kernel=False)
     active = Output("1", "whether its commands are sent; false while it is taken out", dtype=bool, kernel=False)
     torque_sent = Output("N·m", "feed-forward torque of the frame, after limits, fade-in and quantisation")
     limited = Output("1", "ticks in which the law was changed to keep it within the torque limit", dtype=int)

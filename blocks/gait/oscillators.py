@@ -11,9 +11,10 @@ from graph import Block, Input, Memory, Output, Param
 class AdaptiveOscillator(Block):
     """Gait phase from coupled oscillators that learn frequency and shape of an angle.
 
-        e       = θ − α₀ − Σ αᵢ sin φᵢ
-        dφᵢ/dt  = i ω + (ν e / Σα) cos φᵢ      dω/dt   = (ν_ω e / Σα) cos φ₁
-        dαᵢ/dt  = η e sin φᵢ                   dα₀/dt  = η e
+        e      = θ − α₀ − Σ αᵢ sin φᵢ
+        dφᵢ/dt = i ω + (ν e / Σα) cos φᵢ
+        dω/dt  = (ν_ω e / Σα) cos φ₁
+        dαᵢ/dt = η e sin φᵢ,  dα₀/dt = η e
 
     (Righetti et al. 2006; Ronsse et al. 2013) The phase is φ₁ less its value at heel strike, the mean of the first
     ten strikes after 4 s; from then on, the share `correction` of the phase error is corrected at each strike (Yan et

@@ -25,8 +25,7 @@ class ADS1115(I2cDevice):
 
     Each channel has an output: a0 to a3 relative to ground, a0_a1, a0_a3, a1_a3 and a2_a3 as differences. Channels are
     converted in sequence; each is updated at 0.86 of `rate` divided by the number of channels, 185 Hz for four channels
-    at 860 conversions per second. Every reply contains the configuration of its conversion. Inputs must remain between
-    ground and the chip's supply for any full scale.
+    at 860 conversions per second. Inputs must remain between ground and the chip's supply for any full scale.
     """
 
     channels = Param(

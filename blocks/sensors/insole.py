@@ -76,7 +76,7 @@ class Insole(StreamDevice):
     clock = Param(
         False,
         "1",
-        "true if frames contain the sender's clock, which then determines sample_time",
+        "true if frames contain the sender's clock, which then determines `sample_time`",
         fixed=True,
         kernel=False,
     )

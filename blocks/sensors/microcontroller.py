@@ -38,7 +38,7 @@ class Microcontroller(StreamDevice):
     clock = Param(
         "",
         "1",
-        "name of the field with the device clock, a scalar in a unit of time, which determines sample_time",
+        "name of the field with the device clock, a scalar in a unit of time, which determines `sample_time`",
         dtype=str,
     )
     clock_wrap = Param(
