@@ -36,7 +36,7 @@ def head(robot):
     parts = Counter(part(block) for block in diagram if isinstance(block, (Device, FSR, OnnxModel)))
     listed = ", ".join(f"{name} × {number}" for name, number in parts.items())
     pictures = f"![block diagram](images/{robot}.svg)\n\n![average stride of the left leg](images/{robot}_stride.svg)"
-    return f"# {robot}\n\n{text}\n\n{listed}; {diagram.rate:g} Hz.\n\n{pictures}\n"
+    return f"# {robot}\n\n{text}\n\nParts: {listed}; {diagram.rate:g} Hz.\n\n{pictures}\n"
 
 
 def part(block):
@@ -47,7 +47,7 @@ def part(block):
 
 
 def work(robot):
-    """Return the table of the work a stride of each joint of the left leg, on different walkers."""
+    """Return the table of the work per stride of each joint of the left leg, on different walkers."""
     lines = ["| joint | kg |" + "".join(f" {speed} m/s |" for speed in SPEEDS), "|---|--:|" + "--:|" * len(SPEEDS)]
     for mass in MASSES:
         body = {"mass": mass, "height": 1.55 + 0.005 * (mass - 50), "seed": mass}
@@ -56,7 +56,7 @@ def work(robot):
             cells = (f" {joint['positive_work']:.1f}, {joint['negative_work']:.1f} |" for joint in joints)
             lines.append(f"| {joints[0]['title']} | {mass} |" + "".join(cells).replace("-0.0", "0.0").replace("-", "−"))
     return (
-        "Positive and negative work a stride in J, for adults of different mass and speed:\n\n"
+        "Positive and negative work per stride in J, for adults of different mass and speed:\n\n"
         + "\n".join(lines)
         + "\n"
     )
