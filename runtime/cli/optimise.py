@@ -299,4 +299,8 @@ def outcome(path: str) -> list[str]:
     from runtime.optimisation.picture import write
 
     finished = json.loads(Path(path).read_text())["finished"]
-    return [f"optimisation: {path}" + f"; --resume {path} continues" * (not finished), *write(path)]
+    lines = [f"optimisation: {path}" + f"; --resume {path} continues" * (not finished)]
+    try:
+        return lines + write(path)
+    except OSError as error:
+        return [*lines, f"no picture: {error.strerror or error}"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import os
@@ -19,7 +20,7 @@ class Journal:
 
     rows : {number of a trial: its row} of earlier processes
 
-    Raises BadInput if the file is that of another study, or another process is writing it.
+    Raises BadInput if the file is damaged or that of another study, or another process is writing it.
     """
 
     def __init__(self, path: Path, identity: dict[str, Any]) -> None:
@@ -50,9 +51,16 @@ class Journal:
         if self._empty:
             self._append(identity)
             return
-        check_identity(self.path, json.loads(head), identity)
-        for row in map(json.loads, lines):
-            self.rows[row["trial"]] = row
+        try:
+            stored = dict(json.loads(head))
+            rows = {row["trial"]: row for row in map(json.loads, lines)}
+        except (ValueError, KeyError, TypeError):
+            raise BadInput(
+                f"{self.path} is damaged, or not the file of a study's finished trials: choose another file with -o "
+                "(in Python output=), or delete this one"
+            ) from None
+        check_identity(self.path, stored, identity)
+        self.rows.update(rows)
 
     def write(self, row: dict[str, Any]) -> None:
         """Append a row."""
@@ -60,7 +68,9 @@ class Journal:
         self._empty = False
 
     def _append(self, content):
-        self._file.write(json.dumps(content).encode() + b"\n")
+        line = json.dumps(content).encode() + b"\n"
+        if self._file.write(line) != len(line):  # else the next row would be appended to a part of this one
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), os.fspath(self.path))
 
     def close(self) -> None:
         """Close the file, which remains if it has a row."""

@@ -6,6 +6,7 @@ import signal
 
 import pytest
 
+from runtime.cli.optimise import outcome
 from runtime.live.running import page_of
 from runtime.optimisation.optimisers import make_optimiser
 from runtime.optimisation.parameters import Parameter
@@ -16,6 +17,10 @@ from tests.runtime.terminals import Terminal, patient
 OVER = ("--over", "profile.peak=4:12", "--over", "profile.timing=0.4:0.6")
 COST = ("--cost", "signal:wearer.power")
 SHORT = ("--settle", "0.1", "--measure", "0.2", "--optimiser", "random", "--population", "2")
+
+
+STATE = """{"finished": false, "errors": [0.1], "validated": [], "found": {"a": 1.0}, "optimiser": {"population": 2,
+"told": [[1, {"a": 1.0}, 3.0]], "parameters": [{"name": "a", "low": 0.0, "high": 2.0}]}}"""
 
 
 class Recording(Files):
@@ -134,6 +139,13 @@ def test_hidden_optimum_is_found_on_simulated_wearer(tmp_path, command_line):
     assert code == 0 and json.loads(path.read_text())["optimiser"]["told"] == state["optimiser"]["told"]
     said = command_line.refused("optimise", *words, "--settle", 10, "--resume", path)
     assert "it was made with settle 60.0, now 10.0; zero [['*/profile.on', 'no']], now []" in said
+
+
+def test_picture_that_cannot_be_written_does_not_hide_the_state_file(tmp_path):
+    path = tmp_path / "a.optimisation.json"
+    path.write_text(STATE)
+    (tmp_path / "a.optimisation.png").mkdir()
+    assert outcome(str(path)) == [f"optimisation: {path}; --resume {path} continues", "no picture: Is a directory"]
 
 
 def test_measurements_that_are_missing_end_virtual_optimisation(tmp_path, command_line):

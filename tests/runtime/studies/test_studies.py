@@ -1,6 +1,7 @@
 """Studies: trials in processes and in this one, their table, faults, errors, and studies that continue."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import runtime
 from runtime.base.errors import BAD_INPUT, OK, BadInput
 from runtime.studies import picture
+from runtime.studies.journal import Journal
 from tests.runtime.runs import KNEE_EXO
 
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -104,6 +106,21 @@ def test_interrupted_study_runs_only_the_missing_trials_and_gives_the_same_table
     assert len((folder / "count").read_text()) == 4
     study(output=folder / "whole.parquet", **more)
     assert path.read_bytes() == (folder / "whole.parquet").read_bytes()
+
+
+@pytest.mark.parametrize("content", ["text\ntext\n", "[]\n[]\n", '{"diagram": 1}\n{"trial": 0, "ti{"trial": 1}\n'])
+def test_damaged_file_of_finished_trials_is_named(content, folder):
+    (folder / "study.parquet.unfinished").write_text(content)
+    with pytest.raises(BadInput, match=r"study.parquet.unfinished is damaged, or not the file of a study's finished"):
+        study(output=folder / "study.parquet", workers=1)
+
+
+def test_row_that_does_not_fit_on_the_disk_stops_the_study(folder, monkeypatch):
+    journal = Journal(folder / "study.parquet.unfinished", {"diagram": "sine.py"})
+    journal.close()
+    monkeypatch.setattr(journal, "_file", SimpleNamespace(write=lambda line: len(line) - 1))
+    with pytest.raises(OSError, match="No space left"):
+        journal.write({"trial": 0})
 
 
 def test_trial_runs_again_after_its_process_was_killed(folder):
