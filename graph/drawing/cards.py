@@ -80,19 +80,19 @@ def shape_text(shape: Any) -> str:
 
 
 def quantity(value: Any, unit: str) -> str:
-    """Return the text of a value with its unit: '12 N·m', 'yes', '8 entries'."""
+    """Return the text of a value with its unit: '12 N·m', 'true', '8 entries'."""
     if value is None:
         return "none"
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        return "true" if value else "false"
     if isinstance(value, (int, float)):
         return f"{value:g}" + ("" if unit in (units.ONE, units.ANY) else f" {unit}")
     if isinstance(value, (tuple, list)):
         if len(text_of(value)) > 24:
             return f"{len(value)} entries" if len(value) > 1 else "1 entry"
-        return ", ".join(map(text_of, value)) or "none"
+        return ", ".join(map(text_of, value)) or "()"
     if isinstance(value, dict):
-        return ", ".join(map(text_of, value)) or "none"
+        return ", ".join(map(text_of, value)) or "{}"
     text = value if type(value) is str else text_of(value)
     return text.encode("unicode_escape").decode() if text.isspace() else text or "none"
 
@@ -103,15 +103,17 @@ def number(value: float) -> str:
 
 
 def choice_text(choice: Any) -> str:
-    """Return the text of a choice, in quotes if it is empty, a space or a separator of lists."""
-    text = text_of(choice)
-    return text if text.strip(",; \t\n") else repr(text)
+    """Return the text of a choice, in quotes if it is empty, a space, or has a separator of lists."""
+    text = f"{choice:g}" if isinstance(choice, float) else text_of(choice)
+    return text if text.strip(",; \t\n") and ", " not in text else repr(text)
 
 
 def bounds_text(param: Param) -> str:
     """Return the text of a parameter's bounds: '0 to 150', 'above 0', 'one of rated, peak', '' without bounds."""
     if param.choices is not None:
         return "one of " + ", ".join(map(choice_text, param.choices))
+    if param.dtype is bool:
+        return ""
     if param.min is not None and param.max is not None:
         return f"{number(param.min)} to {number(param.max)}"
     words = ((param.min, "at least"), (param.above, "above"), (param.max, "at most"), (param.below, "below"))
