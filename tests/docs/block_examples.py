@@ -132,6 +132,8 @@ def example_of(kind, home):
         if issubclass(kind, Actuator):
             commands = [name for name in made(kind).inputs if name.endswith("_command")]
             shown.inputs["torque_command" if "torque_command" in commands else commands[0]] = "0.0"
+        shown.inputs |= own.inputs
+        shown.walker = any("walker." in value for value in shown.inputs.values())
         return shown
     remembers = bool(kind.memory) or kind.reset is not Block.reset
     if home.startswith(WALKING) and required:

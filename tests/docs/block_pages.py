@@ -15,7 +15,6 @@ from tests.docs.pages import DOCS
 
 INDEX = DOCS / "reference" / "blocks.md"
 PORTS_DRAWN = 24  # of a block with more ports, or beside a Walker, only the connected ones are drawn
-TRUTHS = {"yes": "true", "no": "false"}  # of drawings, and as descriptions have them
 HEAD = """# Blocks
 
 Every block of the library, by family. `python -m runtime blocks NAME` prints the ports and parameters of one.
@@ -65,9 +64,13 @@ def index(link):
     """
     parts = [HEAD]
     for family, kinds in family_groups().items():
-        rows = [[f"[{kind.__name__}]({link(kind)})", cell(summary(kind))] for kind in kinds]
-        parts.append(f"## {family}\n\n{table(['block', ''], rows)}")
+        rows = [[f"[{kind.__name__}]({link(kind)})", _summary(kind)] for kind in kinds]
+        parts.append(f"## {family}\n\n{table(['block', 'description'], rows)}")
     return "\n".join(parts)
+
+
+def _summary(kind):
+    return cell(re.sub(r"\.{4}$", "...", summary(kind)))
 
 
 def source(kind):
@@ -103,7 +106,7 @@ def _catalog(groups):
 
 
 def _family(family, kinds):
-    rows = [[f"[{kind.__name__}]({kind.__name__}.md)", cell(summary(kind))] for kind in kinds]
+    rows = [[f"[{kind.__name__}]({kind.__name__}.md)", _summary(kind)] for kind in kinds]
     entries = "\n".join(kind.__name__ for kind in kinds)
     return f"# {family}\n\n{table(['block', 'description'], rows)}\n```{{toctree}}\n:hidden:\n\n{entries}\n```\n"
 
@@ -150,9 +153,7 @@ def _ports(card, side):
 def _parameters(card):
     rows = []
     for item in card["parameters"]:
-        default, bounds = TRUTHS.get(item["default"], item["default"]), item["bounds"]
-        if default in TRUTHS.values():
-            bounds = ""
+        default, bounds = item["default"], item["bounds"]
         if re.search(r"\b0x", item["description"]):  # the address of a device
             default, bounds = _hexadecimal(default), _hexadecimal(bounds)
         words = "; ".join(word for word in (bounds, "live" if item["live"] else "") if word)
@@ -191,11 +192,7 @@ def _paragraph(text):
 
 
 def _port_text(port):
-    words = [
-        port["description"],
-        f"default {TRUTHS.get(port['default'], port['default'])}" if "default" in port else "",
-        port.get("range", ""),
-    ]
+    words = [port["description"], f"default {port['default']}" if "default" in port else "", port.get("range", "")]
     return "; ".join(word for word in words if word)
 
 

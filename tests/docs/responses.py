@@ -119,6 +119,7 @@ def _draw_times(shown, trial, inputs, outputs, target):
         panels.setdefault(key, []).append((name, path))
     follows = shown.style == "walk" and not shown.motion
     start = shown.duration / 2 if follows else 0.0  # by when blocks follow a steady gait
+    panels = {key: entries for key, entries in panels.items() if _curves(trial, entries) <= len(COLOURS)}
     figure, axes = _axes(min(len(panels), 7))
     for each, ((given, unit, _), entries) in zip(axes, panels.items()):
         count = 0
@@ -141,6 +142,10 @@ def _draw_times(shown, trial, inputs, outputs, target):
     return {"step": "Step response", "walk": "Response to a walking adult", "time": "Output over time"}.get(
         shown.style, "Response to waves"
     )
+
+
+def _curves(trial, entries):
+    return sum(trial[path].size // len(trial[path]) for _, path in entries)
 
 
 def draw_frequency_response(shown, target):

@@ -103,8 +103,10 @@ SHOWN = {
     "Polynomial": Shown({"coefficients": (1.0, 0.0, -2.0, 0.5)}, style="curve"),
     "PowerLimiter": Shown({"power": 5.0}),
     "QuaternionFromEuler": Shown(inputs={"yaw": 'Sine(unit="rad")()'}, style="waves"),
+    "Ramp": Shown({"slope": 2.0, "time": 0.5, "duration": 1.0}),
     "RMSTorqueLimiter": Shown({"limit": 9.0}, duration=60.0),
     "Select": Shown({"index": 1}, {"u": "stack(Sine()(), Sine(frequency=2)())"}, "waves"),
+    "Selector": Shown(inputs={"index": 'Round("floor")(Ramp()())'}),
     "SoftStop": Shown(
         {"lower": -0.8, "upper": 0.8, "stiffness": 50.0},
         {
@@ -115,7 +117,19 @@ SHOWN = {
     ),
     "SplineProfile": Shown({"point_3": 4.0, "point_4": 10.0, "point_5": 2.0}),
     "StateMachine": Shown(inputs={"u": "Sine(amplitude=2.0)()"}, style="waves"),
-    "StrideEnvelope": Shown(duration=14.0),
+    "StrideEnvelope": Shown(
+        inputs={"u": 'walker.left_hip_angle + Pulse(high=0.4, period=20.0, duty=0.01, delay=10.0, unit="rad")()'},
+        duration=14.0,
+    ),
+    "StrideReport": Shown(
+        inputs={
+            "phase": "walker.left_phase",
+            "walking": "True",
+            "angle": "walker.left_hip_angle",
+            "velocity": "walker.left_hip_velocity",
+            "torque": "PeakProfile()(walker.left_phase)",
+        }
+    ),
     "Tan": Shown(inputs={"u": 'Ramp(slope=1.4, initial=-1.4, unit="rad")()'}),
     "TemperatureDerating": Shown(inputs={"temperature": 'Ramp(slope=25.0, initial=60.0, unit="°C")()'}),
     "ThermalModel": Shown(
