@@ -36,7 +36,7 @@ class Saturation(Block):
 
 
 class SlewRate(Block):
-    """Rate limiter: |y[k] - y[k-1]| <= rate · dt.
+    """Rate limiter: y[k] = y[k-1] + clip(u[k] - y[k-1], ± rate · dt).
 
     Starts at zero, and after arming at the present input. Direct feedthrough; NaN passes, infinity becomes NaN, and
     neither is held.
@@ -117,9 +117,10 @@ def beyond(u: float, lower: float, upper: float) -> float:
 
 
 class PowerLimiter(Block):
-    """Limiter of the mechanical power of a joint, driving and braking: |τ ω| <= power, to one rounding.
+    """Limiter of the mechanical power of a joint, driving and braking: limited = clip(τ, ± power / |ω|).
 
-    At zero velocity every torque passes. Direct feedthrough. NaN or infinity in the torque or the velocity gives NaN.
+    |limited · ω| is at most `power`, to one rounding. At zero velocity every torque passes. Direct feedthrough. NaN or
+    infinity in the torque or the velocity gives NaN.
     """
 
     power = Param(100.0, "W", "largest magnitude of the power", min=0.0)
@@ -137,7 +138,7 @@ class PowerLimiter(Block):
 
 
 class SoftStop(Block):
-    """Spring and damper at each end of a range of motion: τ -= K (θ - upper) + B ω for θ > upper.
+    """Spring and damper at each end of a range of motion: stopped = τ - K (θ - upper) - B max(ω, 0), for θ > upper.
 
     The lower end is symmetric. The damper resists outward motion only. Inside the range the torque passes unchanged.
     Connect a limiter after this block to bound the sum. Direct feedthrough. NaN or infinity in the position or the

@@ -200,7 +200,7 @@ class Counter(Block):
 
 
 class Timer(Block):
-    """Time since `restart` was last true, or since the start: y = t − t₀, 0 while `restart` is true.
+    """Time since `restart` was last true, or since the start: elapsed = t − t₀, 0 while `restart` is true.
 
     Direct feedthrough. Time follows the clock, also while the subsystem of the timer is disabled. NaN passes without
     stopping the timer.
@@ -236,10 +236,10 @@ class Switch(Block):
 
 
 class Selector(Block):
-    """Selector of one of several signals: y = u[index], with the index starting at 0.
+    """Selection of one of several signals: y = u[index], with the index starting at 0.
 
-    Direct feedthrough. The index is rounded down; out of range, the output is NaN, a fault at an actuator. NaN passes
-    from the selected input and from the index only.
+    Direct feedthrough. The index is rounded down. An index out of range gives NaN, which is a fault at an actuator. NaN
+    passes from the selected input and from the index only.
     """
 
     count = Param(2, "1", "number of inputs", min=2, fixed=True)

@@ -109,7 +109,7 @@ class SquareRoot(Block):
 
 
 class Power(Block):
-    """Constant power: y = u ^ exponent.
+    """Power with a constant exponent: y = u ^ exponent.
 
     NaN for u < 0 unless the exponent is an integer; infinite for u = 0 with a negative exponent. The output unit is the
     power of the input unit, or "any" if that has fractional exponents.

@@ -112,7 +112,10 @@ class Chirp(UnitOfOutput, Block):
 
 
 class Pulse(UnitOfOutput, Block):
-    """Rectangular pulse train: y = high for the share `duty` of every period from `delay` on, low otherwise."""
+    """Rectangular pulse train: y = high if (t − delay) mod period < duty · period, else low.
+
+    Before `delay`, y = low.
+    """
 
     low = Param(0.0, "any", "value between pulses")
     high = Param(1.0, "any", "value during pulses")

@@ -29,13 +29,14 @@ class StateMachine(Block):
     2. the first that is true is taken, and the outputs of the new state apply at once; 3. there is at most one
     transition per tick. The machine starts in the first state, or in `initial`.
 
-    A condition consists of names of inputs, `time_in_state` in s, numbers, + - * / abs(), comparisons, and, or, not. A
-    NaN or infinity at an input changes no state and makes every output NaN, which is a fault at an actuator.
+    A condition consists of names of inputs, `time_in_state` in s, numbers, `+ - * /`, `abs()`, comparisons, `and`, `or`
+    and `not`. A NaN or infinity at an input changes no state and makes every output NaN, which is a fault at an
+    actuator.
     """
 
-    takes = Param({}, "1", "inputs, as a unit by name", dtype=dict)
-    gives = Param({}, "1", "outputs, as a unit by name", dtype=dict)
-    states = Param({}, "1", "states, as a value of each output by name of the state", dtype=dict, required=True)
+    takes = Param({}, "1", "inputs, as {name: unit}", dtype=dict)
+    gives = Param({}, "1", "outputs, as {name: unit}", dtype=dict)
+    states = Param({}, "1", "states, as {state: {output: value}}", dtype=dict, required=True)
     transitions = Param((), "1", "transitions (from, to, condition), evaluated in this order", dtype=tuple)
     initial = Param("", "1", "initial state; the first by default", dtype=str)
 

@@ -48,7 +48,7 @@ class Gain(Block):
 
 
 class Sum(Block):
-    """Adds and subtracts any number of signals: y = ± u1 ± u2 .... Direct feedthrough; NaN passes."""
+    """Addition and subtraction of any number of signals: y = ± u1 ± u2 .... Direct feedthrough; NaN passes."""
 
     signs = Param("++", "1", "one + or - for each input")
 
@@ -74,7 +74,7 @@ class Sum(Block):
 
 
 class Product(Block):
-    """Multiplies two signals: y = a · b.
+    """Product of two signals: y = a · b.
 
     Element by element; a scalar is combined with every element. Direct feedthrough; NaN passes.
     """
@@ -115,7 +115,10 @@ class Divide(Block):
 
 
 class UnitConversion(Block):
-    """Converts between two units of one dimension: y = factor · u + offset. Example: `UnitConversion("deg", "rad")`."""
+    """Conversion between two units of one dimension: y = factor · u + offset.
+
+    Example: `UnitConversion("deg", "rad")`.
+    """
 
     source = Param("", "1", "unit of the input", required=True, dtype=str)
     target = Param("", "1", "unit of the output", required=True, dtype=str)
@@ -139,7 +142,7 @@ class UnitConversion(Block):
 
 
 class Stack(Block):
-    """Stacks signals of one shape along a new first axis, as numpy.stack does: three scalars make a vector (3,)."""
+    """Stack of signals of one shape along a new first axis, as numpy.stack: three scalars make a vector (3,)."""
 
     count = Param(2, "1", "number of inputs", min=1, fixed=True)
     shape = Param((), "1", "shape of each input, () for scalars")
@@ -160,7 +163,7 @@ class Stack(Block):
 
 
 class Select(Block):
-    """Selects elements of an array: y = u[index], with a NumPy index. `signal[index]` makes this block.
+    """Elements of an array: y = u[index], with a NumPy index. `signal[index]` creates this block.
 
     A signal of undeclared shape must be a vector, and its index an integer or a list of integers.
     """

@@ -88,7 +88,7 @@ class ThighEvents(_Events, Block):
     feedthrough; NaN and infinity pass and are not stored.
     """
 
-    lead = Param(0.272, "1", "strike after the level, as a fraction of a stride", min=0.0, max=0.5)
+    lead = Param(0.272, "1", "time from the level to the strike, as a fraction of a stride", min=0.0, max=0.5)
     smallest = Param(0.15, "rad", "smallest range", above=0.0)
 
     angle = Input("rad", "flexion of the thigh from vertical, or of the hip")

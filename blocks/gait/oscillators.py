@@ -52,24 +52,28 @@ class AdaptiveOscillator(Block):
 class PhaseKalmanFilter(Block):
     """Gait phase from an extended Kalman filter on the wearer's own waveform of an angle.
 
-    State: phase φ, frequency f, amplitude g, offset b. Measurements: θ = mean + g w(φ) + b and θ̇ = g w′(φ) f, w a
-    Fourier series of 8 harmonics, the mean of the last ten strides between heel strikes. The noise of each measurement
-    is relative to the standard deviation of angle and velocity over a stride, so that amplitude, sign and segment make
-    no difference. Errors are limited to three standard deviations. A strike is a measurement of phase 0; more than a
-    fifth of a stride from there, the filter starts again at it, with the offset of the last stride if that is more than
-    half a standard deviation, as of a sensor that has slipped. The frequency returns to that of the last stride with
-    1 s. While the leg moves, it is at least half of it and the phase does not go back: at a turning point neither angle
-    nor velocity determines them.
+    State: phase φ, frequency f, amplitude g, offset b. Measurements: θ = mean + g w(φ) + b and its velocity
+    g f dw/dφ, where w is a Fourier series of 8 harmonics, the mean of the last ten strides between heel strikes. The
+    noise of each measurement is relative to the standard deviation of angle and velocity over a stride, so that
+    amplitude, sign and segment make no difference. Errors are limited to three standard deviations.
+
+    A strike is a measurement of phase 0. If the phase is more than a fifth of a stride from 0, the filter starts again
+    at 0, with the offset of the last stride if that exceeds half a standard deviation, as after a sensor has slipped.
+
+    The frequency returns to that of the last stride with a time constant of 1 s. While the leg moves, the frequency is
+    at least half of that and the phase does not decrease: at a turning point neither angle nor velocity determines
+    them.
+
     `walking` is true from a strike on, while the frequency is above 0.3 Hz and the angle follows the waveform. Limits:
     two strides are learned first; a strike detected late delays the phase by as much. Direct feedthrough; NaN and
     infinity give NaN and are not stored.
     (phase-based Kalman filter: Thatte et al. 2019; Medrano et al. 2023)
     """
 
-    phase_noise = Param(0.02, "1", "phase noise per root of a stride", min=0.0)
-    frequency_noise = Param(0.2, "Hz", "change of frequency per root of a second", min=0.0)
-    angle_noise = Param(0.4, "1", "noise of the angle over its standard deviation", above=0.0)
-    velocity_noise = Param(0.8, "1", "noise of the velocity over its standard deviation", above=0.0)
+    phase_noise = Param(0.02, "1", "standard deviation of the phase after a stride, in strides", min=0.0)
+    frequency_noise = Param(0.2, "Hz", "standard deviation of the change of frequency in one second", min=0.0)
+    angle_noise = Param(0.4, "1", "noise of the angle, relative to its standard deviation in a stride", above=0.0)
+    velocity_noise = Param(0.8, "1", "noise of the velocity, relative to its standard deviation in a stride", above=0.0)
     strike_noise = Param(0.03, "1", "noise of a heel strike, as a fraction of a stride", above=0.0)
 
     angle = Input("rad", "periodic angle of the leg: thigh, shank, hip or knee")
@@ -78,7 +82,7 @@ class PhaseKalmanFilter(Block):
     phase = Output("1", "gait phase: 0 at heel strike, 1 at the next", range=(0.0, 1.0), circle=(0.0, 1.0))
     walking = Output("1", "true while the phase is known and advances", dtype=bool, range=(0.0, 1.0))
     frequency = Output("Hz", "stride frequency, 0 while unknown")
-    deviation = Output("1", "angle less its prediction, over the standard deviation of a stride")
+    deviation = Output("1", "angle minus its prediction, in standard deviations of the angle over a stride")
     state = Memory((0.0, 0.0, 1.0, 0.0), "phase, frequency, amplitude, offset")
     covariance = Memory((0.0,) * 16, "covariance of the state")
     waveform = Memory((0.0,) * 17, "mean, cosine and sine amplitudes")

@@ -11,13 +11,14 @@ from graph import Block, Input, Memory, Output, Param
 class StridePhase(Block):
     """Gait phase from heel strikes: phase = min(elapsed / mean stride time, 1).
 
-    The mean is over the last `count` strides. `walking` is true from the third strike until one and a half strides
-    pass without one; a stride outside `shortest` to `longest` starts the mean again. Limits: a change of speed within
-    a stride shows at the next strike only. Direct feedthrough; NaN passes.
+    The mean of the first `count` strides has equal weights; from then on each new stride has the weight 1 / `count`.
+    `walking` is true from the third strike until one and a half strides pass without one; a stride outside `shortest`
+    to `longest` starts the mean again. Limits: a change of speed within a stride shows at the next strike only. Direct
+    feedthrough; NaN passes.
     (time-based estimation, as in Zhang et al. 2017)
     """
 
-    count = Param(3, "1", "number of strides in the mean", min=1, max=20)
+    count = Param(3, "1", "strides of the mean: a new one has the weight 1 / count", min=1, max=20)
     shortest = Param(0.5, "s", "shortest accepted stride", above=0.0)
     longest = Param(2.5, "s", "longest accepted stride", above=0.0)
 
@@ -35,12 +36,13 @@ class StridePhase(Block):
 
 
 class PhasePortrait(Block):
-    """Gait phase from angle and velocity of a thigh: phase = atan2(−ω / ω_max, 2 (θ − θ_mid) / range) − offset.
+    """Gait phase from angle and velocity of a thigh: phase = (atan2(−ω / ω_max, 2 (θ − θ_mid) / range) − α₀) / 2π.
 
-    The extremes of the last stride scale the portrait; the offset is the angle of the portrait at heel strike, the mean
-    of the first ten. The phase responds at once, never runs backwards, and waits at 1 for the strike. Limits: it is not
-    linear in time (4 to 7 % RMS of a stride), and stands still with the thigh. Direct feedthrough; NaN and infinity
-    give NaN.
+    The extremes of the last stride scale the portrait: θ_mid and range are the middle and the width of the range of the
+    angle, ω_max is the largest speed. α₀ is the mean of atan2(...) at the first ten heel strikes; the phase is 0 until
+    three are learned. It responds at once to the thigh, never runs backwards, and waits at 1 for the strike. Limits: it
+    is not linear in time (4 to 7 % RMS of a stride), and stands still with the thigh. Direct feedthrough; NaN and
+    infinity give NaN.
     (Villarreal et al. 2017; Quintero et al. 2018)
     """
 

@@ -44,28 +44,28 @@ class GaitState(Block):
 
 
 class StrideEnvelope(Block):
-    """Check of each stride against the wearer's own: deviation = (u − mean(phase)) / max(deviations · SD, smallest).
+    """Comparison with the wearer's mean stride: deviation = (u − mean(phase)) / max(deviations · SD, smallest).
 
-    The phase advances as in the last stride and follows the input within 0.3 of a stride, so that a phase estimated
-    from u does not hide that u deviates. Mean and standard deviation are learned in 50 bins of it, the first `strides`
-    of each alone, later ones with a weight of 5 %. `inside` becomes false when the deviation has been above 1 for
-    `outside_time`, and true again after `recovery` inside; strides outside are not learned. Limits: where strides vary
-    much, a push of 15° for 0.1 s stays inside; a change of speed by half within a stride does not. Direct feedthrough;
-    NaN and infinity give NaN.
+    Mean and standard deviation (SD) of u are learned in 50 bins of the phase: over the first `strides` with equal
+    weights, then with a weight of 5 % for each new stride. `inside` becomes false when |deviation| has exceeded 1 for
+    `outside_time`, and true again after `recovery` inside. Strides outside are not learned. The block's own phase
+    advances as in the last stride and follows the input within 0.3 of a stride, so that a phase estimated from u does
+    not hide that u deviates. Limits: where strides vary much, a push of 15° for 0.1 s stays inside; a change of speed
+    by half within a stride does not. Direct feedthrough; NaN and infinity give NaN.
     (deviation from a mean trajectory: Lawson et al. 2010)
     """
 
     deviations = Param(4.0, "1", "half width of the envelope, in standard deviations", above=0.0)
     smallest = Param(0.15, "any", "smallest half width, in the unit of u", above=0.0)
-    strides = Param(5, "1", "strides that are learned first", min=2, max=100)
-    outside_time = Param(0.04, "s", "time outside after which a stride has left", min=0.0)
-    recovery = Param(1.0, "s", "time inside after which it is trusted again", min=0.0)
+    strides = Param(5, "1", "number of strides that are learned before the comparison starts", min=2, max=100)
+    outside_time = Param(0.04, "s", "time outside the envelope after which `inside` becomes false", min=0.0)
+    recovery = Param(1.0, "s", "time inside the envelope after which `inside` becomes true again", min=0.0)
 
     phase = Input("1", "gait phase, 0 at heel strike")
     u = Input("any", "angle or other signal of the leg")
     walking = Input("1", "true while the phase is known", dtype=bool, default=True)
-    inside = Output("1", "false after the envelope was left", dtype=bool, range=(0.0, 1.0))
-    deviation = Output("1", "deviation over the half width, 0 while it is learned")
+    inside = Output("1", "false from leaving the envelope until `recovery`", dtype=bool, range=(0.0, 1.0))
+    deviation = Output("1", "deviation from the mean over the half width of the envelope; 0 while learning")
     means = Memory((0.0,) * 50, "mean of each bin")
     variances = Memory((0.0,) * 50, "variance of each bin")
     counts = Memory((0.0,) * 50, "samples in each bin")
@@ -78,7 +78,7 @@ class TorqueGate(Block):
     """Fade of a torque: y = s u + (1 − s) rest, s from 0 to 1 in `fade_in` and back in `fade_out` seconds.
 
     s rises while `enable` is true. rest is 0 in the mode "zero", −damping · ω within ±limit in the mode "damping", and
-    the last torque while enabled in the mode "hold". With the standing of a GaitState a fade of 0.1 s ends the torque
+    the last torque while enabled in the mode "hold". With `standing` of a GaitState, a fade of 0.1 s ends the torque
     0.25 s after the last motion. Direct feedthrough; NaN passes and infinity becomes NaN.
     """
 

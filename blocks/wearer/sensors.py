@@ -61,17 +61,17 @@ class SegmentIMU(Block):
 class SoleForce(Block):
     """Force sensors under a foot of a Walker: total, heel and forefoot force and the centre of pressure.
 
-    Heel and forefoot bear the vertical force in the shares with which their centre is that of the Walker, as far as it
-    lies between them. Each sensor adds zero, drift and white noise, a function of seed and tick. During a drop-out all
-    read no load; drop-outs have a geometric duration. `force` and `centre` suit EmulatedInsole, `heel` and `forefoot`
-    single sensors such as FSRs.
+    The vertical force is divided between heel and forefoot so that its centre is the Walker's centre of pressure, as
+    far as that lies between the two sensors. The forces have an offset, drift and white noise, a function of seed
+    and tick. During a drop-out all read no load; the duration of drop-outs has a geometric distribution. Connect
+    `force` and `centre` to an EmulatedInsole, `heel` and `forefoot` to single sensors such as an EmulatedFSR.
     """
 
     length = Param(0.258, "m", "length of the foot, 0.152 of the body height", above=0.0)
-    heel_at = Param(0.15, "1", "place of the heel's sensor from the heel, in lengths of the foot", min=0.0, max=0.4)
-    forefoot_at = Param(0.75, "1", "place of the forefoot's sensor from the heel", min=0.5, max=1.0)
+    heel_at = Param(0.15, "1", "distance of the heel sensor from the heel, in lengths of the foot", min=0.0, max=0.4)
+    forefoot_at = Param(0.75, "1", "distance of the forefoot sensor, in the same unit", min=0.5, max=1.0)
     forefoot_strike = Param(0.0, "1", "1 for a wearer who lands on the forefoot, 0 on the heel", min=0.0, max=1.0)
-    gain = Param(1.0, "1", "measured over true force", min=0.0)
+    gain = Param(1.0, "1", "ratio of measured to true force", min=0.0)
     zero = Param(0.0, "N", "total force that is measured without a load")
     zero_drift = Param(0.0, "N/s", "drift of the zero", fixed=True)
     noise = Param(0.0, "N", "standard deviation of a sample of the total force", min=0.0)

@@ -44,8 +44,8 @@ class Walker(Block):
     (Ficanha et al. 2018). In swing the hip has 34 to 66 N·m/rad and the knee few (van der Kooij et al. 2022). Trained
     wearers yield 80 % of an assistance at the ankle (Nuckols and Sawicki 2020); at hip and knee the same is assumed.
 
-    `person` selects an adult who differs from the average by the standard deviations between the measured adults, as
-    far as walking admits it; the same adult at every speed.
+    `person` selects an adult who differs from the average as the measured adults do; it is the same adult at every
+    speed. An adult drawn at random whose knee would overextend is moved toward the average.
 
     Angles are positive in flexion (dorsiflexion at the ankle), pitches with the front up; x is forward and z up.
     `*_torque` is the net torque of the muscles in the direction of flexion: the nominal moment, less the adapted share
@@ -64,13 +64,13 @@ class Walker(Block):
     """
 
     speed = Param(1.2, "1", 'walking speed in m/s, or times and speeds as in "0:0 2:1.2 20:1.2 25:0"', dtype=object)
-    motion = Param("walk", "1", "motion", choices=tuple(MOTIONS))
+    motion = Param("walk", "1", "reference motion", choices=tuple(MOTIONS))
     mass = Param(70.0, "kg", "mass of the body", above=0.0, max=300.0, fixed=True, kernel=False)
     height = Param(1.70, "m", "height of the body", above=0.5, max=2.5, fixed=True, kernel=False)
     person = Param(
         0,
         "1",
-        "adult: 0 for the average, a seed for one drawn at random, or scores of COMPONENTS in standard deviations",
+        "adult: 0 for the average, a seed for one drawn at random, or scores of components in standard deviations",
         dtype=object,
     )
     start = Param(0.0, "1", "phase of the left leg at t = 0", min=0.0, max=1.0, fixed=True, kernel=False)
@@ -94,9 +94,7 @@ class Walker(Block):
         min=0.0,
         max=1.0,
     )
-    reflex_delay = Param(
-        0.05, "s", "delay of the second part of that stiffness", min=0.0, max=0.3, fixed=True, kernel=False
-    )
+    reflex_delay = Param(0.05, "s", "delay of the reflexes", min=0.0, max=0.3, fixed=True, kernel=False)
 
     recording = Param(
         "",

@@ -42,7 +42,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     """
 
     can_id = Param(127, "1", "CAN id set in the drive", min=1, max=127, fixed=True)
-    host_id = Param(0xFD, "1", "id of the drive's replies", min=0, max=255, fixed=True)
+    host_id = Param(0xFD, "1", "CAN id of the drive's replies", min=0, max=255, fixed=True)
     can_timeout = Param(
         0.1,
         "s",
@@ -164,7 +164,7 @@ class EmulatedRobStrideMIT(Emulated, Device):
     """
 
     can_id = Param(127, "1", "CAN id of the drive", min=1, max=127, fixed=True)
-    host_id = Param(0xFD, "1", "id of the drive's replies", min=0, max=255, fixed=True)
+    host_id = Param(0xFD, "1", "CAN id of the drive's replies", min=0, max=255, fixed=True)
     parameters_known = Param(True, "1", "whether the firmware reads and writes parameters", fixed=True, kernel=False)
 
     registers = Memory((0.0,) * 64, "parameters 0x7000 to 0x703F, four raw bytes each")
