@@ -8,11 +8,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 CIMPORT = re.compile(r"^(?:from )?(cext[\w.]*) cimport|^cimport (cext[\w.]*)", re.M)
-COMMENT = re.compile(r"\s*#(?!define|include|if|else|endif|undef).*|^\s*\n", re.M)
+DIRECTIVE = r"\s*cython\s*:(?!\s*freethreading_compatible\s*=\s*True\s*$)"  # that changes the C code
+COMMENT = re.compile(rf"\s*#(?!define|include|if|else|endif|undef|{DIRECTIVE}).*|^\s*\n", re.M)
 
 
 def hash_of(source: Path) -> str:
-    """Return the hash of a .pyx file and of the .pxd files of this project that it includes, without comments."""
+    """Return the hash of a .pyx file and of the .pxd files of this project that it includes, without comments.
+
+    Directives of Cython that change the C code count.
+    """
     digest, todo, seen = hashlib.sha256(), [source], set()
     while todo:
         path = todo.pop()

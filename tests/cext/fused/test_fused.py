@@ -243,6 +243,23 @@ def test_the_text_of_every_kernel_can_be_taken():
     assert len(taken) > 160 and all("Py" not in text for text in taken)
 
 
+def test_the_hash_of_sources_changes_with_code_and_directives_and_not_with_comments(tmp_path):
+    head = "# cython: freethreading_compatible=True"
+
+    def hash_with(text):
+        (tmp_path / "kernel.pyx").write_text(text)
+        return hash_of(tmp_path / "kernel.pyx")
+
+    plain = hash_with(f"{head}\ny = a / b\n")
+    assert plain == hash_with(f"{head}\n# a comment\n\ny = a / b    # another\n")
+    others = (
+        f"{head}\ny = b / a\n",
+        f"{head}, cdivision=False\ny = a / b\n",
+        f"#cython: cdivision=False\n{head}\ny = a / b\n",
+    )
+    assert len({plain, *map(hash_with, others)}) == 4
+
+
 @pytest.mark.parametrize("target", TARGETS)
 def test_every_kernel_has_stencils_of_the_present_sources(target):
     stale = sorted({path.name for path, key, _ in kernels() if key.split()[0] != hash_of(path)})
