@@ -19,6 +19,7 @@ from cext.user_text import TEXT_LIMIT, bounded, repr_of
 from graph import Diagram, DiagramError, compile
 from graph.names import suggestion
 from graph.sha256 import sha256
+from runtime.base import diagram_folders
 from runtime.base.ending import Interrupted
 from runtime.base.errors import BadInput
 from runtime.diagrams import hints
@@ -208,7 +209,7 @@ def code_of(source: bytes, path: str) -> CodeType:
 def execute(path: Path, sha256: str | None = None) -> tuple[ModuleType, str | None]:
     """Run the file as a module. Raises BadInput with the line of an error.
 
-    The file can import modules in its folder, which is last on the path, so that they do not shadow libraries.
+    The file can import modules in its folder, which do not shadow libraries.
 
     sha256 : hex digest of the only source that may be run, None for any
 
@@ -221,9 +222,7 @@ def execute(path: Path, sha256: str | None = None) -> tuple[ModuleType, str | No
         raise BadInput(f"file {path} does not exist" + near_miss(path))
     if path.suffix != ".py":
         raise BadInput(f"{path} is not a Python file: its name must end in .py")
-    folder = os.path.dirname(os.path.realpath(path))
-    if folder not in sys.path:
-        sys.path.append(folder)
+    diagram_folders.import_from(os.path.dirname(os.path.realpath(path)))
     location = os.path.abspath(path)
     source = Source(path.stem, location, sha256)
     spec = importlib.util.spec_from_file_location(path.stem, location, loader=source)

@@ -11,6 +11,7 @@ from collections.abc import Generator, Iterable
 from contextlib import suppress
 from typing import Any
 
+from runtime.base import diagram_folders
 from runtime.base.child_process import ChildProcess
 from runtime.base.errors import BadInput
 from runtime.studies.description import Study
@@ -65,6 +66,7 @@ class Processes(Engine):
 
     def __init__(self, study: Study, count: int) -> None:
         self._study, self._count = study, count
+        diagram_folders.import_from(os.path.dirname(os.path.realpath(study.diagram)))  # the children have its path
         self._idle: list[Worker] = []
 
     def run(self, orders: Iterable[Order]) -> Generator[dict[str, Any], None, None]:

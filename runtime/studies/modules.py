@@ -14,6 +14,7 @@ from importlib.util import resolve_name
 from pathlib import Path
 
 from graph.sha256 import sha256
+from runtime.base import diagram_folders
 
 OWN = ("cext", "graph", "blocks", "runtime")
 INSTALLED = tuple(sysconfig.get_paths()[name] + os.sep for name in ("stdlib", "platstdlib", "purelib", "platlib"))
@@ -31,6 +32,7 @@ def sources(diagram: Path, objectives: Iterable[str]) -> dict[str, str]:
     The sources are read, not executed: an import that only happens under a condition counts as well.
     """
     folder = os.path.dirname(os.path.realpath(diagram))
+    diagram_folders.import_from(folder)
     waiting = [name for objective in objectives if ":" in objective for name in _and_parents(objective.split(":")[0])]
     waiting += _imports(diagram.read_bytes(), "")
     specs: dict[str, ModuleSpec | None] = {}

@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from graph import Diagram
+from runtime.base.diagram_folders import DiagramFolder
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED
 from runtime.diagrams.file import load
 from tests.runtime.runs import KNEE, KNEE_EXO, knee, line_of, write
@@ -96,13 +97,25 @@ def test_a_file_imports_its_neighbours(tmp_path):
     assert load(path)[1]["sine"].amplitude == 4.0
 
 
+def test_each_file_imports_its_own_neighbour_of_a_common_name(tmp_path):
+    paths = []
+    for name, amplitude in (("a", 2.0), ("b", 5.0)):
+        (tmp_path / name).mkdir()
+        write(tmp_path / name, f"AMPLITUDE = {amplitude}\n", "common_amplitude.py")
+        text = WAVE.format(before="from common_amplitude import AMPLITUDE", amplitude="AMPLITUDE")
+        paths.append(write(tmp_path / name, text))
+    amplitudes = [load(paths[place])[1]["sine"].amplitude for place in (0, 1, 0, 1, 1)]
+    assert amplitudes == [2.0, 5.0, 2.0, 5.0, 5.0]
+
+
 def test_files_beside_the_diagram_never_shadow_a_library(tmp_path):
     """A folder with a `blocks` of its own, or a `json`, does not change what Tickwork or Python mean by the name."""
     for name in ("json", "blocks", "numpy"):
         write(tmp_path, "raise RuntimeError('the wrong one')\n", f"{name}.py")
     _, diagram = load(write(tmp_path, WAVE.format(before="import json, numpy", amplitude=1.0)))
     assert len(diagram) == 2
-    assert sys.path[-1] == str(tmp_path)
+    libraries = [place for place, entry in enumerate(sys.path) if not isinstance(entry, DiagramFolder)]
+    assert sys.path.index(str(tmp_path)) == max(libraries) + 1
 
 
 def test_a_neighbour_with_a_librarys_name_is_reported(tmp_path, refused):

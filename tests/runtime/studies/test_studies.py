@@ -176,6 +176,21 @@ def test_study_whose_diagram_imports_another_source_now_is_another_study(limb):
         study(workers=1, **given)
 
 
+@pytest.mark.parametrize("workers", [0, 1])
+def test_study_imports_the_modules_of_its_own_diagram(workers, folder):
+    for name, gain in (("a", 2.0), ("b", 5.0)):
+        (folder / name).mkdir()
+        (folder / name / "common_gain.py").write_text(f"GAIN = {gain}\n")
+        text = (folder / "sine.py").read_text().replace("Gain(gain,", "Gain(gain * GAIN,")
+        (folder / name / "sine.py").write_text(f"from common_gain import GAIN\n{text}")
+    peaks = []
+    for name in "ab":
+        runtime.run(f"{name}/sine.py", 0.1)  # this process has imported the module of the other folder, too
+        other = "a" if name == "b" else "b"
+        peaks.append(study(diagram=f"{other}/sine.py", grid={"gain": [1]}, workers=workers)["peak"][0])
+    assert peaks == pytest.approx([5.0, 2.0], rel=1e-3)
+
+
 MISTAKES = {
     "a misspelt key": ("duration = 0.5", "duraton = 0.5", "unknown key 'duraton'.*duration"),
     "no duration": ("duration = 0.5", "", "missing key 'duration'"),

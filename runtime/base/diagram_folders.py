@@ -1,0 +1,39 @@
+"""Folders of diagram files on the path of modules."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+
+class DiagramFolder(str):
+    """Entry of sys.path that is the folder of a diagram file."""
+
+
+def import_from(folder: str) -> None:
+    """Let a diagram file import modules of its folder, which shadow no library.
+
+    The folder comes after all other entries of the path, but before those of other diagram files. A module of these
+    that was imported, and of which this folder has its own, is imported again.
+
+    folder : real path
+    """
+    others = [entry for entry in sys.path if isinstance(entry, DiagramFolder) and entry != folder]
+    if not others and folder in sys.path:
+        return
+    rest = [entry for entry in sys.path if not isinstance(entry, DiagramFolder)]
+    sys.path[:] = [*rest, *([] if folder in rest else [DiagramFolder(folder)]), *others]
+    for name in [name for name, module in sys.modules.items() if "." not in name and _folder_of(module) in others]:
+        if (Path(folder) / f"{name}.py").exists() or (Path(folder) / name).is_dir():
+            for each in [each for each in sys.modules if each == name or each.startswith(f"{name}.")]:
+                del sys.modules[each]
+
+
+def _folder_of(module):
+    """Return the folder in which a module or a package is; None for one without a file."""
+    file = getattr(module, "__file__", None)
+    if not isinstance(file, str):
+        return None
+    folder = os.path.dirname(os.path.realpath(file))
+    return os.path.dirname(folder) if os.path.basename(file) == "__init__.py" else folder
