@@ -7,6 +7,7 @@ import sys
 from collections.abc import Generator, Iterable
 from dataclasses import replace
 from functools import partial
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ class Cluster(Engine):
             source=sha256(Path(study.diagram).read_bytes()).hexdigest(),
             sources=study.sources(),
             folder=os.getcwd(),
+            release=_release(),
         )
 
     def run(self, orders: Iterable[Order]) -> Generator[dict[str, Any], None, None]:
@@ -66,13 +68,24 @@ class Cluster(Engine):
         self._client.close()
 
 
-def _trial(order, description, source, sources, folder):
+def _release():
+    """Return the version of Tickwork; "of a checkout" where it is not installed."""
+    try:
+        return version("tickwork")
+    except PackageNotFoundError:
+        return "of a checkout"
+
+
+def _trial(order, description, source, sources, folder, release):
     """Run a trial on a worker.
 
     source : SHA-256 of the diagram file
     sources : {name: SHA-256} of the modules that it and the objectives import
     folder : with modules of objectives
+    release : of Tickwork
     """
+    if (own := _release()) != release:
+        return {"stop": f"the worker has Tickwork {own}, this computer {release}: install the same"}
     try:
         if sha256(Path(description["diagram"]).read_bytes()).hexdigest() != source:
             return {"stop": f"the diagram file {description['diagram']} of the worker is another one"}

@@ -4,6 +4,7 @@ import pytest
 
 import runtime
 from runtime.base.errors import BadInput
+from runtime.studies import cluster
 
 distributed = pytest.importorskip("distributed")
 STUDY = {"diagram": "sine.py", "duration": 0.5, "seeds": [1, 2]}
@@ -14,8 +15,8 @@ NOISE = {"function": "rms", "signal": "noise.y"}
 def address():
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, protocol="tcp://"
-    ) as cluster:
-        yield cluster.scheduler_address
+    ) as local:
+        yield local.scheduler_address
 
 
 def test_table_of_a_cluster_equals_that_of_this_process_bit_for_bit(address, folder):
@@ -42,11 +43,18 @@ def test_worker_imports_a_module_again_that_has_changed_since_the_last_study(add
     assert lengths == [0.25, 0.5]
 
 
+def test_worker_with_another_version_of_tickwork_is_reported(address, folder, monkeypatch):
+    releases = iter(["0.2.0", "0.1.0"])  # of this computer, then of the worker, which is in this process
+    monkeypatch.setattr(cluster, "version", lambda name: next(releases, "0.1.0"))
+    with pytest.raises(BadInput, match=r"the worker has Tickwork 0.1.0, this computer 0.2.0: install the same"):
+        runtime.study(**{**STUDY, "seeds": [1]}, objectives={"noise": NOISE}, dask=address)
+
+
 @pytest.mark.soak
 def test_cluster_with_a_killed_worker_gives_the_same_table(folder):
     given = {**STUDY, "seeds": list(range(40)), "objectives": {"noise": NOISE, "once": "costs_of_test:dies_once"}}
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        result = runtime.study(**given, grid={"gain": [3]}, dask=cluster.scheduler_address)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local:
+        result = runtime.study(**given, grid={"gain": [3]}, dask=local.scheduler_address)
     assert (folder / "died").exists()
     here = runtime.study(**given, grid={"gain": [3]}, workers=0)
     assert result.columns == here.columns
