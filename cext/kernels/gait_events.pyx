@@ -170,12 +170,15 @@ cdef int contact_kernel(double *arena, const Contact *at, const Contact *sizes) 
         state[FREE] += arena[DT]
         expected = timing[SINCE] > EXPECTED_SHARE * timing[STRIDE]
         if level > arena[at.rising] and (expected or level - state[BEFORE_LOAD] < JUMP_LOAD):
-            # A foot that hardly bore load, such as one that touches the ground while its owner sits, did not step.
-            if state[FREE] >= SWING_TIME and state[LARGEST] >= STANCE_LOAD:
-                timing[DUE] = 0.0
+            # Without a swing before it, a contact continues the last one: a heel can press again before it leaves.
+            if state[FREE] >= SWING_TIME and timing[SINCE] + arena[DT] >= arena[at.events.shortest]:
+                # A foot that hardly bore load, such as one that touches the ground while its owner sits, did not step.
+                if state[LARGEST] >= STANCE_LOAD:
+                    timing[DUE] = 0.0
+                state[LARGEST] = 0.0
             state[LOADED] = 1.0
             state[BELOW] = 0.0
-            state[LARGEST] = level
+            state[LARGEST] = max(state[LARGEST], level)
     state[BEFORE_LOAD] = level
     arena[at.contact] = state[LOADED]
     arena[at.load] = level

@@ -117,9 +117,10 @@ cdef int portrait_kernel(double *arena, const Portrait *at, const Portrait *size
         turns = atan2(-velocity / e[2], (2.0 * angle - e[0] - e[1]) / (e[1] - e[0])) / TURN
     if strike != 0.0:
         if zero[3] < 3.0:       # a whole stride: its extremes scale the next one
+            if e[1] > e[0]:     # those of the stride before are known
+                learn_zero(zero, turns)
             for k in range(3):
                 e[k] = e[3 + k]
-            learn_zero(zero, turns)
         e[3] = INFINITY
         e[4] = -INFINITY
         e[5] = 0.0

@@ -158,3 +158,15 @@ def test_a_missing_sample_gives_nan_and_is_not_stored(name):
     outputs = inside(block, **signals)
     assert math.isnan(outputs["strike"][1500]) and math.isnan(outputs["elapsed"][1500])
     assert outputs["strides"][-1] == clean["strides"][-1]
+
+
+@pytest.mark.parametrize("pause", [0.08, 0.13])
+def test_a_heel_that_presses_again_before_it_leaves_the_ground_loses_no_strike(pause):
+    """The load under a heel falls below the threshold in mid-stance, and rises to a fifth before the swing."""
+    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    phase, begin = time % 1.0, 0.25 + pause
+    force = np.where(phase < 0.25, 40.0 * np.sin(np.pi * phase / 0.25), 0.0)
+    force += np.where((phase > begin) & (phase < begin + 0.1), 8.0 * np.sin(np.pi * (phase - begin) / 0.1), 0.0)
+    force[time < 2.6] = np.where(time[time < 2.6] < 2.3, 15.0, 0.0)  # it stands, and swings
+    outputs = inside(lambda: ContactEvents(smallest=10.0), force=force)
+    assert np.abs(late(outputs, np.arange(3.0, 20.0))).max() < 0.02
