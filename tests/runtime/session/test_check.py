@@ -83,8 +83,8 @@ def test_every_port_has_its_unit_its_wire_and_its_range(exo):
         "torque_command": "left/torque_limiter.limited",
         "stiffness_command": "0 N·m/rad",
         "damping_command": "0 N·m·s/rad",
-        "zero": "no",
-        "disable": "no",
+        "zero": "false",
+        "disable": "false",
     }
     age = next(port for port in knee["outputs"] if port["name"] == "age")
     assert (age["low"], age["high"]) == (0.0, None)
