@@ -8,6 +8,7 @@ their signatures. Classes whose parameters make ports accept any input, or have 
 from __future__ import annotations
 
 import ast
+import copy
 import importlib
 import inspect
 import keyword
@@ -136,7 +137,8 @@ def signature(node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
     arguments = node.args
     arguments.defaults = [short(each) for each in arguments.defaults]
     arguments.kw_defaults = [each and short(each) for each in arguments.kw_defaults]
-    head = type(node)(node.name, arguments, [ast.Expr(ast.Constant(...))], node.decorator_list, node.returns)
+    head = copy.copy(node)
+    head.body = [ast.Expr(ast.Constant(...))]
     return ast.unparse(ast.fix_missing_locations(head)).replace(":\n    ...", ": ...")
 
 
