@@ -66,7 +66,7 @@ def test_the_notebook_runs_and_has_the_outputs_that_are_stored_in_it(tmp_path):
     assert outputs(notebook.executed(tmp_path)) == outputs(stored), "run python -m tests.docs.notebook, and look at it"
 
 
-@pytest.mark.paced
+@pytest.mark.timing
 def test_a_run_on_the_emulated_rig_is_armed_tuned_and_stopped(tmp_path):
     channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.78"
     with Reader(tmp_path, channel, pause=0.4, options=("--set", "knee.timeout=0.5")) as reader:

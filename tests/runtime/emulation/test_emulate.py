@@ -18,7 +18,7 @@ from runtime.emulation.serving import Service, line
 from runtime.rig import RigError, read
 from tests.runtime.runs import Files, finished, knee, started, write
 
-pytestmark = pytest.mark.paced
+pytestmark = pytest.mark.timing
 
 
 @pytest.fixture

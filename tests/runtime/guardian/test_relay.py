@@ -18,7 +18,7 @@ from tests.blocks.test_charge_pump import message
 from tests.runtime.guardian.bus import Bus, guardian_of
 from tests.runtime.runs import DISABLE
 
-pytestmark = pytest.mark.paced
+pytestmark = pytest.mark.timing
 
 LATE = 0.08  # s, on a machine that may be busy; a period is 5 ms
 HOLD = 0.3  # s

@@ -84,7 +84,7 @@ def test_a_run_in_real_time_returns_the_trial_of_its_recording(folder, capsys):
     before = files_of_this_process()
     trial = runtime.run(knee(folder), 0.5, fast=False, trial={"subject": "S03"}, settings={"knee.timeout": 0.2})
     assert trial.complete and trial.fault is None and trial.fields == {"subject": "S03"}
-    assert trial.tick[-1] == 99 and trial.about["metadata"]["settings"] == {"knee.timeout": "0.2"}
+    assert 90 <= trial.tick[-1] <= 99 and trial.about["metadata"]["settings"] == {"knee.timeout": "0.2"}
     assert [trial.path] == list(Path("recordings").glob("*_S03_*.mcap"))
     printed = capsys.readouterr().out
     assert printed.startswith("knee: 0.5 s at 200 Hz, simulated\n") and "try next" not in printed
