@@ -62,20 +62,15 @@ endef
 pyright = $(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
 
 # One worker more than processors, since many tests wait for a process. Tests that wait in real time (marked `paced`) follow two at a
-# time, and those that measure it (`timing`) one at a time. Only the files of these are collected: the collection of all takes 7 s.
-# Pyright, half a minute of one processor, runs beside those that wait.
+# time, with nothing beside them, and those that measure it (`timing`) one at a time. Only the files of these are collected: the
+# collection of all takes 7 s.
 marked = $$(grep -rl --include='test_*.py' 'mark\.$(1)' tests)
 test: $(VENV)/installed-test
 	$(ruff)
-	if [ -n "$(TESTS)" ]; then
-	    $(pyright)
-	    exec $(VENV)/bin/python -m pytest $(TESTS)
-	fi
+	$(pyright)
+	if [ -n "$(TESTS)" ]; then exec $(VENV)/bin/python -m pytest $(TESTS); fi
 	$(VENV)/bin/python -m pytest -n $$(($$(nproc) + 1)) --dist worksteal -m 'not soak and not paced and not timing'
-	chrt --idle 0 $(pyright) >build/pyright 2>&1 & types=$$!
-	trap 'kill $$types 2>/dev/null || true' EXIT
 	$(VENV)/bin/python -m pytest -n 2 --dist worksteal -m 'paced and not soak' $(call marked,paced)
-	wait $$types || { cat build/pyright; exit 1; }
 	exec $(VENV)/bin/python -m pytest -m 'timing and not soak' $(call marked,timing)
 
 lint: $(VENV)/installed-test
