@@ -14,7 +14,7 @@ import pytest
 from runtime.base.ending import ENDING_SIGNALS, Interrupted, uninterrupted
 from tests.runtime.runs import ROOT, environment, finished, knee, started, write
 
-LIMIT, LIMIT_BUSY = 0.1, 1.0  # s from a signal to the end of the command, and on a machine that is busy
+LIMIT, LIMIT_BUSY = 0.15, 1.0  # s from a signal to the end of the command: at most 0.125 s on a slow machine; when busy
 TRIES = 4  # until one ends in time: another process may have the processor in the others
 
 HOSTILE = """
@@ -80,7 +80,7 @@ def knee_that(folder, expression):
 
 @pytest.mark.timing
 @pytest.mark.parametrize("number", ENDING_SIGNALS, ids=lambda number: number.name)
-def test_a_run_ends_within_100_ms_of_every_signal_with_a_summary(tmp_path, number):
+def test_a_run_ends_within_150_ms_of_every_signal_with_a_summary(tmp_path, number):
     """One of its blocks raises an exception whose text never returns."""
     path = knee_that(tmp_path, "(_ for _ in ()).throw(Broken())")
     path.write_text(path.read_text().replace('Law(name="law")', 'Law(hold_exceptions=3, name="law")'))
@@ -133,7 +133,7 @@ def test_a_search_for_the_highest_rate_ends_with_a_signal(tmp_path, number):
     process = started("rate", "--seconds", "3600", "--low", "3900", "--actuators", "1", cwd=tmp_path, cold=True)
     assert "highest rate" in process.stdout.readline() + process.stdout.readline()
     time.sleep(0.5)
-    assert processor_time(process, number) < LIMIT / 2
+    assert processor_time(process, number) < 0.05
     _, err = process.communicate()
     assert process.returncode == 128 + number and "stopped by " in err and "Traceback" not in err
 
