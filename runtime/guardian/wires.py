@@ -39,6 +39,7 @@ STARTED = {"slcan": {"sleep_after_open": 0.0}}
 NEVER_WAITS = {"robotell", "slcan", "udp_multicast", "virtual"}
 RECV_TIMEOUT = 0.05  # s of `recv` in such a thread, between checks for its end
 RETRY_DELAY = 0.0005  # s between two attempts after a failure
+CLOCK_STEP = 10e6  # ns by which the system clock may be set while messages are queued
 ECHO_LIMIT = 1024  # different frames with an outstanding echo
 
 
@@ -195,8 +196,9 @@ class PythonCanWire(Wire):
 class Stamped:
     """A bus of python-can whose `recv` returns each message with its arrival in ns of CLOCK_MONOTONIC.
 
-    The arrival is the time stamp of the interface if that is one of the system clock which lies between the previous
-    message, or the last time that the bus was empty, and now. It is the time at which the message is read otherwise:
+    A message arrives after the previous one, after the last time that the bus was empty, and before it is read. Its
+    arrival is the time stamp of the interface, moved to within these limits: a step of the system clock shifts the
+    stamps of queued messages. It is the time at which the message is read if the stamp is further off than CLOCK_STEP:
     some interfaces have no time stamps, and some stamp with a clock of the adapter.
     """
 
@@ -213,7 +215,8 @@ class Stamped:
             return None, None
         now = time.monotonic_ns()
         stamp = message.timestamp * 1e9 - (time.time_ns() - now)
-        self.earliest = int(stamp) if self.earliest <= stamp <= now else now
+        near = self.earliest - CLOCK_STEP <= stamp <= now + CLOCK_STEP
+        self.earliest = int(min(max(stamp, self.earliest), now)) if near else now
         return message, self.earliest
 
     def close(self) -> None:
