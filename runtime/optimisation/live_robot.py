@@ -28,20 +28,15 @@ class Targets:
     """Live parameters that an optimisation sets.
 
     live : {name of a parameter of the optimisation: its live parameters}
-    largest_steps : {index of a live parameter: largest change in one ramp, in its unit}
+    parameters : {index of a live parameter: the Parameter that varies it}
     zero : [(live parameter, value)] that switch the assistance off, [] if it cannot be switched off
     """
 
     def __init__(self, run_table: Table, parameters: Iterable[Parameter], zero: Iterable[tuple[str, str]] = ()) -> None:
-        parameters = list(parameters)
-        self.live = {parameter.name: matching(run_table, parameter) for parameter in parameters}
+        found = [(parameter, matching(run_table, parameter)) for parameter in parameters]
+        self.live = {parameter.name: group for parameter, group in found}
+        self.parameters = {live.index: parameter for parameter, group in found for live in group}
         self.zero = [change for name, text in zero for change in changes_of(run_table, name, text)]
-        self.largest_steps = {
-            live.index: parameter.largest_step
-            for parameter in parameters
-            for live in self.live[parameter.name]
-            if parameter.largest_step is not None
-        }
         varied = [live.path for group in self.live.values() for live in group]
         for path in varied:
             if varied.count(path) > 1:
@@ -78,8 +73,8 @@ class Targets:
         return changes, changes == requested
 
     def _limited(self, live, value, present):
-        step = self.largest_steps.get(live.index)
-        return value if step is None else min(max(value, present - step), present + step)
+        parameter = self.parameters.get(live.index)
+        return value if parameter is None else parameter.towards(present, value)
 
     def shown(self, name: str, value: float) -> str:
         """Return a value with four digits and its unit."""

@@ -55,6 +55,11 @@ class Parameter:
         """Return the value at a fraction of the bounds. Outside of 0 to 1 it is the nearer bound."""
         return min(max(self.low + float(fraction) * (self.high - self.low), self.low), self.high)
 
+    def towards(self, present: float, value: float) -> float:
+        """Return a value, moved to within the largest step of the present one."""
+        step = math.inf if self.largest_step is None else self.largest_step
+        return min(max(value, present - step), present + step)
+
 
 def parse(text: str) -> Parameter:
     """Return the Parameter of "NAME=LOW:HIGH" or "NAME=LOW:HIGH:INITIAL". Raises BadInput."""
@@ -88,13 +93,7 @@ def within_step(
 
     present, proposed : {name: value}
     """
-    values = {}
-    for parameter in parameters:
-        value, step = proposed[parameter.name], parameter.largest_step
-        if step is not None:
-            value = min(max(value, present[parameter.name] - step), present[parameter.name] + step)
-        values[parameter.name] = value
-    return values
+    return {each.name: each.towards(present[each.name], proposed[each.name]) for each in parameters}
 
 
 def _is_number(value):
