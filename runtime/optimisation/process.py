@@ -165,12 +165,16 @@ class Companion:
     def run(self) -> None:
         """Carry out the optimisation until the end of the run."""
         self.save()
-        while not self.over and not self.page.closed and self.page.state not in ENDED:
+        while not self.ending():
             self.receive()
-            if self.page.closed or self.page.state in ENDED:  # meanwhile: not a missing measurement
+            if self.ending():  # meanwhile: not a missing measurement
                 return
             self.protocol.step(time.monotonic())
             self.send_needs()
+
+    def ending(self) -> bool:
+        """Return whether the run, its control process or its recorder is ending or has ended."""
+        return self.over or self.page.closed or self.page.state in ENDED
 
     def receive(self) -> None:
         """Wait for messages of the recorder, and for the end of the run."""
@@ -206,13 +210,14 @@ class Companion:
     def send_needs(self) -> None:
         """Send what the recorder shows and does, where it has changed."""
         now = time.monotonic()
-        fallback, complete = self.robot.fallback(self.protocol.accepted)
+        active = not self.protocol.over
+        fallback, complete = self.robot.fallback(self.protocol.accepted) if self.changing and active else ([], True)
         keys = [*KEYS, *NUMERALS, *BACKSPACE, "enter"] if self.protocol.typing else KEYS
         needs = {
-            "keys": keys if not self.protocol.over else [],
-            "help": HELP if not self.protocol.over else "",
+            "keys": keys if active else [],
+            "help": HELP if active else "",
             "watch": self.watch,
-            "fallback": fallback if self.changing and not self.protocol.over else [],
+            "fallback": fallback,
             "partial": not complete,
             "status": self.protocol.status,
         }

@@ -123,7 +123,7 @@ def _check(state):
         if sorted(values) != sorted(parameter["name"] for parameter in over):
             raise ValueError(f"the names of {place} are not those of 'over'")
         for parameter in over:
-            value, low, high = (values[parameter["name"]], parameter["low"], parameter["high"])
+            value, low, high = values[parameter["name"]], parameter["low"], parameter["high"]
             if not low <= value <= high:
                 raise ValueError(
                     f"{parameter['name']} = {value!r} of {place}: expected a number from {low:g} to {high:g}"
