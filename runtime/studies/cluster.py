@@ -6,14 +6,14 @@ import os
 import sys
 from collections.abc import Generator, Iterable
 from dataclasses import replace
-from functools import partial
-from importlib.metadata import PackageNotFoundError, version
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 from graph.sha256 import sha256
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
+from runtime.recording.provenance import versions
 from runtime.studies.description import Study, described
 from runtime.studies.engine import Engine, Order, failed
 from runtime.studies.modules import import_again, imported
@@ -68,12 +68,10 @@ class Cluster(Engine):
         self._client.close()
 
 
+@cache
 def _release():
     """Return the version of Tickwork; "of a checkout" where it is not installed."""
-    try:
-        return version("tickwork")
-    except PackageNotFoundError:
-        return "of a checkout"
+    return versions().get("tickwork", "of a checkout")
 
 
 def _trial(order, description, source, sources, folder, release):

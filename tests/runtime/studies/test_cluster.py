@@ -45,7 +45,7 @@ def test_worker_imports_a_module_again_that_has_changed_since_the_last_study(add
 
 def test_worker_with_another_version_of_tickwork_is_reported(address, folder, monkeypatch):
     releases = iter(["0.2.0", "0.1.0"])  # of this computer, then of the worker, which is in this process
-    monkeypatch.setattr(cluster, "version", lambda name: next(releases, "0.1.0"))
+    monkeypatch.setattr(cluster, "_release", lambda: next(releases, "0.1.0"))
     with pytest.raises(BadInput, match=r"the worker has Tickwork 0.1.0, this computer 0.2.0: install the same"):
         runtime.study(**{**STUDY, "seeds": [1]}, objectives={"noise": NOISE}, dask=address)
 
