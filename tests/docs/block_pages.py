@@ -162,7 +162,7 @@ def _parameters(card):
 
 
 def _hexadecimal(text):
-    """Return a text with its integers in hexadecimal, 0 as it is."""
+    """Return a text whose integers other than 0 are hexadecimal."""
     return re.sub(r"\b[1-9]\d*\b", lambda match: f"{int(match[0]):#x}", text)
 
 
