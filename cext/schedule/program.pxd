@@ -36,7 +36,7 @@ cdef struct Phase:
     int step_count
     int segment_count
     int item                     # stopwatch item of its first step, below 0 for none
-    bint plain                   # has one segment, which is plain
+    fused_t code                 # of its only segment if that is plain, else NULL
 
 cdef struct FailedStep:          # -1: none
     int phase
@@ -107,8 +107,9 @@ cdef class Program:
 
 cdef inline int run_phase(Program program, Phase *phase, int64_t tick, int64_t previous) noexcept nogil:
     """Run the steps of a phase that are due in a tick. Returns OK, or the status of the step that failed."""
-    if phase.segment_count == 0:
-        return OK
-    if phase.plain and program.laps == NULL:
-        return program.run_code(phase, phase.segments)
-    return program.run(phase, tick, previous)
+    cdef int64_t outcome
+    if phase.code != NULL and program.laps == NULL:
+        program.at[0] = IN_RUN + phase.item
+        outcome = phase.code(program.arena)
+        return OK if outcome == OK else program.failed_in(phase, phase.segments, outcome)
+    return OK if phase.segment_count == 0 else program.run(phase, tick, previous)

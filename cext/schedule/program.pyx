@@ -148,7 +148,8 @@ cdef class Program:
                     segment.code = <fused_t><uintptr_t>next(entries)
                     segment.plain = (
                         segment.every == 1 and segment.condition_count == 0 and segment.allowance == 0)
-            phases[part].plain = phases[part].segment_count == 1 and phases[part].segments.plain
+            if phases[part].segment_count == 1 and phases[part].segments.plain:
+                phases[part].code = phases[part].segments.code
         self.fused = sum(not addresses for _, run in runs for *_, addresses in run)
         return 0
 
