@@ -37,7 +37,24 @@ cdef extern from *:
     #define TICKWORK_TARGET ""
     #endif
     extern void sincos(double x, double *sine, double *cosine);     /* of the C library, as GCC calls it */
-    #define tickwork_clear(begin, end) __builtin___clear_cache((char *)(begin), (char *)(end))
+    /* Make new code visible to the processor. The compiler's function for it may come with other definitions of sin,
+       cos, ..., which then are those of FUNCTIONS. */
+    static void tickwork_clear(void *begin, void *end) {
+    #ifdef __aarch64__
+        uintptr_t types, line, at;
+        __asm__ volatile("mrs %0, ctr_el0" : "=r"(types));
+        line = (uintptr_t)4 << (types >> 16 & 15);
+        for (at = (uintptr_t)begin & -line; at < (uintptr_t)end; at += line)
+            __asm__ volatile("dc cvau, %0" : : "r"(at) : "memory");
+        __asm__ volatile("dsb ish" : : : "memory");
+        line = (uintptr_t)4 << (types & 15);
+        for (at = (uintptr_t)begin & -line; at < (uintptr_t)end; at += line)
+            __asm__ volatile("ic ivau, %0" : : "r"(at) : "memory");
+        __asm__ volatile("dsb ish\\n\\tisb" : : : "memory");
+    #else
+        (void)begin, (void)end;
+    #endif
+    }
     """
     const char *TICKWORK_TARGET
     void sincos(double x, double *sine, double *cosine) nogil

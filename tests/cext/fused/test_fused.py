@@ -20,6 +20,7 @@ from cext.clock.stopwatch import names
 from cext.fused import library
 from cext.fused.__main__ import UNFUSED, kernels, module_of, stencils, tables
 from cext.fused.compile import HEADER, TARGETS
+from cext.fused.join import FUNCTIONS
 from cext.fused.sources import hash_of
 from cext.fused.text import text_of
 from cext.kernel import Kernel
@@ -63,6 +64,19 @@ def test_machine_code_computes_the_bits_of_the_kernels(fused, monkeypatch, name)
         first.spin(ticks)
         second.spin(ticks)
         assert np.array_equal(one.values.view(np.int64), other.values.view(np.int64)), ticks
+
+
+def test_machine_code_calls_the_functions_of_the_c_library():
+    """A build may link others of these names, such as a compiler's own sin, whose last bit differs."""
+    with open("/proc/self/maps") as maps:
+        mapped = [line.split() for line in maps if line.count("/")]
+    for name, address in FUNCTIONS.items():
+        places = [
+            os.path.basename(fields[-1])
+            for fields in mapped
+            if int(fields[0].split("-")[0], 16) <= address < int(fields[0].split("-")[1], 16)
+        ]
+        assert places and places[0].startswith(("libm", "libc", "ld-musl")), (name, places)
 
 
 class Twice(Block):
