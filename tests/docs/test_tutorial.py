@@ -11,6 +11,7 @@ from tests.docs.tutorial import IMAGES, TUTORIAL, Reader, pages
 from tests.runtime.runs import finished
 
 RIG = "4_rig.md"
+OF_THE_MACHINE = re.compile(r"^  (?:speed|fused) .*\n(?:    .*\n)*", re.M)  # lines of `check`
 MISTAKES = {"TW002": ("(knee.velocity)", "(knee.position)"), "TW007": ("TorqueLimiter(limit=9.0)(torque)", "torque")}
 
 
@@ -52,9 +53,9 @@ def outputs(notebook):
     for number, cell in enumerate(notebook.cells):
         for output in cell.get("outputs", ()):
             data = output.get("data", {"text/plain": output.get("text")})
-            html = re.sub("<[^>]*>", "", data.get("text/html", ""))
-            lines = [line for line in f"{data['text/plain']} {html}".splitlines() if not line.startswith("  speed ")]
-            found.append((number, sorted(data), without_numbers([" ".join(" ".join(lines).split())])))
+            html = re.sub("<[^>]*>", "\n", data.get("text/html", ""))
+            text = OF_THE_MACHINE.sub("", f"{data['text/plain']}\n{html}\n")
+            found.append((number, sorted(data), without_numbers([" ".join(text.split())])))
     return found
 
 

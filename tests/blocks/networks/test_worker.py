@@ -190,7 +190,7 @@ def test_the_watchdog_allows_for_inferences_in_the_tick(tmp_path):
 
 @pytest.mark.timing
 def test_an_inference_of_many_periods_makes_no_tick_late(tmp_path):
-    path = models.slow(tmp_path / "m.onnx", 3000)
+    path = models.slow(tmp_path / "m.onnx", 6000)
     with Diagram("robot", rate=200.0) as diagram:
         OnnxModel(path, name="net", run="worker", latency=0.02)(Sine(unit="rad")(), 0.0, 70.0)
     executor = Executor(Program(compile(recorded(diagram))), 200.0, page=SharedState(1 << 20))
