@@ -1,5 +1,6 @@
 """Compile the stencils of all kernels: `make stencils`, with clang of version 19 or newer.
 
+The other processor's C library is needed as well: on Debian, `apt install clang-19 gcc-aarch64-linux-gnu`.
 A kernel without a stencil is called, with the same results: those in UNFUSED, and those of other packages.
 A kernel of which no stencil can be made is an error.
 """

@@ -15,8 +15,8 @@ HEADER = """#include <stdint.h>
 #define CYTHON_UNUSED
 #define CYTHON_FALLTHROUGH
 #define PY_LONG_LONG long long
-#define likely(x) (x)
-#define unlikely(x) (x)
+#define likely(x) __builtin_expect(!!(x), 1)
+#define unlikely(x) __builtin_expect(!!(x), 0)
 #define __PYX_NAN() ((double)NAN)
 """
 COMMENT = re.compile(r"/\*.*?\*/", re.S)
@@ -26,6 +26,7 @@ ENUMERATOR = re.compile(r"^\s+(__pyx_e_\w+)", re.M)
 TYPEDEF = re.compile(r"^typedef .*?(__pyx_t_\w+)\)?(?:\(.*?\))?;", re.M)
 NAME = re.compile(r"\b__pyx_\w+")
 ITEMS = re.compile(r"\((?:const )?double (?:const )?\*\w+, (struct \w+) const \*\w+")  # of a kernel's definition
+HINT = re.compile(r"^( *)(\w+) = (unlikely\(.*\));\n *if \(\2\)", re.M)  # which clang finds only in `if`
 GLOBAL = re.compile(r"^static (double|int|int64_t|uint64_t|float) (__pyx_v_\w+)(?: = 0)?;", re.M)
 LOOP = re.compile(
     r"^ *for \((?P<counter>\w+) = 0; [^;]*; \w+ ?\+= ?1\) \{\n\s+(?P<variable>__pyx_v_\w+) = (?P=counter);\n"
@@ -77,7 +78,7 @@ def text_of(path: Path, symbol: str) -> str:
     if symbol not in source.functions:
         raise KeyError(symbol)
     visit(symbol)
-    return "\n".join(parts) + "\n"
+    return HINT.sub(r"\1if (\3)", "\n".join(parts) + "\n")
 
 
 def with_wide_slots(text: str, symbol: str) -> str:

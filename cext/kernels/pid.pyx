@@ -8,7 +8,7 @@ from libc.math cimport NAN, fabs, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, ITEMS, OK, export, items, kernel_t
-from cext.kernels.limits cimport clip, is_finite
+from cext.kernels.limits cimport clip, is_finite, unlikely
 
 
 cdef struct Gains:
@@ -19,7 +19,7 @@ cdef struct Gains:
 cdef inline double derivative(const Gains *gains, double w, double h, double *follower) noexcept nogil:
     """Return kd (w - v) / (τ + h), with v following w. The first w initializes v."""
     cdef double slope
-    if follower[0] != follower[0]:
+    if unlikely(follower[0] != follower[0]):
         follower[0] = w
     slope = (w - follower[0]) / (gains.filter_time + h)
     follower[0] += h * slope

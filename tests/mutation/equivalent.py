@@ -36,11 +36,11 @@ EQUIVALENT = {
     "place]) -> "
     "budget = length * limit * limit * (1.0 - 1e-13) - (sums[RUNNING] + sums[RUNNING_REST] - arena[at.squares + "
     "place])": "the margin for rounding is a thousand times what is lost",
-    "cext/kernels/limits.pxd clip: x = high if high < x else x -> x = high if high <= x else x": "they "
+    "cext/kernels/limits.pxd clip: x = x if x < high else high -> x = x if x <= high else high": "they "
     "are the same number",
-    "cext/kernels/limits.pxd clip: x = low if low > x else x   # NaN fails both comparisons; without branches, which "
-    "mispredict with the data -> "
-    "x = low if low >= x else x   # NaN fails both comparisons; without branches, which mispredict with the data": ""
+    "cext/kernels/limits.pxd clip: x = x if x > low else low   # without branches, which mispredict with the data; NaN "
+    "becomes a bound here -> "
+    "x = x if x >= low else low   # without branches, which mispredict with the data; NaN becomes a bound here": ""
     "they are the same number",
     "cext/schedule/publisher.pyx attend: return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK -> "
     "return UNGUARDED if self.guard > 1 and self.guardian_is_gone(now) else OK": "by a nanosecond",
