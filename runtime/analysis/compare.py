@@ -94,15 +94,16 @@ class Comparer:
         for column in np.flatnonzero(differs.any(axis=0)):
             where = differs[:, column]
             first = int(np.argmax(where))
-            with np.errstate(invalid="ignore"):
+            with np.errstate(invalid="ignore", over="ignore"):
                 off = np.where(where, np.abs(a[:, column] - b[:, column]), 0.0)
-            off[np.isnan(off)] = np.inf
+                off[np.isnan(off)] = np.inf
+                squares = float(np.sum(off * off))
             entry = self.sums.setdefault(
                 self.paths[column], [0, int(ticks[first]), float(a[first, column]), float(b[first, column]), 0.0, 0.0]
             )
             entry[0] += int(where.sum())
             entry[4] = max(entry[4], float(off.max()))
-            entry[5] += float(np.sum(off * off))
+            entry[5] += squares
 
     def result(self, order: Sequence[str], here: int, there: int) -> Comparison:
         """Return the Comparison.

@@ -52,7 +52,7 @@ def draw(file: BinaryIO, kind: str, here: TrialData, there: TrialData, compariso
     file : open for writing bytes; kind : "png" or "svg"
     """
     from runtime.analysis import picture
-    from runtime.analysis.picture import plain
+    from runtime.analysis.picture import drawable, plain
 
     ticks, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
     shown_first = rank(comparison)[:PLOT_SIGNAL_LIMIT]
@@ -66,9 +66,9 @@ def draw(file: BinaryIO, kind: str, here: TrialData, there: TrialData, compariso
             difference = b - a
         centre = time[np.argmax(np.nan_to_num(np.abs(difference), nan=np.inf))]
         shown = np.abs(time - centre) <= WINDOW / 2
-        near.plot(time[shown], a[shown], color="#9aa3ad", linewidth=2.4, label=plain(here.path.name))
-        near.plot(time[shown], b[shown], color="#c8452c", linewidth=1.1, label=plain(there.path.name))
-        far.plot(time, difference, color="#c8452c", linewidth=0.8)
+        near.plot(time[shown], drawable(a[shown]), color="#9aa3ad", linewidth=2.4, label=plain(here.path.name))
+        near.plot(time[shown], drawable(b[shown]), color="#c8452c", linewidth=1.1, label=plain(there.path.name))
+        far.plot(time, drawable(difference), color="#c8452c", linewidth=0.8)
         far.axvspan(time[shown][0], time[shown][-1], color="#9aa3ad", alpha=0.25, linewidth=0)
         near.set_title(plain(d.path), loc="left", fontsize=9)
         near.set_ylabel(d.unit if d.unit not in ("1", "any") else "")

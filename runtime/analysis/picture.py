@@ -5,20 +5,22 @@ from __future__ import annotations
 import warnings
 from typing import TYPE_CHECKING
 
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
     from typing import BinaryIO
 
-    import numpy as np
     from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
 
 
 INK, GREY, FAINT, AXIS = "#333333", "#666666", "#DDDDDD", "#888888"
 # distinct for colour-blind readers (Okabe and Ito 2008)
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 BLUE, ORANGE, GREEN = COLOURS[:3]
+AXIS_LIMIT = 1e150  # larger values are not drawn: Matplotlib fails where the range of an axis overflows
 
 
 def figure(width: float, height: float, dpi: float = 150) -> Figure:
@@ -52,6 +54,12 @@ def mean_and_sd(axis: Axes, mean: np.ndarray, sd: np.ndarray, colour: str) -> No
     cycle = range(len(mean))
     axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0, zorder=2)
     axis.plot(cycle, mean, color=colour, linewidth=2.0, zorder=3)
+
+
+def drawable(values: ArrayLike) -> np.ndarray:
+    """Return values as floats, NaN for those beyond AXIS_LIMIT."""
+    values = np.asarray(values, float)
+    return np.where(np.abs(values) < AXIS_LIMIT, values, np.nan)
 
 
 def plain(text: str) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from runtime.analysis import picture
-from runtime.analysis.picture import COLOURS, GREY, INK, plain, short
+from runtime.analysis.picture import COLOURS, GREY, INK, drawable, plain, short
 from runtime.analysis.resample import at_ticks
 from runtime.base.errors import BadInput
 from runtime.recording.grouping import CURVES, PLAIN, by_unit
@@ -32,7 +32,6 @@ PLOT_LIMIT = 100  # plots of a figure
 LEVELS, CHARACTER = 3, 0.0085
 NAME_LIMIT = 44  # characters beside a plot
 FULL_SIZE_NAMES = 9  # names beside a plot in full size
-AXIS_LIMIT = 1e150  # larger values are not drawn
 CURVE_COLOURS = (*COLOURS, "#333333", "#999933")
 FAULT, MARK = "#C1121F", "#0072B2"
 ROW, WIDTH = 1.9, 10.0  # inches
@@ -245,12 +244,6 @@ def elements(trial: TrialData, path: str) -> list[str]:
         return [path]
     names = list(trial.signals)
     return [names[place] for place in trial.find(path)[0]]
-
-
-def drawable(values: np.ndarray) -> np.ndarray:
-    """Return values as floats, without those beyond AXIS_LIMIT."""
-    values = values.astype(float)
-    return np.where(np.abs(values) < AXIS_LIMIT, values, np.nan)
 
 
 def _whole(axis, dtypes):

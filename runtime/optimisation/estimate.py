@@ -12,6 +12,7 @@ NUMERICAL_MINIMUM = 1e-9  # the same without noise
 PENALTY_LIMIT = 10.0  # largest cost above the median, relative to the difference of median and lowest cost
 
 
+@np.errstate(over="ignore")  # a spread that overflows is infinite
 def fitted_minimum(points: np.ndarray, costs: np.ndarray) -> np.ndarray | None:
     """Return the point of the lowest expected cost; None if the costs do not determine one.
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from runtime.analysis import picture
-from runtime.analysis.picture import BLUE, GREEN, GREY, INK, ORANGE, plain, short
+from runtime.analysis.picture import BLUE, GREEN, GREY, INK, ORANGE, drawable, plain, short
 from runtime.optimisation.parameters import Parameter
 from runtime.recording.files import private
 
@@ -59,7 +59,7 @@ def figure(
 ) -> Figure:
     """Return the figure of an optimisation.
 
-    values, costs : of each evaluation, in order; infinite costs are left out
+    values, costs : of each evaluation, in order; infinite and huge costs are left out
     population : evaluations in a generation
     optimum : drawn as lines, unless it is None
     title : of the cost
@@ -70,7 +70,7 @@ def figure(
     heights = [COST_HEIGHT, *[ROW] * len(parameters)]
     axes: Any = made.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     numbers = np.arange(1, len(costs) + 1)
-    draw_costs(axes[0], numbers, np.where(np.isfinite(costs), costs, np.nan), errors, population)
+    draw_costs(axes[0], numbers, drawable(costs), errors, population)
     draw_validation(axes[0], len(costs), validated)
     axes[0].set_ylabel(plain(short(title, NAME_LIMIT)), fontsize=9, color=INK)
     for axis, parameter in zip(axes[1:], parameters):

@@ -57,7 +57,7 @@ def mean(trial: Trial, signal: str, after: float = 0.0) -> float:
 
 def rms(trial: Trial, signal: str, after: float = 0.0) -> float:
     """Return the root mean square of a signal, in its unit. after : s, start of the interval"""
-    return float(np.sqrt(np.mean(_values(trial, signal, after) ** 2)))
+    return _rms(_values(trial, signal, after))
 
 
 def peak(trial: Trial, signal: str, after: float = 0.0) -> float:
@@ -67,7 +67,7 @@ def peak(trial: Trial, signal: str, after: float = 0.0) -> float:
 
 def tracking_error(trial: Trial, signal: str, reference: str, after: float = 0.0) -> float:
     """Return the root mean square of signal − reference, in their unit. after : s, start of the interval"""
-    return float(np.sqrt(np.mean((_values(trial, signal, after) - _values(trial, reference, after)) ** 2)))
+    return _rms(_values(trial, signal, after) - _values(trial, reference, after))
 
 
 def mean_power(trial: Trial, joint: str, after: float = 0.0) -> float:
@@ -92,6 +92,11 @@ def negative_work(trial: Trial, leg: str) -> float:
 def stride_time(trial: Trial, leg: str) -> float:
     """Return the mean duration of a leg's strides in s. leg : as of `plot --strides`: "left" """
     return _of_leg(trial, leg)["stride_time"]
+
+
+def _rms(values):
+    with np.errstate(over="ignore"):  # infinite for a run that diverges
+        return float(np.sqrt(np.mean(values**2)))
 
 
 def _values(trial, signal, after):

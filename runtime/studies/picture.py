@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from runtime.analysis import picture
-from runtime.analysis.picture import BLUE, FAINT, GREY, INK, plain, short
+from runtime.analysis.picture import BLUE, FAINT, GREY, INK, drawable, plain, short
 from runtime.console.styles import count
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def curves(study: Study, table: Columns, objectives: Sequence[str], parameters: 
     figure = picture.figure(1.0 + WIDTH * max(columns, 1.4), 0.6 + HEIGHT * rows)
     axes = figure.subplots(rows, columns, sharex="col", sharey="row", squeeze=False)
     for objective, row in zip(objectives, axes):
-        values = np.array(table[objective], float)
+        values = drawable(table[objective])
         for parameter, axis in zip(parameters, row):
             places, labels = places_of(table[parameter])
             dense = len(values) > 200
@@ -82,7 +82,7 @@ def heat_maps(study: Study, table: Columns, objectives: Sequence[str], parameter
     below, right = ([study.grid[name].index(value) for value in table[name]] for name in parameters)
     low, high = (list(map(text_of, study.grid[name])) for name in parameters)
     for objective, axis in zip(objectives, axes):
-        values, cells = np.array(table[objective], float), np.full((len(low), len(high)), np.nan)
+        values, cells = drawable(table[objective]), np.full((len(low), len(high)), np.nan)
         for cell in set(zip(below, right)):
             cells[cell] = mean(values[[pair == cell for pair in zip(below, right)]])
         axis.set_facecolor(FAINT)

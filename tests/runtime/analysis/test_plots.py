@@ -15,7 +15,7 @@ from cext.safety.shared_state import RECORD_EVENT
 from runtime.analysis import plots
 from runtime.analysis.legs import legs
 from runtime.analysis.picture import short
-from runtime.base.errors import FAULT, OK, BadInput
+from runtime.base.errors import CHECK_FAILED, FAULT, OK, BadInput
 from tests.runtime.analysis.test_recorded_trial import walk
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
 from tests.runtime.runs import KNEE_EXO, knee
@@ -218,6 +218,23 @@ def test_a_named_block_or_subsystem_is_drawn_completely(command_line, crowded):
         plots.rows_of(many(trial, 1213), ["many"])
     told = command_line.refused("plot", crowded, "left/crow")
     assert told.startswith("crowd.mcap has no signal 'left/crow': did you mean 'left/crowd.x")
+
+
+def test_differences_of_huge_values_are_drawn_without_them(command_line, tmp_path):
+    """A simulation that diverges passes through them before its values are infinite."""
+    for name, sign in (("a", 1.0), ("b", -1.0)):
+        huge = [row(tick, 1.0 + sign, sign * 1.7e308, sign * 1e160 if tick == 3 else 0.0) for tick in range(9)]
+        record(plan(tmp_path, sink(CSV, "csv", columns("u.x m", "u.y m", "u.z m")), stem=name), huge)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        code, out, err = command_line("diff", tmp_path / "a.mcap", tmp_path / "b.mcap", "-o", "diff.svg")
+    assert (code, err) == (CHECK_FAILED, "") and {"u.x", "u.y", "u.z"} <= drawn("diff.svg")
+    differences = {words[0]: words[2:] for line in out.splitlines()[2:5] for words in [line.split()]}
+    assert differences == {
+        "u.x": ["0", "9", "2", "2"],
+        "u.y": ["0", "9", "inf", "inf"],
+        "u.z": ["3", "1", "2e+160", "inf"],
+    }
 
 
 def many(trial, count):

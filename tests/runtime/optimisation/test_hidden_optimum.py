@@ -6,6 +6,7 @@ than without torque.
 """
 
 import re
+import warnings
 from typing import Any
 
 import numpy as np
@@ -95,6 +96,13 @@ def test_fit_is_exact_for_a_quadratic_cost_without_noise_and_stays_between_the_e
     assert fitted_minimum(points, 1e-200 * flat) == pytest.approx([0.3, 0.6, 0.45], abs=1e-6)
     penalised = np.where(np.arange(60) % 7 == 0, 1e9, flat)
     assert fitted_minimum(points, penalised) == pytest.approx([0.3, 0.6, 0.45], abs=1e-6)
+
+
+def test_no_minimum_is_fitted_to_costs_whose_spread_overflows():
+    points = np.random.default_rng(1).uniform(size=(30, 2))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert fitted_minimum(points, np.where(points[:, 0] < 0.4, -1.7e308, 1.7e308)) is None
 
 
 def test_no_minimum_is_fitted_to_few_costs_or_to_a_cost_without_one():

@@ -1,6 +1,7 @@
 """Studies: trials in processes and in this one, their table, faults, errors, and studies that continue."""
 
 import re
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
@@ -84,6 +85,18 @@ def test_picture_of_other_parameters_has_a_point_per_trial_and_a_line_of_means(f
     assert "data:image/png" in result._repr_html_() and "8 trials, 0 faults" in result._repr_html_()
     with pytest.raises(BadInput, match="no objective 'peek': did you mean 'peak'"):
         result.plot("peek")
+
+
+@pytest.mark.parametrize("others", [{}, {"frequency": [1.0, 2.0]}])
+def test_values_of_a_diverging_run_are_in_the_table_and_not_in_the_picture(others, folder):
+    costs = {"rms": {"function": "rms", "signal": "gain.y"}, "own": lambda trial: -1e57 * trial["gain.y"].max()}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = study(workers=0, grid={"gain": [1.0, 2.0, 1e250], **others}, objectives=costs)
+        result.plot().save("study.png")
+    diverged = result["gain"] == 1e250
+    assert (result["rms"][diverged] == np.inf).all() and (result["own"][diverged] < -1e306).all()
+    assert (result["rms"][~diverged] < 2.0).all() and (folder / "study.png").stat().st_size
 
 
 def test_samples_of_a_parameter_do_not_depend_on_the_others(folder):
