@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from runtime.base.errors import OK, BadInput
+from runtime.base.optional_dependencies import MissingExtra
 from runtime.base.options import number
 from runtime.base.suggestions import suggestion
 from runtime.cli.parsing import Parser
@@ -22,7 +23,10 @@ READING_SHARE = 0.5  # of the progress
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code; raises BadInput if a recording or a file cannot be used."""
+    """Run the command. Returns the exit code; raises BadInput for arguments that cannot be used.
+
+    A recording that cannot be converted is reported, and the others are converted.
+    """
     parser = Parser(
         "convert",
         "Write recordings in other formats: every sample of every signal, in order. "
@@ -63,14 +67,21 @@ def main(arguments: Sequence[str]) -> int:
     if options.names is not None and not set(kinds) & set(OPENSIM):
         raise BadInput("--names requires an OpenSim format: add --to sto, --to mot or --opensim")
     names = None if options.names is None else (opensim.read_names(options.names), options.names)
+    code = OK
     for recording in heads(options.recordings):
-        for path in (
-            finished(recording)
-            if options.in_place
-            else converted(recording, dict.fromkeys(kinds), options.rate, options.output, names)
-        ):
-            print_lines([path])
-    return OK
+        try:
+            for path in (
+                finished(recording)
+                if options.in_place
+                else converted(recording, dict.fromkeys(kinds), options.rate, options.output, names)
+            ):
+                print_lines([path])
+        except MissingExtra:  # no recording can be converted
+            raise
+        except BadInput as error:
+            print_to_stderr([f"tickwork: {error}"])
+            code = error.code
+    return code
 
 
 def formats(text: str) -> list[str]:
@@ -91,7 +102,7 @@ def converted(
     folder: Path | None,
     names: tuple[dict[str, str], Path] | None,
 ) -> Iterator[str]:
-    """Convert one recording and yield the paths of the files.
+    """Convert one recording and yield the paths of the files. No file is written if a format cannot hold it.
 
     names : coordinates and the path of their file, or None
     """
@@ -101,6 +112,8 @@ def converted(
             trial = trial.resample(rate)
         if names is not None:
             trial = opensim.named(trial, *names)
+        for kind in kinds:
+            FORMATS.load(kind).check(trial, kind)
         stem = str((folder or recording.parent) / recording.stem)
         for place, kind in enumerate(kinds):
             step = (1.0 - READING_SHARE) / len(kinds)

@@ -249,6 +249,26 @@ def test_a_recording_without_angles_has_no_mot(command_line, tmp_path):
     assert "has no joint angle" in command_line.refused("convert", tmp_path / "other.mcap", "--to", "mot")
 
 
+def test_no_file_is_written_if_a_format_cannot_hold_the_recording(command_line, tmp_path):
+    record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="other"), [row(0, 1.0)])
+    command_line.refused("convert", tmp_path / "other.mcap", "--opensim", "-o", "opensim")
+    command_line.refused("convert", tmp_path / "other.mcap", "--to", "csv,candump,parquet", "-o", "mixed")
+    assert not (command_line.folder / "opensim").exists() and not (command_line.folder / "mixed").exists()
+
+
+def test_recordings_after_one_that_cannot_be_converted_are_converted(command_line, tmp_path):
+    for stem in ("a", "c", "e"):
+        record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem=stem), [row(0, 1.0)])
+    (tmp_path / "b.mcap").write_bytes(b"")
+    (tmp_path / "d.mcap").write_text("a text")
+    code, out, err = command_line("convert", *sorted(tmp_path.glob("*.mcap")), "--to", "csv", "-o", "tables")
+    assert (code, out.split()) == (BAD_INPUT, [f"tables/{stem}.csv" for stem in "ace"])
+    assert [line.split()[1] for line in err.splitlines()] == ["b.mcap", "d.mcap"]
+    (tmp_path / "c.mcap").write_bytes((tmp_path / "c.mcap").read_bytes()[:-40])
+    code, out, err = command_line("convert", *sorted(tmp_path.glob("*.mcap")), "--to", "mcap", "--in-place")
+    assert code == BAD_INPUT and out.split() == [str(tmp_path / f"{stem}.mcap") for stem in "ace"]
+
+
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mat", "sto", "mcap"])
 def test_a_file_gets_its_name_when_it_is_complete(recording, tmp_path, monkeypatch, kind):
     """The partial file of a killed conversion cannot be mistaken for the trial."""
