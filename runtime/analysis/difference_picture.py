@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from runtime.recording.grouping import PLAIN
+
 if TYPE_CHECKING:
     from typing import BinaryIO
 
@@ -30,12 +32,11 @@ def table(here: TrialData, there: TrialData, comparison: Comparison) -> list[str
     if not comparison.differences:
         return lines + [f"  all {len(comparison.same)} signals are the same, bit for bit"]
     ranked = rank(comparison)
-    width = max(len(f"{d.path} [{d.unit}]") for d in ranked[:TABLE_ROW_LIMIT])
+    names = [d.path if d.unit in PLAIN else f"{d.path} [{d.unit}]" for d in ranked[:TABLE_ROW_LIMIT]]
+    width = max(map(len, names))
     lines.append(f"  {'':{width}}  first tick   ticks that differ       largest           rms")
-    for d in ranked[:TABLE_ROW_LIMIT]:
-        lines.append(
-            f"  {f'{d.path} [{d.unit}]':{width}}  {d.first:10}  {d.ticks:18}  {d.largest:12.4g}  {d.rms:12.4g}"
-        )
+    for name, d in zip(names, ranked):
+        lines.append(f"  {name:{width}}  {d.first:10}  {d.ticks:18}  {d.largest:12.4g}  {d.rms:12.4g}")
     if len(ranked) > TABLE_ROW_LIMIT:
         lines.append(f"  and {len(ranked) - TABLE_ROW_LIMIT} more signals differ")
     return lines + [f"  {len(comparison.same)} signals are the same, bit for bit"]
@@ -71,7 +72,7 @@ def draw(file: BinaryIO, kind: str, here: TrialData, there: TrialData, compariso
         far.plot(time, drawable(difference), color="#c8452c", linewidth=0.8)
         far.axvspan(time[shown][0], time[shown][-1], color="#9aa3ad", alpha=0.25, linewidth=0)
         near.set_title(plain(d.path), loc="left", fontsize=9)
-        near.set_ylabel(d.unit if d.unit not in ("1", "any") else "")
+        near.set_ylabel("" if d.unit in PLAIN else d.unit)
         far.set_title(f"difference, from tick {d.first} on", loc="left", fontsize=9)
         for axis in (near, far):
             axis.spines[["top", "right"]].set_visible(False)

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from runtime.recording.grouping import PLAIN
+
 
 def text(result: Any) -> list[str]:
     """Return the lines of a runtime.session.replay.Replayed for standard output."""
@@ -25,9 +27,10 @@ def text(result: Any) -> list[str]:
         )
     if comparison.differences:
         first = comparison.differences[0]
+        unit = "" if first.unit in PLAIN else f" {first.unit}"
         lines.append(
             f"  first difference: {first.path} at tick {first.first}: recorded {first.here!r}, "
-            f"replayed {first.there!r} {first.unit}"
+            f"replayed {first.there!r}{unit}"
         )
         lines.append(
             f"  {len(comparison.differences)} of {signals} signals differ, {len(comparison.same)} are the same"
@@ -46,7 +49,12 @@ def text(result: Any) -> list[str]:
         )
     if not result.ended_alike:
         lines.append(
-            f"  different end: recorded {result.end['status']} at {result.end['culprit']}, "
-            f"replayed {result.outcome.status} at {result.outcome.culprit}"
+            f"  different end: recorded {end(result.end['status'], result.end['culprit'])}, "
+            f"replayed {end(result.outcome.status, result.outcome.culprit)}"
         )
     return lines + [f"  {path}" for path in result.files]
+
+
+def end(status: str, culprit: str | None) -> str:
+    """Return the end of a run as text. culprit : block or device, None without one"""
+    return status if culprit is None else f"{status} at {culprit}"

@@ -155,7 +155,7 @@ def test_replay_repeats_a_fault(recorded, command_line, tmp_path):
     assert code == OK and "70 ticks of" in out and "bit for bit" in out
     law(tmp_path, "return 1.0 / (tick - 70) if tick != 70 else 0.0")  # the fault is mended
     code, out, _ = command_line("replay", file, "--diagram", path)
-    assert code == CHECK_FAILED and "different end: recorded exception at law, replayed ok at None" in out
+    assert code == CHECK_FAILED and "different end: recorded exception at law, replayed ok\n" in out
 
 
 def test_replay_repeats_a_drive_timeout_in_the_same_tick(command_line, tmp_path):
@@ -225,6 +225,25 @@ def test_replay_of_a_changed_diagram_can_be_compared(recorded, command_line, tmp
     )
     code, out, err = command_line("diff", file, new, "-o", "nowhere/a.svg")
     assert code == BAD_INPUT and err == "tickwork: cannot write nowhere/a.svg: No such file or directory\n"
+
+
+def test_values_of_a_count_have_no_unit(recorded, command_line, tmp_path):
+    counter = """\
+from blocks.sources import Constant
+from blocks.recorders import CsvRecorder
+from graph import Diagram
+
+with Diagram("count", rate=100) as diagram:
+    Constant({}, unit="1", name="count")
+    CsvRecorder()
+"""
+    file = recorded(write(tmp_path, counter.format(1.0)), "--fast", "--duration", "0.1")
+    other = write(tmp_path, counter.format(3.0), "other.py")
+    code, out, _ = command_line("replay", file, "--diagram", other, "--record", tmp_path / "again")
+    assert code == CHECK_FAILED and "at tick 0: recorded 1.0, replayed 3.0\n" in out
+    [new] = (tmp_path / "again").glob("*.mcap")
+    code, out, _ = command_line("diff", file, new)
+    assert code == CHECK_FAILED and "\n  count.y           0 " in out
 
 
 def test_diff_of_a_recording_with_itself_reports_no_difference(recorded, command_line, tmp_path):
