@@ -4,6 +4,7 @@ A recording contains data of a subject. If its folder has the setgid bit and is 
 read the recording, too.
 """
 
+import errno
 import fcntl
 import os
 import stat
@@ -57,12 +58,17 @@ def make_folder(path: str | os.PathLike[str]) -> list[str]:
 def create(stem: Any, ending: str, overwrite: bool = False) -> tuple[str, int]:
     """Create a file `stem` + `ending`, with a number in between if that exists. Returns (path, file descriptor).
 
-    overwrite : whether an existing file is replaced instead
+    overwrite : whether an existing file is replaced instead. Raises OSError for one that another recorder is writing
     """
     mode = mode_in(os.path.dirname(stem))
     if overwrite:
         path = f"{stem}{ending}"
-        return path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, mode)
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, mode)
+        if not claim(descriptor):
+            os.close(descriptor)
+            raise OSError(errno.EBUSY, "another recorder is writing this file", path)
+        os.ftruncate(descriptor, 0)
+        return path, descriptor
     for number in count(1):
         path = f"{stem}{ending}" if number == 1 else f"{stem}-{number}{ending}"
         try:
@@ -88,7 +94,7 @@ def reserve(folder: str, stem: str) -> tuple[str, str, int]:
 
 
 def claim(descriptor: int) -> bool:
-    """Lock a file while it is open here or in a forked process. Returns False if another process has locked it."""
+    """Lock a file while it is open here or in a forked process. Returns False if it is locked by another `open`."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -16,7 +16,7 @@ from msgspec.json import encode
 from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
 from runtime.recorder.service import Service
-from runtime.recording.files import WholeFile, create
+from runtime.recording.files import WholeFile, claim, create
 
 WITHOUT_UNIT = ("1", "any")
 NOT_A_NUMBER = b"null"
@@ -41,6 +41,7 @@ class CsvWriter(Service):
         first = self.plan.get("part", 1) == 1  # later parts keep the file of part 1
         path = create(stem, ".csv", parameters.get("overwrite", False) and first)
         self.file = WholeFile(*path, self.durable)
+        claim(self.file.descriptor)  # so that no other recorder replaces it
         self.device_time, self.began = parameters.get("time") == "device" and not self.plan["virtual"], None
         self.files[self.file.path] = ""
         self.file.write(header(columns, delimiter))

@@ -15,6 +15,7 @@ from cext.safety.shared_state import SharedState
 from graph import Diagram
 from graph.units import canonical
 from runtime.base.errors import BadInput
+from runtime.recorder import RecorderError, RecorderProcess
 from runtime.recorder.services.csv import CsvWriter
 from runtime.recording.ascii_units import ascii_name
 from runtime.recording.files import WholeFile, create
@@ -245,6 +246,23 @@ def test_device_time_is_used_if_requested(tmp_path):
     assert header[0] == "time [s]" and began < times[0] < began + 5.0
     zero = (page.wall + page.first_tick) * 1e-9
     assert [time - zero for time in times] == pytest.approx([int(cells[1]) / 200 for cells in rows], abs=1e-6)
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_file_that_a_recorder_is_writing_is_not_replaced(tmp_path, first):
+    """Neither by a second recorder of the same run nor by another run."""
+    sinks = [sink(CSV, path, columns("a.x m"), file="mine", overwrite=True) for path in ("one", "two")]
+    sinks[0]["parameters"]["overwrite"] = first
+    with pytest.raises(RecorderError, match=r"two cannot start: another recorder is writing this file: .*mine\.csv$"):
+        record(plan(tmp_path / "both", *sinks), [row(0, 1.0)])
+    page = SharedState()
+    writing = RecorderProcess(page)
+    writing.configure(plan(tmp_path, sinks[0]))
+    with pytest.raises(RecorderError, match="two cannot start"):
+        record(plan(tmp_path, sinks[1]), [row(0, 1.0)])
+    assert page.push(*row(0, 2.0))
+    page.close()
+    assert not writing.finish()["problems"] and read_csv(tmp_path / "mine.csv")[1] == [["0.0", "0", "2.0"]]
 
 
 def test_file_is_replaced_only_if_requested(tmp_path):
