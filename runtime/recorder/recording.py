@@ -239,7 +239,7 @@ class Recording:
         except Exception:  # the first failure is reported
             pass
         self.sinks[path] = {"failed": problem}
-        self.files.update({file: files.INCOMPLETE if os.path.exists(file) else files.DELETED for file in service.files})
+        self.files.update({file: ended(file) for file in service.files})
         self.problems.append(problem)
         self.say(f"tickwork recorder: {problem}; the run continues")
 
@@ -273,6 +273,8 @@ class Recording:
                 self.write_sidecar(report)
             except OSError as error:
                 self.problems.append(f"{self.sidecar}: {reason(error)}")
+                self.files[self.sidecar] = ended(self.sidecar)
+                report["files"] = self.list_files()
         return report
 
     def known(self) -> dict[str, str]:
@@ -304,3 +306,8 @@ class Recording:
         with suppress(OSError):  # another process uses the folder
             for folder in reversed(self.folders):
                 os.rmdir(folder)
+
+
+def ended(file: str) -> str:
+    """Return the remark on a file that ended before the recording."""
+    return files.INCOMPLETE if os.path.exists(file) else files.DELETED

@@ -372,8 +372,10 @@ def test_a_folder_that_is_deleted_ends_its_files_with_a_line_each_and_leaves_no_
     for tick in range(5):
         assert page.push(*row(tick, 1.0))
     page.close()
-    problems = recorder.finish()["problems"]
+    report = recorder.finish()
+    problems = report["problems"]
     assert ends_by_itself(recorder.pid, 5.0) and nobody_is_left(session)
+    assert {file["note"] for file in report["files"]} == {"deleted while it was written"}
     deleted = [
         f"{name} stopped at 0.02 s: its file was deleted: recordings/bench_1.{end}"
         for name, end in (("csv", "csv"), ("flight log", "mcap"))
