@@ -15,6 +15,7 @@ from msgspec.json import encode
 
 from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
+from runtime.console.styles import count
 from runtime.recorder.service import Service
 from runtime.recording.files import WholeFile, claim, create
 
@@ -59,9 +60,9 @@ class CsvWriter(Service):
             for row in rows:
                 row[0] += self.began
         while rows:  # flushed at the same rows, whatever the batches
-            count = self.flush_rows - self.rows % self.flush_rows
-            self.write(rows[:count])
-            rows = rows[count:]
+            left = self.flush_rows - self.rows % self.flush_rows
+            self.write(rows[:left])
+            rows = rows[left:]
 
     def row(self, tick: int, time: float, values: list[float]) -> None:
         """Write one row, without a ring to take batches from."""
@@ -84,7 +85,7 @@ class CsvWriter(Service):
         if self.file is None:
             return {"rows": 0}
         self.file.close()
-        self.files[self.file.path] = f"{self.rows} rows of {len(self.sink['columns'])} signals"
+        self.files[self.file.path] = f"{count(self.rows, 'row')} of {count(len(self.sink['columns']), 'signal')}"
         return {"file": self.file.path, "rows": self.rows, "bytes": self.file.size}
 
 

@@ -19,6 +19,7 @@ import os
 from typing import Any
 
 from cext.safety.mcap_encoder import Encoder
+from runtime.console.styles import count
 from runtime.recorder.service import Service
 from runtime.recording import messages
 from runtime.recording.files import WholeFile, claim, create
@@ -130,7 +131,9 @@ class FlightLog(Service):
     def close(self) -> dict[str, Any]:
         self.file.close()
         rows, frames = (0, 0) if self.encoder is None else (self.encoder.row_count, self.encoder.frame_count)
-        self.files[self.file.path] = f"{rows} ticks of {len(self.plan['signals'])} signals, {frames} frames"
+        self.files[self.file.path] = (
+            f"{count(rows, 'tick')} of {count(len(self.plan['signals']), 'signal')}, {count(frames, 'frame')}"
+        )
         return {"file": self.file.path, "rows": rows, "frames": frames, "bytes": self.file.size}
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from runtime.base.child_process import ChildProcess
 from runtime.base.optional_dependencies import need
+from runtime.console.styles import count
 from runtime.recorder.rerun.process import EVENT, HEAD, PLAN, QUIT, ROWS
 from runtime.recorder.rerun.target import parse
 from runtime.recorder.service import Service
@@ -186,7 +187,9 @@ class RerunSender(Service):
             problem = f"{slow}; {problem}" if problem else slow
         for path in self.files:
             self.files[path] = (
-                f"{shown} ticks of {len(self.sink['columns'])} signals, for Rerun" if problem is None else INCOMPLETE
+                f"{count(shown, 'tick')} of {count(len(self.sink['columns']), 'signal')}, for Rerun"
+                if problem is None
+                else INCOMPLETE
             )
         return result | ({"problem": f"{self.sink['path']}: {problem}"} if problem else {})
 

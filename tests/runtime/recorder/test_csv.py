@@ -262,7 +262,10 @@ def test_file_that_a_recorder_is_writing_is_not_replaced(tmp_path, first):
         record(plan(tmp_path, sinks[1]), [row(0, 1.0)])
     assert page.push(*row(0, 2.0))
     page.close()
-    assert not writing.finish()["problems"] and read_csv(tmp_path / "mine.csv")[1] == [["0.0", "0", "2.0"]]
+    report = writing.finish()
+    notes = [file["note"] for file in report["files"]]
+    assert notes[:2] == ["1 row of 1 signal", "1 tick of 1 signal, 0 frames"] and not report["problems"]
+    assert read_csv(tmp_path / "mine.csv")[1] == [["0.0", "0", "2.0"]]
 
 
 def test_file_is_replaced_only_if_requested(tmp_path):
