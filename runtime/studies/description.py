@@ -67,10 +67,13 @@ class Study:
             raise BadInput(f"duration = {self.duration!r}: expected a number of seconds above 0")
         for name, values in self.grid.items():
             if not isinstance(values, list) or not values or not all(map(_is_value, values)):
-                raise BadInput(f"grid: {name} = {values!r}: expected a list of numbers, texts or booleans")
+                raise BadInput(
+                    f"grid: {name} = {values!r}: expected a list of numbers (integers of at most 64 bits), texts or "
+                    "booleans"
+                )
             _check_distinct(f"grid: {name}", values)
-        if not isinstance(self.seeds, list) or not all(type(seed) is int for seed in self.seeds):
-            raise BadInput(f"seeds = {self.seeds!r}: expected a list of integers, as in [1, 2, 3]")
+        if not isinstance(self.seeds, list) or not all(type(seed) is int and _fits(seed) for seed in self.seeds):
+            raise BadInput(f"seeds = {self.seeds!r}: expected a list of integers of at most 64 bits, as in [1, 2, 3]")
         _check_distinct("seeds", self.seeds)
         if self.sample and self.samples == 0:
             raise BadInput("missing key 'samples': the number of values of [sample], as in samples = 50")
@@ -205,7 +208,14 @@ def _is_finite(value):
 
 
 def _is_value(value):
-    return isinstance(value, (int, float, str, bool))
+    if isinstance(value, float):
+        return not math.isnan(value)
+    return isinstance(value, str) or (isinstance(value, int) and _fits(value))
+
+
+def _fits(value):
+    """Return whether a column of the table holds an integer."""
+    return -(2**63) <= value < 2**63
 
 
 def _check_distinct(name, values):
