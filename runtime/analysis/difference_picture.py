@@ -29,6 +29,8 @@ def table(here: TrialData, there: TrialData, comparison: Comparison) -> list[str
     for label, paths in (("first", comparison.only_here), ("second", comparison.only_there)):
         if paths:
             lines.append(f"  only in the {label}: {', '.join(paths)}")
+    if not comparison.differences and not comparison.same:
+        return [*lines, "  no signal is in both"]
     if not comparison.differences:
         return lines + [f"  all {len(comparison.same)} signals are the same, bit for bit"]
     ranked = rank(comparison)

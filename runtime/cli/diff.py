@@ -32,7 +32,10 @@ examples:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code: 1 if the recordings differ tick by tick."""
+    """Run the command. Returns the exit code: 1 if the recordings differ tick by tick.
+
+    Raises BadInput if one cannot be read, or if their ticks are at different times.
+    """
     parser = Parser("diff", "Compare two recordings: tick by tick, or with --strides over the gait cycle.", EPILOG)
     parser.add_argument(
         "first", type=newest, metavar="A", help="the .mcap file of a recording, or a folder: its newest"
@@ -54,6 +57,12 @@ def main(arguments: Sequence[str]) -> int:
         here, there = read(options.first, progress, 0.0, 0.5), read(options.second, progress, 0.5, 0.9)
         if options.strides:
             return compare_strides(here, there, options)
+        rates = [trial.about["rate"] for trial in (here, there)]
+        if rates[0] != rates[1]:
+            raise BadInput(
+                f"{here.path} was recorded at {rates[0]:g} Hz and {there.path} at {rates[1]:g} Hz, so that their ticks "
+                "are at different times: compare them over the gait cycle, with --strides"
+            )
         comparison = compare(here, there)
     print_lines(difference_picture.table(here, there, comparison))
     if comparison.differences:

@@ -246,6 +246,33 @@ with Diagram("count", rate=100) as diagram:
     assert code == CHECK_FAILED and "\n  count.y           0 " in out
 
 
+def test_diff_of_other_rates_or_signals_is_no_comparison(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
+    faster = recorded(law(tmp_path), "--fast", "--duration", "0.1", "--rate", "1000")
+    told = command_line.refused("diff", file, faster)
+    assert "was recorded at 500 Hz and " in told and told.endswith("over the gait cycle, with --strides")
+    other = recorded(
+        write(
+            tmp_path,
+            """\
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine
+from graph import Diagram
+
+with Diagram("wave", rate=500) as diagram:
+    Sine(name="wave")
+    CsvRecorder()
+""",
+            "wave.py",
+        ),
+        "--fast",
+        "--duration",
+        "0.1",
+    )
+    code, out, _ = command_line("diff", file, other)
+    assert code == CHECK_FAILED and out.endswith("\n  no signal is in both\n")
+
+
 def test_diff_of_a_recording_with_itself_reports_no_difference(recorded, command_line, tmp_path):
     file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
     code, out, _ = command_line("diff", file, file)
