@@ -64,8 +64,9 @@ class PhaseKalmanFilter(Block):
     at least half of that and the phase does not decrease: at a turning point neither angle nor velocity determines
     them.
 
-    `walking` is true from a strike on, while the frequency is above 0.3 Hz and the angle follows the waveform. Limits:
-    two strides are learned first; a strike detected late delays the phase by as much. Direct feedthrough; NaN and
+    `walking` is true from a strike on, while the frequency is above 0.3 Hz, or half of that of the last stride if that
+    is less, and the angle follows the waveform. Limits: two strides are learned first; strides shorter than 0.4 s or
+    longer than 2.5 s are not learned; a strike detected late delays the phase by as much. Direct feedthrough; NaN and
     infinity give NaN and are not stored.
     (phase-based Kalman filter: Thatte et al. 2019; Medrano et al. 2023)
     """

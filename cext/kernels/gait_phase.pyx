@@ -26,7 +26,7 @@ cdef double QUIET_LIMIT = 0.4            # strides without motion: the leg stand
 cdef double MOTION_TIME = 0.1            # s, over which the motion of a leg is averaged
 cdef double MOVING_SHARE = 0.3           # of the usual velocity: the leg moves
 cdef double SLOWEST_SHARE = 0.5          # of the usual cadence: the frequency of a leg that moves
-cdef double WALKING_CADENCE = 0.3       # Hz, below it the leg stands
+cdef double WALKING_CADENCE = 0.3       # Hz, below it the leg stands, unless the wearer walks that slowly
 
 
 cdef inline double wrapped(double phase) noexcept nogil:
@@ -373,7 +373,7 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
         return OK
     learning[SINCE] += dt
     # 1. A stride between two strikes enters the waveform. The filter starts at a strike: after two strides, at the first
-    #    one after standing, and at the second in a row that it did not expect.
+    #    one after standing, and at one that is far from phase 0.
     if strike != 0.0:
         unlike = fabs(nearest(x[0])) > UNLIKE_LIMIT
         if learning[SINCE] >= 0.4 and learning[SINCE] <= 2.5 and learning[SAMPLES] <= sizes.stride:
@@ -467,7 +467,8 @@ cdef int kalman_kernel(double *arena, const Kalman *at, const Kalman *sizes) noe
         x[1] = min(CADENCE_LIMIT, x[1])
         x[2] = max(0.3, min(2.0, x[2]))
         learning[MISFIT] += (min(deviation * deviation, OUTLIER_LIMIT) - learning[MISFIT]) * min(1.0, 5.0 * dt)
-        if x[1] < WALKING_CADENCE or learning[QUIET] > QUIET_LIMIT or learning[MISFIT] > MISFIT_LIMIT:
+        t = min(WALKING_CADENCE, SLOWEST_SHARE * learning[CADENCE])
+        if x[1] < t or learning[QUIET] > QUIET_LIMIT or learning[MISFIT] > MISFIT_LIMIT:
             learning[LOST] = 1.0
         if not is_finite(x[0] + x[1] + x[2] + x[3]):
             learning[RUNNING] = learning[STRIDES] = 0.0

@@ -76,6 +76,19 @@ def test_the_kalman_filter_holds_its_phase_while_the_leg_stands():
     assert np.abs(outputs["frequency"][later]).max() < 0.25
 
 
+@pytest.mark.parametrize("speed, share", [(0.2, 0.92), (0.3, 0.96), (0.4, 1.0)])
+def test_the_kalman_filter_walks_with_strides_of_two_seconds(speed, share):
+    """Its frequency varies within a stride, down to half of the cadence, here of 0.45 to 0.55 Hz."""
+    for seed in range(3):
+        with Diagram("slow", RATE) as diagram:
+            Walker(speed, seed=seed, name="walker")
+        trial = simulate(diagram, 60.0)
+        phase, angle, velocity = (trial[f"walker.left_{name}"] for name in ("phase", "thigh_pitch", "thigh_motion[7]"))
+        strike = np.concatenate(([False], phase[1:] < phase[:-1] - 0.5))
+        outputs = inside(PhaseKalmanFilter, angle=angle, velocity=velocity, strike=strike)
+        assert outputs["walking"][trial.time > 15.0].mean() >= share
+
+
 SPEEDS = "0:0.9 16:0.9 17:0 19:0 20:1.3 26:1.3 28:0.6 32:0.6 33:0 36:0 37:0.9 45:0.9"  # m/s
 
 
