@@ -60,8 +60,9 @@ class GyroEvents(_Events, Block):
 
     After a mid-swing peak above half the typical one, the rate falls through zero; the strike follows after the
     fraction `lead` of the last stride. The typical peak adapts to the wearer and decays with a time constant of 5 s. A
-    peak below 0.65 of the largest backward rate is rejected: the ratio is 1.0 to 2.3 in walking, and 0.5 with a signal
-    of opposite sign. The rate is a median of three samples.
+    swing is rejected while the mean of the cube of the rate, with the same time constant, is negative, as with a signal
+    of opposite sign: the skewness of the rate is 0.3 to 1.4 in walking at 0.2 to 1.95 m/s. The rate is a median of
+    three samples.
 
     Limits: level walking only. A bias of the gyroscope shifts the zero crossing. A leg that swings freely while the
     wearer is seated gives the same signal. Direct feedthrough; NaN and infinity pass and are not stored. (Aminian et
@@ -72,7 +73,7 @@ class GyroEvents(_Events, Block):
     smallest = Param(1.0, "rad/s", "smallest mid-swing peak", above=0.0)
 
     velocity = Input("rad/s", "sagittal angular rate of the shank, positive when it swings forward")
-    peak = Memory((0.0, 0.0, 0.0), "typical peak, peak of this swing, and largest backward rate")
+    peak = Memory((0.0, 0.0, 0.0), "typical peak, peak of this swing, and mean cube of the rate")
     latest = Memory((math.nan,) * 2, "last two samples")
 
     kernel = kernels.gyro_events
@@ -109,8 +110,8 @@ class KneeEvents(_Events, Block):
     pendulum and in squats. Angle and velocity are medians of three samples.
 
     Limits: a knee that flexes in stance by more than 0.6 of its flexion in swing is not followed. On stairs up, strikes
-    are late by a third of a stride. Direct feedthrough; NaN and infinity pass and are not stored. (terminal swing:
-    Winter 1991)
+    are late by a third of a stride; with a signal of opposite sign, they are a quarter of a stride early, or missing.
+    Direct feedthrough; NaN and infinity pass and are not stored. (terminal swing: Winter 1991)
     """
 
     lead = Param(0.055, "1", "time from the event to the strike, as a fraction of a stride", min=0.0, max=0.2)

@@ -22,7 +22,6 @@ cdef double WINDOW = 1.5                # s, half of the time over which the loa
 cdef double STANCE_LOAD = 0.4           # load that a contact reaches if the foot bears the body
 cdef double JUMP_LOAD = 0.5             # rise of the load within a sample that the next sample must confirm,
 cdef double EXPECTED_SHARE = 0.8        # in this share of a stride after a strike
-cdef double BACKWARD_SHARE = 0.65       # of the largest backward rate of the shank, that a swing exceeds
 cdef double EXTENSION_RATE_LIMIT = 3.5  # smallest rate of the extension after swing, heights per time between swings
 
 
@@ -49,11 +48,11 @@ cdef inline double middle(double *latest, double x) noexcept nogil:
 
 
 cdef inline int finish(double *arena, const Events *at, bint missing) noexcept nogil:
-    """Advance the time, report a strike that is due, and write the outputs."""
+    """Advance the time, report a strike that is due, at the next sample if this one is missing; write the outputs."""
     cdef double *timing = arena + at.timing
     cdef bint strike = False
     timing[SINCE] += arena[DT]
-    if timing[DUE] <= 0.5 * arena[DT]:
+    if timing[DUE] <= 0.5 * arena[DT] and not missing:
         timing[DUE] = INFINITY
         if timing[SINCE] >= arena[at.shortest]:
             # A much longer interval may contain a stop: it changes the stride by a tenth.
@@ -349,7 +348,7 @@ cdef int knee_kernel(double *arena, const Knee *at, const Knee *sizes) noexcept 
 cdef struct Gyro:
     Events events
     int32_t velocity, smallest, lead
-    int32_t peak                # typical and present peak of mid-swing, largest backward rate
+    int32_t peak                # typical and present peak of mid-swing, mean cube of the rate
     int32_t latest              # the last two samples
 
 GYRO = items((<Gyro *>ITEMS)[0], "timing[4] peak[3] latest[2]")
@@ -363,16 +362,16 @@ cdef int gyro_kernel(double *arena, const Gyro *at, const Gyro *sizes) noexcept 
         return finish(arena, &at.events, True)
     rate = middle(arena + at.latest, rate)
     peak[0] -= peak[0] * arena[DT] / RANGE_DECAY_TIME
-    peak[2] -= peak[2] * arena[DT] / RANGE_DECAY_TIME
-    peak[2] = max(peak[2], -rate)
     if peak[0] < arena[at.smallest]:
         peak[0] = arena[at.smallest]
+    # 1. The forward swing is faster than the motion backward in stance, so that the mean of the cube is positive.
+    peak[2] += (rate * rate * rate - peak[2]) * min(1.0, arena[DT] / RANGE_DECAY_TIME)
+    # 2. An event is the end of a forward swing.
     if rate > 0.5 * peak[0] and rate > peak[1]:
         peak[1] = rate
     if peak[1] > 0.0 and rate < 0.0:
-        # The forward swing of the shank has ended.
         peak[0] += (1.0 if peak[1] > peak[0] else 0.5) * (peak[1] - peak[0])
-        if peak[1] > BACKWARD_SHARE * peak[2]:
+        if peak[2] > 0.0:
             timing[DUE] = arena[at.lead] * timing[STRIDE] - arena[DT]
         peak[1] = 0.0
     return finish(arena, &at.events, False)

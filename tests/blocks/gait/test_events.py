@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from blocks.gait import ContactEvents, GyroEvents, KneeEvents, ThighEvents
+from blocks.wearer import Walker
+from graph import Diagram
 from runtime.bench.gait import play
 from runtime.bench.gait_recordings import built_in
+from runtime.session.simulate import simulate
 from tests.blocks.gait.walks import RATE, vertical_force
 from tests.blocks.running import both_ways, inside
 from tests.shared import shared
@@ -128,8 +131,14 @@ def test_a_knee_that_swings_as_a_pendulum_does_not_step():
         assert strike[:1000].sum() >= 3 and strike[1400:].sum() <= 1
 
 
-def test_a_gyroscope_that_is_mounted_upside_down_detects_at_most_one_strike():
-    assert inside(GyroEvents, velocity=-WALK.signals["shank_velocity"])["strike"].sum() <= 1
+@pytest.mark.parametrize("speed, person", [(0.2, 8), (0.6, 0), (1.2, 3), (1.6, 0), (1.95, 10)])
+def test_a_gyroscope_that_is_mounted_upside_down_detects_at_most_three_strikes(speed, person):
+    with Diagram("walk", RATE) as diagram:
+        Walker(speed, person=person, name="walker")
+    rate = simulate(diagram, 40.0)["walker.left_shank_motion[7]"]
+    strike = inside(GyroEvents, velocity=-rate)["strike"]
+    assert strike.sum() <= 3 and not strike[int(6.0 * RATE) :].any()
+    assert inside(GyroEvents, velocity=rate)["strike"].sum() >= 17
 
 
 def test_a_knee_that_flexes_in_stance_half_as_far_as_in_swing_has_one_strike_a_stride():
@@ -158,6 +167,18 @@ def test_a_missing_sample_gives_nan_and_is_not_stored(name):
     outputs = inside(block, **signals)
     assert math.isnan(outputs["strike"][1500]) and math.isnan(outputs["elapsed"][1500])
     assert outputs["strides"][-1] == clean["strides"][-1]
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_a_strike_that_is_due_at_missing_samples_is_reported_after_them(name):
+    block, inputs = DETECTORS[name]
+    signals = {port: WALK.signals[signal][:2400].copy() for port, signal in inputs.items()}
+    strike = int(np.flatnonzero(inside(block, **signals)["strike"])[7])
+    for values in signals.values():
+        values[strike : strike + 2] = math.nan
+    outputs = inside(block, **signals)
+    assert np.isnan(outputs["strike"][strike : strike + 2]).all() and outputs["strike"][strike + 2] == 1.0
+    assert np.nansum(outputs["strike"]) == outputs["strides"][-1]
 
 
 @pytest.mark.parametrize("pause", [0.08, 0.13])
