@@ -10,7 +10,7 @@ import numpy as np
 from blocks.wearer.adults import family
 from blocks.wearer.body import GRAVITY
 from blocks.wearer.norms import BODY_HEIGHT, MOTIONS
-from blocks.wearer.stride import HARMONICS
+from blocks.wearer.stride import FORCE_SINES, HARMONICS, balanced, sines
 
 # Standing: thigh and foot level with the ground's vertical, knee bent by 2°, weight 5 cm in front of the ankles.
 STANDING_KNEE = np.radians(2.0)
@@ -46,7 +46,9 @@ def slower(entry: dict[str, Any], speed: float) -> dict[str, Any]:
     """Return an extrapolation from the slowest speed to `speed`, 0 for standing.
 
     With u = speed / slowest speed the cadence is (1 + u) / 2 of that of the slowest speed, close to u to the power of
-    0.42 (Grieve and Gear 1966, Ergonomics 9:379-399), and the amplitude of the motion is u over that.
+    0.42 (Grieve and Gear 1966, Ergonomics 9:379-399), and the amplitude of the motion is u over that. The vertical
+    forces of both feet deviate from the body weight as the acceleration of the body, by amplitude times cadence
+    squared; the forward forces change with the length of the step.
     """
     u = speed / entry["speed"]
     cadence = 0.5 + 0.5 * u
@@ -69,7 +71,25 @@ def slower(entry: dict[str, Any], speed: float) -> dict[str, Any]:
     for name in ("angles", "moments"):
         scaled[name] = [towards((still,), curve) for still, curve in zip(stand[name], entry[name])]
     foot_off = entry["foot_off"] + 0.6 * (1.0 - u) ** 2 * (1.0 - entry["foot_off"])
+    vertical = shared(entry, foot_off, u * cadence)
+    scaled["vertical"], scaled["forward"] = balanced(vertical, amplitude * np.array(entry["forward"]), foot_off)
     return entry | scaled | {"speed": speed, "stride_time": entry["stride_time"] / cadence, "foot_off": foot_off}
+
+
+def shared(entry: dict[str, Any], foot_off: float, scale: float) -> np.ndarray:
+    """Return the series of the vertical force of a foot with another foot-off, whose two stances overlap for longer.
+
+    scale : of the deviation of the sum of both feet from the body weight
+    """
+    stance = np.linspace(0.0, 1.0, 101)
+    waves = sines(stance, FORCE_SINES)
+
+    def both(foot_off: float, phases: np.ndarray) -> np.ndarray:
+        left, right = (sines(leg % 1.0 / foot_off, FORCE_SINES) for leg in (phases, phases + 0.5))
+        return (left + right) @ entry["vertical"]
+
+    total = 1.0 + scale * (both(entry["foot_off"], stance * foot_off) - 1.0)
+    return np.linalg.pinv(waves) @ (waves @ entry["vertical"] * total / both(foot_off, stance * foot_off))
 
 
 def entry_of(stride_time: float) -> dict[str, Any]:

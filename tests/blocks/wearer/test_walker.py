@@ -114,6 +114,15 @@ def test_ground_bears_the_weight_over_a_stride(steady):
     assert np.all(steady["left_ground_force[1]"][~steady["left_contact"].astype(bool)] < 0.031 * 70.0 * 9.80665)
 
 
+@pytest.mark.parametrize("speed, largest", [(0.1, 1.05), (0.3, 1.12), (0.5, 1.2), (0.7, 1.3)])
+def test_both_feet_bear_the_weight_also_in_the_long_double_support_of_slow_walking(speed, largest):
+    trace = walk(16.0, speed=speed, variability=0.0)
+    begins = np.flatnonzero(np.diff(trace["left_phase"]) < -0.5)
+    strides = slice(begins[0], begins[-1])
+    weights = (trace["left_ground_force[1]"] + trace["right_ground_force[1]"])[strides] / (70.0 * 9.80665)
+    assert weights.mean() == pytest.approx(1.0, abs=0.005) and 0.9 < weights.min() and weights.max() < largest
+
+
 def test_equal_seeds_repeat_and_deviations_are_as_stated():
     first, again, other = (walk(40.0, rate=200, seed=seed) for seed in (1, 1, 2))
     assert np.array_equal(first["left_knee_angle"], again["left_knee_angle"])
