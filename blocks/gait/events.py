@@ -25,9 +25,10 @@ class ContactEvents(_Events, Block):
 
     Contact begins when the load rises through `rising`, or at the second sample if the load jumps by more than half of
     its range in the first 80 % of a stride. It ends 0.05 s after the load has fallen below `falling`. Contact is a heel
-    strike if it follows 0.1 s without contact and the previous contact carried a load of at least 0.4: the feet of a
-    seated wearer can touch the ground without a strike. Contact after a shorter time, or earlier than `shortest` after
-    a strike, continues the previous one: a heel can press again before it leaves the ground.
+    strike if it follows 0.1 s and 0.6 of the longest recent time without contact, and the previous contact carried a
+    load of at least 0.4: the feet of a seated wearer can touch the ground without a strike. Contact after a shorter
+    time, or earlier than `shortest` after a strike, continues the previous one: a heel can press again before it leaves
+    the ground.
 
     Limits: the first stride after the start sets the scale. After a jump of the zero by more than the threshold, events
     are detected again within 3 s. Shifting the weight from foot to foot and stepping in place or backwards make the
@@ -46,7 +47,7 @@ class ContactEvents(_Events, Block):
     window = Memory(
         (math.inf, -math.inf, 0.0, math.inf, -math.inf, math.inf, -math.inf, 0.0, 0.0), "zero, peak, windows"
     )
-    state = Memory((0.0, 0.0, 0.0, math.inf, 0.0), "contact, times without load, and last loads")
+    state = Memory((0.0, 0.0, 0.0, math.inf, 0.0, 0.0), "contact, times without load, and last loads")
 
     kernel = kernels.contact_events
 

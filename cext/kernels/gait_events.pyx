@@ -17,7 +17,9 @@ cdef double SHRINK_AFTER = 2.0          # s without an event
 cdef double LATE_SHARE = 1.2            # of a stride without a strike
 cdef double SLIP_SHARE = 0.5            # of the range, that a leg of which the sensor has slipped moves over
 cdef double RELEASE_TIME = 0.05         # s below the threshold that end a contact
-cdef double SWING_TIME = 0.1            # s without contact before the next strike
+cdef double SWING_TIME = 0.1            # s without contact before the next strike,
+cdef double FREE_SHARE = 0.6            # or so much of the usual time without contact,
+cdef double FREE_LIMIT = 0.5            # which counts up to this share of a stride
 cdef double WINDOW = 1.5                # s, half of the time over which the load range is measured
 cdef double STANCE_LOAD = 0.4           # load that a contact reaches if the foot bears the body
 cdef double JUMP_LOAD = 0.5             # rise of the load within a sample that the next sample must confirm,
@@ -78,7 +80,7 @@ cdef struct Contact:
     int32_t window              # see below
     int32_t state               # see below
 
-CONTACT = items((<Contact *>ITEMS)[0], "timing[4] recent[9] window[9] state[5]")
+CONTACT = items((<Contact *>ITEMS)[0], "timing[4] recent[9] window[9] state[6]")
 
 cdef enum:
     LOADED = 0                  # 1 in contact
@@ -86,6 +88,7 @@ cdef enum:
     FREE = 2                    # s without contact
     LARGEST = 3                 # load of the last contact; infinite before the first
     BEFORE_LOAD = 4             # load one sample before
+    USUAL_FREE = 5              # s, longest recent time without contact
 
 cdef enum:
     ZERO = 0
@@ -126,7 +129,7 @@ cdef int contact_kernel(double *arena, const Contact *at, const Contact *sizes) 
     cdef double *w = arena + at.window
     cdef double *state = arena + at.state
     cdef double smooth, low, high, span, level
-    cdef bint expected
+    cdef bint expected, swing
     if not is_finite(force):
         arena[at.contact] = NAN
         arena[at.load] = NAN
@@ -157,6 +160,7 @@ cdef int contact_kernel(double *arena, const Contact *at, const Contact *sizes) 
         w[WINDOW_LOW] = INFINITY
         w[WINDOW_HIGH] = -INFINITY
     # 3. Contact begins at once and ends after RELEASE_TIME, so that a drop-out does not end it.
+    state[USUAL_FREE] -= state[USUAL_FREE] * arena[DT] / RANGE_DECAY_TIME
     span = max(w[PEAK] - w[ZERO], arena[at.smallest]) if is_finite(w[ZERO] + w[PEAK]) else INFINITY
     level = (force - w[ZERO]) / span if is_finite(span) else 0.0
     if state[LOADED] != 0.0:
@@ -170,7 +174,9 @@ cdef int contact_kernel(double *arena, const Contact *at, const Contact *sizes) 
         expected = timing[SINCE] > EXPECTED_SHARE * timing[STRIDE]
         if level > arena[at.rising] and (expected or level - state[BEFORE_LOAD] < JUMP_LOAD):
             # Without a swing before it, a contact continues the last one: a heel can press again before it leaves.
-            if state[FREE] >= SWING_TIME and timing[SINCE] + arena[DT] >= arena[at.events.shortest]:
+            swing = state[FREE] >= max(SWING_TIME, FREE_SHARE * state[USUAL_FREE])
+            state[USUAL_FREE] = max(state[USUAL_FREE], min(state[FREE], FREE_LIMIT * timing[STRIDE]))
+            if swing and timing[SINCE] + arena[DT] >= arena[at.events.shortest]:
                 # A foot that hardly bore load, such as one that touches the ground while its owner sits, did not step.
                 if state[LARGEST] >= STANCE_LOAD:
                     timing[DUE] = 0.0

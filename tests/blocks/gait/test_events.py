@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from blocks.gait import ContactEvents, GyroEvents, KneeEvents, ThighEvents
-from blocks.wearer import Walker
+from blocks.wearer import SoleForce, Walker
 from graph import Diagram
 from runtime.bench.gait import play
 from runtime.bench.gait_recordings import built_in
@@ -22,6 +22,7 @@ DETECTORS = {
     "thigh": (ThighEvents, {"angle": "thigh"}),
     "knee": (KneeEvents, {"angle": "knee", "velocity": "knee_velocity"}),
 }
+FOOT = ("ground_force", "centre_of_pressure", "phase")
 
 
 def late(outputs, strikes, begin=4.0, rate=RATE):
@@ -179,6 +180,19 @@ def test_a_strike_that_is_due_at_missing_samples_is_reported_after_them(name):
     outputs = inside(block, **signals)
     assert np.isnan(outputs["strike"][strike : strike + 2]).all() and outputs["strike"][strike + 2] == 1.0
     assert np.nansum(outputs["strike"]) == outputs["strides"][-1]
+
+
+@pytest.mark.parametrize("speed, person", [(0.6, 29), (0.8, 13), (1.0, 12), (1.6, 18), (1.9, 3)])
+def test_a_sensor_under_the_heel_alone_reports_each_strike_of_a_walker_whose_heel_presses_again(speed, person):
+    """0.1 to 0.2 s after it has left the ground, by 10 to 20 % of the load."""
+    with Diagram("walk", RATE) as diagram:
+        walker = Walker(speed, person=person, name="walker")()
+        foot = {port: getattr(walker, f"left_{port}") for port in FOOT}
+        ContactEvents(smallest=10.0, name="events")(SoleForce(gain=0.1)(**foot).heel)
+    trial = simulate(diagram, 30.0)
+    strikes = trial.time[np.flatnonzero(np.diff(trial["walker.left_phase"]) < -0.5)]
+    outputs = {"strike": trial["events.strike"]}
+    assert np.abs(late(outputs, strikes[strikes < 29.0])).max() < 0.06
 
 
 @pytest.mark.parametrize("pause", [0.08, 0.13])
