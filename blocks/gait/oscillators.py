@@ -22,8 +22,9 @@ class AdaptiveOscillator(Block):
     strike is phase 0. Where two strides of equal length contradict ω by more than a quarter, ω is set to theirs. A
     strike more than a fifth of a stride from phase 0 ends `walking` until a strike agrees.
 
-    Limits: locks within about five strides, lags while the speed changes, and does not detect standing in white noise
-    of 0.02 rad. Direct feedthrough; NaN and infinity give NaN and are not stored.
+    Limits: locks within about five strides, lags while the speed changes, is wrong by 5 to 25 % of a stride while
+    strides take 2 s or longer, and does not detect standing in white noise of 0.02 rad. Direct feedthrough; NaN and
+    infinity give NaN and are not stored.
     """
 
     start = Param(0.9, "Hz", "frequency at the start", above=0.2, max=2.5, fixed=True)
