@@ -55,7 +55,7 @@ def legs(path: Path, names: Mapping[str, str]) -> list[Leg]:
         for kind, candidates in COLUMNS.items():
             own = names.get(f"{side}.{kind}")
             choices = (own,) if own else tuple(name.replace("SIDE", suffix) for name in candidates)
-            name = next((name for name in choices if name in columns), None)
+            name = next((name for name in choices if name in columns and np.isfinite(columns[name]).any()), None)
             if name is not None:
                 factor = math.radians(1.0) if kind != "contact" and units.get(name) == "deg" else 1.0
                 signals[kind] = factor * filled(columns[name], time)
@@ -72,9 +72,9 @@ def legs(path: Path, names: Mapping[str, str]) -> list[Leg]:
 
 
 def filled(values: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Return values with missing samples interpolated, unless all are missing. time : s"""
+    """Return values with missing samples interpolated. time : s"""
     valid = np.isfinite(values)
-    return np.interp(time, time[valid], values[valid]) if valid.any() else values
+    return np.interp(time, time[valid], values[valid])
 
 
 def of_csv(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, str]]:
@@ -87,6 +87,9 @@ def of_csv(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, str
         raise BadInput(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     if len(time) < 100:
         raise BadInput(f"{path} must have at least 100 rows, got {len(time)}")
+    if not np.all(np.diff(time) > 0.0):
+        row = int(np.argmin(np.diff(time) > 0.0)) + 1
+        raise BadInput(f"{path}: the time must increase, got {time[row]:g} s after {time[row - 1]:g} s")
     units = {name: "deg" if name.endswith("_deg") else unit for name, unit in zip(table.names, table.units)}
     return time, columns, units
 

@@ -62,7 +62,7 @@ def main(arguments: Sequence[str]) -> int:
     if wrong is not None:
         raise BadInput(f"--signal {wrong}: expected {', '.join(_known(gait_recordings))}, then = and a name")
     report = Report(options.json)
-    report.say([f"{options.rate:g} Hz; from the tenth strike on, while the estimators learn the wearer"])
+    report.say([f"{options.rate:g} Hz; errors from the tenth strike on: before, the estimators learn the wearer"])
     walks = {str(path): gait_recordings.legs(path, names) for path in options.recordings}
     results = []
     for recording, legs in (walks or {"built-in walk": gait_recordings.built_in()}).items():

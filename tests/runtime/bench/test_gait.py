@@ -34,6 +34,16 @@ def test_a_file_without_a_leg_is_rejected(command_line, tmp_path):
     (tmp_path / "walk.csv").write_text("time,knee_flexion_lt_deg\n" + "".join(f"{k / 100},1\n" for k in range(200)))
     code, _, err = command_line("bench", "gait", "walk.csv")
     assert code == BAD_INPUT and "walk.csv has no leg with a contact and an angle" in err
+    (tmp_path / "empty.csv").write_text(
+        "time,contact_lt,knee_flexion_lt_deg\n" + "".join(f"{k / 100},,1\n" for k in range(200))
+    )
+    code, _, err = command_line("bench", "gait", "empty.csv")
+    assert code == BAD_INPUT and "empty.csv has no leg with a contact and an angle" in err
+    (tmp_path / "back.csv").write_text(
+        "time,contact_lt,knee_flexion_lt_deg\n" + "".join(f"{(k % 150) / 100},0,1\n" for k in range(200))
+    )
+    code, _, err = command_line("bench", "gait", "back.csv")
+    assert code == BAD_INPUT and "back.csv: the time must increase, got 0 s after 1.49 s" in err
     code, _, err = command_line("bench", "gait", "--signal", "head=x")
     assert code == BAD_INPUT and "--signal head: expected left.thigh" in err
 
