@@ -223,6 +223,19 @@ def test_values_marked_as_missing_are_counted(listener):
     assert wired["invalid"] == 2.0
 
 
+@pytest.mark.parametrize("model, counted", [("335RI", 1.0), ("300RI", 0.0)])
+@pytest.mark.parametrize("merit, is_bad", [(0, 0.0), (1, 0.0), (2, 1.0), (3, 1.0)])
+def test_values_that_a_335ri_marks_as_errors_are_counted(merit, is_bad, model, counted):
+    """Of each value in turn. A 300RI has no merit: its firmware sends 3, "not available", in every packet."""
+    places = {frames.ACCELERATION: (48, 50, 52), frames.ANGULAR_RATE: (48, 50, 52), frames.SLOPE: (50, 54)}
+    wired = Wired(OpenImu, model=model, slope=True, told=False)
+    for group, firsts in places.items():
+        for first in firsts:
+            before = wired["invalid"]
+            wired.hear(identifier(group), packed((32000, 16), (32000, 16), (32000, 16), (merit << first - 48, 16)))
+            assert wired["invalid"] - before == is_bad * counted
+
+
 @given(name=st.integers(0, 0xFFFFFFFF), data=st.binary(max_size=64), address=st.integers(128, 247))
 @settings(max_examples=300, deadline=None)
 def test_any_frame_leaves_measurements_in_range(name, data, address, listener):

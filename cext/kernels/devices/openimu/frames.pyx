@@ -6,7 +6,7 @@
     slope             pitch, roll: raw / 32768 - 250 °, three bytes each
     magnetic field    raw / 4000 - 8 G
 
-The 335RI can send these in place of the packets above:
+The 335RI also sends a merit of two bits for each value. It can send these in place of the packets above:
 
     acceleration      raw / 800 - 320 m/s², 19 bits each, then two bits of merit each
     angular rate      raw / 1024 - 250 °/s, the same
@@ -142,6 +142,7 @@ cdef int decode_kernel(double *arena, const OpenImu *at, const OpenImu *sizes, c
     cdef const uint8_t *data = &frame.data[0]
     cdef uint32_t group = group_of(frame.id)
     cdef double sign = wanted[SIGN]
+    cdef bint newer = wanted[NEWER] != 0.0                      # a 300RI sends no merit: its bits are 3
     cdef uint32_t needed = <uint32_t>wanted[NEEDED]
     cdef uint32_t packet
     cdef int i
@@ -152,7 +153,7 @@ cdef int decode_kernel(double *arena, const OpenImu *at, const OpenImu *sizes, c
         return NOTED
     if PACKET_RATE <= group <= BEHAVIOUR:
         return confirm(arena, at, group, frame)
-    packet = packet_of(group, wanted[NEWER] != 0.0)
+    packet = packet_of(group, newer)
     if packet == 0:
         return NOTED
     if frame.length != 8:
@@ -167,22 +168,23 @@ cdef int decode_kernel(double *arena, const OpenImu *at, const OpenImu *sizes, c
     if (<uint32_t>arena[at.settings] & needed) != needed or not packet & <uint32_t>wanted[TYPES]:
         return NOTED
     state[NEXT] = -1.0
-    if wanted[NEWER] != 0.0 and packet & (SENDS_FINE_RATE | SENDS_FINE_ACCELERATION | SENDS_SLOPE_1):
+    if newer and packet & (SENDS_FINE_RATE | SENDS_FINE_ACCELERATION | SENDS_SLOPE_1):
         take_fine(arena, at, packet, data, sign)
     elif packet == SENDS_SLOPE:
         arena[at.pitch] = sign * DEGREE * (u24(data) / 32768.0 - 250.0)
         arena[at.roll] = DEGREE * (u24(&data[3]) / 32768.0 - 250.0)
-        invalid(arena, at, data[2] >= NO_VALUE >> 8 or data[5] >= NO_VALUE >> 8)
+        for i in range(2):                                      # merit of the pitch in bits 50, of the roll in 54
+            invalid(arena, at, data[2 + 3 * i] >= NO_VALUE >> 8 or (newer and merit(data, 50, 2 * i) >= 2))
     elif packet == SENDS_RATE:
         y = arena + at.gyro
         for i in range(3):
             y[i] = DEGREE * (u16(&data[2 * i]) / 128.0 - 250.0) * (1.0 if i == 0 else sign)
-            invalid(arena, at, u16(&data[2 * i]) >= NO_VALUE)
+            invalid(arena, at, u16(&data[2 * i]) >= NO_VALUE or (newer and merit(data, 48, i) >= 2))
     elif packet == SENDS_ACCELERATION:
         y = arena + at.accel
         for i in range(3):
             y[i] = (u16(&data[2 * i]) * 0.01 - 320.0) * (1.0 if i == 0 else sign)
-            invalid(arena, at, u16(&data[2 * i]) >= NO_VALUE)
+            invalid(arena, at, u16(&data[2 * i]) >= NO_VALUE or (newer and merit(data, 48, i) >= 2))
     else:
         y = arena + at.mag
         for i in range(3):
