@@ -196,9 +196,23 @@ def test_a_lost_or_late_query_reply_is_never_decoded_as_motion():
     assert wired.hear(0xFD, faults(1 << 3)) == ANSWERED and wired["fault"] == 1 << 3
     ticks(wired, 199, first=201)
     assert ticks(wired, 1, first=400, answer=False) == [QUESTION], "whose answer is lost"
-    for _ in range(3):
+    for _ in range(50):
         assert wired.hear(0xFD, REST) == TAKEN
     assert wired.hear(0xFD, faults(0)) == TAKEN, "nothing is awaited any more"
+
+
+@pytest.mark.parametrize("lag", [1, 2, 3, 4, 20])
+def test_fault_words_are_not_motion_behind_an_interface_that_delays_every_reply(lag):
+    """By so many ticks, as a serial adapter does."""
+    wired, pending, answers = armed(), [], []
+    for tick in range(1300):
+        wired.arena[TIME], wired.arena[PERIOD] = tick / 200, 1 / 200
+        ((_, data),) = wired.say(torque_command=1.0)
+        pending.append(faults(0 if tick < 1000 else 1 << 3) if data == QUESTION else REST)
+        if tick >= lag:
+            answers.append(wired.hear(0xFD, pending.pop(0)))
+            assert wired["position"] == pytest.approx(0.0, abs=1e-3)
+    assert answers.count(ANSWERED) >= 4 and set(answers) == {TAKEN, ANSWERED} and wired["fault"] == 1 << 3
 
 
 # Whole runs

@@ -45,8 +45,7 @@ cdef enum:
     TIMEOUT_INDEX = 0x7028
     TORQUE_INDEX = 0x700B
     WRONG_READS = 3             # a lost write is repeated
-    LATE_REPLIES = 3            # accepted before the word of faults
-    LOST_AFTER = 50             # ticks until a missing reply counts as lost
+    LOST_AFTER = 50             # ticks, or later replies, until a missing reply counts as lost
     KNOWN_FAULTS = 0x408F       # bits 0, 1, 2, 3, 7, 14
 
 cdef double NO_TIMEOUT = 4294967296.0           # in `fault`: the time-out read differs from the one written
@@ -101,7 +100,7 @@ cdef int parameter_read(double *arena, const Driver *at, double *talk, const uin
     """Encode the read-back of the time-out during arming; the request of faults follows it."""
     if index_of(data) != TIMEOUT_INDEX:
         return NOTED
-    talk[OUTSTANDING] = LATE_REPLIES
+    talk[OUTSTANDING] = LOST_AFTER
     if talk[READY] != 0.0:
         return NOTED
     if little_endian(data + 4) == talk[COUNTS]:
@@ -189,7 +188,7 @@ cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame 
         arena[at.mit.torque_sent] = torque
         memset(frames[0].data, 0xFF, 6)
         frames[0].data[6], frames[0].data[7] = 0, 0xFB
-        talk[OUTSTANDING], talk[WAITED] = LATE_REPLIES, 0.0
+        talk[OUTSTANDING], talk[WAITED] = LOST_AFTER, 0.0
         talk[NEXT] = arena[TIME] + READ_PERIOD
         return 1
     talk[OWED] += 1.0
