@@ -139,4 +139,4 @@ def all_reports(
 
 def commanded(identifier: int, extended: bool, data: bytes) -> int | None:
     """Return the id that another controller's frame in servo mode or force control commands, or None."""
-    return identifier & 0xFF if extended and identifier >> 8 <= LAST_KIND else None
+    return identifier & 0xFF if extended and identifier >> 8 <= LAST_KIND and identifier & 0xFF != NO_ID else None

@@ -6,6 +6,7 @@ import os
 import pytest
 
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK
+from runtime.commissioning.scan import commanded
 from runtime.guardian.lock import BusLock
 from runtime.rig import read
 from tests.runtime.commissioning.nodes import DISABLE, ENABLE, V3, Commander, Mit, Nodes, OpenImu, Private, Servo
@@ -142,6 +143,11 @@ def test_scan_sends_nothing_on_a_bus_of_another_controller(command_line, identif
     assert code == CHECK_FAILED and report["commanded"] == [3] and report["sent"] == []
     assert report["remarks"][0].startswith("another controller commands id 3 on this bus. Nothing was sent")
     assert {data for _, _, data in drive.heard} == {bytes.fromhex("7fff7ff000000900")}
+
+
+def test_a_reply_to_get_id_is_not_a_command():
+    """That of a RobStride with a small id, to another program's query, looks like a CubeMars command to id 254."""
+    assert not commanded([(can_id << 8 | 0xFE, True, bytes(range(8))) for can_id in range(1, 128)], range(1, 256))
 
 
 def test_two_imus_with_one_address_are_reported(command_line):
