@@ -12,10 +12,13 @@ from blocks.actuators import (
     RobStride,
     RobStrideMIT,
 )
+from blocks.limiters import TorqueLimiter
 from blocks.models import Limb
+from blocks.safety import Rearm
 from cext.safety.shared_state import SharedState
 from graph import Block, Diagram, Input, Output, Param
 from tests.blocks.actuators import robstride_reference as reference
+from tests.blocks.actuators.test_robstride_mit_faults import Ask, Broken
 from tests.cext.rigs import Rig
 
 MODES = {
@@ -219,6 +222,22 @@ def test_power_cycled_drive_has_no_torque_until_rearmed(kind, model):
         and not any(watcher.seen[201:])
         and rig["drive.torque"][-1] == pytest.approx(0.0, abs=0.02)
     )
+
+
+@pytest.mark.parametrize("model", ["RS02", "CyberGear"])
+def test_a_drive_that_waits_disabled_can_be_armed_again(model):
+    """It has not stopped by itself: the run disabled it, and keeps it disabled until the operator arms it."""
+    with Diagram("robot", rate=200) as robot:
+        drive = RobStride(model, name="drive")
+        drive(torque_command=TorqueLimiter(limit=0.1)(Broken(name="law")()))
+        Rearm(name="again")(Ask(name="ask")())
+    with Diagram("plant", rate=1000) as plant:
+        drive.emulator()(position=0.0, velocity=0.0)
+    rig, told = Rig(robot, plant), []
+    rearm = [rig.schedule.inputs["again"]["request"]]
+    outcome = rig.run(400, fade=0.0, rearm=rearm, notify=lambda what, outcome: told.append(what))
+    assert (outcome.status, told) == ("ok", ["fault", "rearm"])
+    assert not rig["drive.fault"].any() and rig["drive.torque"][-1] == pytest.approx(0.1, abs=0.01)
 
 
 @pytest.mark.parametrize(

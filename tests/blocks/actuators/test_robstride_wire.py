@@ -248,7 +248,22 @@ def test_invalid_gain_scale_makes_no_frame(mode, share):
     assert wired.say() == OUT_OF_LIMITS
 
 
-def test_a_drive_that_stops_by_itself_is_a_fault_only_after_it_has_run():
+@pytest.mark.parametrize("has_run", [True, False])
+def test_a_drive_that_is_not_enabled_is_a_fault_only_under_torque(has_run):
+    """During arming and while a run waits to be armed again, the run itself has disabled it."""
+    ranges = RANGES["RS03"]
+    wired = Wired(RobStride, "RS03")
+    stopped, running = reference.reply(ranges, 127, mode=0), reference.reply(ranges, 127, mode=2)
+    if has_run:
+        wired.hear(*running)
+    for authority, fault in ((0.0, 0), (1.0, 64), (0.0, 0)):
+        wired.arena[AUTHORITY] = authority
+        for _ in range(20):
+            assert wired.hear(*stopped) == (TAKEN if has_run else NOTED)
+        assert wired["fault"] == fault
+
+
+def test_a_drive_that_stops_by_itself_is_a_fault_after_the_replies_to_arming():
     ranges = RANGES["RS03"]
     wired = Wired(RobStride, "RS03")
     stopped, running = reference.reply(ranges, 127, mode=0), reference.reply(ranges, 127, mode=2)

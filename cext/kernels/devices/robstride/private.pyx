@@ -58,7 +58,8 @@ cdef struct Feedback:
     Address address
     int32_t position, velocity, torque, temperature, fault, warning, invert, offset
     int32_t wire                # position, velocity, stiffness, damping, torque: half ranges at the joint
-    int32_t state               # whether it has run, consecutive replies in which it did not, faults of type 21
+    # whether it has run; consecutive replies, of those under torque, in which it did not; faults of type 21
+    int32_t state
     int32_t timeout_read        # the enum above
 
 FEEDBACK = items((<Feedback *>ITEMS)[0], "wire[5] state[3] timeout_read[3]")
@@ -76,8 +77,10 @@ cdef int feedback(double *arena, const Feedback *at, const Frame *frame, bint as
     arena[at.torque] = sign * big_endian(&frame.data[4], wire[4])
     arena[at.temperature] = 0.1 * <int16_t>(<uint16_t>(frame.data[6] << 8 | frame.data[7]))
     if runs:
-        state[0], state[1] = 1.0, 0.0
-    elif state[0] != 0.0 and state[1] <= STOPPED_REPLY_LIMIT:
+        state[0] = 1.0
+    if runs or arena[AUTHORITY] == 0.0:     # without authority, the run itself may have disabled it
+        state[1] = 0.0
+    elif state[1] <= STOPPED_REPLY_LIMIT:
         state[1] += 1.0
     arena[at.fault] = faults + (STOPPED if state[1] > STOPPED_REPLY_LIMIT else 0) + WORD * state[2] + (
         NO_TIMEOUT if arena[at.timeout_read + DIFFERENT] >= WRONG_READS else 0)
