@@ -56,6 +56,8 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         (0.0,) * 10, "time-out read back, last faults, expected replies: cext/kernels/devices/robstride/mit.pyx"
     )
 
+    arrival = Memory(0.0, "arrival of its newest frame in s")
+
     hardware = (*Joint.hardware, "host_id")
     find = staticmethod(find)
     decode = kernels.decode

@@ -25,6 +25,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     host_id: Param[int]
     can_timeout: Param[float]
     talk: Memory
+    arrival: Memory
     def __init__(
         self,
         model: str,

@@ -80,6 +80,8 @@ class RobStride(Joint, Actuator):
         "1 once the drive has returned the time-out, number of other values returned, written value in counts",
     )
 
+    arrival = Memory(0.0, "arrival of its newest frame in s")
+
     hardware = (*Joint.hardware, "host_id")
     find = staticmethod(models.find)
     decode = kernels.decode

@@ -28,6 +28,7 @@ class RobStride(Joint, Actuator):
     state: Memory
     written: Memory
     timeout_read: Memory
+    arrival: Memory
     motor_torque: Any
     current_limit: Any
     command_name: Any

@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from blocks.actuators import EmulatedRobStrideMIT, RobStrideMIT
+from blocks.actuators import EmulatedRobStrideMIT, RobStride, RobStrideMIT
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.actuators.robstride import mit
 from blocks.limiters import TorqueLimiter
@@ -330,3 +330,46 @@ def test_arming_again_reads_the_time_out_back_again():
     assert outcome.status == "ok" and len(outcome.faults) == 1 and len(reads) == 2
     assert not [time for time in questions if 0.31e9 < time < 0.6e9], "while it waits nothing is asked"
     assert [time for time in questions if time > 1.5e9]
+
+
+class Between(Block):
+    """`value` between two times, 0 before and after."""
+
+    since = Param(0.0, "s", "begin")
+    until = Param(0.0, "s", "end")
+    value = Param(1, "1", "meanwhile", dtype=object, fixed=True)
+    y = Output("1")
+
+    def configure(self):
+        self.outputs = {"y": Output("1", dtype=type(self.value)).named("y")}
+
+    def step(self, t):
+        return self.value if self.since <= t < self.until else type(self.value)()
+
+
+@pytest.mark.parametrize("cycled", [True, False])
+@pytest.mark.parametrize(
+    "kind, word",
+    [(RobStrideMIT, 1 << 14), (RobStride, 1 << 4), (RobStride, 256 << 14)],
+    ids=["MIT", "feedback", "report"],
+)
+def test_a_power_cycle_clears_a_fault_so_that_the_run_can_be_armed_again(kind, word, cycled):
+    """A drive keeps its faults until then; the run has nothing else to learn from that they are gone."""
+    with Diagram("robot", rate=200) as robot:
+        knee = kind("RS03", can_id=5, name="knee")
+        knee(torque_command=2.0)
+        Rearm(name="again")(Between(since=2.0, until=2.1, value=True)())
+    with Diagram("plant", rate=1000) as plant:
+        fault = Between(since=0.5, until=1.8 if cycled else 9.0, value=word, name="fault")()
+        knee.emulator(name="drive")(
+            position=0.0,
+            velocity=0.0,
+            fault=fault,
+            power_lost=Between(since=1.6, until=1.9 if cycled else 1.6, value=True, name="power")(),
+        )
+    rig, told = Rig(robot, plant), []
+    rearm = [rig.schedule.inputs["again"]["request"]]
+    outcome = rig.run(700, fade=0.0, rearm=rearm, notify=lambda what, outcome: told.append((what, outcome.status)))
+    assert told[0] == ("fault", "device fault")
+    assert told[1:] == ([("rearm", "ok")] if cycled else [("refused", "device fault")])
+    assert outcome.status == ("ok" if cycled else "device fault") and bool(rig["knee.fault"][-1]) is not cycled

@@ -50,6 +50,7 @@ cdef enum:
 
 cdef double NO_TIMEOUT = 4294967296.0           # in `fault`: the time-out read differs from the one written
 cdef double READ_PERIOD = 1.0                   # s, between two reads of the faults
+cdef double POWER_LOSS = 0.1                    # s without a reply, after which the drive may have restarted
 
 cdef enum:
     FAULTS_ASKED = 1            # in place of the id of a reply that is not filled in yet
@@ -88,12 +89,22 @@ cdef struct Driver:
     Mit mit
     int32_t host_id
     int32_t talk                # the enum above
+    int32_t arrival             # of the newest frame, s
 
 DRIVER = items((<Driver *>ITEMS)[0], mit_sizes() + " talk[10]")
 
 
 cdef inline void tell_fault(double *arena, const Driver *at, const double *talk) noexcept nogil:
     arena[at.mit.fault] = talk[WORD] + (NO_TIMEOUT if talk[DIFFERENT] >= WRONG_READS else 0.0)
+
+
+cdef inline void note_arrival(double *arena, const Driver *at, double *talk, const Frame *frame) noexcept nogil:
+    """Forget the faults of a drive that may have restarted while the run waits: the next arming reads them again."""
+    cdef double came = frame.time * 1e-9
+    if arena[AUTHORITY] == 0.0 and came - arena[at.arrival] > POWER_LOSS:
+        talk[WORD] = 0.0
+        tell_fault(arena, at, talk)
+    arena[at.arrival] = came
 
 
 cdef int parameter_read(double *arena, const Driver *at, double *talk, const uint8_t *data) noexcept nogil:
@@ -130,11 +141,13 @@ cdef int mit_decode(double *arena, const Driver *at, const Driver *sizes, const 
     if frame.id == (READ | id) or frame.id == (WRITE | id):
         if frame.length != 8:
             return MALFORMED
+        note_arrival(arena, at, talk, frame)
         return parameter_read(arena, at, talk, data) if frame.id == (READ | id) else parameter_written(talk, data)
     if frame.id != <uint32_t>arena[at.host_id] or frame.length == 0 or data[0] != id:
         return FOREIGN          # drives share the host's id
     if frame.length != 8:
         return MALFORMED
+    note_arrival(arena, at, talk, frame)
     if talk[OUTSTANDING] > 0.0:
         if may_be_faults(data):
             talk[OUTSTANDING] = 0.0

@@ -33,6 +33,9 @@ cdef enum:
     WORD = 256                  # in `fault`: start of the 32 bits of type 21
 
 
+cdef double POWER_LOSS = 0.1    # s without a frame, after which the drive may have restarted
+
+
 cdef enum: # in `timeout_read`
     READY                       # the drive has returned the written time-out, or another one too often
     DIFFERENT                   # number of different time-outs returned
@@ -61,8 +64,19 @@ cdef struct Feedback:
     # whether it has run; consecutive replies, of those under torque, in which it did not; faults of type 21
     int32_t state
     int32_t timeout_read        # the enum above
+    int32_t arrival             # of the newest frame, s
 
 FEEDBACK = items((<Feedback *>ITEMS)[0], "wire[5] state[3] timeout_read[3]")
+
+
+cdef inline void note_arrival(double *arena, const Feedback *at, const Frame *frame) noexcept nogil:
+    """Forget the fault report of a drive that may have restarted while the run waits to be armed again."""
+    cdef double came = frame.time * 1e-9
+    cdef double *state = arena + at.state
+    if arena[AUTHORITY] == 0.0 and came - arena[at.arrival] > POWER_LOSS:
+        arena[at.fault] -= WORD * state[2]
+        state[2] = 0.0
+    arena[at.arrival] = came
 
 
 cdef int feedback(double *arena, const Feedback *at, const Frame *frame, bint asked) noexcept nogil:
@@ -129,11 +143,15 @@ cdef int robstride_decode(double *arena, const Feedback *at, const Feedback *siz
     if type == 21:              # the manual is inconsistent in the order of motor and host
         if not (target == host and source == motor or target == motor and source == host):
             return FOREIGN
-        return report(arena, at, frame) if frame.length == 8 else MALFORMED
+        if frame.length != 8:
+            return MALFORMED
+        note_arrival(arena, at, frame)
+        return report(arena, at, frame)
     if target != host or source != motor or type not in (2, 17, 24):
         return FOREIGN
     if frame.length != 8:
         return MALFORMED
+    note_arrival(arena, at, frame)
     return parameter(arena, at, frame) if type == 17 else feedback(arena, at, frame, type == 2)
 
 
