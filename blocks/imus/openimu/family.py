@@ -22,11 +22,6 @@ def channels(imu: Any) -> Any:
     return ["accel", "gyro", *field, *slope]
 
 
-def set_up(imu: Any) -> Any:
-    """Return the frames that write and read the settings; none if the settings are kept."""
-    return imu.enable_frames() if imu.told else []
-
-
 class OpenImuFamily(Family):
     """Device family of ACEINNA's OpenIMU."""
 
@@ -44,7 +39,7 @@ class OpenImuFamily(Family):
                 "keep-settings": ("told", "write no settings, and keep the present axes of the unit"),
             },
             channels,
-            set_up,
+            OpenImu.enable_frames,
             silent="Pass --keep-settings to read it with its present settings",
         ),
     )

@@ -173,8 +173,10 @@ class OpenImu(Device):
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return the frames that write and read the settings, for a 335RI in both byte orders, as its firmware does not
-        report its own.
+        report its own; none if the unit keeps its settings.
         """
+        if not self.told:
+            return []
         address = self.address
         asked = (frames.BEHAVIOUR, frames.PACKET_TYPE, frames.PACKET_RATE)
         return [
