@@ -195,6 +195,11 @@ cdef class Devices:
             return False
         return not (self.buses.page != NULL and load_i32(&self.buses.page.fence) == FENCED_FOR_GOOD)
 
+    cdef bint is_unconfigured(self, const Device *device) noexcept nogil:
+        """Return whether a sensor that has lost its settings may provide no samples before the next arming writes them.
+        """
+        return self.table.waiting and device.zero.count == 0 and device.enable.count > 0
+
     cdef int watch(self, int64_t now) noexcept nogil:
         """Check every device for silence, faults and temperature. Returns OK or the fault."""
         cdef int number, status
@@ -206,7 +211,8 @@ cdef class Devices:
             if device.drive.state != ACTIVE:
                 continue
             if (device.timeout > 0.0 and (now - device.reply_time) * 1e-9 > device.timeout
-                    and not device.zeroing.runs):                # a drive may be silent for a second after that frame
+                    and not device.zeroing.runs                  # a drive may be silent for a second after that frame
+                    and not self.is_unconfigured(device)):
                 self.table.failed = number
                 return SILENT
             if device.fault >= 0 and arena[device.fault] != 0.0:

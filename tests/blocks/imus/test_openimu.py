@@ -11,10 +11,12 @@ from blocks.actuators import CubeMars
 from blocks.imus import EmulatedOpenImu, OpenImu
 from blocks.imus.openimu import frames
 from blocks.limiters import TorqueLimiter
+from blocks.safety import Rearm
 from graph import Diagram, DiagramError, compile
 from graph.compiler import examine
 from tests.blocks.actuators.wire import EXTENDED, FOREIGN, MALFORMED, NOT_FINITE, REMOTE, TAKEN, Wired
 from tests.blocks.running import player, run
+from tests.cext.rigs import Rig
 
 NOTED = 2
 PRIORITIES = {frames.ACCELERATION: 2, frames.ANGULAR_RATE: 3, frames.SLOPE: 3, frames.MAGNETIC_FIELD: 6}
@@ -247,6 +249,28 @@ def test_any_frame_leaves_measurements_in_range(name, data, address, listener):
     if answer in (FOREIGN, MALFORMED):
         assert np.array_equal(before, wired.arena, equal_nan=True)
     assert np.nanmax(np.abs(wired["accel"])) <= 336.0 and np.nanmax(np.abs(wired["gyro"])) <= math.radians(263.0)
+
+
+def test_a_unit_that_keeps_its_settings_gets_no_frame():
+    diagram = robot(told=False)
+    rig = Rig(diagram, plant(diagram, power_lost=np.arange(1000) // 100 == 5))
+    assert rig.run(200).status == "ok" and not [frame for frame in rig.frames if frame.sent]
+
+
+@pytest.mark.parametrize("model", ["300RI", "335RI"])
+@pytest.mark.parametrize("back", [True, False])
+def test_a_unit_that_has_lost_its_settings_is_configured_when_the_run_is_armed_again(model, back):
+    """The run sends nothing while it waits, so that the unit gives no samples until then."""
+    with Diagram("robot", rate=200) as diagram:
+        OpenImu(name="imu", model=model)
+        Rearm(name="again")(player(np.arange(600) == 400, "1", bool))
+    rig = Rig(
+        diagram, plant(diagram, power_lost=(np.arange(3000) >= 500) & (np.arange(3000) < (1500 if back else 9000)))
+    )
+    told, rearm = [], [rig.schedule.inputs["again"]["request"]]
+    outcome = rig.run(600, arming_timeout=0.5, rearm=rearm, notify=lambda what, outcome: told.append(outcome.status))
+    assert told == (["silent", "ok"] if back else ["silent", "ok", "no answer"])
+    assert outcome.status == ("ok" if back else "no answer")
 
 
 def test_emulated_unit_reports_diverged_plant():
