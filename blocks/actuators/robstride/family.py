@@ -12,7 +12,6 @@ from blocks.actuators.robstride.private import RobStride
 from graph.family import Drive, Family, Query, StopQuery, Table
 
 if TYPE_CHECKING:
-    from blocks.actuators.joint import Joint
     from blocks.actuators.robstride.models import Model
     from graph.family import Request
 
@@ -46,18 +45,21 @@ class RobStrideFamily(Family):
     def stop_queries(self, can_id: int, model: Model | None = None) -> tuple[StopQuery, StopQuery]:
         return (
             StopQuery(queries.stop(can_id), queries.feedback_of(can_id, model)),
-            StopQuery(
-                disable_in_mit_mode(can_id),
-                lambda *frame: queries.state_in_mit_mode(*frame, can_id=can_id, model=model),
-            ),
+            self.stop_query_in_mit_mode(can_id, model),
         )
 
-    def stop_query(self, block: Joint) -> StopQuery:
-        can_id, model = block.can_id, block.spec
+    def stop_query_in_mit_mode(self, can_id: int, model: Model | None, host: int | None = None) -> StopQuery:
+        """Return the StopQuery of a drive in the MIT protocol. host : id from which it replies, None if unknown"""
+        return StopQuery(
+            disable_in_mit_mode(can_id),
+            lambda *frame: queries.state_in_mit_mode(*frame, can_id=can_id, model=model, host=host),
+        )
+
+    def stop_query(self, block: RobStride | RobStrideMIT) -> StopQuery:
+        can_id, model, host = block.can_id, block.spec, block.host_id
         if isinstance(block, RobStride):
-            host = block.host_id
             return StopQuery(queries.stop(can_id, host), queries.feedback_of(can_id, model, host))
-        return self.stop_queries(can_id, model)[1]
+        return self.stop_query_in_mit_mode(can_id, model, host)
 
     def check(self, request: Request) -> None:
         set_up.check(request)

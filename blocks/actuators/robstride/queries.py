@@ -146,9 +146,15 @@ def feedback_of(can_id: int, model: Model | None = None, host: int = HOST) -> Ca
     return lambda *frame: feedback(*frame, can_id=can_id, model=model, host=host)
 
 
-def state_in_mit_mode(identifier: int, extended: bool, data: bytes, can_id: int, model: Model | None = None) -> Any:
-    """Return the Answer of a drive in the MIT protocol, which replies from its host's id; None for another frame."""
-    if extended or identifier in (0, can_id) or len(data) not in (6, 7, 8) or data[0] != can_id:
+def state_in_mit_mode(
+    identifier: int, extended: bool, data: bytes, can_id: int, model: Model | None = None, host: int | None = None
+) -> Any:
+    """Return the Answer of a drive in the MIT protocol, which replies from its host's id; None for another frame.
+
+    host : without it, any id from which no CubeMars replies
+    """
+    answers = identifier not in (0, can_id) if host is None else identifier == host
+    if extended or not answers or len(data) not in (6, 7, 8) or data[0] != can_id:
         return None
     found = common_state(can_id, data, MIT, "RobStrideMIT", POSITION, model)
     found.fault = None

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from blocks.actuators import RobStrideMIT
 from blocks.actuators.robstride import mit
+from blocks.actuators.robstride.family import FAMILY
 from blocks.actuators.robstride.models import MODELS
 from graph import DiagramError
 from tests.blocks.actuators import reference
@@ -132,3 +133,12 @@ def test_arming_disables_selects_operation_and_enables():
         RobStrideMIT("CyberGear")
     with pytest.raises(DiagramError, match="can_id and host_id are both 5"):
         RobStrideMIT("RS03", can_id=5, host_id=5)
+
+
+@pytest.mark.parametrize("host_id", [0, 5, 0xFD])
+def test_the_stop_query_of_a_block_reads_replies_from_its_host_id_only(host_id):
+    block = RobStrideMIT("RS03", can_id=7, host_id=host_id)
+    query = FAMILY.stop_query(block)
+    reply = bytes.fromhex("077fff7ff7ff012c")
+    read = {identifier for identifier in range(0x100) if query.read(identifier, False, reply) is not None}
+    assert (query.frame, read) == ((7, False, mit.DISABLE), {host_id}) and query.read(host_id, True, reply) is None
