@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from numbers import Real
 from typing import Any
 
@@ -437,6 +438,12 @@ class Joint:
             "age": Interval(0.0),
             "rms_torque": Interval(0.0),
         }
+
+
+def unit_of(block: Any) -> Any:
+    """Return the model of a block with the encoded ranges of its unit, where they differ from the table."""
+    own = {f"wire_{name}": getattr(block, f"wire_{name}") for name in RANGES}
+    return replace(block.spec, **{name: value for name, value in own.items() if value})
 
 
 def winding_of(spec: Any, gear_ratio: float, limit: float | None) -> Winding:

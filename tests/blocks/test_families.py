@@ -5,6 +5,7 @@ import struct
 
 import pytest
 
+from blocks.actuators import CubeMars, RobStride, RobStrideMIT
 from blocks.actuators.robstride import frames
 from blocks.families import families, family_of, find_model
 from graph import Diagram
@@ -89,6 +90,22 @@ def test_every_actuator_block_has_a_family_that_can_query_it():
             assert family_of(block) is family
             frame, read = family.stop_query(block).frame, family.stop_query(block).read
             assert frame is not None and read(0x7FF, False, b"") is None
+
+
+@pytest.mark.parametrize(
+    "kind, model, identifier, extended, data",
+    [
+        (CubeMars, "AK80-6", 3, False, "03f0008008004600"),
+        (RobStride, "RS00", 0x0280037F, True, "f000 8000 8000 012c"),
+        (RobStrideMIT, "RS00", 0x7F, False, "03f000800800012c"),
+    ],
+)
+def test_the_stop_query_of_a_block_has_the_ranges_of_its_unit(kind, model, identifier, extended, data):
+    """A joint that `configure` measures has the same angle as in a run, also behind firmware with other ranges."""
+    with Diagram("one", rate=200):
+        block = kind(model, can_id=3, wire_position=95.5, **({} if kind is CubeMars else {"host_id": 0x7F}))
+    answer = family_of(block).stop_query(block).read(identifier, extended, bytes.fromhex(data))
+    assert answer.position == pytest.approx(95.5 * (2 * 0xF000 / 0xFFFF - 1), abs=1e-9)
 
 
 def test_a_family_with_drives_requires_a_stop_query():

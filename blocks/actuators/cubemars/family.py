@@ -10,6 +10,7 @@ from blocks.actuators.cubemars.emulator import EmulatedCubeMars
 from blocks.actuators.cubemars.mit import CubeMars
 from blocks.actuators.cubemars.servo import CubeMarsServo
 from blocks.actuators.cubemars.v3 import CubeMarsV3
+from blocks.actuators.joint import unit_of
 from blocks.actuators.queries import MIT_PURPOSE, commanded_in_mit_mode, disable_in_mit_mode
 from blocks.limiters import Saturation
 from blocks.sources import TimeTable
@@ -93,7 +94,7 @@ class CubeMarsFamily(Family):
             return StopQuery(queries.disable_v3(block.can_id), read)
         if isinstance(block, CubeMarsServo):  # has no other disable, and reports periodically
             return StopQuery(frames.amperes(frames.CURRENT, 0.0, block.can_id), read)
-        return self.stop_queries(block.can_id, block.spec)[1]
+        return self.stop_queries(block.can_id, unit_of(block))[1]
 
     def check(self, request: Request) -> None:
         refused = request.other_than("--zero", "--save")

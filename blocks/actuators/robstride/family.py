@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from blocks.actuators.joint import unit_of
 from blocks.actuators.queries import MIT_PURPOSE, commanded_in_mit_mode, disable_in_mit_mode
 from blocks.actuators.robstride import mit, models, queries, set_up
 from blocks.actuators.robstride.mit import RobStrideMIT
@@ -56,7 +57,7 @@ class RobStrideFamily(Family):
         )
 
     def stop_query(self, block: RobStride | RobStrideMIT) -> StopQuery:
-        can_id, model, host = block.can_id, block.spec, block.host_id
+        can_id, model, host = block.can_id, unit_of(block), block.host_id
         if isinstance(block, RobStride):
             return StopQuery(queries.stop(can_id, host), queries.feedback_of(can_id, model, host))
         return self.stop_query_in_mit_mode(can_id, model, host)
