@@ -297,7 +297,7 @@ class Recording:
         """Remove all files and folders of this recording."""
         for _, service in self.services:
             try:
-                service.close()
+                service.discard()
             except Exception:  # the file is removed below
                 pass
         for file in self.list_files():

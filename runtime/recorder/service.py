@@ -135,6 +135,10 @@ class Service:
     def end(self, report: dict[str, Any]) -> None:
         """Write the report of the run, at its end."""
 
+    def discard(self) -> None:
+        """Close, before the files are removed, as the run was refused."""
+        self.close()
+
     def close(self) -> dict[str, Any]:
         """Close files. Returns the part of the report about this sink, for JSON; its "problem" is printed."""
         return {}

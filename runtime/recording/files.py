@@ -58,7 +58,8 @@ def make_folder(path: str | os.PathLike[str]) -> list[str]:
 def create(stem: Any, ending: str, overwrite: bool = False) -> tuple[str, int]:
     """Create a file `stem` + `ending`, with a number in between if that exists. Returns (path, file descriptor).
 
-    overwrite : whether an existing file is replaced instead. Raises OSError for one that another recorder is writing
+    overwrite : whether an existing file is opened instead, whose content the caller replaces. Raises OSError for one
+        that another recorder is writing
     """
     mode = mode_in(os.path.dirname(stem))
     if overwrite:
@@ -67,7 +68,6 @@ def create(stem: Any, ending: str, overwrite: bool = False) -> tuple[str, int]:
         if not claim(descriptor):
             os.close(descriptor)
             raise OSError(errno.EBUSY, "another recorder is writing this file", path)
-        os.ftruncate(descriptor, 0)
         return path, descriptor
     for number in count(1):
         path = f"{stem}{ending}" if number == 1 else f"{stem}-{number}{ending}"

@@ -40,17 +40,26 @@ class CsvWriter(Service):
             return
         stem = os.path.join(self.plan["folder"], name_of(parameters.get("file")) or self.plan["stem"])
         first = self.plan.get("part", 1) == 1  # later parts keep the file of part 1
-        path = create(stem, ".csv", parameters.get("overwrite", False) and first)
-        self.file = WholeFile(*path, self.durable)
+        replaces = parameters.get("overwrite", False) and first
+        self.file = WholeFile(*create(stem, ".csv", replaces), self.durable)
         claim(self.file.descriptor)  # so that no other recorder replaces it
         self.device_time, self.began = parameters.get("time") == "device" and not self.plan["virtual"], None
-        self.files[self.file.path] = ""
-        self.file.write(header(columns, delimiter))
-        self.file.flush()
+        self.header = header(columns, delimiter)
+        if not replaces:
+            self.start()
+
+    def start(self) -> None:
+        """Write the header, over what a replaced file contains. Until then, a run that ends leaves that file."""
+        if self.file.path not in self.files:
+            self.files[self.file.path] = ""
+            os.ftruncate(self.file.descriptor, 0)
+            self.file.write(self.header)
+            self.file.flush()
 
     def records(self, batch: Any) -> None:
         if self.file is None or not batch.rows:
             return
+        self.start()
         rows = batch.table(float(self.plan["rate"]), self.columns, self.whole, self.every)
         if self.gate is not None:
             rows = [row for row in rows if row[2 + self.gate] > 0.0]  # NaN is not true
@@ -67,6 +76,7 @@ class CsvWriter(Service):
     def row(self, tick: int, time: float, values: list[float]) -> None:
         """Write one row, without a ring to take batches from."""
         if self.file is not None:
+            self.start()
             self.file.write(self.lines.line(time, tick, values))
             self.rows += 1
 
@@ -81,9 +91,16 @@ class CsvWriter(Service):
         if self.file is not None:
             self.file.flush()
 
+    def discard(self) -> None:
+        if self.file is not None and self.file.path not in self.files:
+            self.file.let_go()
+        else:
+            self.close()
+
     def close(self) -> dict[str, Any]:
         if self.file is None:
             return {"rows": 0}
+        self.start()
         self.file.close()
         self.files[self.file.path] = f"{count(self.rows, 'row')} of {count(len(self.sink['columns']), 'signal')}"
         return {"file": self.file.path, "rows": self.rows, "bytes": self.file.size}

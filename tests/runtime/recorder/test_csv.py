@@ -268,6 +268,16 @@ def test_file_that_a_recorder_is_writing_is_not_replaced(tmp_path, first):
     assert read_csv(tmp_path / "mine.csv")[1] == [["0.0", "0", "2.0"]]
 
 
+def test_file_is_not_replaced_by_a_run_that_does_not_start(tmp_path):
+    (tmp_path / "mine.csv").write_text("of the run before\n")
+    sinks = [sink(CSV, name, columns("a.x m"), file="mine", overwrite=True) for name in ("one", "two")]
+    with pytest.raises(RecorderError, match="two cannot start"):
+        record(plan(tmp_path, *sinks), [row(0, 1.0)])
+    assert (tmp_path / "mine.csv").read_text() == "of the run before\n"
+    record(plan(tmp_path, sinks[0]), [])
+    assert read_csv(tmp_path / "mine.csv") == (["time [s]", "tick", "a.x [m]"], [])
+
+
 def test_file_is_replaced_only_if_requested(tmp_path):
     for number in range(2):
         record(plan(tmp_path, sink(CSV, "csv", columns("a.x m"), file="mine", overwrite=True)), [row(0, float(number))])
