@@ -52,7 +52,7 @@ class Calibration:
     @classmethod
     def read(cls, path: str | Path) -> Calibration:
         """Return the Calibration of a file. Raises ValueError with the cause, OSError if it cannot be read."""
-        return cls.of(Path(path).read_text(encoding="utf-8"), path)
+        return cls.of(Path(path).read_text(encoding="utf-8-sig"), path)
 
     @classmethod
     def of(cls, text: str, path: str | Path = "calibration") -> Calibration:

@@ -125,7 +125,7 @@ def settings(words: Sequence[str], option: str = "--set ") -> list[tuple[str, st
             pairs.append(_setting(word, f"{option}{word}", option))
             continue
         try:
-            lines = Path(word[1:]).expanduser().read_text(encoding="utf-8").splitlines()
+            lines = Path(word[1:]).expanduser().read_text(encoding="utf-8-sig").splitlines()
         except (OSError, UnicodeDecodeError) as error:
             raise BadInput(
                 f"{option}{word}: cannot read the file: {getattr(error, 'strerror', None) or error}"

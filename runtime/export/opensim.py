@@ -36,7 +36,7 @@ def read_names(path: Path) -> dict[str, str]:
     Raises BadInput.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise BadInput(f"--names {path}: {error.strerror}") from None
     except UnicodeDecodeError:

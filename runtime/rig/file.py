@@ -102,12 +102,12 @@ def text_of(path: Path) -> str:
     if path.is_dir():
         raise RigError(path, [RigProblem("TW101", "is a folder", "pass a rig file, such as lab.toml")])
     try:
-        return path.read_bytes().decode("utf-8").replace("\r\n", "\n")
+        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
     except FileNotFoundError:
         near = suggestion(path.name, [file.name for file in path.parent.glob("*.toml")]) if path.parent.is_dir() else ""
         raise RigError(path, [RigProblem("TW101", "no such file", near)]) from None
     except UnicodeDecodeError:
-        raise RigError(path, [RigProblem("TW101", "not UTF-8 text", "a rig file is TOML")]) from None
+        raise RigError(path, [RigProblem("TW101", "not UTF-8 text", "save the file in the encoding UTF-8")]) from None
     except OSError as error:
         raise RigError(path, [RigProblem("TW101", f"cannot be read: {error.strerror}")]) from None
 

@@ -82,12 +82,12 @@ def _changed(device, values):
         if name not in device.hardware:
             known = f"{type(device).__name__} has {', '.join(device.hardware) or 'none'}"
             if name in device.parameters:
-                yield RigProblem("TW103", f"{entry} is not a hardware parameter", f"set it in the diagram; {known}")
+                yield RigProblem("TW102", f"{entry} is not a hardware parameter", f"set it in the diagram; {known}")
             else:
-                yield RigProblem("TW103", f"{entry}: no such parameter", suggestion(name, device.hardware) or known)
+                yield RigProblem("TW102", f"{entry}: no such parameter", suggestion(name, device.hardware) or known)
             continue
         try:
             device.set(name, value)
         except DiagramError as error:
             message = error.diagnostics[0].message.removeprefix(f"{name}: ")
-            yield RigProblem("TW103", f"{entry} = {value!r}: {message}", device.parameters[name].description)
+            yield RigProblem("TW102", f"{entry} = {value!r}: {message}", device.parameters[name].description)

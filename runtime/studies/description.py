@@ -169,7 +169,7 @@ def read(path: Path, describe: Callable[[dict[str, Any]], Described]) -> Describ
     if path.suffix != ".toml":
         raise BadInput(f"{path}: expected the TOML file of a study, such as study.toml")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot read the study {path}: {getattr(error, 'strerror', None) or error}") from None
     except tomllib.TOMLDecodeError as error:

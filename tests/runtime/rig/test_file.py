@@ -186,4 +186,9 @@ def test_unreadable_file_is_reported(written, tmp_path):
     assert troubles(tmp_path / "lap.toml") == [("TW101", "no such file", "did you mean 'lab.toml'?")]
     assert troubles(tmp_path / "nowhere" / "lab.toml") == [("TW101", "no such file", "")]
     assert troubles(path.parent)[0][1] == "is a folder"
-    assert troubles(written(b"\xff\xfe\x00", "utf16.toml"))[0][1] == "not UTF-8 text"
+    problem = ("TW101", "not UTF-8 text", "save the file in the encoding UTF-8")
+    assert troubles(written(b"\xff\xfe\x00", "utf16.toml")) == [problem]
+
+
+def test_byte_order_mark_and_line_ends_of_windows_are_read(written):
+    assert read(written(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())).buses == read(written(GOOD)).buses

@@ -132,25 +132,25 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
         ),
         (
             LEGS + '[device."left/knee"]\nlimit = "peak"',
-            ("TW103", '[device."left/knee"] limit is not a hardware parameter', f"set it in the diagram; {HARDWARE}"),
+            ("TW102", '[device."left/knee"] limit is not a hardware parameter', f"set it in the diagram; {HARDWARE}"),
         ),
         (
             LEGS + '[device."left/knee"]\ncanid = 3',
-            ("TW103", '[device."left/knee"] canid: no such parameter', "did you mean 'can_id'?"),
+            ("TW102", '[device."left/knee"] canid: no such parameter', "did you mean 'can_id'?"),
         ),
-        (LEGS + '[device."left/knee"]\nzzz = 3', ("TW103", '[device."left/knee"] zzz: no such parameter', HARDWARE)),
+        (LEGS + '[device."left/knee"]\nzzz = 3', ("TW102", '[device."left/knee"] zzz: no such parameter', HARDWARE)),
         (
             LEGS + '[device."left/knee"]\ncan_id = 300',
-            ("TW103", '[device."left/knee"] can_id = 300: must be at most 255, got 300', "CAN id set in the drive"),
+            ("TW102", '[device."left/knee"] can_id = 300: must be at most 255, got 300', "CAN id set in the drive"),
         ),
         (
             LEGS + '[device."left/knee"]\ncan_id = 3.5',
-            ("TW103", '[device."left/knee"] can_id = 3.5: expected a whole number, got 3.5', "CAN id set in the drive"),
+            ("TW102", '[device."left/knee"] can_id = 3.5: expected a whole number, got 3.5', "CAN id set in the drive"),
         ),
         (
             LEGS + '[device."left/knee"]\ninvert = 1',
             (
-                "TW103",
+                "TW102",
                 '[device."left/knee"] invert = 1: expected True or False, got 1',
                 "whether the joint turns opposite to the motor",
             ),
@@ -158,7 +158,7 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
         (
             LEGS + '[device."left/knee"]\noffset = nan',
             (
-                "TW103",
+                "TW102",
                 '[device."left/knee"] offset = nan: NaN is not allowed',
                 "motor position at the zero of the joint, in the units and direction of the joint",
             ),
@@ -166,7 +166,7 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
         (
             LEGS + '[device."left/knee"]\noffset = [0.1]',
             (
-                "TW103",
+                "TW102",
                 '[device."left/knee"] offset = [0.1]: expected one number, got [0.1]',
                 "motor position at the zero of the joint, in the units and direction of the joint",
             ),
@@ -179,7 +179,7 @@ def test_rig_entry_that_does_not_match_diagram_is_reported(fitted, text, expecte
 
 def test_all_mismatches_are_reported_together_and_nothing_is_applied(fitted):
     text = '[device."left/kne"]\n[device."left/knee"]\ncan_id = 0\ninvert = "yes please"\n'
-    assert [code for code, _, _ in troubles(fitted, text)] == ["TW104", "TW103", "TW103", "TW103"]
+    assert [code for code, _, _ in troubles(fitted, text)] == ["TW104", "TW103", "TW102", "TW102"]
 
 
 def test_hardware_must_be_parameters():
