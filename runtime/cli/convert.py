@@ -66,6 +66,8 @@ def main(arguments: Sequence[str]) -> int:
         raise BadInput("--in-place requires --to mcap and excludes other formats and -o")
     if options.names is not None and not set(kinds) & set(OPENSIM):
         raise BadInput("--names requires an OpenSim format: add --to sto, --to mot or --opensim")
+    if options.output is not None and options.output.suffix[1:] in FORMATS and not options.output.is_dir():
+        raise BadInput(f"-o {options.output}: expected a folder; the files in it have the name of the recording")
     names = None if options.names is None else (opensim.read_names(options.names), options.names)
     code = OK
     for recording in heads(options.recordings):

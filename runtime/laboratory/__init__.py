@@ -42,21 +42,25 @@ def create(folder: Path, drive: bool = False) -> list[Path]:
     folder : path that does not exist
     drive : whether it includes a device family, as an example of a drive of the laboratory's own
 
-    Raises BadInput for a name that no package can have, or that another one has, and for a folder that exists.
+    Raises BadInput for a name that no package can have, or that another one has, for a folder that exists, and for
+    files that cannot be written.
     """
     name = folder.name
     if not name.isascii() or not name.isidentifier() or keyword.iskeyword(name) or name != name.lower():
         raise BadInput(f"{name!r} cannot name a package: use lower-case letters, digits and _, as in my_lab")
-    if find_spec(name) is not None:
-        raise BadInput(f"a package or module {name!r} is installed already: choose another name")
     if folder.exists():
         raise BadInput(f"{folder} exists already: choose another name, or remove it")
+    if find_spec(name) is not None:
+        raise BadInput(f"a package or module {name!r} is installed already: choose another name")
     group = "239.74.{}.{}".format(*sha256(os.fsencode(folder.absolute())).digest())
     files = FILES | DRIVE_FILES if drive else FILES
     paths = [folder / path.replace(NAME, name) for path in files]
     for path, template in zip(paths, files.values()):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text(template, name, drive).replace("GROUP", group))
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text(template, name, drive).replace("GROUP", group), encoding="utf-8")
+        except OSError as error:
+            raise BadInput(f"cannot write {path}: {error.strerror}") from None
     return paths
 
 

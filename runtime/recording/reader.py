@@ -79,6 +79,8 @@ class Reader:
         except FileNotFoundError:
             raise BadInput(f"{path}: No such file or directory{nearby(path)}") from None
         except IsADirectoryError:
+            if not any(path.glob("*.mcap")):
+                raise BadInput(f"the folder {path} contains no recording (.mcap)") from None
             raise BadInput(f"{path} is a folder: pass the recordings in it, as in {path / '*.mcap'}") from None
         except OSError as error:
             raise BadInput(f"{path}: {error.strerror}") from None

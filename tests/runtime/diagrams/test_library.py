@@ -155,3 +155,16 @@ def test_name_that_a_package_cannot_have_is_reported(name, message, tmp_path):
     (tmp_path / "leg_lab").mkdir()
     with pytest.raises(BadInput, match=message):
         create(tmp_path / name)
+
+
+def test_folder_that_exists_is_reported_as_such_beside_it_too(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "leg_lab").mkdir()
+    with pytest.raises(BadInput, match="leg_lab exists already: choose another name, or remove it"):
+        create(tmp_path / "leg_lab")
+
+
+def test_package_that_cannot_be_written_is_reported(tmp_path):
+    (tmp_path / "notes").write_text("")
+    with pytest.raises(BadInput, match="cannot write .*notes/leg_lab/.*: Not a directory"):
+        create(tmp_path / "notes" / "leg_lab")

@@ -385,6 +385,7 @@ def test_file_that_is_not_a_recording_is_reported_with_remedy(command_line, reco
     from mcap.writer import Writer
 
     folder = command_line.folder
+    (folder / "none").mkdir()
     whole = recording.read_bytes()
     for name, content in (
         ("trial.mcap", whole),
@@ -404,8 +405,11 @@ def test_file_that_is_not_a_recording_is_reported_with_remedy(command_line, reco
         ("other.mcap", "other.mcap is an MCAP file of another program (rosbag2): pass a recording of Tickwork"),
         ("trail.mcap", "trail.mcap: No such file or directory: did you mean trial.mcap?"),
         (".", ". is a folder: pass the recordings in it, as in *.mcap"),
+        ("none", "the folder none contains no recording (.mcap)"),
     ):
         assert command_line.refused("convert", name, "--to", "csv") == told
+    told = "-o knee.csv: expected a folder; the files in it have the name of the recording"
+    assert command_line.refused("convert", "trial.mcap", "--to", "csv", "-o", "knee.csv") == told
 
 
 @pytest.mark.parametrize(
