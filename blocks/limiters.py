@@ -26,7 +26,7 @@ class Saturation(Block):
 
     def configure(self) -> None:
         if self.lower > self.upper:
-            raise ValueError(f"lower, {self.lower:g}, must not exceed upper, {self.upper:g}")
+            raise ValueError(f"lower must not exceed upper, got {self.lower:g} and {self.upper:g}")
 
     def output_range(self, u: Interval) -> Interval:
         lower, upper = self.span("lower"), self.span("upper")
@@ -102,7 +102,7 @@ class DeadZone(Block):
 
     def configure(self) -> None:
         if self.lower > self.upper:
-            raise ValueError(f"lower, {self.lower:g}, must not exceed upper, {self.upper:g}")
+            raise ValueError(f"lower must not exceed upper, got {self.lower:g} and {self.upper:g}")
 
     def output_range(self, u: Interval) -> Interval:
         lower, upper = self.span("lower"), self.span("upper")
@@ -203,7 +203,7 @@ class RMSTorqueLimiter(Block):
 
     def configure(self) -> None:
         if self.fade > self.window:
-            raise ValueError(f"fade, {self.fade:g} s, must not exceed the window, {self.window:g} s")
+            raise ValueError(f"fade must not exceed window, got {self.fade:g} s and {self.window:g} s")
 
     def design(self, dt: float) -> tuple[int, float]:
         """Return (N, M). dt : s"""

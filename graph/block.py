@@ -13,7 +13,7 @@ from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.diagram import current_scope, is_count
 from graph.interval import EVERYTHING, Interval
 from graph.kernel_items import check_kernels, replace_kernels
-from graph.names import snake_case, suggestion
+from graph.names import count, snake_case, suggestion
 from graph.scratch import Scratch
 from graph.signal import Outputs, Signal
 
@@ -124,7 +124,7 @@ class Block:
             wrong(f"the signal {signal.path} was passed as a parameter", hints.in_second_parentheses(self))
             raise DiagramError(problems)
         if len(values) > len(names):
-            wrong(f"takes {len(names)} parameters ({', '.join(names) or 'none'}), got {len(values)}")
+            wrong(f"takes {count(names, 'parameter')} ({', '.join(names) or 'none'}), got {len(values)}")
         given = dict(zip(names, values))
         for key, value in named.items():
             if key not in self.parameters:
@@ -243,7 +243,7 @@ class Block:
             raise DiagramError(
                 Diagnostic(
                     "TW012",
-                    f"has {len(names)} inputs ({', '.join(names) or 'none'}), got {len(signals)} signals",
+                    f"has {count(names, 'input')} ({', '.join(names) or 'none'}), got {count(signals, 'signal')}",
                     path=self.path,
                     where=where,
                 )

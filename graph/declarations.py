@@ -316,10 +316,10 @@ class Param(Declaration, Generic[T]):
             return None
         if value is None:
             raise ValueError("expected a value, got None")
-        if isinstance(value, str) and self.numeric:
-            raise ValueError(f"expected a number, got {repr_of(value)}")
         if self.dtype is bool and not isinstance(value, (bool, np.bool_)):
             raise ValueError(f"expected True or False, got {repr_of(value)}")
+        if isinstance(value, str) and self.numeric:
+            raise ValueError(f"expected a number, got {repr_of(value)}")
         if self.numeric and np.ndim(value):
             raise ValueError(f"expected one number, got {repr_of(value)}")
         if self.dtype is int and not is_whole(value):

@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sized
 
 from cext.user_text import repr_of
 from graph.diagnostics import Diagnostic, DiagramError, Location
@@ -43,6 +43,11 @@ def check_name(name: object, where: Location | None) -> None:
 def snake_case(name: str) -> str:
     """Convert a class name: TorqueLimiter to torque_limiter, PID to pid, LookupTable1D to lookup_table_1d."""
     return re.sub(r"(?<=[a-z])(?=[A-Z]|[0-9][A-Z](?![a-z]))|(?<=[A-Z0-9])(?=[A-Z][a-z])", "_", name).lower()
+
+
+def count(items: Sized, noun: str) -> str:
+    """Return how many items there are, with their noun: "1 input", "2 inputs"."""
+    return f"{len(items)} {noun}{'' if len(items) == 1 else 's'}"
 
 
 def suggestion(word: object, known: Iterable[str]) -> str:

@@ -102,9 +102,8 @@ def parse(unit: str) -> tuple[tuple[str, int], ...]:
             continue
         if symbol not in _BASE:
             close = difflib.get_close_matches(symbol, _BASE, n=1)
-            raise ValueError(
-                f"{symbol!r} in {unit!r} is not a unit" + (f"; did you mean {close[0]!r}?" if close else "")
-            )
+            named = repr(unit) if part == text else f"{symbol!r} in {unit!r}"
+            raise ValueError(f"{named} is not a unit" + (f"; did you mean {close[0]!r}?" if close else ""))
         exponents[symbol] = exponents.get(symbol, 0) + sign * exponent
     return tuple(sorted(((s, e) for s, e in exponents.items() if e), key=lambda item: _ORDER[item[0]]))
 
@@ -195,6 +194,8 @@ def parse_quantity(text: str, unit: str | None) -> float:
     match = re.match(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?inf|nan)\s*(.*)$", text)
     if not match:
         raise ValueError(f"{text!r} is not a number")
+    if re.match(r",\d", match[2]):
+        raise ValueError(f"{text!r} is not a number: write a decimal point, as in 2.5")
     value = float(match[1])
     if not match[2]:
         return value

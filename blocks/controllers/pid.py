@@ -118,7 +118,7 @@ class PID(_Controller):
     def configure(self) -> None:
         super().configure()
         if self.lower > self.upper:
-            raise ValueError(f"lower, {self.lower:g}, must not exceed upper, {self.upper:g}")
+            raise ValueError(f"lower must not exceed upper, got {self.lower:g} and {self.upper:g}")
         self.clamps = float(self.anti_windup == "clamping")
 
     def prepare(self, dt: float) -> None:

@@ -242,6 +242,8 @@ cdef class PythonStep:
         if has_layout_of(<PyObject *>value, <PyObject *>view):
             memmove(run, (<Array *><PyObject *>value).data, self.output_sizes[index] * sizeof(double))
         elif (<Array *><PyObject *>view).axes > 1 or not copy_floats(value, run, self.output_sizes[index]):
+            if np.iscomplexobj(value):
+                raise TypeError("must be real numbers, not complex")
             value = np.asarray(value, dtype=FLOAT)
             if value.shape != view.shape:
                 raise ValueError("expected shape %s, got %s" % (view.shape, value.shape))

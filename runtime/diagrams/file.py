@@ -145,6 +145,8 @@ def place_of(function: Callable[..., Any]) -> str:
 def without_diagram(file: DiagramFile) -> str:
     """Return the remedy for a file without `diagram` and `build`."""
     others = [name for name, value in vars(file.module).items() if isinstance(value, Diagram)]
+    if others[1:]:
+        return f"its Diagrams are called {', '.join(map(repr, others))}: rename the one to run to `diagram`"
     if others:
         return f"its Diagram is called {others[0]!r}: rename it to `diagram`"
     return "write `with Diagram(...) as diagram:`, or a function `build()` that returns a Diagram"

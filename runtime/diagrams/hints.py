@@ -148,7 +148,14 @@ def for_type(text: str, names: Mapping[str, Any]) -> str:
         empty = next((name for name in block.parameters if getattr(block, name) is None), "")
         if empty:
             return f"the parameter {empty} is None: pass a value, or declare a default, as in {empty} = Param(1.0)"
-    if re.search(r"\.step returned (array\(|\[)", text):
+    if outputs := re.search(r"\.step must return \d+ values \((.*?)\)", text):
+        return f"return the outputs in their order, as in `return {outputs[1]}`"
+    if "returned None" not in text and (
+        shapes := re.search(r"for (\w+): expected shape (\(.*\)), got (\(.*\))$", text)
+    ):
+        output, declared, returned = shapes.groups()
+        return f"return an array of shape {declared}, or declare {output} with shape={returned}"
+    if re.search(r"\.step returned (array\(|\[).*: (only|must be real number, not)", text, re.DOTALL):
         return 'return one number for a scalar output, or declare its shape, as in Output("1", shape=(3,))'
     if "Diagram.__init__()" in text:
         return 'pass the name and the rate in Hz, as in Diagram("knee", rate=200)'

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from runtime.rig import RigBuses
 
 
+CALL_LIMIT = 20  # lines of the calls of an exception
 KERNEL_STATUS = "kernel status"  # begin of the name of a status that is the block's own
 
 
@@ -322,7 +323,8 @@ def own_traceback(file: Path, error: BaseException) -> list[str]:
     """Return the lines of an exception that are in the user's files, then its message."""
     # the watchdog raises KeyboardInterrupt, not the block
     message = [] if isinstance(error, KeyboardInterrupt) else [*last_lines(error), hints.hint(file, error)]
-    return [
-        *(f"{frame.filename}:{frame.lineno} in {frame.name}: {frame.line}" for frame in own_frames(file, error)),
-        *filter(None, message),
-    ]
+    calls = [f"{frame.filename}:{frame.lineno} in {frame.name}: {frame.line}" for frame in own_frames(file, error)]
+    if len(calls) > CALL_LIMIT:  # of a recursion
+        half = CALL_LIMIT // 2
+        calls[half:-half] = [f"... {len(calls) - 2 * half} further calls"]
+    return [*calls, *filter(None, message)]

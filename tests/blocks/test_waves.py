@@ -37,7 +37,7 @@ def test_every_source_declares_unit_and_refuses_invalid_one(kind):
     with Diagram("d", rate=100) as diagram:
         kind(unit="N*m", name="source")
     assert compile(diagram).signals["source.y"].unit == "N·m"
-    with pytest.raises(DiagramError, match="'newton' in 'newton' is not a unit"):
+    with pytest.raises(DiagramError, match="'newton' is not a unit"):
         kind(unit="newton")
 
 

@@ -116,7 +116,7 @@ def test_a_live_parameter_needs_both_bounds():
 
 
 def test_an_invalid_unit_is_rejected_at_its_declaration():
-    with pytest.raises(ValueError, match="'newton' in 'newton' is not a unit"):
+    with pytest.raises(ValueError, match="'newton' is not a unit"):
         Input("newton")
 
 
@@ -265,7 +265,7 @@ def test_a_hook_that_raises_a_value_error_is_reported_at_the_users_line():
         at = here(1)
         Saturation(2.0, 1.0)
     (found,) = caught.value.diagnostics
-    assert (found.code, found.message, found.where) == ("TW010", "lower, 2, must not exceed upper, 1", at)
+    assert (found.code, found.message, found.where) == ("TW010", "lower must not exceed upper, got 2 and 1", at)
 
 
 def test_class_names_make_block_names():

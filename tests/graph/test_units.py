@@ -125,7 +125,7 @@ def test_quantities_are_converted_to_the_target_unit(text, unit, value):
         ("forty", "N·m", "'forty' is not a number"),
         ("", "1", "is not a number"),
         ("40 rad", "N·m", "rad does not convert to N·m"),
-        ("1,5", "s", "not a unit"),
+        ("1,5", "s", "is not a number: write a decimal point, as in 2.5"),
         ("60 deg", "any", "takes a number without a unit, got '60 deg'"),
         ("7 apples", None, "not a unit"),
         ("0x10", "1", "not a unit"),

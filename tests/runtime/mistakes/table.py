@@ -86,6 +86,13 @@ TWO_OUTPUTS = """class Own(Block):
     def step(self, u):
         return u, u
 """
+VECTOR = """import numpy
+class Own(Block):
+    u = Input("1")
+    y = Output("1", shape=(3,))
+    def step(self, u):
+        return {}
+"""
 STEP = "def step(self, u):\n    return u"
 STEP_INDENTED = STEP.replace("\n", "\n    ")
 DIAGRAM = 'with Diagram("knee", rate=200) as diagram:\n    Sine()()\n'
@@ -392,7 +399,7 @@ WIRES = (
         "too many signals",
         "Butterworth(2, 20.0)(knee.velocity, knee.torque)  # !",
         "Butterworth(2, 20.0)(knee.velocity)",
-        "has 1 inputs (u), got 2 signals",
+        "has 1 input (u), got 2 signals",
     ),
     in_drive(
         "input not connected",
@@ -494,6 +501,12 @@ PARAMETERS = (
         "stiffness: expected a number, got '30'",
     ),
     in_drive(
+        "text for a bool",
+        "CubeMars('AK80-9', bus='legs', can_id=2, invert='yes')(torque_command=0.0)  # !",
+        "CubeMars('AK80-9', bus='legs', can_id=2, invert=True)(torque_command=0.0)",
+        "invert: expected True or False, got 'yes'",
+    ),
+    in_drive(
         "cutoff above half the rate",
         "Butterworth(2, 200.0)(knee.velocity)  # !",
         "Butterworth(2, 50.0)(knee.velocity)",
@@ -559,6 +572,12 @@ FILES = (
         DIAGRAM.replace("as diagram", "as robot"),
         DIAGRAM,
         "has no diagram: its Diagram is called 'robot': rename it to `diagram`",
+    ),
+    in_file(
+        "two diagrams with other names",
+        DIAGRAM.replace("as diagram", "as left") + DIAGRAM.replace("as diagram", "as right"),
+        DIAGRAM + DIAGRAM.replace("as diagram", "as right"),
+        "its Diagrams are called 'left', 'right': rename the one to run to `diagram`",
     ),
     in_file(
         "diagram without a name",
@@ -740,6 +759,43 @@ BLOCKS = (
         "own.step returned [0.0, 0.0] for y",
         'return one number for a scalar output, or declare its shape, as in Output("1", shape=(3,))',
     ),
+    Mistake(
+        "wrong number of outputs",
+        diagram("Own()(Sine()())", TWO_OUTPUTS.replace("return u, u", "return u")),
+        diagram("Own()(Sine()())", TWO_OUTPUTS),
+        (
+            "own.step must return 2 values (a, b), but returned 0.0",
+            "return the outputs in their order, as in `return a, b`",
+        ),
+    ),
+    Mistake(
+        "dict of outputs",
+        diagram("Own()(Sine()())", TWO_OUTPUTS.replace("return u, u", "return {'a': u, 'b': u}")),
+        diagram("Own()(Sine()())", TWO_OUTPUTS),
+        ("but returned {'a': 0.0, 'b': 0.0}", "return the outputs in their order, as in `return a, b`"),
+    ),
+    Mistake(
+        "array of another shape",
+        diagram("Own()(1.0)", VECTOR.format("[u, u]")),
+        diagram("Own()(1.0)", VECTOR.format("[u, u, u]")),
+        (
+            "own.step returned [1.0, 1.0] for y: expected shape (3,), got (2,)",
+            "return an array of shape (3,), or declare y with shape=(2,)",
+        ),
+    ),
+    Mistake(
+        "complex array",
+        diagram("Own()(1.0)", VECTOR.format("numpy.exp(1j * numpy.array([u, u, u]))")),
+        diagram("Own()(1.0)", VECTOR.format("numpy.exp(1j * numpy.array([u, u, u])).real")),
+        ("own.step returned array(", "for y: must be real numbers, not complex"),
+    ),
+    in_block(
+        "endless recursion",
+        "def step(self, u):\n    return self.step(u)  # !",
+        STEP,
+        " further calls",
+        "RecursionError",
+    ),
     in_block(
         "last output as state",
         "def step(self, u):\n    return 0.9 * self.y + u  # !",
@@ -804,7 +860,7 @@ BLOCKS = (
         "unknown unit",
         f'w = Input("furlong", default=0.0)  # !\n{STEP}',
         f'w = Input("m", default=0.0)\n{STEP}',
-        "'furlong' in 'furlong' is not a unit",
+        "'furlong' is not a unit",
     ),
     in_block(
         "plain class attribute",

@@ -87,6 +87,7 @@ COMMANDS = {  # {command line: message}; R is a recording
     "knee.py --set impedance.stiffness": "expected NAME=VALUE, as in --set left/impedance.stiffness=40",
     "knee.py --set impedance.stiffness=soft": "stiffness: 'soft' is not a number",
     "knee.py --set impedance.stiffness=1e9": "stiffness: must be at most 150.0 N·m/rad",
+    "knee.py --set impedance.stiffness=3,5": "'3,5' is not a number: write a decimal point, as in 2.5",
     "knee.py --trial subject": "--trial subject: expected NAME=VALUE, as in subject=S03",
     "knee.py --rig": "argument --rig: expected one argument",
     "knee.py --rig lap.toml": "lap.toml: error TW101 unreadable rig file: no such file\n    did you mean 'lab.toml'?",
