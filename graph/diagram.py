@@ -13,7 +13,7 @@ import numpy as np
 from cext.user_text import repr_of
 from graph import hints
 from graph.diagnostics import Diagnostic, DiagramError, Location, caller
-from graph.names import check_name, snake_case, suggestion
+from graph.names import check_name, count, snake_case, suggestion
 from graph.signal import Signal
 
 MAXIMUM_RATE = 1e9  # Hz; deadlines are whole ns
@@ -162,7 +162,7 @@ class Diagram:
         self.wires.append(Wire(source, block, port, where))
 
     def __repr__(self) -> str:
-        return f"<Diagram {self.name}: {len(self.blocks)} blocks at {self.rate:g} Hz>"
+        return f"<Diagram {self.name}: {count(self.blocks, 'block')} at {self.rate:g} Hz>"
 
 
 class subsystem:

@@ -104,6 +104,9 @@ def run(
         from runtime.session.simulate import simulate
 
         if options:
+            from runtime.session.own_process import check_names
+
+            check_names(options)
             raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
         if duration is None:
             raise BadInput("a run in virtual time needs a duration in s, as in runtime.run(diagram, 10)")
@@ -281,7 +284,7 @@ def optimise(
 
     description = Optimisation(
         **_study(diagram, duration, objectives, grid, sample, samples, sample_seed, seeds, settings, rate),
-        over={name: [_plain(number) for number in numbers] for name, numbers in over.items()},
+        over=_plain_lists(over),
         cost=cost,
         optimiser=optimiser,
         generations=generations,
@@ -301,12 +304,19 @@ def _study(diagram, duration, objectives, grid, sample, samples, sample_seed, se
         "samples": samples,
         "sample_seed": sample_seed,
         "settings": dict(settings or {}),
-        "grid": {name: [_plain(value) for value in values] for name, values in (grid or {}).items()},
+        "grid": _plain_lists(grid or {}),
         "sample": {name: dict(given) for name, given in (sample or {}).items()},
-        "objectives": dict(objectives),
+        "objectives": dict(objectives) if hasattr(objectives, "items") else objectives,
     }
 
 
-def _plain(value):
-    """Return a NumPy scalar as a Python number, any other value unchanged."""
-    return value.item() if hasattr(value, "item") else value
+def _plain_lists(table: Any) -> Any:
+    """Return {name: values} with lists of Python numbers. Values of another type are left for the check of Study."""
+    if not hasattr(table, "items"):
+        return table
+    return {
+        name: [value.item() if hasattr(value, "item") else value for value in values]
+        if hasattr(values, "__iter__") and not isinstance(values, str)
+        else values
+        for name, values in table.items()
+    }

@@ -327,8 +327,8 @@ class TrialData:
         what = ", ".join(f"{name}={value}" for name, value in self.fields.items())
         fault = f", fault: {self.fault['status']}" if self.fault else ""
         return (
-            f"<Trial {self.path.name}: {len(self)} ticks at {self.about['rate']:g} Hz, {len(self.names)} "
-            f"signals{', ' if what else ''}{what}{fault}>"
+            f"<Trial {self.path.name}: {len(self)} ticks at {self.about['rate']:g} Hz, "
+            f"{len(self.names)} signal{'' if len(self.names) == 1 else 's'}{', ' if what else ''}{what}{fault}>"
         )
 
     def __getitem__(self, path: str) -> np.ndarray:

@@ -69,6 +69,8 @@ def source(
     plant : Diagram or function plant(robot, **parameters) instead of the file's own
     sha256 : as of `load`
     """
+    if not (plant is None or isinstance(plant, Diagram) or callable(plant)):
+        raise BadInput(f"plant={plant!r}: expected a Diagram, or a function plant(robot) that returns one")
     if isinstance(given, (str, os.PathLike)):
         path = Path(given)
         module, digest = execute(path, sha256)

@@ -77,14 +77,20 @@ def run(file: Any, settings: Any, plant: Any = None, **options: Any) -> Trial:
     return RunProcess(arguments, asks=options.get("rig") is not None and not options.get("yes")).wait()
 
 
-def words(settings: Iterable[tuple[str, Any]], options: Mapping[str, Any]) -> list[str]:
-    """Return the arguments of the command. options : {field of Request: value}. Raises BadInput for an unknown one."""
-    known = {field.name: field.metadata for field in fields(Request) if field.metadata}
-    known = {name: metadata for name, metadata in known.items() if name not in NOT_OPTIONS}
-    arguments = []
-    for name, value in options.items():
+def check_names(options: Iterable[str]) -> None:
+    """Raise BadInput for an unknown option. options : names of fields of Request"""
+    known = [field.name for field in fields(Request) if field.metadata and field.name not in NOT_OPTIONS]
+    for name in options:
         if name not in known:
             raise BadInput(unknown_option(name, known))
+
+
+def words(settings: Iterable[tuple[str, Any]], options: Mapping[str, Any]) -> list[str]:
+    """Return the arguments of the command. options : {field of Request: value}. Raises BadInput for an unknown one."""
+    check_names(options)
+    known = {field.name: field.metadata for field in fields(Request)}
+    arguments = []
+    for name, value in options.items():
         (flag, *_), argument = known[name]["flags"], known[name]["argument"]
         if value is None or value is False:
             continue

@@ -93,6 +93,8 @@ class SimulatedRun:
     ) -> None:
         if rate is not None:
             check_above_zero("rate", rate)
+        if seed is not None and not isinstance(seed, numbers.Integral):
+            raise BadInput(f"seed={seed!r}: expected a whole number")
         given: Any = settings
         pairs: list[tuple[str, Any]] = list(given.items() if hasattr(given, "items") else given)
         if not all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in pairs):

@@ -83,6 +83,8 @@ class Study:
             )
         for name in self.sample:
             _check_distribution(name, self.sample[name])
+        if not isinstance(self.objectives, Mapping):
+            raise BadInput(f'objectives = {self.objectives!r}: expected named functions, as in {{"range": function}}')
         if not self.objectives:
             raise BadInput('objectives: none given: add one, as in work = {function = "positive_work", leg = "left"}')
         for name, given in self.objectives.items():

@@ -184,7 +184,7 @@ def test_a_block_has_a_repr():
     assert (
         repr(gain) == "<Gain g>"
         and repr(gain.y) == "<Signal g.y [any]>"
-        and repr(diagram) == "<Diagram knee: 1 blocks at 100 Hz>"
+        and repr(diagram) == "<Diagram knee: 1 block at 100 Hz>"
     )
     assert repr(Gain.inputs["u"]) == "Input('u', 'any')"
 

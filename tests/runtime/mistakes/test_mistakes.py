@@ -10,7 +10,7 @@ from blocks.filters import Butterworth
 from blocks.limiters import SlewRate
 from graph import DiagramError
 from graph.signal_misuse import NUMPY, OPERATORS
-from runtime import load, run
+from runtime import load, optimise, run, study
 from runtime.base.errors import BadInput
 from tests.runtime.mistakes.table import COMMAND, LAW, MISTAKES, diagram
 
@@ -119,6 +119,10 @@ CALLS = {  # {expression: message of its exception}
     'run("knee.py", 1.0, settings={"impedance.stifness": 3})': "did you mean 'stiffness'?",
     'run("kneee.py", 1.0)': "file kneee.py does not exist: did you mean 'knee.py'?",
     'run(["knee.py"], 1.0)': "expected a Diagram, the path of a diagram file or a function that builds one",
+    'study("knee.py", 1.0, ["peak"], grid={})': "objectives = ['peak']: expected named functions, as in",
+    'study("knee.py", 1.0, {"x": len}, grid={"impedance.stiffness": 3.0})': "= 3.0: expected a list of numbers",
+    'optimise("knee.py", 1.0, {"x": len}, over={"impedance.stiffness": 3.0})': "= 3.0: expected [LOW, HIGH]",
+    'optimise("knee.py", 1.0, {"x": len}, over=["impedance.stiffness"])': "expected a table of settings",
     'load("missing.mcap")': "missing.mcap: No such file or directory",
     'load("notes.txt")': "notes.txt is not a recording of Tickwork",
     'load("trials/*.mcap")': "no such recording: trials/*.mcap",
@@ -154,6 +158,7 @@ def test_mistakes_in_calls_are_reported(folder):
     slew.step(0.0)
     trial = run("knee.py", DURATION)
     names = {"Butterworth": Butterworth, "Impedance": Impedance, "load": load, "run": run, "slew": slew, "trial": trial}
+    names |= {"optimise": optimise, "study": study}
     for expression, message in CALLS.items():
         with pytest.raises((BadInput, KeyError, TypeError)) as raised:
             eval(expression, names)

@@ -70,6 +70,9 @@ def test_options_are_those_of_the_command():
         ({"fast": False, "diagram": lambda: Diagram("d", rate=100)}, "%%writefile"),
         ({"fast": False, "plant": lambda robot: None}, "the plant of its diagram file"),
         ({"yes": True}, "yes: only a run in real time has options"),
+        ({"seeds": 7}, "no option seeds; did you mean 'seed'"),
+        ({"seed": "7"}, "seed='7': expected a whole number"),
+        ({"plant": "wearer.py"}, "plant='wearer.py': expected a Diagram, or a function plant.robot."),
         ({"duration": None}, "needs a duration"),
     ],
 )
