@@ -141,6 +141,8 @@ def for_type(text: str, names: Mapping[str, Any]) -> str:
         return 'as in Param(1.0, "N·m", "description", min=0.0, max=5.0)'
     if re.search(r"(In|Out)put\.__init__\(\)", text):
         return 'give its unit, as in Input("rad"); "1" is a number without a unit, and "any" is any unit'
+    if text.startswith("block() missing"):
+        return "omit the parentheses of the decorator: @block"
     if "'Signal' object is not callable" in text:
         return "omit the parentheses: a signal is connected, as in block(knee.position)"
     block = names.get("self")

@@ -885,6 +885,14 @@ BLOCKS = (
         cure_before='@block\ndef double(u: Input("rad")) -> Output("rad"):\n    return 2.0 * u\n',
     ),
     in_drive(
+        "parentheses of the decorator",
+        "double()(knee.position)",
+        "double()(knee.position)",
+        "omit the parentheses of the decorator: @block",
+        before='@block()\ndef double(u: Input("rad")) -> Output("rad"):\n    return 2.0 * u\n',
+        cure_before='@block\ndef double(u: Input("rad")) -> Output("rad"):\n    return 2.0 * u\n',
+    ),
+    in_drive(
         "function without annotations",
         "double()(knee.position)",
         "double()(knee.position)",
