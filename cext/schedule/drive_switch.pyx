@@ -10,13 +10,12 @@ from cext.bus.batch cimport Batch
 from cext.safety.drive_state cimport ACTIVE, DAMPED, OUT, RETURNING, enter
 from cext.safety.drive_watch cimport Watched
 from cext.safety.speed_bands cimport SpeedBands
-from cext.safety.thresholds cimport ARMING_LIMIT, STOP_LIMIT, TRAVEL_MARGIN, ZERO_LIMIT
+from cext.safety.thresholds cimport ARMING_LIMIT, POWER_LOSS, STOP_LIMIT, TRAVEL_MARGIN, ZERO_LIMIT
 from cext.safety.zeroing cimport begin_rest
 from cext.schedule.device_events cimport NOT_RETURNED, RETURNED, TAKEN_OUT
 from cext.schedule.drive_zeroing cimport zero_while_arming
 
 cdef int64_t SILENT_ROUND = 500000000    # ns between frames to a drive that is taken out and does not reply
-cdef int64_t POWER_LOSS = 100000000      # ns without a reply of a drive, after which it may have restarted
 cdef int64_t RETURN_DELAY = 20000000     # ns without frames to a drive before it is armed again, for late replies
 
 

@@ -26,6 +26,7 @@ from cext.abi cimport (
 )
 cimport cext.kernels.devices.drives as drives
 from cext.kernels.devices.mit cimport Mit, all_ones, decode_motion, encode_command, mit_sizes, pack_motion, unpack
+from cext.safety.thresholds cimport POWER_LOSS
 
 cdef enum: # in `talk`
     READY                       # the drive has returned the written time-out, or another one too often
@@ -50,7 +51,6 @@ cdef enum:
 
 cdef double NO_TIMEOUT = 4294967296.0           # in `fault`: the time-out read differs from the one written
 cdef double READ_PERIOD = 1.0                   # s, between two reads of the faults
-cdef double POWER_LOSS = 0.1                    # s without a reply, after which the drive may have restarted
 
 cdef enum:
     FAULTS_ASKED = 1            # in place of the id of a reply that is not filled in yet
@@ -101,7 +101,7 @@ cdef inline void tell_fault(double *arena, const Driver *at, const double *talk)
 cdef inline void note_arrival(double *arena, const Driver *at, double *talk, const Frame *frame) noexcept nogil:
     """Forget the faults of a drive that may have restarted while the run waits: the next arming reads them again."""
     cdef double came = frame.time * 1e-9
-    if arena[AUTHORITY] == 0.0 and came - arena[at.arrival] > POWER_LOSS:
+    if arena[AUTHORITY] == 0.0 and came - arena[at.arrival] > 1e-9 * POWER_LOSS:
         talk[WORD] = 0.0
         tell_fault(arena, at, talk)
     arena[at.arrival] = came

@@ -24,6 +24,7 @@ from cext.abi cimport (
 )
 from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
+from cext.safety.thresholds cimport POWER_LOSS
 
 cdef enum:
     RUN = 2                     # mode of an enabled drive
@@ -31,9 +32,6 @@ cdef enum:
     STOPPED = 64                # in `fault`, next to the six bits of type 2
     NO_TIMEOUT = 128            # in `fault`: the time-out read differs from the one written
     WORD = 256                  # in `fault`: start of the 32 bits of type 21
-
-
-cdef double POWER_LOSS = 0.1    # s without a frame, after which the drive may have restarted
 
 
 cdef enum: # in `timeout_read`
@@ -73,7 +71,7 @@ cdef inline void note_arrival(double *arena, const Feedback *at, const Frame *fr
     """Forget the fault report of a drive that may have restarted while the run waits to be armed again."""
     cdef double came = frame.time * 1e-9
     cdef double *state = arena + at.state
-    if arena[AUTHORITY] == 0.0 and came - arena[at.arrival] > POWER_LOSS:
+    if arena[AUTHORITY] == 0.0 and came - arena[at.arrival] > 1e-9 * POWER_LOSS:
         arena[at.fault] -= WORD * state[2]
         state[2] = 0.0
     arena[at.arrival] = came
