@@ -167,6 +167,7 @@ class Block:
 
     def _configure(self) -> None:
         self._attempt(self.configure)
+        self._configured = {name: getattr(self, name) for name in self.parameters}
         if self.kernel is not None and type(self).kernel is None and not self.compiled:
             raise TypeError(
                 f"{type(self).__name__} chooses its kernel in configure: name one of them on the class, too, so that "
@@ -330,22 +331,35 @@ class Block:
                     hint=suggestion(name, self.parameters) or f"it has {', '.join(self.parameters) or 'none'}",
                 )
             )
-        try:
-            read = self.parameters[name].parse if isinstance(value, str) else self.parameters[name].check
-            setattr(self, name, self.check_live(name, read(value)))
-        except ValueError as error:
-            raise DiagramError(
-                Diagnostic("TW010", f"{name}: {text_of(error)}", path=self.path, hint=self.parameters[name].description)
-            ) from None
+        param = self.parameters[name]
+        self._assign(name, param.parse if isinstance(value, str) else param.check, value)
         self._configure()
 
-    def check_bounds(self, name: str) -> None:
-        """Raise ValueError if a numeric parameter is outside its bounds, after an assignment to the attribute."""
-        value, param = getattr(self, name), self.parameters[name]
-        if value.__class__ is float and param.interior[0] < value < param.interior[1] and name not in self.live_bounds:
-            return  # most parameters, checked in a tenth of the time
-        if param.numeric and value is not None:
-            self.check_live(name, param.check(value))
+    def adopt_assigned(self) -> None:
+        """Check the parameters whose attributes were assigned since `configure`, and call it again with them.
+
+        Raises DiagramError as `set` does.
+        """
+        assigned = [name for name, value in self._configured.items() if getattr(self, name) is not value]
+        for name in assigned:
+            self._assign(name, self.parameters[name].check, getattr(self, name))
+        if assigned:
+            self._configure()
+
+    def _assign(self, name: str, read: Callable[[Any], Any], value: Any) -> None:
+        """Set a parameter to what `read`, of its Param, makes of a value. Raises DiagramError TW010."""
+        try:
+            setattr(self, name, self.check_live(name, read(value)))
+        except (ValueError, TypeError, OverflowError) as error:
+            raise DiagramError(
+                Diagnostic(
+                    "TW010",
+                    f"{name}: {text_of(error)}",
+                    path=self.path,
+                    where=self.location,
+                    hint=self.parameters[name].description,
+                )
+            ) from None
 
     def assigned_names(self) -> list[str]:
         """Return the names of public attributes that were added after a native block was made, except its memory."""

@@ -172,13 +172,12 @@ class Compilation:
                     self.report("TW010", f"its bus: {wrong.message}", block, "", block.location, wrong.hint)
 
     def check_parameters(self) -> None:
-        """Report parameters that were assigned outside their bounds, and assignments to misspelt parameters."""
+        """Adopt parameters that were assigned; report those that are not valid, and misspelt ones."""
         for block in self.blocks:
             try:
-                for name in block.parameters:
-                    block.check_bounds(name)
-            except ValueError as error:
-                self.report("TW010", f"{name}: {text_of(error)}", block, hint=block.parameters[name].description)
+                block.adopt_assigned()
+            except DiagramError as error:
+                self.diagnostics += error.diagnostics
             for name in block.assigned_names():
                 if hint := suggestion(name, block.parameters):
                     self.report("TW010", f"has no parameter {name!r}", block, hint=hint)

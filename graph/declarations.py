@@ -268,7 +268,6 @@ class Param(Declaration, Generic[T]):
             raise TypeError(f"all blocks would share the list {default!r}: write the default as a tuple")
         self.default, self.unit, self.description = default, units.canonical(unit), description
         self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
-        self.interior = interior((min, above), (max, below)) if choices is None else (math.inf, -math.inf)
         self.live, self.slew, self.required = live, slew, required
         self.file, self.kernel = file, kernel
         self.dtype = dtype or (float if default is None else type(default))
@@ -361,14 +360,6 @@ class Param(Declaration, Generic[T]):
             return self.check(text)
         hexadecimal = self.dtype is int and text[:2].lower() == "0x"
         return self.check(int(text, 16) if hexadecimal else units.parse_quantity(text, self.unit))
-
-
-def interior(lows: Sequence[float | None], highs: Sequence[float | None]) -> tuple[float, float]:
-    """Return the open interval between the highest of some lower bounds and the lowest of some upper ones."""
-    return (
-        max((end for end in lows if end is not None), default=-math.inf),
-        min((end for end in highs if end is not None), default=math.inf),
-    )
 
 
 def is_whole(value: Any) -> bool:

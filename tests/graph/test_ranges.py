@@ -11,6 +11,7 @@ from blocks.discrete import UnitDelay
 from blocks.limiters import Saturation, SlewRate, TorqueLimiter
 from blocks.linear import TransferFunction
 from blocks.mathematics import Gain, Product, Sum
+from blocks.sources import Constant
 from cext.kernels import mathematics as kernels
 from graph import Block, Diagram, Input, Interval, Output, Param, compile
 from tests.graph.complaints import complaint, complaints, here
@@ -270,6 +271,33 @@ def test_peak_torque_is_the_limit_on_request():
         knee = drive(limit="peak")
         knee(torque_command=TorqueLimiter(limit=48.0)(knee.torque))
     assert proof(diagram).limit == Interval(-48.0, 48.0)
+
+
+def test_a_limit_that_is_assigned_to_an_actuator_counts():
+    with Diagram("robot", rate=200) as diagram:
+        knee = CubeMars("AK80-9")
+        knee(torque_command=TorqueLimiter(limit=9.0)(Constant(5.0)()))
+    knee.limit, knee.safe_stop = 3.0, "damp"
+    assert "can reach [-9, 9] N·m, and the limit is [-3, 3] N·m" in complaint(diagram).message
+    knee.limit = "peak"
+    [device] = compile(diagram).devices
+    assert device.watch.watch.limit == 18.0 and device.damp is not None
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "message"),
+    [
+        ("safe_stop", "brake", "safe_stop: must be one of disable, damp, got 'brake'"),
+        ("limit", 100.0, "limit must be above 0 and at most the peak torque of AK80-9, 18 N·m, got 100 N·m"),
+        ("range", (0.0, 90.0), "if these are degrees, write [0, 1.571]"),
+    ],
+)
+def test_an_assigned_parameter_is_checked_like_a_passed_one(parameter, value, message):
+    with Diagram("robot", rate=200) as diagram:
+        knee = CubeMars("AK80-9")
+        knee(torque_command=0.0)
+    setattr(knee, parameter, value)
+    assert message in complaint(diagram).message
 
 
 def test_every_command_of_every_actuator_is_reported():
