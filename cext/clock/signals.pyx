@@ -3,7 +3,10 @@
 
 from libc.string cimport memset
 
-from cext.posix cimport SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, sigaction
+from cext.posix cimport (
+    SIG_SETMASK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, pthread_sigmask, sigaction, sigaddset,
+    sigemptyset,
+)
 
 cdef int32_t first = 0                   # global, for the signal handler
 cdef int[ENDING] SIGNALS = [SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1]
@@ -13,6 +16,16 @@ cdef void on_signal(int number) noexcept nogil:
     global first
     if first == 0:
         first = number
+
+
+cdef void unblock(sigset_t *before) noexcept nogil:
+    """Unblock the signals that end a run in the calling thread. before : receives its mask, or NULL"""
+    cdef sigset_t ours
+    cdef int index
+    sigemptyset(&ours)
+    for index in range(ENDING):
+        sigaddset(&ours, SIGNALS[index])
+    pthread_sigmask(SIG_UNBLOCK, &ours, before)
 
 
 cdef class Signals:
@@ -30,12 +43,12 @@ cdef class Signals:
         if not self.handled:
             return
         first = 0
-        self.install(self.before)
+        self.install(self.before, &self.mask)
 
-    cdef void install(self, action *before) noexcept nogil:
-        """Install the handlers, again if a block may have replaced them.
+    cdef void install(self, action *before, sigset_t *mask) noexcept nogil:
+        """Install the handlers and unblock their signals, again if a block may have replaced or blocked them.
 
-        before : receives the replaced ones, or NULL
+        before, mask : receive the replaced handlers and the signal mask of the thread, or NULL
         """
         cdef action ours
         cdef int index
@@ -45,6 +58,7 @@ cdef class Signals:
         ours.sa_handler = on_signal
         for index in range(ENDING):
             sigaction(SIGNALS[index], &ours, NULL if before == NULL else &before[index])
+        unblock(mask)
 
     cdef void give_back(self):
         cdef int index
@@ -52,3 +66,4 @@ cdef class Signals:
             return
         for index in range(ENDING):
             sigaction(SIGNALS[index], &self.before[index], NULL)
+        pthread_sigmask(SIG_SETMASK, &self.mask, NULL)

@@ -31,6 +31,7 @@ cdef class Arming:
     cdef int64_t released        # ns, when that input was last inactive; -1 before
     cdef int64_t late            # ns, of the previous tick
     cdef int64_t now             # ns from the begin of the run to the present round or tick
+    cdef int64_t signals_kept    # acquisitions of the GIL at the last installation of the signal handlers
 
     cdef void begin(self) noexcept nogil
     cdef int arm(self, double timeout) noexcept nogil
@@ -43,5 +44,6 @@ cdef class Arming:
     cdef int hear_while_arming(self) noexcept nogil
     cdef int64_t next_point(self, int64_t point, int64_t zero) noexcept nogil
     cdef int advance_plant_to(self, int64_t tick) noexcept nogil
+    cdef void keep_signals(self, int64_t tick) noexcept nogil
     cdef void halt(self, double timeout) noexcept nogil
     cdef void count(self, int64_t tick, int64_t awaited, int64_t late, int64_t began) noexcept nogil

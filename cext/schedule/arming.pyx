@@ -18,7 +18,7 @@ from cext.ring.mailbox cimport CONFIRM, NOT_NOW, TAKEN
 from cext.clock.deadline_clock cimport clock, monotonic
 from cext.safety.shared_state cimport ARMING, READY, STOPPING, SharedLayout, store_i64
 from cext.posix cimport CLOCK_REALTIME
-from cext.safety.thresholds cimport ARM_HOLD, STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT
+from cext.safety.thresholds cimport ARM_HOLD, SIGNAL_HANDLER_PERIOD, STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT
 from cext.schedule.watchdog cimport release, acquire
 
 
@@ -220,6 +220,12 @@ cdef class Arming:
             status = self.body.advance_plant(self.first_tick + self.pace.grid(skipped))
             skipped += 1
         return status
+
+    cdef void keep_signals(self, int64_t tick) noexcept nogil:
+        """Install the signal handlers again after Python steps, which may have replaced or blocked them."""
+        if self.control.gil_taken != self.signals_kept and (not self.virtual or tick % SIGNAL_HANDLER_PERIOD == 0):
+            self.signals.install(NULL, NULL)
+            self.signals_kept = self.control.gil_taken
 
     cdef void halt(self, double timeout) noexcept nogil:
         """Raise the fence, then send zero torque and disable until every device has confirmed or time is up.

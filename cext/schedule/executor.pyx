@@ -35,7 +35,7 @@ from cext.schedule.program cimport Program
 from cext.clock.signals cimport Signals
 from cext.clock.stopwatch cimport RECORD, WOKEN_LATE, lap
 from cext.bus.replay_bus cimport ReplayClock
-from cext.safety.thresholds cimport ARMING_LIMIT, FADE_IN, SIGNAL_HANDLER_PERIOD, STOP_LIMIT
+from cext.safety.thresholds cimport ARMING_LIMIT, FADE_IN, STOP_LIMIT
 from cext.schedule.tick cimport Tick
 from cext.schedule.lifecycle cimport ENDED, Waiting
 from cext.schedule.watchdog cimport Watchdog
@@ -212,7 +212,7 @@ cdef class Executor(Waiting):
         self.body.reset()
         self.control.devices.fade, self.control.devices.switch.may_return = fade, may_return
         self.tick = self.previous = -1
-        self.now = self.armed = 0
+        self.now = self.armed = self.signals_kept = 0
         self.halted = False
         self.status = OK
         self.unanswered = ()
@@ -319,8 +319,6 @@ cdef class Executor(Waiting):
 
     cdef int loop(self, int64_t ticks, double fade) noexcept nogil:
         cdef int64_t now, began
-        # acquisitions of the GIL at the last installation of the handlers
-        cdef int64_t held = 0
         cdef int64_t tick = self.previous + 1
         cdef int64_t late = 0
         # grid point after the previous tick; a late tick runs at a newer one
@@ -364,9 +362,7 @@ cdef class Executor(Waiting):
                 lap(self.control.laps, RECORD)
             if self.layout != NULL:
                 self.count(tick, awaited, late, began)
-            if self.control.gil_taken != held and (not self.virtual or tick % SIGNAL_HANDLER_PERIOD == 0):
-                self.signals.install(NULL)                         # a block may have replaced or blocked the handlers
-                held = self.control.gil_taken
+            self.keep_signals(tick)
             self.previous = tick
             self.late = late
             tick += 1

@@ -138,6 +138,7 @@ cdef class Waiting(Arming):
                 return status if status != OK else ENDED
             if self.layout != NULL:
                 self.count(tick, tick, self.late, began)
+            self.keep_signals(tick)
             before, high = high, self.asked(high)
             if high and not before:
                 standing = self.permission() if standing == OK else standing

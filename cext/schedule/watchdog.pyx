@@ -30,13 +30,10 @@ from cext.fused.locate cimport IN_RUN, begin_samples, end_samples, sample
 from cext.clock.deadline_clock cimport monotonic
 from cext.safety.shared_state cimport RUNNING
 from cext.posix cimport (
-    CPU_COUNT, CPU_SET, CPU_ZERO, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGQUIT, SIGTERM,
-    SIGURG, SIGUSR1, cpu_set_t, pthread_join,
-    pthread_kill, pthread_self, pthread_sigmask, sched_getparam, sched_getscheduler, sched_param, sched_setaffinity,
-    sigaddset, sigemptyset,
-    sigset_t,
+    CPU_COUNT, CPU_SET, CPU_ZERO, SCHED_FIFO, SCHED_RESET_ON_FORK, SIGURG, cpu_set_t, pthread_join, pthread_kill,
+    pthread_self, sched_getparam, sched_getscheduler, sched_param, sched_setaffinity,
 )
-from cext.clock.signals cimport Signals
+from cext.clock.signals cimport Signals, unblock
 from cext.threads cimport be_called, doze, start_thread, wake
 from cext.safety.thresholds cimport (
     BUS_TAKEOVER_PERIOD, HANG_MINIMUM, HANG_PERIODS, HANG_SIGNAL_PERIOD, HANG_SIGNAL_PERIOD_STOPPED,
@@ -182,7 +179,7 @@ cdef class Watchdog:
                 pthread_kill(self.loop, SIGURG)
                 nudge = now + (HANG_SIGNAL_PERIOD_STOPPED if over else HANG_SIGNAL_PERIOD)
             if over:
-                unblock_signals()
+                unblock(NULL)                # the loop's thread may have blocked them
                 if self.caught[0]:
                     _exit(EXIT_CODE)
             self.sleep(nudge if over else due if mine else now + BUS_TAKEOVER_PERIOD)
@@ -198,15 +195,3 @@ cdef void name_and_priority(int priority) noexcept nogil:
     """
     if not be_called("tickwork-watch", priority):
         be_called("tickwork-watch", priority - 1)
-
-
-cdef void unblock_signals() noexcept nogil:
-    """Unblock the signals that end a run, which the loop's thread may have blocked."""
-    cdef sigset_t ours
-    sigemptyset(&ours)
-    sigaddset(&ours, SIGINT)
-    sigaddset(&ours, SIGTERM)
-    sigaddset(&ours, SIGHUP)
-    sigaddset(&ours, SIGQUIT)
-    sigaddset(&ours, SIGUSR1)
-    pthread_sigmask(SIG_UNBLOCK, &ours, NULL)

@@ -16,7 +16,8 @@ from cext.safety.shared_state import SharedState
 pytestmark = pytest.mark.paced
 
 ROOT = Path(__file__).parents[3]
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
+# without threads of NumPy, which would receive the signals that the thread of the loop blocks
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
 
 ROBOT = """
 import json, os, signal, sys, time
@@ -43,6 +44,12 @@ class Ignoring(Slow):
             signal.signal(number, signal.SIG_IGN)
         return 5.0
 
+class Blocking(Slow):
+    "Blocks every signal, in every step."
+    def step(self, u):
+        signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+        return 5.0
+
 class Forking(Slow):
     "Forks once; both processes return."
     children = 0
@@ -59,7 +66,8 @@ mine = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, s
 
 with Diagram("robot", rate=200) as robot:
     knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)
-    kind = {"slow": Slow, "ignoring": Ignoring, "forking": Forking}.get((sys.argv[3:] or [None])[0])
+    kinds = {"slow": Slow, "ignoring": Ignoring, "blocking": Blocking, "forking": Forking}
+    kind = kinds.get((sys.argv[3:] or [None])[0])
     knee(torque_command=kind()(knee.torque) if kind else 5.0)
 rig = Rig(robot, None if "deaf" in sys.argv else plant_of(robot), page=SharedState(fd=int(sys.argv[1])), virtual=False,
           spin=1.0 if "spin" in sys.argv else 0.0)
@@ -166,13 +174,14 @@ def test_an_unrelated_signal_neither_ends_the_run_nor_shortens_a_tick():
     assert signal.SIGUSR2 in told["during"] + told["after"]
 
 
-def test_a_block_that_ignores_signals_cannot_prevent_the_end_of_the_run():
+@pytest.mark.parametrize("how", ["ignoring", "blocking"])
+def test_a_block_that_ignores_or_blocks_signals_cannot_prevent_the_end_of_the_run(how):
     def twice(child):
         child.send_signal(signal.SIGINT)  # the first may fall into the step itself
         time.sleep(0.05)
         child.send_signal(signal.SIGINT)
 
-    told = robot(twice, options=["ignoring"])
+    told = robot(twice, options=[how])
     assert told["status"] == "ok" and told["signal"] == signal.SIGINT and stopped_safely(told)
 
 
