@@ -35,7 +35,8 @@ cdef int peak_kernel(double *arena, const Peak *at, const Peak *sizes) noexcept 
         if x < 0.0:
             x = 1.0 - (1.0 - phase) / arena[at.rise]
         x = max(0.0, min(1.0, x))
-        arena[at.torque + i] = arena[at.peak] * x * x * (3.0 - 2.0 * x) if enable != 0.0 else 0.0
+        # 2. Just below x = 1 the cubic rounds to more than 1, which would exceed the proved peak.
+        arena[at.torque + i] = arena[at.peak] * min(1.0, x * x * (3.0 - 2.0 * x)) if enable != 0.0 else 0.0
     return OK
 
 

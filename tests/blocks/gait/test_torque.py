@@ -25,6 +25,15 @@ def test_the_peak_profile_rises_peaks_and_falls_where_it_is_set():
     assert at == pytest.approx({0.25: 0.0, 0.3: 0.0, 0.4: 6.0, 0.5: 12.0, 0.55: 6.0, 0.6: 0.0, 0.7: 0.0}, abs=1e-9)
 
 
+def test_the_peak_profile_never_exceeds_its_peak_by_a_rounding():
+    """An actuator whose limit is the peak would reject the command."""
+    random = np.random.default_rng(1)
+    for peak in random.uniform(1.0, 40.0, 200):
+        profile = PeakProfile(peak=peak, peak_time=0.5, rise=0.3, fall=0.2)
+        near = 0.5 + random.uniform(-1e-8, 1e-8, 200)
+        assert max(profile.step(phase=phase, enable=True) for phase in near) <= peak
+
+
 def test_the_peak_profile_assists_both_legs_and_wraps_at_heel_strike():
     both = np.column_stack((PHASE, (PHASE + 0.5) % 1.0))
     enable = np.column_stack((np.ones(400, dtype=bool), PHASE < 0.5))
