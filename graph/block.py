@@ -105,10 +105,15 @@ class Block:
             scope.adopt(self, name)
         else:
             self.path = name or snake_case(type(self).__name__)
-        self._configure()
-        if self.is_python and (self.dt is not None or type(self).prepare is Block.prepare):
-            self._attempt(self.prepare, self.dt)
-            self.reset()
+        try:
+            self._configure()
+            if self.is_python and (self.dt is not None or type(self).prepare is Block.prepare):
+                self._attempt(self.prepare, self.dt)
+                self.reset()
+        except BaseException:
+            if self.diagram is not None:
+                self.diagram.discard(self)
+            raise
         self._attributes = len(vars(self)) + 1
 
     def _set_parameters(self, values: tuple[Any, ...], named: dict[str, Any]) -> None:

@@ -122,6 +122,11 @@ class Diagram:
         block.dt = block.every / self.rate
         self.blocks[path] = block
 
+    def discard(self, block: Any) -> None:
+        """Remove a block that could not be made, so that a program that handles the error can compile the rest."""
+        del self.blocks[block.path]
+        self.duplicates = [(path, other) for path, other in self.duplicates if other is not block]
+
     def wire(self, source: Any, block: Any, port: str | None, where: Location | None) -> None:
         """Connect a signal, a number or an array to an input. Raises DiagramError for anything else."""
         if isinstance(source, Signal):

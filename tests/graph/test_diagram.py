@@ -9,6 +9,7 @@ import pytest
 
 from blocks.actuators import CubeMars
 from blocks.controllers import GaitPhase
+from blocks.limiters import Saturation
 from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
@@ -46,6 +47,16 @@ def test_subsystems_make_paths_and_end_with_their_with():
         top = Gain(name="g")
     assert [block.path for block in diagram] == ["left/knee/g", "left/g", "g"] == [inner.path, outer.path, top.path]
     assert diagram["left/knee/g"] is inner and len(diagram) == 3
+
+
+def test_a_block_that_could_not_be_made_is_not_in_the_diagram():
+    with Diagram("d", rate=100) as diagram:
+        sine = Sine(name="wave")
+        for name in ("stop", "wave"):
+            with pytest.raises(DiagramError, match=r"lower, 3, must not exceed upper, 2"):
+                Saturation(3.0, 2.0, name=name)
+        Saturation(2.0, 3.0, name="stop")(sine.y)
+    assert list(diagram.blocks) == ["wave", "stop"] and "stop.y" in compile(diagram).signals
 
 
 def test_fifty_nested_subsystems_form_a_path():
