@@ -218,10 +218,10 @@ def from_json(text: str, *, trust: tuple[str, ...] = ()) -> Diagram:
                 hint="pip install --upgrade tickwork",
             )
         )
-    types, problems = {}, []
+    types, problems, known = {}, [], registered()
     for entry in data["blocks"]:
         try:
-            types[entry["type"]] = find_type(entry, data["libraries"], trust)
+            types[entry["type"]] = find_type(entry, data["libraries"], trust, known)
         except DiagramError as error:
             problems += [d for d in error.diagnostics if d not in problems]
     if problems:
@@ -270,8 +270,13 @@ def signal_at(diagram: Diagram, path: str) -> Signal:
     return Signal(diagram[block], port)
 
 
-def find_type(entry: dict[str, Any], libraries: dict[str, str], trust: tuple[str, ...]) -> type[Block]:
-    """Return the class of a block in JSON form. Raises DiagramError unless its module is trusted and exists."""
+def find_type(
+    entry: dict[str, Any], libraries: dict[str, str], trust: tuple[str, ...], known: dict[str, str]
+) -> type[Block]:
+    """Return the class of a block in JSON form. known : result of `registered`
+
+    Raises DiagramError unless its module is trusted and exists.
+    """
     module, _, qualname = entry["type"].partition(":")
     top = module.split(".")[0]
     if entry.get("local") and module not in trust:
@@ -283,7 +288,7 @@ def find_type(entry: dict[str, Any], libraries: dict[str, str], trust: tuple[str
                 hint=f"run that file again, or import it and load with trust=({module!r},)",
             )
         )
-    if top not in registered() and module not in trust and top not in trust:
+    if top not in known and module not in trust and top not in trust:
         owner = next(
             (f"{name}=={version}" for name, version in libraries.items() if name.replace("-", "_").startswith(top)),
             None,
