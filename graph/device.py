@@ -355,7 +355,3 @@ class Actuator(Device):
     def fault_in_words(self, code: int) -> str:
         """Return the text of a code of its output `fault`."""
         return f"code {code}"
-
-    def limit_interval(self, limit: float) -> Interval:
-        """Return the symmetric Interval of a limit."""
-        return Interval(-limit, limit)

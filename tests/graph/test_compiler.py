@@ -13,20 +13,7 @@ from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
 from cext.kernels import mathematics
-from graph import (
-    Actuator,
-    Block,
-    Diagram,
-    DiagramError,
-    Input,
-    Interval,
-    Kernel,
-    Memory,
-    Output,
-    Sink,
-    compile,
-    subsystem,
-)
+from graph import Actuator, Block, Diagram, DiagramError, Input, Kernel, Memory, Output, Sink, compile, subsystem
 from tests.graph.complaints import complaint, complaints, here
 
 
@@ -434,7 +421,6 @@ def test_a_new_device_class_has_no_limits_frames_or_emulator_by_default():
 
     lamp = Lamp()
     assert lamp.command_limits() == {} and lamp.rating() == "" and lamp.addresses() == []
-    assert lamp.limit_interval(2.0) == Interval(-2.0, 2.0)
     assert lamp.enable_frames() == lamp.zero_frames() == lamp.disable_frames() == []
     with pytest.raises(TypeError, match="Lamp has no emulator"):
         lamp.emulator()
