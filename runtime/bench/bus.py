@@ -10,12 +10,10 @@ import random
 import select
 import signal
 import socket
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,8 +23,8 @@ from cext.bus.socketcan import SocketCan
 from cext.ring.rings import Line, Lines
 from cext.safety.shared_state import SharedState
 from cext.schedule.bus_cost import time_of_ticks
-from runtime.base.system import end_with_parent
 from runtime.bench.drives import node
+from runtime.bench.processes import START_TIMEOUT, emulation, run_on_rig
 from runtime.guardian import GuardianProcess
 from runtime.machine.realtime import PRIORITY
 
@@ -36,13 +34,11 @@ if TYPE_CHECKING:
 
     from cext.bus.memory_bus import BusEnd
 
-ROOT = Path(__file__).parents[2]
 SO_TIMESTAMPNS = 35
 ID, COMMAND = 1, bytes.fromhex("7fff7ff0000007ff")  # zero torque
 DISABLE = bytes.fromhex("fffffffffffffffd")
 PACE = 0.001  # s between round trips
 ROUNDS_OF_CALL = 500
-PROCESS_START_TIMEOUT = 10.0  # s for a process to begin
 
 ROBOT = """
 from blocks.families import benchmark
@@ -87,29 +83,19 @@ def host_cost(frames: int = 8, rounds: int = 20_000) -> tuple[list[int], list[in
         return through, alone
 
 
-@contextmanager
-def drives(channel: str, *identifiers: int) -> Iterator[subprocess.Popen[str]]:
+def drives(channel: str, *identifiers: int) -> AbstractContextManager[None]:
     """Context manager of a process that emulates drives. Raises OSError if it does not start.
 
     channel : multicast group
     identifiers : ids of the drives
     """
-    process = subprocess.Popen(
-        [sys.executable, "-m", "runtime.bench.drives", channel, *map(str, identifiers)],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        text=True,
-        preexec_fn=end_with_parent,
+    return emulation(
+        "runtime.bench.drives",
+        channel,
+        *map(str, identifiers),
+        what="drives",
+        remedy=". Check that multicast works on the loopback interface",
     )
-    assert process.stdout is not None
-    try:
-        if process.stdout.readline() != "ready\n":
-            raise OSError("the emulated drives did not start. Check that multicast works on the loopback interface")
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
 
 
 def channel() -> str:
@@ -215,16 +201,8 @@ def kills(count: int = 100) -> list[float]:
 
 
 def _one_kill(bus: BusABC, robot: Path, rig: Path) -> float:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"],
-        cwd=ROOT,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        preexec_fn=end_with_parent,
-    )
-    try:
-        if not listen(bus, PROCESS_START_TIMEOUT, _under_torque):
+    with run_on_rig(robot, rig) as process:
+        if not listen(bus, START_TIMEOUT, _under_torque):
             raise OSError("the run under test did not start")
         time.sleep(random.uniform(0.02, 0.06))  # somewhere in a period
         while bus.recv(0) is not None:
@@ -238,9 +216,6 @@ def _one_kill(bus: BusABC, robot: Path, rig: Path) -> float:
             if message is not None and bytes(message.data) == DISABLE:
                 first.setdefault(message.arbitration_id, message.timestamp - killed)
         return max(first.values()) if len(first) == 2 else float("inf")
-    finally:
-        process.kill()
-        process.wait()
 
 
 def listen(bus: BusABC, seconds: float, matches: Callable[[Message], bool]) -> Message | None:

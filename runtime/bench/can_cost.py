@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import socket
-import subprocess
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from blocks.families import benchmark
@@ -22,8 +19,8 @@ from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
 from runtime.base.ending import uninterrupted
-from runtime.base.system import end_with_parent
 from runtime.bench.c_program import C_GRID, build
+from runtime.bench.processes import emulation
 from runtime.bench.rate.robot import UNLIMITED
 from runtime.console.progress import rounds
 from runtime.machine.realtime import Realtime
@@ -31,7 +28,6 @@ from runtime.machine.realtime import Realtime
 if TYPE_CHECKING:
     from graph import Schedule
 
-ROOT = Path(__file__).parents[2]
 SO_TIMESTAMPNS = 35
 DRIVES = 8
 ANSWERS = [(can_id, bytes([can_id]) + bytes.fromhex("7fff7ff7ff4600")) for can_id in range(1, DRIVES + 1)]  # at rest
@@ -143,23 +139,9 @@ def motors(count: int) -> Iterator[list[socket.socket]]:
     with ExitStack() as stack:
         pairs = [stack.enter_context(ends()) for _ in range(BUSES)]
         numbers = [pair[1].fileno() for pair in pairs]
-        process = subprocess.Popen(
-            [sys.executable, "-m", "runtime.bench.motors", str(STEPS * RATE), str(count), *map(str, numbers)],
-            cwd=ROOT,
-            pass_fds=numbers,
-            stdout=subprocess.PIPE,
-            text=True,
-            preexec_fn=end_with_parent,
-        )
-        assert process.stdout is not None
-        try:
-            if process.stdout.readline() != "ready\n":
-                raise OSError("the emulated motors did not start")
-            yield [pair[0] for pair in pairs]
-        finally:
-            process.kill()
-            process.wait()
-            process.stdout.close()
+        arguments = map(str, (STEPS * RATE, count, *numbers))
+        stack.enter_context(emulation("runtime.bench.motors", *arguments, what="motors", descriptors=numbers))
+        yield [pair[0] for pair in pairs]
 
 
 def fast_motors(seconds: float, repeats: int) -> list[list[int]]:

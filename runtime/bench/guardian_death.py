@@ -9,7 +9,6 @@ import os
 import pty
 import select
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -19,9 +18,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from runtime.base.system import end_with_parent
 from runtime.bench import bus
 from runtime.bench.drives import reply
+from runtime.bench.processes import START_TIMEOUT, run_on_rig
 
 GUARDIAN = "tickwork-guard"  # name of its process
 STOP_TIMEOUT = 1.0  # s
@@ -50,16 +49,8 @@ def one_death(commands: Callable[..., Any], robot: Path, rig: Path) -> float:
     commands : function of a duration in s that returns (s of the wall clock, id, data) of the frames sent to the
         drives since the last call
     """
-    process = subprocess.Popen(
-        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"],
-        cwd=bus.ROOT,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        preexec_fn=end_with_parent,
-    )
-    try:
-        deadline = time.monotonic() + bus.PROCESS_START_TIMEOUT
+    with run_on_rig(robot, rig) as process:
+        deadline = time.monotonic() + START_TIMEOUT
         while not any(data[:7] != b"\xff" * 7 and data != bus.COMMAND for _, _, data in commands(0.02)):
             if time.monotonic() > deadline or process.poll() is not None:
                 raise OSError("the run under test did not start")
@@ -75,9 +66,6 @@ def one_death(commands: Callable[..., Any], robot: Path, rig: Path) -> float:
         with suppress(subprocess.TimeoutExpired):  # it ends by itself, with a fault
             process.wait(5.0)
         return max(first.values()) if len(first) == 2 else float("inf")
-    finally:
-        process.kill()
-        process.wait()
 
 
 def guardian_of(pid: int) -> int:

@@ -1,8 +1,5 @@
 """Cost of inertial sensors on serial lines: eight on pseudo-terminals beside a loop, and their parser by itself."""
 
-import os
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -23,7 +20,7 @@ from cext.schedule.kernel_table import feed
 from cext.schedule.program import Program
 from graph import Diagram, compile
 from runtime.base.ending import uninterrupted
-from runtime.base.system import end_with_parent
+from runtime.bench.processes import emulation
 from runtime.console.progress import rounds
 from runtime.machine.realtime import PRIORITY, Realtime
 from runtime.rig.streams import StreamLines
@@ -37,24 +34,8 @@ PACKETS = 4000  # pairs, of the parser's stream
 def plugged_in() -> Iterator[Path]:
     """Context manager of eight emulated sensors in a process of their own. Returns the folder of their ports."""
     with tempfile.TemporaryDirectory() as folder:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "runtime.bench.sensor_process", folder, str(RATE), *SERIALS],
-            stdout=subprocess.PIPE,
-            text=True,
-            env={
-                **os.environ,
-                "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]),
-            },
-            preexec_fn=end_with_parent,
-        )
-        assert process.stdout is not None
-        try:
-            process.stdout.readline()
+        with emulation("runtime.bench.sensor_process", folder, str(RATE), *SERIALS, what="sensors"):
             yield Path(folder)
-        finally:
-            process.kill()
-            process.wait()
-            process.stdout.close()
 
 
 def loop(sensors: Path | None) -> tuple[Diagram, list[Any]]:
