@@ -33,24 +33,25 @@ if TYPE_CHECKING:
     from cext.kernel import Kernel
     from graph.arena_layout import KernelTable
     from graph.block import Block
+    from graph.compilation import Compilation
     from graph.declarations import Output
     from graph.device import DampedStop, Motion
 
 
-def assemble(facts: Any) -> Schedule:
+def assemble(compilation: Compilation) -> Schedule:
     """Return the Schedule of a Compilation without errors."""
-    return Assembly(facts).schedule()
+    return Assembly(compilation).schedule()
 
 
 class Assembly:
-    """Arena layout and steps of one compile. facts : graph.compiler.Compilation"""
+    """Arena layout and steps of one compile. compilation : without errors"""
 
-    def __init__(self, facts: Any) -> None:
-        self.facts = facts
-        self.blocks = facts.blocks
+    def __init__(self, compilation: Compilation) -> None:
+        self.compilation = compilation
+        self.blocks = compilation.blocks
         self.layout = Layout()
         # In the order of the tick, for locality of memory accesses.
-        self.in_order = [block for block in self.blocks if not computes(block)] + facts.order
+        self.in_order = [block for block in self.blocks if not computes(block)] + compilation.order
         self.native = [block for block in self.in_order if not block.is_python and not isinstance(block, Sink)]
         self.places = {
             Signal(block, name): self.place_signal(block, name, port)
@@ -58,10 +59,12 @@ class Assembly:
             for name, port in block.outputs.items()
         }
         self.constants = {
-            (block, name): self.layout.place(np.broadcast_to(facts.sources[block, name], facts.shapes[block, name]))
+            (block, name): self.layout.place(
+                np.broadcast_to(compilation.sources[block, name], compilation.shapes[block, name])
+            )
             for block in self.in_order
             for name in block.inputs
-            if not isinstance(facts.sources[block, name], Signal) and not isinstance(block, Sink)
+            if not isinstance(compilation.sources[block, name], Signal) and not isinstance(block, Sink)
         }
         for block in self.native:
             if not vars(block).keys().isdisjoint(CHECKED):  # else the check of its class holds for it
@@ -82,17 +85,19 @@ class Assembly:
 
     def place_signal(self, block: Block, name: str, port: Output) -> SignalPlace:
         """Reserve the slots of an output in the arena, and return its place."""
-        shape = self.facts.shapes[block, name]
+        shape = self.compilation.shapes[block, name]
         slot = self.layout.reserve(size_of(shape))
-        return SignalPlace(f"{block.path}.{name}", slot, shape, port.dtype, self.facts.units[block, name], port.circle)
+        return SignalPlace(
+            f"{block.path}.{name}", slot, shape, port.dtype, self.compilation.units[block, name], port.circle
+        )
 
     def size(self, block: Block, name: str) -> int:
         """Return the number of slots of a port. name : of the port"""
-        return size_of(self.facts.shapes[block, name])
+        return size_of(self.compilation.shapes[block, name])
 
     def input_slot(self, block: Block, name: str) -> int:
         """Return the first slot that an input reads: of the signal that is connected to it, or of its constant."""
-        source = self.facts.sources[block, name]
+        source = self.compilation.sources[block, name]
         return self.places[source].slot if isinstance(source, Signal) else self.constants[block, name]
 
     # Steps
@@ -135,7 +140,7 @@ class Assembly:
         """Return (name, slot, dtype, shape) of an argument of a Python method: an input, `t`, `dt` or `tick`."""
         if name in CLOCK and name not in block.inputs:
             return name, CLOCK[name], "int" if name == "tick" else "float", ()
-        return name, self.input_slot(block, name), block.inputs[name].dtype, self.facts.shapes[block, name]
+        return name, self.input_slot(block, name), block.inputs[name].dtype, self.compilation.shapes[block, name]
 
     def result(self, block: Block, name: str, port: Output) -> tuple[Any, ...]:
         """Return (name, slot, dtype, shape, low, high) of an output that a Python method returns."""
@@ -144,7 +149,7 @@ class Assembly:
             name,
             self.places[Signal(block, name)].slot,
             port.dtype,
-            self.facts.shapes[block, name],
+            self.compilation.shapes[block, name],
             declared.low,
             declared.high,
         )
@@ -181,13 +186,13 @@ class Assembly:
 
     def schedule(self) -> Schedule:
         """Return the Schedule."""
-        facts = self.facts
-        output = [self.output_step(block) for block in facts.order]
-        settle = {block: step for block in facts.order if (step := self.settle_step(block)) is not None}
-        seen = upstream(settle, facts.sources)  # no other step runs before its first tick
+        compilation = self.compilation
+        output = [self.output_step(block) for block in compilation.order]
+        settle = {block: step for block in compilation.order if (step := self.settle_step(block)) is not None}
+        seen = upstream(settle, compilation.sources)  # no other step runs before its first tick
         look = [
             step
-            for block, step in zip(facts.order, output)
+            for block, step in zip(compilation.order, output)
             if block in seen
             for step in (settle.get(block), step)
             if step is not None
@@ -195,8 +200,8 @@ class Assembly:
         buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
         columns, recorded, sinks = self.recorded()
         return Schedule(
-            name=facts.diagram.name,
-            rate=facts.diagram.rate,
+            name=compilation.diagram.name,
+            rate=compilation.diagram.rate,
             arena=self.layout.arena(),
             memory_start=self.memory_start,
             look=look,
@@ -221,7 +226,7 @@ class Assembly:
                 block.path: {
                     name: self.items[block][name][0] if block in self.items else self.input_slot(block, name)
                     for name in block.inputs
-                    if facts.shapes[block, name] == ()
+                    if compilation.shapes[block, name] == ()
                 }
                 for block in self.blocks
                 if not isinstance(block, Sink)
@@ -229,10 +234,10 @@ class Assembly:
             parameters=self.parameters,
             items={block.path: items for block, items in self.items.items()},
             live=self.live_parameters(),
-            proofs=facts.proofs,
-            holds=facts.holds,
-            loads=facts.loads,
-            warnings=[diagnostic for diagnostic in facts.diagnostics if diagnostic.severity == "warning"],
+            proofs=compilation.proofs,
+            holds=compilation.holds,
+            loads=compilation.loads,
+            warnings=[diagnostic for diagnostic in compilation.diagnostics if diagnostic.severity == "warning"],
         )
 
     def live_parameters(self) -> list[LiveParameter]:
@@ -373,7 +378,7 @@ class Assembly:
             if not isinstance(block, Sink):
                 continue
             columns = []
-            for label, signal in self.facts.taps.get(block) or everything:
+            for label, signal in self.compilation.taps.get(block) or everything:
                 place = self.places[signal]
                 for offset in range(place.size):
                     slot = place.slot + offset

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from graph.block import Block
+    from graph.compilation import Compilation
 
 POSITION, VELOCITY, TORQUE = "rad", "rad/s", "N·m"
 TURN = 2.0 * math.pi
@@ -65,16 +66,15 @@ class Value(NamedTuple):
 class ReachCheck:
     """Comparison of all setpoints of a diagram with the limits of its joints.
 
-    compilation : graph.compiler.Compilation, after its range proof
-    report : called as report(message, block, port, where, hint, severity) for each problem
+    compilation : after its range proof; receives the problems
     """
 
-    def __init__(self, compilation: Any, report: Callable[..., Any]) -> None:
+    def __init__(self, compilation: Compilation) -> None:
         self.blocks, self.sources, self.wires = compilation.blocks, compilation.sources, compilation.wires
         self.units, self.shared_units, self.ranges = compilation.units, compilation.shared_units, compilation.ranges
         self.attempt = compilation.attempt
         self.unproved = {(proof.path, proof.port) for proof in compilation.proofs if not proof.holds}
-        self.report = report
+        self.report = compilation.report
         self.reaches = {
             block: reach
             for block in self.blocks
@@ -403,6 +403,7 @@ class ReachCheck:
         problem = "is more than one turn of" if inside(interval, limits) else "is outside the limits of"
         where = self.wires[block, name].where if (block, name) in self.wires else None
         self.report(
+            "TW026",
             f"{value.words}{what}, which {problem} {actuator.path}: {bounds} ({words})"
             if value.words
             else f"{what} {problem} {actuator.path}: {bounds} ({words})",

@@ -21,7 +21,7 @@ from graph.drawing.svg import svg
 from graph.signal import Signal
 
 if TYPE_CHECKING:
-    from graph.compiler import Compilation
+    from graph.compilation import Compilation
 
 __all__ = ["Drawing", "draw", "mermaid", "page", "svg"]
 

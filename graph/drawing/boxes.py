@@ -13,7 +13,7 @@ from graph.signal import Signal
 
 if TYPE_CHECKING:
     from graph.block import Block
-    from graph.compiler import Compilation
+    from graph.compilation import Compilation
 
 BOX_WIDTH_LIMIT = 260.0  # px
 DETAIL_LIMIT = 4  # lines of parameters on a box
@@ -43,7 +43,7 @@ class Plan:
 def plan(block: Block, found: Compilation, all_ports: bool, links: Any, every: int) -> Plan:
     """Return the Plan of a block.
 
-    found : graph.compiler.Compilation
+    found : graph.compilation.Compilation
     all_ports : include ports without a wire
     links : the Links of its level
     every : rate divisor of its level

@@ -17,7 +17,7 @@ from graph.diagnostics import DiagramError
 from graph.signal import Signal
 
 if TYPE_CHECKING:
-    from graph.compiler import Compilation
+    from graph.compilation import Compilation
     from graph.declarations import Input, Output, Param
     from graph.device import TorqueBound
     from graph.diagnostics import Diagnostic
@@ -235,7 +235,7 @@ def block_card(
 ) -> dict[str, Any]:
     """Return the description of one block of a diagram as a dict.
 
-    found : graph.compiler.Compilation
+    found : graph.compilation.Compilation
     targets : {signal path: [paths of the ports it is wired to]}
     place : converts a Location to text
     """

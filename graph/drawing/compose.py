@@ -27,7 +27,7 @@ from graph.drawing.style import (
 
 if TYPE_CHECKING:
     from graph.block import Block, Sink
-    from graph.compiler import Compilation
+    from graph.compilation import Compilation
     from graph.device import Actuator
     from graph.drawing.channels import Wire
     from graph.drawing.layers import Net

@@ -20,7 +20,7 @@ from runtime.session.memory_trial import table
 
 if TYPE_CHECKING:
     from graph import Diagram, Schedule, Winding
-    from graph.compiler import Compilation
+    from graph.compilation import Compilation
     from runtime.diagrams.simulation import Simulation
     from runtime.rig.battery import Battery
 

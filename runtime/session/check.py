@@ -32,7 +32,7 @@ from runtime.session.preflight import stop_of
 
 if TYPE_CHECKING:
     from graph import Block, Diagnostic, Diagram, Schedule, TorqueBound
-    from graph.compiler import Compilation
+    from graph.compilation import Compilation
     from graph.schedule import Proof, Step
     from runtime.diagrams.overrides import Settings
 

@@ -15,7 +15,11 @@ from cext.safety.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Interval, Output, Signal, compile, subsystem
-from graph.compiler import Compilation, examine
+from graph.compilation import Compilation
+from graph.compiler import examine, prove, sort
+from graph.rate_checks import check_rates
+from graph.type_checks import check_shapes
+from graph.wire_checks import check_wires
 from tests.graph.complaints import complaint, here, refusal
 
 
@@ -165,14 +169,8 @@ def test_the_range_of_a_slow_block_contains_its_initial_zero():
         with subsystem("assist", enabled=StepSource()()):
             held = Gain()(StepSource(5.0, 6.0)())
     compilation = Compilation(diagram)
-    for check in (
-        compilation.check_wires,
-        compilation.check_shapes,
-        compilation.check_rates,
-        compilation.sort,
-        compilation.prove,
-    ):
-        check()
+    for check in (check_wires, check_shapes, check_rates, sort, prove):
+        check(compilation)
     assert compilation.ranges[Signal(held.block, "y")] == Interval(0.0, 6.0)
 
 

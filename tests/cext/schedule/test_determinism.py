@@ -11,8 +11,11 @@ from hypothesis import strategies as st
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
-from graph.compiler import Compilation
+from graph.compilation import Compilation
+from graph.compiler import prove, sort
 from graph.signal import Signal
+from graph.type_checks import check_shapes, check_units
+from graph.wire_checks import check_wires
 from tests.cext.reference import ARITY, BLOCKS, OPEN, SOURCES, Node, execute
 from tests.cext.rigs import Rig
 
@@ -109,14 +112,8 @@ def test_no_output_leaves_the_range_that_is_proved(nodes):
     straight = range(len(nodes))
     diagram = build(nodes, straight, straight)
     compilation = Compilation(diagram)
-    for check in (
-        compilation.check_wires,
-        compilation.check_shapes,
-        compilation.check_units,
-        compilation.sort,
-        compilation.prove,
-    ):
-        check()
+    for check in (check_wires, check_shapes, check_units, sort, prove):
+        check(compilation)
     ranges = [compilation.ranges[Signal(diagram[f"n{i:02}"], "y")] for i in straight]
     for row in execute(nodes, RATE, TICKS):
         for node, interval, value in zip(nodes, ranges, row):
