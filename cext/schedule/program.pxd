@@ -87,17 +87,17 @@ cdef class Program:
     cdef void end_allowance(self, Segment *segment, int64_t began) noexcept nogil
     cdef int run_native(self, Phase *phase, Segment *segment) noexcept nogil
     cdef int run_python(self, Phase *phase, int *index, int64_t tick, int64_t previous) noexcept nogil
-    cdef int failed_in(self, Phase *phase, const Segment *segment, int64_t outcome) noexcept nogil
+    cdef int failed_in(self, Phase *phase, int first, int64_t outcome) noexcept nogil
     cdef bint enabled(self, Segment *segment) noexcept nogil
     cdef int start_from_here(self) noexcept nogil
     cdef int reset_blocks(self) noexcept nogil
 
-    cdef inline int run_code(self, Phase *phase, const Segment *segment) noexcept nogil:
-        """Run the machine code of a segment."""
+    cdef inline int run_code(self, Phase *phase, int first, fused_t code) noexcept nogil:
+        """Run the machine code of a segment. first : number of its first step"""
         cdef int64_t outcome
-        self.at[0] = IN_RUN + phase.item + segment.first
-        outcome = segment.code(self.arena)
-        return OK if outcome == OK else self.failed_in(phase, segment, outcome)
+        self.at[0] = IN_RUN + phase.item + first
+        outcome = code(self.arena)
+        return OK if outcome == OK else self.failed_in(phase, first, outcome)
 
     cdef inline void record(self, double *row) noexcept nogil:
         cdef int index
@@ -107,9 +107,6 @@ cdef class Program:
 
 cdef inline int run_phase(Program program, Phase *phase, int64_t tick, int64_t previous) noexcept nogil:
     """Run the steps of a phase that are due in a tick. Returns OK, or the status of the step that failed."""
-    cdef int64_t outcome
     if phase.code != NULL and program.laps == NULL:
-        program.at[0] = IN_RUN + phase.item
-        outcome = phase.code(program.arena)
-        return OK if outcome == OK else program.failed_in(phase, phase.segments, outcome)
+        return program.run_code(phase, 0, phase.code)
     return OK if phase.segment_count == 0 else program.run(phase, tick, previous)

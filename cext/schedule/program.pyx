@@ -265,7 +265,7 @@ cdef class Program:
         while index < phase.segment_count:
             segment = &phase.segments[index]
             if segment.plain and self.laps == NULL:
-                status = self.run_code(phase, segment)
+                status = self.run_code(phase, segment.first, segment.code)
                 if status != OK:
                     return status
                 index += 1
@@ -328,7 +328,7 @@ cdef class Program:
         cdef int item = phase.item + segment.first
         cdef int32_t *at = self.at
         if segment.code != NULL and not each:
-            status = self.run_code(phase, segment)
+            status = self.run_code(phase, segment.first, segment.code)
             if status == OK and laps != NULL:
                 lap(laps, item)
             return status
@@ -346,9 +346,9 @@ cdef class Program:
             lap(laps, phase.item + segment.first)
         return OK
 
-    cdef int failed_in(self, Phase *phase, const Segment *segment, int64_t outcome) noexcept nogil:
-        """Attribute the outcome of machine code to its step. Returns the status."""
-        cdef int step = segment.first + <int>(outcome >> 32)
+    cdef int failed_in(self, Phase *phase, int first, int64_t outcome) noexcept nogil:
+        """Attribute the outcome of a segment's machine code to its step. Returns the status."""
+        cdef int step = first + <int>(outcome >> 32)
         self.at[0] = phase.item + step
         self.blame_step(phase, step)
         return <int>outcome
