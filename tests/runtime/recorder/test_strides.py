@@ -12,8 +12,8 @@ from cext.safety.shared_state import SharedState
 from runtime.analysis.average_stride import CURVES, resample
 from runtime.recorder import RecorderProcess
 from runtime.recorder.services.strides import StrideAverage
+from tests.runtime.recorder.processes import writers
 from tests.runtime.recorder.running import STRIDES, columns, plan, record, row, sink
-from tests.runtime.recorder.test_process import writers
 from tests.runtime.terminals import patient
 
 RATE = 200.0
