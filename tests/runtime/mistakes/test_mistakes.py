@@ -12,9 +12,13 @@ from graph import DiagramError
 from graph.signal_misuse import NUMPY, OPERATORS
 from runtime import load, optimise, run, study
 from runtime.base.errors import BadInput
-from tests.runtime.mistakes.table import COMMAND, LAW, MISTAKES, diagram
+from tests.runtime.mistakes.in_blocks import BLOCKS
+from tests.runtime.mistakes.in_diagrams import OPERATIONS, PARAMETERS, WIRES
+from tests.runtime.mistakes.in_files import FILES, IMPORTS_AND_NAMES
+from tests.runtime.mistakes.sources import COMMAND, LAW, diagram
 
 DURATION = 0.02  # s
+MISTAKES = (*OPERATIONS, *IMPORTS_AND_NAMES, *WIRES, *PARAMETERS, *FILES, *BLOCKS)
 
 
 @pytest.fixture
