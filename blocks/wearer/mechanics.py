@@ -57,16 +57,6 @@ def support(legs: Sequence[Sequence[Real]], loads: Sequence[Real], dt: float) ->
     return velocity, height
 
 
-def pressure_centre(ankle: Real, force: Complex, foot: Real, height: float) -> Real:
-    """Return the centre of pressure from the heel in foot lengths. The inertia of the foot is neglected.
-
-    ankle : torque in N·m/kg, dorsiflexion positive; force : of the ground in body weights; foot : its pitch; height :
-    of the body, m
-    """
-    in_foot = force * np.exp(-1j * foot)
-    return ((-ankle / (GRAVITY * height) - ANKLE_HEIGHT * in_foot.real) / in_foot.imag - HEEL) / FOOT_LENGTH
-
-
 def inverse_dynamics(
     hips: Complex, pitches: Sequence[Real], centre: Real, force: Complex, *, height: float, dt: float, cutoff: float
 ) -> tuple[Real, Real, Real]:

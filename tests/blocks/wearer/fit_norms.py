@@ -9,7 +9,8 @@ import textwrap
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from blocks.wearer.mechanics import pitches_of, pressure_centre
+from blocks.wearer.body import ANKLE_HEIGHT, FOOT_LENGTH, GRAVITY, HEEL
+from blocks.wearer.mechanics import pitches_of
 from blocks.wearer.stride import (
     FORCE_SINES,
     HARMONICS,
@@ -157,6 +158,16 @@ def fit(rows, parameters, level, pitch, stairs):
         )
         entry["moments"] = [0.5 * sum(each) for each in zip(measured, moments(entry, BODY_HEIGHT))]
     return entry
+
+
+def pressure_centre(ankle, force, foot, height):
+    """Return the centre of pressure from the heel in foot lengths. The inertia of the foot is neglected.
+
+    ankle : torque in N·m/kg, dorsiflexion positive; force : of the ground in body weights; foot : its pitch; height :
+    of the body, m
+    """
+    in_foot = force * np.exp(-1j * foot)
+    return ((-ankle / (GRAVITY * height) - ANKLE_HEIGHT * in_foot.real) / in_foot.imag - HEEL) / FOOT_LENGTH
 
 
 def angles_of(rows):
