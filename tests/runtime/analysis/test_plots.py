@@ -16,26 +16,17 @@ from runtime.analysis import plots
 from runtime.analysis.legs import legs
 from runtime.analysis.picture import short
 from runtime.base.errors import CHECK_FAILED, FAULT, OK, BadInput
-from tests.runtime.analysis.test_recorded_trial import walk
+from tests.runtime.analysis.test_recorded_trial import SIGNALS, walk
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
 from tests.runtime.runs import KNEE_EXO, knee
-
-WALK = (
-    "left/imu.quaternion[0] 1",
-    "left/imu.quaternion[1] 1",
-    "left/imu.quaternion[2] 1",
-    "left/imu.quaternion[3] 1",
-    "left/gait.phase 1",
-    "left/gait.walking 1 bool",
-    "left/knee.fault 1 int",
-    "left/knee.position rad",
-)
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     folder = tmp_path_factory.mktemp("walk")
-    record(plan(folder, sink(CSV, "csv", columns(*WALK)), stem="walk"), [row(*values) for values in walk(range(1000))])
+    record(
+        plan(folder, sink(CSV, "csv", columns(*SIGNALS)), stem="walk"), [row(*values) for values in walk(range(1000))]
+    )
     return folder / "walk.mcap"
 
 
