@@ -93,8 +93,9 @@ class Input(Port):
         self.default, self.broadcast = default, broadcast
 
     def __set__(self, block: Any, value: Any) -> None:
-        """Set an attribute with the name of the input, as state of a Python block. Raises DiagramError for a signal,
-        and in a native block.
+        """Set an attribute with the name of the input, as state of a Python block.
+
+        Raises DiagramError for a signal, and in a native block.
         """
         if isinstance(value, Signal) or not block.is_python:
             raise DiagramError(

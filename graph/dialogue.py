@@ -48,8 +48,10 @@ class Listen:
 
 @dataclass(frozen=True)
 class Exchange:
-    """Write `data` to a serial line; yields the next bytes, or b"" when none arrived within `timeout` s of the last
-    write. Without data: wait for more bytes of the same answer.
+    """Write `data` to a serial line. Yields the next bytes.
+
+    It yields b"" if none arrived within `timeout` s of the last write. Without data it waits for more bytes of the same
+    answer.
     """
 
     data: bytes = b""

@@ -16,10 +16,10 @@ HOME = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 
 
 def main(diagram: Diagram | None = None) -> None:
-    """Run the command line for the file that calls this, with the options of `python -m runtime FILE`, and exit with
-    its code.
+    """Run the command line for the file that calls this, and exit with its code.
 
-    It returns at once where the file is imported, or loaded by the command line.
+    It takes the options of `python -m runtime FILE`. It returns at once where the file is imported, or loaded by the
+    command line.
 
     diagram : the object that the file calls `diagram`; omit it in a file with a function `build`
 

@@ -1,5 +1,6 @@
-"""Bands of pure damping for the safe stop: B = min(stop_damping, limit / speed), so that damping times speed stays
-inside the limit.
+"""Bands of pure damping for the safe stop: B = min(stop_damping, limit / speed).
+
+Damping times speed stays inside the limit.
 """
 
 from __future__ import annotations
@@ -38,8 +39,9 @@ def damped_stop(joint: Any, frames_of: Callable[..., Any], velocity: ReplyField)
 
 
 def bands_inside(limit: float, damping: float, top_speed: float) -> list[tuple[float, float]]:
-    """Return [(highest speed, damping)] in ascending order of speed. The last band has an infinite speed; it is within
-    the limit up to `top_speed`.
+    """Return [(highest speed, damping)] in ascending order of speed.
+
+    The last band has an infinite speed; it is within the limit up to `top_speed`.
     """
     full = limit / damping  # speed up to which the whole damping is inside the limit
     if full >= top_speed:

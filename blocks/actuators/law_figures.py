@@ -15,8 +15,12 @@ SPEED = 10.0  # rad/s of a joint when its loop stalls: beyond fast walking
 
 @dataclass(frozen=True)
 class Law:
-    """limit in N·m, acceleration in rad/s², period in s, intervals of stiffness and damping in N·m/rad and N·m·s/rad,
-    all at the joint
+    """Limits and commands of a drive's impedance law, all at the joint.
+
+    limit : N·m
+    acceleration : rad/s²
+    period : s
+    stiffness, damping : Intervals of the commands in N·m/rad and N·m·s/rad
     """
 
     limit: float
@@ -55,8 +59,9 @@ class Law:
         return max(LOOP_STALL_PERIODS * self.period, LOOP_STALL_MINIMUM * 1e-9) + GUARDIAN_LOOK_PERIOD * 1e-9
 
     def stall_torque(self, motion: float) -> float:
-        """Return the largest torque in N·m of the last frame of a stalled loop, from |ω| <= SPEED, for |α| <= motion in
-        rad/s².
+        """Return the largest torque in N·m of the last frame of a stalled loop, from |ω| <= SPEED.
+
+        motion : bound of |α|, rad/s²
         """
         end, half, stopped = HORIZON * self.period, HALF_WAY * self.period, self.period + self.stall_time
         worst = self.limit

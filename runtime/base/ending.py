@@ -113,8 +113,9 @@ def handled() -> None:
 
 @contextmanager
 def as_interrupt() -> "Iterator[None]":
-    """Raise Interrupted at the end of a `with` block in which a signal has arrived that is not handled yet, in place
-    of any other exception.
+    """Raise Interrupted at the end of a `with` block if an unhandled signal has arrived in it.
+
+    It replaces any other exception.
     """
     try:
         yield

@@ -1,7 +1,7 @@
-"""Emulated motors as a process of their own, at the far ends of sockets: `python -m runtime.bench.motors RATE COUNT
-DESCRIPTOR...`.
+"""Process of emulated motors: `python -m runtime.bench.motors RATE COUNT DESCRIPTOR...`.
 
-On each bus COUNT drives with ids from 1 on, held still, at so many steps a second, until it is killed.
+On each socket DESCRIPTOR are COUNT drives with ids from 1 on, held still, at RATE steps per second, until the process
+is killed.
 """
 
 import socket

@@ -1,5 +1,6 @@
-"""A process with emulated inertial sensors on pseudo-terminals: `python -m runtime.bench.sensor_process FOLDER RATE
-SERIAL...`.
+"""Process of emulated inertial sensors: `python -m runtime.bench.sensor_process FOLDER RATE SERIAL...`.
+
+Each is on a pseudo-terminal.
 """
 
 import sys

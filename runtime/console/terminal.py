@@ -84,8 +84,9 @@ def harmless(text: str, coloured: bool) -> str:
 
 
 def one_line(text: str, coloured: bool = False) -> str:
-    """Return a text of a recording as `harmless` does, with the ends of lines and tabs written out, too: they could
-    otherwise show a line that Tickwork has not written.
+    """Return a text of a recording as `harmless` does, with ends of lines and tabs escaped, too.
+
+    Otherwise they could show a line that Tickwork has not written.
     """
     return harmless(text, coloured).replace("\n", "\\n").replace("\t", "\\t")
 

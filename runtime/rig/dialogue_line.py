@@ -1,7 +1,7 @@
-"""Serial lines whose devices are identified and set up by a dialogue, found by the last digits of a serial number at
-whatever port they are plugged in.
+"""Serial lines whose devices are identified and set up by a dialogue.
 
-What a block returns in `opening`: serial, port, baudrate; graph.StreamDevice has the dialogues.
+A device is found by the last digits of its serial number, at any port. The block's `opening` returns serial, port and
+baudrate; graph.StreamDevice has the dialogues.
 """
 
 from __future__ import annotations

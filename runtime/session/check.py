@@ -1,6 +1,4 @@
-"""`python -m runtime check FILE`: compile a diagram and report its ports, schedule,
-proofs, buses and errors.
-"""
+"""`python -m runtime check FILE`: compile a diagram, and report its ports, schedule, proofs, buses and errors."""
 
 from __future__ import annotations
 

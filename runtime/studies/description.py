@@ -134,8 +134,9 @@ class Study:
         return {**{key: getattr(self, key) for key in KEYS}, "diagram": os.fspath(self.diagram)}
 
     def identity(self) -> dict[str, Any]:
-        """Return the description as plain data, with the SHA-256 of the diagram file and of the modules that it and
-        the objectives import. Raises BadInput.
+        """Return the description as plain data. Raises BadInput.
+
+        It has the SHA-256 of the diagram file and of the modules that it and the objectives import.
         """
         functions = [given.get("function") if isinstance(given, dict) else given for given in self.objectives.values()]
         if not isinstance(self.diagram, (str, os.PathLike)) or any(callable(function) for function in functions):

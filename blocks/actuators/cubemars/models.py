@@ -25,9 +25,7 @@ DAMPING = 5.0  # N·m·s/rad, from 0
 
 
 class Motor:
-    """What follows from the columns of a model, whatever its board: currents as amplitudes in A, None where they are
-    not known, and `wake_shift`.
-    """
+    """Quantities that follow from the columns of a model with any board."""
 
     rated_rms_current: float | None
     peak_rms_current: float | None
@@ -45,18 +43,21 @@ class Motor:
 
     @property
     def wake_shift(self) -> float:
-        """rad at the output by a multiple of which a power cycle can shift the reading: a turn of the motor, whose
-        encoder counts one turn.
+        """Step in rad by whose multiples a power cycle can shift the position at the output.
+
+        It is one turn of the motor, as its encoder counts one turn.
         """
         return 2.0 * math.pi / self.gear
 
 
 @dataclass(frozen=True)
 class Model(Motor):
-    """rated, peak, wire torque in N·m; wire velocity in rad/s; gear is the reduction; the torque constant is that of
-    the motor before it; currents of the product page in A RMS.
+    """A CubeMars model with a board of generation V1 or V2. The other wire ranges are the same for all.
 
-    The rest of the wire is the same for all.
+    rated, peak : N·m
+    wire_torque, wire_velocity : N·m, rad/s
+    gear : reduction
+    rated_rms_current, peak_rms_current : A RMS, of the product page
     """
 
     name: str
@@ -76,8 +77,9 @@ class Model(Motor):
 
     @property
     def torque_constant(self) -> float | None:
-        """N·m/A at the output, None where it is not known. Used with amplitudes, in servo mode, it gives at most √2
-        times the torque.
+        """Torque constant in N·m/A at the output; None if unknown.
+
+        Used with amplitudes, in servo mode, it gives at most √2 times the torque.
         """
         return None if self.motor_constant is None else self.motor_constant * self.gear
 
@@ -111,8 +113,9 @@ MISPRINTED = {"AK80-80": "AK80-64"}  # in the driver manual V1.0.8
 
 
 def find(name: str) -> Model:
-    """Return the model of that name, without regard to case, hyphens, spaces or underscores. Raises ValueError with a
-    suggestion if there is none.
+    """Return a model by its name, without regard to case, hyphens, spaces or underscores.
+
+    Raises ValueError with a suggestion if there is none.
     """
     wanted = plain(name)
     names = {plain(each): each for each in MODELS} | {plain(each): full for each, full in SYNONYMS.items()}
@@ -144,8 +147,9 @@ def generation_hint(newest: str, older: str | None) -> str:
 
 
 def _same_motor(motor):
-    """Return the suggestion for a motor with another known name, or ''. A similar spelling may be a motor of another
-    size.
+    """Return the suggestion for a motor with another known name, or "".
+
+    A similar spelling may be a motor of another size.
     """
     for printed, full in MISPRINTED.items():
         if plain(printed) == motor:

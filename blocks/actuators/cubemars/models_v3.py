@@ -22,10 +22,14 @@ POSITION = 12.56  # rad, half the wire range of every model
 
 @dataclass(frozen=True)
 class Model(models.Motor):
-    """rated, peak, wire torque in N·m, None where it is not known; wire velocity in rad/s; gear is the reduction; the
-    constant in N·m per ampere of amplitude, at the output; currents of the product page in A RMS.
+    """A CubeMars model with a board of generation V3.0.
 
-    `ambiguous` : the motor is sold with boards of other generations, too
+    rated, peak : N·m, None if unknown
+    wire_torque, wire_velocity : N·m, rad/s
+    gear : reduction
+    torque_constant : N·m per ampere of amplitude, at the output
+    rated_rms_current, peak_rms_current : A RMS, of the product page
+    ambiguous : whether the motor is also sold with boards of other generations
     """
 
     name: str
@@ -73,10 +77,10 @@ WITHOUT_WIRE = ("AKA10-9", "AKA60-6")
 
 
 def find(name: str) -> Model:
-    """The model of that name, without regard to case, hyphens, spaces or underscores; '-V3.0' where the motor has other
-    boards, too.
+    """Return a model by its name, without regard to case, hyphens, spaces or underscores.
 
-    ValueError for a model of another generation, of several generations, or an unknown one.
+    The name ends in '-V3.0' if the motor is also sold with other boards. Raises ValueError for a model of another
+    generation, of several generations, or an unknown one.
     """
     motor, generation = models.split(name)
     for model in MODELS.values():
@@ -106,8 +110,9 @@ def find(name: str) -> Model:
 
 
 def find_in_servo_mode(name: str) -> Any:
-    """The model of that name with a board of any generation, all of which have a servo mode. ValueError as of
-    `find`.
+    """Return a model by its name, with a board of any generation: all have a servo mode.
+
+    Raises ValueError as `find` does.
     """
     motor, generation = models.split(name)
     if generation.startswith("3") or not generation and any(models.plain(only) == motor for only in models.ONLY_V3):

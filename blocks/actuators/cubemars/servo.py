@@ -234,8 +234,9 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         return float(speed), float(acceleration)
 
     def motion(self) -> Motion:
-        """Return the monitored quantities of the motion. A mode without a commanded current may exceed its limit, up to
-        the peak torque.
+        """Return the monitored quantities of the motion.
+
+        A mode without a commanded current may exceed its limit, up to the peak torque.
         """
         motion = self.motion_of_any_mode()
         if self.mode not in CURRENTS and self.spec.peak is not None:

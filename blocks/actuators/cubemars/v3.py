@@ -134,8 +134,9 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         self.scales = frames.scales(self.spec, self.gear_ratio, self.spec.torque_constant)
 
     def motion(self) -> Motion:
-        """Return the monitored quantities, including the torque computed from the current, which verifies the torque
-        constant.
+        """Return the monitored quantities of the motion.
+
+        They include the torque computed from the current, which verifies the torque constant.
         """
         return replace(super().motion(), velocity_code=self.scales[1], torque_tolerance=1e-2 * SCALE_TOLERANCE)
 

@@ -70,8 +70,9 @@ class EmulatedRobStride(Emulated, Device):
         self.identity = (*self.unique_bytes(), *self.firmware_bytes(), float(spec.is_cybergear))
 
     def own_gains(self, is_cybergear: bool) -> dict[Any, Any]:
-        """Return {index: value} of `gains`. ValueError for a parameter that the drive does not have or that is
-        read-only.
+        """Return {index: value} of `gains`.
+
+        Raises ValueError for a parameter that the drive does not have or that is read-only.
         """
         values = {}
         for name, value in self.gains:

@@ -24,9 +24,16 @@ TEMPERATURE = Interval(-32768 * 0.1, 32767 * 0.1)  # °C, range of the feedback,
 
 @dataclass(frozen=True)
 class Model:
-    """rated, peak, wire torque in N·m, wire velocity in rad/s, wire stiffness in N·m/rad, wire damping in N·m·s/rad;
-    currents in A, the amplitude (the manual's A pk); the constant in N·m per A RMS; speed without load in revolutions a
-    minute; gear is the reduction; too hot in °C; supply is the manual's operating voltage, V.
+    """A RobStride model or the CyberGear.
+
+    rated, peak, wire_torque : N·m
+    wire_velocity, wire_stiffness, wire_damping : rad/s, N·m/rad, N·m·s/rad
+    gear : reduction
+    rms_constant : N·m per A RMS
+    rated_current, peak_current : A, amplitude (the manual's A pk)
+    no_load : speed without load in revolutions per minute
+    too_hot : temperature in °C
+    supply : (lowest, highest) operating voltage in V
     """
 
     name: str
@@ -53,11 +60,10 @@ class Model:
 
     @property
     def wake_shift(self) -> float:
-        """rad at the output by a multiple of which a power cycle can shift the reading: a turn of the motor, if its
-        encoder sits there.
+        """Step in rad by whose multiples a power cycle can shift the position at the output.
 
-        Assumed, not verified: according to the manual's `zero_sta`, the position at the start is within one turn, on an
-        unspecified side of the gear.
+        It is one turn of the motor, if the encoder is on its side of the gear. Assumed, not verified: according to the
+        manual's `zero_sta`, the position at the start is within one turn, on an unspecified side of the gear.
         """
         return 2.0 * math.pi / self.gear
 
@@ -118,8 +124,9 @@ ALSO = {"EduLite05": "EL05", **{f"RobStride{name[2:]}": name for name in MODELS 
 
 
 def find(name: str) -> Model:
-    """The model of that name, without regard to case, hyphens, spaces or underscores. ValueError with a suggestion if
-    there is none.
+    """Return a model by its name, without regard to case, hyphens, spaces or underscores.
+
+    Raises ValueError with a suggestion if there is none.
     """
     wanted = re.sub(r"^(XIAOMI|ROBSTRIDE)(?=\D)", "", _plain(name))
     for spelling, full in ({full: full for full in MODELS} | ALSO).items():

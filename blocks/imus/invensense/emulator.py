@@ -22,8 +22,9 @@ FIELD = (20.0, 0.0, -44.0)  # µT, as in central Europe: north and down
 
 
 class _Emulated(I2cDevice):
-    """Ports, parameters and faults of an emulated IMU. It replies at the rates of the
-    block's transfers, and is at rest by default.
+    """Ports, parameters and faults of an emulated IMU.
+
+    It replies at the rates of the block's transfers, and is at rest by default.
     """
 
     address = InvenSense.parameters["address"]

@@ -25,10 +25,11 @@ SIZES = {"f": 4, "d": 8, "B": 1, "H": 2, "I": 4, "Q": 8}
 
 @dataclass(frozen=True)
 class Field:
-    """
-    set, descriptor : which
+    """Field of a data packet.
+
+    set, descriptor : its numbers
     name : of its values
-    layout : of its data, as struct has it without the byte order
+    layout : of its data, in the notation of struct without the byte order
     unit : of the values in SI; scale : from the wire to it
     flagged : whether its last word states that the filter marks it as valid
     """

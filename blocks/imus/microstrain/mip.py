@@ -1,5 +1,6 @@
-"""MIP in Python: construction and parsing of single packets, for the set-up and the tools. A run reads them natively
-(cext/kernels/devices/microstrain/mip.pyx).
+"""MIP in Python: construction and parsing of single packets, for the set-up and the tools.
+
+A run reads them natively (cext/kernels/devices/microstrain/mip.pyx).
 """
 
 import struct

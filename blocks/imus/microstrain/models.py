@@ -19,8 +19,12 @@ MAGNETOMETER = (0x8006, 0x8010)
 
 @dataclass(frozen=True)
 class Model:
-    """name, number; newer : generation; base_rate in Hz, of both sets; known : commands and data, set and descriptor in
-    one number
+    """A MicroStrain model.
+
+    name, number : of the model
+    newer : whether it is of the newer generation
+    base_rate : Hz, of both sets
+    known : supported commands and data, each as set and descriptor in one number
     """
 
     name: str
