@@ -77,16 +77,16 @@ cdef struct Member:
     int cycles
     int checked                 # bytes of its check, 0 for none
     uint8_t check_register
-    uint8_t wanted[BYTES]
+    uint8_t expected[BYTES]
     int identities
     Identity identity[IDENTITIES]
     int64_t next_check
-    bint doubted                # an exchange has failed: it is checked before further exchanges
+    bint unverified             # an exchange has failed: its settings are checked before further exchanges
     int32_t state
     int64_t due                 # of the next step of its set-up, or the next attempt
-    int in_a_row                # failures
+    int consecutive_failures
     int32_t error               # errno of the last
-    uint64_t forgiven           # failures before the begin of the run
+    uint64_t failures_before    # the begin of the run
     uint64_t failures
     uint64_t answers
     uint64_t samples            # answers of its first round
@@ -123,17 +123,17 @@ cdef class I2cBus:
     cdef readonly BusEnd end
     cdef int lay_out(self) except -1
     cdef void serve(self) noexcept nogil
-    cdef int64_t look(self, int64_t now) noexcept nogil
-    cdef void look_at_place(self, int place, int64_t now) noexcept nogil
-    cdef void attend(self, Member *member, int64_t now) noexcept nogil
+    cdef int64_t run_due(self, int64_t now) noexcept nogil
+    cdef void run_place(self, int place, int64_t now) noexcept nogil
+    cdef void run_member(self, Member *member, int64_t now) noexcept nogil
     cdef int64_t due_of(self, const Member *member) noexcept nogil
-    cdef void go_on(self, Member *member, int64_t now) noexcept nogil
-    cdef bint is_the_one(self, Member *member, int64_t now) noexcept nogil
-    cdef bint believed(self, Member *member, int64_t now) noexcept nogil
-    cdef bint ask(self, Member *member, Cycle *cycle, int64_t now) noexcept nogil
+    cdef void continue_set_up(self, Member *member, int64_t now) noexcept nogil
+    cdef bint has_identity(self, Member *member, int64_t now) noexcept nogil
+    cdef bint has_settings(self, Member *member, int64_t now) noexcept nogil
+    cdef bint run_cycle(self, Member *member, Cycle *cycle, int64_t now) noexcept nogil
     cdef int exchange(self, Member *member, uint8_t address, int register, bint reads, uint8_t *data,
         int count) noexcept nogil
     cdef int switch_to(self, int place) noexcept nogil
     cdef void fail(self, Member *member, int error, int64_t now) noexcept nogil
-    cdef void set_up_again(self, Member *member, int64_t now) noexcept nogil
+    cdef void begin_set_up(self, Member *member, int64_t now) noexcept nogil
     cdef void log(self, const Member *member, int64_t now) noexcept nogil

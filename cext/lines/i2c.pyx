@@ -6,8 +6,8 @@ answers for the tick.
               this takes n - 1 switches, the minimum
     answer    a frame with the data, time-stamped before the exchange; a ring keeps the newest for the tick
     failure   counted, and reported in a frame; the device's settings are checked before the next exchange. After three
-              in a row the device is lost, and retried every 100 ms set-up    repeated after a loss, one write at a
-              time, while other devices are read
+              in a row the device is lost, and retried every 100 ms
+    set-up    repeated after a loss, one write at a time, while other devices are read
     return    a lost device is first identified, since another may have been plugged in
     check     a register is compared ten times a second, since a device that lost its supply for a moment may use other
               ranges
@@ -33,8 +33,8 @@ cdef int64_t CHECK = 100000000          # ns between checks of a device's settin
 cdef int64_t REST_LIMIT = 1000000000    # ns of sleep
 cdef size_t STACK = 256 << 10           # bytes
 cdef int FAILURE_LIMIT = 3              # failures in a row until a device is lost
-cdef int FORGOTTEN = -1                 # error of a device that has lost its settings
-cdef int STRANGER = -2                  # error of a device of another kind
+cdef int SETTINGS_LOST = -1             # error of a device that has lost its settings
+cdef int WRONG_DEVICE = -2              # error of a device of another kind
 CHANNELS = 8                            # of a multiplexer
 STATES = ("fine", "setting up", "lost")
 
@@ -185,7 +185,7 @@ cdef class I2cBus:
             if check is not None:
                 data = check[1]
                 member.check_register, member.checked = check[0], len(data)
-                memcpy(member.wanted, <const char *>data, len(data))
+                memcpy(member.expected, <const char *>data, len(data))
             member.identities = len(identity)
             for at, (register, value, mask) in enumerate(identity):
                 member.identity[at].register, member.identity[at].value = register, value
@@ -243,10 +243,13 @@ cdef class I2cBus:
 
     @property
     def counts(self) -> dict[str, Any]:
-        """Counts of the thread: switches of multiplexers, rounds, overflows (frames overwritten unread), and for each
-        device, in the order added: state, answers, rate (Hz of its first round), failures, losses, returns, and error,
-        the errno of the last failure (-1: it lost
-        its settings; -2: another kind of chip replies instead; None)."""
+        """Counts of the thread, by name.
+
+        switches, rounds : of multiplexers; of due exchanges
+        overflows : frames overwritten unread
+        devices : for each, in the order added: state, answers, rate (Hz of its first round), failures, losses, returns,
+            and error: errno of the last failure, -1 for lost settings, -2 for a chip of another kind, or None
+        """
         cdef int index
         cdef double seconds = max(1, (self.ended or monotonic()) - self.origin) * 1e-9
         cdef Member *member
@@ -269,10 +272,10 @@ cdef class I2cBus:
         cdef int64_t due
         be_called("tickwork-i2c", self.priority)
         while not load_i32(&self.leave):
-            due = self.look(monotonic())
+            due = self.run_due(monotonic())
             doze(&self.bell, due)
 
-    cdef int64_t look(self, int64_t now) noexcept nogil:
+    cdef int64_t run_due(self, int64_t now) noexcept nogil:
         """Run all due exchanges. Returns when the next one is due, in ns of CLOCK_MONOTONIC."""
         cdef int64_t next = now + REST_LIMIT
         cdef int64_t due
@@ -282,31 +285,31 @@ cdef class I2cBus:
         if load_i32(&self.inbox.runs) != self.run:
             self.run = load_i32(&self.inbox.runs)
             for index in range(self.count):
-                self.members[index].forgiven = self.members[index].failures
+                self.members[index].failures_before = self.members[index].failures
         for index in range(self.count):
             any = any or self.due_of(&self.members[index]) <= now
         if any:
             store_u64(&self.rounds, self.rounds + 1)
-            self.look_at_place(0, now)                              # reached with any open channel
+            self.run_place(0, now)                              # reached with any open channel
             if first > 0:
-                self.look_at_place(first, now)
+                self.run_place(first, now)
                 for place in range(1 + 8 * mux_of(first), 9 + 8 * mux_of(first)):
                     if place != first:
-                        self.look_at_place(place, now)
+                        self.run_place(place, now)
             for mux in range(MUXES):
                 if self.present[mux] and (first <= 0 or mux != mux_of(first)):
                     for place in range(1 + 8 * mux, 9 + 8 * mux):
-                        self.look_at_place(place, now)
+                        self.run_place(place, now)
         for index in range(self.count):
             due = self.due_of(&self.members[index])
             next = due if due < next else next
         return next
 
-    cdef void look_at_place(self, int place, int64_t now) noexcept nogil:
+    cdef void run_place(self, int place, int64_t now) noexcept nogil:
         cdef int index
         for index in range(self.count):
             if self.members[index].place == place and self.due_of(&self.members[index]) <= now:
-                self.attend(&self.members[index], now)
+                self.run_member(&self.members[index], now)
 
     cdef int64_t due_of(self, const Member *member) noexcept nogil:
         """Return when the device needs attention next."""
@@ -319,27 +322,27 @@ cdef class I2cBus:
             due = self.cycles[index].due if self.cycles[index].due < due else due
         return due
 
-    cdef void attend(self, Member *member, int64_t now) noexcept nogil:
+    cdef void run_member(self, Member *member, int64_t now) noexcept nogil:
         cdef Cycle *cycle
         cdef int index
         if member.state == LOST:
-            self.set_up_again(member, now)
+            self.begin_set_up(member, now)
         if member.state == SETTING_UP:
-            self.go_on(member, now)
+            self.continue_set_up(member, now)
             return
-        if member.checked and (member.doubted or member.next_check <= now) and not self.believed(member, now):
+        if member.checked and (member.unverified or member.next_check <= now) and not self.has_settings(member, now):
             return
         for index in range(member.first_cycle, member.first_cycle + member.cycles):
             cycle = &self.cycles[index]
-            if cycle.due <= now and not self.ask(member, cycle, now):
+            if cycle.due <= now and not self.run_cycle(member, cycle, now):
                 return
 
-    cdef void set_up_again(self, Member *member, int64_t now) noexcept nogil:
+    cdef void begin_set_up(self, Member *member, int64_t now) noexcept nogil:
         member.setups_sent = 0
         member.due = now
         store_i32(&member.state, SETTING_UP)
 
-    cdef void go_on(self, Member *member, int64_t now) noexcept nogil:
+    cdef void continue_set_up(self, Member *member, int64_t now) noexcept nogil:
         """Write the next step of its set-up; after the last one, resume."""
         cdef SetUp *setup
         cdef int index, error
@@ -353,20 +356,20 @@ cdef class I2cBus:
             member.due = monotonic() + setup.wait
             if member.setups_sent < member.setups or setup.wait > 0:
                 return
-        if not self.is_the_one(member, now):
+        if not self.has_identity(member, now):
             return
         for index in range(member.first_cycle, member.first_cycle + member.cycles):
             self.cycles[index].at = 0
             self.cycles[index].due = now
-        member.in_a_row = 0
-        member.doubted = True                                       # its settings are checked first
+        member.consecutive_failures = 0
+        member.unverified = True                                       # its settings are checked first
         member.next_check = now
         store_i32(&member.state, FINE)
         if member.losses > member.returns:
             store_u64(&member.returns, member.returns + 1)
         self.log(member, now)
 
-    cdef bint is_the_one(self, Member *member, int64_t now) noexcept nogil:
+    cdef bint has_identity(self, Member *member, int64_t now) noexcept nogil:
         """Return whether a device that was set up again has the expected identity."""
         cdef uint8_t[READ_LIMIT] reply
         cdef int index
@@ -374,13 +377,13 @@ cdef class I2cBus:
         for index in range(member.identities):
             error = self.exchange(member, member.address, member.identity[index].register, True, reply, 1)
             if error == 0 and (reply[0] & member.identity[index].mask) != member.identity[index].value:
-                error = STRANGER
+                error = WRONG_DEVICE
             if error != 0:
                 self.fail(member, error, now)
                 return False
         return True
 
-    cdef bint believed(self, Member *member, int64_t now) noexcept nogil:
+    cdef bint has_settings(self, Member *member, int64_t now) noexcept nogil:
         """Return whether a device still has its settings. If not, its set-up begins again."""
         cdef uint8_t[READ_LIMIT] reply
         cdef int error = self.exchange(member, member.address, member.check_register, True, reply, member.checked)
@@ -388,15 +391,15 @@ cdef class I2cBus:
             self.fail(member, error, now)
             return False
         member.next_check = now + CHECK
-        if memcmp(reply, member.wanted, member.checked) == 0:
-            member.doubted = False
+        if memcmp(reply, member.expected, member.checked) == 0:
+            member.unverified = False
             return True
-        self.fail(member, FORGOTTEN, now)
+        self.fail(member, SETTINGS_LOST, now)
         if member.state == FINE:
-            self.set_up_again(member, now)
+            self.begin_set_up(member, now)
         return False
 
-    cdef bint ask(self, Member *member, Cycle *cycle, int64_t now) noexcept nogil:
+    cdef bint run_cycle(self, Member *member, Cycle *cycle, int64_t now) noexcept nogil:
         cdef Exchange *asked = &self.exchanges[cycle.first + cycle.at]
         cdef Frame frame
         cdef uint8_t[READ_LIMIT] written
@@ -430,7 +433,7 @@ cdef class I2cBus:
         cycle.at = (cycle.at + 1) % cycle.count
         if cycle.settle > 0:
             cycle.due = max(cycle.due, monotonic() + cycle.settle)
-        member.in_a_row = 0
+        member.consecutive_failures = 0
         store_u64(&member.answers, member.answers + 1)
         if cycle == &self.cycles[member.first_cycle]:
             store_u64(&member.samples, member.samples + 1)
@@ -472,11 +475,11 @@ cdef class I2cBus:
     cdef void fail(self, Member *member, int error, int64_t now) noexcept nogil:
         store_i32(&member.error, error)
         store_u64(&member.failures, member.failures + 1)
-        member.doubted = True
-        member.in_a_row += 1
+        member.unverified = True
+        member.consecutive_failures += 1
         if self.open > 0 and member.place > 0:                      # the multiplexer may have been reset
             self.open = -1
-        if member.state == SETTING_UP or member.in_a_row >= FAILURE_LIMIT:
+        if member.state == SETTING_UP or member.consecutive_failures >= FAILURE_LIMIT:
             if member.losses == member.returns:
                 store_u64(&member.losses, member.losses + 1)
             member.due = now + RETRY
@@ -487,7 +490,7 @@ cdef class I2cBus:
 
     cdef void log(self, const Member *member, int64_t now) noexcept nogil:
         cdef Frame frame
-        cdef uint32_t count = <uint32_t>(member.failures - member.forgiven)
+        cdef uint32_t count = <uint32_t>(member.failures - member.failures_before)
         memset(&frame, 0, sizeof(Frame))
         frame.time, frame.id, frame.length = now, member.trouble, 5
         frame.data[0] = member.state != FINE

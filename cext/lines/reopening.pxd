@@ -23,8 +23,8 @@ cdef class Reopening:
     cdef int listen(self, int fd, uint32_t events, int index) noexcept nogil
     cdef void lose(self, Source *source, int error, int64_t now) noexcept nogil
     cdef void try_again(self, Source *source, int index, int64_t now) noexcept nogil
-    cdef void ask_who(self, Source *source, int found, int index, int64_t now) noexcept nogil
-    cdef bint is_the_one(self, Source *source) noexcept nogil
+    cdef void request_identity(self, Source *source, int found, int index, int64_t now) noexcept nogil
+    cdef bint has_identified(self, Source *source) noexcept nogil
     cdef void settle(self, Source *source, int index, int64_t now) noexcept nogil
     cdef void give_up(self, Source *source, int64_t now) noexcept nogil
     cdef bint resume(self, Source *source, int found, int index, int64_t now) noexcept nogil

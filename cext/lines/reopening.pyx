@@ -85,7 +85,7 @@ cdef class Reopening:
             if source.is_tty and tcsetattr(found, TCSANOW, &source.settings) != 0:
                 close(found)
             elif source.question_length > 0:
-                self.ask_who(source, found, index, now)
+                self.request_identity(source, found, index, now)
             else:
                 self.resume(source, found, index, now)
                 close(found)
@@ -96,7 +96,7 @@ cdef class Reopening:
             return
         source.due = now + CONNECT_TIMEOUT
 
-    cdef void ask_who(self, Source *source, int found, int index, int64_t now) noexcept nogil:
+    cdef void request_identity(self, Source *source, int found, int index, int64_t now) noexcept nogil:
         source.attempt, source.seen_length, source.spoken = found, 0, False
         if (self.listen(found, EPOLLIN, index) != 0
                 or write(found, source.question, source.question_length) != source.question_length):
@@ -104,7 +104,7 @@ cdef class Reopening:
             return
         source.due = now + PROOF_TIMEOUT
 
-    cdef bint is_the_one(self, Source *source) noexcept nogil:
+    cdef bint has_identified(self, Source *source) noexcept nogil:
         """Return whether the device has identified by now. Other data is discarded."""
         cdef ssize_t count
         cdef int kept
@@ -127,7 +127,7 @@ cdef class Reopening:
         """Handle the end of an attempt: a connection or an error, an answer or a part of one."""
         if source.attempt == 0:
             return
-        if source.path[0] != 0 and not self.is_the_one(source):
+        if source.path[0] != 0 and not self.has_identified(source):
             return
         epoll_ctl(self.epoll, EPOLL_CTL_DEL, source.attempt, NULL)
         if (source.path[0] != 0 or is_connected(source.attempt)) and self.resume(source, source.attempt, index, now):
