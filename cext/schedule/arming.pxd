@@ -41,7 +41,7 @@ cdef class Arming:
     cdef bint is_held(self) noexcept nogil
     cdef int call_answered(self) noexcept nogil
     cdef int permission(self) noexcept nogil
-    cdef int hear_while_arming(self) noexcept nogil
+    cdef int receive_while_arming(self) noexcept nogil
     cdef int64_t next_point(self, int64_t point, int64_t zero) noexcept nogil
     cdef int advance_plant_to(self, int64_t tick) noexcept nogil
     cdef void keep_signals(self, int64_t tick) noexcept nogil

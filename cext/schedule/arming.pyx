@@ -118,7 +118,7 @@ cdef class Arming:
         while self.control.live.asked(self.layout, CONFIRM, -1, NOT_NOW):
             # a confirmation before the table was shown does not count
             pass
-        self.control.devices.arming.want_replies(True, False)
+        self.control.devices.arming.expect_replies(True, False)
         self.journal.set_state(READY)
         self.released = -1
         while status == OK:
@@ -128,7 +128,7 @@ cdef class Arming:
                 self.pace.sleep_until(self.began + self.now)
             if self.signals.caught[0] or not self.journal.make_room(False):
                 return OK
-            status = self.hear_while_arming()
+            status = self.receive_while_arming()
             if status == OK:
                 status = self.control.devices.watch(self.now)
             if status == OK and confirmed:
@@ -145,7 +145,7 @@ cdef class Arming:
                 if waits:
                     self.control.live.asked(self.layout, CONFIRM, -1, TAKEN if confirmed else NOT_NOW)
                 if confirmed:
-                    self.control.devices.arming.want_replies(True, False)
+                    self.control.devices.arming.expect_replies(True, False)
                 elif status == UNCLEAR_POSE:
                     status = OK                                    # the operator may move the joint and confirm again
             if status == OK:
@@ -200,7 +200,7 @@ cdef class Arming:
                 self.control.error = error
                 return PYTHON_ERROR
 
-    cdef int hear_while_arming(self) noexcept nogil:
+    cdef int receive_while_arming(self) noexcept nogil:
         cdef int status = self.journal.attend(monotonic())
         if status == OK:
             status = apply_changes(self.control.live, self.layout, -1, 0.0)
@@ -256,7 +256,7 @@ cdef class Arming:
         while self.control.devices.table.count > 0:
             self.journal.attend(monotonic())
             if since >= self.control.devices.stop.due:
-                self.control.devices.arming.want_replies(True, True)
+                self.control.devices.arming.expect_replies(True, True)
                 rounds += since >= damping
             self.journal.make_room(True)
             due = began + self.control.devices.stop.send(since, now, round)

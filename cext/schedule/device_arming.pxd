@@ -12,7 +12,7 @@ cdef class DeviceArming:
     cdef int64_t start_time      # ns of arming in which only relays are sent frames
 
     cdef void begin(self) noexcept nogil
-    cdef void want_replies(self, bint zero, bint disable) noexcept nogil
+    cdef void expect_replies(self, bint zero, bint disable) noexcept nogil
     cdef bint all_answered(self) noexcept nogil
     cdef bint only_zeros_are_due(self) noexcept nogil
     cdef int send_relays(self, int64_t now) noexcept nogil

@@ -34,9 +34,9 @@ cdef class DeviceArming:
             if device.drive.disabled >= 0:
                 device.drive.state = OUT if self.table.arena[device.drive.disabled] > 0.5 else ACTIVE
             begin_rest(&device.zeroing, self.table.now)
-        self.want_replies(True, False)
+        self.expect_replies(True, False)
 
-    cdef void want_replies(self, bint zero, bint disable) noexcept nogil:
+    cdef void expect_replies(self, bint zero, bint disable) noexcept nogil:
         """Count replies from now on. zero, disable : whether they are expected to these frames"""
         cdef int number
         cdef Device *device

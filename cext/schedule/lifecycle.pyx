@@ -112,7 +112,7 @@ cdef class Waiting(Arming):
         cdef bint before
         # from when a missing reply prevents arming
         cdef int64_t judged = self.first_tick + self.pace.grid(tick) + DISABLE_CONFIRM_LIMIT
-        self.control.devices.arming.want_replies(False, True)
+        self.control.devices.arming.expect_replies(False, True)
         self.previous = tick - 1
         while ticks < 0 or tick < ticks:
             if not self.virtual:
@@ -230,7 +230,7 @@ cdef class Waiting(Arming):
             if self.signals.caught[0] or not self.journal.make_room(False):
                 return ENDED
             self.tick = tick
-            status = self.hear_while_arming()
+            status = self.receive_while_arming()
             if round == 0:
                 self.control.devices.arming.begin()                # later replies are to the disabling
             elif status == OK and self.control.devices.arming.all_answered():

@@ -90,7 +90,7 @@ TARGETS = (
     Target("cext/schedule/buses.pyx", ("send",), ("cext/schedule/buses",), DEVICES),
     Target(
         "cext/schedule/device_arming.pyx",
-        ("all_answered", "want_replies", "send_batches"),
+        ("all_answered", "expect_replies", "send_batches"),
         ("cext/schedule/device_arming",),
         DEVICES,
     ),
