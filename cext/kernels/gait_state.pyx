@@ -97,6 +97,7 @@ cdef int envelope_kernel(double *arena, const Envelope *at, const Envelope *size
         arena[at.inside] = 0.0
         arena[at.deviation] = NAN
         return OK
+    phase -= floor(phase)
     arena[at.deviation] = 0.0
     if walking == 0.0:
         m[OUTSIDE] = m[INSIDE] = m[LEFT] = m[STRIDE] = 0.0
@@ -176,7 +177,7 @@ cdef int gate_kernel(double *arena, const Gate *at, const Gate *sizes) noexcept 
         if enable != 0.0:
             m[1] = u
         rest = m[1]
-    arena[at.y] = m[0] * u + (1.0 - m[0]) * rest
+    arena[at.y] = clip(m[0] * u + (1.0 - m[0]) * rest, min(u, rest), max(u, rest))     # also without rounding beyond
     return OK
 
 

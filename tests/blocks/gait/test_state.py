@@ -150,6 +150,25 @@ def test_the_gate_fades_to_zero_damping_or_the_last_torque(mode, rest):
     assert outputs[420:] == pytest.approx(rest)
 
 
+def test_a_gate_that_holds_a_torque_never_exceeds_it_by_rounding():
+    for torque in np.random.default_rng(1).uniform(0.5, 1.0, 100):
+        gate = TorqueGate(mode="hold")
+        gate.dt = 0.005
+        assert max(gate.step(torque, tick < 75, 0.0) for tick in range(150)) == torque
+
+
+def test_a_phase_beyond_its_range_counts_as_its_fraction():
+    phase = np.linspace(0.0, 6.0, 1200) % 1.0
+    near, far = (
+        inside(StrideEnvelope, phase=phase + turns, u=np.sin(phase), walking=np.ones(1200, bool)) for turns in (0.0, 2.0)
+    )
+    assert far["deviation"] == pytest.approx(near["deviation"], abs=1e-6)
+    envelope = StrideEnvelope()
+    envelope.dt = 0.001
+    for phase in (1.7e308, -1.7e308, 1e18, -0.5):
+        assert envelope.step(phase, 1.0, True) == (True, 0.0)
+
+
 def test_weight_that_shifts_from_leg_to_leg_is_standing():
     """Contacts alternate as in walking, and the thighs move with at most 0.2 rad/s."""
     phase = np.arange(2000) / 280.0 % 1.0
