@@ -393,12 +393,12 @@ class Block:
         return Interval(float(bounds.min), float(bounds.max)) if bounds else Interval.point(getattr(self, name))
 
     def _attempt(self, method: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a hook. ValueError and OSError become a DiagramError at the line that made the block."""
+        """Call a hook. Errors of values and files become a DiagramError at the line that made the block."""
         try:
             return method(*arguments)
         except OSError as error:
             message = text_of(error) if error.strerror is None else f"cannot read {error.filename}: {error.strerror}"
-        except ValueError as error:
+        except (ValueError, ArithmeticError) as error:
             message = text_of(error)
         raise DiagramError(Diagnostic("TW010", message, path=self.path, where=self.location))
 

@@ -64,10 +64,10 @@ class Compilation:
     def attempt(
         self, block: Block, hook: Callable[..., Any], /, *arguments: float | dict[str, Interval], **named: Interval
     ) -> Any:
-        """Call a hook of a block. A ValueError or OSError is reported once, and None returned."""
+        """Call a hook of a block. An error of a value or a file is reported once, and None returned."""
         try:
             return hook(*arguments, **named)
-        except (ValueError, OSError) as error:
+        except (ValueError, ArithmeticError, OSError) as error:
             if (block, hook.__name__) not in self.failed:
                 self.failed.add((block, hook.__name__))
                 self.report("TW010", text_of(error), block)

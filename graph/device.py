@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from graph.block import Block
+from graph.diagnostics import Diagnostic, DiagramError
 from graph.interval import Interval
 
 Frame: TypeAlias = tuple[int, bool, bytes]
@@ -322,6 +324,27 @@ class Device(Block):
 class Actuator(Device):
     """A device that moves a joint. The compiler proves that each command stays inside its limit."""
 
+    def adopt_assigned(self) -> None:
+        """Check assigned parameters as other blocks do, and report assignments to what `configure` derives from them.
+
+        A limit that is assigned would move both the proof and the encoder.
+        """
+        super().adopt_assigned()
+        derived = copy(self)
+        derived._configure()
+        for name, value in plain_attributes(derived).items():
+            given = getattr(self, name, value)
+            if given != value and name not in self.parameters:
+                raise DiagramError(
+                    Diagnostic(
+                        "TW010",
+                        f"{name} = {given!r} was assigned, but the parameters determine it: {value!r}",
+                        path=self.path,
+                        where=self.location,
+                        hint="set a parameter instead, such as limit",
+                    )
+                )
+
     def command_limits(self) -> dict[str, Interval]:
         """Return {input: Interval} that the command at each input must not leave."""
         return {}
@@ -355,3 +378,12 @@ class Actuator(Device):
     def fault_in_words(self, code: int) -> str:
         """Return the text of a code of its output `fault`."""
         return f"code {code}"
+
+
+def plain_attributes(block: Any) -> dict[str, Any]:
+    """Return the public attributes of a block that are numbers, text or tuples of them."""
+    return {
+        name: value
+        for name, value in vars(block).items()
+        if name[0] != "_" and isinstance(value, (float, int, str, tuple))
+    }

@@ -284,6 +284,17 @@ def test_a_limit_that_is_assigned_to_an_actuator_counts():
     assert device.watch.watch.limit == 18.0 and device.damp is not None
 
 
+@pytest.mark.parametrize(("name", "value"), [("torque_limit", 300.0), ("limits", (12.5,) * 7)])
+def test_a_limit_that_the_parameters_determine_cannot_be_assigned(name, value):
+    with Diagram("robot", rate=200) as diagram:
+        knee = CubeMars("AK80-9")
+        knee(torque_command=TorqueLimiter(limit=9.0)(Constant(5.0)()))
+    for _ in range(2):
+        assert proof(diagram).limit == Interval(-9.0, 9.0)
+    setattr(knee, name, value)
+    assert f"{name} = {value} was assigned, but the parameters determine it" in complaint(diagram).message
+
+
 @pytest.mark.parametrize(
     ("parameter", "value", "message"),
     [
