@@ -30,7 +30,7 @@ cdef class Publisher:
     cdef bint guardian_is_late(self) noexcept nogil
     cdef int attend(self, int64_t now) noexcept nogil
     cdef void raise_fence(self) noexcept nogil
-    cdef void raise_fence_for(self, int item) noexcept nogil
+    cdef void report_hang(self, int item) noexcept nogil
     cdef bint lower_fence(self) noexcept nogil
     cdef int attend_fenced(self, int64_t now) noexcept nogil
     cdef bint push_row(self, int64_t tick) noexcept nogil

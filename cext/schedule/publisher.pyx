@@ -150,14 +150,10 @@ cdef class Publisher:
             return FENCED
         return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK
 
-    cdef void raise_fence_for(self, int item) noexcept nogil:
-        """Raise the fence because of a hung tick.
-
-        item : of the stopwatch, -1 if unknown, which the shared state reports first
-        """
+    cdef void report_hang(self, int item) noexcept nogil:
+        """Report a hung tick in the shared state. item : of the stopwatch, -1 if unknown"""
         if self.layout != NULL:
             store_i32(&self.layout.hung, 1 + item if item >= 0 else -1)
-        self.raise_fence()
 
     cdef bint push_row(self, int64_t tick) noexcept nogil:
         """Write the recorded signals of this tick to the ring and the array.

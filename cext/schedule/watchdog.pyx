@@ -159,15 +159,19 @@ cdef class Watchdog:
         cdef int64_t nudge = now
         cdef bint mine = False
         cdef bint over = False
-        cdef int item
+        cdef bint in_run
         self.at = self.program.at[0]
+        in_run = self.at >= IN_RUN
         store_i32(&self.hung, 1)
-        if self.at >= IN_RUN:
-            item = sample(self.loop)
-            self.at = item if item >= 0 else self.at - IN_RUN
-        self.journal.raise_fence_for(self.at)
+        if in_run:
+            self.at = sample(self.loop)
+        self.journal.report_hang(self.at)
+        self.journal.raise_fence()
         self.program.devices.stop.begin()
         while not load_i32(&self.leave):
+            if in_run and self.at < 0:      # the loop's thread was not scheduled in time
+                self.at = sample(self.loop)
+                self.journal.report_hang(self.at)
             now = monotonic()
             over = now - began >= STOP_LIMIT + damping - damped
             mine = mine or swap(&self.shared.user, UNOWNED, WATCHDOG)

@@ -7,7 +7,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -23,6 +25,7 @@ from cext.fused.compile import HEADER, TARGETS
 from cext.fused.sources import hash_of
 from cext.fused.text import text_of
 from cext.kernel import Kernel
+from cext.safety.shared_state import SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, compile
@@ -187,6 +190,39 @@ def test_a_crash_names_the_called_kernel_over_old_addresses_in_its_stack(fused, 
         norm = Norm()(Cos(name="cosines")(Concatenate((1, 1, 1))(*signals)))
         Tap(name="end")(Gain(2.0)(kind(name="middle")(norm)))
     assert crashed(diagram) == (signal.SIGSEGV, "middle")
+
+
+@pytest.mark.timing
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_hang_in_machine_code_is_never_attributed_to_another_step(fused, monkeypatch, answers):
+    """answers : whether the thread of the loop can be asked for its step"""
+    real = library.stencil_of
+    endless = {"x86_64": b"\xeb\xfe", "aarch64": b"\x00\x00\x00\x14"}[fused.target]  # a jump to itself
+
+    def stencil_of(kernel, sizes):
+        stencil = real(kernel, sizes)
+        return msgspec.structs.replace(stencil, code=endless, holes=b"") if kernel is Cos.kernel else stencil
+
+    monkeypatch.setattr(library, "stencil_of", stencil_of)
+    with Diagram("chain", RATE) as diagram:
+        Tap(name="end")(Gain(2.0)(Cos(name="middle")(Gain(1.5)(Sine()()))))
+    page = SharedState(1 << 20)
+    page.look_after(time.monotonic_ns())
+    rig = Rig(diagram, page=page, virtual=False, guard=60.0)
+    child = os.fork()
+    if child == 0:
+        if not answers:
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGRTMIN})
+        rig.run(1)
+        os._exit(0)
+    try:
+        begin = time.monotonic()
+        while (not page.fenced or answers and page.hung == -1) and time.monotonic() < begin + 10.0:
+            time.sleep(0.001)
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    assert page.fenced and (names(rig.schedule)[page.hung] == "middle" if answers else page.hung == -1)
 
 
 def test_programs_are_fused_by_default(fused, monkeypatch):
