@@ -1,4 +1,4 @@
-// What is told of a block beside the drawing: its card, made of what its declarations and the compiler say. Text is never read as HTML.
+// Card of a block, beside the drawing, of its declarations and what the compiler found. Text is never read as HTML.
 
 function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
@@ -15,15 +15,15 @@ function link(signal) {
   return element("a", { href: "#", onclick: (event) => { event.preventDefault(); choose(signal.slice(0, at), true); } }, signal);
 }
 
-const told = (words, between) => words.filter(Boolean).join(between);
+const joined = (words, between) => words.filter(Boolean).join(between);
 
 function withUnit(port) {
-  return told([port.unit === "1" ? "" : port.unit, port.shape && `(${port.shape})`, port.dtype === "float" ? "" : port.dtype], " ");
+  return joined([port.unit === "1" ? "" : port.unit, port.shape && `(${port.shape})`, port.dtype === "float" ? "" : port.dtype], " ");
 }
 
 function portRow(port, ends) {
   const wired = element("div", { class: "wired" }, ...ends);
-  const about = told([port.description, port.range], "; ");
+  const about = joined([port.description, port.range], "; ");
   return element("tr", {}, element("th", {}, port.name), element("td", { class: "unit" }, withUnit(port)), element("td", {}, about, wired));
 }
 
@@ -35,7 +35,7 @@ function origin(port) {
 function parameterRow(parameter) {
   const other = parameter.own && parameter.default !== "required";
   const live = parameter.live && "may change while running";
-  const about = told([parameter.description, parameter.bounds, other && `default ${parameter.default}`, live], "; ");
+  const about = joined([parameter.description, parameter.bounds, other && `default ${parameter.default}`, live], "; ");
   const value = element("td", { class: parameter.own ? "unit own" : "unit" }, parameter.value);
   return element("tr", {}, element("th", {}, parameter.name), value, element("td", {}, about));
 }
@@ -67,6 +67,6 @@ function card(block) {
     prose(block.documentation),
     ...section("Proof", ...block.proofs.concat(block.bounds.map((command) => `bounds ${command}`)).map((text) => element("p", {}, text))),
     ...section("Inputs", ...table(inputs)), ...section("Outputs", ...table(outputs)), ...section("Parameters", ...table(parameters)),
-    element("p", { class: "foot" }, told([block.runs, block.rate, ...conditions, block.made && `made at ${block.made}`], " · ")),
+    element("p", { class: "foot" }, joined([block.runs, block.rate, ...conditions, block.made && `made at ${block.made}`], " · ")),
   ];
 }

@@ -36,7 +36,7 @@ class OpenImuFamily(Family):
             {
                 "model": ("model", "model of the unit"),
                 "axes": ("axes", "frame of the outputs"),
-                "keep-settings": ("told", "write no settings, and keep the present axes of the unit"),
+                "keep-settings": ("write_settings", "write no settings, and keep the present axes of the unit"),
             },
             channels,
             OpenImu.enable_frames,

@@ -91,7 +91,7 @@ class OpenImu(Device):
     axes = Param(
         "printed", "1", "frame of the outputs: as printed on its case, or with y and z reversed", choices=tuple(SIGNS)
     )
-    told = Param(
+    write_settings = Param(
         True,
         "1",
         "whether arming writes the settings and waits until the unit has returned them",
@@ -161,7 +161,7 @@ class OpenImu(Device):
             self.rate_filter,
             self.acceleration_filter,
             SIGNS[self.axes],
-            NEEDED[self.model] if self.told else 0,
+            NEEDED[self.model] if self.write_settings else 0,
             max(0.05, 2.5 / self.rate),
             float(newer),
         )
@@ -175,7 +175,7 @@ class OpenImu(Device):
         """Return the frames that write and read the settings, for a 335RI in both byte orders, as its firmware does not
         report its own; none if the unit keeps its settings.
         """
-        if not self.told:
+        if not self.write_settings:
             return []
         address = self.address
         asked = (frames.BEHAVIOUR, frames.PACKET_TYPE, frames.PACKET_RATE)

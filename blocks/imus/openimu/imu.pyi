@@ -21,7 +21,7 @@ class OpenImu(Device):
     acceleration_filter: Param[int]
     orientation: Param[int]
     axes: Param[Literal['printed', 'z up']]
-    told: Param[bool]
+    write_settings: Param[bool]
     bitrate: Param[float]
     timeout: Param[float]
     accel: Output
@@ -51,7 +51,7 @@ class OpenImu(Device):
         acceleration_filter: int = 25,
         orientation: int = 0,
         axes: Literal['printed', 'z up'] = 'printed',
-        told: bool = True,
+        write_settings: bool = True,
         bitrate: float = 250000.0,
         timeout: float = 0.1,
         **options: Unpack[BlockOptions],

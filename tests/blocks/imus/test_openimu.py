@@ -34,7 +34,7 @@ def listener():
     def listener(address, **more):
         key = (address, *more.items())
         if key not in made:
-            made[key] = Wired(OpenImu, address=address, told=False, slope=True, **more)
+            made[key] = Wired(OpenImu, address=address, write_settings=False, slope=True, **more)
         return Wired.again(made[key])
 
     return listener
@@ -90,7 +90,7 @@ def test_the_factory_axes_are_not_one_frame():
     sent = np.eye(3)
     seen = {"accel": [], "gyro": []}
     for axis in sent:
-        unit["accel"], unit["gyro"], reader = 5.0 * axis, axis, Wired(OpenImu, told=False)
+        unit["accel"], unit["gyro"], reader = 5.0 * axis, axis, Wired(OpenImu, write_settings=False)
         state = unit["state"]
         state[7] = 0.0
         unit["state"] = state
@@ -230,7 +230,7 @@ def test_values_marked_as_missing_are_counted(listener):
 def test_values_that_a_335ri_marks_as_errors_are_counted(merit, is_bad, model, counted):
     """Of each value in turn. A 300RI has no merit: its firmware sends 3, "not available", in every packet."""
     places = {frames.ACCELERATION: (48, 50, 52), frames.ANGULAR_RATE: (48, 50, 52), frames.SLOPE: (50, 54)}
-    wired = Wired(OpenImu, model=model, slope=True, told=False)
+    wired = Wired(OpenImu, model=model, slope=True, write_settings=False)
     for group, firsts in places.items():
         for first in firsts:
             before = wired["invalid"]
@@ -252,7 +252,7 @@ def test_any_frame_leaves_measurements_in_range(name, data, address, listener):
 
 
 def test_a_unit_that_keeps_its_settings_gets_no_frame():
-    diagram = robot(told=False)
+    diagram = robot(write_settings=False)
     rig = Rig(diagram, plant(diagram, power_lost=np.arange(1000) // 100 == 5))
     assert rig.run(200).status == "ok" and not [frame for frame in rig.frames if frame.sent]
 
@@ -303,7 +303,7 @@ def packed(*fields):
     return word.to_bytes(8, "little")
 
 
-FINE = {"model": "335RI", "high_resolution": True, "told": False, "slope": True, "slope_sensor": 1}
+FINE = {"model": "335RI", "high_resolution": True, "write_settings": False, "slope": True, "slope_sensor": 1}
 
 
 @given(
