@@ -73,6 +73,9 @@ cdef enum: # return values of decode_t
     MALFORMED = -1          # for this device, but short, long or corrupt: nothing was changed
 
 cdef enum:
+    POWER_LOSS = 100000000      # ns without a frame of a drive, after which it may have restarted
+
+cdef enum:
     FRAME_BYTES = 64        # CAN FD
     FRAMES_PER_DEVICE = 4   # limit for encode_t
     FRAMES_PER_BATCH = 12   # limit for a device in one round of arming or the safe stop

@@ -55,9 +55,6 @@ cpdef enum:
     # ns: time in which commands rise to their full value after arming
     FADE_IN = 500000000
 
-    # ns: time without a reply of a drive after which it may have restarted
-    POWER_LOSS = 100000000
-
     # ns: time of zero torque and of rest before the zero of a drive may be set
     ZERO_REST = 100000000
     # mrad: largest movement of a joint at rest, and largest position of a drive whose zero was set

@@ -4,13 +4,13 @@
 from libc.math cimport fabs, isfinite
 from libc.stdint cimport int64_t
 
-from cext.abi cimport OK, PERIOD, TICK
+from cext.abi cimport OK, PERIOD, POWER_LOSS, TICK
 from cext.atomics cimport store_i64
 from cext.bus.batch cimport Batch
 from cext.safety.drive_state cimport ACTIVE, DAMPED, OUT, RETURNING, enter
 from cext.safety.drive_watch cimport Watched
 from cext.safety.speed_bands cimport SpeedBands
-from cext.safety.thresholds cimport ARMING_LIMIT, POWER_LOSS, STOP_LIMIT, TRAVEL_MARGIN, ZERO_LIMIT
+from cext.safety.thresholds cimport ARMING_LIMIT, STOP_LIMIT, TRAVEL_MARGIN, ZERO_LIMIT
 from cext.safety.zeroing cimport begin_rest
 from cext.schedule.device_events cimport NOT_RETURNED, RETURNED, TAKEN_OUT
 from cext.schedule.drive_zeroing cimport zero_while_arming

@@ -21,12 +21,11 @@ from libc.stdint cimport int16_t, int32_t, uint8_t, uint16_t, uint32_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    ANSWERED, AUTHORITY, COMMANDED, FOREIGN, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, PERIOD, TAKEN, TIME, Frame,
-    decode_t, encode_t, export, export_decode, export_encode, items, kernel_t,
+    ANSWERED, AUTHORITY, COMMANDED, FOREIGN, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, PERIOD, POWER_LOSS, TAKEN, TIME,
+    Frame, decode_t, encode_t, export, export_decode, export_encode, items, kernel_t,
 )
 cimport cext.kernels.devices.drives as drives
 from cext.kernels.devices.mit cimport Mit, all_ones, decode_motion, encode_command, mit_sizes, pack_motion, unpack
-from cext.safety.thresholds cimport POWER_LOSS
 
 cdef enum: # in `talk`
     READY                       # the drive has returned the written time-out, or another one too often

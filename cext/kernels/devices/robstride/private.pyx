@@ -20,11 +20,10 @@ from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
     AUTHORITY, COMMANDED, EXTENDED, FOREIGN, ID_MASK, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, OUT_OF_LIMITS, PERIOD,
-    TAKEN, Frame, decode_t, encode_t, export_decode, export_encode, items,
+    POWER_LOSS, TAKEN, Frame, decode_t, encode_t, export_decode, export_encode, items,
 )
 from cext.kernels.devices.drive_law cimport Known, Law, accept, keep_inside
 from cext.kernels.devices.fields cimport from_code, to_code, to_code_inward
-from cext.safety.thresholds cimport POWER_LOSS
 
 cdef enum:
     RUN = 2                     # mode of an enabled drive
