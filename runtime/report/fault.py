@@ -148,8 +148,20 @@ def unanswered(result: RunResult) -> str:
     if len(instead) == len(silent):
         return f"no reply from {names}; {'; '.join(instead)}"
     return f"no reply from {'; '.join([names, *instead, *frames_received(result.statistics)])}" + (
-        on_the_rig(result.rig) if result.rig is not None else ""
+        on_the_rig(result.rig) if result.rig is not None else not_emulated(result, silent)
     )
+
+
+def not_emulated(result: RunResult, silent: Iterable[Device]) -> str:
+    """Return the remedy for devices that the plant does not emulate, as text; "" if it emulates all of them."""
+    plant = [each for each in result.simulation.diagram or () if isinstance(each, Device)]
+    calls = ", ".join(
+        f'robot["{block.path}"].emulator()'
+        for block in silent
+        if type(block).emulator is not Device.emulator
+        and not any(each.bus == block.bus and set(each.addresses()) >= set(block.addresses()) for each in plant)
+    )
+    return f"; add {calls} to the plant" if calls else ""
 
 
 def frames_received(statistics: Mapping[str, Any]) -> list[str]:

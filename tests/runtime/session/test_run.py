@@ -408,7 +408,8 @@ def plant(robot):
     files = Files(tmp_path / "recordings")
     assert process.returncode == 3
     assert process.stderr.splitlines()[0] == (
-        "FAULT at knee, while arming: no reply from knee (id 1 on bus legs); no frame was received on any bus"
+        "FAULT at knee, while arming: no reply from knee (id 1 on bus legs); no frame was received on any bus; "
+        'add robot["knee"].emulator() to the plant'
     )
     assert "safe stop   zero torque, then disable: NOT confirmed by knee" in process.stdout
     assert set(files.sent(1)) == {ENABLE, NOTHING, DISABLE} and files.sent(1)[-2:] == [NOTHING, DISABLE]

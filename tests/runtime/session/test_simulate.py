@@ -236,7 +236,9 @@ def test_devices_without_a_plant_are_a_fault(tmp_path):
 
     trial = runtime.run(knee(tmp_path), 1, plant=nothing)
     assert len(trial) == 0 and trial.fault["status"] == "no answer"
-    assert "no reply from knee (id 1 on bus legs)" in trial.fault["report"][0]
+    assert trial.fault["report"][0].endswith(
+        'no reply from knee (id 1 on bus legs); add robot["knee"].emulator() to the plant'
+    )
 
 
 @pytest.mark.parametrize(
