@@ -16,6 +16,7 @@ from typing import Any
 from runtime.base.errors import BadInput
 
 TIME_LIMIT = 1e9  # s: 30 years
+RECORDING_SUFFIXES = (".csv", ".mcap", ".json")  # of the files of a recording
 
 
 def option(
@@ -88,10 +89,16 @@ def processor(text: str) -> int:
 
 
 def folder(text: str) -> Path:
-    """Convert the text of `--record` to a path; a leading ~ is the home folder. Raises BadInput for an empty text."""
+    """Convert the text of `--record` to a path; a leading ~ is the home folder.
+
+    Raises BadInput for an empty text, and for the name of a file of a recording.
+    """
     if not text:
         raise BadInput("--record: expected a folder, got an empty text")
-    return Path(text).expanduser()
+    path = Path(text).expanduser()
+    if path.suffix in RECORDING_SUFFIXES and not path.is_dir():
+        raise BadInput(f"--record {text}: expected a folder; the files in it have the name of the diagram")
+    return path
 
 
 def trial_fields(texts: Sequence[str]) -> dict[str, str]:

@@ -194,6 +194,15 @@ def test_a_folder_that_cannot_be_written(command_line, where):
     )
 
 
+def test_a_file_name_in_place_of_the_folder(command_line):
+    knee(command_line.folder)
+    for name in ("trials/knee.csv", "knee.mcap", "knee.json"):
+        assert command_line.refused("robot.py", "--duration", "1", "--record", name) == (
+            f"--record {name}: expected a folder; the files in it have the name of the diagram"
+        )
+    assert not (command_line.folder / "trials").exists()
+
+
 def test_the_default_folder_that_cannot_be_written(command_line):
     knee(command_line.folder)
     write(command_line.folder, "in the way", "recordings")
