@@ -42,6 +42,8 @@ def _devices(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
         if table
         else [0] * len(heads)
     )
+    if console.width is not None and console.width < sum(widths) + 2 * len(widths):  # a terminal would break the words
+        return [line for row, cells in zip(rows, table) for line in _listed(row, heads, cells, console)]
     lines = ["  " + console.faint("  ".join(f"{head:<{width}}" for head, width in zip(heads, widths)).rstrip())]
     for row, line in zip(rows, table):
         styled = [
@@ -50,6 +52,14 @@ def _devices(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
         ]
         lines += console.hang("  " + "  ".join(styled) + "  ", standing(row), console.faint, indent=4)
     return lines
+
+
+def _listed(row: dict[str, Any], heads: Sequence[str], cells: Sequence[str], console: Console) -> list[str]:
+    name, *values = (f"{head} {cell}" for head, cell in zip(("", *heads[1:]), cells))
+    return [
+        *console.hang(f" {name}  ", "; ".join(values), console.error if row["marks"] else str, indent=4),
+        *console.hang("    ", standing(row), console.faint),
+    ]
 
 
 def _cells(row: dict[str, Any]) -> list[str]:

@@ -235,6 +235,18 @@ def test_a_healthy_drive_has_no_marks(knee):
     ]
 
 
+def test_a_narrow_terminal_lists_the_readings_of_each_drive(knee):
+    assert text(knee(fault=5.0), Console(80))[1:5] == [
+        "  knee  bus and id legs 7; answered yes; age 2.0 ms; position 0.500 rad in",
+        "    [-12.5, 12.5]; velocity 0.10 rad/s; temperature 31 °C; fault encoder !",
+        "    limit 9 N·m; own time-out: unknown; safe stop: zero torque then disable",
+        "  bus legs  socketcan can0, load 5%, 5% at worst",
+    ]
+    assert all(len(line) <= 80 for line in text(knee(), Console(80)))
+    assert text(knee(), Console(104))[1] == text(knee(), WIDE)[1]
+    assert "\x1b[31m" in text(knee(fault=5.0), Console(80, colour=True))[1]
+
+
 @pytest.mark.parametrize(
     "outputs, mark, why",
     [
