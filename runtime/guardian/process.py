@@ -317,8 +317,12 @@ class Guardian:
 
 
 def _print_line(words):
-    """Write one line to standard error. The names of devices and interfaces in it may contain any characters."""
-    print(one_line(words), file=sys.stderr, flush=True)
+    """Write one line to standard error, on a terminal in place of the status line that the recorder has drawn.
+
+    words : with names of devices and interfaces, which may contain any characters
+    """
+    erase = "\r\x1b[K" if sys.stderr.isatty() and os.environ.get("TERM", "") not in ("", "dumb") else ""
+    print(erase + one_line(words), file=sys.stderr, flush=True)
 
 
 def _in_words(verdict):

@@ -117,6 +117,14 @@ def test_the_guardian_is_active_during_confirmation(bus, terminal):
     bus.stopped_after(stopped)  # and nothing since
 
 
+def test_the_report_of_the_guardian_replaces_the_status_line(bus, terminal):
+    at_the_table(bus, terminal, "--no-record")
+    terminal.wait_for("ready ")
+    terminal.process.kill()
+    terminal.wait_for(r"\r\x1b\[Ktickwork guardian: the control process died after arming; .*\r\n")
+    terminal.end()
+
+
 def test_drive_lost_during_confirmation_ends_run_with_message(bus, terminal):
     at_the_table(bus, terminal, "--no-record")
     bus.drives.kill()
