@@ -29,9 +29,10 @@ NOTE_DURATION = 4.0  # s, of a note in the status line
 STEPS = {"up": table.FINE, "down": -table.FINE, "right": 1, "left": -1}
 PROMPTS = {"ready": "Enter arms, space ends", "waiting": "r arms again, space ends"}
 HELP = (
-    "tickwork: space: stop; Tab, Shift-Tab: select a live parameter; up, down: change it by a step; right, left: by a "
-    "tenth of a step; 0: reset it; m: mark; s: save the values; at the pre-flight table Enter: arm; after a fault r: "
-    "arm again"
+    "tickwork: space: stop; Tab, Shift-Tab: select a live parameter;",
+    "  up, down: change it by a step; right, left: by a tenth of a step; 0: reset it;",
+    "  m: mark; s: save the values; at the pre-flight table Enter: arm, q: end;",
+    "  after a fault r: arm again, q: end",
 )
 
 
@@ -79,7 +80,8 @@ class Panel:
         elif key == "m":
             self.post(self.writer.mark(), "mark", now)
         elif key == "?":
-            self.recording.say(HELP)
+            for line in HELP:
+                self.recording.say(line)
             if self.companion is not None and self.companion.needs["help"]:
                 self.recording.say(f"tickwork: {self.companion.needs['help']}")
         elif key == "s":
