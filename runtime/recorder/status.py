@@ -21,6 +21,7 @@ from runtime.console.status_layout import bar, fit, part
 REFRESH_PERIOD = 0.1  # s
 RATE_WINDOW = 10  # refreshes
 WIDENING_DELAY = 30  # refreshes with room for a longer form before it is shown, against flicker
+OPERATOR_IMPORTANCE = 8.0  # least importance of the parts that answer a key, which are shown as soon as they fit
 TORQUE_BAR = 4  # characters
 LEVELS = ".:-=+*#@", "▁▂▃▄▅▆▇█"  # torque bars of one character
 HIGH_LOAD, HIGH_TORQUE = 0.8, 0.95  # share of the time in ticks; of the limit
@@ -74,7 +75,8 @@ class StatusLine:
             self.columns = columns
             self.narrowed.clear()
         line = parts, columns - 1, self.terminal.coloured, self.terminal.unicode
-        self.narrowed.append(fit(*line)[1])
+        _, steps = fit(*line)
+        self.narrowed.append({step for step in steps if step[0] != "without" or step[1] < OPERATOR_IMPORTANCE})
         self.terminal.draw(fit(*line, kept=frozenset().union(*self.narrowed))[0])
 
     def erase(self) -> None:

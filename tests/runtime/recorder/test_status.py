@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from runtime.console.progress import Progress, rounds
-from runtime.console.status_layout import compose, fit
+from runtime.console.status_layout import compose, fit, part
 from runtime.console.stderr import Terminal
 from runtime.recorder.status import WIDENING_DELAY, StatusLine, describe, rates, torque_part
 from tests.runtime.recorder.running import plan
@@ -170,6 +170,20 @@ def test_the_status_line_keeps_its_form_for_three_seconds():
     drawn(1999)
     sheet.columns += 20  # the person makes it wider: at once
     assert drawn(1979) == long
+
+
+def test_the_answer_to_a_key_returns_to_a_narrow_status_line_as_soon_as_it_fits():
+    """While a parameter ramps, its value and target together may be too long."""
+    sheet, page, panel = Sheet(), Still(), Still()
+    sheet.columns, page.told = 40, {**STATISTICS, "last_tick": 199}
+    status = StatusLine(sheet, plan(None, status_line=True, virtual=False, duration=None, rate=200.0), page, panel)
+    lines = []
+    for now, value in enumerate(("6 N·m", "6.05 N·m > 6.2 N·m", "6.2 N·m"), 1):
+        panel.parts = lambda now, value=value: [part(8.5, f"profile.peak {value}")]
+        status.history.clear()  # no rate
+        status.update(float(now))
+        lines.append(sheet.line)
+    assert lines == ["running 1.0 s · profile.peak 6 N·m", "running 1.0 s", "running 1.0 s · profile.peak 6.2 N·m"]
 
 
 def test_milliseconds_of_lateness_are_shown_in_milliseconds():
