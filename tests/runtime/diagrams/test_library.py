@@ -101,7 +101,7 @@ def test_a_third_party_library_is_listed_with_the_built_in_ones(installed, tmp_p
     assert done.returncode == 0, done.stderr
     assert (
         "gaitlab 0.1.0  4 blocks" in done.stdout
-        and ("    CadenceMeter      Steps a minute from heel strikes: 60 over") in done.stdout
+        and ("    CadenceMeter      Steps per minute: 60 divided by") in done.stdout
     )
     said = python(installed, *BLOCKS, "cadence_meter", cwd=tmp_path).stdout
     assert said.startswith("CadenceMeter  from gaitlab.blocks import CadenceMeter\nPython; gaitlab.blocks, line ")
