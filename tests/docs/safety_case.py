@@ -97,9 +97,9 @@ HAZARDS = {  # hazard: (title, possible harm, {measure: text})
         {
             "a": "An exception in any block ends in the safe stop within its tick.",
             "b": "A block that hangs is stopped by the watchdog.",
-            "c": "A crash of the process is answered by the guardian.",
-            "d": "The death of the process (`kill -9`) is answered by the guardian.",
-            "e": "A loop that stalls or is suspended is answered by the guardian.",
+            "c": "The guardian stops the motors after a crash of the process.",
+            "d": "The guardian stops the motors after the death of the process (`kill -9`).",
+            "e": "The guardian stops the motors if the loop stalls or is suspended.",
             "f": "Nothing is armed without the guardian, and a run ends if it dies.",
             "g": "Where control process and guardian both die, or the computer loses its power, the time-out in the "
             "drive or a relay stops it. `check` and the table before arming list the drives with neither.",
