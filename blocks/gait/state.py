@@ -16,9 +16,10 @@ class GaitState(Block):
     walking if that is less, and at least a quarter of `still_velocity`. At 0.2 to 1.2 m/s both thighs or knees are that
     slow for less than 0.09 s at a time.
 
-    Walking: both phases are known, and they are half a stride apart within `tolerance`, in a mean of 0.3 s. Any other
-    motion, such as a squat, in which both knees move together, is unknown. The confidence is 1 in standing and
-    1 − deviation / tolerance in walking.
+    Walking: both phases are known, and they are half a stride apart within `tolerance`, in a mean of 0.3 s, and each
+    leg has been faster than the limit within 1.5 s; at 0.15 to 1.9 m/s a thigh or knee pauses for 1.2 s at most. Any
+    other motion is unknown, such as a squat, in which both knees move together, or one leg that swings while the other
+    stands. The confidence is 1 in standing and 1 − deviation / tolerance in walking.
 
     Limits: standing is not detected if the thighs sway faster than the limit; steps in place count as walking. Direct
     feedthrough; NaN and infinity give a NaN confidence.
@@ -38,7 +39,9 @@ class GaitState(Block):
     walking = Output("1", "true in walking", dtype=bool, range=(0.0, 1.0))
     standing = Output("1", "true in standing", dtype=bool, range=(0.0, 1.0))
     confidence = Output("1", "confidence of the state", range=(0.0, 1.0))
-    track = Memory((0.0, 0.5, 0.0, 0.0), "times without motion, deviation of the phases, largest velocity in walking")
+    track = Memory(
+        (0.0, 0.5, 0.0, 0.0, 0.0, 0.0), "times without motion, deviation of the phases, largest velocity in walking"
+    )
 
     kernel = kernels.gait_state
 

@@ -13,6 +13,7 @@ cdef double PEAK_TIME = 5.0             # s, with which the largest velocity dec
 cdef double STILL_SHARE = 0.15          # of the largest velocity in walking: a leg that is slower may stand
 cdef double STILL_FLOOR = 0.25          # of still_velocity, below which the limit does not fall
 cdef double STEP_TIME = 1.5             # s without a leg faster than still_velocity: the wearer stands
+cdef double PAUSE_TIME = 1.5            # s below the limit after which a leg does not walk, whatever its phase
 
 
 cdef struct State:
@@ -20,13 +21,15 @@ cdef struct State:
     int32_t state, walking, standing, confidence, still_velocity, still_time, tolerance
     int32_t track               # see below
 
-STATE = items((<State *>ITEMS)[0], "track[4]")
+STATE = items((<State *>ITEMS)[0], "track[6]")
 
 cdef enum:
     STILL = 0                   # s without motion, by the measure of slow walking
     APART = 1                   # mean deviation of the phases from half a stride
     FASTEST = 2                 # largest velocity in recent walking
     SLOW = 3                    # s below still_velocity
+    LEFT_STILL = 4              # s without motion of one leg, by the measure of slow walking
+    RIGHT_STILL = 5
 
 
 cdef int state_kernel(double *arena, const State *at, const State *sizes) noexcept nogil:
@@ -49,7 +52,11 @@ cdef int state_kernel(double *arena, const State *at, const State *sizes) noexce
     if track[FASTEST] > 0.0:
         still = max(STILL_FLOOR * still, min(still, STILL_SHARE * track[FASTEST]))
     track[STILL] = track[STILL] + arena[DT] if fastest < still else 0.0
-    # 2. Walking: both legs walk, half a stride apart.
+    track[LEFT_STILL] = track[LEFT_STILL] + arena[DT] if fabs(left) < still else 0.0
+    track[RIGHT_STILL] = track[RIGHT_STILL] + arena[DT] if fabs(right) < still else 0.0
+    # 2. Walking: both legs walk, half a stride apart. Under a wearer who swings one leg, the other stands.
+    if max(track[LEFT_STILL], track[RIGHT_STILL]) >= PAUSE_TIME:
+        flags = 0.0
     apart = phases - 0.5
     apart = fabs(apart - floor(apart + 0.5))
     share = min(1.0, arena[DT] / AGREEMENT_TIME)

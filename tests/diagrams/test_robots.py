@@ -83,6 +83,23 @@ def test_a_recorded_walk_is_assisted_and_squats_are_not(robot):
         assert np.abs(squats[drive]).max() < 0.05, device  # N·m
 
 
+@pytest.mark.parametrize("robot", CLAIMS)
+def test_a_leg_that_swings_beside_one_that_stands_is_not_assisted(robot, tmp_path):
+    """The phase of a network advances in both legs when one thigh swings."""
+    time = np.arange(0.0, 10.0, 0.01)
+    swing = np.column_stack([20.0 * np.sin(1.6 * np.pi * time), 15.0 + 10.0 * np.sin(1.6 * np.pi * time + 1.0)])
+    names = [f"{joint}_{side}_deg" for side in ("lt", "rt") for joint in ("hip_flexion", "knee_flexion")]
+    names += ["ankle_dorsiflexion_lt_deg", "ankle_dorsiflexion_rt_deg", "pelvis_tilt_deg"]
+    still = np.tile([2.0, 4.0, 3.0, 3.0, 0.0, 0.0, 1.0], (len(time), 1))
+    recording = tmp_path / "swing.csv"
+    header = ",".join(("time", *names, "grf_vertical_lt_bw", "grf_vertical_rt_bw"))
+    np.savetxt(recording, np.column_stack([time, swing, still]), delimiter=",", header=header, comments="")
+    trial = runtime.run(path(robot), 9.0, settings={"recording": str(recording)})
+    assert trial.fault is None
+    for torque in [name for name in trial.signals if name.endswith(".torque_sent")]:
+        assert np.abs(trial[torque][trial.time > 3.0]).max() < 0.05, torque  # N·m
+
+
 @pytest.mark.parametrize("robot, model", [("hip_exo_bilateral", "AK10-9-V2.0"), ("ankle_exo", "CyberGear")])
 def test_robot_assists_with_other_actuators(robot, model):
     trial = runtime.run(path(robot), 13.0, settings={"model": model})

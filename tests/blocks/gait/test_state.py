@@ -91,6 +91,25 @@ def test_slow_walking_is_not_standing():
     assert 14.0 < still < 16.0 and trial["state.standing"][trial.time > still + 0.2].all()
 
 
+def test_a_leg_that_swings_beside_one_that_stands_does_not_walk():
+    """The phases are those of a network, which follow the swinging leg: half a stride apart."""
+    time = np.arange(0.0, 16.0, 1.0 / RATE)
+    swings = 2.5 * np.sin(2.0 * np.pi * time)
+    other = np.where(time < 6.0, -swings, np.where(time < 12.0, 0.05, -swings))
+    state = inside(
+        GaitState,
+        left_phase=time % 1.0,
+        right_phase=(time + 0.5) % 1.0,
+        left_walking=np.ones(len(time)),
+        right_walking=np.ones(len(time)),
+        left_velocity=swings,
+        right_velocity=other,
+    )
+    walking, standing = state["walking"] == 1.0, state["standing"] == 1.0
+    assert walking[(time > 1.0) & (time < 7.4)].all() and not walking[(time > 7.6) & (time < 12.0)].any()
+    assert walking[time > 12.5].all() and not standing.any()
+
+
 @pytest.mark.hazard("H12b")
 def test_squats_are_not_walking():
     with open(shared("gait/series_squat_opencap.csv"), newline="") as file:
@@ -160,7 +179,8 @@ def test_a_gate_that_holds_a_torque_never_exceeds_it_by_rounding():
 def test_a_phase_beyond_its_range_counts_as_its_fraction():
     phase = np.linspace(0.0, 6.0, 1200) % 1.0
     near, far = (
-        inside(StrideEnvelope, phase=phase + turns, u=np.sin(phase), walking=np.ones(1200, bool)) for turns in (0.0, 2.0)
+        inside(StrideEnvelope, phase=phase + turns, u=np.sin(phase), walking=np.ones(1200, bool))
+        for turns in (0.0, 2.0)
     )
     assert far["deviation"] == pytest.approx(near["deviation"], abs=1e-6)
     envelope = StrideEnvelope()
