@@ -76,9 +76,7 @@ def samples(file: str, mass: float, height: float) -> Real:
     recorded = [side for side in "lr" if any(name.format(side) in table.names for name in ANGLES[0])] or ["l"]
     legs = [leg_of(table, side, mass) for side in recorded]
     pitch = pelvis_pitch(table, legs)
-    steps = np.diff(times)
-    if len(times) < 50 or np.any(steps <= 0.0) or np.any(np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)):
-        raise ValueError(f"{file}: at least 50 samples at even times are required")
+    check_times(file, times)
     dt = float(times[-1] - times[0]) / (len(times) - 1)
 
     # 1. A motion that repeats, and the strides of both legs.
@@ -132,6 +130,21 @@ def samples(file: str, mass: float, height: float) -> Real:
     return np.concatenate([[1.0 / (dt * every)], rows[::every].ravel(), again.ravel()])
 
 
+def check_times(file: str, times: Real) -> None:
+    """Raise ValueError unless there are at least 50 samples at even times. times : s"""
+    if len(times) < 50:
+        raise ValueError(f"{file}: at least 50 samples are required, got {len(times)}")
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    uneven = ~(np.abs(steps - usual) <= 0.5 * usual)
+    if np.any(uneven):
+        k = int(np.argmax(uneven))
+        raise ValueError(
+            f"{file}: the time step after {times[k]:g} s is {steps[k]:.3g} s, but the median step is {usual:.3g} s: "
+            "fill the gaps, or keep only a part without one"
+        )
+
+
 def leg_of(table: Table, side: str, mass: float) -> Leg:
     """Return what a file has of a leg. ValueError"""
 
@@ -162,8 +175,13 @@ def leg_of(table: Table, side: str, mass: float) -> Leg:
 def column(table: Table, *names: str) -> Real:
     """Return the first of the columns without gaps. ValueError"""
     values = table.column(*names, empty=np.nan)
-    if not np.all(np.isfinite(values)):
-        raise ValueError(f"{table.file}: column {table.names[table.index(*names)]!r} has missing values: fill the gaps")
+    missing = np.flatnonzero(~np.isfinite(values))
+    if len(missing):
+        name, line = table.names[table.index(*names)], table.rows[missing[0]][0]
+        raise ValueError(
+            f"{table.file}: column {name!r} has no value in {len(missing)} of {len(values)} rows, "
+            f"first in line {line}: fill the gaps"
+        )
     return values
 
 

@@ -166,8 +166,12 @@ def test_recorded_squats_have_both_feet_on_the_ground_and_load_the_joints():
         ("time,hip\n0,1\n", "has no column 'hip_flexion_lt_deg' or 'hip_flexion_l'"),
         (HEADER + "\n0,1,2,3,4,5,a\n", "line 2: column 'ankle_dorsiflexion_rt_deg' does not contain a number"),
         (HEADER + "\n0,1,2,3,4,5,6\n1,2\n", "line 3: column 'knee_flexion_lt_deg' does not contain a number"),
-        (HEADER + "\n0,1,2,,4,5,6\n", "column 'ankle_dorsiflexion_lt_deg' has missing values: fill the gaps"),
-        (HEADER + "\n0,1,2,3,4,5,6\n", "at least 50 samples at even times are required"),
+        (HEADER + "\n0,1,2,,4,5,6\n", "'ankle_dorsiflexion_lt_deg' has no value in 1 of 1 rows, first in line 2: fill"),
+        (HEADER + "\n0,1,2,3,4,5,6\n", "at least 50 samples are required, got 1"),
+        (
+            "\n".join([HEADER, *(f"{0.01 * (k + 20 * (k > 30)):g},1,2,3,4,5,6" for k in range(60))]),
+            "the time step after 0.3 s is 0.21 s, but the median step is 0.01 s: fill the gaps, or",
+        ),
         ("inDegrees=no\nendheader\ntime hip\n0 1\n", "is in radians: write it in degrees"),
     ],
 )
