@@ -107,10 +107,11 @@ cdef int chirp_logarithmic_kernel(double *arena, const Chirp *at, const Chirp *s
     return sweep(arena, at, start * duration / growth * expm1(growth * t / duration))
 
 
-cdef inline double in_table(double t, bint repeat, const double *times, int count) noexcept nogil:
+cdef inline double in_table(const double *arena, double t, bint repeat, const double *times, int count) noexcept nogil:
+    """Return t in s less the repetitions before the present tick, which rounding must not miscount."""
     cdef double length = times[count - 1] - times[0]
     if repeat:
-        return t - length * floor((t - times[0]) / length)
+        return t - length * floor((just_after(arena) - times[0]) / length)
     return t
 
 
@@ -123,7 +124,7 @@ TIME_TABLE = items((<TimeTable *>ITEMS)[0], "instants[...] samples[...]")
 cdef int table_linear_kernel(double *arena, const TimeTable *at, const TimeTable *sizes) noexcept nogil:
     cdef double *times = arena + at.instants
     cdef double *values = arena + at.samples
-    cdef double t = in_table(arena[TIME], arena[at.repeat] != 0.0, times, sizes.instants)
+    cdef double t = in_table(arena, arena[TIME], arena[at.repeat] != 0.0, times, sizes.instants)
     cdef int i = segment(times, sizes.instants, t)
     arena[at.y] = between(values[i], values[i + 1], share_of(times, i, t))
     return OK
@@ -131,7 +132,7 @@ cdef int table_linear_kernel(double *arena, const TimeTable *at, const TimeTable
 
 cdef int table_previous_kernel(double *arena, const TimeTable *at, const TimeTable *sizes) noexcept nogil:
     cdef double *times = arena + at.instants
-    cdef double t = in_table(just_after(arena), arena[at.repeat] != 0.0, times, sizes.instants)
+    cdef double t = in_table(arena, just_after(arena), arena[at.repeat] != 0.0, times, sizes.instants)
     cdef int i = segment(times, sizes.instants, t)
     arena[at.y] = arena[at.samples + i + (t >= times[i + 1])]
     return OK

@@ -1,6 +1,7 @@
 """Tables over time and files played back."""
 
 import math
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,15 @@ def test_repeating_table_wraps_from_last_to_first_value():
     """A sawtooth: within 1e-9 of one by integer arithmetic."""
     y = trace(lambda name: TimeTable((0.0, 0.5), (0.0, 5.0), repeat=True, name=name), 1000)
     assert y == pytest.approx(np.arange(1000) % 100 / 20.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("rate, length", [(100.0, 0.1), (100.0, 0.07), (333.0, 0.3), (1000.0, 0.07)])
+def test_a_sawtooth_falls_at_the_tick_of_every_repetition(rate, length):
+    """Within 1e-9 over 20 s, also where t / length rounds to less than a whole number."""
+    y = trace(lambda name: TimeTable((0.0, length), (0.0, 1.0), repeat=True, name=name), int(20 * rate), rate)
+    cycle = Fraction(str(length)) * int(rate)
+    wanted = [float(k / cycle % 1) for k in range(len(y))]
+    assert y == pytest.approx(np.array(wanted), abs=1e-9)
 
 
 @pytest.mark.parametrize(
