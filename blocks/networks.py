@@ -28,8 +28,9 @@ class OnnxModel(Block):
 
     A network with one input, of shape (1, channels, samples), receives the last samples of each channel. A network with
     further inputs is a streaming one: it receives one sample, and its output NAME_next is the next value of its input
-    NAME, which is 0 at the start. Until the network has received enough samples, its outputs have the value nearest to
-    0 in their range, and `valid` is false. Requires ONNX Runtime: `pip install 'tickwork[networks]'`.
+    NAME, which is 0 at the start; NaN can persist in it until the next reset. Until the network has received enough
+    samples, its outputs have the value nearest to 0 in their range, and `valid` is false. Requires ONNX Runtime:
+    `pip install 'tickwork[networks]'`.
 
     With `run="tick"` the inference is part of the tick. With `run="worker"` it runs in a native thread, and the results
     of the samples of a tick are the outputs `latency` later, in virtual time and in real time. A result that is not

@@ -26,7 +26,10 @@ cdef struct Network:
 
 
 cdef inline void take_sample(double *arena, const Network *at, float *samples) noexcept nogil:
-    """Append the present values of the channels to a window of samples, and drop the oldest."""
+    """Append the present values of the channels to a window of samples, and drop the oldest.
+
+    A value that is infinite in single precision becomes NaN: a tanh in the network would return a finite result.
+    """
     cdef int length = <int>arena[at.plan + SAMPLES]
     cdef int channels = at.inputs.count
     cdef bint time_first = arena[at.plan + TIME_FIRST] != 0.0
@@ -38,6 +41,7 @@ cdef inline void take_sample(double *arena, const Network *at, float *samples) n
         memmove(samples, samples + channels, (length - 1) * channels * sizeof(float))
     for k in range(channels):
         value = <float>((arena[channel[k]] - scale[2 * k]) / scale[2 * k + 1])
+        value = value - (value - value)
         if time_first:
             samples[(length - 1) * channels + k] = value
         else:

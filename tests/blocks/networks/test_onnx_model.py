@@ -13,7 +13,7 @@ from blocks.sources import Sine
 from graph import Diagram, Interval, subsystem
 from graph.store import describe
 from tests.blocks.networks import models
-from tests.blocks.running import run
+from tests.blocks.running import inside, run
 from tests.graph.complaints import complaints, refusal
 
 TICKS = 24
@@ -129,6 +129,22 @@ def test_nan_passes_and_infinity_is_not_clipped(tmp_path):
         tmp_path / "i.onnx", [node], {"x": (1, 3)}, {"y": (1, 3)}, metadata=models.METADATA | {"outputs": outputs}
     )
     assert all(math.isnan(y) for y in OnnxModel(path).step(math.inf, -math.inf, math.nan)[:3])
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, 1e300])
+@pytest.mark.parametrize("place", ["tick", "worker"])
+def test_an_infinite_channel_gives_nan_although_the_network_saturates(tmp_path, value, place):
+    """1e300 is infinite in single precision. The samples after it are finite again."""
+    path = models.window(tmp_path / "m.onnx", samples=1)
+    rows = np.zeros((4, 3))
+    rows[1, 1] = value
+    given = inside(
+        lambda: OnnxModel(path, **({"run": place, "latency": 0.005} if place == "worker" else {})),
+        **{name: rows[:, k] for k, name in enumerate(("hip_angle", "hip_velocity", "mass"))},
+    )
+    at = 1 + (place == "worker")
+    for name in ("hip_torque", "effort"):
+        assert math.isnan(given[name][at]) and math.isfinite(given[name][at + 1])
 
 
 def test_parameters_replace_the_metadata(tmp_path):
