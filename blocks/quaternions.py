@@ -78,8 +78,8 @@ class QuaternionFromEuler(Block):
 class QuaternionToEuler(Block):
     """Yaw, pitch and roll of a quaternion: intrinsic z-y-x.
 
-    q is normalised first; NaN for a zero quaternion. Within 1e-7 of a pitch of ± π/2, where yaw and roll share an axis
-    (gimbal lock), roll is 0 and yaw contains both.
+    q is normalised first; NaN for a zero quaternion. Within 2e-7 rad of a pitch of ± π/2, where yaw and roll share an
+    axis (gimbal lock), roll is 0 and yaw contains both.
     """
 
     q = Input("1", "quaternion (w, x, y, z)", shape=(4,))

@@ -174,7 +174,8 @@ class subsystem:
     """A part of a diagram: blocks made in `with subsystem("left"): ...` have paths such as "left/knee". May be nested.
 
     every : its blocks run at every n-th tick and hold their outputs in between
-    enabled : scalar signal; its blocks run while it is true and hold their outputs while it is false
+    enabled : scalar signal; its blocks run while it is true (above 0.5), and hold their outputs and states otherwise.
+        The time for which they are disabled is not part of their dt
 
     Raises DiagramError for a wrong argument and outside a diagram.
     """
