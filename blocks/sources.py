@@ -64,7 +64,10 @@ class Ramp(UnitOfOutput, Block):
 
 
 class Sine(UnitOfOutput, Block):
-    """Sine wave: y = bias + amplitude · sin(2π f t + phase)."""
+    """Sine wave: y = bias + amplitude · sin(2π f t + phase).
+
+    A change of a live frequency also shifts the phase: while f changes by s Hz per second, the wave has f + s t Hz.
+    """
 
     amplitude = Param(1.0, "any", "amplitude, half of peak to peak")
     frequency = Param(1.0, "Hz", "frequency f", min=0.0)

@@ -175,7 +175,8 @@ class subsystem:
 
     every : its blocks run at every n-th tick and hold their outputs in between
     enabled : scalar signal; its blocks run while it is true (above 0.5), and hold their outputs and states otherwise.
-        The time for which they are disabled is not part of their dt
+        The time for which they are disabled is not part of their dt, and those that are disabled during arming do not
+        start in steady state
 
     Raises DiagramError for a wrong argument and outside a diagram.
     """
