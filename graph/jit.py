@@ -8,7 +8,8 @@ The source of the block's `step` (and `update`) is rewritten for the kernel ABI:
 numbers that `reset` sets become slots of the arena, and the step runs without the GIL, among the native blocks. It may
 contain scalar arithmetic, comparisons, `if`, loops, and functions of `math`. Results equal those of Python for + - * /,
 sqrt and comparisons, and are within 2 ulp for elementary functions. A division by zero returns an infinity or NaN
-instead of raising an exception. Without Numba the block runs in Python.
+instead of raising an exception. As in Python, NaN at an int or bool, a result that its output does not declare, and a
+missing `return` are faults. Without Numba the block runs in Python.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from ast import AST, Attribute, FunctionDef, Module, Name, Return, stmt
 
     from graph.block import Block
+
+
+NO_VALUE = 64  # first of the kernels' own statuses, cext.abi.FIRST_OWN_STATUS; those of inputs and outputs follow
 
 
 class CannotCompile(ValueError):
@@ -61,6 +65,18 @@ def compile_block(block: Block) -> None:
     if block.has_python_update:
         block.update_kernel = kernel_of(block, type(block).update, slots, [])
     block.compiled = True
+
+
+def fault_text(block: Block, status: int) -> str:
+    """Return what a status of the kernel of a compiled block reports."""
+    if status == NO_VALUE:
+        return "its step returned no value"
+    name = [*block.inputs, *block.outputs][status - NO_VALUE - 1]
+    if name in block.inputs:
+        return f"{name} is NaN or infinite, which is neither an int nor a bool"
+    port = block.outputs[name]
+    kind = {"float": "a number", "int": "a whole number", "bool": "a bool"}[port.dtype]
+    return f"its step returned a value for {name} that is not {kind}" + (f" in {port.range}" if port.range else "")
 
 
 def is_state(block: Block, name: str) -> bool:
@@ -107,24 +123,43 @@ class Rewriter(ast.NodeTransformer):
 
     def kernel(self, function: FunctionDef) -> Module:
         """Return the module with the kernel of a method, as a syntax tree. Raises CannotCompile."""
-        reads = [self.read(name) for name in self.arguments]
-        tree = ast.parse("def kernel(arena, slots, sizes):\n    return 0")
+        reads = [statement for name in self.arguments for statement in self.read(name)]
+        tree = ast.parse(f"def kernel(arena, slots, sizes):\n    return {NO_VALUE if self.outputs else 0}")
         self.generic_visit(body := ast.Module(function.body, []))
         kernel = tree.body[0]
         assert isinstance(kernel, ast.FunctionDef)
         kernel.body[:0] = [*reads, *body.body]
         return ast.fix_missing_locations(tree)
 
-    def read(self, name: str) -> stmt:
-        """Return the statement that reads an argument of the method from the arena."""
+    def read(self, name: str) -> list[stmt]:
+        """Return the statements that read an argument of the method from the arena."""
         if name in CLOCK and name not in self.block.inputs:
             value = f"arena[{CLOCK[name]}]"
-            value = f"int({value})" if name == "tick" else value
-        else:
-            value = f"arena[slots[{self.slots[name]}]]"
-            dtype = self.block.inputs[name].dtype
-            value = f"({value} != 0.0)" if dtype == "bool" else f"int({value})" if dtype == "int" else value
-        return ast.parse(f"{name} = {value}").body[0]
+            return ast.parse(f"{name} = int({value})" if name == "tick" else f"{name} = {value}").body
+        value = f"arena[slots[{self.slots[name]}]]"
+        dtype = self.block.inputs[name].dtype
+        if dtype == "float":
+            return ast.parse(f"{name} = {value}").body
+        converted = f"{value} != 0.0" if dtype == "bool" else f"int({value})"
+        return ast.parse(f"{self.unless(f'{value} - {value} == 0.0', name)}\n{name} = {converted}").body
+
+    def unless(self, condition: str, name: str) -> str:
+        """Return the statement that ends the run with the status of a port. condition : that must hold"""
+        return f"if not ({condition}): return {NO_VALUE + 1 + self.slots[name]}"
+
+    def checks(self, name: str, result: str) -> list[stmt]:
+        """Return the statements that convert and check a result as PythonStep does. result : variable that holds it"""
+        port = self.block.outputs[name]
+        lines = []
+        if port.dtype == "int":
+            lines = [self.unless(f"{result} % 1.0 == 0.0", name)]  # not for NaN and infinity
+        elif port.dtype == "bool":
+            lines = [self.unless(f"{result} == {result}", name), f"{result} = 1.0 if {result} != 0.0 else 0.0"]
+        if port.range is not None:
+            low, high = float(port.range.low), float(port.range.high)
+            lines += [self.unless(f"not {result} < {low!r}", name)] if low > -math.inf else []  # NaN passes
+            lines += [self.unless(f"not {result} > {high!r}", name)] if high < math.inf else []
+        return ast.parse("\n".join(lines)).body
 
     def visit_Attribute(self, node: Attribute) -> AST:
         """Replace an attribute of self by its slot in the arena."""
@@ -151,7 +186,10 @@ class Rewriter(ast.NodeTransformer):
             )
         for index, value in enumerate(values if self.outputs else []):
             assert value is not None
-            stores.append(ast.Assign([ast.Name(f"result_{index}", ast.Store())], value))
+            number = ast.BinOp(value, ast.Mult(), ast.Constant(1.0))  # Numba has no float() of a bool
+            stores.append(ast.Assign([ast.Name(f"result_{index}", ast.Store())], number))
+        for index, name in enumerate(self.outputs):
+            stores += self.checks(name, f"result_{index}")
         for index, name in enumerate(self.outputs):
             stores.append(ast.parse(f"arena[slots[{self.slots[name]}]] = result_{index}").body[0])
         return [*stores, ast.parse("return 0").body[0]]

@@ -8,12 +8,15 @@ import random
 import numpy as np
 import pytest
 
+from blocks.logic import Compare
+from blocks.mathematics import Gain, Sign
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from cext.safety.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, Param, compile, jit
+from tests.blocks.running import player
 from tests.graph.complaints import complaint
 
 NUMBA = pytest.mark.skipif(not jit.available(), reason="needs Numba, the extra `jit`")
@@ -81,6 +84,100 @@ def test_compiled_and_python_agree_bit_for_bit(kind):
     fast, found = trace(type("Compiled", (kind,), {"jit": True, "__doc__": "-"}))
     assert slow.gil_sections > 0 and fast.gil_sections == 0
     assert np.array_equal(found, expected) and len(found) == 400 and np.ptp(found[:, 2:]) > 0.5
+
+
+class Truth(Block):
+    """Number of a bool."""
+
+    u = Input("1", "input", dtype=bool)
+    y = Output("1", "1 if it is true")
+
+    def step(self, u):
+        return 1.0 if u else 0.0
+
+
+class Whole(Block):
+    """Number of an int, which only the update reads."""
+
+    u = Input("1", "input", dtype=int)
+    y = Output("1", "the number before")
+
+    def reset(self):
+        self.held = 0.0
+
+    def step(self):
+        return self.held
+
+    def update(self, u):
+        self.held = 1.0 * u
+
+
+class Bounded(Block):
+    """A number that should remain in its range."""
+
+    u = Input("1", "input")
+    y = Output("1", "the input", range=(-math.inf, np.float64(1.0)))
+
+    def step(self, u):
+        return u
+
+
+class Count(Block):
+    """Not a whole number."""
+
+    u = Input("1", "input")
+    y = Output("1", "the input", dtype=int)
+
+    def step(self, u):
+        return u
+
+
+class Flag(Block):
+    """NaN at the end."""
+
+    u = Input("1", "input")
+    y = Output("1", "whether it is not 0", dtype=bool)
+
+    def step(self, u):
+        return u
+
+
+class Silent(Block):
+    """Returns nothing above 1."""
+
+    u = Input("1", "input")
+    y = Output("1", "the input")
+
+    def step(self, u):
+        if u <= 1.0:
+            return u
+
+
+@NUMBA
+@pytest.mark.parametrize(
+    "kind, last, text",
+    [
+        (Truth, math.nan, "u is NaN or infinite, which is neither an int nor a bool"),
+        (Whole, math.nan, "u is NaN or infinite, which is neither an int nor a bool"),
+        (Bounded, 1.5, "its step returned a value for y that is not a number in [-inf, 1]"),
+        (Count, 0.5, "its step returned a value for y that is not a whole number"),
+        (Count, math.inf, "its step returned a value for y that is not a whole number"),
+        (Flag, math.nan, "its step returned a value for y that is not a bool"),
+        (Silent, 1.5, "its step returned no value"),
+    ],
+)
+def test_a_value_that_would_be_an_exception_in_python_ends_the_run(kind, last, text):
+    compiled = type("Compiled", (kind,), {"jit": True, "__doc__": "-"})
+    convert = {"float": Gain, "int": Sign, "bool": lambda: lambda u: Compare(">")(u, 0.5)}[kind.inputs["u"].dtype]
+    with Diagram("d", rate=100) as diagram:
+        block = compiled(name="block")
+        block(convert()(player([0.0, 1.0, last])))
+    schedule = compile(diagram)
+    assert block.compiled
+    outcome = Executor(Program(schedule), 100.0, virtual=True).run(5)
+    status, _, number = outcome.status.rpartition(" ")
+    assert (status, outcome.culprit, outcome.tick) == ("kernel status", "block", 2)
+    assert block.fault_text(int(number)) == text
 
 
 class Elementary(Block):
