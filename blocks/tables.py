@@ -46,6 +46,10 @@ class LookupTable1D(UnitOfOutput, Block):
             )
         self.kernel = kernels.curves[self.beyond]
 
+    def fault_text(self, status: int) -> str:
+        """Return the text of the fault of an input outside the table."""
+        return f"u is outside the table, {self.knots[0]:g} to {self.knots[-1]:g}"
+
     def output_range(self, u: Interval) -> Interval:
         low, high = np.clip((u.low, u.high), self.knots[0], self.knots[-1])
         inside = self.heights[(low <= self.knots) & (self.knots <= high)]
@@ -109,6 +113,11 @@ class LookupTable2D(UnitOfOutput, Block):
             raise ValueError(f"values must be {shape[0]} rows of {shape[1]} numbers, one per column")
         self.heights = np.array(grid).ravel()
         self.kernel = kernels.surfaces[self.beyond]
+
+    def fault_text(self, status: int) -> str:
+        """Return the text of the fault of an input outside the table."""
+        (top, *_, bottom), (left, *_, right) = self.row_knots, self.column_knots
+        return f"row or column is outside the table: rows {top:g} to {bottom:g}, columns {left:g} to {right:g}"
 
     def output_range(self, row: Interval, column: Interval) -> Interval:
         extends = self.beyond == "extrapolate"

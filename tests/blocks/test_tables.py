@@ -69,15 +69,19 @@ def test_a_surface_that_extrapolates_is_that_of_scipy(row, column):
 
 def test_beyond_the_ends_the_run_ends_in_a_fault_on_request():
     with Diagram("d", rate=10) as diagram:
-        LookupTable1D(X, Y, "error", name="table")(Ramp(1.0)())
+        curve = LookupTable1D(X, Y, "error", name="table")
+        curve(Ramp(1.0)())
     outcome = Executor(Program(compile(diagram)), 10.0, virtual=True).run(100, fade=0.0)
     assert (outcome.faulted, outcome.culprit, outcome.tick) == (True, "table", 26), (
         "2.5 is the last breakpoint, reached at tick 25"
     )
+    text = curve.fault_text(int(outcome.status.removeprefix("kernel status ")))
+    assert text == f"u is outside the table, {X[0]:g} to 2.5"
     block = LookupTable2D(ROWS, COLUMNS, GRID, "error")
     for row, column in ((-0.1, 0.0), (4.1, 0.0), (1.0, -1.1), (1.0, 2.1), (math.inf, 0.0)):
         with pytest.raises(ArithmeticError, match="status 64"):
             block.step(row, column)
+    assert block.fault_text(64) == "row or column is outside the table: rows 0 to 4, columns -1 to 2"
 
 
 def test_the_output_has_the_given_unit():
