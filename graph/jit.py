@@ -4,12 +4,14 @@
         jit = True
         ...
 
-The source of the block's `step` (and `update`) is rewritten for the kernel ABI: inputs, outputs, parameters and the
-numbers that `reset` sets become slots of the arena, and the step runs without the GIL, among the native blocks. It may
-contain scalar arithmetic, comparisons, `if`, loops, and functions of `math`. Results equal those of Python for + - * /,
-sqrt and comparisons, and are within 2 ulp for elementary functions. A division by zero returns an infinity or NaN
-instead of raising an exception. As in Python, NaN at an int or bool, a result that its output does not declare, and a
-missing `return` are faults. Without Numba the block runs in Python.
+The source of the block's `step` (and `update` and `settle`) is rewritten for the kernel ABI: inputs, outputs,
+parameters and the numbers that `reset` sets become slots of the arena, and the step runs without the GIL, among the
+native blocks. It may contain scalar arithmetic, comparisons, `if`, loops, and functions of `math`. Results equal those
+of Python for + - * /, sqrt and comparisons, and are within 2 ulp for elementary functions. As in Python, NaN at an int
+or bool, a result that its output does not declare, and a missing `return` are faults. Other exceptions are not raised:
+a division by zero and a function outside its domain return an infinity or NaN; an integer divided by zero is 0; and
+int, round, math.floor and math.ceil return a large negative number for NaN, so test for it before. Without Numba the
+block runs in Python.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ def available() -> bool:
 
 
 def compile_block(block: Block) -> None:
-    """Compile the step and update of a Python block to kernels. Raises CannotCompile if that is not possible."""
+    """Compile the methods of a Python block to kernels. Raises CannotCompile if that is not possible."""
     block.reset()
     state = {
         name: value
@@ -64,6 +66,8 @@ def compile_block(block: Block) -> None:
     block.kernel = kernel_of(block, type(block).step, slots, list(block.outputs))
     if block.has_python_update:
         block.update_kernel = kernel_of(block, type(block).update, slots, [])
+    if hasattr(block, "settle"):
+        block.settle_kernel = kernel_of(block, type(block).settle, slots, [])
     block.compiled = True
 
 

@@ -8,6 +8,7 @@ import random
 import numpy as np
 import pytest
 
+from blocks.actuators import CubeMars
 from blocks.logic import Compare
 from blocks.mathematics import Gain, Sign
 from blocks.recorders import CsvRecorder
@@ -16,7 +17,7 @@ from cext.safety.shared_state import RECORD_ROW, SharedState
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, Param, compile, jit
-from tests.blocks.running import player
+from tests.blocks.running import player, run
 from tests.graph.complaints import complaint
 
 NUMBA = pytest.mark.skipif(not jit.available(), reason="needs Numba, the extra `jit`")
@@ -178,6 +179,42 @@ def test_a_value_that_would_be_an_exception_in_python_ends_the_run(kind, last, t
     status, _, number = outcome.status.rpartition(" ")
     assert (status, outcome.culprit, outcome.tick) == ("kernel status", "block", 2)
     assert block.fault_text(int(number)) == text
+
+
+class Follower(Block):
+    """First-order low-pass that starts at the measurement."""
+
+    u = Input("any", "input")
+    y = Output("any", "filtered")
+
+    def prepare(self, dt):
+        self.share = 10.0 * dt
+
+    def reset(self):
+        self.value = 0.0
+
+    def settle(self, u):
+        self.value = u
+
+    def step(self, u):
+        self.value += self.share * (u - self.value)
+        return self.value
+
+
+@NUMBA
+def test_a_compiled_block_settles_when_its_robot_is_armed():
+    with Diagram("robot", rate=200) as robot:
+        knee = CubeMars("AK80-9", name="knee")
+        knee(torque_command=0.0)
+        for compiled in (True, False):
+            kind = type("Compiled" if compiled else "InPython", (Follower,), {"jit": compiled, "__doc__": "-"})
+            kind(name=f"follower{compiled:d}", every=2)(knee.position)
+    with Diagram("holder", rate=200) as plant:
+        robot["knee"].emulator()(position=0.8, velocity=0.0)
+    recording = run(robot, 20, plant=plant)
+    assert robot["follower1"].compiled and not robot["follower0"].compiled
+    assert recording["follower1.y"] == pytest.approx(0.8, abs=1e-3)
+    assert np.array_equal(recording["follower1.y"], recording["follower0.y"])
 
 
 class Elementary(Block):
