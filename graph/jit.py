@@ -8,10 +8,10 @@ The source of the block's `step` (and `update` and `settle`) is rewritten for th
 parameters and the numbers that `reset` sets become slots of the arena, and the step runs without the GIL, among the
 native blocks. It may contain scalar arithmetic, comparisons, `if`, loops, and functions of `math`. Results equal those
 of Python for + - * /, sqrt and comparisons, and are within 2 ulp for elementary functions. As in Python, NaN at an int
-or bool, a result that its output does not declare, and a missing `return` are faults. Other exceptions are not raised:
-a division by zero and a function outside its domain return an infinity or NaN; an integer divided by zero is 0; and
-int, round, math.floor and math.ceil return a large negative number for NaN, so test for it before. Without Numba the
-block runs in Python.
+or bool, a result that its output does not declare, a missing `return` and `raise` are faults. Numba raises no exception
+for arithmetic: a division by zero and a function outside its domain return an infinity or NaN; an integer divided by
+zero is 0; an int has 64 bits; and int, round, math.floor and math.ceil return a large negative number for NaN, so test
+for it before. A local variable without a value is 0. Without Numba the block runs in Python.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from graph.block import Block
 
 
-NO_VALUE = 64  # first of the kernels' own statuses, cext.abi.FIRST_OWN_STATUS; those of inputs and outputs follow
+RAISED, NO_VALUE = 64, 65  # the kernels' own statuses, from cext.abi.FIRST_OWN_STATUS on; those of the ports follow
 
 
 class CannotCompile(ValueError):
@@ -73,6 +73,8 @@ def compile_block(block: Block) -> None:
 
 def fault_text(block: Block, status: int) -> str:
     """Return what a status of the kernel of a compiled block reports."""
+    if status == RAISED:
+        return "its step raised an exception. Remove `jit = True` to see which"
     if status == NO_VALUE:
         return "its step returned no value"
     name = [*block.inputs, *block.outputs][status - NO_VALUE - 1]
@@ -106,12 +108,19 @@ def kernel_of(block: Block, method: Callable[..., Any], slots: dict[str, int], o
     exec(compile(rewritten, inspect.getsourcefile(method) or "<step>", "exec"), namespace)
     pointer = types.CPointer
     signature = types.int32(pointer(types.float64), pointer(types.int32), pointer(types.int32))
+    step = numba.njit(error_model="numpy")(namespace["kernel"])
+
+    def guarded(arena, slots, sizes):
+        try:
+            return step(arena, slots, sizes)
+        except Exception:  # a C function would print it and return 0
+            return RAISED
+
     try:
-        function = numba.cfunc(signature, error_model="numpy")(namespace["kernel"])
+        function = numba.cfunc(signature, error_model="numpy")(guarded)
     except NumbaError as error:
-        raise CannotCompile(
-            f"Numba cannot compile {method.__qualname__}: {str(error).strip().splitlines()[-1]}"
-        ) from None
+        lines = [line for line in str(error).splitlines() if line and not line.startswith("Failed in nopython mode")]
+        raise CannotCompile(f"Numba cannot compile {method.__qualname__}: {lines[0]}") from None
     return Kernel(function, " ".join(slots))
 
 

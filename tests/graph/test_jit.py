@@ -154,10 +154,34 @@ class Silent(Block):
             return u
 
 
+class Raises(Block):
+    """Accepts up to 1."""
+
+    u = Input("1", "input")
+    y = Output("1", "the input")
+
+    def step(self, u):
+        if u > 1.0:
+            raise ValueError("too large")
+        return u
+
+
+class Place(Block):
+    """One of two numbers."""
+
+    u = Input("1", "place")
+    y = Output("1", "number")
+
+    def step(self, u):
+        return (3.0, 5.0)[int(u)]
+
+
 @NUMBA
 @pytest.mark.parametrize(
     "kind, last, text",
     [
+        (Raises, 2.0, "its step raised an exception. Remove `jit = True` to see which"),
+        (Place, 2.0, "its step raised an exception. Remove `jit = True` to see which"),
         (Truth, math.nan, "u is NaN or infinite, which is neither an int nor a bool"),
         (Whole, math.nan, "u is NaN or infinite, which is neither an int nor a bool"),
         (Bounded, 1.5, "its step returned a value for y that is not a number in [-inf, 1]"),
@@ -267,6 +291,24 @@ def test_a_step_that_cannot_be_compiled_is_reported_before_the_run():
         Lister()(1.0)
     found = complaint(diagram)
     assert found.code == "TW017" and "self.seen" in found.message and found.path == "lister"
+
+
+class Keyed(Block):
+    """Calls what Numba does not know."""
+
+    jit = True
+    u = Input("1", "input")
+    y = Output("1", "number")
+
+    def step(self, u):
+        return random.SystemRandom().random() * u
+
+
+@NUMBA
+def test_the_message_names_what_numba_does_not_support():
+    with Diagram("d", rate=100) as diagram:
+        Keyed()(1.0)
+    assert "SystemRandom" in complaint(diagram).message
 
 
 def test_without_numba_the_block_runs_in_python_with_a_warning(monkeypatch):
