@@ -8,10 +8,10 @@ The source of the block's `step` (and `update` and `settle`) is rewritten for th
 parameters and the numbers that `reset` sets become slots of the arena, and the step runs without the GIL, among the
 native blocks. It may contain scalar arithmetic, comparisons, `if`, loops, and functions of `math`. Results equal those
 of Python for + - * /, sqrt and comparisons, and are within 2 ulp for elementary functions. As in Python, NaN at an int
-or bool, a result that its output does not declare, a missing `return` and `raise` are faults. Numba raises no exception
-for arithmetic: a division by zero and a function outside its domain return an infinity or NaN; an integer divided by
-zero is 0; an int has 64 bits; and int, round, math.floor and math.ceil return a large negative number for NaN, so test
-for it before. A local variable without a value is 0. Without Numba the block runs in Python.
+or bool, a result that its output does not declare, a missing `return`, `raise`, and the conversion of NaN to an int are
+faults. Numba raises no exception for arithmetic: a division by zero and a function outside its domain return an
+infinity or NaN, an integer divided by zero is 0, and an int has 64 bits. A local variable without a value is 0. Without
+Numba the block runs in Python.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from graph.block import Block
 
 
+CONVERSIONS = {"int", "round", "math.floor", "math.ceil", "math.trunc"}  # to an int: NaN raises in Python
 RAISED, NO_VALUE = 64, 65  # the kernels' own statuses, from cext.abi.FIRST_OWN_STATUS on; those of the ports follow
 
 
@@ -104,7 +105,7 @@ def kernel_of(block: Block, method: Callable[..., Any], slots: dict[str, int], o
     if not isinstance(function, ast.FunctionDef):
         raise CannotCompile(f"{method.__qualname__} is not a plain method")
     rewritten = Rewriter(block, slots, outputs, [a.arg for a in function.args.args[1:]]).kernel(function)
-    namespace = {**method.__globals__, "math": math}
+    namespace = {**method.__globals__, "math": math, "finite_or_raise": numba.njit(finite_or_raise)}
     exec(compile(rewritten, inspect.getsourcefile(method) or "<step>", "exec"), namespace)
     pointer = types.CPointer
     signature = types.int32(pointer(types.float64), pointer(types.int32), pointer(types.int32))
@@ -122,6 +123,14 @@ def kernel_of(block: Block, method: Callable[..., Any], slots: dict[str, int], o
         lines = [line for line in str(error).splitlines() if line and not line.startswith("Failed in nopython mode")]
         raise CannotCompile(f"Numba cannot compile {method.__qualname__}: {lines[0]}") from None
     return Kernel(function, " ".join(slots))
+
+
+def finite_or_raise(x: Any) -> Any:
+    """Return x. Raises ValueError for NaN and infinity, which machine code would convert to an arbitrary int."""
+    number = 1.0 * x
+    if number - number != 0.0:
+        raise ValueError("NaN or infinity is not an int")
+    return x
 
 
 class Rewriter(ast.NodeTransformer):
@@ -187,6 +196,13 @@ class Rewriter(ast.NodeTransformer):
         assert isinstance(place, ast.Subscript)
         place.ctx = node.ctx
         return ast.copy_location(place, node)
+
+    def visit_Call(self, node: ast.Call) -> AST:
+        """Check the argument of a conversion to an int."""
+        self.generic_visit(node)
+        if ast.unparse(node.func) in CONVERSIONS and len(node.args) == 1:
+            node.args = [ast.Call(ast.Name("finite_or_raise", ast.Load()), node.args, [])]
+        return node
 
     def visit_Return(self, node: Return) -> list[stmt]:
         """Replace a return by stores to the outputs and the status 0."""

@@ -176,10 +176,22 @@ class Place(Block):
         return (3.0, 5.0)[int(u)]
 
 
+class Rounded(Block):
+    """Sum of what converts to an int."""
+
+    u = Input("1", "input")
+    y = Output("1", "sum", dtype=int)
+
+    def step(self, u):
+        return int(u) + int(u > 0.0) + round(u) + math.floor(u) + math.ceil(u) + math.trunc(u)
+
+
 @NUMBA
 @pytest.mark.parametrize(
     "kind, last, text",
     [
+        (Rounded, math.nan, "its step raised an exception. Remove `jit = True` to see which"),
+        (Rounded, -math.inf, "its step raised an exception. Remove `jit = True` to see which"),
         (Raises, 2.0, "its step raised an exception. Remove `jit = True` to see which"),
         (Place, 2.0, "its step raised an exception. Remove `jit = True` to see which"),
         (Truth, math.nan, "u is NaN or infinite, which is neither an int nor a bool"),
