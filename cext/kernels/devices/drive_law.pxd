@@ -40,6 +40,7 @@ cdef struct Known:              # data from which a frame is computed
     double velocity_step
     double stiffness_step
     double damping_step
+    double share                # of stiffness, damping and torque that is sent, above 0: the fade-in
 
 
 cdef inline int accept(Law *law, const double *limits, double share, bint *limited) noexcept nogil:
@@ -96,10 +97,11 @@ cdef inline bint keep_inside(Law *law, const Known *known, double limit) noexcep
         * known.position_step
             and speed < known.velocity_end):
         gains = 0.0             # the last code may represent any value beyond the range
-    # error of the law due to the truncation of the gains
+    # error of the law due to the truncation of the gains, which the share does not reduce
     lost = known.stiffness_step * fmax(position_error, 0.0) + known.damping_step * fmax(velocity_error, 0.0)
     gained = known.stiffness_step * fmax(-position_error, 0.0) + known.damping_step * fmax(-velocity_error, 0.0)
-    if gains >= 1.0 and error + spread + gained <= limit - law.torque and spread - error + lost <= limit + law.torque:
+    if (gains >= 1.0 and known.share * (error + spread) + gained <= known.share * (limit - law.torque)
+            and known.share * (spread - error) + lost <= known.share * (limit + law.torque)):
         return False
     B = fmin(B, 2.0 * limit / (a * end))
     error = K * position_error + B * velocity_error

@@ -68,6 +68,7 @@ cdef inline bint limit_law(
     known.offset, known.position_end, known.velocity_end = arena[at.offset], wire[0], wire[1]
     known.position_step, known.velocity_step = position_step, velocity_step
     known.stiffness_step, known.damping_step = wire[2] / 0xFFF, wire[3] / 0xFFF
+    known.share = arena[AUTHORITY]
     return keep_inside(law, &known, limits[5])
 
 
@@ -91,7 +92,7 @@ cdef inline int quantise(
     status = accept(&law, limits, share, &limited)
     if status != OK:
         return status
-    if law.stiffness > 0.0 or law.damping > 0.0:
+    if share > 0.0 and (law.stiffness > 0.0 or law.damping > 0.0):
         limited |= limit_law(arena, at, position_step, velocity_step, &law)
     arena[at.limited] += limited
     codes.position = to_code(sign * (law.position + arena[at.offset]), -wire[0], wire[0], 16)

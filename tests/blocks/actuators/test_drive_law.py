@@ -17,7 +17,7 @@ from blocks.sources import Sine
 from graph import Block, Diagram, DiagramError, Input, Output, Param
 from tests.blocks.actuators.drives_observed import KINDS, observed
 from tests.blocks.actuators.observer import torque_of, worst
-from tests.blocks.actuators.wire import OUT_OF_LIMITS
+from tests.blocks.actuators.wire import AUTHORITY, OUT_OF_LIMITS
 from tests.cext.rigs import Rig
 from tests.shared import shared
 
@@ -110,7 +110,7 @@ def test_random_motion_within_assumption_meets_at_most_the_limit(name, mounted):
                 "damping": most["damping"] * random.random() ** 2,
             }
             if trial == 3:
-                drive.wired.arena[6] = share = random.random()  # while commands fade in
+                drive.wired.arena[AUTHORITY] = share = random.random()  # while commands fade in
                 limit *= share
             times, torques, acceleration, _ = drive.follow(
                 shaking(random, 500.0), 0.25, constant(**commands), 1.0, 1.0, random
@@ -157,6 +157,19 @@ def test_the_bound_includes_the_truncation_of_opposing_gains():
         drive.hear(0.0, 0.0, 0.0)
         law = drive.law(position=position, velocity=velocity, stiffness=50.0, damping=99.99)
         assert worst(law, 0.0, 0.0, 0.0, drive.period, 1.0) <= 4.0 + drive.torque_code
+
+
+@pytest.mark.parametrize("name", ["RS03 MIT", "AK80-9"])
+@pytest.mark.parametrize("share", [0.002, 0.05, 0.3])
+def test_opposing_gains_stay_within_the_share_of_the_limit_during_fade_in(name, share):
+    """A spring and a damper that cancel each other: their codes must still do so when both are small."""
+    drive = observed(name, 1000, limit=8.0, acceleration=1.0)
+    top = drive.wired["limits"][2:4]
+    drive.wired.arena[AUTHORITY] = share
+    drive.hear(0.0, 0.0, 0.0)
+    for damping in np.linspace(0.3, 0.9, 40) * top[1]:
+        law = drive.law(position=5.0, velocity=-2.5, stiffness=0.5 * damping, damping=damping)
+        assert worst(law, 0.0, 0.0, 0.0, drive.period, 1.0) <= 8.0 * share + drive.torque_code
 
 
 @pytest.mark.hazard("H1c")

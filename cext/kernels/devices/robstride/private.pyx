@@ -184,6 +184,7 @@ cdef bint limit_law(double *arena, const Operation *at, Law *law) noexcept nogil
     known.offset, known.position_end, known.velocity_end = arena[at.offset], wire[0], wire[1]
     known.position_step, known.velocity_step = 2.0 * wire[0] / 0xFFFF, 2.0 * wire[1] / 0xFFFF
     known.stiffness_step, known.damping_step = wire[2] / 0xFFFF, wire[3] / 0xFFFF
+    known.share = arena[AUTHORITY]
     return keep_inside(law, &known, limits[5])
 
 
@@ -203,7 +204,7 @@ cdef int operation_encode(double *arena, const Operation *at, const Operation *s
     status = accept(&law, limits, share, &limited)
     if status != OK:
         return -status
-    if law.stiffness > 0.0 or law.damping > 0.0:
+    if share > 0.0 and (law.stiffness > 0.0 or law.damping > 0.0):
         limited |= limit_law(arena, at, &law)
     arena[at.limited] += limited
     law.torque *= sign * share
