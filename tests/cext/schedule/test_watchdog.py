@@ -35,6 +35,20 @@ GUARD = 60.0  # s: there is no guardian here that could come first
 KNEES = {"left": 1, "right": 2}
 
 
+@pytest.fixture(autouse=True)
+def time_limit():
+    """Without a watchdog, the test fails instead of hanging."""
+
+    def end(*_):
+        raise TimeoutError("no watchdog has ended the step")
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.alarm(20)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
 class Then(Block):
     """2 N·m; calls something once, at a tick or the next that is not missed. called : ns, CLOCK_MONOTONIC"""
 
