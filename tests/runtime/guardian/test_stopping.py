@@ -191,7 +191,8 @@ def test_echoed_commands_are_not_replies(tmp_path):
         ) in err
 
 
-def test_a_bus_has_one_controller(bus):
+@pytest.mark.hazard("H4e")
+def test_a_second_run_on_a_bus_is_rejected_and_disturbs_nothing(bus):
     process = bus.start("--no-record")
     bus.await_torque()
     second = bus.start("--no-record")
