@@ -94,6 +94,7 @@ def test_a_drive_that_returns_its_time_out_is_armed():
     assert outcome.status == "ok" and len(moved) == 20
 
 
+@pytest.mark.hazard("H8g")
 def test_a_drive_with_another_time_out_is_never_commanded():
     _, _, outcome, moved = armed(0)
     assert (outcome.status, outcome.culprit) == ("device fault", "knee") and moved == []

@@ -41,6 +41,7 @@ def gains_sent(rig):
     return (data[:, 3] & 15) * 256 + data[:, 4], data[:, 5] * 16 + (data[:, 6] >> 4)
 
 
+@pytest.mark.hazard("H1d")
 @pytest.mark.parametrize("rate", RATES)
 def test_an_impact_removes_stiffness_and_damping_in_the_tick_of_its_first_reply(rate):
     begin, period = 0.5, 1.0 / rate

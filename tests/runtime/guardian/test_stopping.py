@@ -62,7 +62,7 @@ def test_run_reports_stop_response_time_of_drives(bus, tmp_path):
         )
 
 
-@pytest.mark.hazard("H4d")
+@pytest.mark.hazard("H4d", "H8e")
 def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
     process = bus.start("--no-record")
     bus.await_torque()

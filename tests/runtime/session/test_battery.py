@@ -63,6 +63,7 @@ def test_currents_are_those_of_the_proved_torque(report):
     assert budget["peak"] == pytest.approx(current) and budget["least_time"] == pytest.approx(4.0 / current)
 
 
+@pytest.mark.hazard("H10c")
 def test_fuse_that_is_too_small_is_a_warning(report):
     assert report["ok"] and [problem["code"] for problem in report["warnings"]] == ["TW137", "TW137"]
 
@@ -115,6 +116,7 @@ with Diagram("knee", rate=200) as diagram:
 """
 
 
+@pytest.mark.hazard("H14a")
 def test_robot_whose_drive_the_battery_would_damage_is_rejected_by_check_and_run(tmp_path):
     path = write(tmp_path, CYBERGEAR)
     (tmp_path / "lab.toml").write_text(

@@ -130,7 +130,10 @@ def test_only_the_recording_remains(walked):
 
 
 @pytest.mark.hazard("H9a")
-@pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+@pytest.mark.parametrize(
+    "number, code",
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGQUIT, 131), (signal.SIGUSR1, 138)],
+)
 def test_a_signal_in_the_middle_ends_in_the_safe_stop(tmp_path, number, code):
     with Listener() as listener:
         process = started(KNEE_EXO, "--plotjuggler", listener.address, cwd=tmp_path)
