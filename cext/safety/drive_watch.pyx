@@ -151,6 +151,7 @@ cdef class DriveWatch:
         cdef double left = 1.0
         cdef double rms, floor, cool
         cdef int i
+        dt = min(dt, drive.window)          # the torque of a longer tick fills the window
         drive.squares[drive.place] += torque * torque * dt
         drive.filled += dt
         if drive.filled >= bucket:

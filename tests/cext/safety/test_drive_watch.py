@@ -66,6 +66,13 @@ def test_the_rms_torque_is_that_of_the_last_window_within_a_bucket():
     assert rig.control.reports.watched[0]["rms_ticks"] == 0 and rig.events == []
 
 
+@pytest.mark.parametrize("window", [1e-6, 1e-3, 0.005])
+def test_rms_torque_of_a_window_within_a_tick_is_the_torque(window):
+    rig, outcome = watched(rms_mode="silent", rms_window=window, seconds=0.5)
+    assert outcome.status == "ok"
+    assert rig["knee.rms_torque"][2:] == pytest.approx(np.abs(rig["knee.torque"][2:]), rel=1e-9)
+
+
 @pytest.mark.hazard("H11b")
 def test_saturate_lowers_limit_to_rated_torque_near_rated_rms():
     rig, outcome = watched()
