@@ -5,8 +5,10 @@ Principle
        position stayed within ZERO_BAND. A request at any other time is refused.
     2. From the frame to the end of the zeroing, the drive gets zero torque, whatever its block commands. The commands
        then fade in, since the angle of the joint has jumped.
-    3. A reply with a position within ZERO_BAND of zero confirms it. While the drive replies with its earlier position,
-       the frame is lost, and is repeated every ZERO_RETRY. Some drives are silent for a second after the frame.
+    3. A reply with a position within ZERO_BAND of zero confirms it, unless the joint has left the earlier position
+       without a jump: then the frame is lost, and the joint passes through zero. While the drive replies with its
+       earlier position, the frame is lost, and is repeated every ZERO_RETRY. Some drives are silent for a second after
+       the frame.
     4. After ZERO_LIMIT, a drive that replies with its earlier position keeps its zero. With any other position, the
        angle of the joint is unknown, which is a fault.
 """
@@ -37,6 +39,7 @@ cdef struct Zeroing:
     int64_t began, sent         # ns, of the first and the newest frame
     int64_t asked_at            # ns, time of the newest reply when the frame was sent
     double before               # rad, position at the first frame
+    bint moved                  # since the newest frame, a reply was off that position, and nearer to it than to zero
     int64_t reply_time          # ns, of the newest reply
     double held                 # rad, position since `still_since`
     int64_t still_since         # ns
@@ -63,6 +66,8 @@ cdef inline void note_position(Zeroing *z, const double *arena, int64_t reply_ti
     if reply_time == z.reply_time:
         return
     z.reply_time = reply_time
+    if z.runs:
+        z.moved |= 1e-3 * ZERO_BAND < fabs(arena[z.position] - z.before) < fabs(arena[z.position] + z.offset)
     if not fabs(arena[z.position] - z.held) <= 1e-3 * ZERO_BAND:
         z.held, z.still_since = arena[z.position], now
 
@@ -89,14 +94,14 @@ cdef inline void begin_zero(Zeroing *z, const double *arena, int64_t now) noexce
 
 
 cdef inline void repeat_zero(Zeroing *z, int64_t now) noexcept nogil:
-    z.sent, z.asked_at = now, z.reply_time
+    z.sent, z.asked_at, z.moved = now, z.reply_time, False
 
 
 cdef inline int judge_zero(const Zeroing *z, const double *arena, int64_t now) noexcept nogil:
     """Return one of the results above, for a zeroing that runs."""
     cdef double position = arena[z.position]
     cdef bint unchanged = fabs(position - z.before) <= 1e-3 * ZERO_BAND
-    if z.reply_time != z.asked_at and fabs(position + z.offset) <= 1e-3 * ZERO_BAND:
+    if z.reply_time != z.asked_at and not z.moved and fabs(position + z.offset) <= 1e-3 * ZERO_BAND:
         return ZERO_SET
     if now - z.began >= ZERO_LIMIT:
         return ZERO_KEPT if unchanged else ZERO_UNKNOWN

@@ -159,6 +159,14 @@ def test_zero_that_the_wire_loses_is_sent_again():
     assert np.abs(rig["knee.position"][-20:]).max() < 1e-3
 
 
+def test_joint_that_moves_through_zero_does_not_confirm_a_lost_frame():
+    swing = lambda tick: max(REST - max(0, tick - FRAME - 10) / RATE, -0.3)  # noqa: E731
+    rig = zeroing(presses={150}, lost={FRAME - 1}, angle=swing)
+    outcome = rig.run(700)
+    assert (outcome.status, outcome.culprit) == ("implausible", "knee")
+    assert sent_zeros(rig) == 1 and rig.control.reports.zeros == {} and events(rig) == []
+
+
 def test_drive_may_be_silent_for_a_second_after_its_zero():
     rig = zeroing(presses={150}, silent=range(FRAME, FRAME + 200))
     assert rig.run(600).status == "ok"
