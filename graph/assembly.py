@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -53,11 +53,7 @@ class Assembly:
         # In the order of the tick, for locality of memory accesses.
         self.in_order = [block for block in self.blocks if not computes(block)] + compilation.order
         self.native = [block for block in self.in_order if not block.is_python and not isinstance(block, Sink)]
-        self.places = {
-            Signal(block, name): self.place_signal(block, name, port)
-            for block in self.in_order
-            for name, port in block.outputs.items()
-        }
+        self.places = self.place_outputs(block for block in self.in_order if not block.conditions)
         self.constants = {
             (block, name): self.layout.place(
                 np.broadcast_to(compilation.sources[block, name], compilation.shapes[block, name])
@@ -70,6 +66,8 @@ class Assembly:
             if not vars(block).keys().isdisjoint(CHECKED):  # else the check of its class holds for it
                 check_kernels(block)
         parameters = {block: place_parameters(block, self.layout) for block in self.native}
+        self.held_start = len(self.layout)
+        self.places |= self.place_outputs(block for block in self.in_order if block.conditions)
         self.memory_start = len(self.layout)
         self.memory = memory = {block: place_memory(block, self.layout) for block in self.native}
         self.parameters = {
@@ -81,6 +79,14 @@ class Assembly:
             | {name: (slot, 1) for name, slot in parameters[block].items()}
             | memory[block]
             for block in self.native
+        }
+
+    def place_outputs(self, blocks: Iterable[Block]) -> dict[Signal, SignalPlace]:
+        """Reserve the slots of all outputs of blocks."""
+        return {
+            Signal(block, name): self.place_signal(block, name, port)
+            for block in blocks
+            for name, port in block.outputs.items()
         }
 
     def place_signal(self, block: Block, name: str, port: Output) -> SignalPlace:
@@ -203,6 +209,7 @@ class Assembly:
             name=compilation.diagram.name,
             rate=compilation.diagram.rate,
             arena=self.layout.arena(),
+            held_start=self.held_start,
             memory_start=self.memory_start,
             look=look,
             settle=list(settle.values()),

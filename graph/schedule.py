@@ -185,6 +185,7 @@ class Schedule:
     name: str
     rate: float
     arena: np.ndarray
+    held_start: int  # first slot of the outputs of conditional blocks, up to memory_start
     memory_start: int  # first slot of the memory of blocks: the arena is state from here on
     look: list  # steps that settle the blocks on the present measurement, each settle step before its output step
     settle: list  # the settle steps of `look`

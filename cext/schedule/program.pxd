@@ -50,6 +50,7 @@ cdef class Program:
     cdef object memory, image, keep, kept
     cdef double *last            # arena at the end of the run
     cdef Phase look, settle, output, update
+    cdef int held_start          # first slot of the outputs of conditional blocks
     cdef int memory_start        # first slot of the state
     cdef Devices devices
     cdef readonly LiveTable live

@@ -56,7 +56,7 @@ cdef class Program:
         self.blocks = list(schedule.python_blocks)
         self.holding = []
         self.live = LiveTable(schedule.live, self.memory)
-        self.memory_start = schedule.memory_start
+        self.held_start, self.memory_start = schedule.held_start, schedule.memory_start
         self.load_phase(&self.look, schedule.look, False)
         self.load_phase(&self.settle, schedule.settle, False)
         self.load_phase(&self.output, schedule.output, True)
@@ -424,8 +424,14 @@ cdef class Program:
         return self.devices.share(page) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
 
     cdef int start_from_here(self) noexcept nogil:
-        """Restart blocks from the present measurement: run `look`, reset all state, then run `settle`."""
-        cdef int status = self.run(&self.look, 0, -1)
+        """Restart blocks from the present measurement: run `look`, reset all state, then run `settle`.
+
+        The outputs of a disabled subsystem are 0 again, and not those from before a fault.
+        """
+        cdef int status
+        memcpy(self.arena + self.held_start, self.initial + self.held_start, (self.memory_start - self.held_start)
+            * sizeof(double))
+        status = self.run(&self.look, 0, -1)
         self.at[0] = -1
         if status == OK:
             self.devices.arming.keep_ready()

@@ -15,7 +15,7 @@ from blocks.limiters import TorqueLimiter
 from blocks.safety import EmergencyStop, Rearm
 from cext.safety.shared_state import SharedState
 from cext.schedule.mailbox_writer import Writer
-from graph import Block, Diagram, Input, Kernel, Output
+from graph import Block, Diagram, Input, Kernel, Output, subsystem
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 
 pytestmark = pytest.mark.timing
@@ -155,6 +155,30 @@ def test_after_a_fault_a_rising_input_arms_again_with_torque_faded_in_on_the_sam
     untroubled.run()
     assert robot.law.resets == untroubled.law.resets + 1  # blocks begin anew at each arming
     assert ends_in_the_safe_stop(rig)
+
+
+@pytest.mark.parametrize("python", [False, True], ids=["native", "Python"])
+def test_a_disabled_subsystem_outputs_zero_after_arming_again(python):
+    """Not the torque that it held before the fault, from which it would jump once it is enabled."""
+
+    class Pass(Block):
+        u, y = Input("N·m"), Output("N·m", range=(-9.0, 9.0))
+
+        def step(self, u):
+            return u
+
+    def more():
+        with subsystem("assist", enabled=Ask({*range(45), *range(150, 200)}, name="walking")()):
+            torque = TorqueLimiter(limit=9.0, slew=100.0, name="limiter")(4.0)
+            torque = Pass(name="pass")(torque) if python else torque
+        CubeMars("AK10-9-V2.0", can_id=2, name="hip")(torque_command=torque)
+
+    robot = Survivor({50: nan}, asks=[80], more=more)
+    assert robot.run().status == "ok"
+    tick, sent = robot.rig.tick, robot.rig["hip.torque_sent"]
+    assert sent[tick == 44] == pytest.approx(4.0, abs=0.04)
+    assert np.abs(sent[(tick > 50) & (tick < 150)]).max() < 0.04, "zero while it waits, and while it is disabled"
+    assert np.abs(np.diff(sent[tick > 140])).max() < 0.5 + 0.04 and sent[-1] == pytest.approx(4.0, abs=0.04)
 
 
 def test_a_mailbox_request_arms_again():
