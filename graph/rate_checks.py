@@ -10,6 +10,8 @@ from graph.device import Actuator, Device
 from graph.signal import Signal
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from graph.block import Block
 
 
@@ -75,8 +77,8 @@ def check_rates(compilation: Compilation) -> None:
     for block in compilation.blocks:
         if isinstance(block, Actuator):
             for name in block.inputs:
-                source = compilation.sources[block, name]
-                if isinstance(source, Signal) and source.block.conditions and not block.conditions:
+                source = held_source(compilation, compilation.sources[block, name])
+                if source is not None and not block.conditions:
                     conditions = names_of(source.block.conditions)
                     compilation.report(
                         "TW021",
@@ -87,6 +89,19 @@ def check_rates(compilation: Compilation) -> None:
                         "connect a Switch after the subsystem that selects 0 while it is disabled",
                         "warning",
                     )
+
+
+def held_source(compilation: Compilation, source: np.ndarray | Signal | None) -> Signal | None:
+    """Return the output of a conditional block that alone determines a source, such as that before a limiter."""
+    seen = set()
+    while isinstance(source, Signal) and source not in seen and not isinstance(source.block, Device):
+        if source.block.conditions:
+            return source
+        seen.add(source)
+        inputs = (compilation.sources[source.block, name] for name in source.block.inputs)
+        signals = {each for each in inputs if isinstance(each, Signal)}
+        source = signals.pop() if len(signals) == 1 else None
+    return None
 
 
 def names_of(conditions: tuple[Signal, ...]) -> str:

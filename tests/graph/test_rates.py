@@ -8,6 +8,7 @@ import pytest
 from blocks.actuators import CubeMars
 from blocks.discrete import Hold, UnitDelay
 from blocks.limiters import Saturation, SlewRate, TorqueLimiter
+from blocks.logic import Switch
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
@@ -186,6 +187,28 @@ def test_a_command_that_may_be_held_causes_a_warning():
         "torque_command",
         at,
     ) and "while step_source.y is false" in warning.message
+
+
+def test_a_held_command_behind_a_limiter_causes_the_warning_and_a_switch_does_not():
+    def warnings(selected):
+        with Diagram("d", rate=100) as diagram:
+            enabled = StepSource()()
+            with subsystem("assist", enabled=enabled):
+                torque = Gain(3.0, name="torque")(1.0)
+            torque = Switch()(condition=enabled, a=torque, b=0.0) if selected else Gain(2.0)(torque)
+            CubeMars("AK80-9", name="knee")(torque_command=TorqueLimiter(limit=5.0)(torque))
+        return [warning.message for warning in compile(diagram).warnings if warning.code == "TW021"]
+
+    assert warnings(selected=False) == ["assist/torque.y keeps its last value while step_source.y is false"]
+    assert warnings(selected=True) == []
+
+
+def test_a_loop_behind_a_command_is_no_held_command():
+    with Diagram("d", rate=100) as diagram:
+        delay = UnitDelay()
+        delay(Gain(0.5)(delay.y))
+        CubeMars("AK80-9", name="knee")(torque_command=TorqueLimiter(limit=5.0)(delay.y))
+    assert not [warning for warning in compile(diagram).warnings if warning.code == "TW021"]
 
 
 def test_a_condition_is_a_scalar_signal():
