@@ -110,8 +110,31 @@ def test_a_leg_that_swings_beside_one_that_stands_does_not_walk():
     assert walking[time > 12.5].all() and not standing.any()
 
 
+def strides(time):
+    """Knee angle in rad of strides of 1.1 s."""
+    harmonics = ((0.05, -0.36), (-0.27, 0.06), (-0.02, 0.07))
+    waves = [(a, b, 2.0 * np.pi * k * time / 1.1) for k, (a, b) in enumerate(harmonics, 1)]
+    return 0.42 + sum(a * np.cos(w) + b * np.sin(w) for a, b, w in waves)
+
+
+def squats(time):
+    """Knee angle in rad of squats of 1.6 s, to 1.5 rad."""
+    return 0.75 * (1.0 - np.cos(2.0 * np.pi * time / 1.6))
+
+
 @pytest.mark.hazard("H12b")
-def test_squats_are_not_walking():
+@pytest.mark.parametrize(
+    "angle, lag, walks", [(strides, 0.55, True), (strides, 0.0, False), (strides, 0.15, False), (squats, 0.03, False)]
+)
+def test_knees_that_bend_together_are_not_walking(angle, lag, walks):
+    """The left knee alone is taken for one that walks, if it moves as in strides."""
+    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    trial = gait_of(played({"left": angle(time), "right": angle(time - lag)}), len(time))
+    assert trial["left_phase.walking"].any() == (angle is strides)
+    assert trial["state.walking"].any() == trial["gate.y"].any() == walks
+
+
+def test_recorded_squats_are_not_walking():
     with open(shared("gait/series_squat_opencap.csv"), newline="") as file:
         rows = list(csv.DictReader(file))
     time = np.array([float(row["time"]) for row in rows])
