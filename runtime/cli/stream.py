@@ -70,9 +70,9 @@ def main(arguments: Sequence[str]) -> int:
             "all devices of a robot, run its diagram"
         )
     can_id = drive_id(options.can_id)
-    model = model_of(options)[1] if options.model else None
+    kind, model = model_of(options) if options.model else (None, None)
     with opened(single_bus(options)) as bus:
-        drive = Watched(bus, can_id, model)
+        drive = Watched(bus, can_id, kind, model)
         print_lines(
             [
                 f"id {can_id} on {bus.bus.channel}: {drive.family}, without torque"

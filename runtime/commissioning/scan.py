@@ -19,7 +19,7 @@ from runtime.commissioning import j1939
 from runtime.commissioning.bus import QUERY_INTERVAL
 
 if TYPE_CHECKING:
-    from graph.family import Answer, Query
+    from graph.family import Answer, Drive, Query
     from runtime.commissioning.bus import ToolBus
 
 LISTEN_TIME = 0.1  # s before a single drive is queried
@@ -125,13 +125,16 @@ def merged(queries: Iterable[Query]) -> list[list[Query]]:
     return list(shared.values())
 
 
-def merged_stop_queries(can_id: int, model: Any) -> list[tuple[tuple[int, bool, bytes] | None, Callable[..., Any]]]:
+def merged_stop_queries(
+    can_id: int, drive: Drive | None, model: Any
+) -> list[tuple[tuple[int, bool, bytes] | None, Callable[..., Any]]]:
     """Return [(frame, reader)] of all families for one id: first drives that report unasked, each frame once.
 
-    model : model within a family, or None
+    drive, model : graph.family.Drive and its model, which decode the replies of their own family only; or None
     """
     readers: dict[Any, list[Any]] = {None: []}
-    for query in (query for family in families() for query in family.stop_queries(can_id, model)):
+    own = [(family, model if drive in family.drives else None) for family in families()]
+    for query in (query for family, known in own for query in family.stop_queries(can_id, known)):
         readers[query.frame] = [
             *(readers.pop(query.frame, ()) if query.frame is not None else readers[None]),
             query.read,

@@ -23,7 +23,7 @@ from runtime.recorder.services.plotjuggler import PlotJugglerSender
 from runtime.recording.ascii_units import ascii_name
 
 if TYPE_CHECKING:
-    from graph.family import Answer
+    from graph.family import Answer, Drive
     from runtime.commissioning.bus import ToolBus
 
 SIGNALS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C"}
@@ -53,20 +53,26 @@ class StreamResult:
 class Watched:
     """Drive of any family on a ToolBus.
 
-    model : model within the family, or None, without which velocity and torque are not available
+    drive, model : graph.family.Drive and its model, or None, without which velocity and torque are not available
 
-    Raises BadInput if no drive responds as `can_id` or another controller commands drives on the bus.
+    Raises BadInput if no drive responds as `can_id`, the drive is of another family than the model, or another
+    controller commands drives on the bus.
     """
 
-    def __init__(self, bus: ToolBus, can_id: int, model: Any = None) -> None:
+    def __init__(self, bus: ToolBus, can_id: int, drive: Drive | None = None, model: Any = None) -> None:
         self.bus, self.can_id, self.model = bus, can_id, model
         refuse_company(bus)
-        for self.question, self.read in merged_stop_queries(can_id, model):
+        for self.question, self.read in merged_stop_queries(can_id, drive, model):
             if self.question is None:
                 answer = self.ask(REPORT_TIMEOUT)
             else:
                 answer = bus.ask(self.question, "disable", self.read)
             if answer is not None:
+                if model is not None and answer.velocity is None:  # another family's, decoded without the model
+                    raise BadInput(
+                        f"id {can_id} on {bus.bus.channel} is a {answer.family}, and {model.name} is a model of "
+                        "another family: pass the drive's own --model, or none"
+                    )
                 self.family = answer.family
                 return
         raise BadInput(f"no drive responds as id {can_id} on {bus.bus.channel}; `scan` lists the drives on the bus")

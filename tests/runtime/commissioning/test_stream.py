@@ -56,6 +56,20 @@ def test_a_drive_is_shown_recorded_and_plotted_without_torque(command_line):
     )
 
 
+@pytest.mark.parametrize(
+    "drive, model, family",
+    [
+        (Private(9), "AK80-9", "RobStride or CyberGear"),
+        (Mit(9, host=253), "AK80-9", "RobStride in its MIT protocol"),
+        (Mit(9), "RS02", "CubeMars in MIT mode"),
+    ],
+)
+def test_a_model_of_another_family_is_refused(command_line, drive, model, family):
+    with Nodes(86, drive) as nodes:
+        err = command_line.refused("stream", "actuator", "9", *nodes.words, "--model", model, "--duration", "0.3")
+    assert f"id 9 on {nodes.channel} is a {family}, and {model} is a model of another family" in err
+
+
 def test_a_robstride_without_a_model_shows_only_its_position(command_line):
     drive = Private(9)
     with Nodes(81, drive) as nodes:
