@@ -70,7 +70,7 @@ def find(pid: int) -> SharedState:
     """Return the SharedState of a run. Raises BadInput, with the present runs."""
     try:
         page = page_of(pid)
-        if page is not None and not page.closed:
+        if page is not None and page.live and not page.closed:
             return page
         problem = "is not a run of a diagram" if os.path.exists(f"/proc/{pid}") else "does not exist"
     except PermissionError:

@@ -35,7 +35,10 @@ def page_of(pid: int) -> SharedState | None:
 
 
 def runs() -> dict[int, SharedState]:
-    """Return {process ID: shared state} of every run that this user may access."""
+    """Return {process ID: shared state} of every run that this user may access.
+
+    `emulate` has a shared state, too, but no table of live parameters.
+    """
     states = {}
     for name in os.listdir("/proc"):
         if name.isdigit():
@@ -43,6 +46,6 @@ def runs() -> dict[int, SharedState]:
                 page = page_of(int(name))
             except PermissionError:
                 continue
-            if page is not None and not page.closed:
+            if page is not None and page.live and not page.closed:
                 states[int(name)] = page
     return states

@@ -1,5 +1,6 @@
 """`set PID`: another process changes live parameters of a run, or receives the reason for a refusal."""
 
+import os
 import signal
 import subprocess
 from contextlib import contextmanager
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from runtime.live.running import page_of, runs
-from tests.runtime.runs import Files, finished, started, write
+from tests.runtime.runs import Files, finished, knee, started, write
 from tests.runtime.terminals import live_diagram, patient
 
 
@@ -87,6 +88,14 @@ def test_process_that_is_not_a_run_lists_running_ones(run, command_line):
         assert run.pid in runs() and stranger.pid not in runs()
         stranger.kill()
     assert command_line.refused("set", "me").startswith("set me: expected the process number of a run, as in ")
+
+
+def test_emulate_is_not_listed_as_a_run(tmp_path, command_line):
+    channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.78"
+    rig = write(tmp_path, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{channel}"\n', "lab.toml")
+    with going(tmp_path, "emulate", knee(tmp_path), "--rig", rig) as process:
+        assert process.pid not in runs()
+        assert f"process {process.pid} is not a run of a diagram" in command_line.refused("set", process.pid)
 
 
 def test_change_is_applied_and_recorded_at_reported_tick(tmp_path, command_line):
