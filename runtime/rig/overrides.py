@@ -71,8 +71,16 @@ def _unknown_path(path, diagram, devices):
     return RigProblem(
         "TW103",
         f'[device."{path}"]: {diagram.name} has no such device',
-        suggestion(path, devices) or f"its devices are {', '.join(sorted(devices)) or 'none'}",
+        suggestion(path, devices)
+        or _unquoted(path, devices)
+        or f"its devices are {', '.join(sorted(devices)) or 'none'}",
     )
+
+
+def _unquoted(path, devices):
+    """Return the hint for [device.left.knee], a table within a table in TOML, "" for another path."""
+    inside = next((device for device in devices if device.startswith(f"{path}/")), "")
+    return inside and f'quote the whole path: [device."{inside}"]'
 
 
 def _changed(device, values):

@@ -118,6 +118,10 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
             ("TW103", '[device."left/kne"]: robot has no such device', "did you mean 'left/knee'?"),
         ),
         (
+            LEGS + "[device.left.knee]\ncan_id = 3",
+            ("TW103", '[device."left"]: robot has no such device', 'quote the whole path: [device."left/knee"]'),
+        ),
+        (
             LEGS + "[device.zzz]\ncan_id = 3",
             ("TW103", '[device."zzz"]: robot has no such device', "its devices are left/knee, right/knee"),
         ),
