@@ -41,7 +41,7 @@ Changes that are not saved are lost when the drive is switched off.
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the command. Returns the exit code: 1 if the operator declined a change."""
+    """Run the command. Returns the exit code: 1 if the drive did not confirm a change."""
     parser = Parser(
         "configure",
         "Set up a drive, or find the offset, sign and range of a joint.",

@@ -29,7 +29,7 @@ def check(request: Request) -> None:
 
 
 def carry_out(bus: ToolBus, request: Request, yes: bool) -> bool:
-    """Carry out a request. Returns whether the operator confirmed everything. Raises BadInput if it fails.
+    """Carry out a request. Returns whether the drive confirmed every change. Raises BadInput if it fails.
 
     bus : ToolBus; request : graph.family.Request; yes : whether to skip the questions
     """
