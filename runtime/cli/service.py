@@ -6,7 +6,8 @@ from runtime.base.errors import OK, BadInput
 from runtime.cli.parsing import Parser, add_options, fields_of, instance, short_program
 from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.diagrams.file import compiled, load
-from runtime.rig import read, require_ranges
+from runtime.rig import read, require_ranges, require_supply
+from runtime.rig.poses import Poses
 from runtime.session.prepare import adapt, arming_slot
 from runtime.session.request import Request
 from runtime.session.service_unit import unit
@@ -27,8 +28,11 @@ def main(arguments: Sequence[str]) -> int:
     rig = read(request.rig)
     _, diagram = load(request.file, request.settings, rig)
     require_ranges(rig, diagram)
+    require_supply(rig.battery, diagram, rig.path)
     adapt(diagram, request)
-    arming_slot(diagram, compiled(request.file, diagram), request.arm_on)
+    schedule = compiled(request.file, diagram)
+    Poses(diagram, schedule, request.poses)
+    arming_slot(diagram, schedule, request.arm_on)
     channels = {str(bus.channel) for bus in rig.buses.values() if bus.interface == "socketcan"}
     print_lines(unit(diagram.name, channels, arguments).splitlines())
     print_to_stderr(

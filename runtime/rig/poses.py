@@ -34,8 +34,10 @@ class Poses:
     """Positions of the joints of a robot.
 
     diagram, schedule : of the robot on its rig
-    stated : {path: rad} that the operator states. Raises BadInput for an unknown path or an invalid reference
+    stated : {path: rad} that the operator states
     refusals : {path: reason not to arm} of the newest `look`
+
+    Raises BadInput for an unknown path, an invalid reference, or a known pose outside the range of its joint.
     """
 
     def __init__(self, diagram: Diagram, schedule: Schedule, stated: Mapping[str, float] | None = None) -> None:
@@ -45,6 +47,8 @@ class Poses:
             for block in diagram
             if isinstance(block, Actuator) and getattr(block, "range", ()) and "position" in block.outputs
         ]
+        for block in self.joints:
+            self._check_known_pose(block)
         paths = [block.path for block in self.joints]
         for path in self.stated:
             if path not in paths:
@@ -53,6 +57,16 @@ class Poses:
         self.references = {
             block: self._reference_slot(diagram, block) for block in self.joints if getattr(block, "reference", "")
         }
+
+    def _check_known_pose(self, block):
+        """Raise BadInput for a known pose at which the range of the joint prevents arming."""
+        angle, tolerance = getattr(block, "known_pose", ()) or (0.0, math.inf)
+        low, high = _bounds(block)
+        if not low - tolerance <= angle <= high + tolerance:
+            raise BadInput(
+                f"{block.path}: its known_pose, {angle:g} ± {tolerance:g} rad, is outside its range "
+                f"{block.range[0]:g} to {block.range[1]:g} rad, so it could not be armed: correct one of them"
+            )
 
     def _reference_slot(self, diagram, block):
         """Return the slot of a joint's reference. Raises BadInput."""
@@ -117,6 +131,13 @@ class Poses:
             yield f"its reference {block.reference}", float(values[self.references[block]]), fine
 
 
+def _bounds(block):
+    """Return the lowest and the highest reading in rad at which the range of a joint permits arming."""
+    low, high = block.range
+    margin = max(RANGE_MARGIN * (high - low), RANGE_MARGIN_MINIMUM)
+    return low - margin, high + margin
+
+
 def _refusal(block, position, evidence, shift):
     """Return why a joint is not armed at a reading, "" if it is.
 
@@ -131,10 +152,10 @@ def _refusal(block, position, evidence, shift):
         if not abs(position - angle) <= tolerance:  # NaN of a reference, too
             turns = _turns_text(block, position, angle, tolerance)
             return f"{reads}, but {source} is {angle:.3f} ± {tolerance:.3g} rad{turns}"
-    margin = max(RANGE_MARGIN * (high - low), RANGE_MARGIN_MINIMUM)
-    others = readings(position, shift, low - margin, high + margin)
+    lowest, highest = _bounds(block)
+    others = readings(position, shift, lowest, highest)
     bounds = f"{low:g} to {high:g} rad"
-    if not low - margin <= position <= high + margin:
+    if not lowest <= position <= highest:
         off = (
             f"; if the joint is inside, its reading is wrong, and it may be at {_angles_text(others)}" if others else ""
         )

@@ -25,6 +25,7 @@ from runtime.diagrams.simulation import Simulation
 from runtime.report.check import text
 from runtime.report.failure_coverage import coverage
 from runtime.rig import read, require_ranges, require_supply
+from runtime.rig.poses import Poses
 from runtime.session import battery
 from runtime.session.preflight import stop_of
 
@@ -120,6 +121,8 @@ def check(
     errors, plant, budget, overloads = list(analysis.errors), None, None, []
     schedule = None if errors else select_recorded(blamed(path, assemble, analysis))
     if schedule is not None:
+        if rig_file is not None:
+            Poses(diagram, schedule)  # a run rejects the same references and known poses
         try:
             simulation = Simulation(file, diagram, schedule)
             plant = _describe_plant(simulation)

@@ -64,6 +64,19 @@ def test_custom_actuator_that_measures_angle_must_declare_it(tmp_path):
     assert troubles(tmp_path, kind=Winch) == []
 
 
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_run_and_check_report_a_reference_that_does_not_exist(command_line, command):
+    text = LEGS + RANGES.replace("2.0]", '2.0]\nreference = "nothing.angle"', 1)
+    said = command_line.refused(
+        command,
+        KNEE_EXO,
+        "--yes" if command == "run" else "--rate=200",
+        "--rig",
+        write(command_line.folder, text, "lab.toml"),
+    )
+    assert "left/knee: reference 'nothing.angle' is not an output in rad of another device" in said
+
+
 @pytest.mark.hazard("H5a")
 @pytest.mark.parametrize("command", ["run", "check"])
 def test_run_and_check_report_every_joint_without_a_range(command_line, command):

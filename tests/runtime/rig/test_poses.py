@@ -137,6 +137,11 @@ def test_all_given_poses_must_agree():
         ({"reference": "nothing"}, {}, "not an output in rad of another device"),
         ({"reference": "imu.euler"}, {}, "has 3 elements: name one, as in 'imu.euler[0]'"),
         ({"reference": "imu.euler[3]"}, {}, "has 3 elements"),
+        (
+            {"known_pose": (5.0, 0.1)},
+            {},
+            "knee: its known_pose, 5 ± 0.1 rad, is outside its range -0.1 to 2 rad, so it could not be armed",
+        ),
         ({}, {"kne": 0.0}, "--pose kne: robot has no such joint with a range; did you mean 'knee'?"),
         ({"range": ()}, {"knee": 0.0}, "--pose knee: robot has no such joint with a range; its joints are none"),
     ],
