@@ -56,7 +56,7 @@ def same_id(count: int, can_id: int) -> str:
     )
 
 
-def one_of(answers: Sequence[Answer], can_id: int, read_before: bool) -> Any:
+def one_of(answers: Sequence[Answer], can_id: int, read_before: bool = False) -> Any:
     """Return the first of the answers of one id, as a list of one or none, with a remark where there are several.
 
     read_before : whether the drive had already reported before the query, so that one more frame may be such a report

@@ -14,7 +14,7 @@ from blocks.actuators.cubemars import frames
 from blocks.actuators.cubemars.frames import FAULTS, REPLIES
 from blocks.actuators.cubemars.models import POSITION
 from blocks.actuators.mit_frames import DISABLE
-from blocks.actuators.queries import one_of, state_in_mit_mode
+from blocks.actuators.queries import one_of, same_id, state_in_mit_mode
 from graph.family import Answer
 
 if TYPE_CHECKING:
@@ -134,7 +134,12 @@ def all_reports(
     received: Sequence[tuple[int, bool, bytes]], can_ids: Sequence[int], before: Sequence[tuple[int, bool, bytes]]
 ) -> list[Answer]:
     """Return the Answers to the query of V3.0 boards: drives that report, and boards that were queried."""
-    return list((reports(before) | reports(received)).values())
+    reported, queried = reports(before), reports(received)
+    for can_id, answer in queried.items():
+        replies = sum(status_of(can_id)(*frame) is not None for frame in received)
+        if can_id not in reported and answer.family == V3 and replies > 1:
+            answer.remarks.append(same_id(replies, can_id))
+    return list((reported | queried).values())
 
 
 def commanded(identifier: int, extended: bool, data: bytes) -> int | None:

@@ -166,11 +166,16 @@ def state_in_mit_mode(
 def states_in_mit_mode(
     received: Sequence[tuple[int, bool, bytes]], can_ids: Sequence[int], before: Sequence[tuple[int, bool, bytes]]
 ) -> list[Answer]:
-    """Return the Answers to the query of MIT mode, one for each id."""
+    """Return the Answers to the query of MIT mode, one for each id.
+
+    In this protocol a drive only replies, so a device that sent before the query is another one.
+    """
+    unasked = {frame[:2] for frame in before}
+    replies = [frame for frame in received if frame[:2] not in unasked]
     found = []
     for can_id in can_ids:
-        answers = [answer for frame in received if (answer := state_in_mit_mode(*frame, can_id=can_id)) is not None]
-        found += one_of(answers, can_id, any(state_in_mit_mode(*frame, can_id=can_id) for frame in before))
+        answers = [answer for frame in replies if (answer := state_in_mit_mode(*frame, can_id=can_id)) is not None]
+        found += one_of(answers, can_id)
     return found
 
 

@@ -9,7 +9,7 @@ from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.commissioning.scan import commanded
 from runtime.guardian.lock import BusLock
 from runtime.rig import read
-from tests.runtime.commissioning.nodes import DISABLE, ENABLE, V3, Commander, Mit, Nodes, OpenImu, Private, Servo
+from tests.runtime.commissioning.nodes import DISABLE, ENABLE, V3, Commander, Mit, Node, Nodes, OpenImu, Private, Servo
 
 QUICK = ("--listen", "0.1")
 GET_ID, STOP, READ = 0x0000FD00, 0x0400FD00, 0x1100FD00
@@ -126,11 +126,31 @@ def test_a_drive_that_replies_with_another_id_is_reported(command_line):
 
 
 def test_two_drives_with_one_id_are_reported(command_line):
-    with Nodes(3, Mit(3, position=0.5), Mit(3, position=-0.2), Private(9), Private(9, unique=5)) as nodes:
+    with Nodes(
+        3, Mit(3, position=0.5), Mit(3, position=-0.2), Private(9), Private(9, unique=5), V3(7), V3(7), V3(8)
+    ) as nodes:
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-10")
     assert code == CHECK_FAILED
+    assert "! id 7: 2 replies to one query: 2 drives have id 7" in out and "id 8: 2" not in out
     assert "! id 3: 2 replies to one query: 2 drives have id 3. Disconnect all but one" in out
     assert "! id 9: 2 replies to one query: 2 drives have id 9" in out
+
+
+class Counter(Node):
+    """A device of a laboratory that counts in byte 0."""
+
+    period = 0.005
+
+    def speak(self):
+        self.count = getattr(self, "count", -1) + 1
+        return [(0x123, False, bytes([self.count % 16]) + bytes(7))]
+
+
+def test_a_device_that_sends_unasked_is_not_a_drive(command_line):
+    with Nodes(16, Mit(3), Mit(5, host=0xFD), Counter()) as nodes:
+        code, report = found(command_line, nodes, "--ids", "1-20")
+    assert [drive["can_id"] for drive in report["drives"]] == [3, 5] and report["remarks"] == []
+    assert report["others"] == ["123"] and code == OK
 
 
 @pytest.mark.parametrize(
