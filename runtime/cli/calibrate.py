@@ -18,6 +18,7 @@ from runtime.session.request import Request
 if TYPE_CHECKING:
     from argparse import Namespace
 
+    from blocks.imus.calibration import Calibration
     from graph.device import Device
     from runtime.commissioning.calibration.measuring import OnRig, Readings
     from runtime.commissioning.calibration.result import Result
@@ -102,6 +103,7 @@ def measured(options: Namespace) -> tuple[Device, Readings]:
     if options.rate is not None:
         diagram.rate = options.rate
     sensor = sensor_of(diagram, options.sensor)
+    present(file_of(options.out, sensor))  # before the operator turns the sensor
     sensor.set("calibration", "")  # measure without the present calibration
     if rig is None:
         return sensor, simulated(file, diagram, sensor, options.duration or 60.0)
@@ -133,23 +135,40 @@ def watched(source: OnRig, options: Namespace) -> Readings:
     return readings
 
 
+def file_of(folder: Path, sensor: Device) -> Path:
+    """Return the path of the TOML file of a sensor."""
+    return folder / f"{sensor.path.replace('/', '_')}.toml"
+
+
+def present(path: Path) -> tuple[Calibration, list[str]]:
+    """Return (Calibration, its parts) of a TOML file, without parts if there is none. Raises BadInput."""
+    from blocks.imus.calibration import Calibration
+
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        return Calibration.of(text, path), Calibration.parts_of(text)
+    except FileNotFoundError:
+        return Calibration(), []
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}") from None
+    except ValueError as error:
+        raise BadInput(f"{error}; the file was not changed: correct or remove it") from None
+
+
 def written(folder: Path, sensor: Device, result: Result) -> list[str]:
     """Write the TOML file and the picture. Returns lines for standard output.
 
     Parts of the present file that were not calibrated now are kept.
     """
-    from blocks.imus.calibration import Calibration
     from runtime.commissioning.calibration.picture import draw
 
-    name = sensor.path.replace("/", "_")
-    path, picture = folder / f"{name}.toml", folder / f"{name}.png"
+    path = file_of(folder, sensor)
+    picture = path.with_suffix(".png")
+    old, parts = present(path)
+    kept = [part for part in parts if part not in result.parts]
     try:
         os.makedirs(folder, exist_ok=True)
-        calibration, kept = result.calibration, []
-        if path.exists():
-            old = Calibration.read(path)
-            kept = [part for part in old.parts_of(path.read_text(encoding="utf-8")) if part not in result.parts]
-            calibration = calibration.with_parts(old, kept)
+        calibration = result.calibration.with_parts(old, kept)
         about = {"name": sensor.path, "kind": type(sensor).__name__, "made": time.strftime("%Y-%m-%d %H:%M:%S")}
         text = calibration.text(about, [*result.parts, *kept])
         new = path.with_suffix(".new")
@@ -159,8 +178,6 @@ def written(folder: Path, sensor: Device, result: Result) -> list[str]:
             draw(sensor.path, result, file)
     except OSError as error:
         raise BadInput(f"{error.filename or folder}: {error.strerror}") from None
-    except ValueError as error:
-        raise BadInput(f"{error}; the file was not changed") from None
     return [
         f"written: {path}, {picture}" + (f"; kept from before: {', '.join(kept)}" if kept else ""),
         f'in the rig: [device."{sensor.path}"] calibration = "{path}"',

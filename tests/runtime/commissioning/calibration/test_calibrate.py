@@ -9,12 +9,13 @@ from blocks.imus import MPU9250
 from blocks.imus.calibration import Calibration
 from graph import Diagram
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK
-from runtime.commissioning.calibration import fits, stillness
+from runtime.commissioning.calibration import fits, measuring, stillness
 from runtime.commissioning.calibration.measuring import OnRig
 from runtime.rig.file import parse
 from tests.runtime.commissioning.calibration import table
 from tests.runtime.commissioning.calibration.table import BIAS, FIELD, IRON, OFFSET, SCALE, SOFT, G
 from tests.runtime.rig.wires import MemoryI2c, Wires, add_mpu
+from tests.runtime.runs import write
 
 TABLE = Path(table.__file__)
 CODE = (8 * G / 32768, np.radians(1000.0) / 32768, 4912 / 32760)  # of the emulated sensor: m/s², rad/s, µT
@@ -96,6 +97,13 @@ def test_parts_that_were_not_requested_are_kept(command_line):
         and found.gyro_bias == pytest.approx(BIAS, abs=CODE[1])
         and found.accel_offset == (0.0,) * 3
     )
+
+
+def test_damaged_file_is_reported_before_the_sensor_is_turned(command_line, monkeypatch):
+    monkeypatch.setattr(measuring, "simulated", lambda *arguments: pytest.fail("measured"))
+    write(command_line.folder, "gyroscope\n", "shank.toml")
+    said = command_line.refused("calibrate", TABLE, "--out", command_line.folder)
+    assert said.startswith("shank.toml: invalid TOML") and said.endswith("the file was not changed: correct or remove it")
 
 
 def test_parts_without_readings_are_reported_and_the_rest_is_written(command_line):
