@@ -94,7 +94,7 @@ def read(path: str | os.PathLike[str], about: dict[str, Any]) -> dict[str, Any]:
         raise BadInput(f"--resume {path}: this is not the state of an optimisation, *.optimisation.json") from None
     differing = [name for name in {**known, **about} if known.get(name) != about.get(name)]
     if differing:
-        changes = "; ".join(f"{name} {known.get(name)!r}, now {about.get(name)!r}" for name in differing)
+        changes = "; ".join(f"{name} {_shown(known.get(name))}, now {_shown(about.get(name))}" for name in differing)
         raise BadInput(f"--resume {path}: it was made with {changes}. Pass the same options, or begin without --resume")
     try:
         _check(state)
@@ -106,6 +106,20 @@ def read(path: str | os.PathLike[str], about: dict[str, Any]) -> dict[str, Any]:
         reason = f"missing {error}" if isinstance(error, KeyError) else error
         raise BadInput(f"--resume {path}: its content was changed or is damaged: {reason}") from None
     return state
+
+
+def _shown(value):
+    """Return a setting as text: parameters by their names, bounds and initial value, as the option --over has them."""
+    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value) or not value:
+        return repr(value)
+
+    def in_words(each):
+        numbers = [number for key in ("low", "high", "initial") if (number := each.get(key)) is not None]
+        step = each.get("largest_step")
+        bounds = ":".join(f"{number:g}" if isinstance(number, float) else str(number) for number in numbers)
+        return f"{each.get('name')}={bounds}" + (f" (largest step {step:g})" if isinstance(step, float) else "")
+
+    return ", ".join(map(in_words, value))
 
 
 def _check(state):

@@ -65,3 +65,10 @@ def test_state_that_was_changed_by_hand_is_rejected(mistake, tmp_path):
     with pytest.raises(BadInput) as error:
         read(path, ABOUT)
     assert str(error.value).startswith(f"--resume {path}: its content was changed or is damaged: {reason}")
+
+
+def test_other_bounds_are_named_as_the_option_has_them(tmp_path):
+    path = written(tmp_path, state_of_one_evaluation())
+    with pytest.raises(BadInput) as error:
+        read(path, {**ABOUT, "over": [vars(Parameter("peak", 4.0, 12.0, largest_step=2.0, initial=5.0))]})
+    assert "it was made with over peak=4:10, now peak=4:12:5 (largest step 2)" in str(error.value)
