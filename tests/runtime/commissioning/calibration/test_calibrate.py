@@ -103,7 +103,9 @@ def test_damaged_file_is_reported_before_the_sensor_is_turned(command_line, monk
     monkeypatch.setattr(measuring, "simulated", lambda *arguments: pytest.fail("measured"))
     write(command_line.folder, "gyroscope\n", "shank.toml")
     said = command_line.refused("calibrate", TABLE, "--out", command_line.folder)
-    assert said.startswith("shank.toml: invalid TOML") and said.endswith("the file was not changed: correct or remove it")
+    assert said.startswith("shank.toml: invalid TOML") and said.endswith(
+        "the file was not changed: correct or remove it"
+    )
 
 
 def test_parts_without_readings_are_reported_and_the_rest_is_written(command_line):
