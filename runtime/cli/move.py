@@ -18,6 +18,7 @@ from runtime.commissioning import move
 from runtime.commissioning.bus import entry, single_bus
 from runtime.console.terminal import print_lines
 from runtime.report import summary
+from runtime.rig import RigError
 from runtime.session.request import Request
 
 if TYPE_CHECKING:
@@ -152,17 +153,20 @@ def main(arguments: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory(prefix="tickwork-") as place:
         rig = Path(place) / "move.toml"  # only the bus: the diagram has no other devices
         rig.write_text("\n".join([*entry(bus), ""]), encoding="utf-8")
-        result = carried_out(
-            instance(
-                Request,
-                options,
-                file=Path(move.__file__),
-                rig=rig,
-                settings=[(name, str(text)) for name, text in settings.items()],
-                bitrate=None,
-                bench=True,
+        try:
+            result = carried_out(
+                instance(
+                    Request,
+                    options,
+                    file=Path(move.__file__),
+                    rig=rig,
+                    settings=[(name, str(text)) for name, text in settings.items()],
+                    bitrate=None,
+                    bench=True,
+                )
             )
-        )
+        except RigError as error:  # without the path of the temporary file
+            raise BadInput("\n".join(map(str, error.problems))) from None
     print_lines(summary.summary(result))
     return summary.exit_code(result.outcome)
 

@@ -60,6 +60,8 @@ def summary(result: RunResult) -> list[str]:
         if not schedule.devices
         else "simulated"
         if result.rig is None
+        else "on the bus"  # whose rig file is temporary
+        if result.request.bench
         else f"on the rig {result.request.rig}"
     )
     how += ", in virtual time" if result.request.fast else ""

@@ -6,6 +6,7 @@ from blocks.actuators.robstride import models
 from graph import compile
 from runtime.base.errors import BAD_INPUT, FAULT, OK
 from runtime.commissioning.move import build
+from runtime.guardian.lock import BusLock
 from tests.blocks.actuators import reference, robstride_reference
 from tests.runtime.commissioning.nodes import Mit, Nodes, Private, Servo
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files, finished
@@ -39,6 +40,7 @@ def test_a_torque_rises_slowly_stays_within_a_tenth_of_the_rated_one_and_ends_in
     assert process.stdout.startswith(
         f"AK80-9, id 3 on {nodes.channel}: torque 0.6 N·m for 1 s, torque limit 0.9 N·m (10% of rated); the run ends"
     )
+    assert "\nmove: 1 s at 200 Hz, on the bus\n" in process.stdout
     said = commands(drive)
     assert said[0] == ENABLE and said.count(ENABLE) == 1 and said[-2:] == [NOTHING, DISABLE]
     orders = [reference.read_command(AK80_9, bytes.fromhex(data)) for data in said if data not in (ENABLE, DISABLE)]
@@ -163,6 +165,17 @@ def test_without_confirmation_or_yes_nothing_is_armed(tmp_path):
         and "confirms the pre-flight table with Enter" in process.stderr
         and drive.heard == []
     )
+
+
+def test_a_bus_of_another_process_is_reported_without_the_temporary_rig(tmp_path):
+    with Nodes(64) as nodes:
+        lock = BusLock("udp_multicast", nodes.channel)
+        try:
+            process = moved(tmp_path, nodes, "--torque", "0.5", "--yes", "--no-record")
+        finally:
+            lock.close()
+    assert process.returncode == BAD_INPUT
+    assert process.stderr.startswith("tickwork: error TW106 bus controlled by another process: [bus.can]")
 
 
 @pytest.mark.parametrize(
