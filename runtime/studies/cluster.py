@@ -13,6 +13,7 @@ from typing import Any
 from graph.sha256 import sha256
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
+from runtime.console.terminal import print_to_stderr
 from runtime.recording.provenance import versions
 from runtime.studies.description import Study, described
 from runtime.studies.engine import Engine, Order, failed
@@ -28,6 +29,8 @@ class Cluster(Engine):
     study : with names of the diagram and the objectives, not functions
     address : of the scheduler, such as "tcp://10.0.0.5:8786"
 
+    Trials wait for the first worker; a line on standard error reports a scheduler without workers.
+
     Raises BadInput for a scheduler without connection, and for a trial that Dask gives up.
     """
 
@@ -37,6 +40,10 @@ class Cluster(Engine):
             self._client = self._distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, ValueError) as error:
             raise BadInput(f"no connection to the Dask scheduler {address}: {error}") from None
+        if not self._client.nthreads():
+            print_to_stderr(
+                [f"tickwork: the Dask scheduler {address} has no workers yet; start one: dask worker {address}"]
+            )
         self._trial = partial(
             _trial,
             description=replace(study, diagram=os.path.abspath(study.diagram)).content(),

@@ -5,6 +5,7 @@ import pytest
 import runtime
 from runtime.base.errors import BadInput
 from runtime.studies import cluster
+from runtime.studies.description import described
 
 distributed = pytest.importorskip("distributed")
 STUDY = {"diagram": "sine.py", "duration": 0.5, "seeds": [1, 2]}
@@ -58,3 +59,10 @@ def test_cluster_with_a_killed_worker_gives_the_same_table(folder):
     assert (folder / "died").exists()
     here = runtime.study(**given, grid={"gain": [3]}, workers=0)
     assert result.columns == here.columns
+
+
+def test_a_scheduler_without_workers_is_reported(folder, capsys):
+    objectives = {"noise": NOISE}
+    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", protocol="tcp://") as local:
+        cluster.Cluster(described({**STUDY, "objectives": objectives}), local.scheduler_address).close()
+        assert f"the Dask scheduler {local.scheduler_address} has no workers yet" in capsys.readouterr().err
