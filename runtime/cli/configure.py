@@ -13,7 +13,7 @@ from graph.names import suggestion
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.cli.parsing import Parser, add_bus
 from runtime.commissioning import rig_edit
-from runtime.commissioning.bus import opened, single_bus
+from runtime.commissioning.bus import opened, plain, single_bus
 from runtime.commissioning.configure import apply, joint
 from runtime.console.confirm import confirm
 from runtime.console.terminal import print_lines, print_to_stderr
@@ -108,7 +108,12 @@ def configure_joint(options: Namespace) -> int:
     override(parse(options.rig, text), again)
     compiled(Path(options.what), again)  # errors are reported before the file is written
     print_lines([f'[device."{block.path}"] of {options.rig}:'])
-    print_lines([f"  {name}: {before.get(name, 'not set')} -> {value}" for name, value in mounting.items()])
+    print_lines(
+        [
+            f"  {name}: {plain(before[name]) if name in before else 'not set'} -> {plain(value)}"
+            for name, value in mounting.items()
+        ]
+    )
     if not confirm(f"write this to {options.rig}", options.yes):
         print_to_stderr(["nothing was written"])
         return OK

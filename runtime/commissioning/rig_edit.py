@@ -6,6 +6,7 @@ import os
 import re
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,7 @@ def check(path: str | Path, before: str, after: str, device: str, values: Mappin
 
 
 def write(path: str | Path, before: str, text: str) -> None:
-    """Replace a file atomically.
+    """Replace a file atomically. Its owner, permissions and line ends stay, also under sudo.
 
     before : content that the file must still have
 
@@ -91,13 +92,21 @@ def write(path: str | Path, before: str, text: str) -> None:
     if text_of(path) != before:
         raise BadInput(f"{path} has changed since it was read; nothing was written. Run the command again")
     real = Path(os.path.realpath(path))
+    name = None
     try:
+        status, newline = os.stat(real), "\r\n" if b"\r\n" in real.read_bytes() else "\n"
         descriptor, name = tempfile.mkstemp(dir=real.parent, prefix=f".{real.name}.")
-        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+        with os.fdopen(descriptor, "w", encoding="utf-8", newline=newline) as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(name, os.stat(real).st_mode & 0o7777)
+        if (status.st_uid, status.st_gid) != (os.geteuid(), os.getegid()):
+            with suppress(PermissionError):  # only root may give a file away
+                os.chown(name, status.st_uid, status.st_gid)
+        os.chmod(name, status.st_mode & 0o7777)
         os.replace(name, real)
     except OSError as error:
+        if name is not None:
+            with suppress(OSError):
+                os.unlink(name)
         raise BadInput(f"{path} cannot be written: {error.strerror}") from None

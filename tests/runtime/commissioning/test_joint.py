@@ -2,6 +2,8 @@
 compares with it.
 """
 
+import errno
+import os
 import subprocess
 import time
 
@@ -173,6 +175,30 @@ def test_a_rig_file_that_cannot_be_edited_safely_is_not_changed(text, device):
 def test_a_device_missing_in_the_rig_file_is_appended():
     after = rig_edit.changed("lab.toml", "# hers\n", "left/knee", {"offset": 0.5, "invert": True})
     assert after == '# hers\n\n[device."left/knee"]\noffset = 0.5\ninvert = true\n'
+
+
+def test_line_ends_and_owner_of_a_rig_file_stay(tmp_path):
+    path = tmp_path / "lab.toml"
+    path.write_bytes(b"# old\r\n")
+    owner = (12345, 12345) if os.geteuid() == 0 else (os.geteuid(), os.getegid())
+    os.chown(path, *owner)
+    path.chmod(0o640)
+    rig_edit.write(path, "# old\n", "# new\n# line\n")
+    status = path.stat()
+    assert path.read_bytes() == b"# new\r\n# line\r\n"
+    assert (status.st_uid, status.st_gid, status.st_mode & 0o777) == (*owner, 0o640)
+
+
+def test_a_file_that_cannot_be_replaced_leaves_no_other_file(tmp_path, monkeypatch):
+    path = write(tmp_path, "# old\n", "lab.toml")
+
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(BadInput, match="cannot be written: No space left on device"):
+        rig_edit.write(path, "# old\n", "# new\n")
+    assert path.read_text() == "# old\n" and list(tmp_path.iterdir()) == [path]
 
 
 def test_a_file_that_has_changed_is_not_overwritten(tmp_path):
