@@ -189,6 +189,11 @@ def _bus_problems(bus: ToolBus, report: Report) -> list[str]:
     silent = not (report.drives or report.nodes or report.commanded)
     if bus.wire.trouble:
         return [f"the interface failed: {bus.wire.trouble[1]}"]
+    if silent and (corrupt := bus.wire.counts.get("corrupt")):
+        return [
+            f"{corrupt} frames could not be decoded: check the adapter and its driver's settings, such as tty_baudrate "
+            f"in `options`, and the bitrate, {report.bitrate} bit/s"
+        ]
     if silent and report.others:
         return [f"frames are received, but no known device responds: {', '.join(report.others[:8])}"]
     if silent and (bus.errors or bus.refused):

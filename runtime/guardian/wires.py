@@ -137,6 +137,9 @@ class PythonCanWire(Wire):
                 if _errno_of(error) or self.trouble:
                     break
                 self.count("corrupt")
+                if isinstance(error.__cause__, UnicodeDecodeError):
+                    # slcan keeps a line that is not text, and then fails at every line after it
+                    getattr(self.bus, "_buffer", bytearray()).clear()
                 continue
             if message is None:
                 break

@@ -2,6 +2,8 @@
 
 import json
 import os
+import socket
+import time
 
 import pytest
 
@@ -9,7 +11,19 @@ from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.commissioning.scan import commanded
 from runtime.guardian.lock import BusLock
 from runtime.rig import read
-from tests.runtime.commissioning.nodes import DISABLE, ENABLE, V3, Commander, Mit, Node, Nodes, OpenImu, Private, Servo
+from tests.runtime.commissioning.nodes import (
+    DISABLE,
+    ENABLE,
+    V3,
+    Commander,
+    Mit,
+    Node,
+    Nodes,
+    OpenImu,
+    Private,
+    Servo,
+    channel,
+)
 
 QUICK = ("--listen", "0.1")
 GET_ID, STOP, READ = 0x0000FD00, 0x0400FD00, 0x1100FD00
@@ -144,6 +158,23 @@ class Counter(Node):
     def speak(self):
         self.count = getattr(self, "count", -1) + 1
         return [(0x123, False, bytes([self.count % 16]) + bytes(7))]
+
+
+class Noise(Node):
+    """Datagrams that are not frames, to the group of a bus."""
+
+    def live(self):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            while self.alive:
+                stranger.sendto(b"rubbish", (channel(17), 43113))
+                time.sleep(0.01)
+
+
+def test_frames_that_cannot_be_decoded_are_reported(command_line):
+    with Nodes(17, Noise()) as nodes:
+        code, report = found(command_line, nodes, "--ids", "1-5")
+    assert code == CHECK_FAILED and len(report["remarks"]) == 1
+    assert "frames could not be decoded: check the adapter" in report["remarks"][0]
 
 
 def test_a_device_that_sends_unasked_is_not_a_drive(command_line):

@@ -17,6 +17,7 @@ import pytest
 from blocks.actuators import CubeMars
 from graph import Diagram
 from runtime.base.errors import FAULT, OK
+from runtime.guardian.wires import PythonCanWire
 from runtime.rig import RigBuses, RigError, read
 from runtime.rig.errors import Refused
 from runtime.rig.file import RigBus
@@ -106,6 +107,22 @@ def awaited(condition, seconds=10.0):
     while not condition() and time.monotonic() < deadline:
         time.sleep(0.01)
     return condition()
+
+
+def test_noise_on_the_line_costs_only_the_line_that_contains_it():
+    """One byte that is not text made python-can fail at every later line."""
+    with Adapter() as adapter:
+        wire = PythonCanWire("slcan", adapter.channel, 1_000_000, False)
+        try:
+            received = []
+            for text in (b"t0011AA\r", b"t00\xff\r", b"t0011BB\r", b"\xfe\xff\r\r", b"t0011CC\r"):
+                os.write(adapter.master, text)
+                for _ in range(10):  # python-can returns nothing for a line that is not a frame
+                    time.sleep(0.002)
+                    received += [data.hex() for _, data, _ in wire.receive()]
+            assert received == ["aa", "bb", "cc"] and wire.counts["corrupt"] == 2 and wire.trouble is None
+        finally:
+            wire.close()
 
 
 def test_a_robot_arms_runs_and_stops_over_slcan(tmp_path):
