@@ -76,7 +76,9 @@ class StatusLine:
             self.narrowed.clear()
         line = parts, columns - 1, self.terminal.coloured, self.terminal.unicode
         _, steps = fit(*line)
-        self.narrowed.append({step for step in steps if step[0] != "without" or step[1] < OPERATOR_IMPORTANCE})
+        self.narrowed.append(
+            steps - {("without", part.importance) for part in parts if part.importance >= OPERATOR_IMPORTANCE}
+        )
         self.terminal.draw(fit(*line, kept=frozenset().union(*self.narrowed))[0])
 
     def erase(self) -> None:
