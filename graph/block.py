@@ -212,10 +212,6 @@ class Block:
 
     def fault_text(self, status: int) -> str:
         """Return what a status of the block's own kernel reports, or "". status : from cext.abi.FIRST_OWN_STATUS on"""
-        if self.compiled:
-            from graph import jit
-
-            return jit.fault_text(self, status)
         return ""
 
     def run_summary(self) -> str:

@@ -21,6 +21,7 @@ import inspect
 import math
 import textwrap
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from cext.kernel import Kernel
@@ -69,6 +70,7 @@ def compile_block(block: Block) -> None:
         block.update_kernel = kernel_of(block, type(block).update, slots, [])
     if hasattr(block, "settle"):
         block.settle_kernel = kernel_of(block, type(block).settle, slots, [])
+    block.fault_text = partial(fault_text, block)
     block.compiled = True
 
 
