@@ -36,7 +36,8 @@ def test_the_summary_has_the_durations_of_inferences_and_late_results(tmp_path):
     models.streaming(tmp_path / "m.onnx")
     lines = [line for line in summary.summary(carry_out(tmp_path)) if " inferences, " in line]
     assert re.fullmatch(r"  blocks      net: 100 inferences, \S+ ms median, \S+ ms p99, \S+ ms max", lines[0])
-    assert re.fullmatch(r"              worker: 100 inferences, .* ms max; 0 results late", lines[1])
+    # the results of the last 4 ticks, the latency, are not awaited
+    assert re.fullmatch(r"              worker: (9[6-9]|100) inferences, .* ms max; 0 results late", lines[1])
 
 
 def test_a_failed_inference_ends_the_run_with_the_error_of_onnx_runtime(tmp_path):
