@@ -2,6 +2,8 @@
 
 from graph import Input, Param, Sink
 
+SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " ", "pipe": "|"}
+
 
 class CsvRecorder(Sink):
     """CSV recorder: columns time, tick, and one per signal.
@@ -9,8 +11,11 @@ class CsvRecorder(Sink):
     Columns are named by block path and port, with the unit in ASCII.
 
     `record` selects the signals of the whole recording, also in its MCAP file: CsvRecorder(record="*/knee, imu.accel").
-    A viewer without connections shows these signals, too. With every=4 it records every fourth tick. Several recorders
+    A viewer without connections also shows these signals. With every=4 it records every fourth tick. Several recorders
     record different signals at different rates.
+
+    CsvRecorder(names={"left/knee.position": "knee_angle"}, text=True) renames a column, writes states by their names,
+    and adds the column `events`.
     """
 
     record = Param(
@@ -19,7 +24,16 @@ class CsvRecorder(Sink):
         "recorded signals, blocks or subsystems, such as left/knee.torque, right, */imu.accel; all by default",
         fixed=True,
     )
-    delimiter = Param(",", "1", "column separator", choices=(",", ";", "\t"))
+    delimiter = Param(
+        ",", "1", "column separator: comma, semicolon, tab, space, pipe, or a character that is in no number", dtype=str
+    )
+    names = Param({}, "1", "column names of your own, as {signal: name}, written without a unit", dtype=dict)
+    text = Param(
+        False,
+        "1",
+        "true writes states of a StateMachine by name, and the column `events`: marks, changes, warnings and faults",
+        fixed=True,
+    )
     flush_rows = Param(200, "1", "number of rows between flushes to the disk", min=1, fixed=True)
     time = Param(
         "relative",
@@ -36,6 +50,17 @@ class CsvRecorder(Sink):
     file = Param("", "1", "file name without extension; the diagram's name and the time by default")
 
     service, writes_files, accepts_every = "csv", True, True
+
+    def configure(self) -> None:
+        self.delimiter = separator = SEPARATORS.get(self.delimiter, self.delimiter)
+        if len(separator) != 1 or separator.isalnum() or separator in '.+-"\r\n':
+            raise ValueError(
+                f"delimiter must be {', '.join(SEPARATORS)}, or one character that is in no number and no quote, got "
+                f"{separator!r}"
+            )
+        for signal, name in self.names.items():
+            if not (isinstance(signal, str) and isinstance(name, str) and name.strip() == name != ""):
+                raise ValueError(f"names must be {{signal: name}}, both text, got {signal!r}: {name!r}")
 
 
 class StrideReport(Sink):

@@ -1,13 +1,16 @@
 # Generated from the declarations by `python -m graph.stubs`. Do not edit.
-from typing import Literal
+from typing import Any, Literal
 from typing_extensions import Unpack
 from graph.block import BlockOptions
 from graph.signal import Operand
 from graph import Input, Param, Sink
 
+SEPARATORS: dict[Any, Any]
 class CsvRecorder(Sink):
     record: Param[str]
-    delimiter: Param[Literal[',', ';', '\t']]
+    delimiter: Param[str]
+    names: Param[dict[Any, Any]]
+    text: Param[bool]
     flush_rows: Param[int]
     time: Param[Literal['relative', 'device']]
     overwrite: Param[bool]
@@ -16,7 +19,9 @@ class CsvRecorder(Sink):
     def __init__(
         self,
         record: str = '',
-        delimiter: Literal[',', ';', '\t'] = ',',
+        delimiter: str = ',',
+        names: dict[Any, Any] = ...,
+        text: bool = False,
         flush_rows: int = 200,
         time: Literal['relative', 'device'] = 'relative',
         overwrite: bool = False,

@@ -58,8 +58,8 @@ class Table:
 def read_table(file: str) -> Table:
     """Read a CSV file with a header such as `time [s],left/knee.position [rad]`, or a .mot file behind `endheader`.
 
-    The separator is the one of comma, semicolon and tab that the header has most of, else blanks. OSError or ValueError
-    if the file cannot be read.
+    The separator is the one between the first two columns of a recording; in another file, that of comma, semicolon and
+    tab that the header has most of, else blanks. OSError or ValueError if the file cannot be read.
     """
     try:
         lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
@@ -69,7 +69,8 @@ def read_table(file: str) -> Table:
     if any(re.fullmatch(r"\s*inDegrees\s*=\s*no\s*", line) for line in lines[:start]):
         raise ValueError(f"{file} is in radians: write it in degrees")
     header = lines[start] if start < len(lines) else ""
-    delimiter = max(",;\t", key=header.count)
+    recorded = re.match(r'("?)time \[s\]\1([^"])tick\b', header)
+    delimiter = recorded[2] if recorded else max(",;\t", key=header.count)
     if delimiter in header:
         rows = csv.reader(lines[start:], delimiter=delimiter)
     else:

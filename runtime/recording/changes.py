@@ -46,3 +46,16 @@ class Changes:
                 yield {"event": "mark", "number": int(value), **when}
             else:
                 yield {"event": ASKED[kind], **when}
+
+
+def event_text(event: dict[str, Any]) -> str:
+    """Return an event as text, "" for one that is not shown."""
+    kind = event.get("event")
+    if kind in ("fault", "end"):
+        culprit = f" at {event['culprit']}" if event.get("culprit") else ""
+        return f"{kind}: {event.get('status')}{culprit}, tick {event.get('tick')}"
+    if kind == "warning":
+        return f"{event['device']}: {event['what']}"
+    if kind == "mark":
+        return f"mark {event['number']}"
+    return f"{event['path']} set to {event['value']:g}" if kind == "set" else ""

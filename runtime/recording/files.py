@@ -128,6 +128,15 @@ class WholeFile:
         self.waiting += len(piece)
         return len(piece)
 
+    def take_back(self, piece: bytes) -> None:
+        """Remove the last piece, which may have been flushed. Raises OSError."""
+        if self.pieces:
+            self.waiting -= len(self.pieces.pop())
+        else:
+            self.size -= len(piece)
+            os.ftruncate(self.descriptor, self.size)
+            os.lseek(self.descriptor, self.size, os.SEEK_SET)
+
     def tell(self) -> int:
         """Return the position of the end of the last piece, in bytes."""
         return self.size + self.waiting

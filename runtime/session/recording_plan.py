@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from blocks.recorders import CsvRecorder
+from blocks.states import StateMachine
 from cext.clock.stopwatch import names
 from graph import Actuator
 from graph.store import to_json
@@ -68,12 +69,13 @@ def plan(prepared: Prepared, realtime: Realtime) -> dict[str, Any]:
     """Return the plan of the recorder, as plain data that JSON can hold."""
     request, schedule, rig = prepared.request, prepared.schedule, prepared.rig
     records = records_files(prepared)
+    labels = {f"{block.path}.state": block.names for block in prepared.diagram if isinstance(block, StateMachine)}
     sinks = [
         {
             "service": sink.block.service,
             "path": sink.block.path,
             "parameters": {name: getattr(sink.block, name) for name in sink.block.parameters},
-            "columns": [vars(column) for column in sink.columns],
+            "columns": [{**vars(column), "labels": labels.get(column.path, [])} for column in sink.columns],
             "every": sink.block.every,
             "wanted": request.plotjuggler is not None,
         }

@@ -55,7 +55,10 @@ def test_stride_report_distinguishes_torque_and_angle():
     "make, said",
     [
         (lambda: CsvRecorder(flush_rows=0), "flush_rows: must be at least 1, got 0"),
-        (lambda: CsvRecorder(delimiter="|"), "delimiter: must be one of"),
+        (lambda: CsvRecorder(delimiter="."), "delimiter must be comma, .* in no number and no quote, got '.'"),
+        (lambda: CsvRecorder(delimiter="e"), "delimiter must be comma, .*, got 'e'"),
+        (lambda: CsvRecorder(delimiter="||"), "delimiter must be comma, .*, got '||'"),
+        (lambda: CsvRecorder(names={"knee.position": 1}), "names must be {signal: name}, both text, got 'knee"),
         (lambda: PlotJuggler(port=0), "port: must be at least 1, got 0"),
         (lambda: PlotJuggler(port=70000), "port: must be at most 65535, got 70000"),
         (lambda: PlotJuggler(port=9870.5), "port: expected a whole number"),

@@ -10,6 +10,7 @@ import rerun as rr
 
 from runtime.recorder.rerun.blueprint import EVENTS, SPACE
 from runtime.recorder.rerun.scene import JOINTS, SEGMENTS, Limb, Scene, Sensor
+from runtime.recording.changes import event_text
 
 POSE_RATE = 50.0  # Hz, of the limbs
 HIP_HEIGHT, HIP_WIDTH = 0.95, 0.25  # m
@@ -147,7 +148,7 @@ class Stream:
     def event(self, event: dict[str, Any]) -> None:
         """Log an event of the recording. event : dict"""
         kind = str(event.get("event"))
-        text = text_of(event)
+        text = event_text(event)
         if text:
             tick = max(0, event.get("tick") or 0)
             level = "ERROR" if kind == "end" and event.get("status") != "ok" else LEVELS.get(kind, "INFO")
@@ -163,19 +164,6 @@ class Stream:
 def nanoseconds(times: Any) -> Any:
     """Round s to ns. Rerun itself rounds down, which can order equal times differently."""
     return np.round(np.asarray(times) * 1e9).astype("timedelta64[ns]")
-
-
-def text_of(event: dict[str, Any]) -> str:
-    """Return an event as text, "" for one that is not shown."""
-    kind = event.get("event")
-    if kind in ("fault", "end"):
-        culprit = f" at {event['culprit']}" if event.get("culprit") else ""
-        return f"{kind}: {event.get('status')}{culprit}, tick {event.get('tick')}"
-    if kind == "warning":
-        return f"{event['device']}: {event['what']}"
-    if kind == "mark":
-        return f"mark {event['number']}"
-    return f"{event['path']} set to {event['value']:g}" if kind == "set" else ""
 
 
 def colour(share: np.ndarray) -> np.ndarray:

@@ -2,12 +2,14 @@
 
 The unit follows the name in brackets, in ASCII; dimensionless signals have none. Floats have the fewest digits that
 convert back to the same number; ints and bools are integers; non-finite values are `nan`, `inf` and `-inf`.
+
+With `text`, states are names, and the last column has the events before each row, and after the last one.
 """
 
 import csv
 import io
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -17,6 +19,7 @@ from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
 from runtime.console.styles import count
 from runtime.recorder.service import Service
+from runtime.recording.changes import event_text
 from runtime.recording.files import WholeFile, claim, create
 
 WITHOUT_UNIT = ("1", "any")
@@ -31,8 +34,12 @@ class CsvWriter(Service):
         delimiter = parameters.get("delimiter", ",")
         self.flush_rows = parameters.get("flush_rows", 200)
         self.rows, self.every = 0, self.sink.get("every", 1)
-        self.gate = place_of(parameters.get("during"), columns)
-        self.lines = Lines(columns, delimiter)
+        during = parameters.get("during")
+        self.gate = place_of("during", during, columns) if during else None
+        names = {place_of("names", path, columns): name for path, name in parameters.get("names", {}).items()}
+        self.events: list[str] | None = [] if parameters.get("text") else None
+        self.lines = Lines(columns, delimiter) if self.events is None else TextLines(columns, delimiter)
+        self.last: tuple[list[Any], bytes] | None = None  # cells and line of the last row, for events that follow it
         self.columns = [column["index"] for column in columns]
         self.whole = [column["dtype"] != "float" for column in columns]
         self.file: Any = None
@@ -44,7 +51,7 @@ class CsvWriter(Service):
         self.file = WholeFile(*create(stem, ".csv", replaces), self.durable)
         claim(self.file.descriptor)  # so that no other recorder replaces it
         self.device_time, self.began = parameters.get("time") == "device" and not self.plan["virtual"], None
-        self.header = header(columns, delimiter)
+        self.header = header(columns, delimiter, names, self.events is not None)
         if not replaces:
             self.start()
 
@@ -77,15 +84,36 @@ class CsvWriter(Service):
         """Write one row, without a ring to take batches from."""
         if self.file is not None:
             self.start()
-            self.file.write(self.lines.line(time, tick, values))
+            cells = self.lines.cells(time, tick, values)
+            if self.events is None:
+                self.file.write(self.lines.text([cells]))
+            else:
+                self.write_with_events(cells)
             self.rows += 1
 
     def write(self, rows: list[list[float]]) -> None:
         """Write rows, and flush the file if it is due."""
-        self.file.write(self.lines.text(rows))
+        if self.events is None:
+            self.file.write(self.lines.text(rows))
+        else:
+            for row in rows:
+                self.write_with_events(row)
         self.rows += len(rows)
         if self.rows % self.flush_rows == 0:
             self.file.flush()
+
+    def write_with_events(self, row: list[Any]) -> None:
+        """Write a row, and the events since the previous one."""
+        assert self.events is not None
+        cells = [*row, "; ".join(self.events)]
+        line = self.lines.text([cells])
+        self.events.clear()
+        self.last = cells, line
+        self.file.write(line)
+
+    def event(self, event: dict[str, Any]) -> None:
+        if self.events is not None and (text := event_text(event)):
+            self.events.append(text)
 
     def flush(self) -> None:
         if self.file is not None:
@@ -101,19 +129,22 @@ class CsvWriter(Service):
         if self.file is None:
             return {"rows": 0}
         self.start()
+        if self.events and self.last is not None:
+            cells, line = self.last
+            self.file.take_back(line)
+            self.file.write(self.lines.text([[*cells[:-1], "; ".join(filter(None, [cells[-1], *self.events]))]]))
         self.file.close()
         self.files[self.file.path] = f"{count(self.rows, 'row')} of {count(len(self.sink['columns']), 'signal')}"
         return {"file": self.file.path, "rows": self.rows, "bytes": self.file.size}
 
 
-def place_of(path: str | None, columns: list[dict[str, Any]]) -> int | None:
-    """Return the index of the column with a path, None for an empty path. Raises BadInput."""
+def place_of(parameter: str, path: str, columns: list[dict[str, Any]]) -> int:
+    """Return the index of the column with a path. parameter : that names it. Raises BadInput."""
     paths = [column["path"] for column in columns]
-    if not path:
-        return None
     if path not in paths:
         raise BadInput(
-            f"during: {path!r} is not a recorded signal; {suggestion(path, paths) or 'expected one such as mocap.on'}"
+            f"{parameter}: {path!r} is not a recorded signal; "
+            f"{suggestion(path, paths) or 'expected one such as mocap.on'}"
         )
     return paths.index(path)
 
@@ -136,15 +167,19 @@ class Lines:
         self.delimiter = delimiter.encode()
         self.whole = [2 + index for index, column in enumerate(columns) if column["dtype"] != "float"]
 
-    def line(self, time: float, tick: int, values: Sequence[float]) -> bytes:
-        """Return the line of a tick as bytes."""
+    def cells(self, time: float, tick: int, values: Sequence[float]) -> list[Any]:
+        """Return the cells of a tick, with ints for ints and bools."""
         cells = [time, tick, *values]
         for index in self.whole:
             if isfinite(cells[index]):
                 cells[index] = int(cells[index])
-        return self.text([cells])
+        return cells
 
-    def text(self, rows: Sequence[Sequence[float]]) -> bytes:
+    def line(self, time: float, tick: int, values: Sequence[float]) -> bytes:
+        """Return the line of a tick as bytes."""
+        return self.text([self.cells(time, tick, values)])
+
+    def text(self, rows: Sequence[Sequence[Any]]) -> bytes:
         """Return the lines of rows as bytes. rows : [[time, tick, values with ints for ints and bools]]"""
         text = encode(rows)[2:-2]  # JSON numbers are valid CSV and ten times faster than repr
         if NOT_A_NUMBER in text:
@@ -154,14 +189,41 @@ class Lines:
         return text if self.delimiter == b"," else text.replace(b",", self.delimiter)
 
 
-def header(columns: list[dict[str, Any]], delimiter: str) -> str:
-    """Return the first line."""
+class TextLines(Lines):
+    """Converter of rows whose last cell is text, with names for the states of columns that have `labels`."""
+
+    def __init__(self, columns: list[dict[str, Any]], delimiter: str = ",") -> None:
+        super().__init__(columns, delimiter)
+        self.separator = delimiter
+        self.labels = {2 + index: column["labels"] for index, column in enumerate(columns) if column.get("labels")}
+
+    def text(self, rows: Sequence[Sequence[Any]]) -> bytes:
+        lines = io.StringIO()
+        writer = csv.writer(lines, delimiter=self.separator, lineterminator="\n")
+        for row in rows:
+            cells = list(row)
+            for place, labels in self.labels.items():
+                if cells[place] in range(len(labels)):
+                    cells[place] = labels[int(cells[place])]
+            writer.writerow(cells)
+        return lines.getvalue().encode()
+
+
+def header(
+    columns: list[dict[str, Any]], delimiter: str, own: Mapping[int, str] | None = None, events: bool = False
+) -> str:
+    """Return the first line.
+
+    own : {index of a column: its name}; events : whether a column with events follows
+    """
     names = ["time [s]", "tick"]
-    for column in columns:
+    for index, column in enumerate(columns):
         unit = column["ascii_unit"]
-        names.append(column["path"] if unit in WITHOUT_UNIT else f"{column['path']} [{unit}]")
+        names.append(
+            (own or {}).get(index) or (column["path"] if unit in WITHOUT_UNIT else f"{column['path']} [{unit}]")
+        )
     line = io.StringIO()
-    csv.writer(line, delimiter=delimiter, lineterminator="\n").writerow(names)
+    csv.writer(line, delimiter=delimiter, lineterminator="\n").writerow([*names, *["events"] * events])
     return line.getvalue()
 
 

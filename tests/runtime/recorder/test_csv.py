@@ -1,14 +1,19 @@
 """The CSV recorder, through a real recorder process."""
 
+import csv
 import math
 import resource
 import struct
+import subprocess
+import sys
 import time
 
+import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from blocks._plumbing.csv_columns import read_table
 from blocks.recorders import CsvRecorder
 from cext.safety.ring_batch import Batch
 from cext.safety.shared_state import SharedState
@@ -122,6 +127,81 @@ def test_recorder_writes_its_columns_in_given_order(tmp_path):
 def test_the_delimiter_is_the_users_and_a_name_that_holds_it_is_quoted(tmp_path):
     written(tmp_path, columns("a;b.x m", "a.y m"), [row(0, 1.5, 2.5)], delimiter=";")
     assert (tmp_path / "bench_1.csv").read_text() == 'time [s];tick;"a;b.x [m]";a.y [m]\n0.0;0;1.5;2.5\n'
+
+
+@pytest.mark.parametrize(
+    "name, character", [("tab", "\t"), ("space", " "), ("pipe", "|"), ("semicolon", ";"), ("~", "~")]
+)
+def test_file_with_any_delimiter_is_read_again(tmp_path, name, character):
+    recorder = CsvRecorder(delimiter=name)
+    assert recorder.delimiter == character
+    written(tmp_path, columns("a.x m", "b.y rad"), [row(0, 1.5, -2.5), row(1, 1e-9, math.nan)], delimiter=character)
+    table = read_table(str(tmp_path / "bench_1.csv"))
+    assert table.names == ["time", "tick", "a.x", "b.y"] and table.units == ["s", "", "m", "rad"]
+    np.testing.assert_array_equal(table.column("a.x"), [1.5, 1e-9])
+    np.testing.assert_array_equal(table.column("b.y"), [-2.5, math.nan])
+
+
+def test_columns_have_names_of_ones_own(tmp_path):
+    signals = columns("left/knee.position rad", "left/knee.torque N·m")
+    written(tmp_path, signals, [row(0, 1.0, 2.0)], names={"left/knee.position": "knee_angle"})
+    assert read_csv(tmp_path / "bench_1.csv")[0] == ["time [s]", "tick", "knee_angle", "left/knee.torque [N*m]"]
+
+
+def test_name_for_a_signal_that_is_not_recorded_is_refused(tmp_path):
+    signals = columns("left/knee.position rad")
+    plans = plan(tmp_path, sink(CSV, "csv_recorder", signals, names={"left/knee.positon": "angle"}))
+    with pytest.raises(RecorderError, match="names: 'left/knee.positon' is not a recorded signal; did you mean"):
+        record(plans, [row(0, 1.0)])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_text_has_states_by_name_and_each_event_in_the_row_that_follows_or_the_last_one(tmp_path):
+    walk = tmp_path / "walk.py"
+    walk.write_text(
+        "from blocks.recorders import CsvRecorder\n"
+        "from blocks.clock import Clock\n"
+        "from blocks.states import StateMachine\n"
+        "from graph import Block, Diagram, Input, Output\n\n\n"
+        "class Failing(Block):\n"
+        "    u = Input('s')\n"
+        "    y = Output('s')\n\n"
+        "    def step(self, u):\n"
+        "        if u >= 0.05:\n"
+        "            raise ValueError('it broke')\n"
+        "        return u\n\n\n"
+        "with Diagram('walk', rate=100) as diagram:\n"
+        "    time = Clock().time\n"
+        "    gait = StateMachine(takes={'t': 's'}, states={'swing': {}, 'stance': {}},\n"
+        "                        transitions=[('swing', 'stance', 't >= 0.02')], name='gait')\n"
+        "    gait(t=time)\n"
+        "    Failing(name='failing')(time)\n"
+        "    CsvRecorder(record='gait', text=True, file='walk')\n"
+    )
+    command = [sys.executable, "-m", "runtime", str(walk), "--fast", "--duration", "1", "--record", str(tmp_path)]
+    assert subprocess.run(command, capture_output=True, text=True).returncode == 3
+    lines = list(csv.DictReader((tmp_path / "walk.csv").open()))
+    assert [line["gait.state"] for line in lines] == ["swing", "swing", "stance", "stance", "stance"]
+    assert [line["events"] for line in lines[:-1]] == [""] * 4
+    assert "failing" in lines[-1]["events"]
+
+
+def test_event_that_follows_the_last_flushed_row_is_in_that_row(tmp_path):
+    signals = columns("a.x m")
+    writer = CsvWriter(plan(tmp_path), sink(CSV, "csv_recorder", signals, text=True, flush_rows=1))
+    writer.open()
+    writer.event({"event": "mark", "number": 1, "tick": 0})
+    writer.row(0, 0.0, [1.0])
+    writer.row(1, 0.005, [2.0])
+    writer.flush()
+    writer.event({"event": "mark", "number": 2, "tick": 2})
+    writer.event({"event": "end", "status": "fault, of a drive", "tick": 2})
+    writer.close()
+    assert (tmp_path / "bench_1.csv").read_text().splitlines() == [
+        "time [s],tick,a.x [m],events",
+        "0.0,0,1.0,mark 1",
+        '0.005,1,2.0,"mark 2; end: fault, of a drive, tick 2"',
+    ]
 
 
 def test_existing_files_are_never_overwritten(tmp_path):
