@@ -7,6 +7,7 @@ unique within a block.
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Sequence
 from types import EllipsisType
@@ -318,6 +319,10 @@ class Param(Declaration, Generic[T]):
             raise ValueError("expected a value, got None")
         if self.dtype is bool and not isinstance(value, (bool, np.bool_)):
             raise ValueError(f"expected True or False, got {repr_of(value)}")
+        if self.dtype is float:
+            value = self.in_unit(value)
+        elif self.dtype is tuple and isinstance(value, (list, tuple)):
+            value = type(value)(map(self.in_unit, value))
         if isinstance(value, str) and self.numeric:
             raise ValueError(f"expected a number, got {repr_of(value)}")
         if self.numeric and np.ndim(value):
@@ -342,6 +347,11 @@ class Param(Declaration, Generic[T]):
         if self.choices is not None and value not in self.choices:
             raise ValueError(f"must be one of {', '.join(map(text_of, self.choices))}, got {repr_of(value)}")
         return value
+
+    def in_unit(self, value: Any) -> Any:
+        """Convert a quantity that names its unit, such as "10 deg". Returns any other value unchanged. ValueError"""
+        quantity = isinstance(value, str) and re.match(r"\s*[+-]?\.?\d\S*\s+\D", value)
+        return units.parse_quantity(value, self.unit) if quantity else value
 
     def parse(self, text: str) -> Any:
         """Parse command-line text, such as '40', '60 deg' or 'true'. Raises ValueError if it is not valid."""

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from blocks.actuators import CubeMars
+from blocks.controllers import Impedance
 from blocks.filters import Butterworth, Notch
 from blocks.limiters import Saturation, TorqueLimiter
 from blocks.mathematics import Gain
@@ -144,6 +145,28 @@ def test_a_parameter_that_text_cannot_set_is_reported_with_a_hint(name, text, me
         message,
         hint,
     ) and limiter.limit == 12.0
+
+
+def test_python_accepts_quantities_with_their_unit():
+    knee = CubeMars("AK80-9", offset="10 deg", range=("-10 deg", 1.9), can_id=1)
+    assert knee.offset == math.radians(10.0) and knee.range == (math.radians(-10.0), 1.9)
+    assert Impedance(stiffness=Live("0.5 N·m/deg", max="1 N·m/deg")).stiffness == pytest.approx(28.6479, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "offset, message",
+    [
+        ("10 kg", "offset: kg does not convert to rad"),
+        ("10 deg/s", "offset: deg/s does not convert to rad"),
+        ("ten deg", "offset: expected a number, got 'ten deg'"),
+        ("10", "offset: expected a number, got '10'"),
+        ("2,5 deg", "offset: '2,5 deg' is not a number: write a decimal point"),
+    ],
+)
+def test_quantity_in_another_unit_is_reported(offset, message):
+    with pytest.raises(DiagramError) as error:
+        CubeMars("AK80-9", offset=offset, can_id=1)
+    assert message in str(error.value)
 
 
 def test_a_parameter_in_the_unit_of_its_signals_accepts_no_other_unit():
