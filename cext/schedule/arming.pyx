@@ -260,8 +260,8 @@ cdef class Arming:
                 rounds += since >= damping
             self.journal.make_room(True)
             due = began + self.control.devices.stop.send(since, now, round)
-            if limit == 0:
-                break
+            if limit == 0 or (self.carried and self.journal.guardian_is_gone(monotonic())):
+                break                                              # the caller continues it
             self.body.advance_plant_until(due)
             if not self.virtual:
                 self.pace.sleep_until(self.began + due)

@@ -10,6 +10,8 @@ import sys
 import time
 from contextlib import suppress
 
+from runtime.base.descriptors import identity
+
 _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 
 # Import the parent's own packages regardless of the working folder, then restore the parent's path for all others.
@@ -55,6 +57,17 @@ class ChildProcess:
         self._answers, self._received = answers, b""
         assert self._child.stdin is not None
         self._orders = self._child.stdin
+        self._files = identity(self._orders.fileno()), identity(answers)
+
+    @property
+    def connected(self) -> bool:
+        """Whether both pipes are open. Other code of this process may have closed or replaced their descriptors."""
+        return self._may_answer and not self._orders.closed and identity(self._orders.fileno()) == self._files[0]
+
+    @property
+    def _may_answer(self):
+        """Whether the pipe for answers is open."""
+        return identity(self._answers) == self._files[1]
 
     def keep_to(self, processors: set[int]) -> None:
         """Restrict the child and its descendants to processors. Does nothing if it has ended or may not run there."""
@@ -81,6 +94,11 @@ class ChildProcess:
         except OSError:  # no descriptor is left, or the process has been reaped
             self._child.wait(timeout)
         self._child.wait(0.0)
+
+    def _close_answers(self):
+        """Close the pipe for answers, unless its descriptor was closed or belongs to another file now."""
+        if self._may_answer:
+            os.close(self._answers)
 
     def _threads(self):
         return map(int, os.listdir(f"/proc/{self.pid}/task"))

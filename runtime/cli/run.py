@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from runtime.base.errors import BadInput
 from runtime.cli.parsing import Parser, add_options, fields_of, instance
-from runtime.console.terminal import print_lines, print_to_stderr, program
+from runtime.console.terminal import print_lines, print_to_stderr, program, reopen_streams
 
 if TYPE_CHECKING:
     from runtime.session.request import Request
@@ -53,6 +53,7 @@ def concluded(session: Session) -> Result:
         result = session.carry_out()
     except (RealtimeRefused, RecorderError) as error:
         raise BadInput(str(error)) from None
+    reopen_streams()
     if result.outcome.faulted:
         print_to_stderr(result.report)
     elif (reason := summary.stopped(result.outcome)) is not None:

@@ -101,6 +101,14 @@ def print_to_stderr(lines: Iterable[str]) -> None:
     write([relative(line) for line in lines], sys.stderr)
 
 
+def reopen_streams() -> None:
+    """Open standard output and standard error again where the code of a diagram has closed their files."""
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        stream = getattr(sys, name)
+        if stream is not None and getattr(stream, "closed", False):
+            setattr(sys, name, open(number, "w", encoding="utf-8", errors="backslashreplace", closefd=False))
+
+
 def write(lines: Iterable[object], stream: TextIO | None) -> None:
     """Write lines to a stream, with control characters escaped and missing characters replaced.
 

@@ -15,15 +15,15 @@ The plan, a runtime.guardian.plan_types.Plan, is sent as JSON:
     priority    of SCHED_FIFO, or None
 
 The guardian writes the time of its last check to the shared state, and holds a mutex there. If the time is older than
-GUARDIAN_SILENCE, or its thread has died, the loop ends the run. The control process then stops the actuators on the
-buses that the guardian carried with `take_over`.
+GUARDIAN_SILENCE, or its thread has died, the loop ends the run. The control process then stops the actuators with
+`take_over`. What that requires is at hand before anything is armed: the wires that may be opened twice are open, and
+for the others there are spare descriptors and every module that the guardian has imported.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import os
 import signal
 import subprocess
 import time
@@ -34,10 +34,11 @@ from typing import TYPE_CHECKING
 from cext.clock.stopwatch import names
 from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
 from runtime.base.child_process import ChildProcess
+from runtime.base.descriptors import Descriptors, SpareDescriptors
 from runtime.guardian import control_group
 from runtime.guardian.relay import Relay
 from runtime.guardian.stop import SafeStop, decoded
-from runtime.guardian.wires import CannotOpen, open_wire
+from runtime.guardian.wires import SHARED, CannotOpen, Wire, open_wire
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
 
 READY_TIMEOUT = 30.0  # s
 LEAVE_TIMEOUT = 5.0  # s
+SPARE_PER_BUS, SPARE = 8, 4  # descriptors for `take_over`: pyserial opens five for a port
 FLAGS = 0xE0000000  # of struct can_frame: extended, remote, error
 
 
@@ -98,6 +100,8 @@ class GuardianProcess(ChildProcess):
         self.granted: list[str] = []
         self._group: str | None = None
         self._plan: Plan | None = None
+        self._spare: SpareDescriptors | None = None
+        self._wires: dict[int, Wire] = {}  # for `take_over`, by the index of the bus
 
     def configure(self, plan: Plan) -> None:
         """Send the plan and wait until every bus is open. Raises GuardianError, with nothing left open."""
@@ -105,7 +109,6 @@ class GuardianProcess(ChildProcess):
         answer: dict[str, Any] | None
         try:
             self._send(json.dumps(plan).encode() + b"\n")
-            _import_interfaces(plan["buses"])  # in advance, since `take_over` must be fast
             answer = self._answer(READY_TIMEOUT)
         except BrokenPipeError:
             answer = None
@@ -117,21 +120,38 @@ class GuardianProcess(ChildProcess):
                 f"the guardian was not ready ({how}); nothing was armed", (answer or {}).get("troubles", {})
             )
         self.granted, self._group = answer["granted"], answer["group"]
+        for module in answer["modules"]:
+            with suppress(Exception):  # the guardian has imported it
+                import_module(module)
+        for index, bus in enumerate(plan["buses"]):
+            if bus["interface"] in SHARED:
+                with suppress(CannotOpen):
+                    self._wires[index] = open_wire(bus)
+        self._spare = SpareDescriptors(SPARE + SPARE_PER_BUS * len(plan["buses"]))
+
+    def keep_descriptors(self, descriptors: Descriptors) -> None:
+        """Add the pipes to the descriptors of the run."""
+        descriptors.keep("the orders to the guardian", self._orders.fileno())
+        descriptors.keep("the answers of the guardian", self._answers)
 
     def finish(self) -> dict[str, Any]:
         """End the guardian after the run. Returns its report.
 
-        stop : the safe stop that it performed, or None: `because` is "died", "stalled" or "hung"; `silent`, `took` in
-            s; `last_tick`; `block` that hung; `confirmed`, `unconfirmed` are names of devices
+        stop : the safe stop that it performed, or None: `because` is "died", "stalled", "hung" or "cut off";
+            `silent`, `took` in s; `last_tick`; `block` that hung; `confirmed`, `unconfirmed` are names of devices
         troubles : {bus: reason it failed}
         died : how the process ended, if it ended early
+
+        A guardian whose pipes were closed here stops the actuators and then ends without a report.
         """
-        try:
-            self._send(b"release\n")
-            answer = self._answer(LEAVE_TIMEOUT)
-        except (OSError, TimeoutError):
-            answer = None
-        how = self.kill(LEAVE_TIMEOUT if answer is not None else 0.0)
+        answer, grace = None, LEAVE_TIMEOUT
+        if self.connected:
+            try:
+                self._send(b"release\n")
+                answer = self._answer(LEAVE_TIMEOUT)
+            except (OSError, TimeoutError):
+                grace = 0.0
+        how = self.kill(grace)
         return answer | {"died": None} if answer is not None else {"stop": None, "troubles": {}, "died": how}
 
     def kill(self, grace: float = 0.0) -> str:
@@ -139,16 +159,21 @@ class GuardianProcess(ChildProcess):
         if self._orders.closed:
             return _ending(self._child.returncode)
         self._page.let_go()
-        try:
+        with suppress(OSError):
             self._orders.close()
-        except OSError:
-            pass
         try:
             self.wait(grace)
         except subprocess.TimeoutExpired:
-            self._child.kill()
+            try:
+                self._child.kill()
+            except PermissionError:  # a block has changed the account of this process
+                return "it still runs: this process has given up the permission to end it"
             self._child.wait()
-        os.close(self._answers)
+        self._close_answers()
+        if self._spare is not None:
+            self._spare.close()
+        while self._wires:
+            self._wires.popitem()[1].close()
         if self._group is not None:
             control_group.remove(self._group)
         return _ending(self._child.returncode)
@@ -158,16 +183,19 @@ class GuardianProcess(ChildProcess):
 
         Returns (how the guardian ended, {bus: reason it could not be opened}, report of the stop).
         """
-        self._child.kill()  # reaped below, after the actuators are stopped
-        assert self._plan is not None
+        with suppress(PermissionError):  # a block has changed the account of this process
+            self._child.kill()  # reaped below, after the actuators are stopped
+        assert self._plan is not None and self._spare is not None
+        self._spare.release()
         deadline = time.monotonic() + GUARDIAN_KILL_LIMIT * 1e-9
         while not self._page.guardian_died and time.monotonic() < deadline:
             time.sleep(0.0002)
-        wires, problems = {}, {}
+        wires, problems = self._wires, {}
         devices = [decoded(device) for device in self._plan["devices"]]
         for index, bus in enumerate(self._plan["buses"]):
             try:
-                wires[index] = open_wire(bus, again=True)
+                if index not in wires:
+                    wires[index] = open_wire(bus, again=True)
             except CannotOpen as error:
                 problems[bus["name"]] = str(error)
         now = time.monotonic_ns()
@@ -189,22 +217,11 @@ class GuardianProcess(ChildProcess):
             time.sleep(0.0005)
             before = time.monotonic_ns()
             for index, wire in wires.items():
-                for identifier, data, _ in wire.receive():
-                    stop.receive(index, identifier, data, time.monotonic_ns(), drained)
+                for identifier, data, arrival in wire.receive():
+                    if arrival >= stop.began:  # a wire that was open before has frames of the run
+                        stop.receive(index, identifier, data, time.monotonic_ns(), drained)
             drained = before
-        for wire in wires.values():
-            wire.close()
         return self.kill(), problems, stop.report()
-
-
-def _import_interfaces(buses: Sequence[PlanBus]) -> None:
-    """Import what `open_wire` needs for the buses of the guardian. The guardian reports a failed import."""
-    for bus in buses:
-        if bus["line"] is not None:
-            with suppress(Exception):
-                import can.interfaces
-
-                import_module(can.interfaces.BACKENDS[bus["interface"]][0])
 
 
 def _ending(code: int) -> str:

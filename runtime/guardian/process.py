@@ -1,7 +1,8 @@
 """The guardian process: it carries frames, watches the loop, and stops the actuators if the loop cannot.
 
-    watch       the control process, by its mutex in the shared state and by its pidfd (death); the loop, by the time of
-                its newest tick (stall), and by the block that hangs or crashes in the shared state
+    watch       the control process, by its mutex in the shared state and by its pidfd (death), and by the pipe for
+                orders, which other code of that process may close; the loop, by the time of its newest tick (stall),
+                and by the block that hangs or crashes in the shared state
     stop        raise the fence; then send zero torque and disable to every actuator, until each has confirmed or
                 200 ms have passed
     carry       frames between the rings and its interfaces; behind the fence only those of the safe stop
@@ -68,7 +69,8 @@ class Guardian:
         self.page, self.lines, self.bell, self.answers, self.control = page, lines, bell, answers, control
         self.received = b""
         # dead: its loop; gone: the whole process, which may take 20 ms longer
-        self.released = self.dead = self.gone = self.reported = False
+        # cut off: it no longer has the pipe for orders
+        self.released = self.dead = self.gone = self.cut_off = self.reported = False
         self.stop = self.verdict = self.owner_death = self.groups = None
         self.stuck_at = None  # ns at which to check whether the block still hangs
         self.wires, self.carried, self.places, self.relays = {}, [], {}, []
@@ -92,7 +94,7 @@ class Guardian:
         )
         self.items, self.relays = plan["items"], plan["relays"]
         self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
-        problems = {}
+        problems, known = {}, {*sys.modules}
         for index, bus in enumerate(self.buses):
             try:
                 self.wires[index] = open_wire(bus)
@@ -114,7 +116,9 @@ class Guardian:
         self.poll.register(self.owner_death.fd, select.POLLIN)
         self.page.take_guard()
         self.page.look_after(time.monotonic_ns())
-        self._answer({"ready": True, "granted": granted, "group": None if self.groups is None else str(self.groups[0])})
+        group = None if self.groups is None else str(self.groups[0])
+        modules = [name for name in sys.modules if name not in known]
+        self._answer({"ready": True, "granted": granted, "group": group, "modules": modules})
         return True
 
     def run(self) -> None:
@@ -142,7 +146,8 @@ class Guardian:
 
     def _is_over(self):
         """Return whether the run, and a safe stop in progress, have ended."""
-        return (self.released or self.gone) and (self.stop is None or self.reported)
+        over = self.released or self.gone or (self.cut_off and self.page.state not in ACTIVE)
+        return over and (self.stop is None or self.reported)
 
     def _poll_timeout(self):
         """Return the time-out of the next poll in ms."""
@@ -173,11 +178,16 @@ class Guardian:
                 self.released = self.released or self.received.endswith(b"release\n")
                 if not data:
                     self.poll.unregister(ORDERS)
-                    if not maps(self.page.control, self.page.fd):  # it runs another program, under its number
+                    if maps(self.page.control, self.page.fd):
+                        self.cut_off = not self.released
+                    else:  # it runs another program, under its number
                         self.dead = self.gone = True
 
     def check_loop(self, now: int) -> None:
-        """Check the loop, and begin the safe stop if it has died, hangs or has stalled. now : ns of CLOCK_MONOTONIC"""
+        """Check the loop, and begin the safe stop if it has died, hangs, has stalled or is cut off.
+
+        now : ns of CLOCK_MONOTONIC
+        """
         if self.page.state not in ACTIVE:
             return
         silent = now - self.page.beat
@@ -186,13 +196,15 @@ class Guardian:
         elif self.page.hung is not None:
             self.begin_stop("hung", silent, now)
             self.stuck_at = now + HANG_REPORT_DELAY
+        elif self.cut_off:
+            self.begin_stop("cut off", silent, now)
         elif silent > self.limit:
             self.begin_stop("stalled", silent, now)
 
     def begin_stop(self, because: str, silent: int, now: int) -> None:
         """Raise the fence and begin the safe stop.
 
-        because : "died", "hung" or "stalled"
+        because : "died", "hung", "cut off" or "stalled"
         silent : ns since the newest tick
         now : ns of CLOCK_MONOTONIC
         """
@@ -331,6 +343,7 @@ def _in_words(verdict):
     why = {
         "died": f"the control process died{_cause(verdict)} after {tick}",
         "hung": f"{verdict.get('block')} hangs: no return {verdict['silent'] * 1e3:.0f} ms after {tick}",
+        "cut off": f"the control process has closed its connection to the guardian after {tick}",
         "stalled": f"the loop has stalled for {verdict['silent'] * 1e3:.0f} ms after {tick}",
     }[verdict["because"]]
     done = [f"confirmed by {', '.join(verdict['confirmed'])} after {verdict['took'] * 1e3:.0f} ms"] * bool(

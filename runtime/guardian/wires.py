@@ -37,6 +37,8 @@ DEFAULTS = {  # options of an interface where the rig file has none
 STARTED = {"slcan": {"sleep_after_open": 0.0}}
 # `recv` of these returns at once; others are received in a thread
 NEVER_WAITS = {"robotell", "slcan", "udp_multicast", "virtual"}
+# kinds that several processes of a machine may open: the control process holds one of its own, for its own stop
+SHARED = {"socketcan", "udp_multicast"}
 RECV_TIMEOUT = 0.05  # s of `recv` in such a thread, between checks for its end
 RETRY_DELAY = 0.0005  # s between two attempts after a failure
 CLOCK_STEP = 10e6  # ns by which the system clock may be set while messages are queued

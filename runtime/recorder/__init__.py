@@ -184,6 +184,8 @@ class RecorderProcess(ChildProcess):
 
     def _await_writer(self, timeout):
         """Wait until the writer has ended, if the process that started it was killed."""
+        if not self._may_answer:  # another file may never hang up
+            return
         poll = select.poll()
         poll.register(self._answers, 0)
         with suppress(OSError):  # a block has lowered the limit of file descriptors
@@ -203,14 +205,12 @@ class RecorderProcess(ChildProcess):
                 self._child.kill()
                 self._child.wait()
             self._await_writer(timeout)
-            with suppress(OSError):  # a block may have closed it
-                os.close(self._answers)
+            self._close_answers()
             self._give_terminal_back()
         code = self._child.returncode
         return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
     def __del__(self):
         if getattr(self, "_over", True) is False:
-            with suppress(OSError):
-                os.close(self._answers)
+            self._close_answers()
             self._give_terminal_back()

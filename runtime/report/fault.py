@@ -49,6 +49,8 @@ def explain(result: RunResult) -> list[str]:
         lines += [f"  {line}" for line in own_traceback(result.request.file, outcome.error)]
     if outcome.status == "bus error" and result.rig is not None:
         lines += [f"  {line}" for line in result.rig.explain(outcome.culprit)]
+    if result.rig is not None and result.rig.lost:
+        lines += [f"  {line}" for line in closed_descriptors(result.rig)]
     if not result.failed_in_plant:
         lines += [f"  {line}" for line in fault_context.ticks(result, block)]
     if schedule.devices:
@@ -206,9 +208,20 @@ def on_the_rig(rig: RigBuses) -> str:
 def fenced(result: RunResult) -> str:
     """Return how long the control loop had stalled when the guardian fenced the run."""
     stop = result.rig.report["stop"] if result.rig is not None else None
+    if stop is None and result.rig is not None and result.rig.lost:
+        return "stopped by the guardian, to which the control process has closed its connection"
     if stop is None:
         return "fenced by the guardian, which left no report of the reason"
     return f"fenced by the guardian: the control loop had stalled for {stop['silent'] * 1e3:.0f} ms"
+
+
+def closed_descriptors(rig: RigBuses) -> list[str]:
+    """Return lines on the file descriptors of the run that code of its process has closed or replaced."""
+    return [
+        f"file descriptors of the run were closed or replaced: {', '.join(rig.lost)}",
+        "a block, or a library that it uses, calls os.closerange or os.dup2, or detaches itself from the terminal: "
+        "remove that call, or make it in another process",
+    ]
 
 
 def unguarded(result: RunResult) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from cext.bus.socketcan import SocketCan
 from cext.ring.rings import Line, Lines
 from cext.safety.thresholds import TX_QUEUE_FULL_LIMIT
 from graph import Device, StreamDevice
+from runtime.base.descriptors import Descriptors
 from runtime.guardian import GuardianError, GuardianProcess
 from runtime.guardian import plan as guardians_plan
 from runtime.guardian.lock import BusLock, BusTaken
@@ -84,6 +86,7 @@ class RigBuses:
     def __init__(self, rig: RigFile, robot: Diagram, names: Sequence[str], machine: Machine | None = None) -> None:
         self.rig, self.buses, problems = rig, {}, []
         self.locks, self.guardian, self.report = [], None, None
+        self.descriptors, self.lost = Descriptors(), []
         self.lines, self.bell = None, -1
         devices = [block for block in robot if isinstance(block, Device)]
         self.media = {block.bus: block.medium for block in devices}
@@ -221,6 +224,17 @@ class RigBuses:
             raise RigError(
                 self.rig.path, problems or [RigProblem("TW120", str(error), "see its message on the terminal")]
             ) from None
+        self.keep_descriptors()
+
+    def keep_descriptors(self) -> None:
+        """Remember the files behind the descriptors of the run."""
+        assert self.guardian is not None
+        self.guardian.keep_descriptors(self.descriptors)
+        for lock in self.locks:
+            self.descriptors.keep("the locks of the buses", lock.fileno())
+        for name, bus in self.buses.items():
+            if isinstance(bus.interface, (Interface, UdpInterface)):
+                self.descriptors.keep(f"the socket of bus {name}", bus.interface.socket.fileno())
 
     def start_sensors(self, priority: int) -> None:
         """Start the threads that read devices other than CAN. priority : of SCHED_FIFO if granted, else 0"""
@@ -232,6 +246,7 @@ class RigBuses:
     def take_over(self) -> tuple[str, ...]:
         """Stop the actuators without the guardian. Returns the names of those that did not confirm."""
         assert self.guardian is not None
+        self.lost = self.descriptors.lost()
         died, problems, stop = self.guardian.take_over()
         self.report = {"stop": None, "troubles": problems, "died": died, "taken_over": stop}
         return tuple(stop["unconfirmed"])
@@ -245,16 +260,18 @@ class RigBuses:
         if self.guardian is not None:
             self.guardian.kill()
         self.streams.close()
-        for bus in self.buses.values():
-            bus.interface.close()
-        for lock in self.locks:
-            lock.close()
+        for opened in (*(bus.interface for bus in self.buses.values()), *self.locks):
+            with suppress(OSError):  # a block has closed its descriptor
+                opened.close()
         if self.bell >= 0:
-            os.close(self.bell)
+            with suppress(OSError):
+                os.close(self.bell)
             self.bell = -1
 
     def finish(self) -> dict[str, dict[str, Any]]:
         """Close the interfaces and return {bus: its counts, state and foreign IDs} as plain data."""
+        if self.report is None:
+            self.lost = self.descriptors.lost()
         if self.guardian is not None and self.report is None:
             self.report = self.guardian.finish()
         self.after = {name: self._count(bus) for name, bus in self.buses.items()}
@@ -263,7 +280,10 @@ class RigBuses:
 
     def _count(self, bus):
         """Return the counts, state and foreign IDs of a bus as plain data."""
-        strangers, ids = bus.interface.strangers.counts() if bus.interface.strangers is not None else (0, [])
+        strangers, ids = 0, []
+        if bus.interface.strangers is not None:
+            with suppress(OSError):  # a block has closed its descriptor
+                strangers, ids = bus.interface.strangers.counts()
         return {
             "interface": bus.interface.bus.interface,
             "channel": bus.interface.bus.channel,

@@ -269,6 +269,8 @@ def stopped_from_here(outcome: Outcome, rig: RigBuses, page: SharedState) -> Out
 
 def guardian_looks(page: SharedState) -> bool:
     """Return whether the guardian reads the shared state within GUARDIAN_LOOK_LIMIT (ns)."""
+    if page.guardian_died:
+        return False
     before, deadline = page.guarded, time.monotonic() + GUARDIAN_LOOK_LIMIT * 1e-9
     while page.guarded == before and time.monotonic() < deadline:
         time.sleep(POLL_PERIOD)
