@@ -1,7 +1,6 @@
 """Mailbox in the shared state: requests of other processes to a run, which its loop takes at the start of a tick.
 
-Any number of processes write, one loop reads, and none of them waits. The `state` of a letter has its step in the lower
-half and the ID of the writing process in the upper half:
+Any number of processes write, one loop reads, and none of them waits. A letter is used in these steps:
 
     FREE      not in use
     WRITING   owned by a writer
@@ -9,13 +8,20 @@ half and the ID of the writing process in the upper half:
     READING   owned by the loop
     ANSWERED  with the result, for the writer to read and to free
 
+Its `state` has the step in the lowest byte, then the number of its use, and in the upper half the ID of the writing
+process. A letter changes hands only by a compare-and-swap of the whole word, so that one that was withdrawn and posted
+again is not taken for the one before. The loop copies a letter after the swap and uses only the copy, since a defective
+process may change the letter at any time.
+
 A writer that dies leaves a letter in WRITING or ANSWERED: the next writer without a free letter frees it. An idle loop
 reads only `posted`.
+
+A stop and the confirmations of the operator are no letters: cext.ring.operator.
 """
 
-from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
+from libc.stdint cimport int32_t, int64_t, uint64_t
 
-from cext.atomics cimport load_u64
+from cext.atomics cimport load_u64, store_u64, swap
 
 cdef enum:
     LETTERS = 32
@@ -28,14 +34,14 @@ cdef enum: # step of a letter
     READING = 3
     ANSWERED = 4
 
-cdef enum: # kind of a letter
+cdef enum: # kind of a request; only the first two are letters
     SET = 0
     MARK = 1
     STOP = 2
     CONFIRM = 3                 # arm a robot that is ready
     REARM = 4                   # arm again after a fault
 
-cdef enum: # writer of a letter
+cdef enum: # origin of a request
     BY_SET = 0                  # `python -m runtime set`
     BY_KEYS = 1                 # the keys of the run's own terminal
     BY_REPLAY = 2               # a recording
@@ -45,10 +51,9 @@ cdef enum: # answers
     OUT_OF_BOUNDS = 1           # a value is outside its bounds, not finite, or of another type: nothing was changed
     UNKNOWN = 2                 # no such parameter or kind: nothing was changed
     OVER = 3                    # the run has ended
-    NOT_NOW = 4                 # the run does not wait for it, or its condition is not met: nothing was done
 
 cdef struct Letter:
-    uint64_t state              # step | process << 32
+    uint64_t state              # step | number of its use << 8 | process << 32
     uint64_t number             # of posting, the order of processing
     int32_t kind
     int32_t origin
@@ -64,7 +69,7 @@ cdef struct Mailbox:
     uint64_t numbers
     Letter[LETTERS] letters
 
-cdef struct Change:             # a change in effect, for the ring
+cdef struct Change:             # a request that has taken effect, for the ring
     int64_t tick
     int32_t kind
     int32_t origin
@@ -75,22 +80,48 @@ cdef struct Change:             # a change in effect, for the ring
     double slew                 # rate in units per second; infinite for a step
 
 cdef inline uint64_t step_of(uint64_t state) noexcept nogil:
-    return <uint32_t>state
+    return state & 0xFF
 
 cdef inline uint64_t writer_of(uint64_t state) noexcept nogil:
     return state >> 32
 
 cdef inline uint64_t in_step(uint64_t state, uint64_t step) noexcept nogil:
-    return state >> 32 << 32 | step
+    return state >> 8 << 8 | step
 
-cdef inline Letter *oldest(Mailbox *mailbox, int32_t except_kind) noexcept nogil:
-    """Return the waiting letter that was posted first, except those of `except_kind`; or NULL."""
+cdef inline uint64_t claimed(uint64_t state, uint64_t process) noexcept nogil:
+    """Return the word of the next use of a letter, by a process that writes it. state : its word before"""
+    cdef uint64_t use = ((state >> 8) + 1) % (1 << 24)
+    return process << 32 | use << 8 | WRITING
+
+cdef inline Letter *oldest(Mailbox *mailbox, uint64_t *state) noexcept nogil:
+    """Return the posted letter with the lowest number and its word, or NULL."""
     cdef int index
+    cdef uint64_t found_state
     cdef Letter *letter
     cdef Letter *found = NULL
     for index in range(LETTERS):
         letter = &mailbox.letters[index]
-        if step_of(load_u64(&letter.state)) == POSTED and letter.kind != except_kind and (found == NULL
-                or letter.number < found.number):
-            found = letter
+        found_state = load_u64(&letter.state)
+        if step_of(found_state) == POSTED and (found == NULL or letter.number < found.number):
+            found, state[0] = letter, found_state
     return found
+
+cdef inline Letter *take_oldest(Mailbox *mailbox, Letter *copy) noexcept nogil:
+    """Take the letter that was posted first, and copy it, with its word as it was posted. Returns NULL if none waits."""
+    cdef Letter *letter
+    cdef uint64_t state = 0
+    cdef int rounds
+    for rounds in range(LETTERS):           # a writer may withdraw the letter meanwhile
+        letter = oldest(mailbox, &state)
+        if letter == NULL:
+            return NULL
+        if swap(&letter.state, state, in_step(state, READING)):
+            copy[0] = letter[0]
+            copy.state = state
+            return letter
+    return NULL
+
+cdef inline void answer(Letter *letter, const Letter *copy, int32_t verdict, int64_t tick, int64_t mark) noexcept nogil:
+    """Answer a letter of `take_oldest`."""
+    letter.answer, letter.tick, letter.mark = verdict, tick, mark
+    store_u64(&letter.state, in_step(copy.state, ANSWERED))

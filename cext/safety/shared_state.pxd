@@ -1,8 +1,8 @@
 """Shared state of a run: what the control process shows to other processes, and the ring of its recording.
 
 One memory file, mapped by every process of a run: the layout below, the ring, then the live parameters. The control
-process writes and the others read; only `fence`, `guard`, the mailbox and the ring's tail go in the other direction. A
-tick takes no locks here.
+process writes and the others read; only `fence`, `guard`, the requests of the operator, the mailbox and the tails of the
+rings go in the other direction. A tick takes no locks here.
 """
 
 from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
@@ -11,7 +11,9 @@ from cext.abi cimport Frame
 from cext.atomics cimport load_i32, load_i64, load_u64, store_i32, store_i64, store_u64, swap_i32
 from cext.clock.histogram cimport Histogram
 from cext.safety.robust_mutex cimport pthread_mutex_t
+from cext.ring.keys cimport KeyRing
 from cext.ring.mailbox cimport Mailbox
+from cext.ring.operator cimport Operator
 
 cdef enum:
     INIT = 0
@@ -43,6 +45,8 @@ cdef struct SharedLayout:
     uint64_t capacity           # of the ring, bytes, a power of two
     int32_t state
     int32_t fence               # while it is not 0, no process sends a command frame
+    int32_t sending             # not 0: the loop has checked the fence, and may be sending commands
+    Operator operator
     int32_t closed              # 1: no further records
     int32_t status              # reason for the end
     int32_t hung                # 1 + stopwatch item of a tick that hung, -1 if unknown, 0: none
@@ -83,6 +87,7 @@ cdef struct SharedLayout:
     uint64_t tail               # bytes read, in total; owned by the consumer
     uint64_t more[7]
     Mailbox mailbox
+    KeyRing keys
 
 cdef struct Shown:              # a live parameter, after the ring; the JSON follows them
     double value                # in the newest tick

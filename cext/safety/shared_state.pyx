@@ -10,10 +10,13 @@ from posix.unistd cimport close
 
 from cext.clock.histogram cimport buckets, summary
 from cext.fused.locate cimport IN_RUN
+from cext.ring.mailbox cimport BY_KEYS, BY_SET
+from cext.ring.operator cimport origin_of_stop, process_of_stop
 from cext.safety.robust_mutex cimport EDEADLK, find_dead, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
 
 cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(SharedLayout)      # "TICKWRK1", and another for another layout
 
+ORIGINS = {"set": BY_SET, "keys": BY_KEYS}
 STATES = ("init", "arming", "running", "stopping", "safe", "ready", "waiting")
 RECORD_ROW, RECORD_FRAME, RECORD_EVENT, RECORD_RECEIVED, RECORD_CHANGE = ROW, FRAME, EVENT, RECEIVED, CHANGE
 
@@ -145,6 +148,19 @@ cdef class SharedState:
     def raise_fence(self) -> None:
         """Raise the fence permanently: no process of this run sends command frames from now on."""
         store_i32(&self.layout.fence, FENCED_FOR_GOOD)
+
+    @property
+    def stopped_by(self) -> str:
+        """Origin of the request to end the run: "keys", or "set" and the ID of its process. "" without one."""
+        cdef uint64_t stop = load_u64(&self.layout.operator.stop)
+        if stop == 0:
+            return ""
+        return "keys" if origin_of_stop(stop) == BY_KEYS else "set %d" % process_of_stop(stop)
+
+    @property
+    def question(self) -> int:
+        """Number of the newest question to the operator: whether to arm a robot that is ready, or again after a fault."""
+        return load_u64(&self.layout.operator.question)
 
     def look_after(self, int64_t now) -> None:
         """Record a check of the guardian. now : ns of CLOCK_MONOTONIC; 0 when it ends"""

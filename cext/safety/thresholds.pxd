@@ -13,6 +13,8 @@ cpdef enum:
     # ns: duration of a safe stop, after the damping; then drives that have not confirmed are reported
     STOP_LIMIT = 200000000
 
+    # ns: age of a confirmation by the operator, from the key press, above which it has no effect
+    CONSENT_LIMIT = 1000000000
     # ns: time for which the input of --arm-on must be active, after it was inactive
     ARM_HOLD = 1000000000
 

@@ -28,7 +28,8 @@ cdef class Arming:
     cdef object permitted        # called before arming: whether the position of every joint is certain; or None
     cdef bint confirm            # whether arming needs a confirmation
     cdef int arm_slot            # slot of the input that confirms while it is held, or -1
-    cdef int64_t released        # ns, when that input was last inactive; -1 before
+    cdef bint released           # whether that input was inactive since the question
+    cdef int64_t pressed         # ns, from when on it was active; -1 while it is not
     cdef int64_t late            # ns, of the previous tick
     cdef int64_t now             # ns from the begin of the run to the present round or tick
     cdef int64_t signals_kept    # acquisitions of the GIL at the last installation of the signal handlers
@@ -38,6 +39,7 @@ cdef class Arming:
     cdef int start_from_here(self) noexcept nogil
     cdef int look_over(self, double timeout) noexcept nogil
     cdef int look_over_again(self, int64_t drain) noexcept nogil
+    cdef void forget_input(self) noexcept nogil
     cdef bint is_held(self) noexcept nogil
     cdef int call_answered(self) noexcept nogil
     cdef int permission(self) noexcept nogil

@@ -8,15 +8,16 @@
     halt       raise the fence; send zero torque and disable until every device has confirmed
 """
 
-from libc.stdint cimport int64_t
+from libc.stdint cimport int32_t, int64_t
 
 from cext.abi cimport HUNG, NO_ANSWER, OK, PYTHON_ERROR, UNCLEAR_POSE
 from cext.schedule.devices cimport Blame
 from cext.clock.histogram cimport add
-from cext.schedule.live cimport apply_changes
-from cext.ring.mailbox cimport CONFIRM, NOT_NOW, TAKEN
+from cext.schedule.live cimport apply_changes, record_request
+from cext.ring.mailbox cimport CONFIRM
+from cext.ring.operator cimport NO_CONSENT
 from cext.clock.deadline_clock cimport clock, monotonic
-from cext.safety.shared_state cimport ARMING, READY, STOPPING, SharedLayout, store_i64
+from cext.safety.shared_state cimport ARMING, READY, STOPPING, SharedLayout, load_u64, store_i64
 from cext.posix cimport CLOCK_REALTIME
 from cext.safety.thresholds cimport ARM_HOLD, SIGNAL_HANDLER_PERIOD, STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT
 from cext.schedule.watchdog cimport release, acquire
@@ -110,17 +111,16 @@ cdef class Arming:
         """
         cdef int64_t point = self.pace.newest(self.now)
         cdef int64_t remaining = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
-        cdef int status = self.call_answered()
+        cdef int status
         cdef bint confirmed = not self.confirm
-        cdef bint waits
+        cdef int32_t consent = NO_CONSENT
+        self.journal.ask()                                         # the table has the number of the question
+        status = self.call_answered()
         if status == OK and confirmed:
             status = self.permission()
-        while self.control.live.asked(self.layout, CONFIRM, -1, NOT_NOW):
-            # a confirmation before the table was shown does not count
-            pass
         self.control.devices.arming.expect_replies(True, False)
         self.journal.set_state(READY)
-        self.released = -1
+        self.forget_input()
         while status == OK:
             point = self.next_point(point, 0)
             self.now = self.pace.grid(point)
@@ -137,13 +137,14 @@ cdef class Arming:
                 remaining -= 1
                 if remaining <= 0:
                     return NO_ANSWER
-            waits = status == OK and not confirmed and self.control.live.waits(self.layout, CONFIRM)
-            if waits or status == OK and not confirmed and self.is_held():
+            if status == OK and not confirmed:
+                consent = self.journal.consent()
+            if status == OK and not confirmed and (consent != NO_CONSENT or self.is_held()):
                 status = self.permission()
                 confirmed = status == OK
-                self.released = -1
-                if waits:
-                    self.control.live.asked(self.layout, CONFIRM, -1, TAKEN if confirmed else NOT_NOW)
+                self.forget_input()
+                if confirmed and consent != NO_CONSENT:
+                    record_request(self.layout, CONFIRM, consent, load_u64(&self.layout.operator.process), -1)
                 if confirmed:
                     self.control.devices.arming.expect_replies(True, False)
                 elif status == UNCLEAR_POSE:
@@ -154,16 +155,28 @@ cdef class Arming:
                 status = self.body.advance_plant(self.now)
         return status
 
+    cdef void forget_input(self) noexcept nogil:
+        """Let the input for arming count only from the next time on that it is inactive."""
+        self.released = False
+        self.pressed = -1
+
     cdef bint is_held(self) noexcept nogil:
         """Return whether the input for arming has been active for ARM_HOLD, and was inactive before.
 
-        An input that is active from the start, such as a button that sticks, has no effect.
+        An input that is active from the start, such as a button that sticks, has no effect. Both must be seen: NaN is
+        neither, and the time between two rounds counts only if the input is active in both.
         """
+        cdef double value
         if self.arm_slot < 0:
             return False
-        if not self.control.arena[self.arm_slot] > 0.5:            # also NaN
-            self.released = self.now
-        return self.released >= 0 and self.now - self.released > ARM_HOLD
+        value = self.control.arena[self.arm_slot]
+        if value > 0.5:
+            if self.pressed < 0:
+                self.pressed = self.now
+            return self.released and self.now - self.pressed >= ARM_HOLD
+        self.pressed = -1
+        self.released = value <= 0.5                               # not NaN
+        return False
 
     cdef int look_over_again(self, int64_t drain) noexcept nogil:
         """Repeat `look_over` of a recorded run, at its times. drain : number of earlier drains"""

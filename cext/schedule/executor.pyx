@@ -26,7 +26,6 @@ from cext.safety.forks cimport begin_run
 from cext.safety.fatal cimport give_back_fatal, take_fatal
 from cext.schedule.publisher cimport Publisher
 from cext.schedule.live cimport STOP_WANTED
-from cext.ring.mailbox cimport NOT_NOW, REARM
 from cext.clock.overrun cimport Overrun
 from cext.clock.deadline_clock cimport DeadlineClock, clock, monotonic
 from cext.safety.shared_state cimport RUNNING, SAFE, WAITING, SharedState, store_i32, store_i64
@@ -118,20 +117,20 @@ cdef class Executor(Waiting):
         stopping_timeout : s, after which the safe stop no longer waits for confirmations
         answered : called once, when every device has replied; it should take a few ms at most. Zero torque continues
             for at least a round
-        confirm : with `answered`, wait for a confirmation through the mailbox, or by the input of `arm_slot`
+        confirm : with `answered`, wait for a confirmation by the operator, or by the input of `arm_slot`
         arm_slot : slot of the arena with an output of a device, such as a button: held for ARM_HOLD, it confirms. -1
             for none
         permitted : called before arming, and at each request to arm: False refuses it. With `confirm` the run then
             continues to wait, without it the run ends as an unclear pose
         rearm : slots of the arena that are true while their inputs request arming again; with None a fault ends the
             run. After a fault that can be survived, the run waits in its safe stop for one of them to rise or for a
-            letter, and for all conditions of arming
+            confirmation, and for all conditions of arming
         may_return : called with the path of a drive that was silent while it was taken out, before it is armed again:
             False refuses it
         notify : called with "fault", "refused" or "rearm", and the Outcome of the fault or of the unmet condition
         """
         cdef int waited = OK
-        cdef bint stopped = False
+        cdef bint asked = False
         faults = []
         self.answered, self.confirm, self.permitted, self.notify = answered, confirm, permitted, notify
         self.arm_slot = arm_slot
@@ -147,10 +146,7 @@ cdef class Executor(Waiting):
             while rearm is not None and self.is_survived(self.status):
                 with nogil:
                     self.halt(stopping_timeout)
-                    while self.control.live.asked(self.layout, REARM, self.tick, NOT_NOW):
-                        # a request before the fault was reported does not count
-                        pass
-                    self.control.live.awaited = REARM
+                    self.journal.ask()                             # an earlier confirmation does not count
                     self.journal.set_state(WAITING)
                 fault = self.outcome(self.status)
                 faults.append(fault)
@@ -161,14 +157,14 @@ cdef class Executor(Waiting):
                         self.status = self.cause(self.loop(ticks, fade))
             with nogil:
                 if self.status == STOP_WANTED:
-                    stopped, self.status = True, OK
+                    asked, self.status = True, OK
                 self.stop(-1.0 if self.status == UNGUARDED and self.carried else stopping_timeout)
         finally:
             self.leave()
         ended = self.end()
         if waited == ENDED or waited == STOP_WANTED:                # the fault persisted when the run ended
             ended = replace(faults.pop(), signal=ended.signal, unconfirmed=ended.unconfirmed)
-        return replace(ended, stopped=stopped, faults=tuple(faults))
+        return replace(ended, stopped=self.journal.page.stopped_by if asked else "", faults=tuple(faults))
 
     def advance(self, int64_t ticks) -> bool:
         """Run the next `ticks` grid points in virtual time; the first call, which may be with 0, resets and arms.

@@ -20,7 +20,7 @@ cdef class Waiting(Arming):
     cdef void call_notify(self, str what, outcome)
     cdef void notify_standing(self, str what, int standing) noexcept nogil
     cdef int wait(self, int64_t ticks, double arming_timeout) noexcept nogil
-    cdef bint asked(self, bint before) noexcept nogil
+    cdef bint input_requests(self, bint before) noexcept nogil
     cdef int look_around(self, int64_t tick, int before, int *status) noexcept nogil
     cdef void forgive(self, int status) noexcept nogil
     cdef int arm_again(self, int64_t tick, double timeout) noexcept nogil

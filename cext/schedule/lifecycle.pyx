@@ -6,7 +6,7 @@ While it waits, every tick is computed, and only disable is sent.
 
 import sys
 
-from libc.stdint cimport int64_t
+from libc.stdint cimport int32_t, int64_t
 
 from cext.abi cimport (
     AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, IMPLAUSIBLE,
@@ -14,11 +14,12 @@ from cext.abi cimport (
     NOT_FOLLOWING, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PYTHON_ERROR, RMS_TORQUE, SILENT, TOO_HOT,
     UNGUARDED,
 )
-from cext.schedule.live cimport STOP_WANTED, apply_changes
+from cext.schedule.live cimport STOP_WANTED, apply_changes, record_request
 from cext.schedule.program cimport run_phase
-from cext.ring.mailbox cimport NOT_NOW, REARM, TAKEN
+from cext.ring.mailbox cimport REARM
+from cext.ring.operator cimport NO_CONSENT
 from cext.clock.deadline_clock cimport monotonic
-from cext.safety.shared_state cimport ARMING
+from cext.safety.shared_state cimport ARMING, load_u64
 from cext.safety.thresholds cimport DISABLE_CONFIRM_LIMIT
 
 from cext.schedule.outcome import Outcome, name_of
@@ -108,6 +109,7 @@ cdef class Waiting(Arming):
         cdef int64_t began
         cdef int status
         cdef int standing = NO_ANSWER
+        cdef int32_t consent
         cdef bint high = True                                      # only a rising input is a request
         cdef bint before
         # from when a missing reply prevents arming
@@ -126,10 +128,11 @@ cdef class Waiting(Arming):
             status = self.journal.attend_fenced(began)
             if status != OK:
                 return status
-            if (standing != NO_ANSWER or self.now > judged) and self.control.live.waits(self.layout, REARM):
+            consent = self.journal.consent() if standing != NO_ANSWER or self.now > judged else NO_CONSENT
+            if consent != NO_CONSENT:
                 standing = self.permission() if standing == OK else standing
-                self.control.live.asked(self.layout, REARM, tick, TAKEN if standing == OK else NOT_NOW)
                 if standing == OK:
+                    record_request(self.layout, REARM, consent, load_u64(&self.layout.operator.process), tick)
                     return self.arm_again(tick, arming_timeout)
                 self.notify_standing("refused", standing)
             self.late = 0 if self.virtual else began - epoch - self.pace.grid(tick)
@@ -139,7 +142,7 @@ cdef class Waiting(Arming):
             if self.layout != NULL:
                 self.count(tick, tick, self.late, began)
             self.keep_signals(tick)
-            before, high = high, self.asked(high)
+            before, high = high, self.input_requests(high)
             if high and not before:
                 standing = self.permission() if standing == OK else standing
                 if standing == OK:
@@ -149,15 +152,17 @@ cdef class Waiting(Arming):
             tick = self.next_point(tick, self.first_tick)
         return ENDED
 
-    cdef bint asked(self, bint before) noexcept nogil:
-        """Return whether an input requests arming again."""
-        if self.request_count == 0:
-            return before
+    cdef bint input_requests(self, bint before) noexcept nogil:
+        """Return whether an input requests arming again; `before`, the last answer, without inputs or while one is NaN."""
+        cdef bint known = self.request_count > 0
         cdef int index
+        cdef double value
         for index in range(self.request_count):
-            if self.control.arena[self.request_slots[index]] > 0.5:
+            value = self.control.arena[self.request_slots[index]]
+            if value > 0.5:
                 return True
-        return False
+            known = known and value <= 0.5
+        return before and not known
 
     cdef int look_around(self, int64_t tick, int before, int *status) noexcept nogil:
         """Run one tick and send only disable.
@@ -218,7 +223,6 @@ cdef class Waiting(Arming):
         self.forgive(PYTHON_ERROR)
         if not self.journal.lower_fence():
             return FENCED
-        self.control.live.awaited = -1
         self.halted = False
         self.journal.set_state(ARMING)
         self.overrun.reset()

@@ -8,7 +8,7 @@ from cext.safety.shared_state cimport SharedLayout, load_u64
 from cext.clock.stopwatch cimport Laps
 
 cdef enum:
-    STOP_WANTED = -1            # in addition to the statuses of kernels: a letter requests the end of the run
+    STOP_WANTED = -1            # in addition to the statuses of kernels: the operator or a process requests the end
 
 cdef struct LiveParameter:
     int32_t slot                # in the arena, -1 for a Python attribute only
@@ -33,7 +33,6 @@ cdef class LiveTable:
     cdef int count
     cdef int moving             # number that have not reached their target
     cdef uint64_t seen          # of the mailbox's `posted`
-    cdef int32_t awaited        # kind of letters that `asked` handles; -1: none
     cdef Scripted *script
     cdef int scripted, played   # number of changes in the script, and of those carried out
     cdef int64_t due            # tick of the next change
@@ -50,22 +49,22 @@ cdef class LiveTable:
     cdef void show(self, SharedLayout *page) noexcept nogil
     cdef void dismiss(self, SharedLayout *page) noexcept nogil
     cdef int work(self, SharedLayout *page, int64_t tick, double dt) noexcept nogil
-    cdef bint stop_wanted(self, SharedLayout *page, int64_t tick) noexcept nogil
-    cdef bint waits(self, SharedLayout *page, int32_t kind) noexcept nogil
-    cdef bint asked(self, SharedLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil
     cdef void play(self, SharedLayout *page, int64_t tick) noexcept nogil
-    cdef int take(self, SharedLayout *page, int64_t tick) noexcept nogil
+    cdef void take(self, SharedLayout *page, int64_t tick) noexcept nogil
     cdef int check(self, const Letter *letter) noexcept nogil
     cdef bint carry_out(self, SharedLayout *page, const Letter *letter, int64_t tick) noexcept nogil
     cdef int advance(self, double dt) noexcept nogil
     cdef int update_python(self, Laps *laps) noexcept nogil
 
+cdef void record_request(SharedLayout *page, int32_t kind, int32_t origin, uint64_t process, int64_t tick) noexcept nogil
+
 cdef inline int apply_changes(LiveTable live, SharedLayout *page, int64_t tick, double dt) noexcept nogil:
     """Apply requests of the mailbox and ramps, at the start of a tick that follows the previous one after dt s.
 
-    Returns OK, PYTHON_ERROR or STOP_WANTED. With tick -1, while arming, only a stop takes effect; other letters wait
-    for tick 0.
+    Returns OK, PYTHON_ERROR or STOP_WANTED. With tick -1, while arming, only a stop takes effect; letters wait for
+    tick 0.
     """
-    if live.moving == 0 and tick < live.due and (page == NULL or load_u64(&page.mailbox.posted) == live.seen):
+    if live.moving == 0 and tick < live.due and (page == NULL or load_u64(&page.mailbox.posted) == live.seen
+            and load_u64(&page.operator.stop) == 0):
         return 0
     return live.work(page, tick, dt)

@@ -11,18 +11,17 @@ from libc.stdint cimport uint32_t, uintptr_t
 from libc.stdlib cimport calloc, free
 
 from cext.abi cimport OK, PYTHON_ERROR
-from cext.atomics cimport store_u64, swap
+from cext.atomics cimport store_u64
 from cext.ring.mailbox cimport (
-    ANSWERED, BY_REPLAY, CHANGES, CONFIRM, LETTERS, MARK, NOT_NOW, OUT_OF_BOUNDS, OVER, POSTED, READING, REARM, SET,
-    STOP, TAKEN, UNKNOWN,
-    Change, in_step, oldest, step_of, writer_of,
+    BY_REPLAY, CHANGES, LETTERS, MARK, OUT_OF_BOUNDS, OVER, SET, STOP, TAKEN, UNKNOWN, Change, answer, take_oldest,
+    writer_of,
 )
+from cext.ring.operator cimport origin_of_stop, process_of_stop
 from cext.clock.histogram cimport add
 from cext.safety.shared_state cimport CHANGE, commit, reserve, shown
 from cext.clock.stopwatch cimport GIL_WAIT, lap
 
 cdef int64_t NEVER = 0x7FFFFFFFFFFFFFFF
-cdef int32_t NO_KIND = -1                # of letters
 
 TYPES = {"float": float, "int": int, "bool": bool}
 
@@ -89,7 +88,6 @@ cdef class LiveTable:
         cdef int index
         cdef LiveParameter *parameter
         self.moving = 0
-        self.awaited = NO_KIND
         self.marks = 0
         self.gil_taken = 0
         self.played = 0
@@ -134,66 +132,32 @@ cdef class LiveTable:
     cdef void dismiss(self, SharedLayout *page) noexcept nogil:
         """Answer the waiting letters: the run has ended."""
         cdef Letter *letter
-        cdef uint64_t state
+        cdef Letter copy
         cdef int rounds
         if page == NULL:
             return
         for rounds in range(LETTERS):
-            letter = oldest(&page.mailbox, NO_KIND)
+            letter = take_oldest(&page.mailbox, &copy)
             if letter == NULL:
                 return
-            state = load_u64(&letter.state)
-            if step_of(state) == POSTED and swap(&letter.state, state, in_step(state, READING)):
-                answer(letter, OVER, -1)
+            answer(letter, &copy, OVER, -1, 0)
 
     cdef int work(self, SharedLayout *page, int64_t tick, double dt) noexcept nogil:
         cdef int status = OK
+        cdef uint64_t stop
         if page != NULL:
+            stop = load_u64(&page.operator.stop)
+            if stop != 0:
+                record_request(page, STOP, origin_of_stop(stop), process_of_stop(stop), tick)
+                return STOP_WANTED
             if tick >= self.due:
                 self.play(page, tick)
-            if load_u64(&page.mailbox.posted) != self.seen:
-                status = self.take(page, tick)
+            if tick >= 0 and load_u64(&page.mailbox.posted) != self.seen:
+                self.take(page, tick)
         if status == OK and self.moving:
             status = self.advance(dt)
             self.show(page)
         return status
-
-    cdef bint stop_wanted(self, SharedLayout *page, int64_t tick) noexcept nogil:
-        """Return whether a letter requests the end of the run."""
-        return self.asked(page, STOP, tick, TAKEN)
-
-    cdef bint waits(self, SharedLayout *page, int32_t kind) noexcept nogil:
-        """Return whether a letter of this kind waits for an answer."""
-        cdef int index
-        if page == NULL:
-            return False
-        for index in range(LETTERS):
-            if (page.mailbox.letters[index].kind == kind
-                    and step_of(load_u64(&page.mailbox.letters[index].state)) == POSTED):
-                return True
-        return False
-
-    cdef bint asked(self, SharedLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil:
-        """Return whether a letter of this kind waits, and answer it.
-
-        It takes no space in the ring: its effect is recorded separately.
-        """
-        cdef int index
-        cdef Letter *letter
-        cdef Letter copy
-        cdef uint64_t state
-        if page == NULL:
-            return False
-        for index in range(LETTERS):
-            letter = &page.mailbox.letters[index]
-            state = load_u64(&letter.state)
-            if step_of(state) == POSTED and letter.kind == kind and swap(&letter.state, state, in_step(state, READING)):
-                copy = letter[0]
-                if verdict == TAKEN and not self.carry_out(page, &copy, tick):
-                    page.dropped += 1
-                answer(letter, verdict, tick)
-                return True
-        return False
 
     cdef void play(self, SharedLayout *page, int64_t tick) noexcept nogil:
         """Carry out the changes of the script for this tick."""
@@ -207,36 +171,25 @@ cdef class LiveTable:
             self.played += 1
         self.due = self.script[self.played].tick if self.played < self.scripted else NEVER
 
-    cdef int take(self, SharedLayout *page, int64_t tick) noexcept nogil:
+    cdef void take(self, SharedLayout *page, int64_t tick) noexcept nogil:
         """Carry out waiting letters, in the order of posting.
 
         Letters that arrive meanwhile may wait for the next tick.
         """
         cdef uint64_t posted = load_u64(&page.mailbox.posted)
-        cdef uint64_t state
         cdef Letter *letter
         cdef Letter copy                        # a defective writer cannot change what has been checked
         cdef int rounds, verdict
-        if self.stop_wanted(page, tick):
-            return STOP_WANTED
-        if tick < 0:
-            return OK
         for rounds in range(LETTERS):
-            letter = oldest(&page.mailbox, self.awaited)
+            letter = take_oldest(&page.mailbox, &copy)
             if letter == NULL:
                 self.seen = posted
-                return OK
-            state = load_u64(&letter.state)
-            if step_of(state) != POSTED or not swap(&letter.state, state, in_step(state, READING)):
-                continue
-            copy = letter[0]
+                return
             verdict = self.check(&copy)
             if verdict == TAKEN and not self.carry_out(page, &copy, tick):
-                store_u64(&letter.state, state)
-                return OK
-            letter.mark = self.marks
-            answer(letter, verdict, tick)
-        return OK
+                store_u64(&letter.state, copy.state)            # it waits for space in the ring
+                return
+            answer(letter, &copy, verdict, tick, self.marks)
 
     cdef int check(self, const Letter *letter) noexcept nogil:
         cdef int index, which
@@ -244,8 +197,6 @@ cdef class LiveTable:
         cdef LiveParameter *parameter
         if letter.kind == MARK:
             return TAKEN
-        if letter.kind == CONFIRM or letter.kind == REARM:
-            return NOT_NOW                          # `asked` handles those that are waited for
         if letter.kind != SET or not 0 < letter.count <= CHANGES:
             return UNKNOWN
         for index in range(letter.count):
@@ -334,6 +285,12 @@ cdef class LiveTable:
         return OK
 
 
-cdef void answer(Letter *letter, int32_t verdict, int64_t tick) noexcept nogil:
-    letter.answer, letter.tick = verdict, tick
-    store_u64(&letter.state, in_step(letter.state, ANSWERED))
+cdef void record_request(SharedLayout *page, int32_t kind, int32_t origin, uint64_t process, int64_t tick) noexcept nogil:
+    """Record a request that is no letter. process : its ID. Requires a page."""
+    cdef Change *change = <Change *>reserve(page, CHANGE, sizeof(Change))
+    if change == NULL:
+        page.dropped += 1
+        return
+    change.tick, change.kind, change.origin, change.writer = tick, kind, origin, <int32_t>process
+    change.parameter, change.value, change.before, change.slew = -1, 0.0, 0.0, 0.0
+    commit(page)

@@ -1,39 +1,57 @@
 # cython: freethreading_compatible=True
-"""Writer side of the mailbox. Values are not checked here but by the loop."""
+"""Writer side of the mailbox, and of the requests of the operator. Values are not checked here but by the loop."""
 
 import os
+import time
 
-from libc.stdint cimport uint64_t
+from libc.stdint cimport int64_t, uint64_t
 
 from cext.atomics cimport count_up, load_u64, store_u64, swap
 from cext.ring.mailbox cimport (
-    ANSWERED, BY_KEYS, BY_SET, CHANGES, CONFIRM, FREE, LETTERS, MARK, NOT_NOW, OUT_OF_BOUNDS, OVER, POSTED, REARM, SET,
-    STOP, TAKEN, UNKNOWN,
-    WRITING, Letter, Mailbox, step_of, writer_of,
+    ANSWERED, CHANGES, FREE, LETTERS, MARK, OUT_OF_BOUNDS, OVER, POSTED, SET, TAKEN, UNKNOWN, WRITING, Letter, Mailbox,
+    claimed, in_step, step_of, writer_of,
 )
+from cext.ring.operator cimport ask_to_stop, consent_to
 from cext.safety.shared_state cimport SharedState
 
-ORIGINS = {"set": BY_SET, "keys": BY_KEYS}
-ANSWERS = {TAKEN: "taken", OUT_OF_BOUNDS: "out of bounds", UNKNOWN: "unknown", OVER: "over", NOT_NOW: "not now"}
+from cext.safety.shared_state import ORIGINS
+
+ANSWERS = {TAKEN: "taken", OUT_OF_BOUNDS: "out of bounds", UNKNOWN: "unknown", OVER: "over"}
 CHANGE_LIMIT = CHANGES
 
 
 cdef class Writer:
-    """Writer to the mailbox of a run.
+    """Writer to a run: changes and marks through its mailbox, and the requests of the operator beside it.
 
     page : cext.safety.shared_state.SharedState
     origin : "set" or "keys"
 
-    `set` and the others return a ticket, or None while the mailbox is full. The letter of a ticket belongs to the
-    writer until `answer` has returned its answer, or `withdraw` has taken it back.
+    `set` and `mark` return a ticket, or None while the mailbox is full. The letter of a ticket belongs to the writer
+    until `answer` has returned its answer, or `withdraw` has taken it back.
     """
 
     cdef SharedState page
     cdef Mailbox *mailbox
     cdef int origin
+    cdef uint64_t[LETTERS] mine          # words of the letters of this writer, as it posted them
 
     def __init__(self, SharedState page, str origin="set"):
         self.page, self.mailbox, self.origin = page, &page.layout.mailbox, ORIGINS[origin]
+
+    def stop(self) -> bool:
+        """Stop the run. Waits for nothing, and cannot be withdrawn. Returns False if a stop was requested before."""
+        return ask_to_stop(&self.page.layout.operator, self.origin, os.getpid())
+
+    def confirm(self, uint64_t question, pressed=None) -> None:
+        """Confirm that a robot may be armed, or again after a fault.
+
+        question : SharedState.question, as it was when the operator was asked
+        pressed : ns of CLOCK_MONOTONIC, when the operator answered; None for now
+
+        The loop ignores it if it has asked another question since, or if the answer is older than CONSENT_LIMIT.
+        """
+        consent_to(&self.page.layout.operator, question, self.origin, os.getpid(),
+            <int64_t>(time.monotonic_ns() if pressed is None else pressed))
 
     def set(self, changes) -> int | None:
         """Set parameters.
@@ -48,21 +66,8 @@ cdef class Writer:
         """Set a mark in the recording."""
         return self.post(MARK, ())
 
-    def stop(self) -> int | None:
-        """Stop the run."""
-        return self.post(STOP, ())
-
-    def confirm(self) -> int | None:
-        """Arm a robot that is ready."""
-        return self.post(CONFIRM, ())
-
-    def rearm(self) -> int | None:
-        """Arm again after a fault."""
-        return self.post(REARM, ())
-
     cdef object post(self, int kind, changes):
-        cdef uint64_t mine = <uint64_t>os.getpid() << 32
-        cdef int index = self.claim(mine | WRITING)
+        cdef int index = self.claim(os.getpid())
         cdef Letter *letter
         if index < 0:
             return None
@@ -71,23 +76,25 @@ cdef class Writer:
         for position, (parameter, value) in enumerate(changes):
             letter.parameters[position], letter.values[position] = parameter, value
         letter.number = count_up(&self.mailbox.numbers)
-        store_u64(&letter.state, mine | POSTED)
+        store_u64(&letter.state, self.mine[index])
         count_up(&self.mailbox.posted)
         return index
 
-    cdef int claim(self, uint64_t state):
-        """Claim a letter and set its `state`. Returns its index; -1 if there is none."""
+    cdef int claim(self, uint64_t process):
+        """Claim a letter, and keep its word as it will be posted. Returns its index; -1 if there is none."""
         cdef int index
-        cdef uint64_t found
-        cdef uint64_t *place
-        for index in range(LETTERS):
-            if swap(&self.mailbox.letters[index].state, FREE, state):
-                return index
-        for index in range(LETTERS):
-            place = &self.mailbox.letters[index].state
-            found = load_u64(place)
-            if step_of(found) in (WRITING, ANSWERED) and not alive(writer_of(found)) and swap(place, found, state):
-                return index
+        cdef uint64_t found, ours
+        cdef bint dead
+        for dead in (False, True):
+            for index in range(LETTERS):
+                found = load_u64(&self.mailbox.letters[index].state)
+                if step_of(found) != FREE and not (
+                        dead and step_of(found) in (WRITING, ANSWERED) and not alive(writer_of(found))):
+                    continue
+                ours = claimed(found, process)
+                if swap(&self.mailbox.letters[index].state, found, ours):
+                    self.mine[index] = in_step(ours, POSTED)
+                    return index
         return -1
 
     def answer(self, int ticket) -> tuple[str, int, int] | None:
@@ -95,17 +102,17 @@ cdef class Writer:
         ticket.
         """
         cdef Letter *letter = &self.mailbox.letters[ticket]
-        if step_of(load_u64(&letter.state)) != ANSWERED:
+        cdef uint64_t answered = in_step(self.mine[ticket], ANSWERED)
+        if load_u64(&letter.state) != answered:
             return None
-        answer = ANSWERS[letter.answer], letter.tick, letter.mark
-        store_u64(&letter.state, FREE)
+        answer = ANSWERS.get(letter.answer, "unknown"), letter.tick, letter.mark
+        swap(&letter.state, answered, in_step(answered, FREE))
         return answer
 
     def withdraw(self, int ticket) -> bool:
         """Take back a waiting letter, which ends the ticket. Returns False if the loop has taken it."""
-        cdef Letter *letter = &self.mailbox.letters[ticket]
-        cdef uint64_t mine = <uint64_t>os.getpid() << 32
-        return swap(&letter.state, mine | POSTED, FREE)
+        cdef uint64_t posted = self.mine[ticket]
+        return swap(&self.mailbox.letters[ticket].state, posted, in_step(posted, FREE))
 
 
 cdef bint alive(uint64_t process):

@@ -50,7 +50,7 @@ class Outcome:
     error : exception of a Python block, or None; for a hung one, the KeyboardInterrupt of the watchdog
     unconfirmed : paths of the devices that did not confirm the safe stop
     unanswered : paths of the devices that did not reply while arming
-    stopped : whether a letter of the mailbox requested the end
+    stopped : origin of the request that ended the run: "keys", or "set" and the ID of its process; "" without one
     hung : s that the tick of a hung block ran until it returned; else 0
     faults : Outcome of each fault that the run has survived by arming again
     """
@@ -62,7 +62,7 @@ class Outcome:
     error: BaseException | None
     unconfirmed: tuple
     unanswered: tuple
-    stopped: bool = False
+    stopped: str = ""
     hung: float = 0.0
     faults: tuple = ()
 

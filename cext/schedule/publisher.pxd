@@ -10,6 +10,8 @@ cdef class Publisher:
     cdef bint virtual
     cdef int reader
     cdef const int32_t *caught
+    cdef uint64_t question           # number of the newest question to the operator
+    cdef int64_t asked               # ns of CLOCK_MONOTONIC, when it was asked
     cdef int64_t guard               # ns of the guardian's silence that end the run, 0: no guardian
     cdef uint64_t most               # ring bytes of one tick, at most
     cdef object table                # the array behind `recent`
@@ -25,6 +27,8 @@ cdef class Publisher:
 
     cdef void clear(self)
     cdef void set_state(self, int32_t state) noexcept nogil
+    cdef void ask(self) noexcept nogil
+    cdef int32_t consent(self) noexcept nogil
     cdef bint fenced(self) noexcept nogil
     cdef bint guardian_is_gone(self, int64_t now) noexcept nogil
     cdef bint guardian_is_late(self) noexcept nogil

@@ -12,12 +12,14 @@ from cext.abi cimport FENCED, FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, U
 from cext.clock.histogram cimport Histogram
 from cext.safety.robust_mutex cimport find_dead
 from cext.ring.mailbox cimport CHANGES, LETTERS, Change
+from cext.ring.operator cimport NO_CONSENT, take_consent
 from cext.clock.deadline_clock cimport monotonic
 from cext.safety.shared_state cimport (
-    FENCED_FOR_GOOD, FENCED_HERE, ROW, commit, load_i32, load_i64, load_u64, reserve, store_i32, store_i64, swap_i32,
+    FENCED_FOR_GOOD, FENCED_HERE, ROW, commit, load_i32, load_i64, load_u64, reserve, store_i32, store_i64, store_u64, swap_i32,
 )
 from cext.posix cimport POLLIN, poll, pollfd
 from cext.clock.signals cimport Signals
+from cext.safety.thresholds cimport CONSENT_LIMIT
 
 cdef enum:
     RECENT = 6                      # rows that are kept for the report of a fault
@@ -55,7 +57,7 @@ cdef class Publisher:
         self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
         self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.buses.count + 3 * FRAMES_PER_BATCH
             * program.devices.table.count)
-        self.most += LETTERS * (8 + CHANGES * sizeof(Change))
+        self.most += LETTERS * (8 + CHANGES * sizeof(Change)) + 2 * (8 + sizeof(Change))
         self.most += program.share(self.layout)
         if page is not None:
             self.most = min(self.most, page.layout.capacity // 2)          # a smaller ring drops records
@@ -94,7 +96,9 @@ cdef class Publisher:
         page.frames_received = page.frames_sent = page.frames_foreign = page.frames_malformed = 0
         page.status = page.closed = page.hung = page.crashed = 0
         if page.began != 0:
-            page.fence = 0              # of the previous run; one that was raised before the first run stays
+            # of the previous run; a fence that was raised, or a stop that was requested, before the first run stays
+            page.fence = 0
+            page.operator.stop = 0
         memset(&page.lateness, 0, sizeof(Histogram))
         memset(&page.period, 0, sizeof(Histogram))
         memset(&page.execution, 0, sizeof(Histogram))
@@ -105,6 +109,24 @@ cdef class Publisher:
     cdef void set_state(self, int32_t state) noexcept nogil:
         if self.layout != NULL:
             store_i32(&self.layout.state, state)
+
+    cdef void ask(self) noexcept nogil:
+        """Ask the operator a new question: earlier confirmations do not count."""
+        if self.layout == NULL:
+            return
+        self.question += 1
+        self.asked = monotonic()
+        store_u64(&self.layout.operator.question, self.question)
+
+    cdef int32_t consent(self) noexcept nogil:
+        """Return the origin of a confirmation of the newest question, and ask the next; NO_CONSENT without one."""
+        cdef int32_t origin
+        if self.layout == NULL or load_u64(&self.layout.operator.consent) == 0:
+            return NO_CONSENT
+        origin = take_consent(&self.layout.operator, self.question, self.asked, monotonic(), CONSENT_LIMIT)
+        if origin != NO_CONSENT:
+            self.ask()
+        return origin
 
     cdef bint fenced(self) noexcept nogil:
         return self.layout != NULL and load_i32(&self.layout.fence) != 0
@@ -211,7 +233,7 @@ cdef class Publisher:
         since = monotonic()
         while page.head - load_u64(&page.tail) > allowed and self.wait_for_reader():
             attempts -= 1
-            if (stopping and attempts == 0) or (not stopping and self.caught[0] != 0):
+            if attempts == 0 if stopping else self.caught[0] != 0 or load_u64(&page.operator.stop) != 0:
                 break
         page.waited += monotonic() - since
         return stopping or not self.caught[0]

@@ -1,4 +1,4 @@
-"""`set PID PATH=VALUE ...`: change live parameters of a run from another shell."""
+"""`set PID PATH=VALUE ...`: change live parameters of a run from another shell, or stop it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from runtime.console.terminal import print_lines, program
 from runtime.live import table
 from runtime.live.requests import changes_of
 from runtime.live.running import page_of, runs
-from runtime.live.sending import batches, send
+from runtime.live.sending import batches, send, stop
 
 if TYPE_CHECKING:
     from cext.safety.shared_state import SharedState
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def main(arguments: Sequence[str]) -> int:
     """Run the command. Returns the exit code; raises BadInput if nothing was changed."""
     parser = Parser(
-        "set", "Change live parameters of a run, or list them. The exit code is 0 if the run has applied them."
+        "set", "Change live parameters of a run, list them, or stop the run. The exit code is 0 if the run has done so."
     )
     parser.add_argument("pid", metavar="PID", help="process number of the run")
     parser.add_argument(
@@ -34,12 +34,23 @@ def main(arguments: Sequence[str]) -> int:
         help="a live parameter: left/impedance.stiffness=40, wall.angle='60 deg', "
         "'*/profile.scale=0.5' for both legs; @FILE reads such lines",
     )
+    parser.add_argument("--stop", action="store_true", help="end the run with its safe stop")
     options = parser.parse_args(arguments)
     if not options.pid.isdecimal():
         raise BadInput(
             f"set {options.pid}: expected the process number of a run, as in {program()} set 1234 "
             "left/impedance.stiffness=40"
         )
+    if options.stop:
+        if options.settings:
+            raise BadInput("--stop and PATH=VALUE exclude each other: the run ends")
+        page = find(int(options.pid))
+        earlier = stop(page, int(options.pid))
+        what = "was being stopped already" if earlier else "was stopped"
+        print_lines(
+            [f"{table.read(page).name} (process {options.pid}) {what} after tick {page.statistics()['last_tick']}"]
+        )
+        return OK
     print_lines(set_live(int(options.pid), settings(options.settings, "")))
     return OK
 

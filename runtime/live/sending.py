@@ -1,4 +1,4 @@
-"""Delivery of changes of live parameters to a run of another process."""
+"""Delivery of changes of live parameters, and of a stop, to a run of another process."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 TAKE_TIMEOUT = 2.0  # s, to which TAKE_TICKS are added, for the run to take a change
 TAKE_TICKS = 4
+STOP_TIMEOUT = 5.0  # s for the run to end in its safe stop
+ENDED = ("stopping", "safe")
 POLL_PERIOD = 0.001  # s
 
 
@@ -67,9 +69,30 @@ def send(page: SharedState, rate: float, pid: int, changes: Sequence[tuple[Param
     return tick
 
 
+def stop(page: SharedState, pid: int) -> bool:
+    """Request the end of a run, and wait for its safe stop. Returns whether another request had come before.
+
+    Raises BadInput if the run has ended already, or has not begun its safe stop within STOP_TIMEOUT.
+    """
+    if page.closed or page.state in ENDED:
+        raise BadInput(f"the run of process {pid} has ended")
+    first = Writer(page).stop()
+    until = time.monotonic() + STOP_TIMEOUT
+    while not (page.closed or page.state in ENDED):
+        if not os.path.exists(f"/proc/{pid}"):
+            raise BadInput(f"process {pid} has died")
+        if time.monotonic() > until:
+            raise BadInput(
+                f"process {pid} has not begun its safe stop within {STOP_TIMEOUT:g} s; the request remains. "
+                "Press Ctrl-C in its terminal, or cut the power"
+            )
+        time.sleep(POLL_PERIOD)
+    return not first
+
+
 def wait(page: SharedState, pid: int, until: float, problem: str) -> None:
     """Sleep for one poll period. Raises BadInput if the run has ended or `until` has passed."""
-    if page.closed or page.state in ("stopping", "safe"):
+    if page.closed or page.state in ENDED:
         raise BadInput(f"the run of process {pid} has ended; nothing was changed")
     if not os.path.exists(f"/proc/{pid}"):
         raise BadInput(f"process {pid} has died; nothing was changed")

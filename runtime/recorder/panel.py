@@ -28,6 +28,7 @@ SAVED_SUFFIX = ".set"
 NOTE_DURATION = 4.0  # s, of a note in the status line
 STEPS = {"up": table.FINE, "down": -table.FINE, "right": 1, "left": -1}
 PROMPTS = {"ready": "Enter arms, space ends", "waiting": "r arms again, space ends"}
+CONFIRMING = {("enter", "ready"), ("r", "waiting")}
 HELP = (
     "tickwork: space: stop; Tab, Shift-Tab: select a live parameter;",
     "  up, down: change it by a step; right, left: by a tenth of a step; 0: reset it;",
@@ -51,10 +52,10 @@ class Panel:
         self.choices = choices(self.table.parameters)
         self.writer = Writer(page, "keys")
         self.chosen = None
+        self.question = 0
         self.waiting = {}  # ticket: kind of request
         self.pending = {}  # index of a parameter: (ticket, value)
         self.note, self.note_until = "", 0.0
-        self.asking = False  # whether the prompt was shown before the key
 
     def look(self, now: float) -> None:
         """Take the answers of the loop, then the pressed keys. now : s, of any monotonic clock"""
@@ -62,17 +63,15 @@ class Panel:
             self.take_answer(ticket, now)
         for key in self.keyboard.read():
             self.press(key, now)
-        self.asking = self.recording.asks  # keys pressed before the prompt are ignored
+        self.question = self.recording.question  # keys that were pressed before it was shown do not answer it
 
     def press(self, key: str, now: float) -> None:
         """Carry out the command of a key. now : s"""
         waits = self.page.state in ("ready", "waiting")
         if key == "space" or (key == "q" and waits):
-            self.post(self.writer.stop(), "", now)
-        elif key == "enter" and self.page.state == "ready" and self.asking:
-            self.post(self.writer.confirm(), "", now)
-        elif key == "r" and self.page.state == "waiting":
-            self.post(self.writer.rearm(), "rearm", now)
+            self.writer.stop()
+        elif (key, self.page.state) in CONFIRMING:
+            self.writer.confirm(self.question)
         elif self.companion is not None and not waits and self.companion.press(key):
             pass
         elif key == "r":
@@ -144,7 +143,7 @@ class Panel:
         what = self.waiting.pop(ticket)
         self.pending = {index: entry for index, entry in self.pending.items() if entry[0] != ticket}
         verdict, tick, mark = answer
-        if verdict not in ("taken", "over") and what != "rearm":  # the run itself reports why it does not arm
+        if verdict not in ("taken", "over"):
             self.say(f"rejected: {verdict}", now)
         elif what == "mark" and verdict == "taken":
             self.say(f"mark {mark} at tick {tick}", now)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -58,7 +59,8 @@ class Recording:
         self.files, self.saved, self.folders = {}, {}, []
         self.sinks, self.problems = {}, [*before["problems"]]
         self.say = lambda line: None
-        self.console, self.asks = Console(), False
+        self.console = Console()
+        self.question, self.shown_at = 0, 0  # newest question to the operator that was shown; ns of CLOCK_MONOTONIC
         self.before = before["files"]  # {path: remark}
         self.backlog = Backlog(before["logs"])  # their incomplete flight logs
         if "lost" in before:
@@ -165,9 +167,10 @@ class Recording:
         if event.get("event") == "preflight":
             for line in preflight.text(event, self.console):
                 self.say(line)
-            self.asks = event["confirm"]
         for line in event.get("lines", ()):
             self.say(line)
+        if "question" in event:
+            self.question, self.shown_at = event["question"], time.monotonic_ns()
 
     def take_event(self, event: dict[str, Any]) -> None:
         """Show an event, keep it for the sidecar and pass it to the services."""

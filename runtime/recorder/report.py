@@ -9,6 +9,7 @@ from typing import Any
 
 from cext.user_text import name_and_text
 from runtime.base.errors import BadInput
+from runtime.recording.changes import stopped_by
 from runtime.recording.files import private
 
 STILL_RECORDING = "still recording; if no recorder process runs, the recorder was killed and the files end there"
@@ -70,7 +71,7 @@ def ending(end: dict[str, Any] | None, orphaned: bool) -> str:
         where = f" at {end['culprit']}" if end.get("culprit") else ""
         return f"fault: {end['status']}{where}, tick {end.get('tick')}"
     if end.get("stopped"):
-        return "stopped by the space bar"
+        return stopped_by(end["stopped"])
     return f"stopped by {Signals(end['signal']).name}" if end.get("signal") else "ok"
 
 

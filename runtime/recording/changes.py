@@ -1,4 +1,4 @@
-"""Changes of the mailbox, read from the ring, as events of the sidecar file.
+"""Requests to a run that took effect, read from the ring, as events of the sidecar file.
 
     {"event": "set", "path": "left/impedance.stiffness", "value": 45.0, "from": 30.0, "tick": 812, "by": "keys"}
     {"event": "mark", "number": 1, "tick": 1004, "by": "keys"}
@@ -20,6 +20,11 @@ from runtime.recording.format import CHANGE
 SET, MARK, STOP, CONFIRM, REARM = range(5)
 ASKED = {STOP: "stop", CONFIRM: "confirm", REARM: "rearm"}
 ORIGINS = {1: "keys", 2: "replay"}
+
+
+def stopped_by(origin: str) -> str:
+    """Return what has stopped a run as text. origin : of the request, as of cext.schedule.outcome.Outcome.stopped"""
+    return "stopped by the space bar" if origin == "keys" else f"stopped by process {origin.removeprefix('set ')}"
 
 
 class Changes:

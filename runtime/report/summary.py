@@ -12,6 +12,7 @@ from graph import Device
 from runtime.analysis.average_stride import left_out_text, signals_texts
 from runtime.base.errors import FAULT, OK
 from runtime.console.styles import count
+from runtime.recording.changes import stopped_by
 from runtime.recording.files import DELETED, INCOMPLETE
 from runtime.report.failure_coverage import nothing_stops, unstopped
 from runtime.report.held_exceptions import text as held_text
@@ -44,7 +45,7 @@ def exit_code(outcome: Outcome) -> int:
 def stopped(outcome: Outcome) -> str | None:
     """Return which signal or key stopped the run, or None."""
     if outcome.stopped:
-        return "stopped by the space bar"
+        return stopped_by(outcome.stopped)
     if not outcome.signal:
         return None
     name = signal.Signals(outcome.signal).name

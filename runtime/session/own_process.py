@@ -252,6 +252,8 @@ class RunProcess:
 
     def _confirm(self) -> None:
         """Ask whether the robot may be armed, and pass the answer on. Raises BadInput where input() cannot ask."""
+        assert self.page is not None
+        question = self.page.question
         try:
             ends = input(PROMPT).strip().lower().startswith("q")
         except Exception as error:  # EOFError of a script, an error of the kernel's own without a frontend, ...
@@ -259,9 +261,10 @@ class RunProcess:
                 f"cannot ask for the confirmation of the pre-flight table here ({error}): the run was ended and "
                 "nothing was armed. Run where input() works, or pass yes=True to arm without confirmation"
             ) from None
-        assert self.page is not None
-        writer = Writer(self.page)
-        (writer.stop if ends else writer.confirm)()
+        if ends:
+            Writer(self.page, "keys").stop()
+        else:
+            Writer(self.page).confirm(question)
         until = time.monotonic() + ANSWER_TIMEOUT
         while self._state() == "ready" and time.monotonic() < until and not self._look(POLL_PERIOD):
             pass

@@ -73,6 +73,8 @@ class Rearming:
             }
         else:
             event["lines"] = [f"arming again at tick {outcome.tick}"]
+        if kind != "rearm":
+            event["question"] = self.page.question
         self.page.push(RECORD_EVENT, json.dumps(event).encode())
 
     def instructions(self) -> str:

@@ -175,7 +175,8 @@ class Session:
         )
 
         def show() -> None:
-            page.push(RECORD_EVENT, json.dumps(table.event(control.values)).encode())
+            event = table.event(control.values) | ({"question": page.question} if table.confirm else {})
+            page.push(RECORD_EVENT, json.dumps(event).encode())
 
         def permitted() -> bool:
             """Return whether the reading of every joint is confirmed.

@@ -113,8 +113,11 @@ class Survivor:
         return (lambda: self.press(action)) if isinstance(action, str) else action
 
     def press(self, what):
-        """A letter to the run, from within its tick."""
-        getattr(self.writer, what)()
+        """A request to the run, from within its tick."""
+        if what == "stop":
+            self.writer.stop()
+        else:
+            self.writer.confirm(self.rig.page.question)
         return 2.0
 
     def tell(self, what, outcome):
@@ -181,7 +184,7 @@ def test_a_disabled_subsystem_outputs_zero_after_arming_again(python):
     assert np.abs(np.diff(sent[tick > 140])).max() < 0.5 + 0.04 and sent[-1] == pytest.approx(4.0, abs=0.04)
 
 
-def test_a_mailbox_request_arms_again():
+def test_a_confirmation_arms_again():
     robot = Survivor({50: nan, 80: "rearm"})
     outcome = robot.run()
     assert outcome.status == "ok" and len(outcome.faults) == 1 and robot.rig.sent().count(ENABLE) == 2
@@ -217,6 +220,36 @@ def test_held_or_early_input_requests_no_rearm(ask):
 def test_a_request_before_the_wait_has_no_effect():
     robot = Survivor({49: "rearm", 50: nan})
     assert robot.run().status == "not finite" and robot.rig.sent().count(ENABLE) == 1
+
+
+def test_a_confirmation_from_before_the_fault_that_is_delivered_after_it_has_no_effect():
+    """As of a recorder that is stopped for a while: the key was pressed before the transient fault."""
+    before = []
+    script = {
+        40: lambda: before.append((robot.rig.page.question, time.monotonic_ns())) or 2.0,
+        45: lambda: time.sleep(0.005) or 2.0,  # the time of a key has a resolution of a millisecond
+        50: nan,
+        80: lambda: robot.writer.confirm(*before[0]) or 2.0,
+        90: lambda: robot.writer.confirm(robot.rig.page.question, before[0][1]) or 2.0,
+        100: lambda: robot.writer.confirm(before[0][0], time.monotonic_ns()) or 2.0,
+    }
+    robot = Survivor(script)
+    assert robot.run().status == "not finite" and robot.rig.sent().count(ENABLE) == 1
+    assert [entry[0] for entry in robot.heard] == ["fault"]
+
+
+def test_an_input_that_is_nan_for_a_tick_requests_no_rearm():
+    """A stuck button of a sensor that fails for a tick: neither its return from NaN nor NaN itself is a press."""
+
+    class Stuck(Block):
+        y = Output("1")
+
+        def step(self, tick):
+            return math.nan if tick in (70, 110) else float(tick < 100)
+
+    robot = Survivor({50: nan}, more=lambda: Stuck(name="stuck"))
+    slot = robot.rig.schedule.signals["stuck.y"].slot
+    assert robot.run(rearm=[slot]).status == "not finite" and [entry[0] for entry in robot.heard] == ["fault"]
 
 
 def test_rearm_is_refused_with_cause_while_it_persists():
@@ -282,7 +315,7 @@ def test_a_stop_by_the_operator_ends_the_run():
 def test_a_stop_while_it_waits_ends_with_the_fault():
     robot = Survivor({50: nan, 80: "stop"})
     outcome = robot.run()
-    assert (outcome.status, outcome.stopped, outcome.tick) == ("not finite", True, 50) and robot.rig.tick[-1] == 80
+    assert (outcome.status, outcome.stopped, outcome.tick) == ("not finite", "keys", 50) and robot.rig.tick[-1] == 80
 
 
 def test_another_process_that_fences_while_it_waits_ends_the_run_for_good():

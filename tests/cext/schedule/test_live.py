@@ -280,7 +280,7 @@ def test_a_stop_ends_the_run_in_the_safe_stop_without_a_fault():
     poster = rig.schedule.python_blocks[0]
     poster.script, poster.writer = {49: lambda writer: writer.stop()}, Writer(rig.page, "keys")
     outcome = rig.run(200)
-    assert (outcome.status, outcome.stopped, outcome.signal, outcome.tick) == ("ok", True, 0, 50)
+    assert (outcome.status, outcome.stopped, outcome.signal, outcome.tick) == ("ok", "keys", 0, 50)
     assert list(rig.tick) == list(range(50)) and ends_in_the_safe_stop(rig)
     assert [change[:3] for change in rig.changes] == [(50, STOP, 1)]
     poster.script = {}
@@ -290,10 +290,11 @@ def test_a_stop_ends_the_run_in_the_safe_stop_without_a_fault():
 def test_stop_is_handled_while_arming_and_change_waits_for_tick_0():
     rig = one_drive(lambda drive: TorqueLimiter(limit=Live(9.0, max=12.0))(1.0), plant=False)  # nobody ever answers
     writer = Writer(rig.page)
-    change, stop = writer.set([(0, 10.0)]), writer.stop()
+    change = writer.set([(0, 10.0)])
+    assert writer.stop() and not writer.stop()
     outcome = rig.run(200)
-    assert outcome.stopped and outcome.tick == -1 and outcome.status == "ok"
-    assert writer.answer(stop) == ("taken", -1, 0) and writer.answer(change) == ("over", -1, 0)
+    assert outcome.stopped == f"set {os.getpid()}" and outcome.tick == -1 and outcome.status == "ok"
+    assert writer.answer(change) == ("over", -1, 0)
     assert [change[:2] for change in rig.changes] == [(-1, STOP)]
 
 

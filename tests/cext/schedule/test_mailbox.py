@@ -132,7 +132,7 @@ def test_request_left_incomplete_by_dead_process_blocks_no_other():
     for number in range(ROOM):
         writer.set([(0, 64.0078125)])
     memory = mmap.mmap(rig.page.fd, 0)
-    posted, half = struct.pack("=Q", os.getpid() << 32 | 2), struct.pack("=Q", dead << 32 | 1)
+    posted, half = struct.pack("=Q", os.getpid() << 32 | 1 << 8 | 2), struct.pack("=Q", dead << 32 | 1 << 8 | 1)
     at = memory.find(posted)
     memory[at : at + 8] = half  # as if killed between claiming and posting
     rig.run(2)

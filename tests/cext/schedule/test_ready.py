@@ -2,6 +2,9 @@
 time.
 """
 
+import math
+import time
+
 import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
@@ -30,22 +33,26 @@ class Person(Block):
 
 
 class Ready:
-    def __init__(self, script):
+    def __init__(self, script, more=lambda: None):
         with Diagram("robot", rate=200) as robot:
             drive = CubeMars("AK10-9-V2.0", can_id=1, name="knee")
-            drive(torque_command=TorqueLimiter(limit=5.0)(2.0))
+            drive(torque_command=TorqueLimiter(limit=5.0, name="limiter")(2.0))
         with Diagram("plant", rate=1000) as plant:
             fault = Person({tick: self.act(action) for tick, action in script.items()}, name="person")()
             EmulatedCubeMars.of(robot["knee"], name="drive")(position=0.3, velocity=0.0, fault=fault)
+            more()
         self.rig = Rig(robot, plant)
         self.writer = Writer(self.rig.page, "keys")
-        self.tickets, self.shown = [], []
+        self.shown = []
 
     def act(self, action):
         return (lambda: self.press(action)) if isinstance(action, str) else action
 
     def press(self, what):
-        self.tickets.append(getattr(self.writer, what)())
+        if what == "stop":
+            self.writer.stop()
+        else:
+            self.writer.confirm(self.rig.page.question)
 
     def show(self):
         self.shown.append(
@@ -88,8 +95,31 @@ def test_a_stop_ends_it_without_a_tick():
 
 def test_a_confirmation_before_the_table_was_shown_does_not_count():
     ready = Ready({0: "confirm", 500: "stop"})
-    assert ready.run().tick == -1
-    assert ready.writer.answer(ready.tickets[0])[0] == "not now"
+    assert ready.run().tick == -1 and ready.torques() == 0
+
+
+@pytest.mark.parametrize(
+    "question, age, armed",
+    [(0, 0.0, True), (0, 0.5, False), (0, 1.1, False), (0, -0.1, False), (-1, 0.0, False), (1, 0.0, False)],
+    ids=["now", "before the question", "long ago", "in the future", "of the question before", "of no question yet"],
+)
+def test_a_confirmation_counts_for_the_newest_question_after_it_was_asked(question, age, armed):
+    """question : relative to the newest one; age : s before the confirmation at which the key was pressed"""
+
+    def confirm():
+        pressed = time.monotonic_ns() - round(age * 1e9)
+        ready.writer.confirm(ready.rig.page.question + question, pressed)
+        return 0
+
+    ready = Ready({100: confirm, 500: "stop"})
+    assert ready.run().status == "ok" and ready.torques() == (20 if armed else 0)
+
+
+def test_a_confirmation_counts_once():
+    """One that was refused does not arm once the joint is clear."""
+    ready, asked = Ready({500: "confirm", 900: "stop"}), []
+    assert ready.run(permitted=lambda: bool(asked) or bool(asked.append(True))).tick == -1
+    assert asked == [True] and ready.torques() == 0
 
 
 def test_waiting_for_confirmation_does_not_count_as_arming():
@@ -140,7 +170,7 @@ def test_a_joint_with_an_ambiguous_angle_is_armed_once_it_is_resolved():
     sent = ready.rig.sent()
     waited = sent[: next(index for index, data in enumerate(sent) if data not in (ENABLE, NOTHING))]
     assert 180 <= waited.count(NOTHING) <= 184, "900 ticks of the plant are 180 rounds"
-    assert [ready.writer.answer(ticket)[0] for ticket in ready.tickets] == ["not now", "not now", "taken"]
+    assert [change.kind for change in ready.rig.changes] == [3], "only the confirmation that has armed"
 
 
 def test_an_ambiguous_joint_ends_an_unattended_run_after_zero_torque_only():
@@ -184,3 +214,19 @@ def test_input_arms_when_held_for_a_second_after_it_was_released(presses, armed)
     slot = rig.schedule.signals["knee.position"].slot
     outcome = rig.run(20, fade=0.0, answered=lambda: None, confirm=True, arm_slot=slot)
     assert outcome.status == "ok" and len(rig.tick) == (20 if armed else 0)
+
+
+@pytest.mark.parametrize("gap, armed", [(math.nan, False), (0.0, True)])
+def test_an_input_that_is_nan_was_not_released(gap, armed):
+    """A button that sticks, of a sensor that fails for a moment."""
+
+    class Stuck(Block):
+        y = Output("1")
+
+        def step(self, tick):
+            ready.rig.control.values[slot] = gap if 500 <= tick < 520 else 1.0
+            return 0.0
+
+    ready = Ready({3000: "stop"}, more=lambda: Stuck(name="stuck"))
+    slot = ready.rig.schedule.signals["limiter.limited"].slot  # not computed while it waits
+    assert ready.run(arm_slot=slot).status == "ok" and ready.torques() == (20 if armed else 0)

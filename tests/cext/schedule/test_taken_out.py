@@ -222,7 +222,7 @@ def test_drive_that_is_disabled_from_the_start_is_not_waited_for():
 def test_drive_that_is_out_stays_out_when_the_run_is_armed_again():
     def law(tick):
         if tick == 400:
-            robot.writer.rearm()
+            robot.writer.confirm(robot.page.question)
         return math.nan if tick == 350 else 2.0
 
     robot = Robot({100: 1, 200: 0, 250: 1}, torque=lambda tick: 2.0, right=law)

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from cext.schedule.mailbox_writer import Writer
 from runtime.live.running import page_of, runs
 from tests.runtime.runs import Files, finished, knee, started, write
 from tests.runtime.terminals import live_diagram, patient
@@ -154,6 +155,24 @@ def test_change_is_applied_and_recorded_at_reported_tick(tmp_path, command_line)
     assert said.endswith(
         f"spring.stiffness was set to 40.0 at tick {first}, but its live range in the diagram is 0 to 35"
     )
+
+
+def test_set_stops_a_run_whose_mailbox_is_full(tmp_path, command_line):
+    live_diagram(tmp_path)
+    with going(tmp_path, "springs.py") as run:
+        writer = Writer(page_of(run.pid))
+        while writer.set([(1, 5.0)]) is not None:
+            pass  # its answers are not read
+        assert command_line.refused("set", run.pid, "spring.damping=2", "--stop") == (
+            "--stop and PATH=VALUE exclude each other: the run ends"
+        )
+        process = finished("set", run.pid, "--stop", cwd=tmp_path)
+        assert process.returncode == 0 and process.stdout.startswith(
+            f"springs (process {run.pid}) was stopped after tick "
+        )
+        assert "stopped by process " in run.communicate(timeout=30)[1] and run.returncode == 0
+    [stop] = [event for event in Files(tmp_path / "recordings").sidecar["events"] if event["event"] == "stop"]
+    assert stop["by"].startswith("set ") and int(stop["by"][4:]) != os.getpid() and stop["tick"] > 0
 
 
 def test_stopped_process_drops_change(tmp_path, command_line, monkeypatch):
