@@ -164,6 +164,9 @@ if TYPE_CHECKING:
         kernel: bool
 
 
+QUANTITY = re.compile(r"\s*[+-]?\.?\d\S*\s+\D")  # a number, and text after a blank
+
+
 class Param(Declaration, Generic[T]):
     """A parameter, a plain attribute of the block once it is built.
 
@@ -319,10 +322,7 @@ class Param(Declaration, Generic[T]):
             raise ValueError("expected a value, got None")
         if self.dtype is bool and not isinstance(value, (bool, np.bool_)):
             raise ValueError(f"expected True or False, got {repr_of(value)}")
-        if self.dtype is float:
-            value = self.in_unit(value)
-        elif self.dtype is tuple and isinstance(value, (list, tuple)):
-            value = type(value)(map(self.in_unit, value))
+        value = self.in_unit(value)
         if isinstance(value, str) and self.numeric:
             raise ValueError(f"expected a number, got {repr_of(value)}")
         if self.numeric and np.ndim(value):
@@ -349,8 +349,10 @@ class Param(Declaration, Generic[T]):
         return value
 
     def in_unit(self, value: Any) -> Any:
-        """Convert a quantity that names its unit, such as "10 deg". Returns any other value unchanged. ValueError"""
-        quantity = isinstance(value, str) and re.match(r"\s*[+-]?\.?\d\S*\s+\D", value)
+        """Convert quantities that name their unit, such as "10 deg", also in a tuple. ValueError"""
+        if isinstance(value, (tuple, list)):
+            return type(value)(map(self.in_unit, value)) if self.dtype is tuple else value
+        quantity = self.dtype in (float, tuple) and isinstance(value, str) and QUANTITY.match(value)
         return units.parse_quantity(value, self.unit) if quantity else value
 
     def parse(self, text: str) -> Any:
