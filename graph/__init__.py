@@ -8,7 +8,18 @@ from graph.arithmetic import stack
 from graph.block import Block, Sink
 from graph.compiler import compile
 from graph.declarations import Input, Live, Memory, Output, Param
-from graph.device import Actuator, DampedStop, Device, Motion, ReplyField, TorqueBound, Watch, Winding, Zeroing
+from graph.device import (
+    Actuator,
+    DampedStop,
+    Deviation,
+    Device,
+    Motion,
+    ReplyField,
+    TorqueBound,
+    Watch,
+    Winding,
+    Zeroing,
+)
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Diagram, subsystem
 from graph.entry import main
@@ -23,6 +34,7 @@ __all__ = [
     "Actuator",
     "Block",
     "DampedStop",
+    "Deviation",
     "Device",
     "Diagnostic",
     "Diagram",

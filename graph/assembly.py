@@ -242,6 +242,8 @@ class Assembly:
             items={block.path: items for block, items in self.items.items()},
             live=self.live_parameters(),
             proofs=compilation.proofs,
+            torque_bounds=compilation.torque_bounds,
+            caveats=compilation.caveats,
             holds=compilation.holds,
             loads=compilation.loads,
             warnings=[diagnostic for diagnostic in compilation.diagnostics if diagnostic.severity == "warning"],

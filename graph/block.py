@@ -71,6 +71,7 @@ class Block:
     dt: Any  # s, the block's own sampling period; None until it is known
     location: Any  # Location of the line that made the block, or None
     live_bounds: dict[str, Any]
+    set_from: dict[str, tuple[str, Any]]  # parameter set from outside the diagram: (source, value in the diagram)
     examples: ClassVar[Iterable[dict[str, Any]]]  # parameters of blocks that the conformance test builds
     settle: ClassVar[Callable[..., Any]]
     _scratch: Scratch | None = None
@@ -98,6 +99,7 @@ class Block:
         self.dt = None
         self.location = caller()
         self.live_bounds = {}
+        self.set_from = {}
         self.every, self.hold_exceptions = every, hold_exceptions
         self._set_parameters(values, named)
         scope = current_scope()
@@ -322,8 +324,10 @@ class Block:
         names, takes_all = arguments_of(getattr(type(self), method))
         return names + [name for name in self.inputs if name not in names] if takes_all else names
 
-    def set(self, name: str, value: Any) -> None:
+    def set(self, name: str, value: Any, source: str = "") -> None:
         """Set a parameter before the compile, to a value or from command-line text.
+
+        source : where the value is from, such as the name of a rig file; "" for the diagram
 
         Raises DiagramError TW010 for an unknown parameter and for a value outside its type, bounds or choices.
         """
@@ -337,7 +341,11 @@ class Block:
                 )
             )
         param = self.parameters[name]
+        before = self.set_from.get(name, ("", getattr(self, name)))[1]
         self._assign(name, param.parse if isinstance(value, str) else param.check, value)
+        self.set_from.pop(name, None)
+        if source:
+            self.set_from[name] = source, before
         self._configure()
 
     def adopt_assigned(self) -> None:

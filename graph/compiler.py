@@ -9,7 +9,7 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from graph import device_checks, hints, rate_checks, type_checks, wire_checks
+from graph import caveats, device_checks, hints, rate_checks, type_checks, wire_checks
 from graph.arena_layout import size_of
 from graph.assembly import assemble
 from graph.compilation import Compilation
@@ -73,6 +73,7 @@ def examine(diagram: Diagram) -> Compilation:
         sort,
         prepare,
         prove,
+        caveats.check_torque,
         check_reach,
         wire_checks.check_use,
     ):

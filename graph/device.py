@@ -158,6 +158,7 @@ class TorqueBound:
     holds : text that states the assumption, if the kind is not "proved"
     acceleration : assumed highest acceleration, rad/s², or None
     figures : consequences of the assumption, as (name, value, unit, description)
+    setting : parameter that the operator accepts for a run on a rig, if the kind is "drive" or "none"
     """
 
     kind: str
@@ -165,6 +166,41 @@ class TorqueBound:
     holds: str = ""
     acceleration: float | None = None
     figures: tuple = ()
+    setting: str = "limit"
+
+    def limit_in_words(self) -> str:
+        """Return the limit and its justification as text, "" for an unknown limit."""
+        if self.kind == "none":
+            return "no torque limit in this mode"
+        if self.limit is None:
+            return ""
+        words = {"assumed": f" {self.holds}", "drive": " inside the drive, not verified"}
+        return f"limit {self.limit:g} N·m{words.get(self.kind, '')}"
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A setting of an actuator that differs from the table of its model.
+
+    The proof of the torque limit takes the setting for granted; `effect` and `factor` state what holds if the table is
+    correct instead.
+
+    parameter : its name; value, table : that of the actuator and that of the table, numbers in `unit` or texts
+    source : text that names the table
+    effect : text
+    factor : torque at the joint over the commanded torque; None if the setting does not scale the torque
+    safe : whether the torque limit and the monitored range and velocity do not depend on it. On a rig, any other
+        deviation must be accepted by the operator
+    """
+
+    parameter: str
+    value: Any
+    table: Any
+    unit: str
+    source: str
+    effect: str
+    factor: float | None = None
+    safe: bool = False
 
 
 @dataclass(frozen=True)
@@ -370,6 +406,10 @@ class Actuator(Device):
         commands : {input: Interval}; period : time between two command frames, s
         """
         return TorqueBound("proved")
+
+    def deviations(self) -> Sequence[Deviation]:
+        """Return the Deviations of its settings from the table of its model. By default it has no table."""
+        return ()
 
     def winding(self) -> Winding:
         """Return the Winding of its motor. By default nothing is known of it."""

@@ -34,6 +34,8 @@ CODES = {
     "TW025": "different bitrates on one bus",
     "TW026": "setpoint out of reach",
     "TW027": "command without effect",
+    "TW028": "setting that differs from its table",
+    "TW029": "torque not limited by the command",
     "TW030": "format of a newer version",
     "TW031": "missing library",
     "TW032": "block from a local file",

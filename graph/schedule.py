@@ -204,6 +204,8 @@ class Schedule:
     items: dict  # path: {name: (slot, length)} of ports, parameters and memory, native blocks only
     live: list = field(default_factory=list)  # LiveParameter, by path
     proofs: list = field(default_factory=list)
+    torque_bounds: dict = field(default_factory=dict)  # path of an actuator: graph.TorqueBound
+    caveats: list = field(default_factory=list)  # graph.caveats.Caveat of each torque limit that may not hold
     loads: list = field(default_factory=list)  # graph.budget.BusLoad, one a bus
     holds: list = field(default_factory=list)  # (source, its every, input, its every) where rates meet
     warnings: list = field(default_factory=list)

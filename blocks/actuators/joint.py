@@ -8,12 +8,17 @@ from dataclasses import replace
 from numbers import Real
 from typing import Any
 
-from blocks.actuators import law_figures
+from blocks.actuators import deviations, law_figures
 from cext.safety.thresholds import SCALE_TOLERANCE, SCALE_TOLERANCE_WIRE_TORQUE, TORQUE_ACCURACY
-from graph import Input, Interval, Memory, Motion, Output, Param, TorqueBound, Watch, Winding, Zeroing
+from graph import Deviation, Input, Interval, Memory, Motion, Output, Param, TorqueBound, Watch, Winding, Zeroing
 from graph.reach import Reach
 
 RANGES = ("position", "velocity", "stiffness", "damping", "torque")
+
+
+def joint_scales(gear_ratio: float) -> tuple[float, ...]:
+    """Return the factors that convert the five half ranges of a motor to the joint behind a gear."""
+    return 1.0 / gear_ratio, 1.0 / gear_ratio, gear_ratio**2, gear_ratio**2, gear_ratio
 
 
 class Ranges:
@@ -40,8 +45,7 @@ class Ranges:
     def at_joint(self, spec: Any) -> tuple[float, ...]:
         """Return the five half ranges of a model, converted to the joint, so that kernels do not depend on the gear."""
         own = [getattr(self, f"wire_{name}") or getattr(spec, f"wire_{name}") for name in RANGES]
-        ratio = self.gear_ratio
-        return tuple(x * scale for x, scale in zip(own, (1.0 / ratio, 1.0 / ratio, ratio**2, ratio**2, ratio)))
+        return tuple(x * scale for x, scale in zip(own, joint_scales(self.gear_ratio)))
 
 
 class Joint:
@@ -422,6 +426,10 @@ class Joint:
         return TorqueBound(
             "assumed", limit, f"while |α| <= {self.max_acceleration:g} rad/s²", self.max_acceleration, law.figures()
         )
+
+    def deviations(self) -> list[Deviation]:
+        """Return the Deviations from the table of the model: encoded ranges, gear, and properties of the model."""
+        return [*deviations.of_ranges(self, joint_scales(self.gear_ratio)), *deviations.of_model(self)]
 
     def output_range(self, **commands: Interval) -> dict[str, Interval]:
         """Return the ranges of the outputs, as the replies encode them."""

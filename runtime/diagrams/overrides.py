@@ -130,7 +130,7 @@ def set_block_parameter(diagram: Diagram, name: str, value: Any) -> Replaced:
     block = diagram[path]
     before = getattr(block, parameter, None)
     try:
-        block.set(parameter, value)
+        block.set(parameter, value, "--set")
     except DiagramError as error:
         problem = error.diagnostics[0]
         hint = f"; {problem.hint}" if problem.hint else ""

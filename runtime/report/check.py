@@ -311,7 +311,10 @@ def _verdict(report: Mapping[str, Any], console: Console) -> str:
     for bound in report["torque"]:
         if bound["bound"] != "proved":
             rest.setdefault(claim(bound), []).append(bound["actuator"])
-    proved = len(actuators) - sum(map(len, rest.values()))
+    deviating = sorted({caveat["actuator"] for caveat in report["caveats"] if caveat["deviates"]})
+    if deviating:
+        rest["the torque limit of {} rests on settings that differ from the table"] = deviating
+    proved = len(actuators - {path for paths in rest.values() for path in paths})
     statements = [f"every command of {count(proved, 'actuator')} is proved"] if proved > 0 else []
     statements += [words.format(" and ".join(paths)) for words, paths in rest.items()]
     return console.ok("ok: " + ", ".join([*statements, warnings]))

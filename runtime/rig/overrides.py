@@ -22,7 +22,7 @@ def override(rig: RigFile, diagram: Diagram) -> None:
     problems = list(_unmapped(rig, {block.bus for block in devices.values() if block.medium != "stream"}))
     for path, values in rig.devices.items():
         if path in devices:
-            problems += _changed(devices[path], values)
+            problems += _changed(devices[path], values, str(rig.path))
         else:
             problems.append(_unknown_path(path, diagram, devices))
     problems += _other_bitrates(rig, devices.values())
@@ -83,8 +83,8 @@ def _unquoted(path, devices):
     return inside and f'quote the whole path: [device."{inside}"]'
 
 
-def _changed(device, values):
-    """Set the valid values of a device; yield a RigProblem for each invalid one."""
+def _changed(device, values, source):
+    """Set the valid values of a device; yield a RigProblem for each invalid one. source : path of the rig file"""
     for name, value in values.items():
         entry = f'[device."{device.path}"] {name}'
         if name not in device.hardware:
@@ -95,7 +95,7 @@ def _changed(device, values):
                 yield RigProblem("TW102", f"{entry}: no such parameter", suggestion(name, device.hardware) or known)
             continue
         try:
-            device.set(name, value)
+            device.set(name, value, source)
         except DiagramError as error:
             message = error.diagnostics[0].message.removeprefix(f"{name}: ")
             yield RigProblem("TW102", f"{entry} = {value!r}: {message}", device.parameters[name].description)

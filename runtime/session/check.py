@@ -31,6 +31,7 @@ from runtime.session.preflight import stop_of
 
 if TYPE_CHECKING:
     from graph import Block, Diagnostic, Diagram, Schedule, TorqueBound
+    from graph.caveats import Caveat
     from graph.compilation import Compilation
     from graph.schedule import Proof, Step
     from runtime.diagrams.overrides import Settings
@@ -67,6 +68,11 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            (a limit in the drive); none
     figures                name, value, unit, description: usable damping,
                            smallest inertia, stall torque
+  caveats                  reasons why the torque of an actuator may exceed its
+                           limit: actuator, setting, words, deviates (from the
+                           table of the model), factor (torque over the
+                           commanded torque; null: unknown), accept (option
+                           with which a rig is armed nevertheless)
   buses                    bus, medium (can, stream, i2c), line (kind of stream,
                            such as gpio, "" for others), devices, coverage,
                            and if the traffic is known bitrate (bit/s), frames
@@ -148,6 +154,7 @@ def check(
         "torque": [
             _describe_torque(path, torque) for path, torque in analysis.torque_bounds.items() if torque is not None
         ],
+        "caveats": [_describe_caveat(caveat) for caveat in analysis.caveats],
         "buses": buses(diagram, schedule),
         "battery": budget,
         "plant": plant,
@@ -158,7 +165,7 @@ def check(
 
 def refused(path: Path, diagnostics: Iterable[Diagnostic]) -> dict[str, Any]:
     """Return the report of a file whose diagram could not be built, with the same keys as that of `check`."""
-    empty = {key: [] for key in ("blocks", "holds", "proofs", "torque", "buses", "warnings")}
+    empty = {key: [] for key in ("blocks", "holds", "proofs", "torque", "caveats", "buses", "warnings")}
     return empty | {
         "diagram": path.stem,
         "file": str(path),
@@ -249,6 +256,17 @@ def _describe_torque(path: str, torque: TorqueBound) -> dict[str, Any]:
         "holds": torque.holds or None,
         "acceleration": torque.acceleration,
         "figures": [dict(zip(("name", "value", "unit", "description"), figure)) for figure in torque.figures],
+    }
+
+
+def _describe_caveat(caveat: Caveat) -> dict[str, Any]:
+    return {
+        "actuator": caveat.path,
+        "setting": caveat.setting,
+        "words": caveat.words,
+        "deviates": caveat.deviates,
+        "factor": caveat.factor,
+        "accept": f"--accept {caveat.name}",
     }
 
 

@@ -36,7 +36,7 @@ def found(build, drive=CubeMars, model="AK80-9", **parameters):
         diagnostics = compile(diagram).warnings
     except DiagramError as error:
         diagnostics = error.diagnostics
-    assert {d.code for d in diagnostics} <= {"TW026", "TW020"}, diagnostics
+    assert {d.code for d in diagnostics} <= {"TW026", "TW020", "TW029"}, diagnostics
     return [(d.severity, f"{d.path}.{d.port}".strip("."), d.message, d.hint) for d in diagnostics if d.code == "TW026"]
 
 

@@ -6,13 +6,14 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from blocks.actuators import deviations
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo
 from blocks.actuators.cubemars.v3 import CubeMarsV3, ExtendedFrames, Reporting
 from blocks.actuators.joint import Joint, motion_of, winding_of
 from cext.kernels.devices.cubemars import servo as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE, STOP_DAMP_ROUND
-from graph import Actuator, DampedStop, Input, Interval, Memory, Motion, Output, Param, TorqueBound, Winding
+from graph import Actuator, DampedStop, Deviation, Input, Interval, Memory, Motion, Output, Param, TorqueBound, Winding
 
 KINDS = {
     "duty": frames.DUTY,
@@ -263,7 +264,14 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     def torque_bound(self, commands: dict[str, Interval], period: float) -> TorqueBound:
         if self.mode in CURRENTS:
             return TorqueBound("proved", self.torque_limit)
-        return TorqueBound("none", None, f"in mode {self.mode} only the settings of the drive bound the torque")
+        return TorqueBound(
+            "none", None, f"in mode {self.mode} only the settings of the drive bound the torque", setting="mode"
+        )
+
+    def deviations(self) -> list[Deviation]:
+        """Return the Deviations from the table of the model: torque constant, gear, and properties of the model."""
+        constant = deviations.of_constant(self, self.scales[2] / self.gear_ratio, self.mode in CURRENTS)
+        return [*constant, *deviations.of_model(self, "torque_constant")]
 
     def output_range(self, **commands: Interval) -> dict[str, Interval]:
         feedback = self.feedback_range()

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from blocks.actuators import deviations
 from blocks.actuators.damping import damped_stop
-from blocks.actuators.joint import Joint
+from blocks.actuators.joint import Joint, joint_scales
 from blocks.actuators.robstride import frames, models
 from blocks.actuators.robstride.emulator import EmulatedRobStride
 from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels.devices.robstride import private as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE_WIRE_TORQUE
-from graph import Actuator, Input, Interval, Memory, Motion, Output, Param, ReplyField, TorqueBound
+from graph import Actuator, Deviation, Input, Interval, Memory, Motion, Output, Param, ReplyField, TorqueBound
 
 if TYPE_CHECKING:
     from graph.device import DampedStop
@@ -190,7 +191,16 @@ class RobStride(Joint, Actuator):
             "drive",
             self.torque_limit,
             f"by the drive's own current limit of {self.current_limit:.3g} A, which is not verified",
+            setting="mode",
         )
+
+    def deviations(self) -> list[Deviation]:
+        """Return the Deviations from the table of the model; the modes with a current use the torque constant."""
+        if self.mode == "operation":
+            return super().deviations()
+        constant = deviations.of_constant(self, self.spec.torque_constant, True)
+        ranges = deviations.of_ranges(self, joint_scales(self.gear_ratio), law=False)
+        return [*constant, *ranges, *deviations.of_model(self, "torque_constant")]
 
     def output_range(self, **commands: Interval) -> dict[str, Interval]:
         ranges = super().output_range() | {

@@ -157,6 +157,10 @@ def test_limits_by_assumption_or_in_the_drive_are_not_reported_as_proved(tmp_pat
         and assumed["knee"] == "while |α| <= 500 rad/s²"
         and "which is not verified" in assumed["elbow"]
     )
+    assert [(warning["code"], warning["path"]) for warning in found["warnings"]] == [
+        ("TW029", "elbow"),
+        ("TW029", "wrist"),
+    ]
     said = columns(found, 500)
     assert "    torque, not proved: 12 N·m, holds while |α| <= 500 rad/s²" in said
     assert "      usable damping if the whole law exceeds the limit: 3.2 N·m·s/rad" in said
@@ -167,7 +171,7 @@ def test_limits_by_assumption_or_in_the_drive_are_not_reported_as_proved(tmp_pat
     assert said[-1] == (
         "ok: every command of 1 actuator is proved, the torque of elbow is limited by the drive alone, the torque "
         "limit of knee holds while "
-        "|α| <= 500 rad/s², nothing limits the torque of wrist, 0 warnings"
+        "|α| <= 500 rad/s², nothing limits the torque of wrist, 2 warnings"
     )
 
 
