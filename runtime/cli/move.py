@@ -108,7 +108,7 @@ def main(arguments: Sequence[str]) -> int:
         parser,
         Request,
         "rate",
-        *("yes", "record", "no_record", "plotjuggler", "realtime", "overrun", "spin"),
+        *("yes", "accept", "record", "no_record", "plotjuggler", "realtime", "overrun", "spin"),
         in_sections=True,
         rate={"default": 200.0, "help": "ticks per second (default: 200)"},
         yes={"help": "arm without waiting for Enter"},

@@ -6,7 +6,7 @@ from runtime.base.errors import OK, BadInput
 from runtime.cli.parsing import Parser, add_options, fields_of, instance, short_program
 from runtime.console.terminal import print_lines, print_to_stderr
 from runtime.diagrams.file import compiled, load
-from runtime.rig import read, require_ranges, require_supply
+from runtime.rig import read, require_acceptance, require_ranges, require_supply
 from runtime.rig.poses import Poses
 from runtime.session.prepare import adapt, arming_slot
 from runtime.session.request import Request
@@ -31,6 +31,7 @@ def main(arguments: Sequence[str]) -> int:
     require_supply(rig.battery, diagram, rig.path)
     adapt(diagram, request)
     schedule = compiled(request.file, diagram)
+    require_acceptance(rig.path, schedule.caveats, request.accept)
     Poses(diagram, schedule, request.poses)
     arming_slot(diagram, schedule, request.arm_on)
     channels = {str(bus.channel) for bus in rig.buses.values() if bus.interface == "socketcan"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from cext.safety.thresholds import ARM_HOLD
@@ -50,7 +50,7 @@ def _devices(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:
             console.error(f"{cell:<{width}}") if key in row["marks"] else f"{cell:<{width}}"
             for key, cell, width in zip(keys, line, widths)
         ]
-        lines += console.hang("  " + "  ".join(styled) + "  ", standing(row), console.faint, indent=4)
+        lines += console.hang("  " + "  ".join(styled) + "  ", standing(row), standing_style(row, console), indent=4)
     return lines
 
 
@@ -58,7 +58,7 @@ def _listed(row: dict[str, Any], heads: Sequence[str], cells: Sequence[str], con
     name, *values = (f"{head} {cell}" for head, cell in zip(("", *heads[1:]), cells))
     return [
         *console.hang(f" {name}  ", "; ".join(values), console.error if row["marks"] else str, indent=4),
-        *console.hang("    ", standing(row), console.faint),
+        *console.hang("    ", standing(row), standing_style(row, console)),
     ]
 
 
@@ -83,13 +83,19 @@ def _cells(row: dict[str, Any]) -> list[str]:
 
 
 def standing(row: dict[str, Any]) -> str:
-    """Return the constant properties of a device: torque limit, own time-out, safe stop."""
-    words = [] if row["limit"] is None else [f"limit {row['limit']:g} N·m"]
+    """Return the constant properties of a device: torque limit, own time-out, safe stop, settings that differ."""
+    limit = row["limit_words"] or ("" if row["limit"] is None else f"limit {row['limit']:g} N·m")
+    words = [f"{limit} !" if "limit" in row["marks"] else limit] if limit else []
     if row["stop"] != "nothing to stop":
         words.append(
             "own time-out: unknown" if row["own_timeout"] is None else f"own time-out: {row['own_timeout'] * 1e3:g} ms"
         )
-    return "; ".join([*words, f"safe stop: {row['stop']}"])
+    return "; ".join([*words, f"safe stop: {row['stop']}", *row["settings"]])
+
+
+def standing_style(row: dict[str, Any], console: Console) -> Callable[[str], str]:
+    """Return the style of the constant properties of a device."""
+    return console.error if "limit" in row["marks"] else console.faint
 
 
 def _buses(rows: Sequence[dict[str, Any]], console: Console) -> list[str]:

@@ -118,6 +118,8 @@ def summary(result: RunResult) -> list[str]:
         )
     if schedule.devices:
         row("safe stop", _stop_text(result.outcome, schedule))
+    for index, caveat in enumerate(schedule.caveats):
+        row("" if index else "limits", f"{caveat.path}: {caveat.words}")
     if result.rig is not None and (left := left_over(result.diagram)):
         row("caution", left)
     for index, file in enumerate(result.recording.get("files", [])):

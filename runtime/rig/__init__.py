@@ -1,5 +1,6 @@
 """Rigs: the real interface and device of each logical name in a diagram."""
 
+from runtime.rig.acceptance import require_acceptance
 from runtime.rig.battery import require_supply
 from runtime.rig.buses import RigBuses
 from runtime.rig.errors import CODES, RigError, RigProblem
@@ -15,6 +16,7 @@ __all__ = [
     "RigProblem",
     "override",
     "read",
+    "require_acceptance",
     "require_ranges",
     "require_supply",
 ]

@@ -46,6 +46,7 @@ CODES = {
     "TW135": "address used by a kernel driver",
     "TW136": "joint without a range",
     "TW137": "battery that does not fit",
+    "TW138": "limit that may not hold",
 }
 
 

@@ -99,6 +99,8 @@ def words(settings: Iterable[tuple[str, Any]], options: Mapping[str, Any]) -> li
         elif isinstance(value, Mapping):
             pairs = [f"{key}={text_of(each)}" for key, each in value.items()]
             arguments += [flag, *pairs] if argument.get("nargs") else [f"{flag}={pair}" for pair in pairs]
+        elif isinstance(value, (list, tuple)) and argument.get("action") == "append":
+            arguments += [f"{flag}={text_of(each)}" for each in value]
         else:
             arguments.append(f"{flag}={text_of(value)}")
     return [*arguments, *(f"--set={name}={text_of(value)}" for name, value in settings)]

@@ -7,8 +7,11 @@ it (runtime.report.preflight), and the operator confirms it before a drive is en
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from graph import Actuator
+from graph.caveats import in_words
 from graph.signal import Signal
 from runtime.report.failure_coverage import coverage
 
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
     from runtime.rig.poses import Poses
 
 OLD_SAMPLE_AGE = 0.5  # share of the device's timeout
+NOT_SET = (None, (), "")  # values of a parameter that a diagram leaves to the rig
 RANGE_END_MARGIN = 1e-3  # share of the position range
 
 
@@ -89,6 +93,10 @@ class Preflight:
         if sample["temperature"] is not None and sample["temperature"] != sample["temperature"]:
             sample["temperature"] = None  # NaN: the replies of this drive carry no temperature
         span = position_range(block)
+        bound = self.schedule.torque_bounds.get(block.path)
+        limit = getattr(block, "torque_limit", None)
+        if bound is not None and (bound.limit is not None or bound.kind == "none"):
+            limit = bound.limit
         row = {
             "device": block.path,
             "bus": block.bus,
@@ -99,11 +107,14 @@ class Preflight:
             "low": span[0],
             "high": span[1],
             "fault_words": None if sample["fault"] is None else block.fault_in_words(int(sample["fault"])),
-            "limit": getattr(block, "torque_limit", None),
+            "limit": limit,
+            "limit_words": bound.limit_in_words() if bound is not None else "",
+            "settings": settings_in_words(block),
             "own_timeout": block.own_timeout,
             "stop": stop_of(block),
         }
-        return row | {"marks": marks(row, block)}
+        caveats = [caveat.words for caveat in self.schedule.caveats if caveat.path == block.path]
+        return row | {"marks": marks(row, block) | ({"limit": "; ".join(caveats)} if caveats else {})}
 
 
 def position_range(block: Device) -> tuple[float | None, float | None]:
@@ -119,6 +130,23 @@ def position_range(block: Device) -> tuple[float | None, float | None]:
     if span is not None and abs(span.low) < 1e300 and abs(span.high) < 1e300:
         return span.low, span.high
     return None, None
+
+
+def settings_in_words(block: Device) -> list[str]:
+    """Return texts on settings without a caveat that differ from the diagram, or from the table of the model."""
+    deviations = block.deviations() if isinstance(block, Actuator) else ()
+    known, changed = [deviation.parameter for deviation in deviations], {}
+    for name, (source, before) in block.set_from.items():
+        value = getattr(block, name)
+        if name in block.hardware and name not in known and value != before and before not in NOT_SET:
+            changed.setdefault(Path(source).name, []).append(f"{name} {plain(value)} (diagram {plain(before)})")
+    found = [f"from {source}: {', '.join(texts)}" for source, texts in changed.items()]
+    return found + [in_words(block, deviation) for deviation in deviations if deviation.safe]
+
+
+def plain(value: Any) -> str:
+    """Return the value of a parameter as text."""
+    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def stop_of(block: Device) -> str:

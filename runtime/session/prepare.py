@@ -15,7 +15,7 @@ from runtime.diagrams.file import compiled, load
 from runtime.diagrams.overrides import set_seeds
 from runtime.diagrams.simulation import Simulation
 from runtime.recorder import can_ask
-from runtime.rig import RigBuses, read, require_ranges, require_supply
+from runtime.rig import RigBuses, read, require_acceptance, require_ranges, require_supply
 from runtime.rig.poses import Poses
 from runtime.session.replay_feed import Feed
 from runtime.session.request import Request
@@ -85,6 +85,7 @@ def prepare(request: Request) -> Prepared:
     schedule = compiled(request.file, diagram)
     check_rearming(diagram, request.rearm, can_ask())
     if rig is not None:
+        require_acceptance(rig.path, schedule.caveats, request.accept)
         if not request.yes and request.arm_on is None and not can_ask():
             raise BadInput(f"{NO_CONFIRMATION}, or --arm-on SIGNAL to arm with a button")
         poses = Poses(diagram, schedule, request.poses)

@@ -6,6 +6,7 @@ import math
 import os
 import re
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,6 +110,8 @@ def plan(prepared: Prepared, realtime: Realtime) -> dict[str, Any]:
             "seed": request.seed,
             "trial": request.trial,
             "realtime": realtime.metadata(),
+            "caveats": [asdict(caveat) for caveat in schedule.caveats],
+            "accepted": list(request.accept),
             "rig": None if rig is None else {"file": str(rig.rig.path), "text": rig.rig.text},
         },
     }

@@ -211,6 +211,16 @@ class Request:
         help="on a rig: observed angle of a joint, to check its drive's reading: left/knee=0 or 'left/knee=30 deg'. "
         "May be repeated",
     )
+    accept: list[str] = option(
+        "--accept",
+        section=HARDWARE,
+        default=list,
+        action="append",
+        collect=list,
+        metavar="NAME",
+        help="on a rig: arm although the torque limit of an actuator may not hold because of this setting, such as "
+        "left/knee.wire_torque; `check` lists them. May be repeated",
+    )
     rearm: bool = option(
         "--rearm",
         default=False,
@@ -266,6 +276,8 @@ class Request:
         """Raise BadInput for options that exclude or need each other."""
         if self.poses and self.rig is None:
             raise BadInput("--pose needs --rig: in simulation every drive reads the true angle of its joint")
+        if self.accept and self.rig is None:
+            raise BadInput("--accept needs --rig: a simulation needs no acceptance")
         if self.arm_on is not None and (self.rig is None or self.yes):
             raise BadInput("--arm-on needs --rig, and excludes --yes, which arms without a confirmation")
         if self.bitrate is not None and self.rig is not None:
