@@ -59,6 +59,7 @@ cdef enum: # return values of a kernel; encode_t returns these negated, or a num
     SCALE_MISMATCH = 21
     IMPLAUSIBLE = 22        # an impossible measurement
     UNCLEAR_POSE = 23       # a joint may be at another position than its drive reports
+    PROGRAM_SILENT = 40     # the loop of a connected program takes too long
     FIRST_OWN_STATUS = 64
 
 cdef enum: # return values of decode_t

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from runtime.analysis.trials import Trials
     from runtime.optimisation.result import OptimisationResult
     from runtime.report.check import Report
+    from runtime.session.connected import ConnectedRobot
     from runtime.session.simulate import SimulatedRun
     from runtime.studies.result import StudyResult
 else:
@@ -144,6 +145,65 @@ def simulate(
     from runtime.session.simulate import SimulatedRun
 
     return SimulatedRun(diagram, settings=settings, plant=plant, seed=seed, rate=rate, plant_signals=plant_signals)
+
+
+def connect(
+    diagram: str | os.PathLike[str],
+    *,
+    rig: str | os.PathLike[str] | None = None,
+    duration: float | None = None,
+    settings: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
+    seed: int | None = None,
+    rate: float | None = None,
+    fast: bool = True,
+    loop_timeout: float = 0.1,
+    **options: Any,
+) -> ConnectedRobot | SimulatedRun:
+    """Arm a robot for a loop of one's own, which runs between its ticks.
+
+        with runtime.connect("robot.py", rig="lab.toml") as robot:
+            for tick in robot:
+                angle = robot["left/knee.position"]                 # rad, of this tick
+                robot.set({"torque.value": -20.0 * angle})          # a live parameter, from the next tick on
+                if angle > 1.2:
+                    break                                           # the safe stop
+        robot.trial["left/knee.position"]                           # as of runtime.run
+
+    On a rig, and with fast=False in a simulation in real time, the robot is the command `python -m runtime FILE` in a
+    process of its own, with guardian, recorder, pre-flight table and safe stop; it is armed when `with` begins. By
+    default the same program runs in virtual time. The robot's process holds the rate. The program reads the newest tick
+    and sets live parameters, whose bounds the proof covers; `left/knee.disabled` takes a drive out and arms it again. A
+    parameter that ramps follows at its slew: declare a torque as `Live(0.0, min=-9.0, max=9.0, slew=math.inf)`.
+
+    The run ends in its safe stop when the loop ends, by `break` or an exception too, with Ctrl-C, and if this process
+    dies. A pass of the loop that takes longer than `loop_timeout` is a fault of the run.
+
+    diagram : path of a diagram file
+    rig : path of a rig file
+    duration : duration in s; None runs until the loop ends
+    settings, seed, rate : as of `run`
+    fast : virtual time; not on a rig
+    loop_timeout : s that one pass of the loop may take in real time
+    options : further options of the command in real time, as of `run`: yes=True, record="trials"
+
+    Returns a runtime.session.connected.ConnectedRobot, or in virtual time a runtime.session.simulate.SimulatedRun with
+    the same methods. Iteration raises runtime.base.errors.RunFault after a fault. Raises BadInput.
+    """
+    if fast and rig is None:
+        if options:
+            from runtime.base.errors import BadInput
+            from runtime.session.own_process import check_names
+
+            check_names(options)
+            raise BadInput(f"{', '.join(options)}: only a run in real time has options, with fast=False or a rig")
+        from runtime.session.simulate import SimulatedRun
+
+        return SimulatedRun(diagram, settings=settings, seed=seed, rate=rate, duration=duration)
+    from runtime.session.connected import ConnectedRobot
+    from runtime.session.own_process import process_of
+
+    given = {"rig": rig, "duration": duration, "seed": seed, "rate": rate, **options}
+    return ConnectedRobot(lambda: process_of(diagram, settings, **given), loop_timeout)
 
 
 def check(

@@ -58,6 +58,8 @@ cdef struct SharedLayout:
     int32_t guard_dead          # 1: the guardian's thread has died
     int64_t control             # ID of the control process
     int64_t beat                # ns of CLOCK_MONOTONIC at which the loop's newest round or tick began
+    int64_t program_limit       # ns for which the loop of a connected program may be silent; 0 without one
+    int64_t program             # ns of CLOCK_MONOTONIC of the newest pass of that loop
     int64_t guard               # ns of CLOCK_MONOTONIC of the guardian's newest check; 0 without one
     int64_t live_count          # live parameters
     int64_t live_bytes          # of the JSON that describes them

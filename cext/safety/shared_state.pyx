@@ -162,6 +162,14 @@ cdef class SharedState:
         """Number of the newest question to the operator: whether to arm a robot that is ready, or again after a fault."""
         return load_u64(&self.layout.operator.question)
 
+    def watch_program(self, int64_t limit, int64_t now) -> None:
+        """Record a pass of a connected program's loop. The run ends if the next one takes longer than `limit`.
+
+        limit : ns; 0 ends the watch; now : ns of CLOCK_MONOTONIC
+        """
+        store_i64(&self.layout.program, now)
+        store_i64(&self.layout.program_limit, limit)
+
     def look_after(self, int64_t now) -> None:
         """Record a check of the guardian. now : ns of CLOCK_MONOTONIC; 0 when it ends"""
         store_i64(&self.layout.guard, now)

@@ -8,7 +8,7 @@ from libc.string cimport memcpy, memset
 
 import numpy as np
 
-from cext.abi cimport FENCED, FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, UNGUARDED, Frame
+from cext.abi cimport FENCED, FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, PROGRAM_SILENT, UNGUARDED, Frame
 from cext.clock.histogram cimport Histogram
 from cext.safety.robust_mutex cimport find_dead
 from cext.ring.mailbox cimport CHANGES, LETTERS, Change
@@ -94,6 +94,7 @@ cdef class Publisher:
         page.ticks = page.missed = page.dropped = page.waited = page.caught_up = 0
         page.gil_taken = page.sleeps = page.spins = 0
         page.frames_received = page.frames_sent = page.frames_foreign = page.frames_malformed = 0
+        page.program_limit = 0
         page.status = page.closed = page.hung = page.crashed = 0
         if page.began != 0:
             # of the previous run; a fence that was raised, or a stop that was requested, before the first run stays
@@ -132,7 +133,8 @@ cdef class Publisher:
         return self.layout != NULL and load_i32(&self.layout.fence) != 0
 
     cdef int attend(self, int64_t now) noexcept nogil:
-        """Record that the loop is alive, and return whether it may continue: OK, FENCED or UNGUARDED.
+        """Record that the loop is alive, and return whether it may continue: OK, FENCED, UNGUARDED or
+        PROGRAM_SILENT.
 
         now : ns of CLOCK_MONOTONIC
         """
@@ -141,7 +143,14 @@ cdef class Publisher:
         store_i64(&self.layout.beat, now)
         if self.fenced():
             return FENCED
-        return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK
+        if self.guard > 0 and self.guardian_is_gone(now):
+            return UNGUARDED
+        return PROGRAM_SILENT if self.program_is_silent(now) else OK
+
+    cdef bint program_is_silent(self, int64_t now) noexcept nogil:
+        """Return whether the loop of a connected program has not passed for too long."""
+        cdef int64_t limit = load_i64(&self.layout.program_limit)
+        return limit > 0 and now - load_i64(&self.layout.program) > limit
 
     cdef bint guardian_is_gone(self, int64_t now) noexcept nogil:
         """Return whether the guardian is silent for too long, or its thread has died, which the kernel marks in its

@@ -13,8 +13,8 @@ class BadInput(Exception):
     diagnostics: tuple = ()
 
 
-class SimulationFault(RuntimeError):
-    """A fault in a run that is advanced step by step.
+class RunFault(RuntimeError):
+    """A fault in a run that a program advances or follows.
 
     fault : dict with `status`, `culprit`, `tick` and `report`, as of Trial.fault
     """

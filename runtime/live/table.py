@@ -82,7 +82,7 @@ def nice(number: float) -> float:
 
 
 def describe(schedule: Schedule) -> tuple[int, bytes]:
-    """Return (number of live parameters, their table as JSON) of a schedule, for SharedState(live=...)."""
+    """Return (number of live parameters, their table with the recorded signals as JSON), for SharedState(live=...)."""
     parameters = [
         {
             "path": live.path,
@@ -96,8 +96,9 @@ def describe(schedule: Schedule) -> tuple[int, bytes]:
         }
         for live in schedule.live
     ]
+    signals = [(column.path, column.dtype, column.unit) for column in schedule.recorded]
     return len(parameters), json.dumps(
-        {"name": schedule.name, "rate": schedule.rate, "parameters": parameters}
+        {"name": schedule.name, "rate": schedule.rate, "parameters": parameters, "signals": signals}
     ).encode()
 
 
@@ -107,11 +108,13 @@ class Table:
 
     name, rate : name and rate in Hz of the diagram
     parameters : in the order of the mailbox
+    signals : (path, dtype, unit) of each recorded signal, in the order of a row
     """
 
     name: str
     rate: float
     parameters: tuple[Parameter, ...]
+    signals: tuple[tuple[str, str, str], ...] = ()
 
 
 def values(page: SharedState, parameters: Sequence[Parameter]) -> list[tuple[float, float]]:
@@ -136,4 +139,5 @@ def parse(text: bytes) -> Table:
             Parameter(index, **{**entry, "slew": math.inf if entry["slew"] is None else entry["slew"]})
             for index, entry in enumerate(table["parameters"])
         ),
+        tuple(tuple(signal) for signal in table.get("signals", ())),
     )

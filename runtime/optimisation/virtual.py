@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from runtime.base.ending import Interrupted
-from runtime.base.errors import BadInput, SimulationFault
+from runtime.base.errors import BadInput, RunFault
 from runtime.console.terminal import print_to_stderr
 from runtime.live.table import describe, parse
 from runtime.optimisation.costs import SignalCost
@@ -97,7 +97,7 @@ def optimise(
                 first = run.tick - ticks
                 for place, values in enumerate(run.newest(columns, ticks).tolist()):
                     cost.add((first + place) / run.rate, *values)
-        except SimulationFault as error:
+        except RunFault as error:
             raise BadInput(f"the simulation ended with a fault: {error}. {path} has the evaluations so far") from None
         except Interrupted:
             print_to_stderr([f"tickwork: the evaluations so far are stored: --resume {path} continues"])

@@ -94,6 +94,8 @@ def what(result: RunResult, block: Block | None, program: Program) -> str:
             "e-stop": "the emergency stop was pressed",
             "hung": hung(outcome),
             "unclear pose": unclear(result),
+            "program silent": "a pass of the connected program's loop took longer than its loop_timeout: raise "
+            "loop_timeout, or move what takes long to another thread",
         }.get(outcome.status)
         or drive_faults.text(outcome.status, block, program)
         or kernel_fault(outcome.status, block)

@@ -19,7 +19,7 @@ import sys
 import termios
 import time
 from codecs import getincrementaldecoder
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
@@ -40,6 +40,7 @@ ROOT = str(Path(__file__).parents[2])
 ROWS, COLUMNS = 24, 120  # of the pseudo terminal
 POLL_PERIOD = 0.05  # s
 PREFLIGHT_DELAY = 0.2  # s, after which the recorder has printed the pre-flight table
+END_TIMEOUT = 2.0  # s for a run to end on request; its stop alone may take as long as its damping
 ANSWER_TIMEOUT = 1.0  # s for the run to take a confirmation
 STATUS_PERIOD = 1.0  # s, of the status line
 SIGNAL_PERIOD = 1.0  # s, after which SIGINT is repeated: while it starts, a process may ignore it
@@ -63,6 +64,11 @@ def run(file: Any, settings: Any, plant: Any = None, **options: Any) -> Trial:
 
     options : {field of Request: value}
     """
+    return process_of(file, settings, plant, **options).wait()
+
+
+def process_of(file: Any, settings: Any, plant: Any = None, **options: Any) -> RunProcess:
+    """Start a run in a process of its own. Arguments and errors: see runtime.run."""
     if plant is not None:
         raise BadInput("plant: a run in real time has the plant of its diagram file: define plant(robot) there")
     if not isinstance(file, (str, os.PathLike)):
@@ -74,7 +80,7 @@ def run(file: Any, settings: Any, plant: Any = None, **options: Any) -> Trial:
         options["record"] = "recordings"
     pairs = settings.items() if hasattr(settings, "items") else settings
     arguments = [os.fspath(file), *words(pairs, options)]
-    return RunProcess(arguments, asks=options.get("rig") is not None and not options.get("yes")).wait()
+    return RunProcess(arguments, asks=options.get("rig") is not None and not options.get("yes"))
 
 
 def check_names(options: Iterable[str]) -> None:
@@ -161,15 +167,34 @@ class RunProcess:
 
     def wait(self) -> Trial:
         """Print what the run prints until it has ended, and return its Trial. Raises as runtime.run does."""
+        self._guarded(lambda over: over)
+        return self.trial()
+
+    def start(self) -> bool:
+        """Wait until the robot is armed. Returns False if the run has ended. Raises as runtime.run does."""
+        self._guarded(lambda over: over or self._state() == "running")
+        return self.child.returncode is None
+
+    def end(self) -> None:
+        """Stop the run, if it still runs, and wait until its recording is complete."""
+        if self.child.returncode is not None:
+            return
         try:
-            self._follow()
-        except BaseException as error:
+            if self.page is not None:
+                Writer(self.page).stop()
+            until = time.monotonic() + END_TIMEOUT
+            while not self.look(POLL_PERIOD):
+                if self.page is None or time.monotonic() > until:
+                    self._stop()
+                    return
+        except BaseException:
             self._stop()
-            if isinstance(error, KeyboardInterrupt) and (recording := self._recording()):
-                raise KeyboardInterrupt(f"the run was stopped; its recording is {recording}") from None
             raise
         finally:
             self._release()
+
+    def trial(self) -> Trial:
+        """Return the Trial of a run that has ended. Raises as runtime.run does."""
         recording = self._recording()
         if self.child.returncode in (BAD_INPUT, CHECK_FAILED):
             text = "\n".join(line.removeprefix("tickwork: ") for line in self.lines or ())
@@ -180,27 +205,38 @@ class RunProcess:
             raise RuntimeError(f"the process of the run ended with {how} and without a report; see its recording")
         return Trial(recording)
 
-    def _follow(self) -> None:
-        """Print lines, and ask for the confirmation, until the process has ended."""
-        while not self._look(POLL_PERIOD):
-            if self.asks and self._state() == "ready":
-                self._look(PREFLIGHT_DELAY)
-                self._show()
-                self._confirm()
+    def _guarded(self, done: Callable[[bool], bool]) -> None:
+        """Follow the run until `done`, a function of whether it has ended. An exception ends the run."""
+        try:
+            while not done(over := self.look(POLL_PERIOD)):
+                if self.asks and self._state() == "ready":
+                    self.look(PREFLIGHT_DELAY)
+                    self._show()
+                    self._confirm()
+        except BaseException as error:
+            self._stop()
+            self._release()
+            if isinstance(error, KeyboardInterrupt) and (recording := self._recording()):
+                raise KeyboardInterrupt(f"the run was stopped; its recording is {recording}") from None
+            raise
+        if over:
+            self._release()
 
-    def _look(self, seconds: float) -> bool:
+    def look(self, seconds: float) -> bool:
         """Take what the process writes within a time in s. Returns whether it has ended."""
         until = time.monotonic() + seconds
-        while (left := until - time.monotonic()) > 0.0:
+        while True:
+            left = max(0.0, until - time.monotonic())
             ready = {descriptor for descriptor, _ in self.poll.poll(left * 1e3)}
             if self.answers in ready:
                 self._take_report()
             if self.terminal in ready and self._take_text():
-                continue
-            if self.ended in ready:
+                pass  # the rest of its text comes before its end
+            elif self.ended in ready:
                 self.child.wait()
                 return True
-        return False
+            if time.monotonic() >= until:
+                return False
 
     def _take_report(self) -> None:
         data = os.read(self.answers, 1 << 16)
@@ -268,7 +304,7 @@ class RunProcess:
         else:
             Writer(self.page).confirm(question)
         until = time.monotonic() + ANSWER_TIMEOUT
-        while self._state() == "ready" and time.monotonic() < until and not self._look(POLL_PERIOD):
+        while self._state() == "ready" and time.monotonic() < until and not self.look(POLL_PERIOD):
             pass
 
     def _stop(self) -> None:
@@ -281,7 +317,7 @@ class RunProcess:
                 while not over:
                     with suppress(ProcessLookupError):
                         signal.pidfd_send_signal(self.ended, number)
-                    over = self._look(SIGNAL_PERIOD)
+                    over = self.look(SIGNAL_PERIOD)
         self._show()
 
     def _recording(self) -> str | None:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from graph import Schedule
 
 # how a run ended whose cause is not in the recording
-EXTERNAL_ENDS = ("bus error", "fenced", "foreign command", "hung", "overrun", "unguarded")
+EXTERNAL_ENDS = ("bus error", "fenced", "foreign command", "hung", "overrun", "program silent", "unguarded")
 
 
 @dataclass

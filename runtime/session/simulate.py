@@ -7,7 +7,7 @@ import numbers
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
@@ -18,7 +18,7 @@ import numpy as np
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from runtime.analysis.trial import Trial
-from runtime.base.errors import BadInput, SimulationFault
+from runtime.base.errors import BadInput, RunFault
 from runtime.base.suggestions import suggestion
 from runtime.diagrams.file import build, compiled, source
 from runtime.diagrams.overrides import restore, set_seeds
@@ -144,7 +144,7 @@ class SimulatedRun:
 
         seconds : whole number of ticks, in s; by default one tick
 
-        Raises SimulationFault at a fault, which ends the run, and BadInput after the end. A signal, such as Ctrl-C, is
+        Raises RunFault at a fault, which ends the run, and BadInput after the end. A signal, such as Ctrl-C, is
         handled between two ticks.
         """
         count = 1.0 if seconds is None else seconds * self.rate
@@ -157,7 +157,7 @@ class SimulatedRun:
         elif self.fault is None:
             raise BadInput(ENDED)
         if self.fault is not None:
-            raise SimulationFault(self.fault)
+            raise RunFault(self.fault)
 
     def advance(self, ticks: int) -> None:
         """Advance the run by a number of ticks. A fault ends it."""
@@ -247,6 +247,27 @@ class SimulatedRun:
             event |= {"from": parameter.plain(before), "tick": self.tick, "by": "step"}
             self._events.append(event | ({"slew": parameter.slew} if math.isfinite(parameter.slew) else {}))
 
+    def set(self, changes: Mapping[str, Any]) -> None:
+        """Change live parameters from the next tick on. changes : {name: value}, as of item assignment"""
+        for name, value in changes.items():
+            self[name] = value
+
+    def mark(self) -> None:
+        """Set a mark in the trial."""
+        if self._trial is not None:
+            raise BadInput(ENDED)
+        number = 1 + sum(event["event"] == "mark" for event in self._events)
+        self._events.append({"event": "mark", "number": number, "tick": self.tick, "by": "step"})
+
+    def __iter__(self) -> Iterator[int]:
+        """Yield each tick after it was done, up to the end of the run, which leaving the loop is. Raises RunFault."""
+        try:
+            while self._trial is None and (self.ticks < 0 or self.tick < self.ticks):
+                self.step()
+                yield self.tick - 1
+        finally:
+            self.close()
+
     @cached_property
     def _live_parameters(self):
         return parse(describe(self._schedule)[1])
@@ -265,6 +286,11 @@ class SimulatedRun:
     def time(self) -> float:
         """Time of the next tick in s."""
         return self.tick / self.rate
+
+    @property
+    def state(self) -> str:
+        """State of the run: "running", or "safe" after its end."""
+        return "running" if self._trial is None else "safe"
 
     @property
     def fault(self) -> dict[str, Any] | None:

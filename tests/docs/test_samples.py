@@ -46,7 +46,13 @@ page = Path("docs/how_to/studies.md").read_text()
 Path("study.toml").write_text(page.split("```toml\\n")[1].split("```")[0].replace("duration = 30 ", "duration = 8 "))
 assert main(["study", "study.toml"]) == 0
 """
+LOOP = """
+from pathlib import Path
+
+Path("knee.py").write_text(Path("docs/how_to/own_loop.md").read_text().split("```python\\n")[1].split("```")[0])
+"""
 SETUP = {
+    "docs/how_to/own_loop.md": LOOP,
     "docs/explanation/wearer.md": DIAGRAM + ROBOT,
     "docs/how_to/studies.md": STUDY,
     "docs/reference/gait.md": DIAGRAM + "left_thigh = right_thigh = Sine(unit='rad')(), Sine(unit='rad/s')()\n",
@@ -75,7 +81,7 @@ def test_samples_run(page, tmp_path, monkeypatch):
             lines = text[: sample.start(2)].count("\n")
             file.write_text("\n" * lines + sample[2])  # a traceback has the lines of the page
             exec(compile(file.read_text(), str(file), "exec"), names)
-    if "robot" in names:
+    if {"robot", "plant"} <= names.keys():
         names["plant"](names["robot"])
 
 

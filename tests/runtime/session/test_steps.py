@@ -13,7 +13,7 @@ from blocks.logic import Compare
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from graph import Block, Diagram, Live, Output, Param
-from runtime.base.errors import BadInput, SimulationFault
+from runtime.base.errors import BadInput, RunFault
 from runtime.session import simulate
 from tests.runtime.runs import KNEE_EXO, knee
 from tests.runtime.session.test_simulate import calling, same, sine
@@ -100,10 +100,10 @@ def test_a_diagram_keeps_its_parameters_after_a_simulation_that_changed_them():
 
 def test_a_fault_ends_the_simulation_and_raises(tmp_path):
     with runtime.simulate(knee(tmp_path, "return 1.0 / (100 - tick)")) as sim:
-        with pytest.raises(SimulationFault, match="FAULT at law, tick 100") as error:
+        with pytest.raises(RunFault, match="FAULT at law, tick 100") as error:
             sim.step(2.0)
         assert sim.fault["status"] == "exception" and error.value.fault == sim.fault and sim.tick == 100
-        with pytest.raises(SimulationFault, match="tick 100"):
+        with pytest.raises(RunFault, match="tick 100"):
             sim.step()
         with pytest.raises(BadInput, match="has ended"):
             sim["law.gain"] = 1.0
@@ -158,7 +158,7 @@ def test_drives_that_do_not_answer_end_a_simulation_before_its_first_tick(tmp_pa
             Sine(name="sine")()
         return plant
 
-    with runtime.simulate(knee(tmp_path), plant=nothing) as sim, pytest.raises(SimulationFault, match="no reply"):
+    with runtime.simulate(knee(tmp_path), plant=nothing) as sim, pytest.raises(RunFault, match="no reply"):
         sim.step()
 
 
@@ -177,5 +177,5 @@ def test_ctrl_c_between_two_ticks_leaves_a_simulation_that_continues():
 
 
 def test_a_block_cannot_advance_its_own_simulation():
-    with runtime.simulate(calling(lambda tick: sim.step())) as sim, pytest.raises(SimulationFault, match="already"):
+    with runtime.simulate(calling(lambda tick: sim.step())) as sim, pytest.raises(RunFault, match="already"):
         sim.step()

@@ -1,0 +1,74 @@
+# cython: freethreading_compatible=True
+"""Newest row of a run, for a program beside it. It takes nothing out of the ring, and the run does not wait for it.
+
+A record may be overwritten once the ring's tail, which the recorder moves, has passed it: what was read before the tail
+is read is valid if the tail has not passed it (a seqlock, with the tail as its number).
+"""
+
+import numpy as np
+
+from libc.stdint cimport int64_t, uint32_t, uint64_t, uintptr_t
+from libc.string cimport memcpy
+
+from cext.atomics cimport fence_acquire, load_u64
+from cext.safety.shared_state cimport ROW, Header, SharedLayout, SharedState, record_at
+
+cdef enum:
+    ATTEMPTS = 8                # a recorder that keeps up frees records twice a second
+
+
+cdef class NewestRow:
+    """Reader of the newest row.
+
+    page : SharedState of the run
+    columns : number of its recorded signals
+
+    values : float64 array (columns,) of the newest row that `look` has found
+    """
+
+    cdef SharedState page
+    cdef uint64_t cursor
+    cdef uint32_t size          # bytes of a row
+    cdef readonly object values
+    cdef double[:] row
+    cdef readonly int64_t tick  # of that row; -1 before the first
+
+    def __init__(self, SharedState page, int columns):
+        self.page, self.size, self.tick = page, 8 * (2 + columns), -1
+        row = np.full(2 + columns, np.nan)
+        self.row, self.values = row, row[2:]
+        self.cursor = load_u64(&page.layout.tail)
+
+    def look(self) -> bool:
+        """Read the newest row. Returns whether it is newer than the one before."""
+        cdef SharedLayout *page = self.page.layout
+        cdef uint64_t head, place, found
+        cdef Header *header
+        cdef uint32_t kind, size
+        cdef bint any
+        cdef int attempt
+        for attempt in range(ATTEMPTS):
+            place = max(self.cursor, load_u64(&page.tail))
+            head = load_u64(&page.head)
+            found, any = 0, False
+            while place < head:
+                header = record_at(page, place)
+                kind, size = header.kind, header.bytes
+                fence_acquire()
+                if load_u64(&page.tail) > place:
+                    break                                          # overwritten, perhaps
+                if kind == ROW and size == self.size:
+                    found, any = place, True
+                place += sizeof(Header) + size
+            if place < head:
+                self.cursor = load_u64(&page.tail)
+                continue
+            self.cursor = place
+            if not any:
+                return False
+            memcpy(&self.row[0], <char *>record_at(page, found) + sizeof(Header), self.size)
+            fence_acquire()
+            if load_u64(&page.tail) <= found:
+                self.tick = <int64_t>self.row[0]
+                return True
+        return False
