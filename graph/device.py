@@ -212,6 +212,7 @@ class Winding:
     rated : rated torque at the joint, N·m; None if not published
     rated_current, peak_current : of the motor, A; None if not published
     supply : (lowest, highest) permitted voltage, V; () if not published
+    supply_note : reason why that range is assumed, "" if it is published
     """
 
     limit: float | None = None
@@ -220,6 +221,7 @@ class Winding:
     rated_current: float | None = None
     peak_current: float | None = None
     supply: tuple[float, ...] = ()
+    supply_note: str = ""
 
 
 class Device(Block):

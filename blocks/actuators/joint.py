@@ -470,7 +470,8 @@ def winding_of(spec: Any, gear_ratio: float, limit: float | None) -> Winding:
     if limit is not None:
         current = max(ratios) * limit / gear_ratio if ratios else None
     rated = None if spec.rated is None else spec.rated * gear_ratio
-    return Winding(limit, current, rated, spec.rated_current, spec.peak_current, getattr(spec, "supply", ()))
+    supply, note = getattr(spec, "supply", ()), getattr(spec, "supply_note", "")
+    return Winding(limit, current, rated, spec.rated_current, spec.peak_current, supply, note)
 
 
 def pose_of(pose: Sequence[float], shift: float) -> tuple[float, ...]:

@@ -13,7 +13,7 @@ from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE
 from cext.kernels.devices.cubemars import v3 as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE
-from graph import Actuator, Interval, Memory, Output, Param
+from graph import Actuator, Deviation, Interval, Memory, Output, Param
 
 if TYPE_CHECKING:
     from graph.device import DampedStop, Motion
@@ -132,6 +132,14 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         super().configure()
         self.check_reports()
         self.scales = frames.scales(self.spec, self.gear_ratio, self.spec.torque_constant)
+
+    def deviations(self) -> list[Deviation]:
+        """Return the Deviations from the table of the model and from the manual, which has no frame FF..FC."""
+        found = super().deviations()
+        if self.enter:
+            effect = "a board that does not support FF..FC executes it as a command with every field at its maximum"
+            found.append(Deviation("enter", "true", "false", "1", "the manual of V3.0 boards", effect))
+        return found
 
     def motion(self) -> Motion:
         """Return the monitored quantities of the motion.

@@ -10,7 +10,7 @@ from graph.device import DampedStop, Motion
 from typing import Any, TYPE_CHECKING as TYPE_CHECKING
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsV3
 from blocks.actuators.joint import Joint
-from graph import Actuator, Interval, Memory, Output, Param
+from graph import Actuator, Deviation, Interval, Memory, Output, Param
 
 NOTHING: bytes
 class Reporting:
@@ -99,6 +99,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         zero: Operand = ...,
         disable: Operand = ...,
     ) -> Outputs: ...
+    def deviations(self) -> list[Deviation]: ...
     def motion(self) -> Motion: ...
     def feedback_ends(self) -> tuple[float, float]: ...
     def traffic(self) -> list[tuple[int, bool]]: ...
