@@ -97,8 +97,8 @@ cdef class Publisher:
         page.program_limit = 0
         page.status = page.closed = page.hung = page.crashed = 0
         if page.began != 0:
-            # of the previous run; a fence that was raised, or a stop that was requested, before the first run stays
-            page.fence = 0
+            # of the previous run; a fence of another process stays, and what came before the first run
+            self.lower_fence()
             page.operator.stop = 0
         memset(&page.lateness, 0, sizeof(Histogram))
         memset(&page.period, 0, sizeof(Histogram))
