@@ -10,7 +10,7 @@
 
 from libc.stdint cimport int32_t, int64_t
 
-from cext.abi cimport HUNG, NO_ANSWER, OK, PYTHON_ERROR, UNCLEAR_POSE
+from cext.abi cimport NO_ANSWER, OK, PYTHON_ERROR, UNCLEAR_POSE
 from cext.schedule.devices cimport Blame
 from cext.clock.histogram cimport add
 from cext.schedule.live cimport apply_changes, record_request
@@ -20,7 +20,6 @@ from cext.clock.deadline_clock cimport clock, monotonic
 from cext.safety.shared_state cimport ARMING, READY, STOPPING, SharedLayout, load_u64, store_i64
 from cext.posix cimport CLOCK_REALTIME
 from cext.safety.thresholds cimport ARM_HOLD, SIGNAL_HANDLER_PERIOD, STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT
-from cext.schedule.watchdog cimport release, acquire
 
 
 cdef class Arming:
@@ -95,10 +94,7 @@ cdef class Arming:
         """Start the blocks; this may hang, as a tick may, and take longer."""
         cdef int status
         self.watchdog.begin_work(monotonic() + self.watchdog.start_allowance)
-        release(self.watchdog.handover)
         status = self.control.start_from_here()
-        if not acquire(self.watchdog.handover):
-            status = HUNG
         self.watchdog.end_work()
         return status
 

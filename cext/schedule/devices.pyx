@@ -14,7 +14,7 @@ from libc.string cimport memset
 
 from cext.abi cimport (
     ANSWERED, AUTHORITY, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES,
-    FRAMES_PER_DEVICE, FRAMES_PER_TICK, MALFORMED, MOVING, OK, PERIOD, PRESSED, SILENT, TAKEN, TICK,
+    FRAMES_PER_DEVICE, FRAMES_PER_TICK, HUNG, MALFORMED, MOVING, OK, PERIOD, PRESSED, SILENT, TAKEN, TICK,
 )
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add
@@ -233,7 +233,7 @@ cdef class Devices:
     cdef int command(self) noexcept nogil:
         """Encode the frames of each device into `outgoing`, bus by bus.
 
-        Returns OK, or the status of a device that cannot encode.
+        Returns OK, the status of a device that cannot encode, or HUNG if the watchdog has taken the devices.
         """
         cdef int number, count
         cdef int total = 0
@@ -241,8 +241,8 @@ cdef class Devices:
         memset(self.outgoing_count, 0, self.buses.count * sizeof(int32_t))
         for number in range(self.table.count):
             device = &self.table.devices[number]
-            if device.drive.disabled >= 0:
-                self.switch.update(number)
+            if device.drive.disabled >= 0 and self.switch.update(number) == HUNG:
+                return HUNG
             count = end_zeroing(self.table, self.drives, self.events, number)
             if count >= 0:
                 count = self.encode(device, &self.outgoing[total])

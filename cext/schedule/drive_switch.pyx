@@ -4,7 +4,7 @@
 from libc.math cimport fabs, isfinite
 from libc.stdint cimport int64_t
 
-from cext.abi cimport OK, PERIOD, POWER_LOSS, TICK
+from cext.abi cimport HUNG, OK, PERIOD, POWER_LOSS, TICK, UNCLEAR_POSE
 from cext.atomics cimport store_i64
 from cext.bus.batch cimport Batch
 from cext.safety.drive_state cimport ACTIVE, DAMPED, OUT, RETURNING, enter
@@ -14,6 +14,7 @@ from cext.safety.thresholds cimport ARMING_LIMIT, STOP_LIMIT, TRAVEL_MARGIN, ZER
 from cext.safety.zeroing cimport begin_rest
 from cext.schedule.device_events cimport NOT_RETURNED, RETURNED, TAKEN_OUT
 from cext.schedule.drive_zeroing cimport zero_while_arming
+from cext.schedule.handover cimport acquire, release
 
 cdef int64_t SILENT_ROUND = 500000000    # ns between frames to a drive that is taken out and does not reply
 cdef int64_t RETURN_DELAY = 20000000     # ns without frames to a drive before it is armed again, for late replies
@@ -26,13 +27,17 @@ cdef class DriveSwitch:
         self.table, self.buses, self.drives, self.events, self.live = table, buses, drives, events, live
         self.may_return = None
 
-    cdef void update(self, int number) noexcept nogil:
-        """Take a drive out, or let it return, as its parameter and its input require."""
+    cdef int update(self, int number) noexcept nogil:
+        """Take a drive out, or let it return, as its parameter and its input require.
+
+        Returns OK, or HUNG if the watchdog has taken the devices while `may_return` was called.
+        """
         cdef Device *device = &self.table.devices[number]
         cdef double *arena = self.table.arena
         cdef int64_t now = self.table.now
         cdef int64_t passed = now - device.drive.since
         cdef bint disabled
+        cdef int permitted = OK
         if not arena[device.drive.disable] <= 0.5 and not arena[device.drive.disabled] > 0.5:
             self.live.assume(device.drive.disabled, 1.0)
             self.live.show(self.events.page)
@@ -56,14 +61,19 @@ cdef class DriveSwitch:
             enter(&device.drive, OUT, now)
         elif device.drive.state == RETURNING and passed < RETURN_DELAY:
             device.replies = 0                                   # to the disable
-        elif device.drive.state == RETURNING and self.table.has_answered(device) and self.is_fit(number):
-            enter(&device.drive, ACTIVE, now)
-            device.fades_from = <int64_t>arena[TICK]
-            device.drive.returned += 1
-            self.events.publish(number, RETURNED, <int64_t>arena[TICK])
-        elif device.drive.state == RETURNING and passed >= ARMING_LIMIT + (
-                ZERO_LIMIT if device.zeroing.due and self.table.has_replied(device) else 0):
-            self.disable_again(number)
+        elif device.drive.state == RETURNING:
+            permitted = self.permission(number)
+            if permitted == HUNG:
+                return HUNG
+            if permitted == OK:
+                enter(&device.drive, ACTIVE, now)
+                device.fades_from = <int64_t>arena[TICK]
+                device.drive.returned += 1
+                self.events.publish(number, RETURNED, <int64_t>arena[TICK])
+            elif passed >= ARMING_LIMIT + (
+                    ZERO_LIMIT if device.zeroing.due and self.table.has_replied(device) else 0):
+                self.disable_again(number)
+        return OK
 
     cdef void take_out(self, int number) noexcept nogil:
         cdef Device *device = &self.table.devices[number]
@@ -90,15 +100,27 @@ cdef class DriveSwitch:
             return False
         if device.fault >= 0 and self.table.arena[device.fault] != 0.0:
             return False
-        if not self.is_within_limits(number):
-            return False
+        return self.is_within_limits(number)
+
+    cdef int permission(self, int number) noexcept nogil:
+        """Return OK if a drive may be commanded again, UNCLEAR_POSE if not yet, or HUNG without the devices.
+
+        `may_return` is Python, and may wait for the GIL: the devices are released meanwhile, as around a step.
+        """
+        cdef Device *device = &self.table.devices[number]
+        cdef int permitted = UNCLEAR_POSE
+        if not self.table.has_answered(device) or not self.is_fit(number):
+            return UNCLEAR_POSE
         if self.may_return is None or not device.drive.silent:
-            return True
+            return OK
+        release(self.handover)
         with gil:
             try:
-                return bool(self.may_return(self.table.schedule.devices[number].name))
+                if self.may_return(self.table.schedule.devices[number].name):
+                    permitted = OK
             except Exception:
-                return False
+                pass
+        return permitted if acquire(self.handover) else HUNG
 
     cdef bint is_within_limits(self, int number) noexcept nogil:
         """Return whether temperature, position and velocity of a drive are within their limits."""

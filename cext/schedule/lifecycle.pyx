@@ -45,6 +45,7 @@ cdef class Waiting(Arming):
         if self.watchdog.has_bitten():
             self.hung = monotonic() - self.watchdog.began + (self.watchdog.start_allowance if self.tick < 0 else 0)
             self.watchdog.dismiss()
+            self.control.publish_held()
             return HUNG
         if status == SILENT and self.carried and self.journal.guardian_is_late():
             self.control.devices.table.failed = -1
@@ -193,6 +194,7 @@ cdef class Waiting(Arming):
             computed = self.control.devices.command()              # encoded, but not sent
         if computed == OK:
             computed = run_phase(self.control, &self.control.update, tick, self.previous)
+        self.control.publish_held()
         standing = self.control.devices.watch(self.now)
         if standing == OK:
             standing = computed if computed != OK or self.control.devices.arming.all_answered() else NO_ANSWER
