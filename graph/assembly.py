@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from graph.schedule import (
     Column,
     DeviceSteps,
     LiveParameter,
+    LiveRule,
     Schedule,
     SignalPlace,
     SinkColumns,
@@ -205,6 +207,7 @@ class Assembly:
         ]
         buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
         columns, recorded, sinks = self.recorded()
+        live = self.live_parameters()
         return Schedule(
             name=compilation.diagram.name,
             rate=compilation.diagram.rate,
@@ -240,7 +243,8 @@ class Assembly:
             },
             parameters=self.parameters,
             items={block.path: items for block, items in self.items.items()},
-            live=self.live_parameters(),
+            live=live,
+            live_rules=self.live_rules(live),
             proofs=compilation.proofs,
             torque_bounds=compilation.torque_bounds,
             caveats=compilation.caveats,
@@ -275,6 +279,18 @@ class Assembly:
                     )
                 )
         return parameters
+
+    def live_rules(self, live: Sequence[LiveParameter]) -> list[LiveRule]:
+        """Return a LiveRule for each rule between live parameters. live : in the order of their indices"""
+        index = {parameter.path: place for place, parameter in enumerate(live)}
+        rules = []
+        for block in self.blocks:
+            own = {name: index[path] for name in block.parameters if (path := f"{block.path}.{name}") in index}
+            for rule in block.applying_rules() if own else ():
+                folded = rule.folded(own, block.__getattribute__)
+                if folded.keys and math.isfinite(folded.left.constant + folded.right.constant):
+                    rules.append(LiveRule(block.path, folded))
+        return rules
 
     def device_steps(self, block: Device, buses: Sequence[str]) -> DeviceSteps:
         """Return the decode and encode steps of a device, and its frames. buses : names in the order of the schedule"""

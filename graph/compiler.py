@@ -9,7 +9,7 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from graph import caveats, device_checks, hints, rate_checks, type_checks, wire_checks
+from graph import caveats, device_checks, hints, live_checks, rate_checks, type_checks, wire_checks
 from graph.arena_layout import size_of
 from graph.assembly import assemble
 from graph.compilation import Compilation
@@ -54,6 +54,7 @@ def examine(diagram: Diagram) -> Compilation:
     for check in (
         wire_checks.check_names,
         wire_checks.check_parameters,
+        live_checks.check_live,
         wire_checks.check_wires,
         wire_checks.compile_marked,
         wire_checks.check_steps,
@@ -152,4 +153,5 @@ def prepare(compilation: Compilation) -> None:
         )
         block.width = size_of(next(filter(None, free), ()))
         block.dt = block.every / compilation.diagram.rate
+        compilation.attempt(block, block.check_rules)
         compilation.attempt(block, block.prepare, block.dt)

@@ -369,7 +369,7 @@ class Actuator(Device):
         """
         super().adopt_assigned()
         derived = copy(self)
-        derived._configure()
+        derived.reconfigure()
         for name, value in plain_attributes(derived).items():
             given = getattr(self, name, value)
             if given != value and name not in self.parameters:

@@ -9,6 +9,7 @@ import numpy as np
 from graph.arena_layout import KernelTable
 from graph.device import DampedStop
 from graph.interval import Interval
+from graph.rules import Rule
 
 if TYPE_CHECKING:
     from graph.block import Sink
@@ -162,6 +163,14 @@ class LiveParameter:
 
 
 @dataclass(frozen=True)
+class LiveRule:
+    """Rule between live parameters of a block. rule : whose keys are their indices in `Schedule.live`"""
+
+    path: str  # of the block
+    rule: Rule
+
+
+@dataclass(frozen=True)
 class Proof:
     """Proved interval of a command of an actuator, and its limit."""
 
@@ -203,6 +212,7 @@ class Schedule:
     parameters: dict  # "left/impedance.stiffness": slot, native blocks only
     items: dict  # path: {name: (slot, length)} of ports, parameters and memory, native blocks only
     live: list = field(default_factory=list)  # LiveParameter, by path
+    live_rules: list = field(default_factory=list)  # LiveRule
     proofs: list = field(default_factory=list)
     torque_bounds: dict = field(default_factory=dict)  # path of an actuator: graph.TorqueBound
     caveats: list = field(default_factory=list)  # graph.caveats.Caveat of each torque limit that may not hold
