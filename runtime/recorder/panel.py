@@ -141,10 +141,11 @@ class Panel:
         if answer is None:
             return
         what = self.waiting.pop(ticket)
+        changes = {index: value for index, (other, value) in self.pending.items() if other == ticket}
         self.pending = {index: entry for index, entry in self.pending.items() if entry[0] != ticket}
         verdict, tick, mark = answer
         if verdict not in ("taken", "over"):
-            self.say(f"rejected: {verdict}", now)
+            self.say(f"rejected: {'; '.join(self.table.broken(self.page, changes)) or verdict}", now)
         elif what == "mark" and verdict == "taken":
             self.say(f"mark {mark} at tick {tick}", now)
 
