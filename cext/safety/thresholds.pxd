@@ -15,6 +15,8 @@ cpdef enum:
 
     # ns: age of a confirmation by the operator, from the key press, above which it has no effect
     CONSENT_LIMIT = 1000000000
+    # ns: time after which the recorder must have taken a key; otherwise the terminal shows that it does not
+    KEYS_UNTAKEN_LIMIT = 1000000000
     # ns: time for which the input of --arm-on must be active, after it was inactive
     ARM_HOLD = 1000000000
 

@@ -17,6 +17,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cext.safety.shared_state import RECORD_EVENT, SharedState
+from cext.safety.terminal_keys import KeyReader
 from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, GUARDIAN_SILENCE
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
@@ -85,7 +86,11 @@ class Session:
             self.realtime.obtain()
             aside = self.keep_others_aside()
             self.say(self.remarks())
-            self.recorder.configure(self.plan())
+            recording = self.plan()
+            self.recorder.configure(recording)
+            self.keys = self.key_reader(aside) if recording["keys"] else None
+            if self.keys is not None:
+                undo.callback(self.keys.stop)
             self.control = Program(self.prepared.schedule, self.prepared.ends())
             self.control.count_from(self.count_from)
             self.executor = self.loop(aside)
@@ -100,6 +105,11 @@ class Session:
         from runtime.recorder.local import LocalRecorder
 
         return LocalRecorder(self.page)
+
+    def key_reader(self, aside: Collection[int]) -> KeyReader | None:
+        """Begin to read the keys of the terminal. aside : numbers of the processors for other threads"""
+        terminal = getattr(self.recorder, "terminal", None)
+        return None if terminal is None else KeyReader(self.page, terminal, aside)
 
     def plan(self) -> dict[str, Any]:
         """Return the plan of the recorder."""
@@ -207,6 +217,8 @@ class Session:
 
         Returns a Result, or None without an outcome.
         """
+        if self.keys is not None:
+            self.keys.stop()
         if self.rig is not None and outcome is not None:
             outcome = stopped_from_here(outcome, self.rig, self.page)
         self.realtime.release()
