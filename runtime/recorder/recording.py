@@ -58,7 +58,7 @@ class Recording:
         self.sidecar = None
         self.files, self.saved, self.folders = {}, {}, []
         self.sinks, self.problems = {}, [*before["problems"]]
-        self.say = lambda line: None
+        self.say: Callable[[str], bool | None] = lambda line: None
         self.console = Console()
         self.question, self.shown_at = 0, 0  # newest question to the operator that was shown; ns of CLOCK_MONOTONIC
         self.unshown = None  # event with a question that the terminal has not taken
