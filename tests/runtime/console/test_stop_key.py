@@ -5,6 +5,7 @@ nothing: real terminals, real processes, real signals.
 import os
 import signal
 import time
+from contextlib import suppress
 
 import psutil
 import pytest
@@ -45,11 +46,28 @@ with Diagram("fragile", rate=200) as diagram:
 @pytest.fixture
 def terminal():
     with Terminal() as found:
+        found.suspended = []
         yield found
+    for pid in found.suspended:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def suspend_recorder(terminal):
+    """Stop the processes of its recorder, the one that starts writers and the writer, without ending them."""
+    pid = terminal.process.pid
+    terminal.suspended = [descendant(pid, "runtime.recorder.process"), writer_of(pid)]
+    for each in terminal.suspended:
+        os.kill(each, signal.SIGSTOP)
+
+
+def resume_recorder(terminal):
+    while terminal.suspended:
+        os.kill(terminal.suspended.pop(), signal.SIGCONT)
 
 
 class Run:
-    """A run in the foreground of a terminal, and the processes of its recorder."""
+    """A run in the foreground of a terminal."""
 
     def __init__(self, terminal, folder, *words):
         live_diagram(folder)
@@ -57,17 +75,6 @@ class Run:
         terminal.wait_for("lists the keys")
         self.terminal, self.pid = terminal, terminal.process.pid
         self.page = page_of(self.pid)
-        self.stopped = []
-
-    @property
-    def recorder(self):
-        """Its processes: the one that starts writers, and the writer."""
-        return [descendant(self.pid, "runtime.recorder.process"), writer_of(self.pid)]
-
-    def stop_recorder(self):
-        self.stopped = self.recorder
-        for pid in self.stopped:
-            os.kill(pid, signal.SIGSTOP)
 
     def assert_stops(self):
         """The loop ends in time, and the process once its recorder goes on."""
@@ -75,15 +82,14 @@ class Run:
         while self.page.state == "running" and time.monotonic() < until:
             time.sleep(0.005)
         assert self.page.state in ("stopping", "safe")
-        for pid in self.stopped:
-            os.kill(pid, signal.SIGCONT)
+        resume_recorder(self.terminal)
         assert self.terminal.end() == 0 and self.terminal.attributes == self.terminal.before
 
 
 @pytest.mark.hazard("H9b")
 def test_the_space_bar_stops_a_run_whose_recorder_is_stopped(tmp_path, terminal):
     run = Run(terminal, tmp_path)
-    run.stop_recorder()
+    suspend_recorder(terminal)
     terminal.press(TAB + 40 * UP)
     terminal.wait_for(NOT_TAKEN)
     terminal.press(b" ")
@@ -138,20 +144,19 @@ def test_the_space_bar_stops_a_run_whose_terminal_takes_no_output(tmp_path, term
 def test_ctrl_c_stops_a_run_whose_keys_no_other_process_takes(tmp_path, terminal):
     """More of them than the queue of a terminal holds, behind which Ctrl-C would not be seen."""
     run = Run(terminal, tmp_path)
-    run.stop_recorder()
+    suspend_recorder(terminal)
     for _ in range(60):
         os.write(terminal.master, 40 * UP)
         time.sleep(0.005)
     os.write(terminal.master, CTRL_C)
     patient(lambda: run.page.state in ("stopping", "safe"), 2.0)
-    for pid in run.stopped:
-        os.kill(pid, signal.SIGCONT)
+    resume_recorder(terminal)
     assert terminal.end() == 130
 
 
 def test_a_space_before_many_other_keys_and_between_them_stops_the_run(tmp_path, terminal):
     run = Run(terminal, tmp_path)
-    run.stop_recorder()
+    suspend_recorder(terminal)
     terminal.press(30 * UP + b" " + 30 * UP)
     run.assert_stops()
 
@@ -191,16 +196,13 @@ def test_a_key_from_before_a_fault_arms_nothing_however_late_it_is_delivered(tmp
     terminal.run("fragile.py", "--rearm", "--no-record", cwd=tmp_path)
     terminal.wait_for("lists the keys")
     page = page_of(terminal.process.pid)
-    recorder = [descendant(terminal.process.pid, "runtime.recorder.process"), writer_of(terminal.process.pid)]
     if late:
-        for pid in recorder:
-            os.kill(pid, signal.SIGSTOP)
+        suspend_recorder(terminal)
     terminal.press(b"r")
     time.sleep(0.3)
     (tmp_path / "break").touch()
     patient(lambda: page.state == "waiting")
-    for pid in recorder if late else ():
-        os.kill(pid, signal.SIGCONT)
+    resume_recorder(terminal)
     terminal.wait_for("press r to arm again")
     if late:
         terminal.wait_for("r was pressed before the question was shown")
@@ -219,15 +221,12 @@ def test_a_key_that_the_recorder_takes_long_after_the_question_arms_nothing(tmp_
     page = page_of(terminal.process.pid)
     (tmp_path / "break").touch()
     terminal.wait_for("press r to arm again")
-    recorder = [descendant(terminal.process.pid, "runtime.recorder.process"), writer_of(terminal.process.pid)]
     time.sleep(0.1)
-    for pid in recorder:
-        os.kill(pid, signal.SIGSTOP)
+    suspend_recorder(terminal)
     terminal.press(b"r")
     terminal.wait_for(NOT_TAKEN)
     time.sleep(0.3)
-    for pid in recorder:
-        os.kill(pid, signal.SIGCONT)
+    resume_recorder(terminal)
     terminal.wait_for(r"r was pressed \d\.\d s ago: press it again")
     assert page.state == "waiting"
     terminal.press(b" ")
