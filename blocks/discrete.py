@@ -95,6 +95,7 @@ class Integrator(Block):
     """
 
     rules = ("lower <= initial <= upper",)
+    held_within = {"y": ("lower", "upper"), "state": ("lower", "upper")}
 
     initial = Param(0.0, "any", "output at the start and after a restart", fixed=True)
     lower = Param(-math.inf, "any", "smallest output")

@@ -17,6 +17,7 @@ class Saturation(Block):
     """
 
     rules = ("lower <= upper",)
+    held_within = {"y": ("lower", "upper")}
 
     lower = Param(-1.0, "any", "smallest output")
     upper = Param(1.0, "any", "largest output")
@@ -62,6 +63,8 @@ class TorqueLimiter(Block):
     a live limit; `slew=math.inf` disables it. A limit that is lowered during the run applies at once. Starts at zero.
     NaN passes, infinity becomes NaN, neither is held, and both are a fault at the actuator.
     """
+
+    held_within = {"limited": ("-limit", "limit"), "previous": ("-limit", "limit")}
 
     limit = Param(1.0, "N·m", "largest magnitude of the torque", min=0.0, required=True)
     slew = Param(None, "N·m/s", "largest rate of change; the whole range in 0.1 s by default", min=0.0, dtype=float)
@@ -174,6 +177,7 @@ class RMSTorqueLimiter(Block):
     """
 
     rules = ("fade <= window",)
+    held_within = {"limited": ("-limit", "limit")}  # the RMS of a constant torque is its magnitude
 
     limit = Param(1.0, "N·m", "largest RMS torque, usually the rated torque", min=0.0, max=1e6, required=True)
     window = Param(20.0, "s", "length of the window", above=0.0, fixed=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,9 +17,11 @@ from graph.device import Actuator, Device
 from graph.interval import EVERYTHING
 from graph.kernel_items import CHECKED, check_kernels
 from graph.order import computes, upstream
+from graph.rules import held_bounds_of
 from graph.schedule import (
     Column,
     DeviceSteps,
+    HeldBound,
     LiveParameter,
     LiveRule,
     Schedule,
@@ -245,6 +247,7 @@ class Assembly:
             items={block.path: items for block, items in self.items.items()},
             live=live,
             live_rules=self.live_rules(live),
+            held_bounds=self.held_bounds(live),
             proofs=compilation.proofs,
             torque_bounds=compilation.torque_bounds,
             caveats=compilation.caveats,
@@ -282,15 +285,39 @@ class Assembly:
 
     def live_rules(self, live: Sequence[LiveParameter]) -> list[LiveRule]:
         """Return a LiveRule for each rule between live parameters. live : in the order of their indices"""
-        index = {parameter.path: place for place, parameter in enumerate(live)}
         rules = []
-        for block in self.blocks:
-            own = {name: index[path] for name in block.parameters if (path := f"{block.path}.{name}") in index}
-            for rule in block.applying_rules() if own else ():
+        for block, own in self.live_indices(live):
+            for rule in block.applying_rules():
                 folded = rule.folded(own, block.__getattribute__)
                 if folded.keys and math.isfinite(folded.left.constant + folded.right.constant):
                     rules.append(LiveRule(block.path, folded))
         return rules
+
+    def held_bounds(self, live: Sequence[LiveParameter]) -> list[HeldBound]:
+        """Return a HeldBound for each output and memory that live parameters bound while its block does not run."""
+        bounds = []
+        for block, own in self.live_indices(live):
+            if not (block.conditions or block.every != 1 or block.hold_exceptions):
+                continue
+            for name, sides in held_bounds_of(block, block.held_within).items():
+                low, high = (side.folded(own, block.__getattribute__) for side in sides)
+                if not low.terms and not high.terms or name in block.memory and block not in self.memory:
+                    continue
+                slot, size = (
+                    self.memory[block][name]
+                    if name in block.memory
+                    else (self.places[Signal(block, name)].slot, self.size(block, name))
+                )
+                bounds.append(HeldBound(slot, size, low, high))
+        return bounds
+
+    def live_indices(self, live: Sequence[LiveParameter]) -> Iterator[tuple[Block, dict[str, int]]]:
+        """Yield each block with live parameters, and their indices by name. live : in the order of their indices"""
+        index = {parameter.path: place for place, parameter in enumerate(live)}
+        for block in self.blocks:
+            own = {name: index[path] for name in block.parameters if (path := f"{block.path}.{name}") in index}
+            if own:
+                yield block, own
 
     def device_steps(self, block: Device, buses: Sequence[str]) -> DeviceSteps:
         """Return the decode and encode steps of a device, and its frames. buses : names in the order of the schedule"""

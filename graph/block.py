@@ -14,7 +14,7 @@ from graph.diagram import current_scope, is_count
 from graph.interval import EVERYTHING, Interval
 from graph.kernel_items import check_kernels, replace_kernels
 from graph.names import count, snake_case, suggestion
-from graph.rules import DT, Rule, rules_of
+from graph.rules import DT, Rule, held_bounds_of, rules_of
 from graph.scratch import Scratch
 from graph.signal import Outputs, Signal
 
@@ -49,6 +49,9 @@ class Block:
     settle_kernel: Any = None
     feedthrough: Iterable[str] | None = None
     rules: tuple[str, ...] = ()  # comparisons between parameters; those of base classes hold, too
+    # {output or memory: (low, high)}, expressions as those of a rule, as in {"limited": ("-limit", "limit")}: bounds of
+    # what the block keeps while it does not run. A live change moves it towards 0, never away from it
+    held_within: dict[str, tuple[str, str]] = {}
     inputs: dict[str, Input] = {}
     outputs: dict[str, Output] = {}
     parameters: dict[str, Param[Any]] = {}
@@ -93,6 +96,7 @@ class Block:
             setattr(cls, field, {n: d for n, d in declared.items() if isinstance(d, kind)})
         check_class(cls, declared, _WORDS)
         cls._rules = rules_of(cls)
+        held_bounds_of(cls, cls.held_within)
         if cls.step is not Block.step:
             replace_kernels(cls)
         check_kernels(cls)

@@ -34,6 +34,16 @@ class Side:
             total += factor * of(key)
         return total
 
+    def folded(self, live: Mapping[Any, int], of: Callable[[Any], float]) -> Side:
+        """Return the side of live parameters only: the values of the others become part of the constant.
+
+        live : {name: index} of the live parameters, in the new terms
+        of : function that returns the value of a parameter
+        """
+        fixed = tuple(term for term in self.terms if term[0] not in live)
+        terms = tuple((live[key], factor) for key, factor in self.terms if key in live)
+        return Side(self.text, terms, Side("", fixed, self.constant).value(of))
+
     @property
     def alone(self) -> Any:
         """The parameter that is the whole side, or None."""
@@ -87,12 +97,7 @@ class Rule:
         of : function that returns the value of a parameter
         """
 
-        def fold(side: Side) -> Side:
-            fixed = tuple(term for term in side.terms if term[0] not in live)
-            terms = tuple((live[key], factor) for key, factor in side.terms if key in live)
-            return Side(side.text, terms, Side("", fixed, side.constant).value(of))
-
-        return replace(self, left=fold(self.left), right=fold(self.right))
+        return replace(self, left=self.left.folded(live, of), right=self.right.folded(live, of))
 
     def bound(self, name: str, span: Callable[[str], Interval]) -> Interval:
         """Return an Interval that contains a parameter, from the spans of the others; only of plain comparisons.
@@ -141,6 +146,17 @@ def parsed(kind: Any, text: str) -> list[Rule]:
     return rules
 
 
+def held_bounds_of(kind: Any, held_within: Mapping[str, tuple[str, str]]) -> dict[str, tuple[Side, Side]]:
+    """Return {output or memory: (low, high)} of `held_within` of a block or its class. Raises TypeError."""
+    bounds = {}
+    for name, texts in held_within.items():
+        if name not in kind.outputs and name not in kind.memory:
+            raise TypeError(f"held_within: {name!r} is neither an output nor memory of the class")
+        low, high = (side_of(kind, text, ast.parse(text, mode="eval").body) for text in texts)
+        bounds[name] = low, high
+    return bounds
+
+
 def side_of(kind: Any, text: str, node: ast.expr) -> Side:
     """Return a side of a rule. text : of the rule, for messages. Raises TypeError."""
     factors: dict[str, float] = {}
@@ -158,7 +174,7 @@ def side_of(kind: Any, text: str, node: ast.expr) -> Side:
             return factor * value
         if isinstance(node, ast.Name):
             if node.id != DT and (node.id not in kind.parameters or not kind.parameters[node.id].numeric):
-                raise TypeError(f"{kind.__name__}.rules: {text!r}: {node.id!r} is not a numeric parameter of the class")
+                raise TypeError(f"{name_of(kind)}: {text!r}: {node.id!r} is not a numeric parameter of the class")
             factors[node.id] = factors.get(node.id, 0.0) + factor
             return 0.0
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
@@ -172,12 +188,17 @@ def side_of(kind: Any, text: str, node: ast.expr) -> Side:
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div) and (value := number(node.right)):
             return add(node.left, factor / value)
         raise TypeError(
-            f"{kind.__name__}.rules: {text!r}: {ast.unparse(node)!r} is not linear in the parameters: use sums and "
+            f"{name_of(kind)}: {text!r}: {ast.unparse(node)!r} is not linear in the parameters: use sums and "
             "products with numbers, as in 2 * a + b"
         )
 
     constant = add(node, 1.0)
     return Side(ast.unparse(node), tuple(factors.items()), constant)
+
+
+def name_of(kind: Any) -> str:
+    """Return the name of a class, or of that of a block."""
+    return (kind if isinstance(kind, type) else type(kind)).__name__
 
 
 def unit_of(kind: Any, sides: Iterable[Side]) -> str:

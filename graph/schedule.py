@@ -9,7 +9,7 @@ import numpy as np
 from graph.arena_layout import KernelTable
 from graph.device import DampedStop
 from graph.interval import Interval
-from graph.rules import Rule
+from graph.rules import Rule, Side
 
 if TYPE_CHECKING:
     from graph.block import Sink
@@ -171,6 +171,16 @@ class LiveRule:
 
 
 @dataclass(frozen=True)
+class HeldBound:
+    """Numbers in the arena that a block keeps while it does not run. low, high : bounds, as the sides of a LiveRule"""
+
+    slot: int
+    size: int
+    low: Side
+    high: Side
+
+
+@dataclass(frozen=True)
 class Proof:
     """Proved interval of a command of an actuator, and its limit."""
 
@@ -213,6 +223,7 @@ class Schedule:
     items: dict  # path: {name: (slot, length)} of ports, parameters and memory, native blocks only
     live: list = field(default_factory=list)  # LiveParameter, by path
     live_rules: list = field(default_factory=list)  # LiveRule
+    held_bounds: list = field(default_factory=list)  # HeldBound
     proofs: list = field(default_factory=list)
     torque_bounds: dict = field(default_factory=dict)  # path of an actuator: graph.TorqueBound
     caveats: list = field(default_factory=list)  # graph.caveats.Caveat of each torque limit that may not hold

@@ -95,6 +95,7 @@ class PID(_Controller):
     """
 
     rules = ("lower <= upper",)
+    held_within = {"command": ("lower", "upper")}
 
     ki = Param(0.0, "any", "integral gain: kp / Ti")
     kd = Param(0.0, "any", "derivative gain: kp Td")

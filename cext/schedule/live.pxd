@@ -4,6 +4,7 @@ from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.ring.mailbox cimport Letter
 from cext.safety.shared_state cimport SharedLayout, load_u64
+from cext.schedule.held_outputs cimport HeldOutputs
 from cext.schedule.live_rules cimport LiveParameter, LiveRules
 from cext.clock.stopwatch cimport Laps
 
@@ -19,6 +20,7 @@ cdef struct Scripted:           # a change of a recording
 cdef class LiveTable:
     cdef LiveParameter *parameters
     cdef LiveRules rules
+    cdef HeldOutputs held
     cdef int count
     cdef int moving             # number that have not reached their target
     cdef uint64_t seen          # of the mailbox's `posted`

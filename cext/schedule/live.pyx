@@ -21,6 +21,7 @@ from cext.ring.operator cimport origin_of_stop, process_of_stop
 from cext.clock.histogram cimport add
 from cext.safety.shared_state cimport CHANGE, commit, reserve, shown
 from cext.clock.stopwatch cimport GIL_WAIT, lap
+from cext.schedule.held_outputs cimport HeldOutputs
 from cext.schedule.live_rules cimport LiveParameter, LiveRules, approach
 
 cdef int64_t NEVER = 0x7FFFFFFFFFFFFFFF
@@ -33,14 +34,16 @@ cdef class LiveTable:
 
     entries : graph.schedule.LiveParameter of each, in the order of their indices in letters
     rules : graph.schedule.LiveRule of each rule between them
+    held_bounds : graph.schedule.HeldBound of what blocks keep while they do not run
     arena : the float64 array of the program
     """
 
-    def __init__(self, entries, rules, arena):
+    def __init__(self, entries, rules, held_bounds, arena):
         cdef LiveParameter *parameter
         self.entries = list(entries)
         self.count = len(self.entries)
         self.rules = LiveRules(rules, self.count)
+        self.held = HeldOutputs(held_bounds)
         groups = self.rules.groups()
         self.arena = <double *><uintptr_t>arena.ctypes.data
         self.parameters = <LiveParameter *>calloc(max(1, self.count), sizeof(LiveParameter))
@@ -279,6 +282,7 @@ cdef class LiveTable:
                 self.arena[parameter.slot] = parameter.value
             if parameter.block != NULL:
                 parameter.changed = python = True
+        self.held.clip(self.arena, self.parameters)
         if not python:
             return OK
         self.gil_taken += 1

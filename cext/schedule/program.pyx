@@ -56,7 +56,7 @@ cdef class Program:
         self.at = &self.own_at
         self.blocks = list(schedule.python_blocks)
         self.holding = []
-        self.live = LiveTable(schedule.live, schedule.live_rules, self.memory)
+        self.live = LiveTable(schedule.live, schedule.live_rules, schedule.held_bounds, self.memory)
         self.held_start, self.memory_start = schedule.held_start, schedule.memory_start
         self.load_phase(&self.look, schedule.look, False)
         self.load_phase(&self.settle, schedule.settle, False)

@@ -72,7 +72,7 @@ def test_the_rules_of_a_base_class_hold_in_its_subclasses():
         (("low",), "Bad.rules: 'low' is no comparison with <, <=, > or >=, as in \"lower <= upper\""),
         (("low == high",), "Bad.rules: 'low == high' is no comparison"),
         (("low <",), "Bad.rules: 'low <' is no comparison"),
-        (("low < middle",), "Bad.rules: 'low < middle': 'middle' is not a numeric parameter of the class"),
+        (("low < middle",), "Bad: 'low < middle': 'middle' is not a numeric parameter of the class"),
         (("low < word",), "'word' is not a numeric parameter"),
         (("low * high < 1",), r"'low \* high' is not linear in the parameters"),
         (("abs(low) < high",), r"'abs\(low\)' is not linear"),
