@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from graph import DiagramError, units
@@ -122,7 +123,7 @@ def set_block_parameters(diagram: Diagram, settings: Settings, before: list[Repl
         try:
             block.reconfigure()
         except DiagramError as error:
-            raise refused(", ".join(texts), error.diagnostics[0]) from None
+            raise refused(", ".join(texts), error.diagnostics[0], other_family(texts)) from None
 
 
 def paths_of(diagram: Diagram, name: str, value: Any) -> list[str]:
@@ -151,15 +152,15 @@ def put(diagram: Diagram, name: str, value: Any) -> Replaced:
     block = diagram[path]
     before = getattr(block, parameter, None)
     try:
-        block.put(parameter, value, "--set")
+        put_value(block, parameter, value, "--set")
     except DiagramError as error:
         raise refused(f"{name}={value}", error.diagnostics[0]) from None
     return block, parameter, before
 
 
-def refused(setting: str, problem: Diagnostic) -> BadInput:
-    """Return the error of a setting that a block does not accept."""
-    hint = f"; {problem.hint}" if problem.hint else ""
+def refused(setting: str, problem: Diagnostic, remedy: str = "") -> BadInput:
+    """Return the error of a setting that a block does not accept. remedy : if the problem has no hint"""
+    hint = f"; {problem.hint or remedy}" if problem.hint or remedy else ""
     path = f"{problem.path} " if problem.message.startswith("has no") else ""
     return BadInput(f"setting {setting}: {path}{problem.message}{hint}")
 
@@ -194,6 +195,30 @@ def _seed_of(block: Block, seed: int) -> int:
 def restore(replaced: Sequence[Replaced]) -> None:
     """Restore parameters to their previous values. replaced : as returned by the functions above"""
     for block, parameter, before in reversed(replaced):
-        block.put(parameter, before)
+        put_value(block, parameter, before)
     for block in dict.fromkeys(block for block, *_ in replaced):
         block.reconfigure()
+
+
+def put_value(block: Block, parameter: str, value: Any, source: str = "") -> None:
+    """Set a parameter as Block.put does; the model of an actuator that was made by name may be of another family."""
+    if parameter == "model":
+        from blocks.actuators.by_name import change_model  # imports every family
+
+        if change_model(block, value):
+            return
+    block.put(parameter, value, source)
+
+
+def other_family(settings: Sequence[str]) -> str:
+    """Return the remedy for a model of another family than that of its block, "" without one.
+
+    settings : of the block, as NAME=VALUE
+    """
+    from blocks.families import find_model
+
+    for name, _, model in (setting.partition("=") for setting in settings):
+        with suppress(ValueError):
+            if name.endswith(".model") and find_model(model):
+                return f"in the diagram, Actuator({model!r}) makes the block of any family"
+    return ""

@@ -126,11 +126,16 @@ def find(name: str) -> Model:
 
     Raises ValueError with a suggestion if there is none.
     """
-    wanted = plain(name)
+    wanted = plain(without_vendor(name))
     names = {plain(each): each for each in MODELS} | {plain(each): full for each, full in SYNONYMS.items()}
     if wanted in names:
         return MODELS[names[wanted]]
     motor, generation = split(name)
+    same = [
+        full for each, full in names.items() if generation in ("1", "2") and each.startswith(f"{motor}V{generation}")
+    ]
+    if len(same) == 1:  # the only board of that generation: V2 is V2.0
+        return MODELS[same[0]]
     if generation.startswith("3") or any(plain(only) == motor for only in ONLY_V3):
         raise ValueError(
             f"{name} has a V3.0 board, whose protocol differs from V1 and V2: use CubeMarsV3, or "
@@ -168,8 +173,14 @@ def _same_motor(motor):
 
 def split(name: str) -> tuple[str, str]:
     """'AK80-9 V3.0' gives ('AK809', '3.0'): the motor, and the generation of its board, '' where the name has none."""
-    match = re.match(r"(.*?)[\s_-]*V[\s_.-]*([\d.]+)$", str(name).strip().upper())
+    name = without_vendor(name)
+    match = re.match(r"(.*?)[\s_-]*V[\s_.-]*([\d.]+)$", name.strip().upper())
     return (plain(match[1]), match[2]) if match else (plain(name), "")
+
+
+def without_vendor(name: str) -> str:
+    """Return a name without the vendor's: 'CubeMars AK80-9' and 'T-Motor AK80-9' give 'AK80-9'."""
+    return re.sub(r"^\s*(cube\s*mars|t[\s_-]?motor)[\s_-]*(?=\w)", "", str(name), flags=re.IGNORECASE)
 
 
 def spelt(name: str) -> str:

@@ -20,6 +20,8 @@ from tests.blocks.actuators import robstride_reference as reference
         *ALSO.items(),
         ("RobStride EL05", "EL05"),
         ("Xiaomi CyberGear", "CyberGear"),
+        ("CyberGear Micromotor", "CyberGear"),
+        ("Xiaomi CyberGear Micro Motor", "CyberGear"),
         ("RobStride RS04", "RS04"),
         ("RobStride EduLite 05", "EL05"),
     ],

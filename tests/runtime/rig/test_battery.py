@@ -194,7 +194,7 @@ def test_an_assumed_supply_range_is_reported():
     assert problem.message.startswith("the supply range of knee, 18 to 28 V, is assumed: no source states")
 
 
-def test_what_no_source_states_never_counts_as_fitting():
+def test_unpublished_properties_never_count_as_fitting():
     drives = windings(robot(Winch))
     [supply] = overloads(Battery(24.0, 4.0, 25.2), drives)
     assert supply.message == "the supply range of knee is not published: [battery] of up to 25.2 V is not compared"
