@@ -249,7 +249,7 @@ cdef class Arming:
         cdef int64_t now = self.now + self.pace.period if self.virtual else monotonic() - self.began
         cdef int64_t damping = self.control.devices.stop.longest_damping
         cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the begin of the stop
-        cdef int64_t limit = damping + <int64_t>(timeout * 1e9) if timeout >= 0.0 else 0
+        cdef int64_t limit = damping + <int64_t>(min(timeout, 1e9) * 1e9) if timeout >= 0.0 else 0
         cdef int64_t began = now - since                           # ns from the begin of the run
         cdef int64_t due
         self.control.keep_values()                                 # later replies are not a cause of the fault

@@ -24,6 +24,7 @@ from cext.abi cimport (
     ANSWERED, AUTHORITY, COMMANDED, FOREIGN, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, PERIOD, POWER_LOSS, TAKEN, TIME,
     Frame, decode_t, encode_t, export, export_decode, export_encode, items, kernel_t,
 )
+from cext.conversion cimport to_u32
 cimport cext.kernels.devices.drives as drives
 from cext.kernels.devices.mit cimport Mit, all_ones, decode_motion, encode_command, mit_sizes, pack_motion, unpack
 
@@ -262,7 +263,7 @@ cdef void parameter(double *arena, const Emulated *at, uint32_t kind, const uint
     memcpy(out, data, 8)
     if kind == WRITE:
         registers[index & 63] = little_endian(data + 4)
-    put_little(out + 4, <uint32_t>registers[index & 63])
+    put_little(out + 4, to_u32(registers[index & 63]))
     drives.owe(arena, &at.drive, kind | drives.own_id(arena, &at.drive), 8, out)
 
 
@@ -299,7 +300,7 @@ cdef int drive_kernel(double *arena, const Emulated *at, const Emulated *sizes) 
         drives.forget(arena, &at.drive)
         memset(registers, 0, 64 * sizeof(double))
         latched[0] = 0.0
-    latched[0] = <double>(<uint32_t>latched[0] | (<uint32_t>fault if fault > 0.0 else 0) | (
+    latched[0] = <double>(<uint32_t>latched[0] | to_u32(fault) | (
         1 if arena[at.drive.temperature] >= arena[at.drive.trip_temperature] else 0))
     if latched[0] != 0.0 or (timeout > 0.0 and state[drives.RUNNING] != 0.0 and arena[TIME]
             - state[drives.LAST_COMMAND] > timeout):
