@@ -37,7 +37,6 @@ class ConnectedRobot:
     begin : function that starts and returns its RunProcess
     loop_timeout : s that one pass of the loop may take
 
-    tick : newest tick, -1 before the first; time : of that tick, in s
     missed : number of ticks that the loop did not see, since one of its passes took longer than a period
     """
 
@@ -161,6 +160,7 @@ class ConnectedRobot:
 
     @property
     def tick(self) -> int:
+        """Newest tick, -1 before the first."""
         return self._row.tick
 
     @property
@@ -170,6 +170,7 @@ class ConnectedRobot:
 
     @property
     def time(self) -> float:
+        """Time of the newest tick in s."""
         return self.tick / self.rate
 
     @property
