@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cext.rules import LiveRule
 from graph.arena_layout import Layout, kernel_table, place_memory, place_parameters, size_of
 from graph.block import Sink
 from graph.budget import damping_round
@@ -23,7 +24,6 @@ from graph.schedule import (
     DeviceSteps,
     HeldBound,
     LiveParameter,
-    LiveRule,
     Schedule,
     SignalPlace,
     SinkColumns,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, TypedDict
 
+from cext.rules import Rule
 from cext.user_text import repr_of, text_of
 from graph import hints
 from graph.class_checks import arguments_of, check_class
@@ -14,7 +15,7 @@ from graph.diagram import current_scope, is_count
 from graph.interval import EVERYTHING, Interval
 from graph.kernel_items import check_kernels, replace_kernels
 from graph.names import count, snake_case, suggestion
-from graph.rules import DT, Rule, held_bounds_of, rules_of
+from graph.rules import DT, bound, held_bounds_of, rules_of
 from graph.scratch import Scratch
 from graph.signal import Outputs, Signal
 
@@ -415,7 +416,7 @@ class Block:
         span = self._live_span(name)
         if self._rules and self.live(name):
             for rule in self.applying_rules():
-                span &= rule.bound(name, self._live_span)
+                span &= bound(rule, name, self._live_span)
         return span
 
     def _live_span(self, name: str) -> Interval:

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cext.rules import Side
 from graph.arena_layout import KernelTable
 from graph.device import DampedStop
 from graph.interval import Interval
-from graph.rules import Rule, Side
 
 if TYPE_CHECKING:
     from graph.block import Sink
@@ -163,14 +163,6 @@ class LiveParameter:
 
 
 @dataclass(frozen=True)
-class LiveRule:
-    """Rule between live parameters of a block. rule : whose keys are their indices in `Schedule.live`"""
-
-    path: str  # of the block
-    rule: Rule
-
-
-@dataclass(frozen=True)
 class HeldBound:
     """Numbers in the arena that a block keeps while it does not run. low, high : bounds, as the sides of a LiveRule"""
 
@@ -222,7 +214,7 @@ class Schedule:
     parameters: dict  # "left/impedance.stiffness": slot, native blocks only
     items: dict  # path: {name: (slot, length)} of ports, parameters and memory, native blocks only
     live: list = field(default_factory=list)  # LiveParameter, by path
-    live_rules: list = field(default_factory=list)  # LiveRule
+    live_rules: list = field(default_factory=list)  # cext.rules.LiveRule
     held_bounds: list = field(default_factory=list)  # HeldBound
     proofs: list = field(default_factory=list)
     torque_bounds: dict = field(default_factory=dict)  # path of an actuator: graph.TorqueBound

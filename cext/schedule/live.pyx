@@ -33,7 +33,7 @@ cdef class LiveTable:
     """Live parameters of a schedule.
 
     entries : graph.schedule.LiveParameter of each, in the order of their indices in letters
-    rules : graph.schedule.LiveRule of each rule between them
+    rules : cext.rules.LiveRule of each rule between them
     held_bounds : graph.schedule.HeldBound of what blocks keep while they do not run
     arena : the float64 array of the program
     """

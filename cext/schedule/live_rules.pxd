@@ -30,7 +30,7 @@ cdef struct LiveRule:           # Σ first to middle + small <= Σ middle to las
     int group
 
 cdef class LiveRules:
-    cdef readonly list entries  # graph.schedule.LiveRule of each
+    cdef readonly list entries  # cext.rules.LiveRule of each
     cdef LiveRule *rules
     cdef Term *terms
     cdef double *values         # one for each parameter

@@ -18,7 +18,7 @@ cdef double ROUNDING = 1e-9     # of the sum of magnitudes
 cdef class LiveRules:
     """Rules of a schedule.
 
-    entries : graph.schedule.LiveRule of each
+    entries : cext.rules.LiveRule of each
     count : number of live parameters
     """
 
@@ -172,7 +172,7 @@ cdef class LiveRules:
         return True
 
     cdef bint holds(self, const LiveRule *rule) noexcept nogil:
-        """Return whether `values` obey a rule. As graph.rules.Rule.holds, to the last bit."""
+        """Return whether `values` obey a rule. As cext.rules.Rule.holds, to the last bit."""
         cdef double small = self.sum(rule.first, rule.middle, rule.small)
         cdef double large = self.sum(rule.middle, rule.last, rule.large)
         return small < large if rule.strict else small <= large

@@ -7,8 +7,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from graph.rules import Rule, Side
-from graph.schedule import LiveRule
+from cext.rules import LiveRule, Rule, Side
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
