@@ -60,6 +60,7 @@ cdef enum: # return values of a kernel; encode_t returns these negated, or a num
     IMPLAUSIBLE = 22        # an impossible measurement
     UNCLEAR_POSE = 23       # a joint may be at another position than its drive reports
     PROGRAM_SILENT = 40     # the loop of a connected program takes too long
+    SUSPENDED = 24          # the computer was suspended in the middle of the run
     FIRST_OWN_STATUS = 64
 
 cdef enum: # return values of decode_t

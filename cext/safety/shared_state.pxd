@@ -53,6 +53,7 @@ cdef struct SharedLayout:
     int32_t crashed             # number of a fatal signal of the control process; `hung` is then the item at that time
     int32_t at                  # stopwatch item that the loop executes, below 0: none
     int64_t out                 # drives that are taken out and not damped any more: bit k for device k of the schedule
+    int64_t asleep              # ns for which the computer had been suspended before the run began
     pthread_mutex_t hold        # held by the loop's thread from before the guardian starts until after it has ended
     pthread_mutex_t guard_hold  # held by the guardian's thread
     int32_t guard_dead          # 1: the guardian's thread has died

@@ -17,6 +17,13 @@ cpdef enum:
     CONSENT_LIMIT = 1000000000
     # ns: time after which the recorder must have taken a key; otherwise the terminal shows that it does not
     KEYS_UNTAKEN_LIMIT = 1000000000
+    # ns: time for which the computer was suspended above which a run ends
+    SUSPEND_LIMIT = 1000000
+    # ns: shortest period of the frames of an emergency-stop button, by which the lost ones of a gap are limited
+    HEARTBEAT_PERIOD_MINIMUM = 1000000
+    # frames: disorder of the frames of an emergency-stop button, above which a frame in order ends the run; a repeated
+    #     frame adds 2, one out of order 3, and a frame in order takes 0.5 away
+    HEARTBEAT_DISORDER = 24
     # ns: time for which the input of --arm-on must be active, after it was inactive
     ARM_HOLD = 1000000000
 
@@ -43,6 +50,8 @@ cpdef enum:
     GUARDIAN_LOOK_PERIOD = 5000000
     # ns: time without a check by the guardian after which the loop ends the run
     GUARDIAN_SILENCE = 100000000
+    # ns: the same for a guardian with SCHED_FIFO and locked memory, on interfaces that never wait
+    GUARDIAN_SILENCE_REALTIME = 15000000
     # ns: time within which a running guardian has checked at least once more
     GUARDIAN_LOOK_LIMIT = 50000000
     # ns: time without a check by the guardian after which the recorder reports its death

@@ -16,7 +16,7 @@ from cext.clock.histogram cimport add
 from cext.schedule.live cimport apply_changes, record_request
 from cext.ring.mailbox cimport CONFIRM
 from cext.ring.operator cimport NO_CONSENT
-from cext.clock.deadline_clock cimport clock, monotonic
+from cext.clock.deadline_clock cimport clock, monotonic, suspended_time
 from cext.safety.shared_state cimport ARMING, READY, STOPPING, SharedLayout, load_u64, store_i64
 from cext.posix cimport CLOCK_REALTIME
 from cext.safety.thresholds cimport ARM_HOLD, SIGNAL_HANDLER_PERIOD, STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT
@@ -34,6 +34,7 @@ cdef class Arming:
             return
         self.layout.wall = clock(CLOCK_REALTIME) + self.pace.period
         self.layout.began = self.began
+        self.layout.asleep = suspended_time()
         self.layout.first_tick = 0
 
     cdef int arm(self, double timeout) noexcept nogil:

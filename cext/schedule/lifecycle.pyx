@@ -11,8 +11,8 @@ from libc.stdint cimport int32_t, int64_t
 from cext.abi cimport (
     AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, IMPLAUSIBLE,
     NO_ANSWER, NOT_FINITE,
-    NOT_FOLLOWING, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PYTHON_ERROR, RMS_TORQUE, SILENT, TOO_HOT,
-    UNGUARDED,
+    NOT_FOLLOWING, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PYTHON_ERROR, RMS_TORQUE, SILENT, SUSPENDED,
+    TOO_HOT, UNGUARDED,
 )
 from cext.schedule.live cimport STOP_WANTED, apply_changes, record_request
 from cext.schedule.program cimport run_phase
@@ -50,7 +50,8 @@ cdef class Waiting(Arming):
         if status == SILENT and self.carried and self.journal.guardian_is_late():
             self.control.devices.table.failed = -1
             return UNGUARDED
-        return status
+        # whatever it was noticed by: devices without power, late ticks, another process's fence
+        return SUSPENDED if status > OK and self.journal.was_suspended() else status
 
     cdef bint is_survived(self, int status):
         """Return whether a run with this fault may be armed again.

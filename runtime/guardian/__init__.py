@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 READY_TIMEOUT = 30.0  # s
 LEAVE_TIMEOUT = 5.0  # s
-SPARE_PER_BUS, SPARE = 8, 4  # descriptors for `take_over`: pyserial opens five for a port
+MEMORY_LOCKED, REALTIME = "memory locked", "SCHED_FIFO"  # privileges, as text; the second is followed by the priority
 FLAGS = 0xE0000000  # of struct can_frame: extended, remote, error
 
 
@@ -127,7 +127,7 @@ class GuardianProcess(ChildProcess):
             if bus["interface"] in SHARED:
                 with suppress(CannotOpen):
                     self._wires[index] = open_wire(bus)
-        self._spare = SpareDescriptors(SPARE + SPARE_PER_BUS * len(plan["buses"]))
+        self._spare = SpareDescriptors(len(plan["buses"]))
 
     def keep_descriptors(self, descriptors: Descriptors) -> None:
         """Add the pipes to the descriptors of the run."""
@@ -137,8 +137,9 @@ class GuardianProcess(ChildProcess):
     def finish(self) -> dict[str, Any]:
         """End the guardian after the run. Returns its report.
 
-        stop : the safe stop that it performed, or None: `because` is "died", "stalled", "hung" or "cut off";
-            `silent`, `took` in s; `last_tick`; `block` that hung; `confirmed`, `unconfirmed` are names of devices
+        stop : the safe stop that it performed, or None: `because` is "died", "stalled", "hung", "suspended" or
+            "cut off"; `silent`, `took` in s; `last_tick`; `block` that hung; `confirmed`, `unconfirmed` are names of
+            devices
         troubles : {bus: reason it failed}
         died : how the process ended, if it ended early
 

@@ -1,6 +1,7 @@
 """The guardian process: it carries frames, watches the loop, and stops the actuators if the loop cannot.
 
-    watch       the control process, by its mutex in the shared state and by its pidfd (death), and by the pipe for
+    watch       the computer, by its clocks, one of which stands still while it is suspended
+                the control process, by its mutex in the shared state and by its pidfd (death), and by the pipe for
                 orders, which other code of that process may close; the loop, by the time of its newest tick (stall),
                 and by the block that hangs or crashes in the shared state
     stop        raise the fence; then send zero torque and disable to every actuator, until each has confirmed or
@@ -32,7 +33,7 @@ from runtime.base.ending import ignore_signals
 from runtime.base.run_mark import remove_mark
 from runtime.base.system import CAP_IPC_LOCK, capable, maps
 from runtime.console.terminal import one_line
-from runtime.guardian import control_group
+from runtime.guardian import MEMORY_LOCKED, REALTIME, control_group
 from runtime.guardian.relay import Relay
 from runtime.guardian.stop import SafeStop, decoded, frames_of_stop
 from runtime.guardian.wires import FRAMES_AT_ONCE, CannotOpen, open_wire
@@ -133,7 +134,8 @@ class Guardian:
                 grace = now + GUARDIAN_LOOK_PERIOD  # this process was delayed, perhaps with the whole machine
             checked = now
             # reported in the shared state: no grace
-            if self.stop is None and (self.dead or now >= grace or self.page.hung is not None):
+            reported = self.page.hung is not None or self.page.suspended > 0
+            if self.stop is None and (self.dead or now >= grace or reported):
                 self.check_loop(now)
             self.carry()
             if self.stop is not None and self.verdict is not None and not self.reported:
@@ -184,7 +186,7 @@ class Guardian:
                         self.dead = self.gone = True
 
     def check_loop(self, now: int) -> None:
-        """Check the loop, and begin the safe stop if it has died, hangs, has stalled or is cut off.
+        """Check the loop, and begin the safe stop if it has died, hangs, has stalled, is cut off or was suspended.
 
         now : ns of CLOCK_MONOTONIC
         """
@@ -196,6 +198,8 @@ class Guardian:
         elif self.page.hung is not None:
             self.begin_stop("hung", silent, now)
             self.stuck_at = now + HANG_REPORT_DELAY
+        elif self.page.suspended:
+            self.begin_stop("suspended", self.page.suspended, now)
         elif self.cut_off:
             self.begin_stop("cut off", silent, now)
         elif silent > self.limit:
@@ -204,8 +208,8 @@ class Guardian:
     def begin_stop(self, because: str, silent: int, now: int) -> None:
         """Raise the fence and begin the safe stop.
 
-        because : "died", "hung", "cut off" or "stalled"
-        silent : ns since the newest tick
+        because : "died", "hung", "suspended", "cut off" or "stalled"
+        silent : ns since the newest tick, or for which the computer was suspended
         now : ns of CLOCK_MONOTONIC
         """
         self.page.raise_fence()
@@ -343,6 +347,7 @@ def _in_words(verdict):
     why = {
         "died": f"the control process died{_cause(verdict)} after {tick}",
         "hung": f"{verdict.get('block')} hangs: no return {verdict['silent'] * 1e3:.0f} ms after {tick}",
+        "suspended": f"the computer was suspended for {verdict['silent']:.1f} s after {tick}",
         "cut off": f"the control process has closed its connection to the guardian after {tick}",
         "stalled": f"the loop has stalled for {verdict['silent'] * 1e3:.0f} ms after {tick}",
     }[verdict["because"]]
@@ -374,12 +379,12 @@ def _obtain_privileges(priority):
     if capable(CAP_IPC_LOCK) or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         with suppress(OSError):
             realtime.lock_memory()
-            granted.append("memory locked")
+            granted.append(MEMORY_LOCKED)
     if priority is not None:
         with suppress(OSError):
             for thread in threading.enumerate():  # including those that receive from an interface
                 if thread.native_id is not None:
                     policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
                     os.sched_setscheduler(thread.native_id, policy, os.sched_param(priority))
-            granted.append(f"SCHED_FIFO {priority}")
+            granted.append(f"{REALTIME} {priority}")
     return granted

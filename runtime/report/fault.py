@@ -96,6 +96,7 @@ def what(result: RunResult, block: Block | None, program: Program) -> str:
             "unclear pose": unclear(result),
             "program silent": "a pass of the connected program's loop took longer than its loop_timeout: raise "
             "loop_timeout, or move what takes long to another thread",
+            "suspended": suspended(result),
         }.get(outcome.status)
         or drive_faults.text(outcome.status, block, program)
         or kernel_fault(outcome.status, block)
@@ -239,6 +240,15 @@ def unguarded(result: RunResult) -> str:
         return how
     unopened = "".join(f"; {bus} could not be opened: {why}" for bus, why in report["troubles"].items())
     return f"{how}; the control process stopped the motors{unopened}"
+
+
+def suspended(result: RunResult) -> str:
+    """Return how long the computer was suspended, and the commands of the drives meanwhile."""
+    seconds = 0.0 if result.page is None else result.page.suspended * 1e-9
+    return (
+        f"the computer was suspended for {seconds:.1f} s. The drives kept their last command "
+        "meanwhile, unless they have a time-out, and were stopped when it resumed"
+    )
 
 
 def foreign_command(block: Block | None) -> str:

@@ -18,13 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 from cext.safety.shared_state import RECORD_EVENT, SharedState
 from cext.safety.terminal_keys import KeyReader
-from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, GUARDIAN_SILENCE
+from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from runtime.base.ending import ENDING_SIGNALS, raise_if_interrupted
 from runtime.base.system import processor_wait
 from runtime.live.table import describe
 from runtime.machine.realtime import PRIORITY, Realtime
+from runtime.machine.sleep import SleepInhibitor
 from runtime.recorder import RecorderProcess, can_ask
 from runtime.report.fault import explain
 from runtime.session.preflight import Preflight
@@ -76,6 +77,8 @@ class Session:
             self.page = SharedState(ring_bytes(self.prepared.schedule), live=describe(self.prepared.schedule))
             if rig is not None:  # the guardian comes first: without it nothing is armed
                 undo.callback(rig.close)
+                self.inhibitor = SleepInhibitor(f"{self.prepared.diagram.name} drives motors")
+                undo.callback(self.inhibitor.release)
                 priority = None if request.realtime == "off" else request.priority or PRIORITY
                 rig.watch(self.page, self.prepared.schedule, self.prepared.diagram, priority)
             # before the priority, memory lock and processor of the loop
@@ -131,7 +134,7 @@ class Session:
         """Return lines for the operator before the run."""
         if self.rig is None:
             return self.realtime.lines()
-        return [*self.rig.remarks(), *self.realtime.lines(), *self.realtime.risk()]
+        return [*self.rig.remarks(), *self.realtime.lines(), *self.realtime.risk(), *self.inhibitor.remarks()]
 
     def loop(self, aside: Collection[int]) -> Executor:
         """Return the Executor. aside : numbers of the processors for other threads"""
@@ -149,7 +152,7 @@ class Session:
             overrun=request.overrun,
             spin=request.spin,
             profile=request.profile,
-            guard=GUARDIAN_SILENCE * 1e-9 if rig is not None else 0.0,
+            guard=rig.guardian_silence if rig is not None else 0.0,
             carried=rig is not None and rig.carries,
             others=aside,
         )
@@ -231,6 +234,7 @@ class Session:
             if self.rig.report["stop"] is not None:
                 self.record(self.rig.report["stop"])
             statistics["frames"] = self.rig.correct(statistics["frames"])
+            self.inhibitor.release()
         result = None if outcome is None else self.result(outcome, statistics, seconds)
         if result is not None:
             self.record(result.end_event())

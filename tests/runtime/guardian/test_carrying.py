@@ -261,7 +261,7 @@ def test_drives_are_stopped_at_once_when_process_exits():
     assert judged(look).verdict["because"] == "died"
 
 
-HUNG, CRASHED = 32, 36  # bytes, of cext.safety.shared_state.SharedLayout
+HUNG, CRASHED, ASLEEP = 72, 76, 96  # bytes, of cext.safety.shared_state.SharedLayout
 
 
 def write(page, offset, number):
@@ -300,6 +300,24 @@ def test_crash_is_reported_with_signal_and_block():
         "SIGSEGV",
     )
     assert guardian.stuck_at is None
+
+
+def suspend(shared, seconds):
+    """Let the shared state show that the computer was suspended since the run began. shared : its file descriptor"""
+    with mmap.mmap(shared, 0) as memory:
+        [before] = struct.unpack_from("=q", memory, ASLEEP)
+        struct.pack_into("=q", memory, ASLEEP, before - round(seconds * 1e9))
+
+
+def test_after_a_suspend_of_the_computer_the_guardian_stops_the_drives():
+    def look(guardian, page):
+        suspend(page.fd, 3600.0)
+        guardian.check_loop(page.beat)
+
+    guardian = judged(look)
+    assert guardian.verdict["because"] == "suspended" and guardian.page.fenced
+    assert guardian.verdict["silent"] == pytest.approx(3600.0, abs=1.0)
+    assert [wire.sent for wire in guardian.wires.values()] == [STOP] * 2
 
 
 def test_finished_loop_is_not_stopped():
