@@ -16,10 +16,12 @@ from cext.abi cimport (
     export_decode, export_encode, items, kernel_t,
 )
 
-from cext.safety.thresholds cimport HEARTBEAT_DISORDER, HEARTBEAT_PERIOD_MINIMUM
-
 cdef enum:
     RELEASED_BYTE = 0x5A
+    PERIOD_MINIMUM = 1000000            # ns between two heartbeats: limits the number of lost ones in a gap
+    # frames: disorder above which a heartbeat ends the run. A repeated number adds 2, one out of order 3; a heartbeat
+    # takes half a frame away
+    DISORDER_LIMIT = 24
     DISORDERED = FIRST_OWN_STATUS       # status: the numbers of the frames are not one rising sequence
 
 cdef enum:                              # state of a heartbeat
@@ -77,13 +79,13 @@ cdef int heartbeat_decode(double *arena, const Heartbeat *at, const Heartbeat *s
 cdef bint follows(double *state, const Frame *frame) noexcept nogil:
     """Return whether a frame continues the rising sequence of numbers, and count the others."""
     cdef int step = (frame.data[0] - <int>state[NEWEST] + 1) & 0xFF
-    cdef double lost = (frame.time - state[TIME_OF_NEWEST]) / HEARTBEAT_PERIOD_MINIMUM      # at most
+    cdef double lost = (frame.time - state[TIME_OF_NEWEST]) / PERIOD_MINIMUM      # at most
     cdef bint counts = 0 < step < 128 and step - 1 <= lost
     if state[DISORDER] < 0.0:
         return counts
     if not counts:
         state[DISORDER] += 2.0 if step == 0 else 3.0
-    elif state[DISORDER] > HEARTBEAT_DISORDER:
+    elif state[DISORDER] > DISORDER_LIMIT:
         state[DISORDER] = -1.0
     else:
         state[DISORDER] = max(state[DISORDER] - 0.5, 0.0)

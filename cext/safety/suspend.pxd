@@ -12,7 +12,7 @@ cdef inline int64_t suspended_since(SharedLayout *page) noexcept nogil:
     return since if since > SUSPEND_LIMIT else 0
 
 cdef inline bint fence_after_suspend(SharedLayout *page) noexcept nogil:
-    """Raise the fence for good if the computer was suspended since the run began. Returns whether it was.
+    """Raise the fence permanently if the computer was suspended since the run began. Returns whether it was.
 
     Only a run with a guardian is concerned.
     """

@@ -19,11 +19,6 @@ cpdef enum:
     KEYS_UNTAKEN_LIMIT = 1000000000
     # ns: time for which the computer was suspended above which a run ends
     SUSPEND_LIMIT = 1000000
-    # ns: shortest period of the frames of an emergency-stop button, by which the lost ones of a gap are limited
-    HEARTBEAT_PERIOD_MINIMUM = 1000000
-    # frames: disorder of the frames of an emergency-stop button, above which a frame in order ends the run; a repeated
-    #     frame adds 2, one out of order 3, and a frame in order takes 0.5 away
-    HEARTBEAT_DISORDER = 24
     # ns: time for which the input of --arm-on must be active, after it was inactive
     ARM_HOLD = 1000000000
 
