@@ -339,6 +339,7 @@ class Assembly:
             zero=tuple(block.zero_frames()),
             disable=tuple(block.disable_frames()),
             damp=self.damped_stop(block),
+            stop_reply=block.stop_reply(),
             unanswered=block.unanswered_frames,
             relay_time=block.relay_time,
             start_time=block.start_time,

@@ -101,6 +101,7 @@ class ReplyField:
 
     frames : frames with this field, as (arbitration id, mask, is extended, first bytes), like `Device.replies`
     first : index of the first bit in the data; bits : number of bits
+    little_endian : whether the field, of whole bytes, has its least significant byte first
     """
 
     frames: tuple
@@ -109,6 +110,33 @@ class ReplyField:
     low: float
     high: float
     signed: bool = False
+    little_endian: bool = False
+
+
+@dataclass(frozen=True)
+class StopReply:
+    """Replies of a device in a safe stop, and what they report at rest (cext/safety/stop_confirmation.pyx).
+
+    frames : its replies, as (arbitration id, mask, is extended, first bytes)
+    unasked : frames that it also sends by itself, which differ from replies in their id; same form
+    length : number of data bytes of both; 0 for any
+    torque : ReplyField of its torque or current; None for a device that makes no torque
+    rest : largest torque or current at rest, in the unit of `torque`
+    disabled : (mask, value) of the bits of the arbitration id by which a reply reports that the device is disabled
+    enabled : ReplyField whose value is 0 while the device is disabled; None without one
+    echo : (index of a byte, value) in the reply to a disable; an error code may take its place. () without one
+    reports : whether it may send `frames` by itself, so that their number says nothing
+    """
+
+    frames: tuple
+    unasked: tuple = ()
+    length: int = 0
+    torque: ReplyField | None = None
+    rest: float = 0.0
+    disabled: tuple[int, int] = (0, 0)
+    enabled: ReplyField | None = None
+    echo: tuple = ()
+    reports: bool = False
 
 
 @dataclass(frozen=True)
@@ -299,14 +327,14 @@ class Device(Block):
         """Return why a device that responds is not `ready`, and the remedy."""
         return "the device responds, but does not confirm the settings written during arming"
 
-    def replies(self) -> Sequence[tuple[int, int, bool, Any]]:
-        """Return the replies of this device to a safe stop, as (arbitration id, mask, is extended, first bytes).
+    def stop_reply(self) -> StopReply | None:
+        """Return the StopReply by which it confirms a safe stop; None if it cannot, and is reported as unconfirmed.
 
-        The first bytes distinguish replies from commands with the same id. A string in their place is a regular
-        expression that the hex digits of the data match from the start.
+        By default a device that makes no torque confirms with any frame that `decode` accepts; an actuator cannot.
         """
         filters = self.acceptance_filters()
-        return [(*pattern, b"") for pattern in ([(0, 0, False), (0, 0, True)] if filters is None else filters)]
+        patterns = [(0, 0, False), (0, 0, True)] if filters is None else filters
+        return StopReply(tuple((*pattern, b"") for pattern in patterns))
 
     def traffic(self) -> Sequence[tuple[int, bool]]:
         """Return the frames of one tick, commands and replies, as (data bytes, is extended) pairs."""
@@ -382,6 +410,9 @@ class Actuator(Device):
                         hint="set a parameter instead, such as limit",
                     )
                 )
+
+    def stop_reply(self) -> StopReply | None:
+        return None
 
     def command_limits(self) -> dict[str, Interval]:
         """Return {input: Interval} that the command at each input must not leave."""

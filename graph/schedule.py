@@ -8,7 +8,7 @@ import numpy as np
 
 from cext.rules import Side
 from graph.arena_layout import KernelTable
-from graph.device import DampedStop
+from graph.device import DampedStop, StopReply
 from graph.interval import Interval
 
 if TYPE_CHECKING:
@@ -90,6 +90,7 @@ class DeviceSteps:
     zero: tuple
     disable: tuple
     damp: DampedStop | None = None  # first part of a safe stop, instead of zero and disable
+    stop_reply: StopReply | None = None  # by which it confirms a safe stop
     unanswered: int = 0  # number of disable frames without a reply
     relay_time: float = 0.0  # s without a frame after which its relay opens; 0: it has no relay
     start_time: float = 0.0  # s at the beginning of arming during which no other device receives a frame

@@ -9,7 +9,7 @@ from numbers import Real
 from typing import Any
 
 from blocks.actuators import deviations, law_figures
-from cext.safety.thresholds import SCALE_TOLERANCE, SCALE_TOLERANCE_WIRE_TORQUE, TORQUE_ACCURACY
+from cext.safety.thresholds import SCALE_TOLERANCE, SCALE_TOLERANCE_WIRE_TORQUE, STOP_REST_TORQUE, TORQUE_ACCURACY
 from graph import Deviation, Input, Interval, Memory, Motion, Output, Param, TorqueBound, Watch, Winding, Zeroing
 from graph.reach import Reach
 
@@ -342,6 +342,10 @@ class Joint:
     def rated_torque(self) -> float:
         """Return the rated torque at the joint, N·m; the given limit where no rating is published."""
         return self.torque_limit if self.spec.rated is None else self.spec.rated * self.gear_ratio
+
+    def rest_torque(self, code: float) -> float:
+        """Return the largest measured torque of the drive at rest, N·m. code : resolution of the measurement, N·m"""
+        return 1e-3 * STOP_REST_TORQUE * self.rated_torque() + code
 
     def winding(self) -> Winding:
         """Return the currents of the motor at the torque limit."""

@@ -177,6 +177,10 @@ cdef class SharedState:
         """Record a check of the guardian. now : ns of CLOCK_MONOTONIC; 0 when it ends"""
         store_i64(&self.layout.guard, now)
 
+    def show_stop(self, bint stops) -> None:
+        """Show whether the guardian, which calls it, stops the actuators and judges their replies."""
+        store_i32(&self.layout.guard_stops, stops)
+
     @property
     def guarded(self) -> int:
         """ns of CLOCK_MONOTONIC of the guardian's newest check; 0 without one."""
@@ -224,8 +228,8 @@ cdef class SharedState:
 
     @property
     def out(self) -> int:
-        """Drives that are taken out and not damped any more: bit k for device k of the schedule, below 64."""
-        return load_i64(&self.layout.out)
+        """Drives that are taken out and not damped any more: bit k for device k of the schedule."""
+        return sum(<object>load_u64(&self.layout.out[word]) << 64 * word for word in range(OUT_WORDS))
 
     @property
     def crashed(self) -> int:

@@ -12,6 +12,21 @@ cpdef enum:
     STOP_DAMP_ROUND = 2000000
     # ns: duration of a safe stop, after the damping; then drives that have not confirmed are reported
     STOP_LIMIT = 200000000
+    # ns: longest period of the rounds that go on after it for drives that have not confirmed; it doubles to this value
+    STOP_ROUND_MAXIMUM = 200000000
+    # s: time for which these rounds go on without an operator who can end them
+    STOP_UNATTENDED = 10
+    # s: time for which they go on after the control process has died, unless another run takes the bus
+    STOP_ORPHANED = 60
+    # ‰: largest torque of a drive at rest, of its rated torque, in addition to one code; measured currents of a
+    #     disabled drive are not exactly zero
+    STOP_REST_TORQUE = 25
+    # replies: consecutive reports at rest that confirm the stop of a drive that reports by itself
+    STOP_REPORTS = 2
+    # ns: duration of the rest of such a drive, if its protocol has no answer to a disable
+    STOP_REST = 20000000
+    # ns: longest time for which a safe stop waits for the replies of one drive before it sends the next frames to it
+    STOP_LISTEN_LIMIT = 50000000
 
     # ns: age of a confirmation by the operator, from the key press, above which it has no effect
     CONSENT_LIMIT = 1000000000

@@ -30,6 +30,7 @@ cdef struct Device:
     int64_t damping              # ns of damping
     int64_t damp_due             # ns since the begin of the stop, of the next damping frame
     bint damped                  # whether it is damped, and not disabled yet
+    void *confirmation           # StopConfirmation, borrowed; NULL for a device without frames of a safe stop
     int unanswered               # of the frames of disable
     int64_t relay                # ns without a frame after which its relay drops; 0: it holds none
     int64_t pumped               # ns of the last frame to it

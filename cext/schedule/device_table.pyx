@@ -7,7 +7,9 @@ from libc.string cimport memset
 
 from cext.bus.batch cimport load_batch
 from cext.safety.drive_state cimport OUT, forget_state
+from cext.safety.shared_state cimport DEVICE_LIMIT
 from cext.safety.speed_bands cimport SpeedBands
+from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.zeroing cimport forget_zero
 
 from cext.schedule.kernel_table import address, words
@@ -37,6 +39,8 @@ cdef class DeviceTable:
         devices = self.schedule.devices
         self.devices = <Device *>calloc(max(1, len(devices)), sizeof(Device))
         self.count = len(devices)
+        if self.count > DEVICE_LIMIT:
+            raise ValueError(f"at most {DEVICE_LIMIT} devices in a diagram, not {self.count}")
         for index, entry in enumerate(devices):              # the schedule lists them bus by bus
             self.load_device(&self.devices[index], entry)
         return 0
@@ -63,6 +67,10 @@ cdef class DeviceTable:
         load_batch(&device.zero, entry.zero)
         load_batch(&device.disable, entry.disable)
         device.unanswered = entry.unanswered
+        if entry.zero or entry.disable:
+            confirmation = StopConfirmation(entry.stop_reply)
+            self.keep.append(confirmation)
+            device.confirmation = <void *>confirmation
         device.relay = round(entry.relay_time * 1e9)
         device.drive.disabled, device.drive.disable = entry.disabled_slot, entry.disable_slot
         device.drive.active = entry.active_slot
@@ -117,11 +125,10 @@ cdef class DeviceTable:
 
     cdef bint has_replied(self, const Device *device) noexcept nogil:
         """Return whether a device has replied, and returned what arming writes to it."""
-        return device.replies >= device.replies_wanted and (self.stopping or device.ready < 0
-            or self.arena[device.ready] != 0.0)
+        return device.replies >= device.replies_wanted and (device.ready < 0 or self.arena[device.ready] != 0.0)
 
     cdef bint has_answered(self, const Device *device) noexcept nogil:
         """Return whether arming or the safe stop need not wait for a device any longer."""
-        if device.drive.state == OUT and not self.stopping:
-            return True
-        return self.has_replied(device) and (self.stopping or not device.zeroing.due)
+        if self.stopping:
+            return device.confirmation == NULL or (<StopConfirmation>device.confirmation).confirmed
+        return device.drive.state == OUT or self.has_replied(device) and not device.zeroing.due

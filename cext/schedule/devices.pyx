@@ -14,15 +14,16 @@ from libc.string cimport memset
 
 from cext.abi cimport (
     ANSWERED, AUTHORITY, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES,
-    FRAMES_PER_DEVICE, FRAMES_PER_TICK, HUNG, MALFORMED, MOVING, OK, PERIOD, PRESSED, SILENT, TAKEN, TICK,
+    FRAMES_PER_DEVICE, FRAMES_PER_TICK, HUNG, MALFORMED, OK, PERIOD, PRESSED, SILENT, TAKEN, TICK,
 )
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add
 from cext.clock.stopwatch cimport COMMAND, lap
-from cext.safety.drive_state cimport ACTIVE
+from cext.safety.drive_state cimport ACTIVE, OUT
 from cext.safety.drive_watch cimport Watched
 from cext.safety.shared_state cimport FENCED_FOR_GOOD, load_i32
 from cext.safety.speed_bands cimport SpeedBands
+from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport FADE_IN
 from cext.safety.zeroing cimport note_command, note_position
 from cext.schedule.drive_zeroing cimport add_zero, end_zeroing
@@ -165,16 +166,18 @@ cdef class Devices:
                 answer = TAKEN
             if answer == ANSWERED:
                 device.owed, device.asked = False, -1
-            elif answer == TAKEN or answer == MOVING:
+            elif answer == TAKEN:
                 if device.doubtful and self.table.alone:     # a reply under its own id: the other frame was a command
                     self.table.failed = number
                     status[0] = FOREIGN_COMMAND
-                note_reply(device, frame, answer == TAKEN or not self.table.stopping, <int64_t>arena[TICK])
+                note_reply(device, frame, <int64_t>arena[TICK])
             elif answer == MALFORMED:
                 device.malformed[frame.length if frame.length < FRAME_BYTES else FRAME_BYTES] += 1
                 device.rejected_id = frame.data[0] if frame.length > 0 else -1
             if device.bands != NULL and answer != MALFORMED:
                 (<SpeedBands>device.bands).note(frame)
+            if device.confirmation != NULL and (self.table.stopping or device.drive.state >= OUT):
+                (<StopConfirmation>device.confirmation).note(frame)
             break
         if self.table.alone and (answer == FOREIGN or answer == COMMANDED or answer == MALFORMED):
             if answer != COMMANDED:                          # otherwise the device has detected the command itself
@@ -319,12 +322,12 @@ cdef class Devices:
                 device.asked = sent
 
 
-cdef inline void note_reply(Device *device, const Frame *frame, bint counts, int64_t tick) noexcept nogil:
-    """Note a reply or sample. counts : whether it is one that arming or the safe stop expects"""
+cdef inline void note_reply(Device *device, const Frame *frame, int64_t tick) noexcept nogil:
+    """Note a reply or sample."""
     device.owed = device.doubtful = False
     device.answered = True
     device.reply_time = frame.time
-    device.replies += counts
+    device.replies += 1
     if device.asked >= 0:
         add(device.latency, frame.time - device.asked, tick)
         device.asked = -1

@@ -116,7 +116,7 @@ cdef class Waiting(Arming):
         cdef bint before
         # from when a missing reply prevents arming
         cdef int64_t judged = self.first_tick + self.pace.grid(tick) + DISABLE_CONFIRM_LIMIT
-        self.control.devices.arming.expect_replies(False, True)
+        self.control.devices.stop.begin(self.now)
         self.previous = tick - 1
         while ticks < 0 or tick < ticks:
             if not self.virtual:
@@ -196,10 +196,11 @@ cdef class Waiting(Arming):
         if computed == OK:
             computed = run_phase(self.control, &self.control.update, tick, self.previous)
         self.control.publish_held()
+        self.control.devices.stop.judge(self.now, self.pace.period)
         standing = self.control.devices.watch(self.now)
         if standing == OK:
             standing = computed if computed != OK or self.control.devices.arming.all_answered() else NO_ANSWER
-        status[0] = self.control.devices.arming.send_batches(False, False, True, self.now)
+        status[0] = self.control.devices.stop.send_disable(self.now)
         if status[0] == OK:
             status[0] = self.body.advance_plant(self.now)
         return standing
@@ -247,7 +248,7 @@ cdef class Waiting(Arming):
                     self.body.set_clock(tick, tick - 1, 0)
                     return self.start_from_here()
             if status == OK:
-                status = self.control.devices.arming.send_batches(True, True, False, self.now)
+                status = self.control.devices.arming.send_batches(True, self.now)
             if status == OK:
                 status = self.body.advance_plant(self.now)
             if status != OK:

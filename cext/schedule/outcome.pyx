@@ -50,6 +50,7 @@ class Outcome:
     signal : number of the signal that ended the run, 0 for none
     error : exception of a Python block, or None; for a hung one, the KeyboardInterrupt of the watchdog
     unconfirmed : paths of the devices that did not confirm the safe stop
+    late : (path, s) of the devices that confirmed it only after STOP_LIMIT, and when
     unanswered : paths of the devices that did not reply while arming
     stopped : origin of the request that ended the run: "keys", or "set" and the ID of its process; "" without one
     hung : s that the tick of a hung block ran until it returned; else 0
@@ -66,6 +67,7 @@ class Outcome:
     stopped: str = ""
     hung: float = 0.0
     faults: tuple = ()
+    late: tuple = ()
 
     @property
     def faulted(self) -> bool:

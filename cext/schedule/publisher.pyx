@@ -186,6 +186,13 @@ cdef class Publisher:
             return FENCED
         return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK
 
+    cdef bint guardian_stops(self, int64_t now) noexcept nogil:
+        """Return whether the guardian stops the actuators. now : ns of CLOCK_MONOTONIC
+
+        A second sender would have it receive replies to questions that it has not asked.
+        """
+        return self.guard > 0 and load_i32(&self.layout.guard_stops) != 0 and not self.guardian_is_gone(now)
+
     cdef void report_hang(self, int item) noexcept nogil:
         """Report a hung tick in the shared state. item : of the stopwatch, -1 if unknown"""
         if self.layout != NULL:

@@ -5,7 +5,8 @@
               hang
     fence     raise it when a tick has worked for max(3 periods, 15 ms), apart from the time of steps with an `allowance`,
               up to that
-    stop      send the frames of the safe stop to every device, every 5 ms, for 200 ms or until the loop returns
+    stop      send the frames of the safe stop to every device, every 5 ms and after 200 ms at a falling rate, until the
+              guardian sends them, which judges the replies, or the loop returns
     break     send a signal that ends a system call of a Python step and becomes a KeyboardInterrupt there
     exit      if the step cannot be interrupted, wait with the motors stopped until the operator ends the run, then exit
               the process
@@ -175,8 +176,8 @@ cdef class Watchdog:
             over = now - began >= STOP_LIMIT + damping - damped
             if not mine and take_over(&self.shared):
                 mine = True
-                self.program.devices.stop.begin()
-            if mine and not over and now >= due:
+                self.program.devices.stop.begin(now - self.zero)
+            if mine and now >= due and not self.journal.guardian_stops(now):
                 self.program.devices.stop.note_speeds()
                 due = began - damped + self.program.devices.stop.send(
                     now - began + damped, now - self.zero, STOP_ROUND)
@@ -187,7 +188,10 @@ cdef class Watchdog:
                 unblock(NULL)                # the loop's thread may have blocked them
                 if self.caught[0]:
                     _exit(EXIT_CODE)
-            self.sleep(nudge if over else due if mine else now + BUS_TAKEOVER_PERIOD)
+            if mine:
+                self.sleep(min(nudge, due if due > now else now + STOP_ROUND))
+            else:
+                self.sleep(nudge if over else now + BUS_TAKEOVER_PERIOD)
 
     cdef bint running_ticks(self) noexcept nogil:
         return self.journal.layout == NULL or load_i32(&self.journal.layout.state) == RUNNING

@@ -227,7 +227,7 @@ class RigBuses:
         ]
         self.start_sensors(max(priority - 1, 0) if priority else 0)
         try:
-            self.guardian.configure(guardians_plan(buses, schedule, robot, priority, relays))
+            self.guardian.configure(guardians_plan(buses, schedule, priority, relays))
         except GuardianError as error:
             problems = [
                 RigProblem(

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from cext.safety.shared_state import RECORD_EVENT, SharedState
 from cext.safety.terminal_keys import KeyReader
-from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT
+from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, STOP_LIMIT, STOP_UNATTENDED
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from runtime.base.ending import ENDING_SIGNALS, raise_if_interrupted
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
 EVENT_TIMEOUT = 5.0  # s, for the recorder to make room for an event
 POLL_PERIOD = 0.001  # s
+FOREVER = 1e9  # s
 
 
 class Session:
@@ -224,6 +225,7 @@ class Session:
             self.keys.stop()
         if self.rig is not None and outcome is not None:
             outcome = stopped_from_here(outcome, self.rig, self.page)
+            outcome = stopped_late(outcome, self.rig, self.request.stop_for)
         self.realtime.release()
         if self.realtime.spun:
             self.record({"event": "realtime", "lost": "the priority", "because": self.realtime.summary()})
@@ -282,6 +284,37 @@ def stopped_from_here(outcome: Outcome, rig: RigBuses, page: SharedState) -> Out
     if outcome.status in ("silent", "no answer", "bus error"):  # the drives are silent because the guardian is
         outcome = replace(outcome, status="unguarded", culprit=None)
     return replace(outcome, unconfirmed=rig.take_over())
+
+
+def stopped_late(outcome: Outcome, rig: RigBuses, seconds: float | None) -> Outcome:
+    """Let the guardian continue the stop of actuators that have not confirmed it.
+
+    seconds : time for which it continues; None for the default: until the operator sends a signal, such as Ctrl-C,
+        and for STOP_UNATTENDED without a terminal
+
+    Returns the Outcome.
+    """
+    if not outcome.unconfirmed or rig.report is not None or rig.guardian is None:
+        return outcome
+    lasts = seconds or (FOREVER if can_ask() else STOP_UNATTENDED)
+    with caught_signals() as caught:
+        report = rig.guardian.go_on(outcome.unconfirmed, lasts, lambda: bool(caught))
+    if report is None:
+        return outcome
+    late = {name: report["after"][name] + STOP_LIMIT * 1e-9 for name in report["confirmed"]}
+    return replace(outcome, unconfirmed=tuple(report["unconfirmed"]), late=tuple(late.items()))
+
+
+@contextmanager
+def caught_signals() -> Iterator[list[int]]:
+    """Collect the numbers of the ending signals in a list."""
+    caught: list[int] = []
+    before = {number: signal.signal(number, lambda number, frame: caught.append(number)) for number in ENDING_SIGNALS}
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def guardian_looks(page: SharedState) -> bool:

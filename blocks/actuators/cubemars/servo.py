@@ -51,8 +51,8 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     to servo mode with the vendor's tool. Each mode has one input: `duty_command`, `current_command`,
     `current_brake_command`, `velocity_command`, or `position_command`. Only a current bounds the torque, to
     `limit`; in the other modes the current is limited only by the settings of the drive. Commands have no reply: a
-    report counts as the answer. The safe stop commands zero current, and disables a V3.0 board; a current below 0.32 A
-    confirms it. A board V1 or V2 has no disable.
+    report counts as the answer. The safe stop commands zero current, and disables a V3.0 board. Statuses of a current
+    near zero confirm it, of a V3.0 board with its answer to the disable. A board V1 or V2 has no disable.
     """
 
     model, bus, can_id, limit, invert, offset = (
@@ -125,7 +125,6 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
     encode = kernels.encode.renamed(command="current_command", sent="current_sent")
-    unanswered_frames = 1  # of the stop's two: one report may confirm it
     reports_a_tick: int
     # Joint and Reporting are not base classes, since this block does not have all of their ports
     watched, find_limit, given_limit, rated_torque = (
@@ -136,7 +135,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     )
     check_reports, feedback_range = Reporting.check_reports, Reporting.feedback_range
     prepare = Reporting.prepare  # pyright: ignore[reportAssignmentType]
-    check_temperatures, fastest = Joint.check_temperatures, Joint.fastest
+    check_temperatures, fastest, rest_torque = Joint.check_temperatures, Joint.fastest, Joint.rest_torque
     check_zero, zeroing = Joint.check_zero, Joint.zeroing  # pyright: ignore[reportAssignmentType]
     reach = Joint.reach  # pyright: ignore[reportAssignmentType]
     torque_accuracy, motion_of_any_mode, feedback_ends = (

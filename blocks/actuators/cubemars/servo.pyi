@@ -81,7 +81,6 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     torque_accuracy: Any
     motion_of_any_mode: Any
     feedback_ends: Any
-    spec: Any
     wire: Any
     torque_limit: Any
     current_limit: Any

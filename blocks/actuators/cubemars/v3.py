@@ -13,7 +13,7 @@ from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE
 from cext.kernels.devices.cubemars import v3 as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE
-from graph import Actuator, Deviation, Interval, Memory, Output, Param
+from graph import Actuator, Deviation, Interval, Memory, Output, Param, StopReply
 
 if TYPE_CHECKING:
     from graph.device import DampedStop, Motion
@@ -73,6 +73,9 @@ class ExtendedFrames:
     """Addresses, frames and faults of a drive on extended frames."""
 
     can_id: Any
+    spec: Any
+    scales: Any
+    rest_torque: Any
 
     def fault_in_words(self, code: int) -> str:
         """Return the text of a fault code."""
@@ -90,9 +93,10 @@ class ExtendedFrames:
         """Return the frame that makes the present position of the drive its zero until the power is removed."""
         return frames.origin(self.can_id)
 
-    def replies(self) -> list[tuple[int, int, bool, str]]:
-        """Return the reports that confirm a safe stop."""
-        return frames.replies(self.can_id)
+    def stop_reply(self) -> StopReply:
+        """Return the StopReply: statuses of a current near zero, and of a V3.0 board the answer to the disable."""
+        rest = self.rest_torque(0.0) / self.scales[2]
+        return frames.stop_reply(self.can_id, rest, echoes=self.spec.generation >= 3)
 
 
 class CubeMarsV3(ExtendedFrames, Joint, Actuator):
@@ -101,8 +105,8 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     (AKA Series Product Manual V3.0.0; AK Series Product Manual V3.2.0, section 4.) As CubeMars, on extended frames,
     with different feedback: position, velocity and current at `report_rate`. The feedback covers ± 3276.8° of a motor,
     commands ± 12.56 rad. The torque is computed from the current. With stiffness and damping, the drive must report at
-    least every second tick: both are zero with older feedback. A current below 0.32 A, or the drive's answer to the
-    disable, confirms the safe stop.
+    least every second tick: both are zero with older feedback. Statuses of a current near zero, with the board's answer
+    to the disable, confirm the safe stop.
     """
 
     reports_a_tick: int
@@ -126,7 +130,6 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     find = staticmethod(models_v3.find)
     decode = kernels.decode
     encode = kernels.encode
-    unanswered_frames = 1  # of the stop's two: drives with periodic reports answer neither
 
     def configure(self) -> None:
         super().configure()

@@ -10,7 +10,7 @@ from graph.device import DampedStop, Motion
 from typing import Any, TYPE_CHECKING as TYPE_CHECKING
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsV3
 from blocks.actuators.joint import Joint
-from graph import Actuator, Deviation, Interval, Memory, Output, Param
+from graph import Actuator, Deviation, Interval, Memory, Output, Param, StopReply
 
 NOTHING: bytes
 class Reporting:
@@ -27,11 +27,14 @@ class Reporting:
     def feedback_range(self) -> dict[str, Interval]: ...
 class ExtendedFrames:
     can_id: Any
+    spec: Any
+    scales: Any
+    rest_torque: Any
     def fault_in_words(self, code: int) -> str: ...
     def addresses(self) -> list[tuple[int, bool]]: ...
     def acceptance_filters(self) -> list[tuple[int, int, bool]]: ...
     def set_zero_frame(self) -> tuple[int, bool, bytes]: ...
-    def replies(self) -> list[tuple[int, int, bool, str]]: ...
+    def stop_reply(self) -> StopReply: ...
 class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     report_rate: Param[float]
     enter: Param[bool]

@@ -106,7 +106,8 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             (kind | self.can_id, 0x7FF, False) for kind in (READ, WRITE)
         ]
 
-    def replies(self) -> list[tuple[int, int, bool, bytes]]:
+    def reply_frames(self) -> list[tuple[int, int, bool, bytes]]:
+        """Return its replies."""
         return [(self.host_id, 0x7FF, False, bytes([self.can_id]))]
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:

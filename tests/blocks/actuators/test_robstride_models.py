@@ -316,7 +316,7 @@ def test_swapping_one_actuator_for_another_changes_one_line():
 
 
 def test_only_feedback_confirms_a_stop():
-    ((wanted, mask, extended, begin),) = RobStride("RS03", can_id=9).replies()
+    ((wanted, mask, extended, begin),) = RobStride("RS03", can_id=9).stop_reply().frames
     limits = reference.ranges(MODELS["RS03"])
     assert extended and begin == b""
     for frame, expected in (
