@@ -17,7 +17,6 @@ from graph.class_checks import CLOCK
 from graph.device import Actuator, Device
 from graph.interval import EVERYTHING
 from graph.kernel_items import CHECKED, check_kernels
-from graph.order import computes, upstream
 from graph.rules import held_bounds_of
 from graph.schedule import (
     Column,
@@ -32,6 +31,7 @@ from graph.schedule import (
     ZeroSteps,
 )
 from graph.signal import Signal
+from graph.upstream import computes, upstream
 
 if TYPE_CHECKING:
     from cext.kernel import Kernel

@@ -17,7 +17,6 @@ from graph.device import Actuator
 from graph.diagnostics import DiagramError
 from graph.diagram import Diagram
 from graph.interval import Interval
-from graph.order import cluster, dependencies, take_out_loops
 from graph.ranges import find_ranges, interval_of
 from graph.reach import ReachCheck
 from graph.schedule import Proof, Schedule
@@ -84,10 +83,9 @@ def examine(diagram: Diagram) -> Compilation:
 
 def sort(compilation: Compilation) -> None:
     """Sort the blocks by their dependencies within a tick, and report algebraic loops."""
+    from graph.order import dependencies, ordered, take_out_loops  # imports networkx
+
     graph = dependencies(compilation.blocks, compilation.sources)
-    compilation.order = cluster(graph)
-    if len(compilation.order) == len(graph):
-        return
     for cycle in take_out_loops(graph):
         spelled = ", ".join(f"{source.path}.{output} -> {block.path}.{port}" for source, output, block, port in cycle)
         *_, (_, _, first, port) = cycle
@@ -98,7 +96,7 @@ def sort(compilation: Compilation) -> None:
             where=compilation.where(first, port),
             hint="insert a block without direct feedthrough, such as UnitDelay",
         )
-    compilation.order = cluster(graph)
+    compilation.order = ordered(graph)
 
 
 def prove(compilation: Compilation) -> None:
