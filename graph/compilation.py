@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from graph.block import Block
+    from graph.caveats import Caveat
     from graph.diagnostics import Location
     from graph.diagram import Diagram
     from graph.interval import Interval
@@ -38,7 +39,7 @@ class Compilation:
         self.loads: list[Any] = []  # BusLoad of each bus
         self.proofs: list[Proof] = []
         self.torque_bounds: dict[str, Any] = {}  # path of an actuator: TorqueBound, or None if its hook raised
-        self.caveats: list[Any] = []  # graph.caveats.Caveat
+        self.caveats: list[Caveat] = []
         self.failed: set[Any] = set()  # (block, hook) that have raised
 
     def report(

@@ -1,6 +1,5 @@
 """Actuators: one family a folder, with a table of its models, its protocol and its emulator."""
 
-from blocks.actuators.by_name import Actuator, actuators
 from blocks.actuators.cubemars import (
     CubeMars,
     CubeMarsServo,
@@ -12,7 +11,6 @@ from blocks.actuators.cubemars import (
 from blocks.actuators.robstride import EmulatedRobStride, EmulatedRobStrideMIT, RobStride, RobStrideMIT
 
 __all__ = [
-    "Actuator",
     "CubeMars",
     "CubeMarsServo",
     "CubeMarsV3",
@@ -23,5 +21,4 @@ __all__ = [
     "EmulatedRobStrideMIT",
     "RobStride",
     "RobStrideMIT",
-    "actuators",
 ]

@@ -9,7 +9,6 @@ import os
 import resource
 from contextlib import suppress
 
-SPARE, SPARE_PER_INTERFACE = 4, 8  # pyserial opens five for a port
 SPARE_LIMIT = 256  # descriptors that a raised limit allows
 
 
@@ -38,13 +37,12 @@ class Descriptors:
 
 
 class SpareDescriptors:
-    """Descriptors that are held until they are needed, so that interfaces can be opened when no other is free.
+    """Descriptors that are held until they are needed, so that files can be opened when no other is free.
 
-    interfaces : number of them
+    count : of descriptors
     """
 
-    def __init__(self, interfaces: int) -> None:
-        count = SPARE + SPARE_PER_INTERFACE * interfaces
+    def __init__(self, count: int) -> None:
         self._numbers = [os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC) for _ in range(count)]
         self._file = identity(self._numbers[0])
 

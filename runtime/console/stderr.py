@@ -44,19 +44,14 @@ class Terminal:
         except OSError:
             return 80
 
-    def write(self, text: str) -> bool:
-        """Write if this does not block. A terminal stopped by Ctrl-S would otherwise block the recorder.
-
-        Returns whether the whole text was written.
-        """
+    def write(self, text: str) -> None:
+        """Write if this does not block. A terminal stopped by Ctrl-S would otherwise block the recorder."""
         try:
             if any(state & select.POLLOUT for _, state in self.poll.poll(0)):
                 encoding = "utf-8" if self.unicode else "ascii"
-                data = readable(text, encoding).encode(encoding)
-                return os.write(self.descriptor, data) == len(data)
+                os.write(self.descriptor, readable(text, encoding).encode(encoding))
         except OSError:
             self.interactive = False  # the terminal is closed
-        return False
 
     def draw(self, text: str) -> None:
         """Replace the status line."""
@@ -70,7 +65,7 @@ class Terminal:
             self.write("\r\x1b[K")
             self.drawn = False
 
-    def say(self, line: str) -> bool:
-        """Write a permanent line above the status line. Returns whether it was written."""
+    def say(self, line: str) -> None:
+        """Write a permanent line above the status line."""
         self.erase()
-        return self.write(harmless(line, self.coloured) + "\n")
+        self.write(harmless(line, self.coloured) + "\n")

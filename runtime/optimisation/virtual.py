@@ -44,7 +44,9 @@ class SimulatedRobot(Robot):
 
     def apply(self, values: Mapping[str, float], zero: bool) -> bool:
         changes, complete = self.targets.changes(values, zero, lambda live: self.run[live.path])
-        self.run.set({live.path: live.plain(value) for live, value in changes if self.run[live.path] != value})
+        for live, value in changes:
+            if self.run[live.path] != value:
+                self.run[live.path] = live.plain(value)
         self.applied = {live.path: value for live, value in changes}
         return complete
 

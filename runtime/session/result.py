@@ -63,8 +63,6 @@ class Result(Prepared):
             "tick": outcome.tick,
             "signal": outcome.signal,
             "stopped": outcome.stopped,
-            "unconfirmed": list(outcome.unconfirmed),
-            "confirmed_late": dict(outcome.late),
             "overruns": self.overruns,
             "late": self.control.late,
             "answers": self.control.reports.latencies,
