@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run lint stubs stencils test test-all test-hardware soak build docs wheel wheels clean FORCE
+.PHONY: help run lint stubs stencils test test-all test-hardware soak sanitize build docs wheel wheels clean FORCE
 
 # Without bytecode a start takes twice as long, and the collection of the tests four times.
 unexport PYTHONDONTWRITEBYTECODE
@@ -43,7 +43,8 @@ help:
 	echo "make stubs          write the type stubs of blocks and of native modules"
 	echo "make stencils       compile the machine code of kernels for fused schedules, with clang-19"
 	echo "make test-hardware  run the tests of real buses: SocketCAN on vcan0, here or under User Mode Linux, and UDP"
-	echo "make soak           run the long tests"
+	echo "make soak           run the long tests; a missing tool, such as the fuzzer, is an error"
+	echo "make sanitize       run the tests of native code with AddressSanitizer, UBSan and ThreadSanitizer"
 	echo "make build          compile changed modules"
 	echo "make docs           build the site into build/site, without a network"
 	echo "make test-all       run the tests with every CPython from 3.10 to 3.13, and with the oldest libraries"
@@ -88,9 +89,15 @@ test-hardware: $(VENV)/installed-test
 	$(VENV)/bin/python -m pytest -rs -m '' tests/hardware $(TESTS)
 	exec $(VENV)/bin/python -m pytest -rs tests/runtime/guardian tests/runtime/rig $(TESTS)
 
+# With SKIPPED_FILES=error a file whose tests are all skipped is an error: tests/conftest.py.
 soak: $(VENV)/installed-test
-	$(VENV)/bin/python -m pytest -m soak $(TESTS)
+	SKIPPED_FILES=error $(VENV)/bin/python -m pytest -m soak $(TESTS)
 	EXAMPLES=soak exec $(VENV)/bin/python -m pytest tests/blocks
+
+# Builds in build/sanitizing, beside the ordinary one. Takes half an hour the first time.
+sanitize: $(VENV)/installed-test
+	$(VENV)/bin/python -m tests.sanitizing.laboratory address $(TESTS)
+	exec $(VENV)/bin/python -m tests.sanitizing.laboratory thread $(TESTS)
 
 build: $(VENV)/built
 

@@ -94,6 +94,9 @@ class Integrator(Block):
     until a restart, and infinity becomes NaN.
     """
 
+    rules = ("lower <= initial <= upper",)
+    held_within = {"y": ("lower", "upper"), "state": ("lower", "upper")}
+
     initial = Param(0.0, "any", "output at the start and after a restart", fixed=True)
     lower = Param(-math.inf, "any", "smallest output")
     upper = Param(math.inf, "any", "largest output")
@@ -108,8 +111,6 @@ class Integrator(Block):
     kernel = kernels.integrator_forward
 
     def configure(self) -> None:
-        if not self.lower <= self.initial <= self.upper:
-            raise ValueError(f"initial, {self.initial:g}, is outside the limits, {self.lower:g} to {self.upper:g}")
         self.kernel = getattr(kernels, "integrator_" + self.method)
         self.update_kernel = kernels.integrator_forward_next if self.method == "forward" else None
         self.feedthrough = ("restart",) if self.method == "forward" else ("u", "restart")

@@ -3,6 +3,7 @@
 import importlib
 import importlib.metadata
 import pkgutil
+import re
 import warnings
 from functools import cache
 from typing import Any
@@ -57,11 +58,19 @@ def benchmark(medium: str) -> Benchmark:
 
 
 def find_model(name: str, option: str = "") -> tuple[Drive, Any]:
-    """Return (Drive, model) of a model's name. Raises ValueError, with the cause or a suggestion."""
+    """Return (Drive, model) of a model's name. Raises ValueError, with the cause or a suggestion.
+
+    option : of the Drive; without it, the name may end in an option, as in "MODEL-servo"
+    """
+    drives = [drive for family in families() for drive in family.drives]
+    options = {word for drive in drives for word in (drive.option, *drive.endings) if word}
+    ending = re.fullmatch(rf"(.+?)[\W_]*({'|'.join(sorted(options))})(?:[\W_]*mode)?[\W_]*", str(name), re.IGNORECASE)
+    if ending and not option:
+        return find_model(ending[1], ending[2].lower())
     causes = {}
     for family in families():
         for drive in family.drives:
-            if drive.option == option:
+            if option in (drive.option, *drive.endings):
                 try:
                     return drive, drive.find(name)
                 except ValueError as error:

@@ -16,6 +16,9 @@ class Saturation(Block):
     Direct feedthrough; NaN passes and infinity becomes NaN.
     """
 
+    rules = ("lower <= upper",)
+    held_within = {"y": ("lower", "upper")}
+
     lower = Param(-1.0, "any", "smallest output")
     upper = Param(1.0, "any", "largest output")
 
@@ -24,14 +27,8 @@ class Saturation(Block):
 
     kernel = kernels.saturation
 
-    def configure(self) -> None:
-        if self.lower > self.upper:
-            raise ValueError(f"lower must not exceed upper, got {self.lower:g} and {self.upper:g}")
-
     def output_range(self, u: Interval) -> Interval:
         lower, upper = self.span("lower"), self.span("upper")
-        if lower.high > upper.low:  # live bounds that may cross
-            return lower | upper
         return Interval(min(max(u.low, lower.low), upper.low), min(max(u.high, lower.high), upper.high))
 
 
@@ -67,6 +64,8 @@ class TorqueLimiter(Block):
     NaN passes, infinity becomes NaN, neither is held, and both are a fault at the actuator.
     """
 
+    held_within = {"limited": ("-limit", "limit"), "previous": ("-limit", "limit")}
+
     limit = Param(1.0, "N·m", "largest magnitude of the torque", min=0.0, required=True)
     slew = Param(None, "N·m/s", "largest rate of change; the whole range in 0.1 s by default", min=0.0, dtype=float)
 
@@ -92,6 +91,8 @@ class DeadZone(Block):
     Direct feedthrough; NaN passes, infinity becomes NaN.
     """
 
+    rules = ("lower <= upper",)
+
     lower = Param(-1.0, "any", "lower end of the zone")
     upper = Param(1.0, "any", "upper end of the zone")
 
@@ -100,14 +101,8 @@ class DeadZone(Block):
 
     kernel = kernels.dead_zone
 
-    def configure(self) -> None:
-        if self.lower > self.upper:
-            raise ValueError(f"lower must not exceed upper, got {self.lower:g} and {self.upper:g}")
-
     def output_range(self, u: Interval) -> Interval:
         lower, upper = self.span("lower"), self.span("upper")
-        if lower.high > upper.low:  # live ends that may cross
-            return u - (lower | upper)
         return Interval(beyond(u.low, lower.high, upper.high), beyond(u.high, lower.low, upper.low))
 
 
@@ -145,6 +140,8 @@ class SoftStop(Block):
     velocity gives NaN; in the torque it passes.
     """
 
+    rules = ("lower < upper",)
+
     lower = Param(-1.0, "rad", "lower end of the range of motion")
     upper = Param(1.0, "rad", "upper end of the range of motion")
     stiffness = Param(100.0, "N·m/rad", "stiffness K at both ends", min=0.0)
@@ -156,10 +153,6 @@ class SoftStop(Block):
     stopped = Output("N·m", "torque including springs and dampers")
 
     kernel = kernels.soft_stop
-
-    def configure(self) -> None:
-        if self.lower >= self.upper:
-            raise ValueError(f"lower, {self.lower:g} rad, must be below upper, {self.upper:g} rad")
 
     def output_range(self, torque: Interval, position: Interval, velocity: Interval) -> Interval:
         low, high = torque.low, torque.high
@@ -183,6 +176,9 @@ class RMSTorqueLimiter(Block):
     feedthrough. NaN passes, infinity becomes NaN, neither is held.
     """
 
+    rules = ("fade <= window",)
+    held_within = {"limited": ("-limit", "limit")}  # the RMS of a constant torque is its magnitude
+
     limit = Param(1.0, "N·m", "largest RMS torque, usually the rated torque", min=0.0, max=1e6, required=True)
     window = Param(20.0, "s", "length of the window", above=0.0, fixed=True)
     fade = Param(1.0, "s", "time over which torque is reduced as the budget runs out; 0 cuts it", min=0.0, fixed=True)
@@ -200,10 +196,6 @@ class RMSTorqueLimiter(Block):
         {"limit": 2.0, "window": 0.05, "fade": 0.01},
         {"limit": 2.0, "window": 0.05, "fade": 0.0},
     )
-
-    def configure(self) -> None:
-        if self.fade > self.window:
-            raise ValueError(f"fade must not exceed window, got {self.fade:g} s and {self.window:g} s")
 
     def design(self, dt: float) -> tuple[int, float]:
         """Return (N, M). dt : s"""
@@ -228,6 +220,8 @@ class TemperatureDerating(Block):
     Direct feedthrough. NaN in the torque passes. NaN or infinity in the temperature gives NaN.
     """
 
+    rules = ("full < none",)
+
     full = Param(80.0, "°C", "temperature up to which the full torque passes")
     none = Param(100.0, "°C", "temperature above which no torque passes")
 
@@ -236,10 +230,6 @@ class TemperatureDerating(Block):
     derated = Output("N·m", "derated torque", shape=...)
 
     kernel = kernels.derating
-
-    def configure(self) -> None:
-        if self.full >= self.none:
-            raise ValueError(f"full, {self.full:g} °C, must be below none, {self.none:g} °C")
 
     def output_range(self, torque: Interval, temperature: Interval) -> Interval:
         return torque | Interval.point(0.0)

@@ -45,9 +45,11 @@ class EStopHeartbeat(Device):
     1 is 5A (hex) while the button is released; any other value means pressed. The sender should repeat it every 20 ms,
     and immediately when pressed.
 
-    A press ends the run in the same tick: no command of that tick is sent. Silence for `timeout` and a constant counter
-    also end it; frames of another length are counted and ignored. A press is latched: the run ends even if the button
-    is released within the tick, and also during arming. Any node on the bus can send "released".
+    A press ends the run in the same tick: no command of that tick is sent. Silence for `timeout` also ends it. Only
+    frames with rising numbers count: a constant counter and a recorded stream are silence, and two senders of one id,
+    which would hide each other's death, end the run. Frames of another length are counted and ignored. A press is
+    latched: the run ends even if the button is released within the tick, and also during arming. Several buttons, such
+    as those of the operator and the wearer, have an id each. Any node on the bus can send "released".
     """
 
     bus = Param("estop", "1", "logical name of the bus", dtype=str)
@@ -59,11 +61,18 @@ class EStopHeartbeat(Device):
     pressed = Output("1", 'true unless the newest frame is "released"', dtype=bool)
     age = Output("s", "time since the newest frame")
     count = Output("1", "number of frames since the start of arming", dtype=int)
-    state = Memory((0.0,) * 2, "newest counter + 1; 1 once pressed")
+    state = Memory((0.0,) * 4, "newest counter + 1; 1 once pressed; time of the newest frame in ns; disorder in frames")
 
     decode = kernels.estop_decode
     encode = kernels.estop_encode
     hardware = ("can_id", "timeout")
+
+    def fault_text(self, status: int) -> str:
+        """Return the text of the fault of frames that are not one rising sequence."""
+        return (
+            f"the numbers of its frames are not one rising sequence: another sender uses id 0x{self.can_id:X}, or "
+            "frames are repeated. Each button needs an id of its own"
+        )
 
     def output_range(self) -> dict[str, Interval]:
         return {"pressed": Interval(0.0, 1.0), "age": Interval(0.0), "count": Interval(0.0)}

@@ -246,6 +246,8 @@ class UniformNoise(UnitOfOutput, Block):
     have equal values.
     """
 
+    rules = ("lower <= upper",)
+
     lower = Param(0.0, "any", "smallest value")
     upper = Param(1.0, "any", "largest value")
     seed = Param(0, "1", "seed of the generator", min=0, max=2**53)
@@ -257,10 +259,8 @@ class UniformNoise(UnitOfOutput, Block):
 
     def configure(self) -> None:
         super().configure()
-        if self.span("lower").high > self.span("upper").low or not (self.span("lower") | self.span("upper")).bounded:
-            raise ValueError(
-                f"lower and upper must be finite, with lower <= upper, got {self.lower:g} and {self.upper:g}"
-            )
+        if not (self.span("lower") | self.span("upper")).bounded:
+            raise ValueError(f"lower and upper must be finite, got {self.lower:g} and {self.upper:g}")
 
     def output_range(self) -> Interval:
         return self.span("lower") | self.span("upper")

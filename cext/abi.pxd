@@ -59,8 +59,9 @@ cdef enum: # return values of a kernel; encode_t returns these negated, or a num
     SCALE_MISMATCH = 21
     IMPLAUSIBLE = 22        # an impossible measurement
     UNCLEAR_POSE = 23       # a joint may be at another position than its drive reports
-    POSITION_JUMP = 24      # a reported angle has changed by more than motion can explain
     PROGRAM_SILENT = 40     # the loop of a connected program takes too long
+    SUSPENDED = 24          # the computer was suspended in the middle of the run
+    TWO_DEVICES = 41        # two devices answer to one id
     FIRST_OWN_STATUS = 64
 
 cdef enum: # return values of decode_t
@@ -69,7 +70,7 @@ cdef enum: # return values of decode_t
     # of this device, but not a reply to a command: a report, or the reply of a drive that is not enabled yet
     NOTED = 2
     COMMANDED = 3           # a command to this device from another node
-    MOVING = 4              # a reply of this device that reports motion: not valid as a reply to the safe stop
+    TWIN = 4                # a reply of a second device with the same id
     PRESSED = 5             # a reply of this device with a request to end the run
     ANSWERED = 6            # a reply of this device without a sample, such as one to a query of its faults
     MALFORMED = -1          # for this device, but short, long or corrupt: nothing was changed

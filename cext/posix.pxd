@@ -6,6 +6,7 @@ cdef extern from "<time.h>" nogil:
         long tv_nsec
     int clock_gettime(int clock, timespec *time)
     int clock_nanosleep(int clock, int flags, const timespec *request, timespec *remain)
+    const int CLOCK_BOOTTIME
     const int CLOCK_MONOTONIC
     const int CLOCK_REALTIME
     const int CLOCK_THREAD_CPUTIME_ID

@@ -7,7 +7,7 @@ straight stand, with x forward and z down, so that their pitch is the pitch of t
 from math import pi
 from typing import NamedTuple
 
-from blocks.actuators import CubeMars, RobStride
+from blocks.actuators import Actuator
 from blocks.filters import Complementary
 from blocks.gait import BiologicalTorque, ContactEvents, GaitState, PhaseKalmanFilter, ThighEvents, TorqueGate
 from blocks.imus import MicroStrain
@@ -145,8 +145,7 @@ def walk(gaits):
 
 def drive(side, joint, can_id, model="AK80-9", **parameters):
     """Return the actuator of a joint. Those of the right leg are mounted in mirror image."""
-    family = RobStride if model == "CyberGear" else CubeMars
-    return family(model, bus="legs", can_id=can_id, invert=side == "right", name=joint, **parameters)
+    return Actuator(model, bus="legs", can_id=can_id, invert=side == "right", name=joint, **parameters)
 
 
 def assist(drive, torque, walking, leg, limit=8.0, slew=100.0):

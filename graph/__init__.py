@@ -10,12 +10,12 @@ from graph.compiler import compile
 from graph.declarations import Input, Live, Memory, Output, Param
 from graph.device import (
     Actuator,
-    CommandReplies,
     DampedStop,
     Deviation,
     Device,
     Motion,
     ReplyField,
+    StopReply,
     TorqueBound,
     Watch,
     Winding,
@@ -34,7 +34,6 @@ from graph.units import deg
 __all__ = [
     "Actuator",
     "Block",
-    "CommandReplies",
     "DampedStop",
     "Deviation",
     "Device",
@@ -53,6 +52,7 @@ __all__ = [
     "Schedule",
     "Signal",
     "Sink",
+    "StopReply",
     "StreamDevice",
     "TorqueBound",
     "Watch",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cext.rules import LiveRule
 from graph.arena_layout import Layout, kernel_table, place_memory, place_parameters, size_of
 from graph.block import Sink
 from graph.budget import damping_round
@@ -15,10 +17,11 @@ from graph.class_checks import CLOCK
 from graph.device import Actuator, Device
 from graph.interval import EVERYTHING
 from graph.kernel_items import CHECKED, check_kernels
-from graph.order import computes, upstream
+from graph.rules import held_bounds_of
 from graph.schedule import (
     Column,
     DeviceSteps,
+    HeldBound,
     LiveParameter,
     Schedule,
     SignalPlace,
@@ -28,6 +31,7 @@ from graph.schedule import (
     ZeroSteps,
 )
 from graph.signal import Signal
+from graph.upstream import computes, upstream
 
 if TYPE_CHECKING:
     from cext.kernel import Kernel
@@ -205,6 +209,7 @@ class Assembly:
         ]
         buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
         columns, recorded, sinks = self.recorded()
+        live = self.live_parameters()
         return Schedule(
             name=compilation.diagram.name,
             rate=compilation.diagram.rate,
@@ -240,7 +245,9 @@ class Assembly:
             },
             parameters=self.parameters,
             items={block.path: items for block, items in self.items.items()},
-            live=self.live_parameters(),
+            live=live,
+            live_rules=self.live_rules(live),
+            held_bounds=self.held_bounds(live),
             proofs=compilation.proofs,
             torque_bounds=compilation.torque_bounds,
             caveats=compilation.caveats,
@@ -276,6 +283,42 @@ class Assembly:
                 )
         return parameters
 
+    def live_rules(self, live: Sequence[LiveParameter]) -> list[LiveRule]:
+        """Return a LiveRule for each rule between live parameters. live : in the order of their indices"""
+        rules = []
+        for block, own in self.live_indices(live):
+            for rule in block.applying_rules():
+                folded = rule.folded(own, block.__getattribute__)
+                if folded.keys and math.isfinite(folded.left.constant + folded.right.constant):
+                    rules.append(LiveRule(block.path, folded))
+        return rules
+
+    def held_bounds(self, live: Sequence[LiveParameter]) -> list[HeldBound]:
+        """Return a HeldBound for each output and memory that live parameters bound while its block does not run."""
+        bounds = []
+        for block, own in self.live_indices(live):
+            if not (block.conditions or block.every != 1 or block.hold_exceptions):
+                continue
+            for name, sides in held_bounds_of(block, block.held_within).items():
+                low, high = (side.folded(own, block.__getattribute__) for side in sides)
+                if not low.terms and not high.terms or name in block.memory and block not in self.memory:
+                    continue
+                slot, size = (
+                    self.memory[block][name]
+                    if name in block.memory
+                    else (self.places[Signal(block, name)].slot, self.size(block, name))
+                )
+                bounds.append(HeldBound(slot, size, low, high))
+        return bounds
+
+    def live_indices(self, live: Sequence[LiveParameter]) -> Iterator[tuple[Block, dict[str, int]]]:
+        """Yield each block with live parameters, and their indices by name. live : in the order of their indices"""
+        index = {parameter.path: place for place, parameter in enumerate(live)}
+        for block in self.blocks:
+            own = {name: index[path] for name in block.parameters if (path := f"{block.path}.{name}") in index}
+            if own:
+                yield block, own
+
     def device_steps(self, block: Device, buses: Sequence[str]) -> DeviceSteps:
         """Return the decode and encode steps of a device, and its frames. buses : names in the order of the schedule"""
 
@@ -296,6 +339,7 @@ class Assembly:
             zero=tuple(block.zero_frames()),
             disable=tuple(block.disable_frames()),
             damp=self.damped_stop(block),
+            stop_reply=block.stop_reply(),
             unanswered=block.unanswered_frames,
             relay_time=block.relay_time,
             start_time=block.start_time,
@@ -306,25 +350,9 @@ class Assembly:
             else (),
             reads=tuple(block.read_frames()),
             zeroing=self.zero_steps(block, slot),
-            **self.reply_steps(block),
             **self.switch_slots(block, slot),
             **self.ready_place(block),
         )
-
-    def reply_steps(self, block: Device) -> dict[str, Any]:
-        """Return how a device answers commands, as fields of DeviceSteps; {} if it does not state it."""
-        replies = block.command_replies()
-        if replies is None:
-            return {}
-        memory = self.memory.get(block, {}).get("transit")
-        return {
-            "answers": replies.report_rate <= 0.0,
-            "transit": -1 if memory is None else memory[0],
-            "max_transit": replies.max_transit,
-            "restart_time": replies.restart_time,
-            "report_period": 1.0 / replies.report_rate if replies.report_rate > 0.0 else 0.0,
-            "enable_replies": len(block.enable_frames()) if replies.to_enable is None else replies.to_enable,
-        }
 
     def damped_stop(self, block: Device) -> DampedStop | None:
         """Return the DampedStop of a device, with a round that its bus has the capacity for."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, TypedDict
 
+from cext.rules import Rule
 from cext.user_text import repr_of, text_of
 from graph import hints
 from graph.class_checks import arguments_of, check_class
@@ -14,6 +15,7 @@ from graph.diagram import current_scope, is_count
 from graph.interval import EVERYTHING, Interval
 from graph.kernel_items import check_kernels, replace_kernels
 from graph.names import count, snake_case, suggestion
+from graph.rules import DT, bound, held_bounds_of, rules_of
 from graph.scratch import Scratch
 from graph.signal import Outputs, Signal
 
@@ -40,13 +42,17 @@ class Block:
 
     Hooks: `configure()` after the parameters are set; `prepare(dt)` when the sampling period is known; `output_range`
     for the proof; `output_units` where outputs have units of their own; `fault_text` for a status of its kernel;
-    `run_summary`.
+    `run_summary`. `rules` relate parameters, as in ("lower <= upper",), and hold for live ones, too (graph/rules.py).
     """
 
     kernel: Any = None
     update_kernel: Any = None
     settle_kernel: Any = None
     feedthrough: Iterable[str] | None = None
+    rules: tuple[str, ...] = ()  # comparisons between parameters; those of base classes hold, too
+    # {output or memory: (low, high)}, expressions as those of a rule, as in {"limited": ("-limit", "limit")}: bounds of
+    # what the block keeps while it does not run. A live change moves it towards 0, never away from it
+    held_within: dict[str, tuple[str, str]] = {}
     inputs: dict[str, Input] = {}
     outputs: dict[str, Output] = {}
     parameters: dict[str, Param[Any]] = {}
@@ -75,6 +81,7 @@ class Block:
     examples: ClassVar[Iterable[dict[str, Any]]]  # parameters of blocks that the conformance test builds
     settle: ClassVar[Callable[..., Any]]
     _scratch: Scratch | None = None
+    _rules: ClassVar[list[Rule]] = []
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -89,6 +96,8 @@ class Block:
         for kind, field in ((Input, "inputs"), (Output, "outputs"), (Param, "parameters"), (Memory, "memory")):
             setattr(cls, field, {n: d for n, d in declared.items() if isinstance(d, kind)})
         check_class(cls, declared, _WORDS)
+        cls._rules = rules_of(cls)
+        held_bounds_of(cls, cls.held_within)
         if cls.step is not Block.step:
             replace_kernels(cls)
         check_kernels(cls)
@@ -108,7 +117,7 @@ class Block:
         else:
             self.path = name or snake_case(type(self).__name__)
         try:
-            self._configure()
+            self.reconfigure()
             if self.is_python and (self.dt is not None or type(self).prepare is Block.prepare):
                 self._attempt(self.prepare, self.dt)
                 self.reset()
@@ -172,7 +181,10 @@ class Block:
         if problems:
             raise DiagramError(problems)
 
-    def _configure(self) -> None:
+    def reconfigure(self) -> None:
+        """Check the rules of the present parameters, and call `configure`. Raises DiagramError TW010."""
+        if self._rules:
+            self._attempt(self.check_rules)
         self._attempt(self.configure)
         self._configured = {name: getattr(self, name) for name in self.parameters}
         if self.kernel is not None and type(self).kernel is None and not self.compiled:
@@ -329,8 +341,13 @@ class Block:
 
         source : where the value is from, such as the name of a rig file; "" for the diagram
 
-        Raises DiagramError TW010 for an unknown parameter and for a value outside its type, bounds or choices.
+        Raises DiagramError TW010 for an unknown parameter and for a value outside its type, bounds, choices or rules.
         """
+        self.put(name, value, source)
+        self.reconfigure()
+
+    def put(self, name: str, value: Any, source: str = "") -> None:
+        """Set a parameter as `set` does, without its rules, for several together: call `reconfigure` after them."""
         if name not in self.parameters:
             raise DiagramError(
                 Diagnostic(
@@ -346,7 +363,6 @@ class Block:
         self.set_from.pop(name, None)
         if source:
             self.set_from[name] = source, before
-        self._configure()
 
     def adopt_assigned(self) -> None:
         """Check the parameters whose attributes were assigned since `configure`, and call it again with them.
@@ -357,7 +373,7 @@ class Block:
         for name in assigned:
             self._assign(name, self.parameters[name].check, getattr(self, name))
         if assigned:
-            self._configure()
+            self.reconfigure()
 
     def _assign(self, name: str, read: Callable[[Any], Any], value: Any) -> None:
         """Set a parameter to what `read`, of its Param, makes of a value. Raises DiagramError TW010."""
@@ -396,9 +412,26 @@ class Block:
         return self.live_bounds.get(name) or self.parameters[name].live_bounds
 
     def span(self, name: str) -> Interval:
-        """Return the Interval of a parameter: its live bounds, or its value if it is not live."""
-        bounds = self.live(name)
+        """Return the Interval of a parameter: its live bounds, within its rules, or its value if it is not live."""
+        span = self._live_span(name)
+        if self._rules and self.live(name):
+            for rule in self.applying_rules():
+                span &= bound(rule, name, self._live_span)
+        return span
+
+    def _live_span(self, name: str) -> Interval:
+        bounds = None if name == DT else self.live(name)
         return Interval(float(bounds.min), float(bounds.max)) if bounds else Interval.point(getattr(self, name))
+
+    def applying_rules(self) -> list[Rule]:
+        """Return the rules whose parameters all have values."""
+        return [rule for rule in self._rules if all(getattr(self, key) is not None for key in rule.keys)]
+
+    def check_rules(self) -> None:
+        """Raise ValueError if the parameters violate a rule between them."""
+        for rule in self.applying_rules():
+            if not rule.holds(self.__getattribute__):
+                raise ValueError(rule.sentence(self.__getattribute__))
 
     def _attempt(self, method: Callable[..., Any], *arguments: Any) -> Any:
         """Call a hook. Errors of values and files become a DiagramError at the line that made the block."""

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from graph.block import Block
-    from graph.caveats import Caveat
     from graph.diagnostics import Location
     from graph.diagram import Diagram
     from graph.interval import Interval
@@ -39,7 +38,7 @@ class Compilation:
         self.loads: list[Any] = []  # BusLoad of each bus
         self.proofs: list[Proof] = []
         self.torque_bounds: dict[str, Any] = {}  # path of an actuator: TorqueBound, or None if its hook raised
-        self.caveats: list[Caveat] = []
+        self.caveats: list[Any] = []  # graph.caveats.Caveat
         self.failed: set[Any] = set()  # (block, hook) that have raised
 
     def report(

@@ -9,7 +9,7 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from graph import caveats, device_checks, hints, rate_checks, type_checks, wire_checks
+from graph import caveats, device_checks, hints, live_checks, rate_checks, type_checks, wire_checks
 from graph.arena_layout import size_of
 from graph.assembly import assemble
 from graph.compilation import Compilation
@@ -17,7 +17,6 @@ from graph.device import Actuator
 from graph.diagnostics import DiagramError
 from graph.diagram import Diagram
 from graph.interval import Interval
-from graph.order import cluster, dependencies, take_out_loops
 from graph.ranges import find_ranges, interval_of
 from graph.reach import ReachCheck
 from graph.schedule import Proof, Schedule
@@ -54,6 +53,7 @@ def examine(diagram: Diagram) -> Compilation:
     for check in (
         wire_checks.check_names,
         wire_checks.check_parameters,
+        live_checks.check_live,
         wire_checks.check_wires,
         wire_checks.compile_marked,
         wire_checks.check_steps,
@@ -83,10 +83,9 @@ def examine(diagram: Diagram) -> Compilation:
 
 def sort(compilation: Compilation) -> None:
     """Sort the blocks by their dependencies within a tick, and report algebraic loops."""
+    from graph.order import dependencies, ordered, take_out_loops  # imports networkx
+
     graph = dependencies(compilation.blocks, compilation.sources)
-    compilation.order = cluster(graph)
-    if len(compilation.order) == len(graph):
-        return
     for cycle in take_out_loops(graph):
         spelled = ", ".join(f"{source.path}.{output} -> {block.path}.{port}" for source, output, block, port in cycle)
         *_, (_, _, first, port) = cycle
@@ -97,7 +96,7 @@ def sort(compilation: Compilation) -> None:
             where=compilation.where(first, port),
             hint="insert a block without direct feedthrough, such as UnitDelay",
         )
-    compilation.order = cluster(graph)
+    compilation.order = ordered(graph)
 
 
 def prove(compilation: Compilation) -> None:
@@ -152,4 +151,5 @@ def prepare(compilation: Compilation) -> None:
         )
         block.width = size_of(next(filter(None, free), ()))
         block.dt = block.every / compilation.diagram.rate
+        compilation.attempt(block, block.check_rules)
         compilation.attempt(block, block.prepare, block.dt)

@@ -9,16 +9,19 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Sequence
+from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from graph import kernel_items, units
 from graph.block import Sink, range_of
+from graph.declarations import Live
 from graph.device import Device
 from graph.diagnostics import DiagramError
 from graph.diagram import Diagram
 from graph.interval import Interval
+from graph.live_checks import listed, rejected
 from graph.store import from_json, loadable, registered, to_json
 
 if TYPE_CHECKING:
@@ -41,6 +44,7 @@ def check_block(kind: type[Block], examples: Sequence[dict[str, Any]] | None = N
     7. The block is unchanged after conversion to JSON and back.
     8. A parameter that may be Live takes effect while running; any other is declared `fixed`.
     9. The class declares every item that its kernels name.
+    10. Two parameters that may be Live have no values that the rules allow and `configure` or `prepare` rejects.
 
     examples : list of parameters to test; `kind.examples` by default
 
@@ -58,6 +62,7 @@ def check_block(kind: type[Block], examples: Sequence[dict[str, Any]] | None = N
             check_range,
             check_json,
             check_live,
+            check_rules,
         ):
             check(kind, dict(parameters))
             made += 1
@@ -296,6 +301,51 @@ def check_live(kind: type[Block], parameters: dict[str, Any]) -> None:
                     "outputs differ from those of a block made with the new value. Read the parameter in the step, "
                     "or declare it fixed=True"
                 )
+
+
+def check_rules(kind: type[Block], parameters: dict[str, Any]) -> None:
+    """Check that the class declares its rules between parameters that may be Live."""
+    names = (
+        [name for name, param in kind.parameters.items() if param.numeric and not param.fixed] if computes(kind) else []
+    )
+    for chosen in (*((name,) for name in names), *combinations(names, 2)):
+        block = with_live(kind, parameters, chosen)
+        found = rejected(block, list(chosen), block.dt) if block is not None else None
+        assert found is None, (
+            f"{kind.__name__} rejects {listed(found[0])} ({found[1]}), which a live change may set: declare the "
+            'rule in the class, as in rules = ("lower <= upper",), give the parameters bounds, or declare one '
+            "fixed=True"
+        )
+
+
+def with_live(kind: type[Block], parameters: dict[str, Any], names: Sequence[str]) -> Block | None:
+    """Return a block with live parameters between some of their valid values, or None if it accepts no such bounds."""
+    block = make(kind, parameters)
+    numeric = [name for name, param in kind.parameters.items() if param.numeric]  # also those that a rule compares with
+    pool = [value for name in numeric for value in test_values(kind.parameters[name], getattr(block, name))]
+    valid = [sorted(accepted(kind.parameters[name], pool)) for name in names]
+    for values in product(*valid):
+        live = {
+            name: Live(value, min=choice[0], max=choice[-1], slew=math.inf)
+            for name, value, choice in zip(names, values, valid)
+        }
+        try:
+            return make(kind, parameters | live)
+        except DiagramError:
+            continue
+    return None
+
+
+def accepted(param: Param, values: Sequence[Any]) -> set[float]:
+    """Return the finite ones of some values that a parameter accepts, in its type."""
+    found = set()
+    for value in values:
+        try:
+            value = param.check(value if param.dtype is float or value is None else param.dtype(value))
+        except (ValueError, OverflowError):
+            continue
+        found |= {value} if value is not None and math.isfinite(value) else set()
+    return found
 
 
 def test_values(param: Param, value: float | None) -> Sequence[float | bool | None]:

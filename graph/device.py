@@ -19,7 +19,7 @@ class Motion:
     """Limits of an actuator's motion and torque during a run (cext/safety/motion_watch.pxd).
 
     acceleration : highest acceleration assumed while stiffness or damping is commanded, rad/s²
-    position_code, velocity_code : resolution of the reported position and velocity, rad and rad/s
+    velocity_code : resolution of the reported velocity, rad/s
     gains : (name of a memory, index) from which the kernel reads the allowed share of stiffness and damping, or None
     range : (lowest, highest) joint angle in rad, () if not declared
     fastest : highest joint speed, rad/s
@@ -33,7 +33,6 @@ class Motion:
     """
 
     acceleration: float = math.inf
-    position_code: float = 0.0
     velocity_code: float = 0.0
     gains: tuple | None = None
     range: tuple = ()
@@ -90,10 +89,6 @@ class Watch:
                 f"acceleration exceeds max_acceleration, {self.motion.acceleration:g} rad/s²: stiffness and damping "
                 "are zero until it is below that limit"
             ),
-            ""
-            if self.motion is None
-            else "replies arrive later than max_transit and one period after their commands: stiffness and damping are "
-            "zero until none has for one to two seconds. Check adapter, load and length of the bus",
         )
 
 
@@ -106,6 +101,7 @@ class ReplyField:
 
     frames : frames with this field, as (arbitration id, mask, is extended, first bytes), like `Device.replies`
     first : index of the first bit in the data; bits : number of bits
+    little_endian : whether the field, of whole bytes, has its least significant byte first
     """
 
     frames: tuple
@@ -114,23 +110,33 @@ class ReplyField:
     low: float
     high: float
     signed: bool = False
+    little_endian: bool = False
 
 
 @dataclass(frozen=True)
-class CommandReplies:
-    """How an actuator answers commands (cext/safety/transit.pxd).
+class StopReply:
+    """Replies of a device in a safe stop, and what they report at rest (cext/safety/stop_confirmation.pyx).
 
-    max_transit : time from a command to its reply up to which stiffness and damping are permitted, s
-    report_rate : rate of its reports if it does not answer commands, Hz; 0: it answers each frame once, in order
-    restart_time : shortest silence in which a drive may restart that then obeys without an enable, s; 0 for a drive
-        that must be enabled
-    to_enable : number of samples with which it answers `enable_frames`; None: one each
+    frames : its replies, as (arbitration id, mask, is extended, first bytes)
+    unasked : frames that it also sends by itself, which differ from replies in their id; same form
+    length : number of data bytes of both; 0 for any
+    torque : ReplyField of its torque or current; None for a device that makes no torque
+    rest : largest torque or current at rest, in the unit of `torque`
+    disabled : (mask, value) of the bits of the arbitration id by which a reply reports that the device is disabled
+    enabled : ReplyField whose value is 0 while the device is disabled; None without one
+    echo : (index of a byte, value) in the reply to a disable; an error code may take its place. () without one
+    reports : whether it may send `frames` by itself, so that their number says nothing
     """
 
-    max_transit: float
-    report_rate: float = 0.0
-    restart_time: float = 0.0
-    to_enable: int | None = None
+    frames: tuple
+    unasked: tuple = ()
+    length: int = 0
+    torque: ReplyField | None = None
+    rest: float = 0.0
+    disabled: tuple[int, int] = (0, 0)
+    enabled: ReplyField | None = None
+    echo: tuple = ()
+    reports: bool = False
 
 
 @dataclass(frozen=True)
@@ -234,6 +240,7 @@ class Winding:
     rated : rated torque at the joint, N·m; None if not published
     rated_current, peak_current : of the motor, A; None if not published
     supply : (lowest, highest) permitted voltage, V; () if not published
+    supply_note : reason why that range is assumed, "" if it is published
     """
 
     limit: float | None = None
@@ -242,6 +249,7 @@ class Winding:
     rated_current: float | None = None
     peak_current: float | None = None
     supply: tuple[float, ...] = ()
+    supply_note: str = ""
 
 
 class Device(Block):
@@ -319,14 +327,14 @@ class Device(Block):
         """Return why a device that responds is not `ready`, and the remedy."""
         return "the device responds, but does not confirm the settings written during arming"
 
-    def replies(self) -> Sequence[tuple[int, int, bool, Any]]:
-        """Return the replies of this device to a safe stop, as (arbitration id, mask, is extended, first bytes).
+    def stop_reply(self) -> StopReply | None:
+        """Return the StopReply by which it confirms a safe stop; None if it cannot, and is reported as unconfirmed.
 
-        The first bytes distinguish replies from commands with the same id. A string in their place is a regular
-        expression that the hex digits of the data match from the start.
+        By default a device that makes no torque confirms with any frame that `decode` accepts; an actuator cannot.
         """
         filters = self.acceptance_filters()
-        return [(*pattern, b"") for pattern in ([(0, 0, False), (0, 0, True)] if filters is None else filters)]
+        patterns = [(0, 0, False), (0, 0, True)] if filters is None else filters
+        return StopReply(tuple((*pattern, b"") for pattern in patterns))
 
     def traffic(self) -> Sequence[tuple[int, bool]]:
         """Return the frames of one tick, commands and replies, as (data bytes, is extended) pairs."""
@@ -351,10 +359,6 @@ class Device(Block):
     def disable_frames(self) -> Sequence[Frame]:
         """Return the frames that disable the device. Only arming enables it again."""
         return []
-
-    def command_replies(self) -> CommandReplies | None:
-        """Return its CommandReplies, or None; the age of a sample then begins at its arrival."""
-        return None
 
     def watched(self) -> Watch | None:
         """Return the Watch with its limits during a run, or None."""
@@ -393,7 +397,7 @@ class Actuator(Device):
         """
         super().adopt_assigned()
         derived = copy(self)
-        derived._configure()
+        derived.reconfigure()
         for name, value in plain_attributes(derived).items():
             given = getattr(self, name, value)
             if given != value and name not in self.parameters:
@@ -406,6 +410,9 @@ class Actuator(Device):
                         hint="set a parameter instead, such as limit",
                     )
                 )
+
+    def stop_reply(self) -> StopReply | None:
+        return None
 
     def command_limits(self) -> dict[str, Interval]:
         """Return {input: Interval} that the command at each input must not leave."""

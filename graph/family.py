@@ -83,6 +83,7 @@ class Drive:
     block : class; find : returns the model of a name, raises ValueError
     option : name of the option that selects it, as in "servo" for --servo, "" if the model's name selects it
     help : help text of that option
+    endings : further words at the end of a name that select it, as in "MODEL mit"
     movements : those of torque, position and velocity that `move` can command
     bounded : the movements whose torque the block's `limit` bounds
     settings : (movement, target, speed in rad/s, rise in s) -> parameters of the block
@@ -101,6 +102,7 @@ class Drive:
     bounded: tuple = ("torque", "position", "velocity")
     settings: Callable[[str, float, float, float], dict] | None = None
     wire: Callable[[Any, str, float, dict], None] | None = None
+    endings: tuple = ()
 
 
 @dataclass(frozen=True)

@@ -1,34 +1,31 @@
-"""Order of the steps in a tick: dependencies, algebraic loops, and segments of one kind."""
+"""Order of the steps in a tick: the dependencies are a graph of networkx, which sorts it and finds its loops.
+
+The import of networkx takes 0.1 s and 20 MB, so that only a compile imports this module.
+"""
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import networkx as nx
 
 from graph.signal import Signal
+from graph.upstream import computes
 
 if TYPE_CHECKING:
     import numpy as np
-    from networkx.classes.digraph import DiGraph
 
     from graph.block import Block
-    from graph.schedule import Step
-
-    Followers = dict[Block, dict[Block, dict[str, str]]]
 
 
-def computes(block: Block) -> bool:
-    """Return whether a block has a step in the output phase."""
-    return block.is_python or block.kernel is not None
+def dependencies(blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal]) -> nx.DiGraph:
+    """Return the direct feedthroughs and conditions among blocks, as a DiGraph of the blocks that compute.
 
-
-def dependencies(blocks: Sequence[Block], sources: dict[tuple[Block, str], np.ndarray | Signal]) -> Followers:
-    """Return the direct feedthroughs and conditions among blocks: {block: {follower: {"source": .., "port": ..}}}.
-
-    `source` and `port` are the names of the output and of the input.
+    The attributes `source` and `port` of an edge are the names of the output and of the input.
     """
-    graph: Followers = {block: {} for block in blocks if computes(block)}
+    graph = nx.DiGraph()
+    graph.add_nodes_from(block for block in blocks if computes(block))
     for block in graph:
         for name in block.step_inputs():
             source = sources.get((block, name))
@@ -37,98 +34,84 @@ def dependencies(blocks: Sequence[Block], sources: dict[tuple[Block, str], np.nd
                 and source.block in graph
                 and source.port not in getattr(source.block, "sent_outputs", ())
             ):
-                graph[source.block][block] = {"port": name, "source": source.port}
+                graph.add_edge(source.block, block, port=name, source=source.port)
         for condition in block.conditions:
             if condition.block in graph:
-                graph[condition.block][block] = {"port": "enabled", "source": condition.port}
+                graph.add_edge(condition.block, block, port="enabled", source=condition.port)
     return graph
 
 
-def upstream(blocks: dict[Block, Step], sources: dict[tuple[Block, str], np.ndarray | Signal]) -> set[Block]:
-    """Return the blocks and all upstream of them, with or without direct feedthrough, as a set."""
-    reached, waiting = set(blocks), list(blocks)
-    while waiting:
-        block = waiting.pop()
-        for source in (*(sources.get((block, name)) for name in block.inputs), *block.conditions):
-            if isinstance(source, Signal) and source.block not in reached:
-                reached.add(source.block)
-                waiting.append(source.block)
-    return reached
-
-
-def take_out_loops(graph: Followers) -> list[list[tuple[Block, str, Block, str]]]:
+def take_out_loops(graph: nx.DiGraph) -> list[list[tuple[Block, str, Block, str]]]:
     """Remove the edges of algebraic loops from the dependencies.
 
     Returns one cycle of each loop, as a list of (block, output, block, input).
     """
-    import networkx as nx  # 20 MB and 0.1 s
-
-    digraph = nx.DiGraph(graph)
     cycles = []
-    for component in list(nx.strongly_connected_components(digraph)):
-        if len(component) == 1 and not digraph.has_edge(*component, *component):
+    for component in list(nx.strongly_connected_components(graph)):
+        inside = graph.subgraph(component)
+        if not inside.number_of_edges():
             continue
-        inside = digraph.subgraph(component)
         first = min(component, key=lambda block: block.path)
         first = next((block for block in [first, *inside] if inside.has_edge(block, block)), first)
         cycles.append(
             [(a, inside.edges[a, b]["source"], b, inside.edges[a, b]["port"]) for a, b in shortest_cycle(inside, first)]
         )
-        for block in component:
-            graph[block] = {other: names for other, names in graph[block].items() if other not in component}
+        graph.remove_edges_from(list(inside.edges))
     return cycles
 
 
-def shortest_cycle(graph: DiGraph, first: Block) -> list[tuple[Block, Block]]:
+def shortest_cycle(graph: nx.DiGraph, first: Block) -> list[tuple[Block, Block]]:
     """Return the edges of a shortest cycle through a block."""
     if graph.has_edge(first, first):
         return [(first, first)]
-    from networkx import shortest_path
-
-    paths = shortest_path(graph, first)
+    paths = nx.shortest_path(graph, first)
     last = min(graph.predecessors(first), key=lambda block: (len(paths[block]), block.path))
     around = paths[last] + [first]
     return list(zip(around, around[1:]))
 
 
-def cluster(graph: Followers) -> list[Block]:
-    """Return the blocks in a topological order with few changes between native and Python segments.
+def ordered(graph: nx.DiGraph) -> list[Block]:
+    """Return the blocks of an acyclic graph in the topological order of networkx, by a key.
 
-    Steps of one kind and rate are adjacent, which minimises GIL acquisitions. Within a segment the order is by depth,
-    then by class: indirect calls are predicted better, and consecutive steps seldom depend on each other. The blocks of
-    a loop and their followers are missing.
+    The first part of the key is the number of changes of kind on the way to a block, so that steps of one kind are
+    adjacent and the GIL is acquired seldom; the kinds of a level alternate, so that two levels meet in one. Within a
+    segment the order is by depth, then by class: indirect calls are predicted better, and consecutive steps seldom
+    depend on each other.
     """
-    waiting = dict.fromkeys(graph, 0)
-    for followers in graph.values():
-        for follower in followers:
-            waiting[follower] += 1
-    depth = dict.fromkeys(graph, 0)  # length of the longest path from a source
-    ready = {}  # kind: heap of (depth, class, path, block)
+    kinds = {block: kind(block) for block in graph}
+    level, depth = dict.fromkeys(graph, 0), dict.fromkeys(graph, 0)  # changes of kind, blocks on the longest way
+    for block in nx.topological_sort(graph):
+        for follower in graph[block]:
+            level[follower] = max(level[follower], level[block] + (kinds[block] != kinds[follower]))
+            depth[follower] = max(depth[follower], depth[block] + 1)
+    ranks = {each: rank for rank, each in enumerate(sorted(set(kinds.values())))}
 
-    def release(block):
-        own = type(block)
-        heapq.heappush(
-            ready.setdefault(kind(block), []), (depth[block], own.__module__, own.__qualname__, block.path, block)
+    def key(block: Block) -> tuple[Any, ...]:
+        own, rank = type(block), ranks[kinds[block]]
+        return (
+            level[block],
+            rank if level[block] % 2 == 0 else -rank,
+            depth[block],
+            own.__module__,
+            own.__qualname__,
+            block.path,
         )
 
-    for block, count in waiting.items():
-        if count == 0:
-            release(block)
-    order, current = [], None
-    while ready:
-        current = current if current in ready else min(ready)
-        *_, block = heapq.heappop(ready[current])
-        if not ready[current]:
-            del ready[current]
-        order.append(block)
-        for follower in graph[block]:
-            waiting[follower] -= 1
-            depth[follower] = max(depth[follower], depth[block] + 1)
-            if waiting[follower] == 0:
-                release(follower)
-    return order
+    return list(nx.lexicographical_topological_sort(graph, key))
 
 
 def kind(block: Block) -> tuple[int, tuple[str, ...], bool]:
     """Return the key that all steps of a segment share: rate, conditions, whether they run in Python."""
     return block.every, tuple(condition.path for condition in block.conditions), block.is_python
+
+
+def components(blocks: Iterable[Block], before: Mapping[Block, Iterable[Block]]) -> list[list[Block]]:
+    """Return the strongly connected components of blocks, in topological order.
+
+    before : {block: the blocks that are connected to its inputs}
+    """
+    graph: nx.DiGraph[Any] = nx.DiGraph()
+    graph.add_nodes_from(blocks)
+    graph.add_edges_from((other, block) for block in graph for other in before[block])
+    condensed = nx.condensation(graph)
+    return [list(condensed.nodes[each]["members"]) for each in nx.topological_sort(condensed)]

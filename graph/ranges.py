@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from graph.block import range_of
 from graph.interval import EVERYTHING, Interval
-from graph.order import computes
 from graph.signal import Signal
+from graph.upstream import computes
 
 if TYPE_CHECKING:
     import numpy as np
@@ -94,32 +94,10 @@ class _Analysis:
         )
 
     def components(self, order):
-        """Yield the strongly connected components as lists of blocks, in topological order. (Tarjan 1972)"""
-        number, lowest, stack, standing = {}, {}, [], set()
-        for root in order:
-            path = [] if root in number else [(root, iter(self.before[root]))]
-            while path:
-                block, others = path[-1]
-                if block not in number:
-                    number[block] = lowest[block] = len(number)
-                    stack.append(block)
-                    standing.add(block)
-                for other in others:
-                    if other not in number:
-                        path.append((other, iter(self.before[other])))
-                        break
-                    if other in standing:
-                        lowest[block] = min(lowest[block], lowest[other])
-                else:
-                    path.pop()
-                    if path:
-                        lowest[path[-1][0]] = min(lowest[path[-1][0]], lowest[block])
-                    if lowest[block] == number[block]:
-                        component = [stack.pop()]
-                        while component[-1] is not block:
-                            component.append(stack.pop())
-                        standing.difference_update(component)
-                        yield sorted(component, key=self.rank.__getitem__)
+        """Return the strongly connected components as lists of blocks, in topological order."""
+        from graph.order import components  # imports networkx
+
+        return [sorted(each, key=self.rank.__getitem__) for each in components(order, self.before)]
 
     # One block
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from graph.block import Sink
 from graph.compilation import Compilation
 from graph.device import Actuator, Device
+from graph.rules import held_bounds_of
 from graph.signal import Signal
 
 if TYPE_CHECKING:
@@ -80,9 +81,11 @@ def check_rates(compilation: Compilation) -> None:
                 source = held_source(compilation, compilation.sources[block, name])
                 if source is not None and not block.conditions:
                     conditions = names_of(source.block.conditions)
+                    late = late_parameters(compilation, source)
                     compilation.report(
                         "TW021",
-                        f"{source.path} keeps its last value while {conditions} is false",
+                        f"{source.path} keeps its last value while {conditions} is false"
+                        + (f"; live changes of {', '.join(late)} take effect when it is true again" if late else ""),
                         block,
                         name,
                         compilation.where(block, name),
@@ -102,6 +105,21 @@ def held_source(compilation: Compilation, source: np.ndarray | Signal | None) ->
         signals = {each for each in inputs if isinstance(each, Signal)}
         source = signals.pop() if len(signals) == 1 else None
     return None
+
+
+def late_parameters(compilation: Compilation, source: Signal) -> list[str]:
+    """Return the live parameters behind a held signal that do not bound it while its block does not run."""
+    bounds = held_bounds_of(source.block, source.block.held_within).get(source.port, ())
+    at_once = {f"{source.block.path}.{name}" for side in bounds for name, _ in side.terms}
+    found, waiting = {source.block}, [source.block]
+    while waiting:
+        block = waiting.pop()
+        sources = (compilation.sources[block, name] for name in block.inputs)
+        before = {each.block for each in sources if isinstance(each, Signal) and each.block.conditions}
+        waiting += before - found
+        found |= before
+    names = (f"{block.path}.{name}" for block in found for name in block.parameters if block.live(name))
+    return sorted(name for name in names if name not in at_once)
 
 
 def names_of(conditions: tuple[Signal, ...]) -> str:

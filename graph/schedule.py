@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cext.rules import Side
 from graph.arena_layout import KernelTable
-from graph.device import DampedStop
+from graph.device import DampedStop, StopReply
 from graph.interval import Interval
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ class DeviceSteps:
     zero: tuple
     disable: tuple
     damp: DampedStop | None = None  # first part of a safe stop, instead of zero and disable
+    stop_reply: StopReply | None = None  # by which it confirms a safe stop
     unanswered: int = 0  # number of disable frames without a reply
     relay_time: float = 0.0  # s without a frame after which its relay opens; 0: it has no relay
     start_time: float = 0.0  # s at the beginning of arming during which no other device receives a frame
@@ -102,12 +104,6 @@ class DeviceSteps:
     disable_slot: int = -1
     active_slot: int = -1
     zeroing: ZeroSteps | None = None  # None for a device without a zero that can be set
-    answers: bool = False  # whether it answers each command with one frame
-    transit: int = -1  # slot of the longest transit, and of the time that `age` does not contain, s; -1: none
-    max_transit: float = 0.0  # s from a command to its reply up to which it has stiffness and damping
-    restart_time: float = 0.0  # s of silence in which it may restart and obey again without an enable; 0: none
-    report_period: float = 0.0  # s between its reports if it does not answer commands
-    enable_replies: int = 0  # replies to its enable frames
 
 
 @dataclass(frozen=True)
@@ -168,6 +164,16 @@ class LiveParameter:
 
 
 @dataclass(frozen=True)
+class HeldBound:
+    """Numbers in the arena that a block keeps while it does not run. low, high : bounds, as the sides of a LiveRule"""
+
+    slot: int
+    size: int
+    low: Side
+    high: Side
+
+
+@dataclass(frozen=True)
 class Proof:
     """Proved interval of a command of an actuator, and its limit."""
 
@@ -209,6 +215,8 @@ class Schedule:
     parameters: dict  # "left/impedance.stiffness": slot, native blocks only
     items: dict  # path: {name: (slot, length)} of ports, parameters and memory, native blocks only
     live: list = field(default_factory=list)  # LiveParameter, by path
+    live_rules: list = field(default_factory=list)  # cext.rules.LiveRule
+    held_bounds: list = field(default_factory=list)  # HeldBound
     proofs: list = field(default_factory=list)
     torque_bounds: dict = field(default_factory=dict)  # path of an actuator: graph.TorqueBound
     caveats: list = field(default_factory=list)  # graph.caveats.Caveat of each torque limit that may not hold

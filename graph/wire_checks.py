@@ -10,8 +10,8 @@ from graph.compilation import Compilation
 from graph.device import Device
 from graph.diagnostics import DiagramError
 from graph.names import check_name, suggestion
-from graph.order import computes
 from graph.signal import Signal
+from graph.upstream import computes
 
 
 def check_names(compilation: Compilation) -> None:

@@ -5,6 +5,9 @@ tests the garbage among the newer objects is collected and the rest is frozen as
 once in FULL_COLLECTION_INTERVAL of these collections.
 
 Hypothesis draws the same examples in every session; with EXAMPLES=soak it draws others, and thirty times as many.
+
+With SKIPPED_FILES=error a session fails if every selected test of a file was skipped: a check whose tool is missing has
+not been made. `make soak` sets it. Tests of real interfaces have a target of their own, `make test-hardware`.
 """
 
 import gc
@@ -23,6 +26,35 @@ settings.load_profile(os.environ.get("EXAMPLES", "steady"))
 
 def pytest_collection_finish(session):
     collect(everything=True)
+
+
+ran, skipped = set(), {}  # files with a test that ran; reason by file with a test that was skipped
+EXEMPT = ("tests/hardware/", "tests/peers/")
+
+
+def pytest_runtest_logreport(report):
+    note(report, report.nodeid.split("::")[0], report.when == "call" or report.failed)
+
+
+def pytest_collectreport(report):
+    if report.skipped:
+        note(report, report.nodeid, False)
+
+
+def note(report, file, has_run):
+    if report.skipped:
+        skipped[file] = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+    elif has_run:
+        ran.add(file)
+
+
+def pytest_sessionfinish(session):
+    if os.environ.get("SKIPPED_FILES") == "error":
+        hidden = {file: why for file, why in skipped.items() if file not in ran and not file.startswith(EXEMPT)}
+        for file, why in sorted(hidden.items()):
+            print(f"\nERROR {file}: every test was skipped: {why}")
+        if hidden:
+            session.exitstatus = 1
 
 
 def pytest_runtest_logfinish(nodeid, location):

@@ -1,5 +1,6 @@
 """Actuators: one family a folder, with a table of its models, its protocol and its emulator."""
 
+from blocks.actuators.by_name import Actuator, actuators
 from blocks.actuators.cubemars import (
     CubeMars,
     CubeMarsServo,
@@ -11,6 +12,7 @@ from blocks.actuators.cubemars import (
 from blocks.actuators.robstride import EmulatedRobStride, EmulatedRobStrideMIT, RobStride, RobStrideMIT
 
 __all__ = [
+    "Actuator",
     "CubeMars",
     "CubeMarsServo",
     "CubeMarsV3",
@@ -21,4 +23,5 @@ __all__ = [
     "EmulatedRobStrideMIT",
     "RobStride",
     "RobStrideMIT",
+    "actuators",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from blocks.actuators.damping import damped_stop
-from graph import Param, ReplyField
+from graph import Param, ReplyField, StopReply
 
 if TYPE_CHECKING:
     from graph.device import DampedStop
@@ -28,7 +28,9 @@ class StopInMitMode:
 
     can_id: Param[int]
     wire: Any  # half ranges on the wire, at the joint
-    replies: Any
+    reply_frames: Any  # function that returns its replies, as the frames of a ReplyField
+    rest_torque: Any
+    reply: Any = 8  # bytes of a reply
 
     def traffic(self) -> list[tuple[int, bool]]:
         """Return the command and the reply of a tick, of 8 bytes each."""
@@ -46,7 +48,13 @@ class StopInMitMode:
         """Return the frame that leaves the MIT mode."""
         return [(self.can_id, False, DISABLE)]
 
+    def stop_reply(self) -> StopReply:
+        """Return the StopReply: a torque near zero, since MIT mode does not report whether the drive is enabled."""
+        frames, half = tuple(self.reply_frames()), self.wire[4]
+        torque = ReplyField(frames, first=36, bits=12, low=-half, high=half)
+        return StopReply(frames, length=self.reply, torque=torque, rest=self.rest_torque(2.0 * half / 0xFFF))
+
     def damped_stop(self) -> DampedStop | None:
         """Return the DampedStop, chosen by the velocity in the replies; None without damping."""
-        velocity = ReplyField(tuple(self.replies()), first=24, bits=12, low=-self.wire[1], high=self.wire[1])
+        velocity = ReplyField(tuple(self.reply_frames()), first=24, bits=12, low=-self.wire[1], high=self.wire[1])
         return damped_stop(self, lambda damping: [(self.can_id, False, damped(damping / self.wire[3]))], velocity)

@@ -92,6 +92,8 @@ class GaitPhase(Block):
     gives a NaN phase and is not stored.
     """
 
+    rules = ("shortest < longest",)
+
     threshold = Param(0.7, "rad", "knee flexion at the event", above=0.0)
     event_phase = Param(0.62, "1", "gait phase at the event, shortly after toe-off", min=0.0, max=1.0)
     shortest = Param(0.6, "s", "shortest accepted stride", above=0.0)
@@ -110,7 +112,3 @@ class GaitPhase(Block):
     events = Memory(0.0, "number of events since the start")
 
     kernel = kernels.gait_phase
-
-    def configure(self) -> None:
-        if self.shortest >= self.longest:
-            raise ValueError(f"shortest, {self.shortest:g} s, must be below longest, {self.longest:g} s")

@@ -94,6 +94,9 @@ class PID(_Controller):
     Direct feedthrough. I and the derivative start at 0. NaN passes, infinity becomes NaN; neither is stored.
     """
 
+    rules = ("lower <= upper",)
+    held_within = {"command": ("lower", "upper")}
+
     ki = Param(0.0, "any", "integral gain: kp / Ti")
     kd = Param(0.0, "any", "derivative gain: kp Td")
     filter_time = Param(0.0, "s", "time constant of the derivative filter: Td / N", min=0.0)
@@ -117,8 +120,6 @@ class PID(_Controller):
 
     def configure(self) -> None:
         super().configure()
-        if self.lower > self.upper:
-            raise ValueError(f"lower must not exceed upper, got {self.lower:g} and {self.upper:g}")
         self.clamps = float(self.anti_windup == "clamping")
 
     def prepare(self, dt: float) -> None:

@@ -36,6 +36,8 @@ class ContactEvents(_Events, Block):
     recent range: Catalfamo et al. 2008; median against lost samples: Tukey 1977)
     """
 
+    rules = ("falling <= rising",)
+
     rising = Param(0.1, "1", "load at which contact begins", above=0.0, below=1.0)
     falling = Param(0.06, "1", "load below which contact ends", above=0.0, below=1.0)
     smallest = Param(20.0, "any", "smallest range of the force while walking, in its unit", above=0.0)
@@ -50,10 +52,6 @@ class ContactEvents(_Events, Block):
     state = Memory((0.0, 0.0, 0.0, math.inf, 0.0, 0.0), "contact, times without load, and last loads")
 
     kernel = kernels.contact_events
-
-    def configure(self) -> None:
-        if self.falling > self.rising:
-            raise ValueError(f"falling, {self.falling:g}, must not be above rising, {self.rising:g}")
 
 
 class GyroEvents(_Events, Block):

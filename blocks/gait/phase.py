@@ -18,6 +18,8 @@ class StridePhase(Block):
     (time-based estimation, as in Zhang et al. 2017)
     """
 
+    rules = ("shortest < longest",)
+
     count = Param(3, "1", "strides of the mean: a new one has the weight 1 / count", min=1, max=20)
     shortest = Param(0.5, "s", "shortest accepted stride", above=0.0)
     longest = Param(2.5, "s", "longest accepted stride", above=0.0)
@@ -29,10 +31,6 @@ class StridePhase(Block):
     state = Memory((math.inf, 0.0, 0.0), "time since the strike, mean stride time, consecutive strides")
 
     kernel = kernels.stride_phase
-
-    def configure(self) -> None:
-        if self.shortest >= self.longest:
-            raise ValueError(f"shortest, {self.shortest:g} s, must be below longest, {self.longest:g} s")
 
 
 class PhasePortrait(Block):

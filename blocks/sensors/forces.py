@@ -74,6 +74,8 @@ class FSR(Block):
     guide)
     """
 
+    rules = ("release <= press",)
+
     supply = Param(3.3, "V", "supply voltage U of the divider", above=0.0)
     resistor = Param(10e3, "Ω", "resistor R of the divider", above=0.0)
     sensitivity = Param(25e3, "N·Ω", "force times resistance k of the sensor; about 25 kN·Ω for an FSR 402", above=0.0)
@@ -86,10 +88,6 @@ class FSR(Block):
     pressed = Output("1", "true while pressed", dtype=bool)
 
     kernel = kernels.force_sensitive_resistor
-
-    def configure(self) -> None:
-        if self.release > self.press:
-            raise ValueError(f"release must not exceed press, {self.press:g} N, got {self.release:g} N")
 
     def output_range(self, voltage: Interval) -> dict[str, Interval]:
         return {

@@ -200,6 +200,8 @@ class FootContact(Block):
     unchanged.
     """
 
+    rules = ("release <= press",)
+
     press = Param(50.0, "N", "force above which contact begins", above=0.0)
     release = Param(30.0, "N", "force below which contact ends", min=0.0)
     heel_share = Param(0.5, "1", "minimum share of the force on the heel at a heel strike", min=0.0, max=1.0)
@@ -213,7 +215,3 @@ class FootContact(Block):
     state = Memory((0.0, 1e9), "1 while on the ground, time in s since the last change")
 
     kernel = kernels.contact
-
-    def configure(self) -> None:
-        if self.release > self.press:
-            raise ValueError(f"release must not exceed press, {self.press:g} N, got {self.release:g} N")

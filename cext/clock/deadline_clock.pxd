@@ -1,6 +1,6 @@
 from libc.stdint cimport int32_t, int64_t, uint64_t
 
-from cext.posix cimport CLOCK_MONOTONIC, clock_gettime, timespec
+from cext.posix cimport CLOCK_BOOTTIME, CLOCK_MONOTONIC, clock_gettime, timespec
 
 cdef extern from *:
     """
@@ -27,6 +27,15 @@ cdef inline int64_t clock(int which) noexcept nogil:
 
 cdef inline int64_t monotonic() noexcept nogil:
     return clock(CLOCK_MONOTONIC)
+
+cdef inline int64_t suspended_time() noexcept nogil:
+    """Return the ns for which this computer has been suspended since it was started.
+
+    CLOCK_MONOTONIC stands still meanwhile, CLOCK_BOOTTIME does not. CLOCK_MONOTONIC is read second, so that a delay
+    between the two makes the result smaller, never larger.
+    """
+    cdef int64_t boot = clock(CLOCK_BOOTTIME)
+    return boot - monotonic()
 
 cdef class DeadlineClock:
     cdef readonly double rate        # Hz

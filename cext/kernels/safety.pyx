@@ -3,19 +3,32 @@
 
     heartbeat   two bytes: a counter, incremented (modulo 256) in each frame; 5A released, any other value pressed
 
-A heartbeat with an unchanged counter does not count: its sender hangs, or the frame is a repeated one.
+Only a frame whose number is the next one counts, or a later one if frames can have been lost meanwhile. Repeated and
+earlier numbers come from a sender that hangs, from a recorded stream, or from a second sender; if they persist beside
+frames that count, the run ends: two senders would hide each other's death.
 """
 
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
 from cext.abi cimport (
-    ESTOP, FOREIGN, ITEMS, MALFORMED, OK, PRESSED as STOP_WANTED, TAKEN, TIME, Frame, decode_t, encode_t, export,
+    ESTOP, FIRST_OWN_STATUS, FOREIGN, ITEMS, MALFORMED, OK, PRESSED as STOP_WANTED, TAKEN, TIME, Frame, decode_t, encode_t, export,
     export_decode, export_encode, items, kernel_t,
 )
 
 cdef enum:
     RELEASED_BYTE = 0x5A
+    PERIOD_MINIMUM = 1000000            # ns between two heartbeats: limits the number of lost ones in a gap
+    # frames: disorder above which a heartbeat ends the run. A repeated number adds 2, one out of order 3; a heartbeat
+    # takes half a frame away
+    DISORDER_LIMIT = 24
+    DISORDERED = FIRST_OWN_STATUS       # status: the numbers of the frames are not one rising sequence
+
+cdef enum:                              # state of a heartbeat
+    NEWEST = 0                          # number of the newest frame + 1, or 0
+    WAS_PRESSED = 1                     # 1 if the button was pressed since arming
+    TIME_OF_NEWEST = 2                  # ns
+    DISORDER = 3                        # frames; below 0 once a frame that counts has followed too many others
 
 cdef struct EmergencyStop:
     int32_t pressed
@@ -38,9 +51,9 @@ cdef int rearm_kernel(double *arena, const int32_t *slots, const int32_t *sizes)
 
 cdef struct Heartbeat:
     int32_t pressed, count, can_id
-    int32_t state               # newest counter + 1, or 0; whether the button was pressed since arming
+    int32_t state
 
-HEARTBEAT = items((<Heartbeat *>ITEMS)[0], "state[2]")
+HEARTBEAT = items((<Heartbeat *>ITEMS)[0], "state[4]")
 
 
 cdef int heartbeat_decode(double *arena, const Heartbeat *at, const Heartbeat *sizes,
@@ -52,19 +65,38 @@ cdef int heartbeat_decode(double *arena, const Heartbeat *at, const Heartbeat *s
     if frame.length != 2:
         return MALFORMED
     pressed = frame.data[1] != RELEASED_BYTE
-    if pressed:
-        state[1] = 1.0
-    elif state[0] == frame.data[0] + 1.0:
+    if pressed:                                               # whoever sends it
+        state[WAS_PRESSED] = 1.0
+    elif state[NEWEST] != 0.0 and not follows(state, frame):
         return MALFORMED
     arena[at.pressed] = pressed
     arena[at.count] += 1.0
-    state[0] = frame.data[0] + 1.0
+    state[NEWEST] = frame.data[0] + 1.0
+    state[TIME_OF_NEWEST] = <double>frame.time
     return STOP_WANTED if pressed else TAKEN
+
+
+cdef bint follows(double *state, const Frame *frame) noexcept nogil:
+    """Return whether a frame continues the rising sequence of numbers, and count the others."""
+    cdef int step = (frame.data[0] - <int>state[NEWEST] + 1) & 0xFF
+    cdef double lost = (frame.time - state[TIME_OF_NEWEST]) / PERIOD_MINIMUM      # at most
+    cdef bint counts = 0 < step < 128 and step - 1 <= lost
+    if state[DISORDER] < 0.0:
+        return counts
+    if not counts:
+        state[DISORDER] += 2.0 if step == 0 else 3.0
+    elif state[DISORDER] > DISORDER_LIMIT:
+        state[DISORDER] = -1.0
+    else:
+        state[DISORDER] = max(state[DISORDER] - 0.5, 0.0)
+    return counts
 
 
 cdef int heartbeat_encode(double *arena, const Heartbeat *at, const Heartbeat *sizes, Frame *frames) noexcept nogil:
     # Sends nothing. All devices encode before any frame of a tick is sent; if one rejects its command, none is sent.
-    return -ESTOP if arena[at.state + 1] != 0.0 or not arena[at.pressed] == 0.0 else 0
+    if arena[at.state + WAS_PRESSED] != 0.0 or not arena[at.pressed] == 0.0:
+        return -ESTOP
+    return -DISORDERED if arena[at.state + DISORDER] < 0.0 else 0
 
 
 cdef struct Button:

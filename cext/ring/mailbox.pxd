@@ -51,6 +51,7 @@ cdef enum: # answers
     OUT_OF_BOUNDS = 1           # a value is outside its bounds, not finite, or of another type: nothing was changed
     UNKNOWN = 2                 # no such parameter or kind: nothing was changed
     OVER = 3                    # the run has ended
+    AGAINST_RULE = 4            # the values break a rule between parameters: nothing was changed
 
 cdef struct Letter:
     uint64_t state              # step | number of its use << 8 | process << 32

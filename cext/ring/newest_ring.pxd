@@ -11,6 +11,25 @@ from libc.stdint cimport uint64_t
 from cext.abi cimport Frame
 from cext.atomics cimport fence_acquire, fence_release, load_u64, store_u64
 
+cdef extern from *:
+    """
+    #include <stddef.h>
+    #include <stdint.h>
+    /* A frame in the ring may be written while it is read: its words are atomic, so that a torn copy, which the reader
+    discards, is no undefined behaviour. */
+    typedef uint64_t __attribute__((may_alias)) tw_word;
+    static inline void tw_copy_in(void *shared, const void *own, size_t size) {
+        for (size_t i = 0; i < size / sizeof(tw_word); i++)
+            __atomic_store_n((tw_word *)shared + i, ((const tw_word *)own)[i], __ATOMIC_RELAXED);
+    }
+    static inline void tw_copy_out(void *own, const void *shared, size_t size) {
+        for (size_t i = 0; i < size / sizeof(tw_word); i++)
+            ((tw_word *)own)[i] = __atomic_load_n((const tw_word *)shared + i, __ATOMIC_RELAXED);
+    }
+    """
+    void copy_in "tw_copy_in"(void *shared, const void *own, size_t size) noexcept nogil
+    void copy_out "tw_copy_out"(void *own, const void *shared, size_t size) noexcept nogil
+
 cdef enum:
     NEWEST = 1024               # frames of a ring, a power of two
     # places kept free in front of the writer after a skip, so that it does not catch up at once
@@ -34,7 +53,7 @@ cdef inline void push(NewestRing *ring, const Frame *frame) noexcept nogil:
     cdef uint64_t head = ring.head
     store_u64(&ring.claimed, head + 1)
     fence_release()
-    ring.frames[head % NEWEST] = frame[0]
+    copy_in(&ring.frames[head % NEWEST], frame, sizeof(Frame))
     store_u64(&ring.head, head + 1)
 
 
@@ -51,7 +70,7 @@ cdef inline bint pull(NewestRing *ring, Frame *frame) noexcept nogil:
             gap = True
         if tail == head:
             break
-        frame[0] = ring.frames[tail % NEWEST]
+        copy_out(frame, &ring.frames[tail % NEWEST], sizeof(Frame))
         fence_acquire()
         if load_u64(&ring.claimed) - tail <= <uint64_t>NEWEST:
             ring.tail = tail + 1

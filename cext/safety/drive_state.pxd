@@ -3,7 +3,7 @@
     state       from                                        frames
     ACTIVE      arming                                      commands
     DAMPED      ACTIVE, if its safe stop begins by damping  damping, for the time of the safe stop
-    OUT         ACTIVE or DAMPED                            zero torque for STOP_LIMIT, and disable
+    OUT         ACTIVE or DAMPED                            zero torque until it has confirmed, and disable
     RETURNING   OUT, once `disabled` is false               enable and zero torque, as in arming
 
 A drive leaves ACTIVE while its parameter `disabled` or its input `disable` is true. The input sets the parameter, so a
@@ -27,6 +27,8 @@ cdef struct DriveState:
     int64_t since               # ns, of the newest change
     int64_t sent                # ns, of the newest disable
     bint silent                 # it has not replied for a time while out, and may have lost its power
+    bint unconfirmed            # it is out, and has not confirmed that it is disabled
+    bint reported               # that it has not was reported
     int64_t taken_out, returned # number of times
 
 
@@ -34,7 +36,8 @@ cdef inline void forget_state(DriveState *drive, const double *arena) noexcept n
     """Return to the state before arming."""
     drive.state = ACTIVE if drive.disabled < 0 or not arena[drive.disabled] > 0.5 else OUT
     drive.since = drive.sent = 0
-    drive.silent = drive.state == OUT
+    drive.silent = drive.unconfirmed = drive.state == OUT
+    drive.reported = False
     drive.taken_out = drive.returned = 0
 
 

@@ -18,7 +18,6 @@ cdef enum: # events, each reported once a run
     WARM_EVENT
     DERATED_EVENT
     ACCELERATION_EVENT
-    TRANSIT_EVENT
     EVENT_KINDS
 
 cdef struct Watched:
@@ -30,8 +29,6 @@ cdef struct Watched:
     double full                      # full limit
     double left                      # fraction of it in the last tick
     int64_t reply_time               # ns, of the newest reply
-    double transit                   # s, from the command to it
-    bint late                        # transits exceed what stiffness and damping allow for
     bint out                         # it is not commanded, and nothing is checked
     bint off                         # its motion is not checked, and its checks start again afterwards
     Motion motion

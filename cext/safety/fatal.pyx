@@ -11,7 +11,7 @@ from libc.string cimport memset
 
 from cext.fused.locate cimport IN_RUN, CodeMap, item_of_context
 from cext.safety.forks cimport is_child
-from cext.safety.shared_state cimport SharedLayout, store_i32
+from cext.safety.shared_state cimport FENCED_FOR_GOOD, SharedLayout, store_i32
 from cext.posix cimport (
     SA_ONSTACK, SA_SIGINFO, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, action, pthread_self, pthread_t, raise_signal,
     sigaction, sigaltstack, siginfo_t, stack_t,
@@ -35,7 +35,7 @@ cdef void on_fatal(int number, siginfo_t *information, void *context) noexcept n
     cdef int index
     cdef int item
     if page != NULL:
-        store_i32(&page.fence, 1)
+        store_i32(&page.fence, FENCED_FOR_GOOD)         # as another process may have done: never back to 1
         item = page.at if pthread_self() == loop else -1
         if item >= IN_RUN:
             index = item_of_context(code, context) if code != NULL else -1

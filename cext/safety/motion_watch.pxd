@@ -3,7 +3,6 @@
     implausible     position, velocity or torque is NaN: a fault. So is a temperature that is infinite, or at or below
                     -40 °C, which is outside the use of a wearable robot and typical of a broken sensor; NaN is the
                     temperature of a drive without a sensor
-    position jump   cext/safety/jump_watch.pxd: torque command only, at once; a fault in the next tick
     over-travel     more than 0.05 rad outside the joint's `range`: a fault
     overspeed       faster than `max_velocity` in 3 replies in a row: a fault
     excess torque   measured torque exceeds the limit plus the drive's stated accuracy in 4 replies in a row and for 20
@@ -15,7 +14,7 @@
     scale           cext/safety/scale_watch.pxd: velocity against position, torque against the sent law: a fault
 
 The law is K (θ₀ − θ) + B (ω₀ − ω) + τ of the last frame, with the newest reply; for a current command, its torque.
-Before the first tick only implausible values and jumps are checked.
+Before the first tick only implausible values are checked.
 """
 
 from libc.math cimport NAN, fabs, isfinite, isinf
@@ -23,10 +22,9 @@ from libc.stdint cimport int64_t
 
 from cext.abi cimport (
     AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, IMPLAUSIBLE, NOT_FOLLOWING, OK, OVERSPEED, OVER_TRAVEL,
-    POSITION_JUMP, SCALE_MISMATCH,
+    SCALE_MISMATCH,
 )
-from cext.safety.acceleration_watch cimport Acceleration, allow_gains, forget_acceleration, is_beyond, velocity_noise
-from cext.safety.jump_watch cimport Jump, forget_jump, is_jump
+from cext.safety.acceleration_watch cimport Acceleration, allow_gains, forget_acceleration, is_beyond
 from cext.safety.scale_watch cimport ENDS, Scale, Way, compare, follow, forget_scale
 from cext.safety.thresholds cimport (
     EXCESS_TORQUE, EXCESS_TORQUE_REPLIES, FOLLOWING_COMMANDED, FOLLOWING_FAULT, FOLLOWING_FAULT_REPLIES,
@@ -54,8 +52,6 @@ cdef struct Motion:
     double position_end, velocity_end   # rad, rad/s, ends of the encoded range, infinite for none
     int64_t reply_time                       # ns, of the newest checked reply; -1: none
     Acceleration acceleration
-    Jump jump
-    bint jumped                         # a reply has jumped, and ends the run in the next tick
     Scale velocity_scale, torque_scale
     Way way
     int fast, excessive, idle           # replies in a row
@@ -69,10 +65,9 @@ cdef struct Motion:
 
 cdef inline void forget_motion(Motion *m) noexcept nogil:
     forget_acceleration(&m.acceleration)
-    forget_jump(&m.jump)
     forget_scale(&m.velocity_scale)
     forget_scale(&m.torque_scale)
-    m.way.runs = m.beyond = m.jumped = False
+    m.way.runs = m.beyond = False
     m.reply_time = -1
     m.fast = m.excessive = m.idle = 0
     m.excess_time = m.idle_time = m.asked = m.given = m.given_before = m.wanted = 0.0
@@ -96,36 +91,11 @@ cdef inline int judge_values(Motion *m, const double *arena, double temperature)
     return OK
 
 
-cdef inline bint stiff(const Motion *m, const double *arena) noexcept nogil:
-    """Return whether stiffness or damping is commanded."""
-    return m.gains >= 0 and (arena[m.stiffness] > 0.0 or arena[m.damping] > 0.0)
-
-
-cdef inline int judge_jump(
-        Motion *m, double *arena, int64_t reply_time, double transit, bint commanded) noexcept nogil:
-    """Check the change of the angle. Returns OK or the fault: at once, or one tick after stiffness and damping.
-
-    transit : s, from the command to the newest reply
-    commanded : whether a tick with commands follows
-    """
-    if m.position < 0 or m.velocity < 0 or reply_time < 0:
-        return OK
-    if m.jumped:
-        return POSITION_JUMP
-    if not is_jump(&m.jump, reply_time, arena[m.position], arena[m.velocity], velocity_noise(&m.acceleration), transit):
-        return OK
-    blame(m, POSITION_JUMP, POSITION, m.jump.change, m.jump.bound)
-    m.jumped = commanded and stiff(m, arena)
-    return OK if m.jumped else POSITION_JUMP
-
-
-cdef inline int judge_motion(
-        Motion *m, double *arena, int64_t reply_time, double period, double left, bint late) noexcept nogil:
+cdef inline int judge_motion(Motion *m, double *arena, int64_t reply_time, double period, double left) noexcept nogil:
     """Check the motion. Returns OK or the fault.
 
     reply_time : ns, of the newest reply
     left : fraction of the limit when the last command was encoded
-    late : whether the transit of replies does not permit stiffness and damping
     """
     cdef double position, velocity, elapsed, wanted, limit
     cdef int64_t step = reply_time - m.reply_time
@@ -137,7 +107,7 @@ cdef inline int judge_motion(
     m.reply_time = reply_time
     elapsed = 1e-9 * step
     position, velocity = arena[m.position], arena[m.velocity]
-    status = judge_acceleration(m, arena, reply_time, velocity, elapsed, period, late)
+    status = judge_acceleration(m, arena, reply_time, velocity, elapsed, period)
     if status != OK:
         return status
     if not m.low - 1e-3 * TRAVEL_MARGIN <= position <= m.high + 1e-3 * TRAVEL_MARGIN:
@@ -163,18 +133,15 @@ cdef inline int judge_motion(
 
 
 cdef inline int judge_acceleration(
-        Motion *m, double *arena, int64_t reply_time, double velocity, double elapsed, double period,
-        bint late) noexcept nogil:
+        Motion *m, double *arena, int64_t reply_time, double velocity, double elapsed, double period) noexcept nogil:
     cdef bint commanded, persists
     m.beyond = False
     if m.gains < 0:
         return OK
-    commanded = stiff(m, arena) and not late            # else nothing depends on the bound
+    commanded = arena[m.stiffness] > 0.0 or arena[m.damping] > 0.0
     m.beyond = is_beyond(&m.acceleration, reply_time, velocity, period)
     persists = allow_gains(&m.acceleration, m.beyond, commanded, elapsed, period)
     m.beyond &= commanded
-    if m.jumped or late:
-        m.acceleration.share = 0.0
     arena[m.gains] = m.acceleration.share
     return blame(m, BEYOND_ACCELERATION, VELOCITY, m.acceleration.worst,
         m.acceleration.bound) if persists and commanded else OK

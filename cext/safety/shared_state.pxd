@@ -24,6 +24,10 @@ cdef enum:
     READY = 5                   # waiting for confirmation: every device has replied
     WAITING = 6                 # after a fault: safe, until armed again
 
+cdef enum:
+    OUT_WORDS = 16
+    DEVICE_LIMIT = 1024         # devices of a schedule, 64 a word
+
 cdef enum: # of the fence
     FENCED_HERE = 1             # by the loop, which may lower it to arm again
     FENCED_FOR_GOOD = 2         # by another process: permanent
@@ -52,10 +56,13 @@ cdef struct SharedLayout:
     int32_t hung                # 1 + stopwatch item of a tick that hung, -1 if unknown, 0: none
     int32_t crashed             # number of a fatal signal of the control process; `hung` is then the item at that time
     int32_t at                  # stopwatch item that the loop executes, below 0: none
-    int64_t out                 # drives that are taken out and not damped any more: bit k for device k of the schedule
+    int64_t asleep              # ns for which the computer had been suspended before the run began
+    # drives that are taken out and not damped any more: bit k % 64 of word k / 64 for device k of the schedule
+    uint64_t out[OUT_WORDS]
     pthread_mutex_t hold        # held by the loop's thread from before the guardian starts until after it has ended
     pthread_mutex_t guard_hold  # held by the guardian's thread
     int32_t guard_dead          # 1: the guardian's thread has died
+    int32_t guard_stops         # 1: the guardian stops the actuators, and judges their replies
     int64_t control             # ID of the control process
     int64_t beat                # ns of CLOCK_MONOTONIC at which the loop's newest round or tick began
     int64_t program_limit       # ns for which the loop of a connected program may be silent; 0 without one
@@ -104,6 +111,13 @@ cdef inline Header *record_at(SharedLayout *page, uint64_t place) noexcept nogil
 
 cdef inline Shown *shown(SharedLayout *page) noexcept nogil:
     return <Shown *>(ring(page) + page.capacity)
+
+cdef inline void set_out(SharedLayout *page, int device, bint out) noexcept nogil:
+    """Show whether a drive is taken out. device : number in the schedule, below DEVICE_LIMIT"""
+    cdef uint64_t *word = &page.out[device >> 6]
+    cdef uint64_t bit = <uint64_t>1 << (device & 63)
+    if (word[0] & bit != 0) != out:
+        store_u64(word, word[0] ^ bit)
 
 cdef inline void *reserve(SharedLayout *page, uint32_t kind, uint32_t size) noexcept nogil:
     """Return space for one record, NULL if the ring is full.

@@ -9,10 +9,12 @@ from libc.string cimport memcpy, memset
 from posix.unistd cimport close
 
 from cext.clock.histogram cimport buckets, summary
+from cext.clock.deadline_clock cimport suspended_time
 from cext.fused.locate cimport IN_RUN
 from cext.ring.mailbox cimport BY_KEYS, BY_SET
 from cext.ring.operator cimport origin_of_stop, process_of_stop
 from cext.safety.robust_mutex cimport EDEADLK, find_dead, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
+from cext.safety.suspend cimport suspended_since
 
 cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(SharedLayout)      # "TICKWRK1", and another for another layout
 
@@ -48,6 +50,7 @@ cdef class SharedState:
                 raise ValueError("file descriptor %d is the shared state of a run that is not initialized yet" % fd)
             self.layout.capacity = room
             self.layout.tick = self.layout.at = -1
+            self.layout.asleep = suspended_time()
             memset(ring(self.layout), 0, self.layout.capacity)     # touch every page before the loop does
             self.layout.control = os.getpid()
             failed = make_hold(&self.layout.hold) or make_hold(&self.layout.guard_hold)
@@ -174,6 +177,10 @@ cdef class SharedState:
         """Record a check of the guardian. now : ns of CLOCK_MONOTONIC; 0 when it ends"""
         store_i64(&self.layout.guard, now)
 
+    def show_stop(self, bint stops) -> None:
+        """Show whether the guardian, which calls it, stops the actuators and judges their replies."""
+        store_i32(&self.layout.guard_stops, stops)
+
     @property
     def guarded(self) -> int:
         """ns of CLOCK_MONOTONIC of the guardian's newest check; 0 without one."""
@@ -183,6 +190,11 @@ cdef class SharedState:
     def beat(self) -> int:
         """ns of CLOCK_MONOTONIC at which the loop's newest round of arming, tick, or round of the safe stop began."""
         return load_i64(&self.layout.beat)
+
+    @property
+    def suspended(self) -> int:
+        """ns for which the computer was suspended since the run began, 0 without a suspend."""
+        return suspended_since(self.layout)
 
     def close(self) -> None:
         """Announce that no further records follow."""
@@ -216,8 +228,8 @@ cdef class SharedState:
 
     @property
     def out(self) -> int:
-        """Drives that are taken out and not damped any more: bit k for device k of the schedule, below 64."""
-        return load_i64(&self.layout.out)
+        """Drives that are taken out and not damped any more: bit k for device k of the schedule."""
+        return sum(<object>load_u64(&self.layout.out[word]) << 64 * word for word in range(OUT_WORDS))
 
     @property
     def crashed(self) -> int:

@@ -1,17 +1,8 @@
-from libc.stdint cimport int64_t, uint8_t, uint32_t
+from libc.stdint cimport int64_t
 
 from cext.abi cimport Frame
 from cext.bus.batch cimport Batch
-
-cdef enum:
-    PATTERN_LIMIT = 4
-    PREFIX_BYTES = 4
-
-cdef struct Pattern:             # of a frame with the velocity
-    uint32_t id                  # with the flag bits of struct can_frame
-    uint32_t mask
-    uint8_t prefix[PREFIX_BYTES]
-    int length                   # bytes of the prefix
+from cext.safety.reply_field cimport PATTERN_LIMIT, Field, Pattern
 
 cdef class SpeedBands:
     cdef Batch *batches
@@ -19,9 +10,7 @@ cdef class SpeedBands:
     cdef readonly int count
     cdef Pattern patterns[PATTERN_LIMIT]
     cdef int pattern_count       # 0: no reply contains the velocity
-    cdef int first, bits         # of the velocity's code, counted from the first bit of the data
-    cdef bint signed
-    cdef double low, step        # rad/s, value of code 0 and of one code
+    cdef Field velocity          # rad/s
     cdef double acceleration     # rad/s²
     cdef readonly int64_t round  # ns
     cdef double speed            # rad/s, newest

@@ -10,12 +10,13 @@ it is within the limit at every speed that the drive can encode.
 """
 
 from libc.math cimport INFINITY, fabs
-from libc.stdint cimport uint64_t
+from libc.stdint cimport uint8_t, uint32_t
 from libc.stdlib cimport calloc, free
-from libc.string cimport memcmp, memcpy, memset
+from libc.string cimport memcpy, memset
 
-from cext.abi cimport EXTENDED, FRAME_BYTES
+from cext.abi cimport FRAME_BYTES
 from cext.bus.batch cimport load_batch
+from cext.safety.reply_field cimport find_pattern, load_field, load_patterns, read_field
 
 
 cdef class SpeedBands:
@@ -55,23 +56,8 @@ cdef class SpeedBands:
         free(self.speeds)
 
     cdef int load(self, velocity) except -1:
-        cdef bytes prefix
-        if len(velocity.frames) > PATTERN_LIMIT:
-            raise ValueError("at most %d kinds of frames contain a velocity, not %d"
-                             % (PATTERN_LIMIT, len(velocity.frames)))
-        if not (0 <= velocity.first and 0 < velocity.bits <= 32 and velocity.first + velocity.bits <= 8 * FRAME_BYTES):
-            raise ValueError("no field of %r bits at bit %r" % (velocity.bits, velocity.first))
-        self.first, self.bits, self.signed = velocity.first, velocity.bits, velocity.signed
-        self.low, self.step = velocity.low, (velocity.high - velocity.low) / (2.0**velocity.bits - 1.0)
-        for index, (identifier, mask, extended, first) in enumerate(velocity.frames):
-            prefix = first
-            if len(prefix) > PREFIX_BYTES:
-                raise ValueError("at most %d first bytes identify a frame, not %d" % (PREFIX_BYTES, len(prefix)))
-            self.patterns[index].id = <uint32_t>identifier | (<uint32_t>EXTENDED if extended else 0)
-            self.patterns[index].mask = <uint32_t>mask | 0xE0000000u
-            memcpy(self.patterns[index].prefix, <const char *>prefix, len(prefix))
-            self.patterns[index].length = len(prefix)
-        self.pattern_count = len(velocity.frames)
+        self.pattern_count = load_patterns(self.patterns, velocity.frames)
+        load_field(&self.velocity, velocity)
         return 0
 
     cdef void forget(self) noexcept nogil:
@@ -79,26 +65,11 @@ cdef class SpeedBands:
 
     cdef bint note(self, const Frame *frame) noexcept nogil:
         """Read the velocity from a received frame. Returns False if it contains none."""
-        cdef uint64_t code = 0
-        cdef int index, last
-        cdef Pattern *pattern
-        for index in range(self.pattern_count):
-            pattern = &self.patterns[index]
-            if (frame.id ^ pattern.id) & pattern.mask == 0 and frame.length >= pattern.length and (
-                    memcmp(frame.data, pattern.prefix, pattern.length) == 0):
-                break
-        else:
+        cdef double velocity
+        if find_pattern(self.patterns, self.pattern_count, frame) < 0 or not read_field(
+                &self.velocity, frame, &velocity):
             return False
-        last = self.first + self.bits                              # first bit after the field
-        if 8 * <int>frame.length < last:
-            return False
-        for index in range(self.first // 8, (last + 7) // 8):
-            code = code << 8 | frame.data[index]
-        code >>= (8 - last % 8) % 8
-        code &= (<uint64_t>1 << self.bits) - 1
-        if self.signed:
-            code ^= <uint64_t>1 << (self.bits - 1)
-        self.speed = fabs(self.low + code * self.step)
+        self.speed = fabs(velocity)
         self.seen = frame.time
         return True
 
@@ -109,7 +80,7 @@ cdef class SpeedBands:
         if self.seen < 0:
             return &self.batches[self.count - 1]
         age = max(now - self.seen, 0) * 1e-9
-        reach = self.speed + 2.0 * self.step + self.acceleration * (age + 2e-9 * self.round)
+        reach = self.speed + 2.0 * self.velocity.step + self.acceleration * (age + 2e-9 * self.round)
         for index in range(self.count - 1):
             if reach <= self.speeds[index]:
                 return &self.batches[index]

@@ -12,9 +12,28 @@ cpdef enum:
     STOP_DAMP_ROUND = 2000000
     # ns: duration of a safe stop, after the damping; then drives that have not confirmed are reported
     STOP_LIMIT = 200000000
+    # ns: longest period of the rounds that go on after it for drives that have not confirmed; it doubles to this value
+    STOP_ROUND_MAXIMUM = 200000000
+    # s: time for which these rounds go on without an operator who can end them
+    STOP_UNATTENDED = 10
+    # s: time for which they go on after the control process has died, unless another run takes the bus
+    STOP_ORPHANED = 60
+    # ‰: largest torque of a drive at rest, of its rated torque, in addition to one code; measured currents of a
+    #     disabled drive are not exactly zero
+    STOP_REST_TORQUE = 25
+    # replies: consecutive reports at rest that confirm the stop of a drive that reports by itself
+    STOP_REPORTS = 2
+    # ns: duration of the rest of such a drive, if its protocol has no answer to a disable
+    STOP_REST = 20000000
+    # ns: longest time for which a safe stop waits for the replies of one drive before it sends the next frames to it
+    STOP_LISTEN_LIMIT = 50000000
 
     # ns: age of a confirmation by the operator, from the key press, above which it has no effect
     CONSENT_LIMIT = 1000000000
+    # ns: time after which the recorder must have taken a key; otherwise the terminal shows that it does not
+    KEYS_UNTAKEN_LIMIT = 1000000000
+    # ns: time for which the computer was suspended above which a run ends
+    SUSPEND_LIMIT = 1000000
     # ns: time for which the input of --arm-on must be active, after it was inactive
     ARM_HOLD = 1000000000
 
@@ -41,6 +60,8 @@ cpdef enum:
     GUARDIAN_LOOK_PERIOD = 5000000
     # ns: time without a check by the guardian after which the loop ends the run
     GUARDIAN_SILENCE = 100000000
+    # ns: the same for a guardian with SCHED_FIFO and locked memory, on interfaces that never wait
+    GUARDIAN_SILENCE_REALTIME = 15000000
     # ns: time within which a running guardian has checked at least once more
     GUARDIAN_LOOK_LIMIT = 50000000
     # ns: time without a check by the guardian after which the recorder reports its death
@@ -90,21 +111,6 @@ cpdef enum:
     ACCELERATION_FAULT = 50000000
     # periods: shortest such time
     ACCELERATION_FAULT_PERIODS = 6
-    # %: acceleration, of max_acceleration, up to which a change of the angle counts as motion
-    JUMP_ACCELERATION = 400
-    # rad/s²: lowest such acceleration
-    JUMP_ACCELERATION_MINIMUM = 2000
-    # rad/s²: max_acceleration, for such a change, of drives without that parameter
-    JUMP_SUSTAINED = 500
-    # ns: longest duration of such an acceleration; over longer times, max_acceleration counts
-    JUMP_IMPACT = 10000000
-    # ns: shortest time for which motion is allowed between two replies
-    JUMP_INTERVAL = 4000000
-    # ns: time for which the longest measured transit of a drive counts; up to twice that
-    TRANSIT_MEMORY = 1000000000
-    # periods: time without a reply to a command, beyond the transit, that may be a restart of a drive that obeys
-    #     without an enable; and at least its restart_time
-    RESTART_PERIODS = 2
     # mrad: distance outside the range of a joint that ends the run
     TRAVEL_MARGIN = 50
     # replies: consecutive replies beyond max_velocity that end the run

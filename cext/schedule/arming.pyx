@@ -10,17 +10,16 @@
 
 from libc.stdint cimport int32_t, int64_t
 
-from cext.abi cimport HUNG, NO_ANSWER, OK, PYTHON_ERROR, UNCLEAR_POSE
+from cext.abi cimport NO_ANSWER, OK, PYTHON_ERROR, UNCLEAR_POSE
 from cext.schedule.devices cimport Blame
 from cext.clock.histogram cimport add
 from cext.schedule.live cimport apply_changes, record_request
 from cext.ring.mailbox cimport CONFIRM
 from cext.ring.operator cimport NO_CONSENT
-from cext.clock.deadline_clock cimport clock, monotonic
+from cext.clock.deadline_clock cimport clock, monotonic, suspended_time
 from cext.safety.shared_state cimport ARMING, READY, STOPPING, SharedLayout, load_u64, store_i64
 from cext.posix cimport CLOCK_REALTIME
 from cext.safety.thresholds cimport ARM_HOLD, SIGNAL_HANDLER_PERIOD, STOP_ROUND, STOP_ROUND_MINIMUM, ZERO_LIMIT
-from cext.schedule.watchdog cimport release, acquire
 
 
 cdef class Arming:
@@ -35,6 +34,7 @@ cdef class Arming:
             return
         self.layout.wall = clock(CLOCK_REALTIME) + self.pace.period
         self.layout.began = self.began
+        self.layout.asleep = suspended_time()
         self.layout.first_tick = 0
 
     cdef int arm(self, double timeout) noexcept nogil:
@@ -84,7 +84,7 @@ cdef class Arming:
             if round < starting:
                 status = self.control.devices.arming.send_relays(now)
             else:
-                status = self.control.devices.arming.send_batches(True, True, False, now)
+                status = self.control.devices.arming.send_batches(True, now)
             if status == OK:
                 status = self.body.advance_plant(now)
             if status != OK:
@@ -95,10 +95,7 @@ cdef class Arming:
         """Start the blocks; this may hang, as a tick may, and take longer."""
         cdef int status
         self.watchdog.begin_work(monotonic() + self.watchdog.start_allowance)
-        release(self.watchdog.handover)
         status = self.control.start_from_here()
-        if not acquire(self.watchdog.handover):
-            status = HUNG
         self.watchdog.end_work()
         return status
 
@@ -118,7 +115,7 @@ cdef class Arming:
         status = self.call_answered()
         if status == OK and confirmed:
             status = self.permission()
-        self.control.devices.arming.expect_replies(True, False)
+        self.control.devices.arming.expect_replies()
         self.journal.set_state(READY)
         self.forget_input()
         while status == OK:
@@ -146,11 +143,11 @@ cdef class Arming:
                 if confirmed and consent != NO_CONSENT:
                     record_request(self.layout, CONFIRM, consent, load_u64(&self.layout.operator.process), -1)
                 if confirmed:
-                    self.control.devices.arming.expect_replies(True, False)
+                    self.control.devices.arming.expect_replies()
                 elif status == UNCLEAR_POSE:
                     status = OK                                    # the operator may move the joint and confirm again
             if status == OK:
-                status = self.control.devices.arming.send_batches(False, True, False, self.now)
+                status = self.control.devices.arming.send_batches(False, self.now)
             if status == OK:
                 status = self.body.advance_plant(self.now)
         return status
@@ -188,7 +185,7 @@ cdef class Arming:
                 return OK
             status = self.control.devices.receive(self.now)
             if status == OK and drain < self.tape.drains:
-                status = self.control.devices.arming.send_batches(False, True, False, self.now)
+                status = self.control.devices.arming.send_batches(False, self.now)
             if status != OK:
                 return status
         return status
@@ -245,15 +242,13 @@ cdef class Arming:
 
         timeout : s after the damping; below 0 for one round only
 
-        Devices with damping are damped first if they may have been under torque. On a real bus, replies to the last
-        commands may still be in transit and look like those to the stop: only the second round confirms the first.
+        Devices with damping are damped first if they may have been under torque.
         """
-        cdef int rounds = 0
         cdef int64_t round = max(STOP_ROUND_MINIMUM, min(self.pace.period, STOP_ROUND))
         cdef int64_t now = self.now + self.pace.period if self.virtual else monotonic() - self.began
         cdef int64_t damping = self.control.devices.stop.longest_damping
         cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the begin of the stop
-        cdef int64_t limit = damping + <int64_t>(timeout * 1e9) if timeout >= 0.0 else 0
+        cdef int64_t limit = damping + <int64_t>(min(timeout, 1e9) * 1e9) if timeout >= 0.0 else 0
         cdef int64_t began = now - since                           # ns from the begin of the run
         cdef int64_t due
         self.control.keep_values()                                 # later replies are not a cause of the fault
@@ -265,13 +260,18 @@ cdef class Arming:
         self.body.advance_plant_until(now)                         # it moves under the last commands
         # replies to them confirm nothing; the last tick left space for them
         self.control.devices.receive(now)
-        self.control.devices.stop.begin()
+        self.control.devices.stop.begin(now)
         while self.control.devices.table.count > 0:
             self.journal.attend(monotonic())
-            if since >= self.control.devices.stop.due:
-                self.control.devices.arming.expect_replies(True, True)
-                rounds += since >= damping
             self.journal.make_room(True)
+            while limit and self.journal.guardian_stops(monotonic()):
+                # one sender at a time: begin again after it, without the damping
+                self.journal.attend(monotonic())
+                self.pace.sleep_until(monotonic() + round)
+                now = monotonic() - self.began
+                began, since = now - damping, damping
+                self.control.devices.receive(now)
+                self.control.devices.stop.begin(now)
             due = began + self.control.devices.stop.send(since, now, round)
             if limit == 0 or (self.carried and self.journal.guardian_is_gone(monotonic())):
                 break                                              # the caller continues it
@@ -281,7 +281,7 @@ cdef class Arming:
             now = due if self.virtual else monotonic() - self.began
             since = now - began
             self.control.devices.receive(now)
-            if since >= limit or (rounds > (0 if self.virtual else 1) and self.control.devices.arming.all_answered()):
+            if self.control.devices.stop.is_confirmed(since, now, round) or since >= limit:
                 break
         self.control.devices.blame(failed)
         self.halted = True

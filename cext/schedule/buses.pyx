@@ -8,6 +8,7 @@ from libc.string cimport memcpy
 from cext.abi cimport BUS_ERROR, FENCED, OK
 from cext.bus.memory_bus cimport BusEnd
 from cext.safety.shared_state cimport FRAME, RECEIVED, commit, load_i32, reserve
+from cext.safety.suspend cimport fence_after_suspend
 
 
 cdef class Buses:
@@ -75,8 +76,8 @@ cdef class Buses:
             frames[index].time = now
             frames[index].bus = <uint8_t>bus
             frames[index].sent = 1
-        # last: the process may be suspended before
-        if not stopping and self.page != NULL and load_i32(&self.page.fence):
+        # last: the process, or the computer, may be suspended before
+        if not stopping and self.page != NULL and (load_i32(&self.page.fence) or fence_after_suspend(self.page)):
             return FENCED
         count = (<BusEnd>self.buses[bus]).bus.send((<BusEnd>self.buses[bus]).bus.context, frames, count)
         if count < 0:

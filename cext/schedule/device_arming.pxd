@@ -12,10 +12,10 @@ cdef class DeviceArming:
     cdef int64_t start_time      # ns of arming in which only relays are sent frames
 
     cdef void begin(self) noexcept nogil
-    cdef void expect_replies(self, bint zero, bint disable) noexcept nogil
+    cdef void expect_replies(self) noexcept nogil
     cdef bint all_answered(self) noexcept nogil
     cdef bint only_zeros_are_due(self) noexcept nogil
     cdef int send_relays(self, int64_t now) noexcept nogil
-    cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now) noexcept nogil
+    cdef int send_batches(self, bint enable, int64_t now) noexcept nogil
     cdef void keep_ready(self) noexcept nogil
     cdef void restore_ready(self) noexcept nogil

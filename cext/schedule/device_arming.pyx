@@ -6,6 +6,7 @@ from libc.string cimport memcpy
 
 from cext.abi cimport OK
 from cext.safety.drive_state cimport ACTIVE, OUT
+from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.zeroing cimport begin_rest
 from cext.schedule.device_table cimport Device
 from cext.schedule.drive_zeroing cimport zero_while_arming
@@ -33,25 +34,24 @@ cdef class DeviceArming:
             device.fades_from = -1
             if device.drive.disabled >= 0:
                 device.drive.state = OUT if self.table.arena[device.drive.disabled] > 0.5 else ACTIVE
+                device.drive.unconfirmed = device.drive.state == OUT
+                if device.drive.unconfirmed and device.confirmation != NULL:
+                    (<StopConfirmation>device.confirmation).begin(self.table.now)
             begin_rest(&device.zeroing, self.table.now)
-        self.expect_replies(True, False)
+        self.expect_replies()
 
-    cdef void expect_replies(self, bint zero, bint disable) noexcept nogil:
-        """Count replies from now on. zero, disable : whether they are expected to these frames"""
+    cdef void expect_replies(self) noexcept nogil:
+        """Count replies to zero torque from now on."""
         cdef int number
         cdef Device *device
-        self.table.stopping = disable
+        self.table.stopping = False
         for number in range(self.table.count):
             device = &self.table.devices[number]
             device.replies = device.rounds = 0
-            device.replies_wanted = 0
-            if zero:
-                device.replies_wanted += device.zero.count
-            if zero and not disable and device.zero.count == 0 and device.timeout > 0.0:
+            device.replies_wanted = device.zero.count
+            if device.zero.count == 0 and device.timeout > 0.0:
                 # a sensor that sends by itself, and is checked for silence
                 device.replies_wanted = 1
-            if disable:
-                device.replies_wanted += device.disable.count - device.unanswered
 
     cdef bint all_answered(self) noexcept nogil:
         cdef int number
@@ -74,35 +74,26 @@ cdef class DeviceArming:
         """Send frames only to the devices that hold relays, while the drives behind the relays start."""
         return pump_all(self.table, self.buses, now)
 
-    cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now) noexcept nogil:
-        """Send frames that were encoded at compile time to every device; `enable` only to those that have not replied.
-
-        Behind the fence only the frames of the safe stop are sent: those with `disable`.
-        """
+    cdef int send_batches(self, bint enable, int64_t now) noexcept nogil:
+        """Send zero torque to every device, and enable to those that have not replied, if wanted."""
         cdef int number
         cdef Device *device
         cdef int status = OK
         for number in range(self.table.count):
             device = &self.table.devices[number]
-            if not disable and device.drive.state != ACTIVE:
+            if device.drive.state != ACTIVE:
                 status |= self.buses.send(device.bus, device.disable.frames, device.disable.count, now, False)
-                self.table.ask_batches(device, False, False, True, now)
                 continue
             if enable and not self.table.has_replied(device) and device.enable.count > 0:
                 if device.rounds % device.enable.count == 0:       # less often for many frames, to limit the bus load
-                    status |= self.buses.send(device.bus, device.enable.frames, device.enable.count, now, disable)
-                    self.table.ask_batches(device, True, False, False, now)
+                    status |= self.buses.send(device.bus, device.enable.frames, device.enable.count, now, False)
                 device.rounds += 1
-            self.table.ask_batches(device, False, zero, disable, now)
-            if zero:
-                status |= self.buses.send(device.bus, device.zero.frames, device.zero.count, now, disable)
+            status |= self.buses.send(device.bus, device.zero.frames, device.zero.count, now, False)
             if enable and zero_while_arming(self.table, self.events, number):
                 status |= self.buses.send(device.bus, device.set_zero.frames, device.set_zero.count, now, False)
-            if not disable and device.relay > 0:
+            if device.relay > 0:
                 status |= pump(self.table, self.buses, device, now, False)
-            if disable:
-                status |= self.buses.send(device.bus, device.disable.frames, device.disable.count, now, True)
-        return self.buses.status(status, disable)
+        return self.buses.status(status, False)
 
     cdef void keep_ready(self) noexcept nogil:
         """Save the values that arming has read back, before the blocks reset."""

@@ -9,6 +9,8 @@ cdef enum:
     TAKEN_OUT
     RETURNED
     NOT_RETURNED
+    NOT_STOPPED
+    STOPPED
     DEVICE_EVENTS
 
 cdef class DeviceEvents:

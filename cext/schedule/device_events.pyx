@@ -15,6 +15,8 @@ EVENTS = {                          # kind and text
         "warning",
         "not armed again: it does not reply, it reports a fault, or the angle of its joint is out of range or "
         "ambiguous"),
+    NOT_STOPPED: ("drive", "has not confirmed that it is disabled; disable is repeated. Cut its power"),
+    STOPPED: ("drive", "has confirmed that it is disabled"),
 }
 
 

@@ -4,7 +4,6 @@ from cext.abi cimport FRAME_BYTES, FRAMES_PER_BATCH, decode_t, encode_t
 from cext.bus.batch cimport Batch
 from cext.clock.histogram cimport Histogram
 from cext.safety.drive_state cimport DriveState
-from cext.safety.transit cimport Transit
 from cext.safety.zeroing cimport Zeroing
 
 cdef enum:
@@ -19,16 +18,6 @@ cdef struct Device:
     const int32_t *encode_sizes
     int bus
     int age                      # slot, -1 if it has none
-    int transit_slot             # of two numbers, s: the longest transit, and what `age` does not contain; -1: none
-    double unseen                # s, the second of them
-    int64_t gap                  # ns, longest between two replies since the previous tick
-    double report_period         # s between its reports; 0 if it answers commands
-    double max_transit           # s
-    double restart_time          # s of silence in which it may restart, and obeys again without an enable; 0: none
-    Transit transit
-    int sends                    # frames in this tick
-    int enable_replies           # samples with which it answers the frames of enable
-    int disable_replies          # and of disable
     int fault                    # slot, -1 if it has none
     int ready                    # slot, -1 if arming reads nothing back
     int ready_size               # number of values from there that outlive the start of the blocks
@@ -41,11 +30,13 @@ cdef struct Device:
     int64_t damping              # ns of damping
     int64_t damp_due             # ns since the begin of the stop, of the next damping frame
     bint damped                  # whether it is damped, and not disabled yet
+    void *confirmation           # StopConfirmation, borrowed; NULL for a device without frames of a safe stop
     int unanswered               # of the frames of disable
     int64_t relay                # ns without a frame after which its relay drops; 0: it holds none
     int64_t pumped               # ns of the last frame to it
     int64_t reply_time           # ns, arrival of the newest reply or sample
-    Histogram *latency           # from a command to its reply, where that is certain; NULL in virtual time
+    int64_t asked                # ns of the newest command without a reply; -1: none
+    Histogram *latency           # from a command to its reply; NULL in virtual time
     bint only_reads[FRAMES_PER_BATCH]       # of the frames of enable: not a command if sent by another controller
     bint owed                    # the newest command has no reply yet
     int64_t missed               # commands without a reply before the next one
@@ -77,7 +68,6 @@ cdef class DeviceTable:
 
     cdef int load(self) except -1
     cdef int load_device(self, Device *device, entry) except -1
-    cdef void ask_batches(self, Device *device, bint enable, bint zero, bint disable, int64_t now) noexcept nogil
     cdef int load_zeroing(self, Zeroing *z, entry) except -1
     cdef int time_replies(self) except -1
     cdef void reset(self)

@@ -5,11 +5,11 @@ from libc.stdint cimport uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
-from cext.abi cimport TICK
 from cext.bus.batch cimport load_batch
 from cext.safety.drive_state cimport OUT, forget_state
+from cext.safety.shared_state cimport DEVICE_LIMIT
 from cext.safety.speed_bands cimport SpeedBands
-from cext.safety.transit cimport forget_transit, note_asked
+from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.zeroing cimport forget_zero
 
 from cext.schedule.kernel_table import address, words
@@ -39,6 +39,8 @@ cdef class DeviceTable:
         devices = self.schedule.devices
         self.devices = <Device *>calloc(max(1, len(devices)), sizeof(Device))
         self.count = len(devices)
+        if self.count > DEVICE_LIMIT:
+            raise ValueError(f"at most {DEVICE_LIMIT} devices in a diagram, not {self.count}")
         for index, entry in enumerate(devices):              # the schedule lists them bus by bus
             self.load_device(&self.devices[index], entry)
         return 0
@@ -56,11 +58,6 @@ cdef class DeviceTable:
         device.encode_slots = <int32_t *><uintptr_t>tables[2].ctypes.data
         device.encode_sizes = <int32_t *><uintptr_t>tables[3].ctypes.data
         device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
-        device.transit_slot, device.transit.answers = entry.transit, entry.answers
-        device.max_transit, device.restart_time = entry.max_transit, entry.restart_time
-        device.report_period = entry.report_period
-        device.unseen = 0.0 if entry.answers else entry.max_transit
-        device.enable_replies, device.disable_replies = entry.enable_replies, len(entry.disable)
         device.ready, device.ready_size = entry.ready, entry.ready_size
         if entry.ready_size > READY_NUMBERS:
             raise ValueError(f"{entry.name}: at most {READY_NUMBERS} values outlive the start, not {entry.ready_size}")
@@ -70,6 +67,10 @@ cdef class DeviceTable:
         load_batch(&device.zero, entry.zero)
         load_batch(&device.disable, entry.disable)
         device.unanswered = entry.unanswered
+        if entry.zero or entry.disable:
+            confirmation = StopConfirmation(entry.stop_reply)
+            self.keep.append(confirmation)
+            device.confirmation = <void *>confirmation
         device.relay = round(entry.relay_time * 1e9)
         device.drive.disabled, device.drive.disable = entry.disabled_slot, entry.disable_slot
         device.drive.active = entry.active_slot
@@ -111,31 +112,23 @@ cdef class DeviceTable:
         self.failed = -1
         for index in range(self.count):
             device = &self.devices[index]
-            forget_transit(&device.transit)
             forget_zero(&device.zeroing)
             forget_state(&device.drive, self.arena)
-            device.fades_from = -1
+            device.fades_from = device.asked = -1
             device.reply_time = device.replies = device.replies_wanted = device.missed = 0
             device.owed = device.answered = device.doubtful = False
-            device.gap = 0
             memset(device.malformed, 0, sizeof(device.malformed))
             if device.bands != NULL:
                 (<SpeedBands>device.bands).forget()
             if device.latency != NULL:
                 memset(device.latency, 0, sizeof(Histogram))
 
-    cdef void ask_batches(self, Device *device, bint enable, bint zero, bint disable, int64_t now) noexcept nogil:
-        """Note the frames of these batches, which were sent now, for the transit of their replies."""
-        note_asked(&device.transit, enable * device.enable_replies + zero * device.zero.count
-            + disable * device.disable_replies, now, now, <int64_t>self.arena[TICK])
-
     cdef bint has_replied(self, const Device *device) noexcept nogil:
         """Return whether a device has replied, and returned what arming writes to it."""
-        return device.replies >= device.replies_wanted and (self.stopping or device.ready < 0
-            or self.arena[device.ready] != 0.0)
+        return device.replies >= device.replies_wanted and (device.ready < 0 or self.arena[device.ready] != 0.0)
 
     cdef bint has_answered(self, const Device *device) noexcept nogil:
         """Return whether arming or the safe stop need not wait for a device any longer."""
-        if device.drive.state == OUT and not self.stopping:
-            return True
-        return self.has_replied(device) and (self.stopping or not device.zeroing.due)
+        if self.stopping:
+            return device.confirmation == NULL or (<StopConfirmation>device.confirmation).confirmed
+        return device.drive.state == OUT or self.has_replied(device) and not device.zeroing.due

@@ -4,16 +4,19 @@
 from libc.math cimport fabs, isfinite
 from libc.stdint cimport int64_t
 
-from cext.abi cimport OK, PERIOD, POWER_LOSS, TICK
-from cext.atomics cimport store_i64
+from cext.abi cimport HUNG, OK, PERIOD, POWER_LOSS, TICK, UNCLEAR_POSE
 from cext.bus.batch cimport Batch
 from cext.safety.drive_state cimport ACTIVE, DAMPED, OUT, RETURNING, enter
 from cext.safety.drive_watch cimport Watched
 from cext.safety.speed_bands cimport SpeedBands
+from cext.safety.shared_state cimport set_out
+from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport ARMING_LIMIT, STOP_LIMIT, TRAVEL_MARGIN, ZERO_LIMIT
 from cext.safety.zeroing cimport begin_rest
-from cext.schedule.device_events cimport NOT_RETURNED, RETURNED, TAKEN_OUT
+from cext.schedule.device_events cimport NOT_RETURNED, NOT_STOPPED, RETURNED, STOPPED, TAKEN_OUT
 from cext.schedule.drive_zeroing cimport zero_while_arming
+from cext.schedule.handover cimport acquire, release
+from cext.schedule.safe_stop cimport ask
 
 cdef int64_t SILENT_ROUND = 500000000    # ns between frames to a drive that is taken out and does not reply
 cdef int64_t RETURN_DELAY = 20000000     # ns without frames to a drive before it is armed again, for late replies
@@ -26,13 +29,17 @@ cdef class DriveSwitch:
         self.table, self.buses, self.drives, self.events, self.live = table, buses, drives, events, live
         self.may_return = None
 
-    cdef void update(self, int number) noexcept nogil:
-        """Take a drive out, or let it return, as its parameter and its input require."""
+    cdef int update(self, int number) noexcept nogil:
+        """Take a drive out, or let it return, as its parameter and its input require.
+
+        Returns OK, or HUNG if the watchdog has taken the devices while `may_return` was called.
+        """
         cdef Device *device = &self.table.devices[number]
         cdef double *arena = self.table.arena
         cdef int64_t now = self.table.now
         cdef int64_t passed = now - device.drive.since
         cdef bint disabled
+        cdef int permitted = OK
         if not arena[device.drive.disable] <= 0.5 and not arena[device.drive.disabled] > 0.5:
             self.live.assume(device.drive.disabled, 1.0)
             self.live.show(self.events.page)
@@ -44,8 +51,10 @@ cdef class DriveSwitch:
         elif device.drive.state == ACTIVE and disabled:
             self.take_out(number)
         elif device.drive.state == DAMPED and passed >= device.damping:
-            enter(&device.drive, OUT, now)
-        elif device.drive.state == OUT and not disabled:
+            self.begin_out(number)
+        elif device.drive.state == OUT and disabled:
+            self.judge_out(number, passed)
+        elif device.drive.state == OUT:
             enter(&device.drive, RETURNING, now)
             if device.ready >= 0:
                 arena[device.ready] = 0.0
@@ -53,33 +62,65 @@ cdef class DriveSwitch:
             device.replies_wanted = device.zero.count
             begin_rest(&device.zeroing, now)
         elif device.drive.state == RETURNING and disabled:
-            enter(&device.drive, OUT, now)
+            self.begin_out(number)
         elif device.drive.state == RETURNING and passed < RETURN_DELAY:
             device.replies = 0                                   # to the disable
-        elif device.drive.state == RETURNING and self.table.has_answered(device) and self.is_fit(number):
-            enter(&device.drive, ACTIVE, now)
-            device.fades_from = <int64_t>arena[TICK]
-            device.drive.returned += 1
-            self.events.publish(number, RETURNED, <int64_t>arena[TICK])
-        elif device.drive.state == RETURNING and passed >= ARMING_LIMIT + (
-                ZERO_LIMIT if device.zeroing.due and self.table.has_replied(device) else 0):
-            self.disable_again(number)
+        elif device.drive.state == RETURNING:
+            permitted = self.permission(number)
+            if permitted == HUNG:
+                return HUNG
+            if permitted == OK:
+                enter(&device.drive, ACTIVE, now)
+                device.fades_from = <int64_t>arena[TICK]
+                device.drive.returned += 1
+                self.events.publish(number, RETURNED, <int64_t>arena[TICK])
+            elif passed >= ARMING_LIMIT + (
+                    ZERO_LIMIT if device.zeroing.due and self.table.has_replied(device) else 0):
+                self.disable_again(number)
+        return OK
 
     cdef void take_out(self, int number) noexcept nogil:
         cdef Device *device = &self.table.devices[number]
-        enter(&device.drive, OUT if device.bands == NULL else DAMPED, self.table.now)
+        if device.bands == NULL:
+            self.begin_out(number)
+        else:
+            enter(&device.drive, DAMPED, self.table.now)
         device.damp_due = device.drive.sent = 0
         device.drive.silent = False
         device.zeroing.runs = False
         device.drive.taken_out += 1
         self.events.publish(number, TAKEN_OUT, <int64_t>self.table.arena[TICK])
 
+    cdef void begin_out(self, int number) noexcept nogil:
+        """Disable a drive, from now on until it returns."""
+        cdef Device *device = &self.table.devices[number]
+        enter(&device.drive, OUT, self.table.now)
+        device.drive.unconfirmed = True
+        device.drive.reported = False
+        if device.confirmation != NULL:
+            (<StopConfirmation>device.confirmation).begin(self.table.now)
+
+    cdef void judge_out(self, int number, int64_t passed) noexcept nogil:
+        """Report whether a drive that is out has confirmed that it is disabled. passed : ns since it was"""
+        cdef Device *device = &self.table.devices[number]
+        cdef int64_t period = <int64_t>(1e9 * self.table.arena[PERIOD])
+        cdef bint before = device.drive.unconfirmed
+        if device.confirmation == NULL:
+            return
+        device.drive.unconfirmed = not (<StopConfirmation>device.confirmation).judge(self.table.now, period)
+        if device.drive.unconfirmed and not device.drive.reported and passed >= STOP_LIMIT:
+            device.drive.reported = True
+            self.events.publish(number, NOT_STOPPED, <int64_t>self.table.arena[TICK])
+        elif before and not device.drive.unconfirmed and device.drive.reported:
+            device.drive.reported = False
+            self.events.publish(number, STOPPED, <int64_t>self.table.arena[TICK])
+
     cdef void disable_again(self, int number) noexcept nogil:
         """Take out a drive that cannot be armed again."""
         cdef Device *device = &self.table.devices[number]
         self.live.assume(device.drive.disabled, 1.0)
         self.live.show(self.events.page)
-        enter(&device.drive, OUT, self.table.now)
+        self.begin_out(number)
         device.zeroing.runs = False
         self.events.publish(number, NOT_RETURNED, <int64_t>self.table.arena[TICK])
 
@@ -90,15 +131,27 @@ cdef class DriveSwitch:
             return False
         if device.fault >= 0 and self.table.arena[device.fault] != 0.0:
             return False
-        if not self.is_within_limits(number):
-            return False
+        return self.is_within_limits(number)
+
+    cdef int permission(self, int number) noexcept nogil:
+        """Return OK if a drive may be commanded again, UNCLEAR_POSE if not yet, or HUNG without the devices.
+
+        `may_return` is Python, and may wait for the GIL: the devices are released meanwhile, as around a step.
+        """
+        cdef Device *device = &self.table.devices[number]
+        cdef int permitted = UNCLEAR_POSE
+        if not self.table.has_answered(device) or not self.is_fit(number):
+            return UNCLEAR_POSE
         if self.may_return is None or not device.drive.silent:
-            return True
+            return OK
+        release(self.handover)
         with gil:
             try:
-                return bool(self.may_return(self.table.schedule.devices[number].name))
+                if self.may_return(self.table.schedule.devices[number].name):
+                    permitted = OK
             except Exception:
-                return False
+                pass
+        return permitted if acquire(self.handover) else HUNG
 
     cdef bint is_within_limits(self, int number) noexcept nogil:
         """Return whether temperature, position and velocity of a drive are within their limits."""
@@ -131,35 +184,27 @@ cdef class DriveSwitch:
         cdef int number
         cdef int status = OK
         cdef int64_t period = <int64_t>(1e9 * self.table.arena[PERIOD])
-        cdef int64_t out = 0
         cdef Device *device
         cdef Batch *batch
         for number in range(self.table.count):
             device = &self.table.devices[number]
-            if device.drive.state >= OUT and number < 64:
-                out |= <int64_t>1 << number
+            if self.buses.page != NULL:                          # the guardian does not damp them
+                set_out(self.buses.page, number, device.drive.state >= OUT)
             if device.drive.state == DAMPED:                     # in force until the next tick, which may be late
                 batch = <Batch *>(<SpeedBands>device.bands).choose(now + 2 * period)
                 status |= self.buses.send(device.bus, batch.frames, batch.count, now, False)
-                self.table.ask_batches(device, False, True, False, now)
             elif device.drive.state == OUT and (
                     now - device.drive.since < STOP_LIMIT or now - device.reply_time < STOP_LIMIT
                     or now - device.drive.sent >= SILENT_ROUND):
                 device.drive.sent = now
-                self.table.ask_batches(device, False, now - device.drive.since < STOP_LIMIT, True, now)
-                if now - device.drive.since < STOP_LIMIT:
-                    status |= self.buses.send(device.bus, device.zero.frames, device.zero.count, now, False)
-                status |= self.buses.send(device.bus, device.disable.frames, device.disable.count, now, False)
+                if device.confirmation != NULL:
+                    status |= ask(device, self.buses, now, device.drive.unconfirmed, False)
             elif device.drive.state == RETURNING and now - device.drive.since >= RETURN_DELAY:
                 if not self.table.has_replied(device) and device.enable.count > 0:
                     if device.rounds % device.enable.count == 0:
                         status |= self.buses.send(device.bus, device.enable.frames, device.enable.count, now, False)
-                        self.table.ask_batches(device, True, False, False, now)
                     device.rounds += 1
-                self.table.ask_batches(device, False, True, False, now)
                 status |= self.buses.send(device.bus, device.zero.frames, device.zero.count, now, False)
                 if zero_while_arming(self.table, self.events, number):
                     status |= self.buses.send(device.bus, device.set_zero.frames, device.set_zero.count, now, False)
-        if self.buses.page != NULL:
-            store_i64(&self.buses.page.out, out)                 # the guardian does not damp them
         return self.buses.status(status, False)

@@ -22,6 +22,7 @@ from cpython.exc cimport PyErr_CheckSignals
 from libc.stdint cimport int64_t
 
 from cext.abi cimport AUTHORITY, NO_ANSWER, OK, OVERRUN, UNGUARDED
+from cext.atomics cimport store_i32_relaxed
 from cext.safety.forks cimport begin_run
 from cext.safety.fatal cimport give_back_fatal, take_fatal
 from cext.schedule.publisher cimport Publisher
@@ -362,7 +363,7 @@ cdef class Executor(Waiting):
             self.previous = tick
             self.late = late
             tick += 1
-            self.control.at[0] = -1
+            store_i32_relaxed(self.control.at, -1)
             self.watchdog.end_work()
         self.watchdog.end_work()
         return status

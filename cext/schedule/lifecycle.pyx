@@ -11,8 +11,8 @@ from libc.stdint cimport int32_t, int64_t
 from cext.abi cimport (
     AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, IMPLAUSIBLE,
     NO_ANSWER, NOT_FINITE,
-    NOT_FOLLOWING, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PYTHON_ERROR, RMS_TORQUE, SILENT, TOO_HOT,
-    UNGUARDED,
+    NOT_FOLLOWING, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PYTHON_ERROR, RMS_TORQUE, SILENT, SUSPENDED,
+    TOO_HOT, UNGUARDED,
 )
 from cext.schedule.live cimport STOP_WANTED, apply_changes, record_request
 from cext.schedule.program cimport run_phase
@@ -45,11 +45,13 @@ cdef class Waiting(Arming):
         if self.watchdog.has_bitten():
             self.hung = monotonic() - self.watchdog.began + (self.watchdog.start_allowance if self.tick < 0 else 0)
             self.watchdog.dismiss()
+            self.control.publish_held()
             return HUNG
         if status == SILENT and self.carried and self.journal.guardian_is_late():
             self.control.devices.table.failed = -1
             return UNGUARDED
-        return status
+        # whatever it was noticed by: devices without power, late ticks, another process's fence
+        return SUSPENDED if status > OK and self.journal.was_suspended() else status
 
     cdef bint is_survived(self, int status):
         """Return whether a run with this fault may be armed again.
@@ -114,7 +116,7 @@ cdef class Waiting(Arming):
         cdef bint before
         # from when a missing reply prevents arming
         cdef int64_t judged = self.first_tick + self.pace.grid(tick) + DISABLE_CONFIRM_LIMIT
-        self.control.devices.arming.expect_replies(False, True)
+        self.control.devices.stop.begin(self.now)
         self.previous = tick - 1
         while ticks < 0 or tick < ticks:
             if not self.virtual:
@@ -193,10 +195,12 @@ cdef class Waiting(Arming):
             computed = self.control.devices.command()              # encoded, but not sent
         if computed == OK:
             computed = run_phase(self.control, &self.control.update, tick, self.previous)
+        self.control.publish_held()
+        self.control.devices.stop.judge(self.now, self.pace.period)
         standing = self.control.devices.watch(self.now)
         if standing == OK:
             standing = computed if computed != OK or self.control.devices.arming.all_answered() else NO_ANSWER
-        status[0] = self.control.devices.arming.send_batches(False, False, True, self.now)
+        status[0] = self.control.devices.stop.send_disable(self.now)
         if status[0] == OK:
             status[0] = self.body.advance_plant(self.now)
         return standing
@@ -244,7 +248,7 @@ cdef class Waiting(Arming):
                     self.body.set_clock(tick, tick - 1, 0)
                     return self.start_from_here()
             if status == OK:
-                status = self.control.devices.arming.send_batches(True, True, False, self.now)
+                status = self.control.devices.arming.send_batches(True, self.now)
             if status == OK:
                 status = self.body.advance_plant(self.now)
             if status != OK:

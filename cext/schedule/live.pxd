@@ -1,26 +1,15 @@
 """Table of live parameters in the loop, and their update at the start of a tick."""
 
-from cpython.object cimport PyObject
 from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.ring.mailbox cimport Letter
 from cext.safety.shared_state cimport SharedLayout, load_u64
+from cext.schedule.held_outputs cimport HeldOutputs
+from cext.schedule.live_rules cimport LiveParameter, LiveRules
 from cext.clock.stopwatch cimport Laps
 
 cdef enum:
     STOP_WANTED = -1            # in addition to the statuses of kernels: the operator or a process requests the end
-
-cdef struct LiveParameter:
-    int32_t slot                # in the arena, -1 for a Python attribute only
-    bint whole                  # an int or a bool
-    double low, high
-    double slew                 # unit per second; infinite for a step
-    double built_slew           # at reset
-    double built                # at reset
-    double value
-    double target
-    bint changed                # in this tick
-    PyObject *block             # owner of the attribute, or NULL
 
 cdef struct Scripted:           # a change of a recording
     int64_t tick
@@ -30,6 +19,8 @@ cdef struct Scripted:           # a change of a recording
 
 cdef class LiveTable:
     cdef LiveParameter *parameters
+    cdef LiveRules rules
+    cdef HeldOutputs held
     cdef int count
     cdef int moving             # number that have not reached their target
     cdef uint64_t seen          # of the mailbox's `posted`
@@ -52,6 +43,8 @@ cdef class LiveTable:
     cdef void play(self, SharedLayout *page, int64_t tick) noexcept nogil
     cdef void take(self, SharedLayout *page, int64_t tick) noexcept nogil
     cdef int check(self, const Letter *letter) noexcept nogil
+    cdef int check_values(self, const Letter *letter) noexcept nogil
+    cdef object place(self, list targets, int index, double value)
     cdef bint carry_out(self, SharedLayout *page, const Letter *letter, int64_t tick) noexcept nogil
     cdef int advance(self, double dt) noexcept nogil
     cdef int update_python(self, Laps *laps) noexcept nogil

@@ -2,24 +2,27 @@
 """Loop side of the mailbox: live parameters, and the progress of each change.
 
 A change takes effect at the start of a tick, or not at all: it is checked against bounds in private memory, and waits
-if the ring cannot record it. A parameter with a slew approaches its new value by at most slew · dt per tick.
+if the ring cannot record it. A parameter with a slew approaches its new value by at most slew · dt per tick. Rules
+between parameters hold for the targets of a request together, and for the values of each tick (live_rules.pyx).
 """
 
 from cpython.object cimport PyObject
-from libc.math cimport INFINITY, copysign, fabs, floor
+from libc.math cimport INFINITY, floor
 from libc.stdint cimport uint32_t, uintptr_t
 from libc.stdlib cimport calloc, free
 
 from cext.abi cimport OK, PYTHON_ERROR
 from cext.atomics cimport store_u64
 from cext.ring.mailbox cimport (
-    BY_REPLAY, CHANGES, LETTERS, MARK, OUT_OF_BOUNDS, OVER, SET, STOP, TAKEN, UNKNOWN, Change, answer, take_oldest,
-    writer_of,
+    AGAINST_RULE, BY_REPLAY, CHANGES, LETTERS, MARK, OUT_OF_BOUNDS, OVER, SET, STOP, TAKEN, UNKNOWN, Change, answer,
+    take_oldest, writer_of,
 )
 from cext.ring.operator cimport origin_of_stop, process_of_stop
 from cext.clock.histogram cimport add
 from cext.safety.shared_state cimport CHANGE, commit, reserve, shown
 from cext.clock.stopwatch cimport GIL_WAIT, lap
+from cext.schedule.held_outputs cimport HeldOutputs
+from cext.schedule.live_rules cimport LiveParameter, LiveRules, approach
 
 cdef int64_t NEVER = 0x7FFFFFFFFFFFFFFF
 
@@ -30,13 +33,18 @@ cdef class LiveTable:
     """Live parameters of a schedule.
 
     entries : graph.schedule.LiveParameter of each, in the order of their indices in letters
+    rules : cext.rules.LiveRule of each rule between them
+    held_bounds : graph.schedule.HeldBound of what blocks keep while they do not run
     arena : the float64 array of the program
     """
 
-    def __init__(self, entries, arena):
+    def __init__(self, entries, rules, held_bounds, arena):
         cdef LiveParameter *parameter
         self.entries = list(entries)
         self.count = len(self.entries)
+        self.rules = LiveRules(rules, self.count)
+        self.held = HeldOutputs(held_bounds)
+        groups = self.rules.groups()
         self.arena = <double *><uintptr_t>arena.ctypes.data
         self.parameters = <LiveParameter *>calloc(max(1, self.count), sizeof(LiveParameter))
         for index, entry in enumerate(self.entries):
@@ -46,6 +54,7 @@ cdef class LiveTable:
             parameter.whole = entry.dtype != "float"
             parameter.built_slew = INFINITY if parameter.whole else entry.slew
             parameter.block = <PyObject *>entry.block if entry.block is not None else NULL
+            parameter.group = groups[index]
         self.reset()
 
     def __dealloc__(self):
@@ -58,30 +67,40 @@ cdef class LiveTable:
         changes : (tick, index of the parameter, value, slew), in the order of ticks; each sets the slew of the
             parameter from then on, as in the recorded run. Raises ValueError for one that the table does not allow
         """
-        cdef Letter letter
         free(self.script)
         self.scripted = len(changes)
         self.script = <Scripted *>calloc(max(1, self.scripted), sizeof(Scripted))
+        targets = [entry.built for entry in self.entries]
         for position, (tick, index, value, slew) in enumerate(changes):
             self.script[position].tick, self.script[position].parameter = tick, index
             self.script[position].value = value
             self.script[position].slew = slew
-            letter.kind, letter.count, letter.parameters[0], letter.values[0] = SET, 1, index, value
-            if self.check(&letter) != TAKEN:
-                raise ValueError("live parameter %d rejects the value %r" % (index, value))
+            self.place(targets, index, value)
+            if position + 1 == self.scripted or changes[position + 1][0] != tick:
+                self.rules.check(targets)       # changes of one tick may be of one request
 
-    def assign(self, int index, double value) -> float:
-        """Set the target of a parameter between two ticks; it then changes at its slew. Returns its present value.
+    def assign(self, changes) -> list[float]:
+        """Set the targets of parameters between two ticks; they then change at their slews. Returns the present values.
 
-        Raises ValueError for a value that the table does not allow.
+        changes : (index of the parameter, value), all or none. Raises ValueError for those that the table does not
+        allow
         """
+        targets = [self.parameters[index].target for index in range(self.count)]
+        for index, value in changes:
+            self.place(targets, index, value)
+        self.rules.check(targets)
+        for index, value in changes:
+            self.parameters[<int>index].target = value
+        self.moving = self.count                # `advance` counts again
+        return [self.parameters[<int>index].value for index, _ in changes]
+
+    cdef object place(self, list targets, int index, double value):
+        """Set the target of a parameter in a list. Raises ValueError for one outside its type and bounds."""
         cdef Letter letter
         letter.kind, letter.count, letter.parameters[0], letter.values[0] = SET, 1, index, value
-        if self.check(&letter) != TAKEN:
+        if self.check_values(&letter) != TAKEN:
             raise ValueError("live parameter %d rejects the value %r" % (index, value))
-        self.parameters[index].target = value
-        self.moving = self.count                # `advance` counts again
-        return self.parameters[index].value
+        targets[index] = value
 
     def reset(self) -> None:
         """Restore every parameter to its built value. Native ones are reset with the arena."""
@@ -192,13 +211,20 @@ cdef class LiveTable:
             answer(letter, &copy, verdict, tick, self.marks)
 
     cdef int check(self, const Letter *letter) noexcept nogil:
-        cdef int index, which
-        cdef double value
-        cdef LiveParameter *parameter
+        cdef int verdict
         if letter.kind == MARK:
             return TAKEN
         if letter.kind != SET or not 0 < letter.count <= CHANGES:
             return UNKNOWN
+        verdict = self.check_values(letter)
+        if verdict == TAKEN and not self.rules.allow(self.parameters, letter):
+            verdict = AGAINST_RULE
+        return verdict
+
+    cdef int check_values(self, const Letter *letter) noexcept nogil:
+        cdef int index, which
+        cdef double value
+        cdef LiveParameter *parameter
         for index in range(letter.count):
             which, value = letter.parameters[index], letter.values[index]
             if not 0 <= which < self.count:
@@ -238,24 +264,25 @@ cdef class LiveTable:
     cdef int advance(self, double dt) noexcept nogil:
         """Move every parameter towards its target, by dt s."""
         cdef int index
-        cdef double difference
         cdef bint python = False
         cdef LiveParameter *parameter
         self.moving = 0
         for index in range(self.count):
             parameter = &self.parameters[index]
-            if parameter.value == parameter.target:
+            parameter.before = parameter.value
+            parameter.value = approach(parameter.value, parameter.target, parameter.slew * dt)
+        if self.rules.count > 0:
+            self.rules.keep(self.parameters, dt)
+        for index in range(self.count):
+            parameter = &self.parameters[index]
+            self.moving += parameter.value != parameter.target
+            if parameter.value == parameter.before:
                 continue
-            difference = parameter.target - parameter.value
-            if fabs(difference) <= parameter.slew * dt:
-                parameter.value = parameter.target
-            else:
-                parameter.value += copysign(parameter.slew * dt, difference)
-                self.moving += 1
             if parameter.slot >= 0:
                 self.arena[parameter.slot] = parameter.value
             if parameter.block != NULL:
                 parameter.changed = python = True
+        self.held.clip(self.arena, self.parameters)
         if not python:
             return OK
         self.gil_taken += 1

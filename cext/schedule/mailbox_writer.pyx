@@ -8,15 +8,16 @@ from libc.stdint cimport int64_t, uint64_t
 
 from cext.atomics cimport count_up, load_u64, store_u64, swap
 from cext.ring.mailbox cimport (
-    ANSWERED, CHANGES, FREE, LETTERS, MARK, OUT_OF_BOUNDS, OVER, POSTED, SET, TAKEN, UNKNOWN, WRITING, Letter, Mailbox,
-    claimed, in_step, step_of, writer_of,
+    AGAINST_RULE, ANSWERED, CHANGES, FREE, LETTERS, MARK, OUT_OF_BOUNDS, OVER, POSTED, SET, TAKEN, UNKNOWN, WRITING,
+    Letter, Mailbox, claimed, in_step, step_of, writer_of,
 )
 from cext.ring.operator cimport ask_to_stop, consent_to
 from cext.safety.shared_state cimport SharedState
 
 from cext.safety.shared_state import ORIGINS
 
-ANSWERS = {TAKEN: "taken", OUT_OF_BOUNDS: "out of bounds", UNKNOWN: "unknown", OVER: "over"}
+ANSWERS = {
+    TAKEN: "taken", OUT_OF_BOUNDS: "out of bounds", UNKNOWN: "unknown", OVER: "over", AGAINST_RULE: "against a rule"}
 CHANGE_LIMIT = CHANGES
 
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from cext.abi cimport (
     BEYOND_ACCELERATION, BEYOND_TORQUE, BUS_ERROR, DEVICE_FAULT, ESTOP, FENCED, FOREIGN_COMMAND, HUNG, IMPLAUSIBLE,
     NOT_FINITE, NOT_FOLLOWING,
-    NO_ANSWER, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, POSITION_JUMP, PROGRAM_SILENT, PYTHON_ERROR,
-    RMS_TORQUE, SCALE_MISMATCH, SILENT, TOO_HOT, UNCLEAR_POSE,
-    UNGUARDED,
+    NO_ANSWER, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PROGRAM_SILENT, PYTHON_ERROR, RMS_TORQUE,
+    SCALE_MISMATCH, SILENT, SUSPENDED, TOO_HOT, UNCLEAR_POSE, UNGUARDED,
 )
 
 STATUS = {
@@ -36,8 +35,8 @@ STATUS = {
     SCALE_MISMATCH: "scale mismatch",
     IMPLAUSIBLE: "implausible",
     UNCLEAR_POSE: "unclear pose",
-    POSITION_JUMP: "position jump",
     PROGRAM_SILENT: "program silent",
+    SUSPENDED: "suspended",
 }
 
 
@@ -51,6 +50,7 @@ class Outcome:
     signal : number of the signal that ended the run, 0 for none
     error : exception of a Python block, or None; for a hung one, the KeyboardInterrupt of the watchdog
     unconfirmed : paths of the devices that did not confirm the safe stop
+    late : (path, s) of the devices that confirmed it only after STOP_LIMIT, and when
     unanswered : paths of the devices that did not reply while arming
     stopped : origin of the request that ended the run: "keys", or "set" and the ID of its process; "" without one
     hung : s that the tick of a hung block ran until it returned; else 0
@@ -67,6 +67,7 @@ class Outcome:
     stopped: str = ""
     hung: float = 0.0
     faults: tuple = ()
+    late: tuple = ()
 
     @property
     def faulted(self) -> bool:

@@ -2,9 +2,11 @@ from cpython.object cimport PyObject
 from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.abi cimport OK, kernel_t
+from cext.atomics cimport store_i32_relaxed
 from cext.fused.join cimport Code
 from cext.fused.locate cimport IN_RUN, CodeMap
 from cext.schedule.devices cimport Devices
+from cext.schedule.handover cimport Handover
 from cext.schedule.live cimport LiveTable
 from cext.safety.shared_state cimport SharedLayout
 from cext.schedule.python_step cimport PythonStep
@@ -62,8 +64,8 @@ cdef class Program:
     cdef Laps *laps              # NULL: not timed
     cdef int32_t *at             # present stopwatch item, below 0: none; in the shared state if there is one
     cdef int32_t own_at
-    cdef int64_t *since          # of cext.schedule.watchdog.Handover; NULL without a watchdog
-    cdef int64_t *allowed
+    cdef Handover *handover      # of the watchdog; NULL without one
+    cdef bint held_news          # a step has held an exception, whose event is not published yet
     cdef int64_t gil_taken
     cdef list blocks
     cdef list holding            # PythonSteps that may hold exceptions
@@ -90,13 +92,16 @@ cdef class Program:
     cdef int run_python(self, Phase *phase, int *index, int64_t tick, int64_t previous) noexcept nogil
     cdef int failed_in(self, Phase *phase, int first, int64_t outcome) noexcept nogil
     cdef bint enabled(self, Segment *segment) noexcept nogil
+    cdef void hand_over(self, Handover *handover) noexcept nogil
+    cdef void publish_held(self) noexcept nogil
+    cdef void publish_held_in(self, const Phase *phase) noexcept nogil
     cdef int start_from_here(self) noexcept nogil
     cdef int reset_blocks(self) noexcept nogil
 
     cdef inline int run_code(self, Phase *phase, int first, fused_t code) noexcept nogil:
         """Run the machine code of a segment. first : number of its first step"""
         cdef int64_t outcome
-        self.at[0] = IN_RUN + phase.item + first
+        store_i32_relaxed(self.at, IN_RUN + phase.item + first)
         outcome = code(self.arena)
         return OK if outcome == OK else self.failed_in(phase, first, outcome)
 

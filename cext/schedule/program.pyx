@@ -18,10 +18,11 @@ from libc.string cimport memcpy
 from cext.fused.join cimport Code
 from cext.fused.locate cimport CodeMap
 from cext.safety.forks cimport is_child, leave
-from cext.abi cimport DT, LATENESS, OK, PERIOD, PYTHON_ERROR
-from cext.atomics cimport store_i64
+from cext.abi cimport DT, HUNG, LATENESS, OK, PERIOD, PYTHON_ERROR
+from cext.atomics cimport store_i32_relaxed, store_i64
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add
+from cext.schedule.handover cimport acquire, release
 from cext.schedule.python_step cimport PythonStep
 from cext.clock.stopwatch cimport FIRST_STEP, GIL_WAIT, lap
 
@@ -55,7 +56,7 @@ cdef class Program:
         self.at = &self.own_at
         self.blocks = list(schedule.python_blocks)
         self.holding = []
-        self.live = LiveTable(schedule.live, self.memory)
+        self.live = LiveTable(schedule.live, schedule.live_rules, schedule.held_bounds, self.memory)
         self.held_start, self.memory_start = schedule.held_start, schedule.memory_start
         self.load_phase(&self.look, schedule.look, False)
         self.load_phase(&self.settle, schedule.settle, False)
@@ -302,8 +303,8 @@ cdef class Program:
 
     cdef int64_t begin_allowance(self, Segment *segment) noexcept nogil:
         """Begin a step that may take longer than the limits of watchdog and guardian. Returns the time."""
-        if self.since != NULL:
-            store_i64(self.allowed, segment.allowance)
+        if self.handover != NULL:
+            store_i64(&self.handover.allowed, segment.allowance)
         if self.page != NULL:
             store_i64(&self.page.beat, self.page.beat + segment.allowance)
         return monotonic()
@@ -311,9 +312,9 @@ cdef class Program:
     cdef void end_allowance(self, Segment *segment, int64_t began) noexcept nogil:
         """End it: the time that it took, up to its allowance, does not count as work of the tick."""
         cdef int64_t took = min(monotonic() - began, segment.allowance)
-        if self.since != NULL:
-            store_i64(self.since, self.since[0] + took)
-            store_i64(self.allowed, 0)
+        if self.handover != NULL:
+            store_i64(&self.handover.since, self.handover.since + took)
+            store_i64(&self.handover.allowed, 0)
         if self.page != NULL:
             store_i64(&self.page.beat, self.page.beat + took - segment.allowance)
 
@@ -333,7 +334,7 @@ cdef class Program:
                 lap(laps, item)
             return status
         while step < last:
-            at[0] = item
+            store_i32_relaxed(at, item)
             item += 1
             status = step.kernel(arena, step.slots, step.sizes)
             if status != OK:
@@ -349,7 +350,7 @@ cdef class Program:
     cdef int failed_in(self, Phase *phase, int first, int64_t outcome) noexcept nogil:
         """Attribute the outcome of a segment's machine code to its step. Returns the status."""
         cdef int step = first + <int>(outcome >> 32)
-        self.at[0] = phase.item + step
+        store_i32_relaxed(self.at, phase.item + step)
         self.blame_step(phase, step)
         return <int>outcome
 
@@ -378,7 +379,7 @@ cdef class Program:
         cdef Laps *laps = self.laps if phase.item >= 0 else NULL
         cdef int64_t waited, began
         self.gil_taken += 1
-        self.at[0] = GIL_WAIT
+        store_i32_relaxed(self.at, GIL_WAIT)
         with gil:
             if laps != NULL:
                 waited = lap(laps, GIL_WAIT)
@@ -392,11 +393,11 @@ cdef class Program:
                         self.set_clock(segment, periods, dt, period)
                         began = self.begin_allowance(segment) if segment.allowance else 0
                         for step in range(segment.first, segment.last):
-                            self.at[0] = phase.item + step
+                            store_i32_relaxed(self.at, phase.item + step)
                             if (<PythonStep>phase.steps[step].python).hold == 0:
                                 (<PythonStep>phase.steps[step].python).call(self.arena)
                             elif (<PythonStep>phase.steps[step].python).attempt(self.arena, tick):
-                                (<PythonStep>phase.steps[step].python).news.publish(self.page, tick)
+                                (<PythonStep>phase.steps[step].python).has_news = self.held_news = True
                             if laps != NULL:
                                 lap(laps, phase.item + step)
                         if segment.allowance:
@@ -426,20 +427,42 @@ cdef class Program:
     cdef int start_from_here(self) noexcept nogil:
         """Restart blocks from the present measurement: run `look`, reset all state, then run `settle`.
 
-        The outputs of a disabled subsystem are 0 again, and not those from before a fault.
+        The outputs of a disabled subsystem are 0 again, and not those from before a fault. Returns HUNG if the watchdog
+        has taken the devices meanwhile.
         """
         cdef int status
         memcpy(self.arena + self.held_start, self.initial + self.held_start, (self.memory_start - self.held_start)
             * sizeof(double))
+        self.devices.arming.keep_ready()
+        release(self.handover)
         status = self.run(&self.look, 0, -1)
-        self.at[0] = -1
+        store_i32_relaxed(self.at, -1)
         if status == OK:
-            self.devices.arming.keep_ready()
             status = self.reset_blocks()
-            self.devices.arming.restore_ready()
+        if not acquire(self.handover):
+            return HUNG
+        self.devices.arming.restore_ready()
+        release(self.handover)
         if status == OK:
             status = self.run(&self.settle, 0, -1)
-        return status
+        return status if acquire(self.handover) else HUNG
+
+    cdef void hand_over(self, Handover *handover) noexcept nogil:
+        """Set the owner of buses, devices and ring, with the times of the watchdog; NULL without a watchdog."""
+        self.handover = self.devices.switch.handover = handover
+
+    cdef void publish_held(self) noexcept nogil:
+        """Publish the events of held exceptions. Steps do not own the ring: they leave this to its owner."""
+        if self.held_news:
+            self.held_news = False
+            self.publish_held_in(&self.output)
+            self.publish_held_in(&self.update)
+
+    cdef void publish_held_in(self, const Phase *phase) noexcept nogil:
+        cdef int index
+        for index in range(phase.step_count):
+            if phase.steps[index].python != NULL:
+                (<PythonStep>phase.steps[index].python).publish(self.page)
 
     cdef int reset_blocks(self) noexcept nogil:
         memcpy(self.arena + self.memory_start, self.initial + self.memory_start, (self.size - self.memory_start)

@@ -34,7 +34,9 @@ cdef class Publisher:
     cdef bint guardian_is_gone(self, int64_t now) noexcept nogil
     cdef bint guardian_is_late(self) noexcept nogil
     cdef int attend(self, int64_t now) noexcept nogil
+    cdef bint was_suspended(self) noexcept nogil
     cdef void raise_fence(self) noexcept nogil
+    cdef bint guardian_stops(self, int64_t now) noexcept nogil
     cdef void report_hang(self, int item) noexcept nogil
     cdef bint lower_fence(self) noexcept nogil
     cdef int attend_fenced(self, int64_t now) noexcept nogil

@@ -17,6 +17,7 @@ from cext.clock.deadline_clock cimport monotonic
 from cext.safety.shared_state cimport (
     FENCED_FOR_GOOD, FENCED_HERE, ROW, commit, load_i32, load_i64, load_u64, reserve, store_i32, store_i64, store_u64, swap_i32,
 )
+from cext.safety.suspend cimport fence_after_suspend, suspended_since
 from cext.posix cimport POLLIN, poll, pollfd
 from cext.clock.signals cimport Signals
 from cext.safety.thresholds cimport CONSENT_LIMIT
@@ -97,8 +98,8 @@ cdef class Publisher:
         page.program_limit = 0
         page.status = page.closed = page.hung = page.crashed = 0
         if page.began != 0:
-            # of the previous run; a fence that was raised, or a stop that was requested, before the first run stays
-            page.fence = 0
+            # of the previous run; a fence of another process stays, and what came before the first run
+            self.lower_fence()
             page.operator.stop = 0
         memset(&page.lateness, 0, sizeof(Histogram))
         memset(&page.period, 0, sizeof(Histogram))
@@ -141,7 +142,7 @@ cdef class Publisher:
         if self.layout == NULL:
             return OK
         store_i64(&self.layout.beat, now)
-        if self.fenced():
+        if self.fenced() or fence_after_suspend(self.layout):
             return FENCED
         if self.guard > 0 and self.guardian_is_gone(now):
             return UNGUARDED
@@ -164,6 +165,10 @@ cdef class Publisher:
         return self.guard > 0 and (find_dead(&self.layout.guard_hold, &self.layout.guard_dead) or monotonic()
             - load_i64(&self.layout.guard) > self.guard // 2)
 
+    cdef bint was_suspended(self) noexcept nogil:
+        """Return whether the computer was suspended in the middle of a run with a guardian."""
+        return self.layout != NULL and self.guard > 0 and suspended_since(self.layout) != 0
+
     cdef void raise_fence(self) noexcept nogil:
         if self.layout != NULL:
             swap_i32(&self.layout.fence, 0, FENCED_HERE)
@@ -177,9 +182,16 @@ cdef class Publisher:
         if self.layout == NULL:
             return OK
         store_i64(&self.layout.beat, now)
-        if load_i32(&self.layout.fence) == FENCED_FOR_GOOD:
+        if load_i32(&self.layout.fence) == FENCED_FOR_GOOD or fence_after_suspend(self.layout):
             return FENCED
         return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK
+
+    cdef bint guardian_stops(self, int64_t now) noexcept nogil:
+        """Return whether the guardian stops the actuators. now : ns of CLOCK_MONOTONIC
+
+        A second sender would have it receive replies to questions that it has not asked.
+        """
+        return self.guard > 0 and load_i32(&self.layout.guard_stops) != 0 and not self.guardian_is_gone(now)
 
     cdef void report_hang(self, int item) noexcept nogil:
         """Report a hung tick in the shared state. item : of the stopwatch, -1 if unknown"""

@@ -2,6 +2,7 @@ from cpython.object cimport PyObject
 from libc.stdint cimport int32_t, int64_t
 
 from cext.safety.event_template cimport EventTemplate
+from cext.safety.shared_state cimport SharedLayout
 
 cdef class PythonStep:
     cdef object callable
@@ -23,12 +24,14 @@ cdef class PythonStep:
     cdef readonly int64_t first_held     # tick of the first
     cdef readonly object last_held       # last held exception
     cdef EventTemplate news              # event of the first
+    cdef bint has_news                   # it is not published yet
     cdef list input_views, output_views, input_names, output_names
     cdef int call(self, double *arena) except -1
     cdef int attempt(self, double *arena, int64_t tick) except -1
     cdef void keep(self, double *arena) noexcept nogil
     cdef void put_back(self, double *arena) noexcept nogil
     cdef void reset(self)
+    cdef void publish(self, SharedLayout *page) noexcept nogil
     cdef int refuse(self, int index, value) except -1
     cdef int store_array(self, int index, object value, double *arena) except -1
     cdef int store(self, int index, object value, double *arena) except -1

@@ -127,6 +127,13 @@ cdef class PythonStep:
         """Clear the held exceptions and kept values."""
         self.in_a_row, self.held, self.first_held, self.last_held = 0, 0, -1, None
         self.given = self.output_count == 0
+        self.has_news = False
+
+    cdef void publish(self, SharedLayout *page) noexcept nogil:
+        """Publish the event of the first held exception, once. `page` may be NULL."""
+        if self.has_news:
+            self.has_news = False
+            self.news.publish(page, self.first_held)
 
     cdef int attempt(self, double *arena, int64_t tick) except -1:
         """Like `call`, but an exception keeps the outputs, `hold` times in a row. Returns 1 at the first held one.

@@ -1,11 +1,17 @@
 # cython: freethreading_compatible=True
-"""Safe stop of devices: damping where a drive has it, then zero torque and disable."""
+"""Safe stop of devices: damping where a drive has it, then zero torque and disable until each device has confirmed.
+
+After STOP_LIMIT the rounds go on at a falling rate, for devices whose bus returns.
+"""
 
 from libc.stdint cimport int64_t
 
 from cext.bus.batch cimport Batch
 from cext.safety.drive_state cimport OUT
+from cext.abi cimport OK
 from cext.safety.speed_bands cimport SpeedBands
+from cext.safety.stop_confirmation cimport StopConfirmation
+from cext.safety.thresholds cimport STOP_LIMIT, STOP_ROUND_MAXIMUM
 from cext.schedule.device_table cimport Device
 from cext.schedule.relays cimport holds_relay, pump
 
@@ -18,20 +24,23 @@ cdef class SafeStop:
         for index in range(table.count):
             self.longest_damping = max(self.longest_damping, table.devices[index].damping)
 
-    cdef void begin(self) noexcept nogil:
-        """Begin a safe stop. Damping depends on the first `since` of `send`."""
+    cdef void begin(self, int64_t now) noexcept nogil:
+        """Begin a safe stop. Damping depends on the first `since` of `send`. now : ns since the begin of the run"""
         cdef int number
         cdef Device *device
-        self.due = 0
+        self.due = self.pace = 0
+        self.table.stopping = True
         for number in range(self.table.count):
             device = &self.table.devices[number]
             device.zeroing.runs = False
             device.damped = device.bands != NULL and device.drive.state < OUT
             device.damp_due = 0
+            if device.confirmation != NULL:
+                (<StopConfirmation>device.confirmation).begin(now)
 
     cdef int64_t send(self, int64_t since, int64_t now, int64_t round) noexcept nogil:
         """Send the due frames of the safe stop `since` ns after its begin: damping by the newest speeds, zero torque
-        and disable every `round` ns.
+        and disable every `round` ns to the devices that have not confirmed.
 
         A device is damped until the first round after its time. Returns when the next frames are due, in ns since the
         begin of the stop.
@@ -45,7 +54,8 @@ cdef class SafeStop:
         cdef bint disabling = since >= self.due
         cdef int64_t due
         if disabling:
-            self.due = next_due(self.due, since, round)
+            self.pace = round if since < self.longest_damping + STOP_LIMIT else min(2 * self.pace, STOP_ROUND_MAXIMUM)
+            self.due = next_due(self.due, since, self.pace)
         due = self.due
         for number in range(self.table.count):
             device = &self.table.devices[number]
@@ -56,15 +66,39 @@ cdef class SafeStop:
                 if since >= device.damp_due:
                     batch = <Batch *>(<SpeedBands>device.bands).choose(now)
                     self.buses.send(device.bus, batch.frames, batch.count, now, True)
-                    self.table.ask_batches(device, False, True, False, now)
                     device.damp_due = next_due(device.damp_due, since, (<SpeedBands>device.bands).round)
                 due = min(due, device.damp_due)
             elif disabling:
                 device.damped = False
-                self.table.ask_batches(device, False, True, True, now)
-                self.buses.send(device.bus, device.zero.frames, device.zero.count, now, True)
-                self.buses.send(device.bus, device.disable.frames, device.disable.count, now, True)
+                if device.confirmation != NULL and not (<StopConfirmation>device.confirmation).confirmed:
+                    ask(device, self.buses, now, True, True)
         return due
+
+    cdef void judge(self, int64_t now, int64_t round) noexcept nogil:
+        """Judge the replies of every device at the end of a round. round : ns"""
+        cdef int number
+        for number in range(self.table.count):
+            if self.table.devices[number].confirmation != NULL and not self.table.devices[number].damped:
+                (<StopConfirmation>self.table.devices[number].confirmation).judge(now, round)
+
+    cdef bint is_confirmed(self, int64_t since, int64_t now, int64_t round) noexcept nogil:
+        """Return whether every device has confirmed; judged where a round has ended. Arguments as of `send`"""
+        cdef int number
+        if since >= self.due:
+            self.judge(now, max(round, self.pace))
+        for number in range(self.table.count):
+            if not self.table.has_answered(&self.table.devices[number]):
+                return False
+        return True
+
+    cdef int send_disable(self, int64_t now) noexcept nogil:
+        """Send a round of disable to every device, confirmed or not, while a run waits behind the fence."""
+        cdef int number
+        cdef int status = OK
+        for number in range(self.table.count):
+            if self.table.devices[number].confirmation != NULL:
+                status |= ask(&self.table.devices[number], self.buses, now, False, True)
+        return self.buses.status(status, True)
 
     cdef void note_speeds(self) noexcept nogil:
         """Read frames for the speeds of damped devices. The arena stays as the hung tick has left it."""
@@ -86,6 +120,23 @@ cdef class SafeStop:
             if self.buses.page != NULL:
                 self.buses.page.frames_received += 1
                 self.buses.log_frame(&self.buses.received[index])
+
+
+cdef int ask(Device *device, Buses buses, int64_t now, bint zero, bint stopping) noexcept nogil:
+    """Send disable, after zero torque if wanted, unless the device is waited for. Returns the status of `Buses.send`.
+
+    stopping : whether the frames belong to a safe stop, and pass the fence
+    """
+    cdef int status = OK
+    cdef int answers = device.disable.count - device.unanswered
+    if not (<StopConfirmation>device.confirmation).may_send():
+        return OK
+    if zero:
+        answers += device.zero.count
+        status = buses.send(device.bus, device.zero.frames, device.zero.count, now, stopping)
+    status |= buses.send(device.bus, device.disable.frames, device.disable.count, now, stopping)
+    (<StopConfirmation>device.confirmation).sent(now, answers)
+    return status
 
 
 cdef inline int64_t next_due(int64_t due, int64_t now, int64_t round) noexcept nogil:

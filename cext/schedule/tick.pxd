@@ -4,7 +4,7 @@ from cext.schedule.publisher cimport Publisher
 from cext.clock.deadline_clock cimport DeadlineClock
 from cext.schedule.program cimport Program
 from cext.clock.stopwatch cimport Stopwatch
-from cext.schedule.watchdog cimport Handover
+from cext.schedule.handover cimport Handover
 
 cdef class Tick:
     cdef Program control, plant

@@ -4,13 +4,14 @@
 from libc.stdlib cimport calloc, free
 
 from cext.abi cimport DT, HUNG, LATENESS, OK, PERIOD, REAL_TIME, TICK, TIME, WAKE
+from cext.atomics cimport store_i32_relaxed
 from cext.clock.histogram cimport add
 from cext.schedule.live cimport apply_changes
 from cext.schedule.program cimport run_phase
 from cext.clock.deadline_clock cimport clock, monotonic
 from cext.posix cimport CLOCK_THREAD_CPUTIME_ID
 from cext.clock.stopwatch cimport COMMAND, PLANT, RECEIVE, RECORD, TRANSMIT, Laps, lap
-from cext.schedule.watchdog cimport release, acquire
+from cext.schedule.handover cimport acquire, release
 
 
 cdef class Tick:
@@ -57,9 +58,9 @@ cdef class Tick:
         cdef Laps *laps = self.control.laps if self.control.devices.buses.count > 0 else NULL
         cdef int64_t on_wires = 0
         cdef int status
-        self.control.at[0] = -1
+        store_i32_relaxed(self.control.at, -1)
         status = apply_changes(self.control.live, self.journal.layout, tick, self.control.arena[DT])
-        self.control.at[0] = RECEIVE
+        store_i32_relaxed(self.control.at, RECEIVE)
         if status == OK:
             status = self.control.devices.receive(now)
         if laps != NULL:
@@ -69,12 +70,15 @@ cdef class Tick:
         release(self.handover)
         if status == OK:
             status = run_phase(self.control, &self.control.output, tick, previous)
-        self.control.at[0] = COMMAND
-        if status == OK:
-            status = self.control.devices.command()
         if not acquire(self.handover):
             return HUNG
-        self.control.at[0] = TRANSMIT
+        self.control.publish_held()
+        store_i32_relaxed(self.control.at, COMMAND)
+        if status == OK:
+            status = self.control.devices.command()
+            if status == HUNG:                              # the watchdog owns the devices
+                return HUNG
+        store_i32_relaxed(self.control.at, TRANSMIT)
         if status == OK:
             status = self.control.devices.transmit(now)
         if laps != NULL:
@@ -86,7 +90,8 @@ cdef class Tick:
             status = run_phase(self.control, &self.control.update, tick, previous)
         if not acquire(self.handover):
             return HUNG
-        self.control.at[0] = RECORD if self.plant is None else PLANT
+        self.control.publish_held()
+        store_i32_relaxed(self.control.at, RECORD if self.plant is None else PLANT)
         if status == OK and self.plant is not None:
             status = self.advance_plant(now)
             if self.control.laps != NULL:

@@ -1,29 +1,10 @@
-from libc.stdint cimport int32_t, int64_t, uint64_t
+from libc.stdint cimport int32_t, int64_t
 
-from cext.atomics cimport load_i32, store_i64, store_u64, swap
+from cext.atomics cimport load_i32, store_i64
+from cext.schedule.handover cimport Handover
 from cext.schedule.publisher cimport Publisher
 from cext.posix cimport cpu_set_t, pthread_t
 from cext.schedule.program cimport Program
-
-cdef enum: # owner of the buses, the devices and the ring of the shared state
-    LOOP = 0                     # the thread of the ticks
-    UNOWNED = 1                   # no owner: the loop runs a step that uses none of them
-    WATCHDOG = 2                 # the watchdog: the step did not return
-
-cdef struct Handover:
-    uint64_t user
-    # ns of CLOCK_MONOTONIC, begin of the tick's work, later by the time of its steps with an allowance; 0 between ticks
-    int64_t since
-    int64_t allowed              # ns, allowance of the present step
-
-cdef inline void release(Handover *handover) noexcept nogil:
-    """Release the buses before a step. `handover` may be NULL, without a watchdog."""
-    if handover != NULL:
-        store_u64(&handover.user, UNOWNED)
-
-cdef inline bint acquire(Handover *handover) noexcept nogil:
-    """Acquire the buses after a step. Returns False if the step took too long: the loop then sends nothing more."""
-    return handover == NULL or swap(&handover.user, UNOWNED, LOOP)
 
 cdef class Watchdog:
     cdef Handover *handover      # NULL without a watchdog

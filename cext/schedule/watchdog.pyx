@@ -5,17 +5,18 @@
               hang
     fence     raise it when a tick has worked for max(3 periods, 15 ms), apart from the time of steps with an `allowance`,
               up to that
-    stop      send the frames of the safe stop to every device, every 5 ms, for 200 ms or until the loop returns
+    stop      send the frames of the safe stop to every device, every 5 ms and after 200 ms at a falling rate, until the
+              guardian sends them, which judges the replies, or the loop returns
     break     send a signal that ends a system call of a Python step and becomes a KeyboardInterrupt there
     exit      if the step cannot be interrupted, wait with the motors stopped until the operator ends the run, then exit
               the process
 
 It never takes the GIL, and sleeps until a tick can first have worked for too long: one or two wake-ups in that time.
 
-The buses have one user at a time. The loop releases them during steps, and acquires them with a compare-and-swap; the
-watchdog acquires them from a hung step in the same way, and keeps them until the loop, which then sends no further
-commands, has ended and dismissed it. If the tick hangs elsewhere, as in a bus's own call, the fence is raised and the
-guardian stops the motors.
+The buses, the devices and the ring have one owner at a time (cext.schedule.handover). The watchdog takes them from a hung
+step, begins its stop then, and keeps them until the loop, which sends no further commands, has ended and dismissed it. If
+the tick hangs elsewhere, as in a bus's own call or in the encoding of a command, the fence is raised and the guardian
+stops the motors.
 """
 
 import signal
@@ -25,7 +26,7 @@ from cpython.exc cimport PyErr_CheckSignals
 from libc.stdint cimport int32_t, int64_t
 from posix.unistd cimport _exit
 
-from cext.atomics cimport load_i64, store_i32
+from cext.atomics cimport load_i32_relaxed, load_i64, store_i32
 from cext.fused.locate cimport IN_RUN, begin_samples, end_samples, sample
 from cext.clock.deadline_clock cimport monotonic
 from cext.safety.shared_state cimport RUNNING
@@ -34,6 +35,7 @@ from cext.posix cimport (
     pthread_self, sched_getparam, sched_getscheduler, sched_param, sched_setaffinity,
 )
 from cext.clock.signals cimport Signals, unblock
+from cext.schedule.handover cimport LOOP, take_over
 from cext.threads cimport be_called, doze, start_thread, wake
 from cext.safety.thresholds cimport (
     BUS_TAKEOVER_PERIOD, HANG_MINIMUM, HANG_PERIODS, HANG_SIGNAL_PERIOD, HANG_SIGNAL_PERIOD_STOPPED,
@@ -66,9 +68,8 @@ cdef class Watchdog:
         self.program, self.journal, self.caught = program, journal, signals.caught
         self.limit = max(HANG_PERIODS * period, HANG_MINIMUM)
         self.start_allowance = max(LOOP_STALL_PERIODS * period, LOOP_STALL_MINIMUM) - self.limit
-        program.since = &self.shared.since if wanted else NULL
-        program.allowed = &self.shared.allowed if wanted else NULL
         self.handover = &self.shared if wanted else NULL
+        program.hand_over(self.handover)
 
     cdef int start(self) except -1:
         """Start to watch; the calling thread is the loop's."""
@@ -160,22 +161,23 @@ cdef class Watchdog:
         cdef bint mine = False
         cdef bint over = False
         cdef bint in_run
-        self.at = self.program.at[0]
+        self.at = load_i32_relaxed(self.program.at)
         in_run = self.at >= IN_RUN
         store_i32(&self.hung, 1)
         if in_run:
             self.at = sample(self.loop)
         self.journal.report_hang(self.at)
         self.journal.raise_fence()
-        self.program.devices.stop.begin()
         while not load_i32(&self.leave):
             if in_run and self.at < 0:      # the loop's thread was not scheduled in time
                 self.at = sample(self.loop)
                 self.journal.report_hang(self.at)
             now = monotonic()
             over = now - began >= STOP_LIMIT + damping - damped
-            mine = mine or swap(&self.shared.user, UNOWNED, WATCHDOG)
-            if mine and not over and now >= due:
+            if not mine and take_over(&self.shared):
+                mine = True
+                self.program.devices.stop.begin(now - self.zero)
+            if mine and now >= due and not self.journal.guardian_stops(now):
                 self.program.devices.stop.note_speeds()
                 due = began - damped + self.program.devices.stop.send(
                     now - began + damped, now - self.zero, STOP_ROUND)
@@ -186,7 +188,10 @@ cdef class Watchdog:
                 unblock(NULL)                # the loop's thread may have blocked them
                 if self.caught[0]:
                     _exit(EXIT_CODE)
-            self.sleep(nudge if over else due if mine else now + BUS_TAKEOVER_PERIOD)
+            if mine:
+                self.sleep(min(nudge, due if due > now else now + STOP_ROUND))
+            else:
+                self.sleep(nudge if over else now + BUS_TAKEOVER_PERIOD)
 
     cdef bint running_ticks(self) noexcept nogil:
         return self.journal.layout == NULL or load_i32(&self.journal.layout.state) == RUNNING

@@ -9,6 +9,7 @@ import os
 import resource
 from contextlib import suppress
 
+SPARE, SPARE_PER_INTERFACE = 4, 8  # pyserial opens five for a port
 SPARE_LIMIT = 256  # descriptors that a raised limit allows
 
 
@@ -37,12 +38,13 @@ class Descriptors:
 
 
 class SpareDescriptors:
-    """Descriptors that are held until they are needed, so that files can be opened when no other is free.
+    """Descriptors that are held until they are needed, so that interfaces can be opened when no other is free.
 
-    count : of descriptors
+    interfaces : number of them
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, interfaces: int) -> None:
+        count = SPARE + SPARE_PER_INTERFACE * interfaces
         self._numbers = [os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC) for _ in range(count)]
         self._file = identity(self._numbers[0])
 

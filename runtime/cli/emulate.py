@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from runtime.base.errors import BadInput
 from runtime.cli.parsing import Parser, add_options
+from runtime.console.confirm import discard_typed
 from runtime.console.terminal import print_lines, print_to_stderr, program
 from runtime.session.request import Request
 
@@ -145,6 +146,7 @@ def consent(real: Sequence[str], given: bool) -> None:
             "Press Enter to confirm that none is connected, Ctrl-C to end",
         ]
     )
+    discard_typed()
     if sys.stdin.readline() == "":
         raise BadInput("standard input ended before the confirmation that no real drive is connected")
 

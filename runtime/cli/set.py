@@ -73,7 +73,7 @@ def set_live(pid: int, settings: Sequence[tuple[str, str]]) -> list[str]:
         )
     if not settings:
         return listing(pid, page, run_table)
-    changes = batches([changes_of(run_table, name, text) for name, text in settings])
+    changes = batches([changes_of(run_table, name, text) for name, text in settings], run_table.rules)
     return [text for batch in changes for text in sent(page, run_table, pid, batch)]
 
 
@@ -95,7 +95,7 @@ def find(pid: int) -> SharedState:
 def sent(page: SharedState, run_table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> list[str]:
     """Send changes and return their lines. Raises BadInput as `send` does."""
     before = table.values(page, run_table.parameters)
-    tick = send(page, run_table.rate, pid, changes)
+    tick = send(page, run_table, pid, changes)
     return [line(parameter, before[parameter.index][0], value, tick, run_table.rate) for parameter, value in changes]
 
 

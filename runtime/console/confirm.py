@@ -1,9 +1,11 @@
-"""Confirmation by the operator on standard input."""
+"""Confirmation by the operator on standard input. What was typed before a question was shown does not answer it."""
 
 from __future__ import annotations
 
 import select
 import sys
+import termios
+from contextlib import suppress
 
 from runtime.base.errors import BadInput
 from runtime.console.terminal import print_lines
@@ -25,7 +27,14 @@ def confirm(question: str, yes: bool) -> bool:
             "question"
         )
     print_lines([f"{question}? yes or no"])
+    discard_typed()
     return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def discard_typed() -> None:
+    """Discard what was typed before on a terminal."""
+    with suppress(OSError, ValueError, AttributeError, termios.error):  # a pipe, or a notebook's standard input
+        termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
 
 
 def enter_pressed() -> bool:

@@ -1,18 +1,19 @@
-"""Single-key input, without echo, from the terminal of a run in the foreground.
+"""Keys of the terminal of a run in the foreground.
 
-The recorder process reads the keys through a descriptor that the control process opened, since it has no controlling
-terminal. Job control does not stop it from reading; it therefore reads only while the run is in the foreground, and
-restores the terminal only if its mode is still the one that was set here, so that it never overwrites the settings of
-another process.
+The control process reads them (cext.safety.terminal_keys), without echo, and stops the run at a space. The recorder
+takes them from the shared state and carries out the other commands. It restores the terminal if the control process has
+been killed.
 """
 
 from __future__ import annotations
 
 import os
 import re
-import select
 import termios
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from cext.safety.shared_state import SharedState
 
 STDIN, STDOUT = 0, 1
 # tcgetattr: local flags to clear, and the indices of the local flags and of the control characters
@@ -67,77 +68,45 @@ def restore(descriptor: int, attributes: list[Any]) -> None:
         pass
 
 
-class Keyboard:
-    """Keys of a terminal that is shared with the shell.
+class Key(NamedTuple):
+    """Key that was pressed.
 
-    descriptor : of the terminal, as own_terminal returns it
-    process : ID of the process whose terminal it is
-    in_foreground : whether the run was in the foreground at the last `follow`
-    in_key_mode : whether the terminal is in key mode
+    name : "space", "tab", "shift tab", "enter", "up", "down", "left", "right", or a character
+    since, read : ns of CLOCK_MONOTONIC; it was pressed after the first, and read at the second
+    question : SharedState.question before it was pressed
     """
 
-    def __init__(self, descriptor: int, process: int) -> None:
-        self.descriptor, self.process = descriptor, process
-        self.in_foreground = self.in_key_mode = False
-        self.attributes = None  # to restore
-        self.unread = b""
-        self.poll = select.poll()
-        self.poll.register(descriptor, select.POLLIN)
+    name: str
+    since: int
+    read: int
+    question: int
 
-    def foreground(self) -> bool:
-        """Return whether the process runs in the foreground of its terminal."""
-        try:
-            with open(f"/proc/{self.process}/stat") as file:
-                state, _, group, _, _, terminal_group = file.read().rpartition(")")[2].split()[:6]
-        except OSError:
-            return False
-        return group == terminal_group and state not in "TZX"
 
-    def follow(self) -> None:
-        """Enter key mode when the run comes to the foreground, leave it when the run leaves the foreground."""
-        try:
-            self.in_foreground = self.foreground()
-            if not self.in_foreground:
-                self.close()
-                return
-            now = termios.tcgetattr(self.descriptor)
-            # unless a shell has restored key mode itself
-            if self.attributes is None or now != key_mode(self.attributes):
-                termios.tcsetattr(self.descriptor, termios.TCSANOW, key_mode(now))
-                self.attributes = now
-            if not self.in_key_mode:
-                termios.tcflush(self.descriptor, termios.TCIFLUSH)  # typed for another program
-                self.in_key_mode = True
-        except termios.error:  # the terminal is closed
-            self.in_key_mode = False
+class Keyboard:
+    """Keys that the control process has read. page : SharedState of the run"""
 
-    def read(self) -> list[str]:
-        """Return the names of the keys pressed since the last call.
+    def __init__(self, page: SharedState) -> None:
+        # not at the top: the control process imports this module before the compiled ones
+        from cext.safety.terminal_keys import KeyQueue
 
-        A name is "space", "tab", "shift tab", "enter", "up", "down", "left", "right", or a character.
-        """
-        if not self.in_key_mode:
-            return []
-        try:
-            [(_, state)] = self.poll.poll(0) or [(0, 0)]
-            if state & select.POLLIN and self.foreground():
-                self.unread += os.read(self.descriptor, 4096)
-        except BlockingIOError:  # another process has read the input
-            pass
-        except OSError:  # the terminal is closed
-            self.in_key_mode = False
+        self.queue = KeyQueue(page)
+        self.unread: list[tuple[int, int, int, int]] = []
+
+    @property
+    def in_foreground(self) -> bool:
+        """Whether the run is in the foreground of its terminal."""
+        return self.queue.listening
+
+    def read(self) -> list[Key]:
+        """Return the keys since the last call. The times of a key are those of the first byte of its sequence."""
+        self.unread += self.queue.take()
+        data = bytes(byte for byte, *_ in self.unread)
         keys, end = [], 0
-        while match := KEY.match(self.unread, end):
-            keys.append(key_name(match[0]))
+        while match := KEY.match(data, end):
+            keys.append(Key(key_name(match[0]), *self.unread[match.start()][1:]))
             end = match.end()
-        self.unread = self.unread[end:] if len(self.unread) - end < SEQUENCE_LIMIT else b""
+        self.unread = self.unread[end:] if len(self.unread) - end < SEQUENCE_LIMIT else []
         return keys
-
-    def close(self) -> None:
-        """Restore the terminal."""
-        if self.in_key_mode and self.attributes is not None:
-            restore(self.descriptor, self.attributes)
-            self.in_key_mode = False
 
 
 def key_name(sequence: bytes) -> str:

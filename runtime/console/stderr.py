@@ -44,14 +44,19 @@ class Terminal:
         except OSError:
             return 80
 
-    def write(self, text: str) -> None:
-        """Write if this does not block. A terminal stopped by Ctrl-S would otherwise block the recorder."""
+    def write(self, text: str) -> bool:
+        """Write if this does not block. A terminal stopped by Ctrl-S would otherwise block the recorder.
+
+        Returns whether the whole text was written.
+        """
         try:
             if any(state & select.POLLOUT for _, state in self.poll.poll(0)):
                 encoding = "utf-8" if self.unicode else "ascii"
-                os.write(self.descriptor, readable(text, encoding).encode(encoding))
+                data = readable(text, encoding).encode(encoding)
+                return os.write(self.descriptor, data) == len(data)
         except OSError:
             self.interactive = False  # the terminal is closed
+        return False
 
     def draw(self, text: str) -> None:
         """Replace the status line."""
@@ -65,7 +70,7 @@ class Terminal:
             self.write("\r\x1b[K")
             self.drawn = False
 
-    def say(self, line: str) -> None:
-        """Write a permanent line above the status line."""
+    def say(self, line: str) -> bool:
+        """Write a permanent line above the status line. Returns whether it was written."""
         self.erase()
-        self.write(harmless(line, self.coloured) + "\n")
+        return self.write(harmless(line, self.coloured) + "\n")

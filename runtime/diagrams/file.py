@@ -112,11 +112,7 @@ def build(
         raise BadInput(f"{path}: the diagram {diagram.name!r} has no blocks: make them inside `with Diagram(...)`")
     if rig is not None:
         override(rig, diagram)
-    for name, value in settings:
-        if "." in name:
-            replaced = set_block_parameters(diagram, name, value)
-            if before is not None:
-                before += replaced
+    set_block_parameters(diagram, [(name, value) for name, value in settings if "." in name], before)
     return diagram
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from graph import DiagramError, units
@@ -18,6 +19,7 @@ from runtime.live import patterns
 
 if TYPE_CHECKING:
     from graph.block import Block
+    from graph.diagnostics import Diagnostic
     from graph.diagram import Diagram
     from runtime.diagrams.diagram_file import DiagramFile
 
@@ -101,23 +103,43 @@ def parse_like(default: Any, name: str, text: Any) -> Any:
         return text
 
 
-def set_block_parameters(diagram: Diagram, name: str, value: Any) -> list[Replaced]:
-    """Set "left/impedance.stiffness", or all matches of "*/impedance.stiffness", to a value or its text.
+def set_block_parameters(diagram: Diagram, settings: Settings, before: list[Replaced] | None = None) -> None:
+    """Set "left/impedance.stiffness", or all matches of "*/impedance.stiffness", to values or their texts.
 
-    Returns [(block, parameter, value before)]. Raises BadInput.
+    Rules between parameters hold for all settings together.
+
+    before : list that receives (block, parameter, value before) of each
+
+    Raises BadInput.
     """
+    given: dict[Block, list[str]] = {}
+    for name, value in settings:
+        for path in paths_of(diagram, name, value):
+            replaced = put(diagram, path, value)
+            given.setdefault(replaced[0], []).append(f"{path}={value}")
+            if before is not None:
+                before.append(replaced)
+    for block, texts in given.items():
+        try:
+            block.reconfigure()
+        except DiagramError as error:
+            raise refused(", ".join(texts), error.diagnostics[0], other_family(texts)) from None
+
+
+def paths_of(diagram: Diagram, name: str, value: Any) -> list[str]:
+    """Return the parameters that a setting sets. Raises BadInput."""
     if not patterns.is_pattern(name):
-        return [set_block_parameter(diagram, name, value)]
+        return [name]
     known = [f"{block.path}.{parameter}" for block in diagram for parameter in block.parameters]
     matching = patterns.matching(name, known)
     if not matching:
         hint = patterns.hint(name, known) or f"its blocks are {', '.join(sorted(diagram.blocks))}"
         raise BadInput(f"setting {name}={value}: {diagram.name} has no parameter that matches; {hint}")
-    return [set_block_parameter(diagram, each, value) for each in matching]
+    return matching
 
 
-def set_block_parameter(diagram: Diagram, name: str, value: Any) -> Replaced:
-    """Set "left/impedance.stiffness" to a value or its text.
+def put(diagram: Diagram, name: str, value: Any) -> Replaced:
+    """Set "left/impedance.stiffness" to a value or its text, without a call of `configure`.
 
     Returns (block, parameter, value before). Raises BadInput.
     """
@@ -130,16 +152,17 @@ def set_block_parameter(diagram: Diagram, name: str, value: Any) -> Replaced:
     block = diagram[path]
     before = getattr(block, parameter, None)
     try:
-        block.set(parameter, value, "--set")
+        put_value(block, parameter, value, "--set")
     except DiagramError as error:
-        problem = error.diagnostics[0]
-        hint = f"; {problem.hint}" if problem.hint else ""
-        raise BadInput(
-            f"setting {name}={value}: {path} {problem.message}{hint}"
-            if problem.message.startswith("has no")
-            else f"setting {name}={value}: {problem.message}{hint}"
-        ) from None
+        raise refused(f"{name}={value}", error.diagnostics[0]) from None
     return block, parameter, before
+
+
+def refused(setting: str, problem: Diagnostic, remedy: str = "") -> BadInput:
+    """Return the error of a setting that a block does not accept. remedy : if the problem has no hint"""
+    hint = f"; {problem.hint or remedy}" if problem.hint or remedy else ""
+    path = f"{problem.path} " if problem.message.startswith("has no") else ""
+    return BadInput(f"setting {setting}: {path}{problem.message}{hint}")
 
 
 def set_seeds(diagram: Diagram, seed: int) -> list[Replaced]:
@@ -147,7 +170,11 @@ def set_seeds(diagram: Diagram, seed: int) -> list[Replaced]:
 
     Returns [(block, "seed", value before)].
     """
-    return [set_block_parameter(diagram, f"{block.path}.seed", _seed_of(block, seed)) for block in _noise(diagram)]
+    replaced: list[Replaced] = []
+    set_block_parameters(
+        diagram, [(f"{block.path}.seed", _seed_of(block, seed)) for block in _noise(diagram)], replaced
+    )
+    return replaced
 
 
 def _noise(diagram: Diagram) -> list[Block]:
@@ -168,4 +195,30 @@ def _seed_of(block: Block, seed: int) -> int:
 def restore(replaced: Sequence[Replaced]) -> None:
     """Restore parameters to their previous values. replaced : as returned by the functions above"""
     for block, parameter, before in reversed(replaced):
-        block.set(parameter, before)
+        put_value(block, parameter, before)
+    for block in dict.fromkeys(block for block, *_ in replaced):
+        block.reconfigure()
+
+
+def put_value(block: Block, parameter: str, value: Any, source: str = "") -> None:
+    """Set a parameter as Block.put does; the model of an actuator that was made by name may be of another family."""
+    if parameter == "model":
+        from blocks.actuators.by_name import change_model  # imports every family
+
+        if change_model(block, value):
+            return
+    block.put(parameter, value, source)
+
+
+def other_family(settings: Sequence[str]) -> str:
+    """Return the remedy for a model of another family than that of its block, "" without one.
+
+    settings : of the block, as NAME=VALUE
+    """
+    from blocks.families import find_model
+
+    for name, _, model in (setting.partition("=") for setting in settings):
+        with suppress(ValueError):
+            if name.endswith(".model") and find_model(model):
+                return f"in the diagram, Actuator({model!r}) makes the block of any family"
+    return ""

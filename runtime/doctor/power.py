@@ -1,4 +1,4 @@
-"""Checks of power management: processor frequency, idle states and supply voltage."""
+"""Checks of power management: processor frequency, idle states, sleep and supply voltage."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from runtime.base.system import CAP_IPC_LOCK, processors
 from runtime.machine.finding import BAD, OK, UNKNOWN, WORSE, Finding
 from runtime.machine.probe import JETSON, PI
 from runtime.machine.realtime import IDLE_DEVICE
+from runtime.machine.sleep import MASK, can_sleep
 
 if TYPE_CHECKING:
     from runtime.machine.finding import Wants
@@ -73,6 +74,21 @@ def idle_states(machine: Machine, wants: Wants) -> Finding:
         "the loop wakes late by this time",
         'add the group realtime and a udev rule: KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"',
         "limits",
+    )
+
+
+def sleep(machine: Machine, wants: Wants) -> Finding:
+    """Check whether the computer can be suspended during a run."""
+    if not can_sleep(machine):
+        return Finding("sleep", OK, "this computer cannot be suspended")
+    if machine.exists("/usr/bin/systemd-inhibit") or machine.exists("/bin/systemd-inhibit"):
+        return Finding("sleep", OK, "possible; a run on a rig inhibits it")
+    return Finding(
+        "sleep",
+        WORSE,
+        "possible, and there is no systemd-inhibit",
+        "a drive without a time-out keeps its last command while the computer is suspended",
+        MASK,
     )
 
 
@@ -176,4 +192,4 @@ def _interrupts(machine: Machine, wants: Wants) -> Finding:
     return Finding("interrupts", OK, "balanced by irqbalance" if balanced else "not balanced")
 
 
-CHECKS = (_governor, idle_states, throttling, _power_mode, _clocks, _swap, _interrupts)
+CHECKS = (_governor, idle_states, sleep, throttling, _power_mode, _clocks, _swap, _interrupts)

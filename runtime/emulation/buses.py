@@ -14,6 +14,7 @@ from cext.ring.rings import Line, Lines
 from cext.safety.thresholds import TX_QUEUE_FULL_LIMIT
 from runtime.base.child_process import ChildProcess
 from runtime.base.errors import BadInput
+from runtime.base.signed_datagrams import read_key
 from runtime.emulation.i2c_server import I2cServer
 from runtime.emulation.network_senders import NetworkSender
 from runtime.guardian.lock import BusLock, BusTaken
@@ -86,7 +87,13 @@ class PlantBuses:
                 )
             )
         if bus.interface == UDP:
-            sender = NetworkSender("udp", bus.channel, CAN_FRAME_BYTES, sender=bus.peer)
+            key = None
+            if bus.key:
+                try:
+                    key = read_key(bus.key)
+                except ValueError as error:
+                    raise Refused(RigProblem("TW139", f"[bus.{bus.name}] key = {bus.key!r}: {error}")) from None
+            sender = NetworkSender("udp", bus.channel, CAN_FRAME_BYTES, sender=bus.peer, key=key)
             self.servers.append(sender)
             return SocketCan(sender.source)
         if bus.interface == I2C and not bus.channel.startswith(EMULATED):

@@ -7,6 +7,7 @@ import threading
 from contextlib import suppress
 
 from runtime.base.errors import BadInput
+from runtime.base.signed_datagrams import Signer
 from runtime.emulation.priority import take_priority
 
 THIS_MACHINE = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # address of every network: that of this machine
@@ -22,16 +23,20 @@ class NetworkSender(threading.Thread):
     transport, address : of the robot's device or bus. With "udp" the run listens there, with "tcp" this server does
     message_bytes : size of each message
     sender : address from which datagrams are sent, "" for any
+    key : that signs datagrams (runtime.base.signed_datagrams), or None
 
     source : socket into which the emulator writes
     description : transport and address, as text
     Raises BadInput if the address of the server or of the sender cannot be used.
     """
 
-    def __init__(self, transport: str, address: str, message_bytes: int, sender: str = "") -> None:
+    def __init__(
+        self, transport: str, address: str, message_bytes: int, sender: str = "", key: bytes | None = None
+    ) -> None:
         super().__init__(daemon=True)
         host, port = split(address)
         self.message_bytes, self.clients, self.target = message_bytes, [], None
+        self.signer = None if key is None else Signer(key)
         self.description = f"{transport} {address}"
         try:
             if transport == "udp":
@@ -63,7 +68,10 @@ class NetworkSender(threading.Thread):
         """Send one message to the port of the run, or to every client."""
         if self.target is not None:
             with suppress(OSError):
-                self.socket.sendto(message, self.target)
+                self.socket.sendto(message if self.signer is None else self.signer.datagram(message), self.target)
+            if self.signer is not None:
+                with suppress(OSError):
+                    self.signer.note(self.socket.recv(READ_BYTES, socket.MSG_DONTWAIT))
             return
         with suppress(BlockingIOError):
             client, _ = self.socket.accept()

@@ -10,6 +10,7 @@ The plan, a runtime.guardian.plan_types.Plan, is sent as JSON:
     buses       interfaces of CAN buses
     devices     frames of the safe stop, and the replies that confirm it
     relays      charge pumps, which the guardian holds while it damps a joint
+    locks       file descriptors of the locks of its buses
     items       names of what a tick can hang in, by the numbers that the loop's watchdog writes to the shared state
     limit       s without a tick after which the loop counts as stalled
     priority    of SCHED_FIFO, or None
@@ -37,24 +38,35 @@ from runtime.base.child_process import ChildProcess
 from runtime.base.descriptors import Descriptors, SpareDescriptors
 from runtime.guardian import control_group
 from runtime.guardian.relay import Relay
-from runtime.guardian.stop import SafeStop, decoded
+from runtime.guardian.stop import SafeStop, decoded, replies_of
 from runtime.guardian.wires import SHARED, CannotOpen, Wire, open_wire
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from typing import Any
 
     from cext.ring.rings import Lines
     from cext.safety.shared_state import SharedState
-    from graph import DampedStop, Diagram
+    from graph import DampedStop, ReplyField, StopReply
     from graph.schedule import Schedule
     from runtime.guardian.lock import BusLock
-    from runtime.guardian.plan_types import EncodedFrame, Plan, PlanBus, PlanDamp, PlanRelay, PlanVelocity, StopReport
+    from runtime.guardian.plan_types import (
+        EncodedFrame,
+        EncodedReply,
+        Plan,
+        PlanBus,
+        PlanDamp,
+        PlanField,
+        PlanRelay,
+        PlanReply,
+        StopReport,
+    )
 
 
 READY_TIMEOUT = 30.0  # s
 LEAVE_TIMEOUT = 5.0  # s
-SPARE_PER_BUS, SPARE = 8, 4  # descriptors for `take_over`: pyserial opens five for a port
+MEMORY_LOCKED, REALTIME = "memory locked", "SCHED_FIFO"  # privileges, as text; the second is followed by the priority
+GO_ON_PERIOD = 0.02  # s between two checks whether the operator ends a stop
 FLAGS = 0xE0000000  # of struct can_frame: extended, remote, error
 
 
@@ -99,16 +111,17 @@ class GuardianProcess(ChildProcess):
         super().__init__("runtime.guardian.process", (page.fd, -1 if lines is None else lines.fd, bell), inherited)
         self.granted: list[str] = []
         self._group: str | None = None
+        self._locks = [lock.fileno() for lock in locks]
         self._plan: Plan | None = None
         self._spare: SpareDescriptors | None = None
         self._wires: dict[int, Wire] = {}  # for `take_over`, by the index of the bus
 
     def configure(self, plan: Plan) -> None:
         """Send the plan and wait until every bus is open. Raises GuardianError, with nothing left open."""
-        self._plan = plan
+        self._plan = plan | {"locks": self._locks}
         answer: dict[str, Any] | None
         try:
-            self._send(json.dumps(plan).encode() + b"\n")
+            self._send(json.dumps(self._plan).encode() + b"\n")
             answer = self._answer(READY_TIMEOUT)
         except BrokenPipeError:
             answer = None
@@ -127,7 +140,7 @@ class GuardianProcess(ChildProcess):
             if bus["interface"] in SHARED:
                 with suppress(CannotOpen):
                     self._wires[index] = open_wire(bus)
-        self._spare = SpareDescriptors(SPARE + SPARE_PER_BUS * len(plan["buses"]))
+        self._spare = SpareDescriptors(len(plan["buses"]))
 
     def keep_descriptors(self, descriptors: Descriptors) -> None:
         """Add the pipes to the descriptors of the run."""
@@ -137,8 +150,9 @@ class GuardianProcess(ChildProcess):
     def finish(self) -> dict[str, Any]:
         """End the guardian after the run. Returns its report.
 
-        stop : the safe stop that it performed, or None: `because` is "died", "stalled", "hung" or "cut off";
-            `silent`, `took` in s; `last_tick`; `block` that hung; `confirmed`, `unconfirmed` are names of devices
+        stop : the safe stop that it performed, or None: `because` is "died", "stalled", "hung", "suspended" or
+            "cut off"; `silent`, `took` in s; `last_tick`; `block` that hung; `confirmed`, `unconfirmed` are names of
+            devices
         troubles : {bus: reason it failed}
         died : how the process ended, if it ended early
 
@@ -149,10 +163,30 @@ class GuardianProcess(ChildProcess):
             try:
                 self._send(b"release\n")
                 answer = self._answer(LEAVE_TIMEOUT)
+                while answer is not None and "troubles" not in answer:  # of a stop that it was ordered to continue
+                    answer = self._answer(LEAVE_TIMEOUT)
             except (OSError, TimeoutError):
                 grace = 0.0
         how = self.kill(grace)
         return answer | {"died": None} if answer is not None else {"stop": None, "troubles": {}, "died": how}
+
+    def go_on(self, devices: Sequence[str], lasts: float, ended: Callable[[], bool]) -> StopReport | None:
+        """Let the guardian continue a safe stop that devices have not confirmed.
+
+        devices : their names; lasts : s for which it continues; ended : whether the operator ends it
+
+        Returns the report of the stop, None if it was ended before, or the guardian does not answer.
+        """
+        try:
+            self._send(json.dumps({"devices": list(devices), "lasts": lasts}).encode() + b"\n")
+            deadline = time.monotonic() + LEAVE_TIMEOUT + lasts
+            while not ended() and time.monotonic() < deadline:
+                with suppress(TimeoutError):
+                    answer = self._answer(GO_ON_PERIOD)
+                    return None if answer is None else answer["stop"]
+        except OSError:
+            pass
+        return None
 
     def kill(self, grace: float = 0.0) -> str:
         """End the process, by force after `grace` s, and return how it ended."""
@@ -203,14 +237,7 @@ class GuardianProcess(ChildProcess):
         stop = SafeStop(devices, wires, now, relays=relays, out=self._page.out)
         for index, wire in wires.items():
             if self._plan["buses"][index]["line"] is None:
-                wire.listen(
-                    [
-                        reply
-                        for device in devices
-                        if device["bus"] == index
-                        for reply in device["replies"] + device["speeds"]
-                    ]
-                )
+                wire.listen(replies_of(devices, index))
         drained = stop.began
         while not stop.over:
             stop.step(time.monotonic_ns())
@@ -229,13 +256,11 @@ def _ending(code: int) -> str:
     return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
-def plan(
-    buses: list[PlanBus], schedule: Schedule, diagram: Diagram, priority: int | None, relays: Sequence[PlanRelay] = ()
-) -> Plan:
+def plan(buses: list[PlanBus], schedule: Schedule, priority: int | None, relays: Sequence[PlanRelay] = ()) -> Plan:
     """Return the guardian's plan.
 
     buses : CAN buses, in the order of the schedule
-    schedule, diagram : of the robot on its rig
+    schedule : of the robot on its rig
     priority : of the loop's SCHED_FIFO, or None
     relays : of charge pumps
     """
@@ -254,15 +279,13 @@ def plan(
                 "disable": _encoded_frames(device.disable),
                 "damp": _damping(device.damp),
                 "unanswered": device.unanswered,
-                "replies": [
-                    (_with_flags(identifier, extended), mask | FLAGS, begin if isinstance(begin, str) else begin.hex())
-                    for identifier, mask, extended, begin in diagram[device.name].replies()
-                ],
+                "stop_reply": _confirming(device.stop_reply),
             }
             for number, device in enumerate(schedule.devices)
             if device.bus in place
         ],
         "relays": list(relays),
+        "locks": [],
         "items": names(schedule),
         "limit": max(LOOP_STALL_PERIODS / schedule.rate, LOOP_STALL_MINIMUM * 1e-9),
         "priority": None if priority is None else priority + 1,
@@ -273,27 +296,52 @@ def _damping(stop: DampedStop | None) -> PlanDamp | None:
     """Convert a graph.DampedStop for the plan."""
     if stop is None:
         return None
-    field = stop.velocity
-    velocity: PlanVelocity | None = None
-    if field is not None:
-        velocity = {
-            "frames": [
-                (_with_flags(identifier, extended), mask | FLAGS, begin.hex())
-                for identifier, mask, extended, begin in field.frames
-            ],
-            "first": field.first,
-            "bits": field.bits,
-            "low": field.low,
-            "high": field.high,
-            "signed": field.signed,
-        }
     return {
         "duration": stop.duration,
         "round": stop.round,
         "acceleration": stop.acceleration,
-        "velocity": velocity,
+        "velocity": _encoded_field(stop.velocity),
         "bands": [(None if speed == math.inf else speed, _encoded_frames(frames)) for speed, frames in stop.bands],
     }
+
+
+def _confirming(reply: StopReply | None) -> PlanReply | None:
+    """Convert a graph.StopReply for the plan."""
+    if reply is None:
+        return None
+    return {
+        "frames": _encoded_replies(reply.frames),
+        "unasked": _encoded_replies(reply.unasked),
+        "length": reply.length,
+        "torque": _encoded_field(reply.torque),
+        "rest": reply.rest,
+        "disabled": reply.disabled,
+        "enabled": _encoded_field(reply.enabled),
+        "echo": reply.echo,
+        "reports": reply.reports,
+    }
+
+
+def _encoded_field(field: ReplyField | None) -> PlanField | None:
+    """Convert a graph.ReplyField for the plan."""
+    if field is None:
+        return None
+    return {
+        "frames": _encoded_replies(field.frames),
+        "first": field.first,
+        "bits": field.bits,
+        "low": field.low,
+        "high": field.high,
+        "signed": field.signed,
+        "little_endian": field.little_endian,
+    }
+
+
+def _encoded_replies(frames) -> list[EncodedReply]:
+    """Convert the frames of a graph.ReplyField for the plan."""
+    return [
+        (_with_flags(identifier, extended), mask | FLAGS, first.hex()) for identifier, mask, extended, first in frames
+    ]
 
 
 def _encoded_frames(frames) -> list[EncodedFrame]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, TypedDict
 
 EncodedFrame = tuple[int, str]  # identifier with the flag bits of struct can_frame, data as hex digits
-EncodedReply = tuple[int, int, str]  # identifier and mask with flag bits, hex digits or a regular expression for them
+EncodedReply = tuple[int, int, str]  # identifier and mask with flag bits, hex digits of the first bytes
 Frame = tuple[int, bytes]  # identifier with the flag bits of struct can_frame, data
 
 
@@ -22,8 +22,8 @@ class PlanBus(TypedDict):
     line: int | None
 
 
-class PlanVelocity(TypedDict):
-    """Velocity in replies: the fields of graph.ReplyField."""
+class PlanField(TypedDict):
+    """Field of replies: the fields of graph.ReplyField."""
 
     frames: list[EncodedReply]
     first: int
@@ -31,6 +31,7 @@ class PlanVelocity(TypedDict):
     low: float
     high: float
     signed: bool
+    little_endian: bool
 
 
 class PlanDamp(TypedDict):
@@ -39,8 +40,22 @@ class PlanDamp(TypedDict):
     duration: float
     round: float
     acceleration: float
-    velocity: PlanVelocity | None
+    velocity: PlanField | None
     bands: list[tuple[float | None, list[EncodedFrame]]]
+
+
+class PlanReply(TypedDict):
+    """Replies by which a device confirms a safe stop: the fields of graph.StopReply."""
+
+    frames: list[EncodedReply]
+    unasked: list[EncodedReply]
+    length: int
+    torque: PlanField | None
+    rest: float
+    disabled: tuple[int, int]
+    enabled: PlanField | None
+    echo: tuple[int, ...]
+    reports: bool
 
 
 class PlanDevice(TypedDict):
@@ -53,7 +68,7 @@ class PlanDevice(TypedDict):
     disable: list[EncodedFrame]
     damp: PlanDamp | None
     unanswered: int
-    replies: list[EncodedReply]
+    stop_reply: PlanReply | None
 
 
 class PlanRelay(TypedDict):
@@ -71,6 +86,7 @@ class Plan(TypedDict):
     buses: list[PlanBus]
     devices: list[PlanDevice]
     relays: list[PlanRelay]
+    locks: list[int]
     items: list[str]
     limit: float
     priority: int | None
@@ -82,12 +98,12 @@ class StopDamp(TypedDict):
     duration: float
     round: float
     acceleration: float
-    velocity: PlanVelocity | None
+    velocity: PlanField | None
     bands: list[tuple[float, list[Frame]]]
 
 
 class StopDevice(TypedDict):
-    """PlanDevice with frames as bytes. speeds : the replies with its velocity"""
+    """PlanDevice with frames as bytes."""
 
     name: str
     number: int
@@ -96,14 +112,18 @@ class StopDevice(TypedDict):
     disable: list[Frame]
     damp: StopDamp | None
     unanswered: int
-    replies: list[EncodedReply]
-    speeds: list[EncodedReply]
+    stop_reply: PlanReply | None
 
 
 class StopReport(TypedDict):
-    """Result of a safe stop. confirmed, unconfirmed : names of devices; sent : frames; took : s"""
+    """Result of a safe stop.
+
+    confirmed, unconfirmed : names of devices; after : {name: s from the begin to its confirmation}
+    sent : frames; took : s
+    """
 
     confirmed: list[str]
     unconfirmed: list[str]
+    after: dict[str, float]
     sent: int
     took: float

@@ -1,13 +1,16 @@
 """The guardian process: it carries frames, watches the loop, and stops the actuators if the loop cannot.
 
-    watch       the control process, by its mutex in the shared state and by its pidfd (death), and by the pipe for
+    watch       the computer, by its clocks, one of which stands still while it is suspended
+                the control process, by its mutex in the shared state and by its pidfd (death), and by the pipe for
                 orders, which other code of that process may close; the loop, by the time of its newest tick (stall),
                 and by the block that hangs or crashes in the shared state
-    stop        raise the fence; then send zero torque and disable to every actuator, until each has confirmed or
-                200 ms have passed
+    stop        raise the fence; then send zero torque and disable to every actuator until each has confirmed. Those
+                that have not after 200 ms are reported, and get the frames at a falling rate; an interface that was
+                lost is opened again. The control process orders the same for actuators that its own stop has left
     carry       frames between the rings and its interfaces; behind the fence only those of the safe stop
 
-It ends with the control process, or by its order. It ignores signals.
+It ends with the control process, or by its order; after the death of the control process with its stop, when another
+run takes a bus, or after STOP_ORPHANED. It ignores signals.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ import os
 import resource
 import select
 import signal
+import socket
 import sys
 import threading
 import time
@@ -27,14 +31,14 @@ from cext.clock import realtime
 from cext.ring.rings import Lines
 from cext.safety.owner_death import OwnerDeathWatcher
 from cext.safety.shared_state import RECORD_EVENT, SharedState
-from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
+from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY, STOP_ORPHANED, STOP_ROUND_MAXIMUM
 from runtime.base.ending import ignore_signals
 from runtime.base.run_mark import remove_mark
 from runtime.base.system import CAP_IPC_LOCK, capable, maps
 from runtime.console.terminal import one_line
-from runtime.guardian import control_group
+from runtime.guardian import MEMORY_LOCKED, REALTIME, control_group
 from runtime.guardian.relay import Relay
-from runtime.guardian.stop import SafeStop, decoded, frames_of_stop
+from runtime.guardian.stop import SafeStop, decoded, frames_of_stop, replies_of
 from runtime.guardian.wires import FRAMES_AT_ONCE, CannotOpen, open_wire
 
 ORDERS = 0  # standard input
@@ -69,12 +73,14 @@ class Guardian:
         self.page, self.lines, self.bell, self.answers, self.control = page, lines, bell, answers, control
         self.received = b""
         # dead: its loop; gone: the whole process, which may take 20 ms longer
-        # cut off: it no longer has the pipe for orders
-        self.released = self.dead = self.gone = self.cut_off = self.reported = False
+        # cut off: it no longer has the pipe for orders; ordered: it waits for the end of the stop
+        self.released = self.dead = self.gone = self.cut_off = self.reported = self.ordered = False
         self.stop = self.verdict = self.owner_death = self.groups = None
         self.stuck_at = None  # ns at which to check whether the block still hangs
         self.wires, self.carried, self.places, self.relays = {}, [], {}, []
         self.drained = {}  # ns, by the index of a wire: everything older has been read
+        self.locks = []  # of the buses: a process that wants one connects to it
+        self.open_again = 0  # ns at which to open lost interfaces again
         self.poll = select.poll()
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
             self.poll.register(descriptor, select.POLLIN)
@@ -93,6 +99,7 @@ class Guardian:
             int(plan["limit"] * 1e9),
         )
         self.items, self.relays = plan["items"], plan["relays"]
+        self.locks = [socket.socket(fileno=os.dup(number)) for number in plan["locks"]]
         self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
         problems, known = {}, {*sys.modules}
         for index, bus in enumerate(self.buses):
@@ -133,21 +140,39 @@ class Guardian:
                 grace = now + GUARDIAN_LOOK_PERIOD  # this process was delayed, perhaps with the whole machine
             checked = now
             # reported in the shared state: no grace
-            if self.stop is None and (self.dead or now >= grace or self.page.hung is not None):
+            reported = self.page.hung is not None or self.page.suspended > 0
+            if self.stop is None and (self.dead or now >= grace or reported):
                 self.check_loop(now)
             self.carry()
-            if self.stop is not None and self.verdict is not None and not self.reported:
+            if self.stop is not None and self.verdict is not None and not self.stop.over:
                 self._listen(self.stop)
                 self.stop.step(now)
-                self._report_stop(self.stop, self.verdict)
+                if self.reported and now >= self.open_again:
+                    self._open_again(now)
+                self._report_stop(self.stop, self.verdict, now)
             if self.stuck_at is not None and now >= self.stuck_at:
                 self._report_hang()
         self._leave()
 
     def _is_over(self):
-        """Return whether the run, and a safe stop in progress, have ended."""
-        over = self.released or self.gone or (self.cut_off and self.page.state not in ACTIVE)
-        return over and (self.stop is None or self.reported)
+        """Return whether the run, and a safe stop in progress, have ended.
+
+        Without the control process, a stop continues until another process wants a bus.
+        """
+        if not (self.released or self.gone or (self.cut_off and self.page.state not in ACTIVE)):
+            return False
+        return self.stop is None or self.reported and (self.released or self.stop.over or self._bus_is_wanted())
+
+    def _bus_is_wanted(self):
+        """Return whether another process has connected to the lock of a bus since the stop was reported."""
+        wanted = False
+        for lock in self.locks:
+            with suppress(BlockingIOError):
+                lock.setblocking(False)
+                while True:
+                    lock.accept()[0].close()
+                    wanted = True
+        return wanted
 
     def _poll_timeout(self):
         """Return the time-out of the next poll in ms."""
@@ -175,7 +200,9 @@ class Guardian:
             else:
                 data = os.read(ORDERS, 1 << 20)
                 self.received += data
-                self.released = self.released or self.received.endswith(b"release\n")
+                if self.owner_death is not None:  # the plan is complete
+                    self._follow_orders()
+                self.released = self.released or data.endswith(b"release\n")
                 if not data:
                     self.poll.unregister(ORDERS)
                     if maps(self.page.control, self.page.fd):
@@ -183,8 +210,23 @@ class Guardian:
                     else:  # it runs another program, under its number
                         self.dead = self.gone = True
 
+    def _follow_orders(self):
+        """Carry out the complete lines of orders: a safe stop of the actuators that the loop's own stop has left."""
+        *lines, self.received = self.received.split(b"\n")
+        for line in lines:
+            if line == b"release":
+                self.released = True
+                continue
+            order = json.loads(line)
+            now = time.monotonic_ns()
+            if self.stop is None or self.stop.over:
+                self.begin_stop("unconfirmed", now - self.page.beat, now, order["devices"], order["lasts"])
+            else:
+                self.stop.lasts = round(order["lasts"] * 1e9)
+            self.ordered = True
+
     def check_loop(self, now: int) -> None:
-        """Check the loop, and begin the safe stop if it has died, hangs, has stalled or is cut off.
+        """Check the loop, and begin the safe stop if it has died, hangs, has stalled, is cut off or was suspended.
 
         now : ns of CLOCK_MONOTONIC
         """
@@ -196,20 +238,28 @@ class Guardian:
         elif self.page.hung is not None:
             self.begin_stop("hung", silent, now)
             self.stuck_at = now + HANG_REPORT_DELAY
+        elif self.page.suspended:
+            self.begin_stop("suspended", self.page.suspended, now)
         elif self.cut_off:
             self.begin_stop("cut off", silent, now)
         elif silent > self.limit:
             self.begin_stop("stalled", silent, now)
 
-    def begin_stop(self, because: str, silent: int, now: int) -> None:
+    def begin_stop(
+        self, because: str, silent: int, now: int, only: list[str] | None = None, lasts: float = STOP_ORPHANED
+    ) -> None:
         """Raise the fence and begin the safe stop.
 
-        because : "died", "hung", "cut off" or "stalled"
-        silent : ns since the newest tick
+        because : "died", "hung", "suspended", "cut off", "stalled", or "unconfirmed" by the loop's own stop
+        silent : ns since the newest tick, or for which the computer was suspended
         now : ns of CLOCK_MONOTONIC
+        only : names of the devices to stop; None for all
+        lasts : s for which it continues after it was reported
         """
         self.page.raise_fence()
-        self.verdict = {
+        self.page.show_stop(True)
+        self.reported = False
+        self.verdict = self.verdict or {
             "event": "guardian",
             "because": because,
             "silent": silent * 1e-9,
@@ -222,20 +272,37 @@ class Guardian:
             self.verdict["signal"] = signal.Signals(self.page.crashed).name
         for index, wire in self.wires.items():
             if self.buses[index]["line"] is None:
-                wire.listen(
-                    [
-                        reply
-                        for device in self.devices
-                        if device["bus"] == index
-                        for reply in device["replies"] + device["speeds"]
-                    ]
-                )
+                wire.listen(replies_of(self.devices, index))
             else:
                 self.receive(index)  # replies to earlier commands confirm nothing
             self.drained[index] = time.monotonic_ns()
         relays = [Relay(relay, now - silent) for relay in self.relays]
-        self.stop = SafeStop(self.devices, self.wires, now, self.verdict["last_tick"] >= 0, relays, self.page.out)
+        devices = [device for device in self.devices if only is None or device["name"] in only]
+        moving = only is None and self.verdict["last_tick"] >= 0
+        self.stop = SafeStop(devices, self.wires, now, moving, relays, self.page.out, round(lasts * 1e9))
         self.stop.step(now)
+
+    def _open_again(self, now):
+        """Open the interfaces again over which a safe stop cannot send, as their adapter may have returned."""
+        self.open_again = now + STOP_ROUND_MAXIMUM
+        lost = {self.stop.stopped[name]["bus"] for name in self.stop.waiting} & self.stop.failing
+        for index in lost:
+            wire, line = self.wires[index], self.buses[index]["line"]
+            with suppress(CannotOpen):
+                again = open_wire(self.buses[index], again=True)
+                for descriptor in [key for key, place in self.places.items() if place == index]:
+                    self.poll.unregister(descriptor)
+                    del self.places[descriptor]
+                wire.close()
+                self.wires[index] = again
+                if line is None:
+                    again.listen(replies_of(self.devices, index))
+                    continue
+                self.carried = [entry for entry in self.carried if entry[0] != index] + [(index, line, again)]
+                self.restless = any(each.fileno() is None for _, _, each in self.carried)
+                if again.fileno() is not None:
+                    self.places[again.fileno()] = index
+                    self.poll.register(again.fileno(), select.POLLIN)
 
     def _block_name(self):
         """Return the name of the item in which the tick hangs."""
@@ -288,13 +355,24 @@ class Guardian:
                 if len(frames) < FRAMES_AT_ONCE:
                     self.drained[index] = before
 
-    def _report_stop(self, stop, verdict):
-        """Report a finished safe stop on standard error, and in the recording if no other process writes it."""
-        if not stop.over:
+    def _report_stop(self, stop, verdict, now):
+        """Report a safe stop on standard error once its time is up, and again when a device has confirmed late."""
+        if not stop.is_due(now):
             return
-        self.reported = True
-        verdict |= stop.report()
-        _print_line(_in_words(verdict))
+        report = stop.report()
+        if self.reported:
+            late = [name for name in verdict["unconfirmed"] if name not in report["unconfirmed"]]
+            if late:
+                seconds = (now - stop.began) * 1e-9
+                _print_line(f"tickwork guardian: {', '.join(late)} confirmed the stop only after {seconds:.2f} s")
+        verdict |= report
+        if not self.reported:
+            self.reported = True
+            self.page.show_stop(False)
+            self._bus_is_wanted()  # earlier visitors found the bus taken
+            _print_line(_in_words(verdict))
+        if stop.over and self.ordered:
+            self._answer({"stop": verdict})
 
     def _report_hang(self):
         """Report a block that the watchdog could not interrupt, so that the operator can end the run."""
@@ -343,13 +421,16 @@ def _in_words(verdict):
     why = {
         "died": f"the control process died{_cause(verdict)} after {tick}",
         "hung": f"{verdict.get('block')} hangs: no return {verdict['silent'] * 1e3:.0f} ms after {tick}",
+        "suspended": f"the computer was suspended for {verdict['silent']:.1f} s after {tick}",
         "cut off": f"the control process has closed its connection to the guardian after {tick}",
         "stalled": f"the loop has stalled for {verdict['silent'] * 1e3:.0f} ms after {tick}",
+        "unconfirmed": f"the stop after {tick} was not confirmed by every actuator",
     }[verdict["because"]]
     done = [f"confirmed by {', '.join(verdict['confirmed'])} after {verdict['took'] * 1e3:.0f} ms"] * bool(
         verdict["confirmed"]
     )
     done += [f"NOT confirmed by {', '.join(verdict['unconfirmed'])}"] * bool(verdict["unconfirmed"])
+    done += ["its frames go on at a falling rate"] * bool(verdict["unconfirmed"])
     return f"tickwork guardian: {why}; zero torque, then disable: {'; '.join(done) or 'no actuator to stop'}"
 
 
@@ -374,12 +455,12 @@ def _obtain_privileges(priority):
     if capable(CAP_IPC_LOCK) or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         with suppress(OSError):
             realtime.lock_memory()
-            granted.append("memory locked")
+            granted.append(MEMORY_LOCKED)
     if priority is not None:
         with suppress(OSError):
             for thread in threading.enumerate():  # including those that receive from an interface
                 if thread.native_id is not None:
                     policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
                     os.sched_setscheduler(thread.native_id, policy, os.sched_param(priority))
-            granted.append(f"SCHED_FIFO {priority}")
+            granted.append(f"{REALTIME} {priority}")
     return granted

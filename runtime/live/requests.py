@@ -25,6 +25,11 @@ def changes_of(run_table: Table, name: str, text: str) -> list[tuple[Parameter, 
     return [(known[path], value_of(known[path], name, text)) for path in paths]
 
 
+def as_text(value: Any) -> str:
+    """Return a value in the syntax of `set`; a text as it is."""
+    return value if isinstance(value, str) else repr(getattr(value, "item", lambda: value)()).lower()
+
+
 def value_of(parameter: Parameter, name: str, text: str) -> float:
     """Convert a text to a value of a parameter. Raises BadInput."""
     types = {"float": float, "int": int, "bool": bool}

@@ -12,8 +12,9 @@ from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
 from runtime.base.errors import BadInput
 
 if TYPE_CHECKING:
+    from cext.rules import LiveRule
     from cext.safety.shared_state import SharedState
-    from runtime.live.table import Parameter
+    from runtime.live.table import Parameter, Table
 
 TAKE_TIMEOUT = 2.0  # s, to which TAKE_TICKS are added, for the run to take a change
 TAKE_TICKS = 4
@@ -22,30 +23,45 @@ ENDED = ("stopping", "safe")
 POLL_PERIOD = 0.001  # s
 
 
-def batches(groups: Iterable[list[tuple[Parameter, float]]]) -> list[list[tuple[Parameter, float]]]:
+Changes = list["tuple[Parameter, float]"]
+
+
+def batches(groups: Iterable[Changes], rules: Iterable[LiveRule] = ()) -> list[Changes]:
     """Return batches of at most CHANGE_LIMIT changes, each taken in one tick.
 
     groups : changes that belong together; a group is divided only if it exceeds the limit
+    rules : of the run; changes of parameters that a rule relates belong together, too
     """
-    collected = [[]]
-    for group in groups:
+    collected: list[Changes] = [[]]
+    for group in joined(groups, rules):
         if len(collected[-1]) + len(group) > CHANGE_LIMIT:
             collected.append([])
         collected[-1] += group
     return [batch[first : first + CHANGE_LIMIT] for batch in collected for first in range(0, len(batch), CHANGE_LIMIT)]
 
 
-def send(page: SharedState, rate: float, pid: int, changes: Sequence[tuple[Parameter, float]]) -> int:
+def joined(groups: Iterable[Changes], rules: Iterable[LiveRule]) -> list[Changes]:
+    """Return groups of changes, those joined whose parameters a rule relates."""
+    found = list(groups)
+    for entry in rules:
+        related = [group for group in found if any(parameter.index in entry.rule.keys for parameter, _ in group)]
+        if len(related) > 1:
+            found = [group for group in found if all(group is not other for other in related[1:])]
+            related[0][:] = [change for group in related for change in group]
+    return found
+
+
+def send(page: SharedState, table: Table, pid: int, changes: Sequence[tuple[Parameter, float]]) -> int:
     """Send changes to a run and wait until it has taken them.
 
-    rate : of the run in Hz
+    table : of the run
     pid : of the run, for messages
     changes : (parameter, value), at most CHANGE_LIMIT
 
     Returns the tick from which they are in effect. Raises BadInput if the run does not take them: nothing was changed.
     """
     writer = Writer(page)
-    until = time.monotonic() + TAKE_TIMEOUT + TAKE_TICKS / rate
+    until = time.monotonic() + TAKE_TIMEOUT + TAKE_TICKS / table.rate
     ticket = None
     while ticket is None:
         ticket = writer.set([(parameter.index, value) for parameter, value in changes])
@@ -62,9 +78,10 @@ def send(page: SharedState, rate: float, pid: int, changes: Sequence[tuple[Param
     if verdict == "over":
         raise BadInput(f"the run of process {pid} has ended; nothing was changed")
     if verdict != "taken":
+        broken = table.broken(page, {parameter.index: value for parameter, value in changes})
         raise BadInput(
-            f"process {pid} rejected {', '.join(parameter.path for parameter, _ in changes)} ({verdict}); "
-            "nothing was changed"
+            f"process {pid} rejected {', '.join(parameter.path for parameter, _ in changes)} "
+            f"({'; '.join(broken) or verdict}); nothing was changed"
         )
     return tick
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from cext.rules import LiveRule, Rule, Side
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from cext.safety.shared_state import SharedState
     from graph.schedule import Schedule
@@ -83,6 +85,7 @@ def nice(number: float) -> float:
 
 def describe(schedule: Schedule) -> tuple[int, bytes]:
     """Return (number of live parameters, their table with the recorded signals as JSON), for SharedState(live=...)."""
+    rules = [{"path": entry.path, **asdict(entry.rule)} for entry in schedule.live_rules]
     parameters = [
         {
             "path": live.path,
@@ -98,7 +101,7 @@ def describe(schedule: Schedule) -> tuple[int, bytes]:
     ]
     signals = [(column.path, column.dtype, column.unit) for column in schedule.recorded]
     return len(parameters), json.dumps(
-        {"name": schedule.name, "rate": schedule.rate, "parameters": parameters, "signals": signals}
+        {"name": schedule.name, "rate": schedule.rate, "parameters": parameters, "signals": signals, "rules": rules}
     ).encode()
 
 
@@ -109,12 +112,33 @@ class Table:
     name, rate : name and rate in Hz of the diagram
     parameters : in the order of the mailbox
     signals : (path, dtype, unit) of each recorded signal, in the order of a row
+    rules : between the parameters
     """
 
     name: str
     rate: float
     parameters: tuple[Parameter, ...]
     signals: tuple[tuple[str, str, str], ...] = ()
+    rules: tuple[LiveRule, ...] = ()
+
+    def broken(self, page: SharedState | None, changes: Mapping[int, float]) -> list[str]:
+        """Return what each rule reports that changes would break, such as "lower must be at most upper (3), got 5".
+
+        page : of the run, whose other targets are compared with; None for a run that has the built values
+        changes : {index of a parameter: value}
+        """
+        targets = [each.built for each in self.parameters]
+        if page is not None:
+            targets = [target for _, target in values(page, self.parameters)]
+
+        def after(index: int) -> float:
+            return changes.get(index, targets[index])
+
+        return [
+            f"{entry.path}: {entry.rule.sentence(after)}"
+            for entry in self.rules
+            if not changes.keys().isdisjoint(entry.rule.keys) and not entry.rule.holds(after)
+        ]
 
 
 def values(page: SharedState, parameters: Sequence[Parameter]) -> list[tuple[float, float]]:
@@ -140,4 +164,14 @@ def parse(text: bytes) -> Table:
             for index, entry in enumerate(table["parameters"])
         ),
         tuple(tuple(signal) for signal in table.get("signals", ())),
+        tuple(LiveRule(entry["path"], rule_of(entry)) for entry in table.get("rules", ())),
     )
+
+
+def rule_of(entry: dict[str, Any]) -> Rule:
+    """Return the Rule in an entry of the table."""
+
+    def side(given: dict[str, Any]) -> Side:
+        return Side(given["text"], tuple((key, factor) for key, factor in given["terms"]), given["constant"])
+
+    return Rule(side(entry["left"]), entry["word"], side(entry["right"]), entry["unit"])

@@ -46,7 +46,29 @@ class Targets:
             raise BadInput(
                 f"--over and --zero change {count} live parameters: at most {CHANGE_LIMIT} can change in one tick"
             )
+        self._check_rules(run_table)
         self.normal: dict[int, tuple[LiveParameter, float]] = {}  # {index: value before the assistance was off}
+
+    def _check_rules(self, run_table):
+        """Raise BadInput if the bounds of the optimisation contain values that break a rule of the run."""
+        zero = {live.index: value for live, value in self.zero}
+        for entry in run_table.rules:
+            small, large = entry.rule.ascending
+            slopes = dict.fromkeys(entry.rule.keys, 0.0)
+            for sign, side in ((1.0, small), (-1.0, large)):
+                for index, factor in side.terms:
+                    slopes[index] += sign * factor
+            worst = {
+                index: bounds.high if slopes[index] > 0.0 else bounds.low
+                for index, bounds in self.parameters.items()
+                if index in slopes
+            }
+            off = worst | {index: value for index, value in zero.items() if index in slopes}
+            for corner in (worst, off):
+                if broken := run_table.broken(None, corner):
+                    raise BadInput(
+                        f"--over allows values that break a rule: {broken[0]}. Choose bounds within which it holds"
+                    )
 
     def changes(
         self,
@@ -145,7 +167,7 @@ class LiveRobot(Robot):
         differing = [(live, value) for live, value in changes if before[live.index][1] != value]
         if differing:
             try:
-                send(self.page, self.table.rate, self.page.control, differing)
+                send(self.page, self.table, self.page.control, differing)
             except BadInput as error:
                 raise Refused(str(error)) from None
         self.applied = {live.index: value for live, value in changes}

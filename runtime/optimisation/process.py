@@ -15,6 +15,7 @@ from contextlib import suppress
 from typing import Any
 
 from cext.safety.shared_state import SharedState
+from cext.safety.thresholds import CONSENT_LIMIT
 from runtime.base.child_process import ChildProcess
 from runtime.base.ending import ignore_signals
 from runtime.base.errors import BadInput
@@ -37,6 +38,7 @@ END_TIMEOUT = 2.0  # s for the process to end after the run
 NICENESS = 10
 ENDED = ("stopping", "safe")  # states of a run that is ending
 KEYS = ["y", "n", "p", "r"]
+STALE = -1  # question of a key that was pressed too long ago
 
 
 class OptimiserProcess(ChildProcess):
@@ -196,7 +198,8 @@ class Companion:
     def take(self, message: dict[str, Any]) -> None:
         """Take a message of the recorder."""
         if "key" in message:
-            self.protocol.press(message["key"])
+            age = time.monotonic_ns() - message.get("read", time.monotonic_ns())
+            self.protocol.press(message["key"], message.get("question") if age <= CONSENT_LIMIT else STALE)
         if isinstance(self.cost, SignalCost):
             origin = (self.page.began + self.page.first_tick) * 1e-9
             for seconds, *values in message.get("rows", ()):
@@ -220,6 +223,7 @@ class Companion:
             "fallback": fallback,
             "partial": not complete,
             "status": self.protocol.status,
+            "question": self.protocol.question,
         }
         if needs != self.sent or now >= self.due:
             self.sent, self.due = needs, now + REFRESH_PERIOD

@@ -127,6 +127,7 @@ class Protocol:
 
     over : whether it has ended
     finished : whether it has ended with the last measurement
+    question : number of the newest question to the operator; keys that were pressed before it was shown have no effect
     """
 
     def __init__(
@@ -148,6 +149,7 @@ class Protocol:
         self.errors: list[float] = []  # standard errors of the costs measured here
         self.now, self.phase, self.until, self.title = 0.0, "start", math.inf, ""
         self.over, self.finished, self.text, self.entered = False, False, "", False
+        self.question = 0
         self._pressed: str | None = None
         self._run = self._steps()
 
@@ -168,8 +170,10 @@ class Protocol:
             self._pressed = None
         return self.over
 
-    def press(self, key: str) -> None:
-        """Take a key, a character or the name of one."""
+    def press(self, key: str, question: int | None = None) -> None:
+        """Take a key, a character or the name of one. question : that was shown before it; None for the newest"""
+        if question not in (None, self.question):
+            return
         if self.phase == "type" and (key in NUMERALS or key in BACKSPACE or key == "enter"):
             self.text = self.text[:-1] if key in BACKSPACE else self.text + key * (key != "enter")
             self.entered = key == "enter"
@@ -215,11 +219,16 @@ class Protocol:
             if path := self.robot.interference():
                 raise Interfered(path)
 
+    def _ask(self, phase):
+        """Begin to wait for the operator: keys that were pressed before do not count."""
+        self.phase, self.until, self._pressed = phase, math.inf, None
+        self.question += 1
+
     def _confirmed(self) -> Steps:
         """Wait until the operator presses y."""
         if not self.settings.attended:
             raise Abandoned("a confirmation is needed, and no terminal is attached")
-        self.phase, self.until = "confirm", math.inf
+        self._ask("confirm")
         while True:
             yield
             if self._pressed == "y" and self.robot.running:
@@ -361,7 +370,7 @@ class Protocol:
 
     def _hold(self) -> Steps:
         """Wait until the operator presses p, or n. Returns whether it was n."""
-        self.phase, self.until = "paused", math.inf
+        self._ask("paused")
         while True:
             yield
             if self._pressed in ("p", "n"):
@@ -388,6 +397,7 @@ class Protocol:
         self.report("question", [f"{self.title}: type the cost, then Enter"])
         while True:
             self.text, self.entered = "", False
+            self._ask("type")
             yield from self._wait("type", lambda: self.entered)
             try:
                 value = float(self.text.replace(",", "."))

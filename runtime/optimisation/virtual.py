@@ -44,9 +44,7 @@ class SimulatedRobot(Robot):
 
     def apply(self, values: Mapping[str, float], zero: bool) -> bool:
         changes, complete = self.targets.changes(values, zero, lambda live: self.run[live.path])
-        for live, value in changes:
-            if self.run[live.path] != value:
-                self.run[live.path] = live.plain(value)
+        self.run.set({live.path: live.plain(value) for live, value in changes if self.run[live.path] != value})
         self.applied = {live.path: value for live, value in changes}
         return complete
 

@@ -22,7 +22,7 @@ The plan is a dict that JSON can carry:
     sinks           of each sink: service (see runtime.recorder.plugins), path, parameters, columns (index, path,
                     dtype, unit)
     status_line     whether the terminal shows a status line
-    keys            whether the terminal's keys are read (default: true)
+    keys            whether the keys of the terminal are carried out
     limits          {path: (lowest, highest)} of the recorded signals with known limits
     metadata        further content of the sidecar file
 
@@ -37,13 +37,12 @@ import os
 import select
 import signal
 import subprocess
-import termios
 import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from runtime.base.child_process import ChildProcess
-from runtime.console.keys import own_terminal, restore
+from runtime.console.keys import own_terminal
 from runtime.console.stderr import Terminal
 from runtime.recording.ascii_units import ascii_name
 
@@ -74,14 +73,14 @@ class RecorderProcess(ChildProcess):
     page : cext.safety.shared_state.SharedState
     companion : file descriptor of its connection to a companion (see runtime.recorder.companion); -1 without one
     lifeline : file descriptor that hangs up once no process reads the ring
+    terminal : file descriptor of the terminal of this process, None without one
     pid : process id
     files : [{path, note}] of the files that it has opened
     """
 
     def __init__(self, page: SharedState, companion: int = -1) -> None:
-        self._terminal = own_terminal()
-        self._attributes = None if self._terminal is None else termios.tcgetattr(self._terminal)
-        keys = -1 if self._terminal is None else self._terminal
+        self.terminal = own_terminal()
+        keys = -1 if self.terminal is None else self.terminal
         inherited = [descriptor for descriptor in (page.fd, keys, companion) if descriptor >= 0]
         super().__init__("runtime.recorder.process", (page.fd, keys, companion), tuple(inherited))
         self.files: list[dict[str, str]] = []
@@ -144,7 +143,7 @@ class RecorderProcess(ChildProcess):
         try:
             report = self._answer(timeout)
         except TimeoutError:
-            self._give_terminal_back()
+            self._close_terminal()
             return self._lost(
                 f"the recorder (process {self.pid}) has not finished after {timeout:g} s and continues alone"
             )
@@ -171,13 +170,11 @@ class RecorderProcess(ChildProcess):
             os.killpg(self.pid, signal.SIGTERM)  # while it opens files it reads no order
         self._end(ABANDON_TIMEOUT)
 
-    def _give_terminal_back(self):
-        """Restore the terminal, in case the process was killed before it did so."""
-        if self._terminal is not None and self._attributes is not None:
-            with suppress(OSError):
-                restore(self._terminal, self._attributes)
-                os.close(self._terminal)
-            self._terminal = None
+    def _close_terminal(self):
+        if self.terminal is not None:
+            with suppress(OSError):  # a block may have closed it
+                os.close(self.terminal)
+            self.terminal = None
 
     def _lost(self, problem):
         return {"files": self.files, "problems": [problem], "strides": [], "sinks": {}, "ended": "unknown"}
@@ -206,11 +203,11 @@ class RecorderProcess(ChildProcess):
                 self._child.wait()
             self._await_writer(timeout)
             self._close_answers()
-            self._give_terminal_back()
+            self._close_terminal()
         code = self._child.returncode
         return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
     def __del__(self):
         if getattr(self, "_over", True) is False:
             self._close_answers()
-            self._give_terminal_back()
+            self._close_terminal()

@@ -9,10 +9,14 @@ writer that has replaced a dead one starts without it:
     watch       indices of recorded signals that it receives
     fallback    [[index of a live parameter, value], ...] that are set if it dies, [] to change nothing
     partial     whether the fallback is only the first step towards the last accepted parameters
+    question    number of the newest question to the operator
 
-and {"event": {...}} for the recording, whose "lines" are printed. It receives {"key": name}, and {"rows": [[time in s,
-value, ...], ...]} for consecutive ticks. Neither end waits for the other: rows that the companion does not take are
-lost.
+and {"event": {...}} for the recording, whose "lines" are printed. It receives
+
+    key, question, read     name of a key, number of the question that was shown before, ns of CLOCK_MONOTONIC
+    rows                    [[time in s, value, ...], ...] of consecutive ticks
+
+Neither end waits for the other: rows that the companion does not take are lost.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from __future__ import annotations
 import json
 import select
 import socket
+import time
 from typing import TYPE_CHECKING, Any
 
 from cext.safety.ring_batch import Batch
@@ -28,11 +33,12 @@ from runtime.console.status_layout import part
 
 if TYPE_CHECKING:
     from cext.safety.shared_state import SharedState
+    from runtime.console.keys import Key
     from runtime.recorder.recording import Recording
 
 MESSAGE_LIMIT = 1 << 17  # bytes
 ROWS_LIMIT = 256  # rows of a message
-NOTHING = {"status": "", "keys": (), "help": "", "watch": (), "fallback": (), "partial": False}
+NOTHING = {"status": "", "keys": (), "help": "", "watch": (), "fallback": (), "partial": False, "question": 0}
 LOST = "the companion process of the run has ended before the run"
 
 
@@ -49,11 +55,15 @@ class Companion:
         self.recording, self.page = recording, page
         self.needs: dict[str, Any] = dict(NOTHING)
         self.alive = True
+        self.shown_at = 0  # ns of CLOCK_MONOTONIC, of the newest question
+        self.fallback: list[tuple[int, float]] = []  # that the mailbox has no room for
         self.control = select.poll()
         self.control.register(control, select.POLLIN)
 
     def look(self) -> None:
         """Take the messages that have arrived."""
+        if self.fallback and Writer(self.page).set(self.fallback) is not None:
+            self.fallback = []
         while self.alive:
             try:
                 message = self.socket.recv(MESSAGE_LIMIT, socket.MSG_DONTWAIT)
@@ -70,6 +80,8 @@ class Companion:
             event = content.pop("event", None)
             if event is not None:
                 self.recording.take_event(event)
+            if content.get("question", self.needs["question"]) != self.needs["question"]:
+                self.shown_at = time.monotonic_ns()  # after its lines
             self.needs.update(content)
 
     def run_has_ended(self) -> bool:
@@ -79,8 +91,8 @@ class Companion:
     def replace(self) -> None:
         """Set the parameters for this case, and report the end of the companion."""
         changes = [tuple(pair) for pair in self.needs["fallback"]]
-        if changes:
-            Writer(self.page).set(changes)
+        if changes and Writer(self.page).set(changes) is None:
+            self.fallback = changes
         then = "its last accepted parameters are restored" if changes else "no parameter was changed"
         if changes and self.needs["partial"]:
             then = "the parameters were moved towards the last accepted ones, by the largest step"
@@ -94,11 +106,15 @@ class Companion:
             }
         )
 
-    def press(self, key: str) -> bool:
-        """Send a key, if the companion uses it. Returns whether it does."""
+    def press(self, key: str, pressed: Key | None = None) -> bool:
+        """Send a key, if the companion uses it. Returns whether it does. pressed : with its times"""
         if key not in self.needs["keys"]:
             return False
-        self._send({"key": key})
+        times = {}
+        if pressed is not None:
+            question = self.needs["question"]
+            times = {"question": question if pressed.since >= self.shown_at else question - 1, "read": pressed.read}
+        self._send({"key": key, **times})
         return True
 
     def take(self, records: list[Any], rate: float) -> None:

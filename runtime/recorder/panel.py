@@ -1,6 +1,6 @@
 """Keys of the run's terminal, and their part of the status line.
 
-space           stop the run with the safe stop
+space           stop the run with the safe stop; the control process, which reads the keys, has done so already
 Enter           confirm the pre-flight table and arm; q ends the run instead
 r               arm again after a fault; q ends the run instead
 Tab, Shift-Tab  select the next or previous live parameter. Parameters that subsystems have in common, such as
@@ -16,16 +16,21 @@ s               save the values in a file for `--set @FILE`
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterable
 from typing import Any
 
+from cext.safety.thresholds import CONSENT_LIMIT
 from cext.schedule.mailbox_writer import CHANGE_LIMIT, Writer
+from runtime.console.keys import Key
 from runtime.console.status_layout import part
 from runtime.live import patterns, table
 from runtime.recording.files import create
 
 SAVED_SUFFIX = ".set"
 NOTE_DURATION = 4.0  # s, of a note in the status line
+LETTER_LIMIT = 8  # requests that wait for the loop; further changes are put together
+POST_LIMIT = 2.0  # s in which the mailbox must have room for a change
 STEPS = {"up": table.FINE, "down": -table.FINE, "right": 1, "left": -1}
 PROMPTS = {"ready": "Enter arms, space ends", "waiting": "r arms again, space ends"}
 CONFIRMING = {("enter", "ready"), ("r", "waiting")}
@@ -52,32 +57,43 @@ class Panel:
         self.choices = choices(self.table.parameters)
         self.writer = Writer(page, "keys")
         self.chosen = None
-        self.question = 0
         self.waiting = {}  # ticket: kind of request
         self.pending = {}  # index of a parameter: (ticket, value)
+        self.wanted = []  # [(s of the first change, {index of a parameter: value})] that the mailbox has no room for
         self.note, self.note_until = "", 0.0
 
     def look(self, now: float) -> None:
         """Take the answers of the loop, then the pressed keys. now : s, of any monotonic clock"""
         for ticket in list(self.waiting):
             self.take_answer(ticket, now)
+        self.post_wanted(now)
         for key in self.keyboard.read():
-            self.press(key, now)
-        self.question = self.recording.question  # keys that were pressed before it was shown do not answer it
+            if (key.name, self.page.state) in CONFIRMING:
+                self.confirm(key, now)
+            else:
+                self.press(key, now)
 
-    def press(self, key: str, now: float) -> None:
+    def confirm(self, key: Key, now: float) -> None:
+        """Confirm that the robot may be armed, if the key was pressed after the question was shown. now : s"""
+        question, age = self.page.question, time.monotonic_ns() - key.read
+        if not key.question == self.recording.question == question or key.since < self.recording.shown_at:
+            self.say(f"{key.name} was pressed before the question was shown: press it again", now)
+        elif age > CONSENT_LIMIT:
+            self.say(f"{key.name} was pressed {age * 1e-9:.1f} s ago: press it again", now)
+        else:
+            self.writer.confirm(question, key.read)
+
+    def press(self, pressed: Key, now: float) -> None:
         """Carry out the command of a key. now : s"""
-        waits = self.page.state in ("ready", "waiting")
+        key, waits = pressed.name, self.page.state in ("ready", "waiting")
         if key == "space" or (key == "q" and waits):
-            self.writer.stop()
-        elif (key, self.page.state) in CONFIRMING:
-            self.writer.confirm(self.question)
-        elif self.companion is not None and not waits and self.companion.press(key):
+            pass  # the run is being stopped
+        elif self.companion is not None and not waits and self.companion.press(key, pressed):
             pass
         elif key == "r":
             self.say("r arms again after a fault", now)
         elif key == "m":
-            self.post(self.writer.mark(), "mark", now)
+            self.mark(now)
         elif key == "?":
             for line in HELP:
                 self.recording.say(line)
@@ -110,6 +126,9 @@ class Panel:
 
     def target(self, parameter: Any) -> float:
         """Return the value that a parameter will have after all pending changes."""
+        for _, changes in reversed(self.wanted):
+            if parameter.index in changes:
+                return changes[parameter.index]
         return (
             self.pending[parameter.index][1] if parameter.index in self.pending else self.values()[parameter.index][1]
         )
@@ -120,20 +139,38 @@ class Panel:
 
     def change(self, pairs: list[tuple[Any, float]], now: float) -> None:
         """Post the differing values as one request, which takes effect in one tick. pairs : (Parameter, value)"""
-        changes = [(parameter.index, value) for parameter, value in pairs if value != self.target(parameter)]
+        changes = {parameter.index: value for parameter, value in pairs if value != self.target(parameter)}
         if not changes:
             return
-        ticket = self.post(self.writer.set(changes), "", now)
-        if ticket is not None:
-            self.pending |= {index: (ticket, value) for index, value in changes}
+        same = next((wanted for _, wanted in self.wanted if wanted.keys() == changes.keys()), None)
+        if same is None:
+            self.wanted.append((now, changes))
+        else:  # the newest value counts
+            same.update(changes)
+        self.post_wanted(now)
 
-    def post(self, ticket: int | None, what: str, now: float) -> int | None:
-        """Keep the ticket of a request until its answer. what : kind of the request; now : s. Returns the ticket"""
+    def post_wanted(self, now: float) -> None:
+        """Post the changes that wait for room in the mailbox, and report one that has waited for too long. now : s"""
+        while self.wanted and len(self.waiting) < LETTER_LIMIT:
+            since, changes = self.wanted[0]
+            ticket = self.writer.set(list(changes.items()))
+            if ticket is None:
+                if now - since > POST_LIMIT:
+                    names = ", ".join(self.table.parameters[index].path for index in changes)
+                    self.recording.say(f"tickwork: {names} was not changed: the mailbox of the run is full")
+                    self.wanted.pop(0)
+                return
+            self.waiting[ticket] = ""
+            self.pending |= {index: (ticket, value) for index, value in changes.items()}
+            self.wanted.pop(0)
+
+    def mark(self, now: float) -> None:
+        """Mark this tick. now : s"""
+        ticket = self.writer.mark()
         if ticket is None:
-            self.say("the loop has not applied the previous changes yet", now)
+            self.say("no mark was set: the mailbox of the run is full", now)
         else:
-            self.waiting[ticket] = what
-        return ticket
+            self.waiting[ticket] = "mark"
 
     def take_answer(self, ticket: int, now: float) -> None:
         """Show the answer to a request, if it has arrived. now : s"""
@@ -141,10 +178,11 @@ class Panel:
         if answer is None:
             return
         what = self.waiting.pop(ticket)
+        changes = {index: value for index, (other, value) in self.pending.items() if other == ticket}
         self.pending = {index: entry for index, entry in self.pending.items() if entry[0] != ticket}
         verdict, tick, mark = answer
         if verdict not in ("taken", "over"):
-            self.say(f"rejected: {verdict}", now)
+            self.say(f"rejected: {'; '.join(self.table.broken(self.page, changes)) or verdict}", now)
         elif what == "mark" and verdict == "taken":
             self.say(f"mark {mark} at tick {tick}", now)
 
@@ -174,7 +212,8 @@ class Panel:
 
     def parts(self, now: float) -> list[Any]:
         """Return the parts of the status line."""
-        parts = [part(8.8, PROMPTS[self.page.state], colour="bold")] if self.page.state in PROMPTS else []
+        asks = self.page.state in PROMPTS and self.recording.question == self.page.question
+        parts = [part(8.8, PROMPTS[self.page.state], colour="bold")] if asks else []
         if self.companion is not None:
             parts += self.companion.parts()
         if self.chosen is not None:
@@ -188,13 +227,9 @@ class Panel:
             ]
         if now < self.note_until:
             parts.append(part(8.2, self.note, colour="yellow"))
-        elif self.chosen is None and self.keyboard.in_key_mode:
+        elif self.chosen is None and self.keyboard.in_foreground:
             parts.append(part(1, "? lists the keys", "? keys"))
         return parts
-
-    def close(self) -> None:
-        """Restore the terminal."""
-        self.keyboard.close()
 
 
 def choices(parameters: Iterable[Any]) -> list[tuple[str, list[Any]]]:

@@ -112,8 +112,9 @@ def record_parts(
     attributes = terminal_attributes(keys) if keys >= 0 else None
     while True:
         current = {**plan, "part": part}
-        cause, unfit = death_of_writer(lambda: write(page, answers, orders, keys, companion, current, checkpoint), page)
-        if attributes is not None:  # a writer that was killed has not restored the terminal
+        cause, unfit = death_of_writer(lambda: write(page, answers, orders, companion, current, checkpoint), page)
+        # the control process was killed and has not restored the terminal; its pidfd may not show it yet
+        if attributes is not None and not maps(page.control, page.fd):
             restore(keys, attributes)
         state = checkpoint.newest()
         if cause is None or state is None:  # complete, or dead before it was ready, which the control process reports

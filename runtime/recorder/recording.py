@@ -58,9 +58,10 @@ class Recording:
         self.sidecar = None
         self.files, self.saved, self.folders = {}, {}, []
         self.sinks, self.problems = {}, [*before["problems"]]
-        self.say = lambda line: None
+        self.say: Callable[[str], bool | None] = lambda line: None
         self.console = Console()
         self.question, self.shown_at = 0, 0  # newest question to the operator that was shown; ns of CLOCK_MONOTONIC
+        self.unshown = None  # event with a question that the terminal has not taken
         self.before = before["files"]  # {path: remark}
         self.backlog = Backlog(before["logs"])  # their incomplete flight logs
         if "lost" in before:
@@ -134,6 +135,8 @@ class Recording:
 
     def take(self, records: list[Any]) -> None:
         """Pass records to the services. records : as cext.safety.ring_batch.read returns them"""
+        if self.unshown is not None:
+            self.show(self.unshown)
         for item in records:
             if isinstance(item, Batch):
                 self.take_batch(item)
@@ -163,14 +166,19 @@ class Recording:
         self.time = (self.last_tick or 0) / self.plan["rate"]
 
     def show(self, event: dict[str, Any]) -> None:
-        """Print the lines of an event on the terminal."""
+        """Print the lines of an event on the terminal; a question again until the terminal takes it."""
+        shown = True
         if event.get("event") == "preflight":
             for line in preflight.text(event, self.console):
-                self.say(line)
+                shown = self.say(line) is not False and shown
         for line in event.get("lines", ()):
-            self.say(line)
-        if "question" in event:
-            self.question, self.shown_at = event["question"], time.monotonic_ns()
+            shown = self.say(line) is not False and shown
+        if "question" not in event:
+            return
+        if shown:
+            self.unshown, self.question, self.shown_at = None, event["question"], time.monotonic_ns()
+        else:
+            self.unshown = event
 
     def take_event(self, event: dict[str, Any]) -> None:
         """Show an event, keep it for the sidecar and pass it to the services."""

@@ -35,17 +35,10 @@ UNLIMITED = 1 << 62
 # fractions of the ring; a flush is due when more than this is not released. In virtual time the rows decide, if the
 # ring has space for so many: when records are read depends on the scheduler
 FLUSH_SHARE, FLUSH_SHARE_VIRTUAL = 0.25, 0.5
-TERMINAL_POLL_PERIOD = 0.1  # s, of the process group in the foreground
 
 
 def write(
-    page: SharedState,
-    answers: int,
-    control: Any,
-    keys: int,
-    companion: int,
-    plan: dict[str, Any],
-    checkpoint: Checkpoint,
+    page: SharedState, answers: int, control: Any, companion: int, plan: dict[str, Any], checkpoint: Checkpoint
 ) -> None:
     """Record one part, from opening its files to its report.
 
@@ -74,7 +67,7 @@ def write(
     if "before" not in plan:
         answer(answers, {"ready": True, "files": recording.list_files()})
     beside = Companion(companion, recording, page, control.pidfd) if companion >= 0 else None
-    record(page, answers, control, keys, beside, recording, terminal, checkpoint)
+    record(page, answers, control, beside, recording, terminal, checkpoint)
 
 
 @contextmanager
@@ -103,7 +96,6 @@ def record(
     page: SharedState,
     answers: int,
     control: Any,
-    keys: int,
     companion: Companion | None,
     recording: Recording,
     terminal: Terminal,
@@ -112,8 +104,7 @@ def record(
     """Drain the ring until the run is over, then complete the recording and send the report."""
     plan = recording.plan
     recording.begin()
-    answered = keys >= 0 and plan["status_line"] and plan.get("keys", True) and terminal.interactive
-    panel = Panel(page, Keyboard(keys, page.control), recording, companion) if answered else None
+    panel = Panel(page, Keyboard(page), recording, companion) if plan.get("keys") else None
     status = StatusLine(terminal, plan, page, panel, recording)
     recording.counts_bits = status.enabled
     sync = DiskSync(recording.sizes()) if plan["folder"] is not None and not plan["virtual"] else None
@@ -129,8 +120,6 @@ def record(
             POLL_PERIOD_VIRTUAL if plan["virtual"] else POLL_PERIOD,
         )
     finally:
-        if panel is not None:
-            panel.close()
         if sync is not None:
             sync.stop()
     if control.abandoned or (control.gone and not page.wall):  # the run has not started
@@ -155,7 +144,7 @@ def drain(
     idle: float,
 ) -> None:
     """Drain the ring into the recording until the end of the run."""
-    flush_at = follow_at = 0.0
+    flush_at = 0.0
     virtual = recording.plan["virtual"]
     per_flush = max(1, min(FLUSH_ROWS, FLUSH_SIZE // recording.row.size))
     flushed = recording.ticks
@@ -175,9 +164,6 @@ def drain(
             checkpoint.save(recording.checkpoint())
             flush_at, flushed = now + FLUSH_PERIOD, recording.ticks
         if panel is not None and not over:
-            if now >= follow_at:
-                panel.keyboard.follow()
-                follow_at = now + TERMINAL_POLL_PERIOD
             panel.look(now)
         if panel is None or panel.keyboard.in_foreground:
             status.update(now)

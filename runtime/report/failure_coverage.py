@@ -39,6 +39,7 @@ def coverage(devices: Sequence[Device], everything: Sequence[Device]) -> list[di
         _entry("loss of the guardian", RUN),
         _entry("kill -9 of guardian and control process together", by, covered=not alone),
         _entry("power loss of the computer", by, covered=not alone),
+        _entry("suspend of the computer", by, covered=not alone),
     ]
 
 

@@ -82,7 +82,7 @@ def what(result: RunResult, block: Block | None, program: Program) -> str:
             "out of limits": "a command is outside the proved interval",
             "exception": raised(outcome),
             "no answer": unanswered(result),
-            "silent": silent(block, timeout) + read_instead(result, block),
+            "silent": f"no reply for longer than its timeout{timeout}" + read_instead(result, block),
             "device fault": "the device reports a fault",
             "bus error": "the bus can neither send nor receive",
             "overrun": overran(result),
@@ -96,6 +96,7 @@ def what(result: RunResult, block: Block | None, program: Program) -> str:
             "unclear pose": unclear(result),
             "program silent": "a pass of the connected program's loop took longer than its loop_timeout: raise "
             "loop_timeout, or move what takes long to another thread",
+            "suspended": suspended(result),
         }.get(outcome.status)
         or drive_faults.text(outcome.status, block, program)
         or kernel_fault(outcome.status, block)
@@ -141,18 +142,6 @@ def seen(program: Program, block: Block | None, what: str, unit: str) -> str:
             if block is not None and row["device"] == block.path
         ),
         "",
-    )
-
-
-def silent(block: Block | None, timeout: str) -> str:
-    """Return for how long a device did not reply. timeout : text of its timeout"""
-    restart = getattr(block, "restart_time", 0.0)
-    if not 0.0 < restart < getattr(block, "timeout", 0.0):
-        return f"no reply for longer than its timeout{timeout}"
-    return (
-        f"no reply for longer than its restart_time ({restart:g} s, or two periods): it may have restarted, and it "
-        "would obey the next command without an enable, at an angle that may have shifted. Check its supply and the "
-        "bus. If the drive was measured to need longer to restart, set restart_time to that"
     )
 
 
@@ -251,6 +240,15 @@ def unguarded(result: RunResult) -> str:
         return how
     unopened = "".join(f"; {bus} could not be opened: {why}" for bus, why in report["troubles"].items())
     return f"{how}; the control process stopped the motors{unopened}"
+
+
+def suspended(result: RunResult) -> str:
+    """Return how long the computer was suspended, and the commands of the drives meanwhile."""
+    seconds = 0.0 if result.page is None else result.page.suspended * 1e-9
+    return (
+        f"the computer was suspended for {seconds:.1f} s. The drives kept their last command "
+        "meanwhile, unless they have a time-out, and were stopped when it resumed"
+    )
 
 
 def foreign_command(block: Block | None) -> str:

@@ -153,7 +153,6 @@ def watch_text(entry: Mapping[str, Any], rate: float) -> str:
             ("warm_ticks", f"warm, up to {entry['temperature']:.0f} °C,"),
             ("derated_ticks", "torque limit reduced by temperature"),
             ("acceleration_ticks", "stiffness and damping removed because of acceleration"),
-            ("transit_ticks", "stiffness and damping removed because of late replies"),
         )
         if entry[key]
     ]
@@ -185,11 +184,14 @@ def stride_details(stride: dict[str, Any]) -> Iterator[str]:
 
 def _stop_text(outcome: Outcome, schedule: Schedule) -> str:
     stopped = [device.name for device in schedule.devices if device.zero or device.disable]
-    if outcome.unconfirmed:
-        return f"zero torque, then disable: NOT confirmed by {', '.join(outcome.unconfirmed)}"
     if not stopped:
         return "zero torque, then disable: not needed, as no device moves"
-    return f"zero torque, then disable: confirmed by {', '.join(stopped)}"
+    late = dict(outcome.late)
+    at_once = [name for name in stopped if name not in outcome.unconfirmed and name not in late]
+    parts = [f"NOT confirmed by {', '.join(outcome.unconfirmed)}: cut their power"] * bool(outcome.unconfirmed)
+    parts += [f"confirmed by {', '.join(at_once)}"] * bool(at_once and not outcome.unconfirmed)
+    parts += [f"confirmed by {name} only after {seconds:.2f} s" for name, seconds in late.items()]
+    return f"zero torque, then disable: {'; '.join(parts)}"
 
 
 def left_over(diagram: Diagram) -> str:

@@ -147,6 +147,7 @@ def overloads(battery: Battery, drives: Mapping[str, Winding]) -> Iterable[RigPr
     """Yield a RigProblem for each way in which a battery and its fuses may not suffice for the limits of the drives."""
     for path, winding in drives.items():
         current = supply_current(winding)
+        yield from _unknowns(battery, path, winding)
         if winding.supply and battery.voltage < winding.supply[0]:
             yield RigProblem(
                 "TW137",
@@ -167,6 +168,33 @@ def overloads(battery: Battery, drives: Mapping[str, Winding]) -> Iterable[RigPr
             "TW137",
             f"the drives and the load take up to {total:.3g} A, and the battery delivers {battery.max_current:g} A",
             "set lower limits, or use a battery with a higher permitted current",
+        )
+
+
+def _unknowns(battery: Battery, path: str, winding: Winding) -> Iterable[RigProblem]:
+    """Yield a RigProblem for each property of a drive that no source states, and that is not compared for that reason.
+
+    path : of the drive
+    """
+    if not winding.supply:
+        yield RigProblem(
+            "TW137",
+            f"the supply range of {path} is not published: [battery] of up to {battery.full_voltage:g} V is not "
+            "compared",
+            "compare it with the label of the drive or its manual",
+        )
+    elif winding.supply_note:
+        low, high = winding.supply
+        yield RigProblem(
+            "TW137",
+            f"the supply range of {path}, {low:g} to {high:g} V, is assumed: {winding.supply_note}",
+            "compare it with the label of the drive or its manual",
+        )
+    if winding.current is None and (battery.fuse is not None or battery.max_current is not None):
+        yield RigProblem(
+            "TW137",
+            f"the current of {path} is not known: fuse and max_current are not compared with it",
+            "measure it, or compare the data sheet of the drive",
         )
 
 

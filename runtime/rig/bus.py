@@ -15,6 +15,7 @@ class RigBus:
     bitrate : bit/s
     fd : whether it carries CAN FD
     peer : destination of UDP datagrams, "" for none
+    key : file with the key that signs UDP datagrams, "" for unsigned ones
     options : further arguments of the python-can interface
     """
 
@@ -24,4 +25,5 @@ class RigBus:
     bitrate: int = BITRATE_MAXIMUM
     fd: bool = False
     peer: str = ""
+    key: str = ""
     options: dict[str, Any] = field(default_factory=dict)

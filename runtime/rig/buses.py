@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 from cext.bus.socketcan import SocketCan
 from cext.ring.rings import Line, Lines
-from cext.safety.thresholds import TX_QUEUE_FULL_LIMIT
+from cext.safety.thresholds import GUARDIAN_SILENCE, GUARDIAN_SILENCE_REALTIME, TX_QUEUE_FULL_LIMIT
 from graph import Device, StreamDevice
 from runtime.base.descriptors import Descriptors
-from runtime.guardian import GuardianError, GuardianProcess
+from runtime.guardian import MEMORY_LOCKED, REALTIME, GuardianError, GuardianProcess
 from runtime.guardian import plan as guardians_plan
 from runtime.guardian.lock import BusLock, BusTaken
+from runtime.guardian.wires import SHARED
 from runtime.machine.probe import Machine
 from runtime.rig.errors import Refused, RigError, RigProblem
 from runtime.rig.file import I2C, SOCKETCAN, UDP
@@ -177,6 +178,21 @@ class RigBuses:
         """Whether the guardian carries the frames of any bus."""
         return self.lines is not None
 
+    @property
+    def guardian_silence(self) -> float:
+        """Time in s without a check by the guardian after which the loop ends the run.
+
+        No other process delays a guardian that has a real-time priority and locked memory; a serial interface may.
+        """
+        granted = [] if self.guardian is None else self.guardian.granted
+        privileged = MEMORY_LOCKED in granted and any(each.startswith(REALTIME) for each in granted)
+        prompt = all(
+            bus.interface.bus.interface in {*SHARED, UDP}
+            for name, bus in self.buses.items()
+            if self.media[name] == "can"
+        )
+        return (GUARDIAN_SILENCE_REALTIME if privileged and prompt else GUARDIAN_SILENCE) * 1e-9
+
     def watch(self, page: SharedState, schedule: Schedule, robot: Diagram, priority: int | None) -> None:
         """Start the guardian, which opens the remaining interfaces. Raises RigError.
 
@@ -211,7 +227,7 @@ class RigBuses:
         ]
         self.start_sensors(max(priority - 1, 0) if priority else 0)
         try:
-            self.guardian.configure(guardians_plan(buses, schedule, robot, priority, relays))
+            self.guardian.configure(guardians_plan(buses, schedule, priority, relays))
         except GuardianError as error:
             problems = [
                 RigProblem(

@@ -47,6 +47,7 @@ CODES = {
     "TW136": "joint without a range",
     "TW137": "battery that does not fit",
     "TW138": "limit that may not hold",
+    "TW139": "key that cannot be used",
 }
 
 

@@ -13,9 +13,10 @@ This module checks the file itself; runtime.rig.overrides applies it to a diagra
 
 from __future__ import annotations
 
+import os
 import re
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,7 @@ KEYS = {  # of a bus: type, example, whether it is required
     "bitrate": (int, "1_000_000", False),
     "fd": (bool, "true", False),
     "peer": (str, '"192.168.4.2:9871"', False),
+    "key": (str, '"estop.key"', False),
     "options": (dict, "{ ttyBaudrate = 1_000_000 }", False),
 }
 OWN = ("interface", "channel", "bitrate", "fd")  # not allowed in `options`
@@ -94,7 +96,12 @@ def parse(path: str | Path, text: str) -> RigFile:
     problems += _shared_channels([bus for bus in buses.values() if bus is not None])
     if problems:
         raise RigError(path, problems)
-    return RigFile(Path(path), text, {name: bus for name, bus in buses.items() if bus is not None}, devices, battery)
+    named = {
+        name: replace(bus, key=os.path.join(Path(path).parent, bus.key)) if bus.key else bus
+        for name, bus in buses.items()
+        if bus is not None
+    }
+    return RigFile(Path(path), text, named, devices, battery)
 
 
 def text_of(path: Path) -> str:
@@ -173,8 +180,9 @@ def _bus(name, table, problems):
     _check_options(parsed, report)
     if parsed.interface == UDP:
         _check_udp(parsed, report)
-    elif parsed.peer:
-        report("peer: only valid for UDP", "remove it")
+    for only in ("peer", "key") if parsed.interface != UDP else ():
+        if getattr(parsed, only):
+            report(f"{only}: only valid for UDP", "remove it")
     if parsed.interface not in (SOCKETCAN, UDP) and parsed.interface not in _kinds():
         report(
             f"interface = {parsed.interface!r}: python-can has no such interface",
@@ -211,6 +219,8 @@ def _check_udp(bus, report):
                 f"{key} = {text!r}: {error}",
                 f"write {key} = " + (EXAMPLE if key == "channel" else '"192.168.4.2:9871"'),
             )
+    if bus.peer and bus.key:
+        report("peer and key exclude each other: signed datagrams are received from any address", "remove peer")
     if bus.fd:
         report("fd = true: UDP carries classic CAN frames only", "remove it")
 

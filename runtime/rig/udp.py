@@ -6,7 +6,7 @@
     bytes 8 to 15   the data
 
 For buttons and sensors on a network. Only the loop receives and sends, not the guardian, so actuators are not allowed
-on such a bus.
+on such a bus. With a `key` the datagrams are signed (runtime.base.signed_datagrams), and another process verifies them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from runtime.base.signed_datagrams import MAKE_KEY, read_key
 from runtime.rig.errors import Refused, RigProblem
+from runtime.rig.verifier import Verifier
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -70,7 +72,7 @@ class UdpInterface:
     virtual, strangers = True, None
 
     def __init__(self, bus: RigBus, devices: Sequence[Device]) -> None:
-        self.bus, self.remarks = bus, []
+        self.bus, self.remarks, self.verifier = bus, [], None
         moving = [device.path for device in devices if device.zero_frames() or device.disable_frames()]
         if moving:
             raise Refused(
@@ -81,7 +83,7 @@ class UdpInterface:
                     "UDP is for buttons and sensors; connect actuators by CAN",
                 )
             )
-        local = Endpoint(bus.channel)
+        local, key = Endpoint(bus.channel), _key_of(bus)
         self.socket = socket.socket(local.family, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
         try:
             self.socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
@@ -92,10 +94,36 @@ class UdpInterface:
         except OSError as error:
             self.close()
             raise Refused(_open_problem(bus, local, error)) from None
+        if key is not None:
+            self._verify(key)
+
+    def _verify(self, key):
+        """Receive the frames of signed datagrams from another process instead."""
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        with self.socket as received, theirs:
+            self.verifier = Verifier(key, received, theirs)
+        ours.setblocking(False)
+        ours.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        self.socket = ours
 
     def close(self) -> None:
-        """Close the socket."""
+        """Close the socket, and end the process that verifies datagrams."""
+        if self.verifier is not None:
+            self.verifier.close()
         self.socket.close()
+
+
+def _key_of(bus):
+    """Return the key of a bus, None without one. Raises Refused."""
+    if not bus.key:
+        return None
+    try:
+        return read_key(bus.key)
+    except ValueError as error:
+        make = MAKE_KEY.format(path=bus.key)
+        raise Refused(
+            RigProblem("TW139", f"[bus.{bus.name}] key = {bus.key!r}: {error}", f"create it: {make}")
+        ) from None
 
 
 def _open_problem(bus, local, error):

@@ -85,7 +85,8 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null: no boun
                            simulated (null without a plant)
     drives                 actuator, limit, rated (N·m), current,
                            rated_current, peak_current (amplitudes in the
-                           motor, A), supply (V), supply_current (A, at most)
+                           motor, A), supply (V), supply_note (reason why it is
+                           assumed, ""), supply_current (A, at most)
     simulated              seconds, mean mechanical, heat, power (W), time (h)
   plant                    given (true: defined in the file), blocks, rate;
                            null without devices

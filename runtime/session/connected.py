@@ -20,7 +20,7 @@ from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput, RunFault
 from runtime.base.suggestions import suggestion
 from runtime.live import table
-from runtime.live.requests import changes_of
+from runtime.live.requests import as_text, changes_of
 from runtime.session.own_process import RunProcess
 
 if TYPE_CHECKING:
@@ -37,7 +37,6 @@ class ConnectedRobot:
     begin : function that starts and returns its RunProcess
     loop_timeout : s that one pass of the loop may take
 
-    tick : newest tick, -1 before the first; time : of that tick, in s
     missed : number of ticks that the loop did not see, since one of its passes took longer than a period
     """
 
@@ -46,7 +45,7 @@ class ConnectedRobot:
             raise BadInput(f"loop_timeout={loop_timeout!r}: expected a finite number of seconds above 0")
         self._begin, self._limit = begin, round(loop_timeout * 1e9)
         self._trial: Trial | None = None
-        self._tickets: dict[int, str] = {}
+        self._tickets: dict[int, tuple[str, dict[int, float]]] = {}  # {ticket: names and values of the request}
         self.missed = 0
 
     def __enter__(self) -> Self:
@@ -140,26 +139,28 @@ class ConnectedRobot:
         ticket = self._writer.set(found)
         if ticket is None:
             raise BadInput("the mailbox of the run is full: set parameters less often, or several in one call")
-        self._tickets[ticket] = ", ".join(changes)
+        self._tickets[ticket] = ", ".join(changes), dict(found)
 
     def mark(self) -> None:
         """Set a mark in the recording."""
         self._check_running()
         ticket = self._writer.mark()
         if ticket is not None:
-            self._tickets[ticket] = "a mark"
+            self._tickets[ticket] = "a mark", {}
 
     def _take_answers(self) -> None:
-        for ticket, words in list(self._tickets.items()):
+        for ticket, (words, values) in list(self._tickets.items()):
             answer = self._writer.answer(ticket)
             if answer is None:
                 continue
             del self._tickets[ticket]
             if answer[0] not in ("taken", "over"):
-                raise BadInput(f"the run rejected {words} ({answer[0]}); nothing was changed")
+                why = "; ".join(self._table.broken(self._page, values)) or answer[0]
+                raise BadInput(f"the run rejected {words} ({why}); nothing was changed")
 
     @property
     def tick(self) -> int:
+        """Newest tick, -1 before the first."""
         return self._row.tick
 
     @property
@@ -169,6 +170,7 @@ class ConnectedRobot:
 
     @property
     def time(self) -> float:
+        """Time of the newest tick in s."""
         return self.tick / self.rate
 
     @property
@@ -198,8 +200,3 @@ class ConnectedRobot:
 
     def __repr__(self) -> str:
         return f"<ConnectedRobot {self._table.name}: {self.state}, tick {self.tick}>"
-
-
-def as_text(value: Any) -> str:
-    """Return a value in the syntax of `set`."""
-    return value if isinstance(value, str) else repr(getattr(value, "item", lambda: value)()).lower()

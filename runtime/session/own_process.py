@@ -30,6 +30,7 @@ from runtime.analysis.trial import Trial
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, BadInput
 from runtime.base.suggestions import unknown_option
 from runtime.console.cell import in_cell
+from runtime.console.confirm import discard_typed
 from runtime.live.running import page_of
 from runtime.session.request import Request
 
@@ -292,6 +293,7 @@ class RunProcess:
         """Ask whether the robot may be armed, and pass the answer on. Raises BadInput where input() cannot ask."""
         assert self.page is not None
         question = self.page.question
+        discard_typed()
         try:
             ends = input(PROMPT).strip().lower().startswith("q")
         except Exception as error:  # EOFError of a script, an error of the kernel's own without a frontend, ...

@@ -100,7 +100,7 @@ def plan(prepared: Prepared, realtime: Realtime) -> dict[str, Any]:
         "items": names(schedule),
         "sinks": sinks,
         "status_line": True,
-        "keys": request.report is None,  # the program that has started the run uses the mailbox
+        "keys": request.report is None and can_ask(),  # not if a program has started the run, which uses the mailbox
         "diagram_json": to_json(prepared.diagram) if records else None,
         "control_pid": os.getpid(),
         "metadata": {

@@ -133,7 +133,10 @@ class ReplaySession(Session):
 
     def loop(self, aside: Collection[int]) -> Executor:
         """Return the Executor, with the recorded changes of live parameters."""
-        self.control.live.follow(live_changes(self.trial, self.prepared.schedule))
+        try:
+            self.control.live.follow(live_changes(self.trial, self.prepared.schedule))
+        except ValueError as error:
+            raise BadInput(f"{self.trial.path}: a recorded change breaks a rule of the diagram: {error}") from None
         return super().loop(aside)
 
 

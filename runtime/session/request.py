@@ -201,6 +201,15 @@ class Request:
         metavar="SIGNAL",
         help="on a rig: arm once this signal of a device, such as button.on, was held for 1 s, also without a terminal",
     )
+    stop_for: float | None = option(
+        "--stop-for",
+        section=HARDWARE,
+        default=None,
+        type=number("--stop-for", "seconds", TIME_LIMIT),
+        metavar="S",
+        help="on a rig: time for which the frames of a safe stop go on for drives that do not confirm it (default: "
+        "until Ctrl-C; 10 s without a terminal)",
+    )
     poses: dict[str, float] = option(
         "--pose",
         section=HARDWARE,

@@ -63,6 +63,8 @@ class Result(Prepared):
             "tick": outcome.tick,
             "signal": outcome.signal,
             "stopped": outcome.stopped,
+            "unconfirmed": list(outcome.unconfirmed),
+            "confirmed_late": dict(outcome.late),
             "overruns": self.overruns,
             "late": self.control.late,
             "answers": self.control.reports.latencies,

@@ -17,13 +17,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cext.safety.shared_state import RECORD_EVENT, SharedState
-from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, GUARDIAN_SILENCE
+from cext.safety.terminal_keys import KeyReader
+from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, STOP_LIMIT, STOP_UNATTENDED
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from runtime.base.ending import ENDING_SIGNALS, raise_if_interrupted
 from runtime.base.system import processor_wait
 from runtime.live.table import describe
 from runtime.machine.realtime import PRIORITY, Realtime
+from runtime.machine.sleep import SleepInhibitor
 from runtime.recorder import RecorderProcess, can_ask
 from runtime.report.fault import explain
 from runtime.session.preflight import Preflight
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 
 EVENT_TIMEOUT = 5.0  # s, for the recorder to make room for an event
 POLL_PERIOD = 0.001  # s
+FOREVER = 1e9  # s
 
 
 class Session:
@@ -75,6 +78,8 @@ class Session:
             self.page = SharedState(ring_bytes(self.prepared.schedule), live=describe(self.prepared.schedule))
             if rig is not None:  # the guardian comes first: without it nothing is armed
                 undo.callback(rig.close)
+                self.inhibitor = SleepInhibitor(f"{self.prepared.diagram.name} drives motors")
+                undo.callback(self.inhibitor.release)
                 priority = None if request.realtime == "off" else request.priority or PRIORITY
                 rig.watch(self.page, self.prepared.schedule, self.prepared.diagram, priority)
             # before the priority, memory lock and processor of the loop
@@ -85,7 +90,11 @@ class Session:
             self.realtime.obtain()
             aside = self.keep_others_aside()
             self.say(self.remarks())
-            self.recorder.configure(self.plan())
+            recording = self.plan()
+            self.recorder.configure(recording)
+            self.keys = self.key_reader(aside) if recording["keys"] else None
+            if self.keys is not None:
+                undo.callback(self.keys.stop)
             self.control = Program(self.prepared.schedule, self.prepared.ends())
             self.control.count_from(self.count_from)
             self.executor = self.loop(aside)
@@ -100,6 +109,11 @@ class Session:
         from runtime.recorder.local import LocalRecorder
 
         return LocalRecorder(self.page)
+
+    def key_reader(self, aside: Collection[int]) -> KeyReader | None:
+        """Begin to read the keys of the terminal. aside : numbers of the processors for other threads"""
+        terminal = getattr(self.recorder, "terminal", None)
+        return None if terminal is None else KeyReader(self.page, terminal, aside)
 
     def plan(self) -> dict[str, Any]:
         """Return the plan of the recorder."""
@@ -121,7 +135,7 @@ class Session:
         """Return lines for the operator before the run."""
         if self.rig is None:
             return self.realtime.lines()
-        return [*self.rig.remarks(), *self.realtime.lines(), *self.realtime.risk()]
+        return [*self.rig.remarks(), *self.realtime.lines(), *self.realtime.risk(), *self.inhibitor.remarks()]
 
     def loop(self, aside: Collection[int]) -> Executor:
         """Return the Executor. aside : numbers of the processors for other threads"""
@@ -139,7 +153,7 @@ class Session:
             overrun=request.overrun,
             spin=request.spin,
             profile=request.profile,
-            guard=GUARDIAN_SILENCE * 1e-9 if rig is not None else 0.0,
+            guard=rig.guardian_silence if rig is not None else 0.0,
             carried=rig is not None and rig.carries,
             others=aside,
         )
@@ -207,8 +221,11 @@ class Session:
 
         Returns a Result, or None without an outcome.
         """
+        if self.keys is not None:
+            self.keys.stop()
         if self.rig is not None and outcome is not None:
             outcome = stopped_from_here(outcome, self.rig, self.page)
+            outcome = stopped_late(outcome, self.rig, self.request.stop_for)
         self.realtime.release()
         if self.realtime.spun:
             self.record({"event": "realtime", "lost": "the priority", "because": self.realtime.summary()})
@@ -219,6 +236,7 @@ class Session:
             if self.rig.report["stop"] is not None:
                 self.record(self.rig.report["stop"])
             statistics["frames"] = self.rig.correct(statistics["frames"])
+            self.inhibitor.release()
         result = None if outcome is None else self.result(outcome, statistics, seconds)
         if result is not None:
             self.record(result.end_event())
@@ -266,6 +284,37 @@ def stopped_from_here(outcome: Outcome, rig: RigBuses, page: SharedState) -> Out
     if outcome.status in ("silent", "no answer", "bus error"):  # the drives are silent because the guardian is
         outcome = replace(outcome, status="unguarded", culprit=None)
     return replace(outcome, unconfirmed=rig.take_over())
+
+
+def stopped_late(outcome: Outcome, rig: RigBuses, seconds: float | None) -> Outcome:
+    """Let the guardian continue the stop of actuators that have not confirmed it.
+
+    seconds : time for which it continues; None for the default: until the operator sends a signal, such as Ctrl-C,
+        and for STOP_UNATTENDED without a terminal
+
+    Returns the Outcome.
+    """
+    if not outcome.unconfirmed or rig.report is not None or rig.guardian is None:
+        return outcome
+    lasts = seconds or (FOREVER if can_ask() else STOP_UNATTENDED)
+    with caught_signals() as caught:
+        report = rig.guardian.go_on(outcome.unconfirmed, lasts, lambda: bool(caught))
+    if report is None:
+        return outcome
+    late = {name: report["after"][name] + STOP_LIMIT * 1e-9 for name in report["confirmed"]}
+    return replace(outcome, unconfirmed=tuple(report["unconfirmed"]), late=tuple(late.items()))
+
+
+@contextmanager
+def caught_signals() -> Iterator[list[int]]:
+    """Collect the numbers of the ending signals in a list."""
+    caught: list[int] = []
+    before = {number: signal.signal(number, lambda number, frame: caught.append(number)) for number in ENDING_SIGNALS}
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def guardian_looks(page: SharedState) -> bool:

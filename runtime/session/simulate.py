@@ -24,7 +24,7 @@ from runtime.diagrams.file import build, compiled, source
 from runtime.diagrams.overrides import restore, set_seeds
 from runtime.diagrams.recorded_signals import PLANT, everything
 from runtime.diagrams.simulation import Simulation
-from runtime.live.requests import changes_of
+from runtime.live.requests import as_text, changes_of
 from runtime.live.table import describe, parse
 from runtime.report.fault import explain
 from runtime.session.memory_trial import check_memory, table, trial_of
@@ -238,19 +238,30 @@ class SimulatedRun:
 
         Raises BadInput.
         """
+        self.set({name: value})
+
+    def set(self, changes: Mapping[str, Any]) -> None:
+        """Change live parameters from the next tick on, together, such as two with a rule between them.
+
+        changes : {name: value}, as of item assignment
+
+        Raises BadInput, and then none was changed.
+        """
         if self._trial is not None:
             raise BadInput(ENDED)
-        text = value if isinstance(value, str) else repr(getattr(value, "item", lambda: value)()).lower()
-        for parameter, number in changes_of(self._live_parameters, name, text):
-            before = self._control.live.assign(parameter.index, number)
+        found = [
+            change
+            for name, value in changes.items()
+            for change in changes_of(self._live_parameters, name, as_text(value))
+        ]
+        try:
+            values_before = self._control.live.assign([(parameter.index, number) for parameter, number in found])
+        except ValueError as error:
+            raise BadInput(f"{error}; nothing was changed") from None
+        for (parameter, number), before in zip(found, values_before):
             event = {"event": "set", "path": parameter.path, "value": parameter.plain(number)}
             event |= {"from": parameter.plain(before), "tick": self.tick, "by": "step"}
             self._events.append(event | ({"slew": parameter.slew} if math.isfinite(parameter.slew) else {}))
-
-    def set(self, changes: Mapping[str, Any]) -> None:
-        """Change live parameters from the next tick on. changes : {name: value}, as of item assignment"""
-        for name, value in changes.items():
-            self[name] = value
 
     def mark(self) -> None:
         """Set a mark in the trial."""

@@ -386,7 +386,7 @@ def test_protected_drives_are_covered_for_loss_of_both_processes_and_power(tmp_p
         left(torque_command=0.0), right(torque_command=0.0)
         pump = ChargePump(protects=("left_knee",), name="pump")
     everything = [left, right, pump]
-    both = "kill -9 of guardian and control process together, power loss of the computer"
+    both = "kill -9 of guardian and control process together, power loss of the computer, suspend of the computer"
     assert (
         f"{both} (the charge pump 'pump')" in in_words(coverage([left], everything))[0]
         and in_words(coverage([left], everything))[1] == ""

@@ -188,7 +188,7 @@ def test_the_phase_is_a_share_of_the_stride():
         ({"event_phase": 1.1}, "event_phase: must be at most 1.0, got 1.1"),
         ({"event_phase": -0.1}, "event_phase: must be at least 0.0"),
         ({"shortest": 0.0}, "shortest: must be above 0.0 s"),
-        ({"shortest": 3.0}, "shortest, 3 s, must be below longest, 2.5 s"),
+        ({"shortest": 3.0}, r"shortest must be below longest \(2.5 s\), got 3 s"),
         ({"longest": math.nan}, "longest: NaN"),
     ],
 )

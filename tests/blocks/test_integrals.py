@@ -210,7 +210,7 @@ def test_derivative_and_integrator_units_include_the_second():
     "make, said",
     [
         (lambda: Delay(0), "samples: must be at least 1, got 0"),
-        (lambda: Integrator(initial=2.0, upper=1.0), "initial, 2, is outside the limits, -inf to 1"),
+        (lambda: Integrator(initial=2.0, upper=1.0), r"initial must be at most upper \(1\), got 2"),
         (lambda: Integrator(method="euler"), "method: must be one of forward, backward, trapezoidal"),
         (lambda: Derivative(-0.1), "time_constant: must be at least 0"),
     ],

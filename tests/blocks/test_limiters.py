@@ -171,7 +171,7 @@ def test_the_range_of_a_saturation_covers_its_live_bounds():
 
 
 def test_saturation_with_crossed_limits_is_refused():
-    with pytest.raises(DiagramError, match="saturation: lower must not exceed upper, got 2 and 1"):
+    with pytest.raises(DiagramError, match=r"saturation: lower must be at most upper \(1\), got 2"):
         Saturation(lower=2.0)
     assert made(Saturation, lower=1.0, upper=1.0).step(5.0) == 1.0
 

@@ -255,7 +255,7 @@ def test_command_unit_is_free_and_reference_and_measurement_share_one():
 @pytest.mark.parametrize(
     "make, said",
     [
-        (lambda: PI(lower=2.0, upper=1.0), "lower must not exceed upper, got 2 and 1"),
+        (lambda: PI(lower=2.0, upper=1.0), r"lower must be at most upper \(1\), got 2"),
         (lambda: PID(anti_windup="none"), "anti_windup: must be one of clamping"),
         (lambda: PID(filter_time=-1.0), "filter_time: must be at least 0"),
         (lambda: PI(tracking_time=0.0), "tracking_time: must be above 0"),

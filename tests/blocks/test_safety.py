@@ -298,6 +298,68 @@ def test_constant_counter_is_not_a_heartbeat():
     assert rig.statistics()["frames"]["malformed"] >= 8
 
 
+def stream(number):
+    """Frame of a released button."""
+    return 0x123, bytes([number % 256, 0x5A])
+
+
+@pytest.mark.parametrize("recorded", [(7, 8), (7, 8, 9), (10, 90, 180), (0, 64, 128, 192), range(1, 256, 51)])
+def test_recorded_frames_that_are_repeated_in_turn_are_no_heartbeat(recorded):
+    outcome, _ = heard({tick: [stream(recorded[tick % len(recorded)])] for tick in range(20, 400)}, ticks=300)
+    assert outcome.status in ("silent", "kernel status 64") and outcome.culprit == "button" and outcome.tick <= 40
+
+
+@pytest.mark.parametrize("offset", [0, 1, 2, 5, 40, 100, 128, 200, 255])
+@pytest.mark.parametrize("dies", ["neither", "first", "second"])
+def test_two_senders_of_one_id_end_the_run_before_the_death_of_either_is_hidden(offset, dies):
+    """The second begins at tick 20 of the plant, and one of them ends at tick 60."""
+    frames = {}
+    for tick in range(200):
+        first, second = [stream(tick)], [stream(tick + offset)]
+        frames[tick] = (first if dies != "first" or tick < 60 else []) + (
+            second if tick >= 20 and (dies != "second" or tick < 60) else []
+        )
+    outcome, _ = heard(frames, ticks=190)
+    assert outcome.status in ("kernel status 64", "silent") and outcome.culprit == "button" and outcome.tick < 85
+    with Diagram("robot", rate=RATE):
+        assert "another sender uses id 0x123" in EStopHeartbeat(can_id=0x123).fault_text(64)
+
+
+@pytest.mark.parametrize("lost", [1, 3, 8])
+def test_lost_frames_are_no_disorder(lost):
+    """Of every ten frames some are lost, in a row."""
+    frames = {tick: [stream(tick)] if tick % 10 >= lost else [] for tick in range(400)}
+    assert heard(frames, ticks=380)[0].status == "ok"
+
+
+def test_a_frame_that_the_network_delivers_twice_or_late_is_no_disorder():
+    frames = {tick: [stream(tick)] for tick in range(400)}
+    for tick in range(30, 390, 40):
+        frames[tick] = [stream(tick), stream(tick)]
+        frames[tick + 20], frames[tick + 21] = [stream(tick + 21)], [stream(tick + 20)]
+    assert heard(frames, ticks=380)[0].status == "ok"
+
+
+@pytest.mark.parametrize("dead", ["operator", "wearer"])
+def test_each_of_several_buttons_is_watched(dead):
+    ids = {"operator": 0x123, "wearer": 0x124}
+    with Diagram("robot", rate=RATE) as robot:
+        for name, can_id in ids.items():
+            EStopHeartbeat(name=name, can_id=can_id, timeout=0.05)
+    with Diagram("plant", rate=RATE) as plant:
+        for name, can_id in ids.items():
+            silent = from_then_on(0.3) if name == dead else False
+            EmulatedEStop(name=name, can_id=can_id)(silent=silent)
+    outcome = Rig(robot, plant).run(200)
+    assert (outcome.status, outcome.culprit) == ("silent", dead) and 0.3 < outcome.tick / RATE < 0.4
+
+
+def test_two_buttons_of_one_id_are_an_error():
+    with pytest.raises(DiagramError, match="wearer: shares CAN id 256"), Diagram("robot", rate=RATE) as robot:
+        EStopHeartbeat(name="operator"), EStopHeartbeat(name="wearer")
+        compile(robot)
+
+
 def test_message_with_constant_counter_may_press():
     outcome, _ = heard({tick: [(0x123, b"\x09\x5a")] for tick in range(20, 24)} | {24: [(0x123, b"\x09\x00")]})
     assert outcome.status == "e-stop" and 23 <= outcome.tick <= 25

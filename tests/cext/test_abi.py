@@ -25,6 +25,7 @@ KERNEL = ctypes.CFUNCTYPE(
 )
 ITEMS = "u[...] y[...] leak held[...]"
 SIGNATURE = b"int (double *, int32_t const *, int32_t const *)"
+OTHER_SIGNATURE = b"double (double)"  # a capsule keeps the address of its name, not the name
 
 new_capsule = ctypes.pythonapi.PyCapsule_New
 new_capsule.restype, new_capsule.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
@@ -139,7 +140,7 @@ def test_custom_status_is_a_fault_that_names_the_block():
 @pytest.mark.parametrize(
     "kernel, complaint",
     [
-        (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), b"double (double)", None), "must be named"),
+        (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), OTHER_SIGNATURE, None), "must be named"),
         (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), None, None), "must be named"),
         (mit.decode.function, "must be named"),
         (leaky.__call__, "a native kernel must be a PyCapsule, a ctypes function or a Numba cfunc"),

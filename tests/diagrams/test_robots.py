@@ -100,7 +100,10 @@ def test_a_leg_that_swings_beside_one_that_stands_is_not_assisted(robot, tmp_pat
         assert np.abs(trial[torque][trial.time > 3.0]).max() < 0.05, torque  # N·m
 
 
-@pytest.mark.parametrize("robot, model", [("hip_exo_bilateral", "AK10-9-V2.0"), ("ankle_exo", "CyberGear")])
+@pytest.mark.parametrize(
+    "robot, model",
+    [("hip_exo_bilateral", "AK10-9-V2.0"), ("hip_exo_bilateral", "AK10-9-V3.0"), ("ankle_exo", "CyberGear")],
+)
 def test_robot_assists_with_other_actuators(robot, model):
     trial = runtime.run(path(robot), 13.0, settings={"model": model})
     assert trial.fault is None

@@ -54,6 +54,7 @@ def row(model):
     currents = [model.rated_current, model.peak_current]
     current = " / ".join(f"{each:.3g}" for each in currents) if all(currents) else "—"
     supply = "{:g} to {:g}".format(*model.supply) if getattr(model, "supply", ()) else "—"
+    supply += " (assumed)" if getattr(model, "supply_note", "") else ""
     cells = [f"{model.gear:g}:1", known(model.rated), known(model.peak), current, f"{model.wire_velocity:g}", supply]
     return f"| {model.name} | {' | '.join(cells)} |\n"
 

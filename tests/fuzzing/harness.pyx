@@ -1,4 +1,3 @@
-# cython: freethreading_compatible=True
 """A device's native decode, driven by libFuzzer inside of this Python process, and what must be true whatever it is offered.
 
 The items of the device stand apart in an arena of their own, with poisoned doubles between them: who writes or reads beside one is caught.
@@ -11,7 +10,7 @@ What an input means:
 Behind either come good packets, and they have to be heard. A violation is told in words, and ends the process by abort.
 """
 
-from libc.math cimport isfinite
+from libc.math cimport fabs, floor
 from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t, uint64_t, uintptr_t
 from libc.stdio cimport fprintf, stderr
 from libc.stdlib cimport abort, calloc, malloc
@@ -48,10 +47,21 @@ cdef enum: # flags of a stream, behind its plan
 cdef enum: # what is in front of a chunk
     NOTHING, READ, MISSED, GONE
 
+cdef enum: # inputs of a block
+    NUMBERS = 1                     # anything, also NaN
+    WHOLE = 2                       # finite whole numbers, of a bool 0 and 1
+    TRUTHS = 3
+
+# What blocks in front of a device may give it: each is converted to an integer somewhere
+cdef double[16] ODD = [
+    0.0, -0.0, 1.0, -1.0, 0.5, 1e30, -1e30, 1.7e308, -1.7e308, float("nan"), float("inf"), -float("inf"), 2147483648.0,
+    -2147483649.0, 4294967296.0, 1e-320]
+
 cdef struct Item:
     int slot, size
     bint is_output
     bint is_same                    # behind a good packet it is what the packet says
+    int input                       # NUMBERS or WHOLE of an input, else 0
     double low, high                # of an output
 
 cdef struct Piece:                  # of a stream
@@ -162,6 +172,28 @@ cdef void must_encode() noexcept nogil:
     for i in range(count):
         if frames[i].length > FRAME_BYTES:
             violated("a frame is longer than a frame")
+
+
+cdef void must_encode_any_input(const uint8_t *data, size_t length) noexcept nogil:
+    """The inputs of the block are whatever the bytes select. Comes last: the arena is another one afterwards."""
+    cdef Item *item
+    cdef uint8_t byte
+    cdef double value
+    cdef size_t at = 0
+    cdef int turn, i, k
+    if now.encode == NULL or length == 0:
+        return
+    for turn in range(4):
+        for i in range(now.count):
+            item = &now.items[i]
+            for k in range(item.size if item.input else 0):
+                byte = data[at % length] + <uint8_t>(at // length)
+                at += 1
+                value = ODD[byte & 15] if byte < 192 else (byte - 224.0) * 0.37
+                if item.input == WHOLE and not fabs(floor(value)) < 9e15:
+                    value = byte
+                now.arena[item.slot + k] = floor(value) if item.input == WHOLE else byte & 1 if item.input == TRUTHS else value
+        must_encode()
 
 
 # Streams
@@ -301,6 +333,7 @@ cdef int stream_input(const uint8_t *data, size_t length) noexcept nogil:
         play(FRAME_BYTES if flags & 0x80 else 1 + (flags >> 2 & 31), NULL, 0x75)
         must_encode()
         must_equal(now.first, True, False, "it matters where the stream is cut")
+    must_encode_any_input(data, length)
     return 0
 
 
@@ -374,6 +407,7 @@ cdef int frames_input(const uint8_t *data, size_t length) noexcept nogil:
         violated("it matters what stands behind the end of a frame")
     must_encode()
     must_equal(now.first, True, False, "it matters what stands behind the end of a frame")
+    must_encode_any_input(data, length)
     return 0
 
 
@@ -405,9 +439,10 @@ def drive(words, device):
     now.encode = <encode_t><uintptr_t>address(device.encode, "encode")
     places = {}
     now.items[0].slot, now.items[0].size = 0, 8                             # the clock
-    for number, (name, values, low, high, is_output, is_same) in enumerate(device.items):
+    for number, (name, values, low, high, is_output, is_same, kind) in enumerate(device.items):
         item = &now.items[number + 1]
         item.slot, item.size, item.low, item.high, item.is_output, item.is_same = slot, len(values), low, high, is_output, is_same
+        item.input = kind
         places[name] = slot, len(values)
         slot += len(values) + APART
         for counter in ("received", "packets"):

@@ -18,13 +18,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.checkout import ROOT, copy_packages
-from tests.fuzzing.targets import EVERYTHING, seeds_of
+from tests.fuzzing.targets import EVERYTHING, modules_of, seeds_of
 from tests.mutation.laboratory import build_of
 
 CORPUS = ROOT / "build" / "fuzzing"  # what earlier runs have found, and in `failures` what they have failed at
 CHECKS = "address,undefined,float-cast-overflow"
 BUT = "-fno-sanitize=pointer-overflow"  # Cython adds nothing to NULL where a call has no arguments
-OF_CEXT = ("streams", "socketcan")  # beside the kernels
+CLANG = next(filter(shutil.which, ("clang-19", "clang")), "clang-19")
 OPTIONS = (
     "-max_len=1500",
     "-timeout=5",
@@ -65,11 +65,11 @@ def why_not():
     """In words, why nothing can be fuzzed here; "" where it can."""
     if not sys.platform.startswith("linux"):
         return "fuzzing wants Linux"
-    if shutil.which("clang") is None:
-        return "fuzzing wants clang: sudo apt install clang"
+    if shutil.which(CLANG) is None:
+        return "fuzzing wants clang: sudo apt install clang-19 libclang-rt-19-dev"
     missing = [name for name in ("fuzzer_no_main", "asan") if runtime(name) is None]
     return (
-        (f"fuzzing wants clang's own libraries ({', '.join(missing)}): sudo apt install clang, with what it recommends")
+        f"fuzzing wants clang's own libraries ({', '.join(missing)}): sudo apt install libclang-rt-19-dev"
         if missing
         else ""
     )
@@ -78,18 +78,13 @@ def why_not():
 def runtime(name):
     """Path of one of clang's own libraries, None where it is not there."""
     ending = "so" if name == "asan" else "a"
-    asked = subprocess.run(["clang", "-print-resource-dir"], capture_output=True, text=True).stdout.strip()
+    asked = subprocess.run([CLANG, "-print-resource-dir"], capture_output=True, text=True).stdout.strip()
     for path in sorted(Path(asked).glob(f"lib/*/libclang_rt.{name}*.{ending}")):
         if path.name == f"libclang_rt.{name}-{platform.machine()}.{ending}" or path.parent.name.startswith(
             platform.machine()
         ):
             return path
     return None
-
-
-def module_of(name):
-    """Path of the module that a target drives, without its ending."""
-    return f"cext/{'' if EVERYTHING[name] in OF_CEXT else 'kernels/'}{EVERYTHING[name]}"
 
 
 class Laboratory:
@@ -101,7 +96,8 @@ class Laboratory:
         self.engine = self.folder / "engine.so"
         self.instrumented = ["-fsanitize=" + ",".join(filter(None, ("fuzzer-no-link", checks)))]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            list(pool.map(self.build, {*map(module_of, EVERYTHING), "tests/fuzzing/harness", "tests/fuzzing/lines"}))
+            modules = {module for name in EVERYTHING for module in modules_of(name)}
+            list(pool.map(self.build, modules | {"tests/fuzzing/harness", "tests/fuzzing/lines"}))
         whole = "-Wl,--whole-archive", str(runtime("fuzzer_no_main")), "-Wl,--no-whole-archive"
         self.compile([*whole, "-lstdc++", "-lpthread"], self.engine)
 
@@ -131,7 +127,7 @@ class Laboratory:
     def compile(self, words, out):
         out.unlink(missing_ok=True)
         made = subprocess.run(
-            ["clang", "-shared", "-fPIC", "-O1", "-g1", "-w", "-fno-sanitize-recover=all", *words, BUT, "-o", str(out)],
+            [CLANG, "-shared", "-fPIC", "-O1", "-g1", "-w", "-fno-sanitize-recover=all", *words, BUT, "-o", str(out)],
             cwd=self.folder,
             capture_output=True,
             text=True,
@@ -147,11 +143,13 @@ class Laboratory:
             raise ValueError(f"{file} has {before!r} {text.count(before)} times")
         path.write_text(text.replace(before, after))
         try:
-            self.build(module_of(name))
+            for module in modules_of(name):
+                self.build(module)
             return self.fuzzed(name, seconds, corpus)
         finally:
             path.write_text(text)
-            self.build(module_of(name))
+            for module in modules_of(name):
+                self.build(module)
 
     def fuzzed(self, name, seconds, corpus=CORPUS):
         """A Run of so many seconds; of none, what is kept from earlier ones alone. It begins with that and the
@@ -166,7 +164,8 @@ class Laboratory:
         code, said = self.start(name, length, f"-artifact_prefix={failures}/{name}-", *OPTIONS, str(kept))
         numbers = {key: int(value) for key, value in re.findall(r"stat::(\w+):\s+(\d+)", said)}
         functions = re.findall(
-            r"COVERED_FUNC: hits: (\d+) edges: (\d+)/(\d+) __pyx_f_(\S+) \S*/%s\.pyx:" % EVERYTHING[name], said
+            r"COVERED_FUNC: hits: (\d+) edges: (\d+)/(\d+) __pyx_f_(\S+) \S*(?:%s)\.pyx:" % "|".join(modules_of(name)),
+            said,
         )
         entered = [(int(some), int(all_)) for hits, some, all_, _ in functions if int(hits)]
         failure = re.search(r"tickwork: (.*)|(\S+: runtime error: .*)|ERROR: (AddressSanitizer.*|libFuzzer.*)", said)

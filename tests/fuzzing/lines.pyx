@@ -1,4 +1,3 @@
-# cython: freethreading_compatible=True
 """What carries frames, driven by libFuzzer in this process: the reader of streams with its ring, and the receiver of CAN's datagrams.
 
     reads       an input is writes of so many bytes, each read at once, ticks that take so many frames, and begins of a run

@@ -3,12 +3,15 @@
 The packets are those that the tests of the devices make, by their own references.
 """
 
+import importlib
+import pkgutil
 import socket
 import struct
 from dataclasses import dataclass, field
 
 import numpy as np
 
+import cext.kernels
 from blocks.actuators import (
     CubeMars,
     CubeMarsServo,
@@ -18,12 +21,22 @@ from blocks.actuators import (
     RobStride,
     RobStrideMIT,
 )
-from blocks.controls import GameController
-from blocks.gpio import EStopSwitch, GpioInput
+from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo, EmulatedCubeMarsV3
+from blocks.actuators.robstride.mit import EmulatedRobStrideMIT
+from blocks.charge_pump import ChargePump, EmulatedChargePump
+from blocks.controls import EmulatedControls, GameController
+from blocks.gpio import EmulatedGpio, EStopSwitch, GpioInput, SyncOut
 from blocks.imus import ICM20948, MPU9250, EmulatedMicroStrain, EmulatedOpenImu, MicroStrain, OpenImu
+from blocks.imus.invensense.emulator import EmulatedICM20948, EmulatedMPU9250
 from blocks.imus.microstrain import mip
-from blocks.safety import EStopHeartbeat
+from blocks.safety import EmulatedEStop, EStopHeartbeat
 from blocks.sensors import ADS1115, NAU7802, Insole, Microcontroller
+from blocks.sensors.ads1115 import EmulatedADS1115
+from blocks.sensors.insole import EmulatedInsole
+from blocks.sensors.microcontroller import EmulatedMicrocontroller
+from blocks.sensors.nau7802 import EmulatedNAU7802
+from cext.kernel import Kernel
+from cext.schedule.kernel_table import address
 from graph import Interval
 from tests.blocks.actuators import cubemars_reference, reference, robstride_reference
 from tests.blocks.actuators.wire import EXTENDED, Wired
@@ -33,6 +46,7 @@ NOTHING, READ, MISSED, GONE = range(4)  # in front of a chunk: tests/fuzzing/har
 NONE, MIP, COBS, LINES, INSOLE, DATAGRAMS = range(6)  # tests/fuzzing/oracles.pxd
 PLAIN_CUTS = bytes([63] * 16)
 LEVEL, IDENTITY_SHIFT = 3, 16
+INPUTS = {float: 1, int: 2, bool: 3, "float": 1, "int": 2, "bool": 3}  # kinds of tests/fuzzing/harness.pyx
 
 
 @dataclass(frozen=True)
@@ -52,7 +66,6 @@ class Target:
     protocol: tuple = (NONE, 0, 0, 0, 0, 0)
     is_stream: bool = True
     identifiers: tuple = ()
-    module: str = ""  # of cext/kernels, whose coverage is told
 
 
 class Driven:
@@ -72,7 +85,8 @@ class Driven:
             found = ranges.get(name)
             span = found if isinstance(found, Interval) else Interval(*found) if found else Interval()
             told = name in block.outputs and name != "age"
-            self.items.append((name, wired.arena[place].tolist(), span.low, span.high, told, name in target.same))
+            kind = INPUTS[block.inputs[name].dtype] if name in block.inputs else 0
+            self.items.append((name, wired.arena[place].tolist(), span.low, span.high, told, name in target.same, kind))
         self.identifiers = list(target.identifiers)
 
 
@@ -157,7 +171,6 @@ STREAMS = {
         tail=((NOTHING, bytes(300)), (NOTHING, SENSOR), (NOTHING, ATTITUDE), (GONE, b"")),
         seeds=ODD,
         protocol=(MIP, 0, 0, 0, 0, 0),
-        module="mip",
     ),
     "microstrain_tared": Target(
         MicroStrain,
@@ -170,11 +183,8 @@ STREAMS = {
         tail=((NOTHING, bytes(300)), (NOTHING, SENSOR), (NOTHING, ATTITUDE), (GONE, b"")),
         seeds=ODD,
         protocol=(MIP, 0, 0, 0, 0, 0),
-        module="mip",
     ),
-    "microstrain_emulated": Target(
-        EmulatedMicroStrain, seeds=COMMANDS, protocol=(NONE, 0, 0, 0, 0, 0), module="mip_sensor"
-    ),
+    "microstrain_emulated": Target(EmulatedMicroStrain, seeds=COMMANDS, protocol=(NONE, 0, 0, 0, 0, 0)),
     "cobs": Target(
         Microcontroller,
         {"fields": FIELDS},
@@ -182,7 +192,6 @@ STREAMS = {
         tail=((NOTHING, b"\0"), (NOTHING, PACKETS[0])),
         seeds=PACKETS,
         protocol=(COBS, 1, 9, 0, 0, 0),
-        module="microcontroller",
     ),
     "cobs_wide": Target(
         Microcontroller,
@@ -191,7 +200,6 @@ STREAMS = {
         tail=((NOTHING, b"\0"), (NOTHING, WIDE_PACKET)),
         seeds=(WIDE_PACKET,),
         protocol=(COBS, 0, 23, 0, 0, 0),
-        module="microcontroller",
     ),
     "lines": Target(
         Microcontroller,
@@ -206,7 +214,6 @@ STREAMS = {
             b"1," * 600 + b"\n",
         ),
         protocol=(LINES, 1, 3, 0, 0, 0),
-        module="microcontroller",
     ),
     "lines_uncounted": Target(
         Microcontroller,
@@ -215,7 +222,6 @@ STREAMS = {
         tail=((NOTHING, b"\n"), (NOTHING, b"12.5\n")),
         seeds=(b"1\n2\n3\n", b"12.5\n-4.25\n"),
         protocol=(LINES, 0, 1, 0, 0, 0),
-        module="microcontroller",
     ),
     "insole": Target(
         Insole,
@@ -224,7 +230,6 @@ STREAMS = {
         tail=((NOTHING, bytes(SOLE_SIZE)), (NOTHING, SOLES[0])),
         seeds=SOLES,
         protocol=(INSOLE, 1, SOLE_SIZE, 6, 3, 0),
-        module="insole",
     ),
     "insole_datagrams": Target(
         Insole,
@@ -233,7 +238,6 @@ STREAMS = {
         tail=((READ, SOLES[0]),),
         seeds=SOLES,
         protocol=(DATAGRAMS, 1, SOLE_SIZE, 6, 3, 0),
-        module="insole",
     ),
 }
 
@@ -299,42 +303,37 @@ INPUT = struct.Struct("<qqHHi")
 FRAMES = {
     "openimu": Target(
         OpenImu,
-        {"told": False},
+        {"write_settings": False},
         same=("accel", "gyro", "mag"),
         tail=IMU_FRAMES,
         is_stream=False,
-        module="openimu",
         identifiers=tuple((openimu(group, b"")[0], 8) for group in IMU_GROUPS),
     ),
     "openimu_told": Target(
         OpenImu,
         {"slope": True},
         is_stream=False,
-        module="openimu",
         tail=(),
         seeds=((*IMU_TOLD, *IMU_FRAMES, openimu(0xF029, bytes(8))),),
         identifiers=tuple((openimu(group, b"")[0], 8) for group in IMU_GROUPS),
     ),
     "openimu_fine": Target(
         OpenImu,
-        {"told": False, "model": "335RI", "high_resolution": True, "slope": True, "slope_sensor": 1},
+        {"write_settings": False, "model": "335RI", "high_resolution": True, "slope": True, "slope_sensor": 1},
         same=("accel", "gyro", "roll", "pitch"),
         tail=tuple(openimu(group, bytes(range(1, 9))) for group in FINE_GROUPS),
         is_stream=False,
-        module="openimu",
         identifiers=tuple((openimu(group, b"")[0], 8) for group in (*FINE_GROUPS, *IMU_GROUPS)),
     ),
     "openimu_emulated_335": Target(
         EmulatedOpenImu,
         {"model": "335RI"},
         is_stream=False,
-        module="openimu_unit",
         identifiers=tuple((openimu(group, b"", 0)[0], 8) for group in (0xEAFF, 0xEA80, *IMU_GROUPS[5:])),
     ),
     "openimu_emulated": Target(
         EmulatedOpenImu,
         is_stream=False,
-        module="openimu_unit",
         identifiers=tuple((openimu(group, b"", 0)[0], 8) for group in (0xEAFF, 0xEA80, *IMU_GROUPS[5:])),
     ),
     "cubemars": Target(
@@ -344,7 +343,6 @@ FRAMES = {
         same=JOINT,
         tail=(REPLY,),
         is_stream=False,
-        module="cubemars",
         identifiers=((0, 8), (1, 8), (2, 8), (EXTENDED, 8)),
     ),
     "cubemars_servo": Target(
@@ -355,7 +353,6 @@ FRAMES = {
         tail=(V3,),
         seeds=((V3_FAULT,),),
         is_stream=False,
-        module="cubemars_servo",
         identifiers=named((V3,), *((cubemars_reference.identifier(kind, 7), 8) for kind in (0, 1, 8, 15, 0x2A))),
     ),
     "cubemars_v3": Target(
@@ -366,7 +363,6 @@ FRAMES = {
         tail=(V3,),
         seeds=((V3_FAULT,),),
         is_stream=False,
-        module="cubemars_v3",
         identifiers=named((V3,), *((cubemars_reference.identifier(kind, 7), 8) for kind in (0, 1, 8, 15, 0x2A))),
     ),
     "cubemars_emulated": Target(
@@ -374,7 +370,6 @@ FRAMES = {
         {"can_id": 1},
         ("AK80-9",),
         is_stream=False,
-        module="cubemars",
         identifiers=((1, 8), (2, 8)),
         seeds=(((1, b"\xff" * 7 + b"\xfc"), (1, bytes(8)), (1, b"\xff" * 7 + b"\xfd")),),
     ),
@@ -385,7 +380,6 @@ FRAMES = {
         tail=(RUNS,),
         seeds=((FAILS,),),
         is_stream=False,
-        module="robstride",
         identifiers=named(
             (RUNS, FAILS),
             *((robstride_reference.identifier(kind, 127, 0xFD), 8) for kind in (0, 2, 17, 21, 24)),
@@ -396,7 +390,6 @@ FRAMES = {
         EmulatedRobStride,
         values=("RS03",),
         is_stream=False,
-        module="robstride_drive",
         identifiers=tuple(
             (robstride_reference.identifier(kind, 0xFD, 127), 8) for kind in (0, 1, 3, 4, 6, 7, 17, 18, 24, 25)
         ),
@@ -408,14 +401,12 @@ FRAMES = {
         same=JOINT,
         tail=((0xFD, bytes([1] + [128] * 7)),),
         is_stream=False,
-        module="robstride_mit",
         identifiers=((0, 8), (1, 8), (0xFD, 8), (0xFE, 8)),
     ),
     "mpu9250": Target(
         MPU9250,
         {"calibration": ""},
         is_stream=False,
-        module="invensense",
         same=("accel", "gyro", "mag", "temperature"),
         tail=MPU,
         identifiers=named(MPU),
@@ -424,7 +415,6 @@ FRAMES = {
         ICM20948,
         {"calibration": ""},
         is_stream=False,
-        module="invensense",
         same=("accel", "gyro", "mag", "temperature"),
         tail=ICM,
         identifiers=named(ICM),
@@ -432,7 +422,6 @@ FRAMES = {
     "ads1115": Target(
         ADS1115,
         is_stream=False,
-        module="converters",
         identifiers=tuple(
             (EXTENDED | transfer << IDENTITY_SHIFT | 0x48, 5 if transfer == 15 else 4)
             for transfer in (0, 1, 2, 3, 4, 7, 15)
@@ -443,7 +432,6 @@ FRAMES = {
         NAU7802,
         {"tare_at_start": False},
         is_stream=False,
-        module="converters",
         same=("counts", "ratio", "force"),
         tail=answers(0x2A, (0, b"\x20\x80\x00\x01")),
         identifiers=tuple(
@@ -453,7 +441,6 @@ FRAMES = {
     "gpio": Target(
         GpioInput,
         is_stream=False,
-        module="gpio",
         same=("on", "known"),
         tail=((0, event(1, 7)),),
         identifiers=((0, 48), (1, 0), (2, 0), (LEVEL, 1)),
@@ -462,7 +449,6 @@ FRAMES = {
     "estop_switch": Target(
         EStopSwitch,
         is_stream=False,
-        module="gpio",
         same=("pressed",),
         tail=((0, event(1, 7)),),
         identifiers=((0, 48), (1, 0), (2, 0), (LEVEL, 1)),
@@ -470,7 +456,6 @@ FRAMES = {
     "estop_heartbeat": Target(
         EStopHeartbeat,
         is_stream=False,
-        module="safety",
         same=("pressed",),
         tail=((0x100, b"\x05\x00"), (0x100, b"\x06\x5a")),
         identifiers=((0x100, 2), (0x101, 2)),
@@ -478,12 +463,49 @@ FRAMES = {
     "controls": Target(
         GameController,
         is_stream=False,
-        module="controls",
         identifiers=((0, 48), (1, 0), (2, 0)),
         seeds=(
             ((0, INPUT.pack(1, 2, 3, 0, 255) + INPUT.pack(1, 2, 1, 304, 1)), (0, INPUT.pack(1, 2, 0, 3, 0)), (1, b"")),
         ),
     ),
+}
+
+# Emulators, and outputs: whatever is sent to them, and whatever their inputs are
+CONTROLS = {"axes": (("x", 0, -255, 255),), "buttons": (("a", 304),)}
+CUBEMARS_COMMANDS = tuple((cubemars_reference.identifier(kind, 7), 8) for kind in (0, 1, 3, 4, 5, 6, 8, 15))
+FRAMES |= {
+    name: Target(device, parameters, values, is_stream=False, identifiers=identifiers, seeds=(((0, bytes(8)),),))
+    for name, device, values, parameters, identifiers in (
+        ("robstride_written", RobStride, ("RS03",), {"mode": "current"}, ((EXTENDED, 8),)),
+        ("cubemars_servo_emulated", EmulatedCubeMarsServo, ("AK80-9",), {"can_id": 7}, CUBEMARS_COMMANDS),
+        ("cubemars_v3_emulated", EmulatedCubeMarsV3, ("AK80-9-V3.0",), {"can_id": 7}, CUBEMARS_COMMANDS),
+        (
+            "robstride_mit_emulated",
+            EmulatedRobStrideMIT,
+            ("RS03",),
+            {"can_id": 1},
+            ((1, 8), (0x301, 8), (0x401, 8), (0x101, 8)),
+        ),
+        ("charge_pump", ChargePump, (), {"port": "/dev/null", "chip": ""}, ((0, 8), (1, 0))),
+        ("charge_pump_emulated", EmulatedChargePump, (), {}, ((0, 8), (1, 0))),
+        ("ads1115_emulated", EmulatedADS1115, (), {}, ((0, 8),)),
+        ("nau7802_emulated", EmulatedNAU7802, (), {}, ((0, 8),)),
+        ("mpu9250_emulated", EmulatedMPU9250, (), {}, ((0, 8),)),
+        ("icm20948_emulated", EmulatedICM20948, (), {}, ((0, 8),)),
+        ("insole_emulated", EmulatedInsole, (), {"rows": 6, "columns": 3}, ((0, 8),)),
+        ("microcontroller_emulated", EmulatedMicrocontroller, (), {"fields": WIDE}, ((0, 8),)),
+        ("lines_emulated", EmulatedMicrocontroller, (), {"fields": SMALL, "format": "lines"}, ((0, 8),)),
+        (
+            "controls_emulated",
+            EmulatedControls,
+            (),
+            {"axes": (("x", 0, -255, 255),), "buttons": (("a", 304),)},
+            ((0, 8),),
+        ),
+        ("gpio_emulated", EmulatedGpio, (), {}, ((0, 1), (LEVEL, 1))),
+        ("sync_out", SyncOut, (), {}, ((0, 1),)),
+        ("estop_emulated", EmulatedEStop, (), {}, ((0, 2),)),
+    )
 }
 
 TARGETS = STREAMS | FRAMES
@@ -494,7 +516,7 @@ TARGETS = STREAMS | FRAMES
 
 @dataclass(frozen=True)
 class Carrying:
-    """record : bytes that belong together; of datagrams above 1 where there is CAN FD. module : of cext"""
+    """record : bytes that belong together; of datagrams above 1 where there is CAN FD. module : its path"""
 
     kind: str
     socket: int
@@ -512,17 +534,45 @@ CAN_DATAGRAMS = (
 )
 READS = (bytes([0, 9, 2, 63]), bytes([0xFD, 0, 0xFD, 0] * 12 + [2, 63]), bytes([1, 5, 3, 0, 4, 4, 2, 1]))
 LINES_THAT_CARRY = {
-    "reads": Carrying("reads", socket.SOCK_STREAM, 1, "streams", READS),
-    "reads_of_records": Carrying("reads", socket.SOCK_STREAM, 24, "streams", READS),
+    "reads": Carrying("reads", socket.SOCK_STREAM, 1, "cext/lines/streams", READS),
+    "reads_of_records": Carrying("reads", socket.SOCK_STREAM, 24, "cext/lines/streams", READS),
     "datagrams": Carrying(
-        "datagrams", socket.SOCK_SEQPACKET, 1, "socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))
+        "datagrams", socket.SOCK_SEQPACKET, 1, "cext/bus/socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))
     ),
     "datagrams_fd": Carrying(
-        "datagrams", socket.SOCK_SEQPACKET, 2, "socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))
+        "datagrams", socket.SOCK_SEQPACKET, 2, "cext/bus/socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))
     ),
 }
 
-EVERYTHING = {name: target.module for name, target in (TARGETS | LINES_THAT_CARRY).items()}
+EVERYTHING = (*TARGETS, *LINES_THAT_CARRY)
+
+
+def kernels():
+    """Every decode and encode of the native modules of devices: {address: (module, name)}."""
+    found = {}
+    for info in pkgutil.walk_packages(cext.kernels.__path__, "cext.kernels."):
+        for name, value in vars(importlib.import_module(info.name)).items():
+            for kind in ("decode", "encode") if isinstance(value, Kernel) else ():
+                try:
+                    found[address(value, kind)] = info.name, name
+                except TypeError:  # of another kind
+                    pass
+    return found
+
+
+def kernels_of(name):
+    """Addresses of the decode and the encode that a target drives."""
+    target = TARGETS[name]
+    steps = Wired(target.device, *target.values, **target.parameters).schedule.devices[0]
+    return address(steps.decode, "decode"), address(steps.encode, "encode")
+
+
+def modules_of(name):
+    """Paths of the native modules that a target drives, without their endings."""
+    if name in LINES_THAT_CARRY:
+        return [LINES_THAT_CARRY[name].module]
+    known = kernels()
+    return sorted({known[place][0].replace(".", "/") for place in kernels_of(name)})
 
 
 def seeds_of(name):

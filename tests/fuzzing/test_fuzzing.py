@@ -9,12 +9,14 @@ import os
 
 import pytest
 
+from tests.checkout import ROOT
 from tests.fuzzing.laboratory import Laboratory, why_not
-from tests.fuzzing.targets import EVERYTHING
+from tests.fuzzing.targets import EVERYTHING, TARGETS, kernels, kernels_of, modules_of
 
 SECONDS = float(os.environ.get("TICKWORK_FUZZ_SECONDS", 5))
 
-pytestmark = [pytest.mark.soak, pytest.mark.skipif(bool(why_not()), reason=why_not())]
+soak = pytest.mark.soak
+needs_clang = pytest.mark.skipif(bool(why_not()), reason=why_not())
 
 
 @pytest.fixture(scope="module")
@@ -22,6 +24,15 @@ def laboratory(tmp_path_factory):
     return Laboratory(tmp_path_factory.mktemp("fuzzing") / "copy")
 
 
+def test_every_decode_and_encode_has_a_target():
+    """A kernel that is added or moved is fuzzed, or this fails, also on a machine without a fuzzer."""
+    driven = {place for name in TARGETS for place in kernels_of(name)}
+    assert [kernel for place, kernel in kernels().items() if place not in driven] == []
+    assert all((ROOT / f"{module}.pyx").is_file() for name in EVERYTHING for module in modules_of(name))
+
+
+@soak
+@needs_clang
 @pytest.mark.parametrize("name", EVERYTHING)
 def test_no_input_crashes_a_parser(name, laboratory, capsys):
     run = laboratory.fuzzed(name, SECONDS)
@@ -31,6 +42,8 @@ def test_no_input_crashes_a_parser(name, laboratory, capsys):
     assert run.executions > 100 and run.edges > 0, run.said[-6000:]
 
 
+@soak
+@needs_clang
 @pytest.mark.parametrize(
     ("name", "file", "before", "after", "told"),
     [

@@ -265,7 +265,7 @@ def test_a_hook_that_raises_a_value_error_is_reported_at_the_users_line():
         at = here(1)
         Saturation(2.0, 1.0)
     (found,) = caught.value.diagnostics
-    assert (found.code, found.message, found.where) == ("TW010", "lower must not exceed upper, got 2 and 1", at)
+    assert (found.code, found.message, found.where) == ("TW010", "lower must be at most upper (1), got 2", at)
 
 
 def test_class_names_make_block_names():

@@ -22,7 +22,7 @@ class Sound(Block):
 
 
 def test_a_correct_block_passes_the_conformance_test():
-    assert check_block(Sound) == 9
+    assert check_block(Sound) == 10
 
 
 def test_the_conformance_test_sets_the_width_before_output_range():
@@ -38,7 +38,7 @@ def test_the_conformance_test_sets_the_width_before_output_range():
         def step(self, u):
             return float(np.sum(u))
 
-    assert check_block(Total) == 9
+    assert check_block(Total) == 10
 
 
 class NoUnitSaid(Sound):
@@ -147,7 +147,7 @@ def test_a_parameter_that_has_no_effect_while_running_must_be_declared_fixed(kin
         "__doc__": kind.__doc__,
         parameter: Param(param.default, param.unit, param.description, min=param.min, max=param.max, fixed=True),
     }
-    assert check_block(type("Mended", (kind,), body)) == 9
+    assert check_block(type("Mended", (kind,), body)) == 10
 
 
 def test_a_parameter_that_reset_reads_has_its_effect_at_the_next_reset():
@@ -163,7 +163,7 @@ def test_a_parameter_that_reset_reads_has_its_effect_at_the_next_reset():
             self.count += 1
             return self.count + self.gain * u
 
-    assert check_block(Counter) == 9
+    assert check_block(Counter) == 10
 
 
 def test_parameters_of_devices_and_sinks_are_fixed():
@@ -206,3 +206,26 @@ class Clipper(Sound):
 def test_a_block_that_clips_an_infinity_fails_the_check():
     with pytest.raises(AssertionError, match="Clipper hides an infinity: its outputs are {'y': 1.0}"):
         check_block(Clipper)
+
+
+class Crossing(Sound):
+    """Relates two parameters in `configure`."""
+
+    lower = Param(-1.0, "1", "lower end")
+    upper = Param(1.0, "1", "upper end")
+
+    def configure(self):
+        if self.lower > self.upper:
+            raise ValueError("crossed")
+
+    def step(self, u):
+        return min(max(self.gain * u, self.lower), self.upper) + (u - u)
+
+
+def test_a_rule_between_parameters_must_be_declared():
+    with pytest.raises(AssertionError, match=r"Crossing rejects .*lower=3 \(crossed\), which a live change"):
+        check_block(Crossing)
+    assert check_block(type("Mended", (Crossing,), {"__doc__": "Declares it.", "rules": ("lower <= upper",)})) == 10
+    fixed = {"__doc__": "Reads one end before the run.", "lower": Param(-1.0, "1", "lower end", fixed=True)}
+    with pytest.raises(AssertionError, match="Fixed rejects .*upper=-"):
+        check_block(type("Fixed", (Crossing,), fixed))

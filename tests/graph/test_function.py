@@ -33,7 +33,7 @@ def test_the_signature_of_a_function_declares_its_block():
 
 
 def test_a_function_block_passes_the_conformance_test():
-    assert check_block(spring) == check_block(polar) == 9
+    assert check_block(spring) == check_block(polar) == 10
 
 
 def test_a_function_block_is_wired_like_any_other():

@@ -182,7 +182,7 @@ def test_a_value_that_a_block_cannot_be_configured_with_is_reported_at_the_block
     saturation = Saturation(-1.0, 1.0, name="s")
     at = here(-1)
     found = refusal(saturation.set, "lower", "2")
-    assert (found.message, found.where) == ("lower must not exceed upper, got 2 and 1", at)
+    assert (found.message, found.where) == ("lower must be at most upper (1), got 2", at)
 
 
 def test_a_value_invalid_at_the_rate_is_reported_at_compile():

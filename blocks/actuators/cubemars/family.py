@@ -50,7 +50,7 @@ class CubeMarsFamily(Family):
     name = "CubeMars"
     drives = (
         Drive(CubeMarsV3, models_v3.find),
-        Drive(CubeMars, models.find),
+        Drive(CubeMars, models.find, endings=("mit",)),
         Drive(
             CubeMarsServo,
             models_v3.find_in_servo_mode,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from graph import ReplyField
+from graph import ReplyField, StopReply
 
 # kinds of commands
 DUTY, CURRENT, BRAKE, SPEED, POSITION, ORIGIN, POSITION_SPEED, FORCE, DISABLE = 0, 1, 2, 3, 4, 5, 6, 8, 15
@@ -19,7 +19,9 @@ STATUS, POWER_UP = 0x29, 0x2C  # and of the drive's frames
 DEGREES = 3276.8  # half the range of a status' position; the manual has 3200
 POSITION_CODE = math.radians(0.1)  # rad, of a status
 SPEED_CODE = 10.0  # electrical revolutions a minute, of a status
-QUIET = 0.32  # A, below which a drive is at rest: cext/kernels/devices/cubemars/status.pxd
+CURRENT_CODE = 0.01  # A, of a status
+DISABLED = 0x77  # error byte of a status that answers a disable
+QUIET = 0.32  # A, below which a drive that is set up is at rest
 
 REPLIES = (8, 7, 6)  # bytes in MIT mode: temperature and error only in 8
 
@@ -33,7 +35,7 @@ FAULTS = {  # error codes of MIT mode
     6: "transistors too hot",
     7: "stalled",
 }
-EXTENDED_FAULTS = FAULTS | {0x2C: "lost power during the run", 0x77: "reports that it is disabled"}
+EXTENDED_FAULTS = FAULTS | {0x2C: "lost power during the run", DISABLED: "reports that it is disabled"}
 
 
 def frame(kind: int, can_id: int, data: bytes = b"") -> tuple[int, bool, bytes]:
@@ -56,24 +58,29 @@ def acceptance_filters(can_id: int) -> list[tuple[int, int, bool]]:
     return [(STATUS << 8 | can_id, 0x1FFFF8FF, True), (can_id, 0x1FFFE0FF, True)]
 
 
-def replies(can_id: int) -> list[tuple[int, int, bool, str]]:
-    """Return patterns of a status at rest: a current within ± QUIET, or the reply to a disable."""
-    status = STATUS << 8 | can_id
-    return [
-        (status, 0x1FFFFFFF, True, pattern) for pattern in ("." * 8 + "00[01]", "." * 8 + "ff[ef]", "." * 14 + "77")
-    ]
+def stop_reply(can_id: int, rest: float, echoes: bool) -> StopReply:
+    """Return the StopReply of a board on extended frames: statuses of a current near zero.
+
+    rest : A, largest current at rest; echoes : whether the board answers a disable
+    """
+    return StopReply(
+        status_frames(can_id),
+        length=8,
+        torque=ReplyField(status_frames(can_id), first=32, bits=16, low=-327.68, high=327.67, signed=True),
+        rest=rest + CURRENT_CODE,
+        echo=(7, DISABLED) if echoes else (),
+        reports=True,
+    )
+
+
+def status_frames(can_id: int) -> tuple[tuple[int, int, bool, bytes], ...]:
+    """Return the status of a drive, as the frames of a ReplyField."""
+    return ((STATUS << 8 | can_id, 0x1FFFFFFF, True, b""),)
 
 
 def velocity_field(can_id: int, code: float) -> ReplyField:
     """Return the ReplyField of the speed in a status. code : rad/s of the joint"""
-    return ReplyField(
-        ((STATUS << 8 | can_id, 0x1FFFFFFF, True, b""),),
-        first=16,
-        bits=16,
-        low=-32768 * code,
-        high=32767 * code,
-        signed=True,
-    )
+    return ReplyField(status_frames(can_id), first=16, bits=16, low=-32768 * code, high=32767 * code, signed=True)
 
 
 def in_words(code: int) -> str:

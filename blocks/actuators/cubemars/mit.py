@@ -68,7 +68,8 @@ class CubeMars(StopInMitMode, Joint, Actuator):
     def acceptance_filters(self) -> list[tuple[int, int, bool]]:
         return [(self.can_id, 0x7FF, False), (0, 0x7FF, False)]  # replies come from the drive's id, or from 0
 
-    def replies(self) -> list[tuple[int, int, bool, bytes]]:
+    def reply_frames(self) -> list[tuple[int, int, bool, bytes]]:
+        """Return its replies."""
         return [(*pattern, bytes([self.can_id])) for pattern in self.acceptance_filters()]
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:

@@ -9,6 +9,10 @@ Wire ranges: AK Series Module Driver Manual V1.0.18 (2026-01-19), page 66; V1.0.
 model. Ratings and torque constants: the vendor's product pages. Their amperes are taken for RMS, as those of boards
 V3.0 are (models_v3), and the constants are per such an ampere: rated torque over constant is 0.79 to 1.01 of the rated
 current. A drive in servo mode commands and reports the amplitude.
+
+Supply: the same manual, "allowable working voltage" of the board: 18 to 52 V of V2.1, 18 to 28 V of V2.2. The board
+follows from the rated voltage of the product page: V2.1 for 48 V or 24/48 V, V2.2 for 24 V. No source states the range
+of the mini board, also of 24 V: that of V2.2 is assumed.
 """
 
 from __future__ import annotations
@@ -22,6 +26,8 @@ from graph.names import suggestion
 POSITION = 12.5  # rad, half the wire range of every model
 STIFFNESS = 500.0  # N·m/rad, from 0
 DAMPING = 5.0  # N·m·s/rad, from 0
+V2_1, V2_2 = (18.0, 52.0), (18.0, 28.0)  # V, supply of the boards
+MINI = "no source states the range of its board: that of another board with the same rated voltage is assumed"
 
 
 class Motor:
@@ -58,6 +64,7 @@ class Model(Motor):
     wire_torque, wire_velocity : N·m, rad/s
     gear : reduction
     rated_rms_current, peak_rms_current : A RMS, of the product page
+    supply : (lowest, highest) operating voltage of the board in V; supply_note : "" or the reason why it is assumed
     """
 
     name: str
@@ -70,6 +77,8 @@ class Model(Motor):
     rated_rms_current: float
     peak_rms_current: float
     pole_pairs: int
+    supply: tuple[float, float]
+    supply_note: str = ""
     wire_position: float = POSITION
     wire_stiffness: float = STIFFNESS
     wire_damping: float = DAMPING
@@ -87,17 +96,17 @@ class Model(Motor):
 MODELS = {
     model.name: model
     for model in (
-        #     name           rated   peak   wire torque  velocity  gear  motor constant  rated, peak A RMS  pole pairs
-        Model("AK10-9-V2.0", 18.0, 48.0, 65.0, 50.0, 9, 0.198, 10.6, 29.8, 21),
-        Model("AK40-10", 1.3, 4.1, 5.0, 45.5, 10, 0.056, 2.7, 7.3, 14),
-        Model("AK45-10", 2.5, 7.0, 8.0, 20.0, 10, 0.127, 2.1, 5.0, 14),
-        Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36, 0.11, 2.0, 6.5, 14),
-        Model("AK60-6-V1.1", 3.0, 9.0, 15.0, 45.0, 6, 0.078, 6.5, 22.7, 14),
-        Model("AK70-10", 8.3, 24.8, 25.0, 50.0, 10, 0.123, 7.2, 23.2, 21),
-        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6, None, 9.7, 20.0, 21),
-        Model("AK80-8", 10.0, 25.0, 32.0, 37.5, 8, 0.199, 6.9, 21.0, 21),
-        Model("AK80-9", 9.0, 18.0, 18.0, 50.0, 9, 0.105, 10.3, 22.3, 21),
-        Model("AK80-64", 48.0, 120.0, 144.0, 8.0, 64, 0.136, 7.0, 19.0, 21),
+        #     name           rated   peak   wire torque  velocity  gear  constant  rated, peak A RMS  pole pairs  supply
+        Model("AK10-9-V2.0", 18.0, 48.0, 65.0, 50.0, 9, 0.198, 10.6, 29.8, 21, V2_1),
+        Model("AK40-10", 1.3, 4.1, 5.0, 45.5, 10, 0.056, 2.7, 7.3, 14, V2_2, MINI),
+        Model("AK45-10", 2.5, 7.0, 8.0, 20.0, 10, 0.127, 2.1, 5.0, 14, V2_2, MINI),
+        Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36, 0.11, 2.0, 6.5, 14, V2_2, MINI),
+        Model("AK60-6-V1.1", 3.0, 9.0, 15.0, 45.0, 6, 0.078, 6.5, 22.7, 14, V2_2),
+        Model("AK70-10", 8.3, 24.8, 25.0, 50.0, 10, 0.123, 7.2, 23.2, 21, V2_1),
+        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6, None, 9.7, 20.0, 21, V2_1),
+        Model("AK80-8", 10.0, 25.0, 32.0, 37.5, 8, 0.199, 6.9, 21.0, 21, V2_1),
+        Model("AK80-9", 9.0, 18.0, 18.0, 50.0, 9, 0.105, 10.3, 22.3, 21, V2_1),
+        Model("AK80-64", 48.0, 120.0, 144.0, 8.0, 64, 0.136, 7.0, 19.0, 21, V2_1),
     )
 }
 
@@ -117,11 +126,16 @@ def find(name: str) -> Model:
 
     Raises ValueError with a suggestion if there is none.
     """
-    wanted = plain(name)
+    wanted = plain(without_vendor(name))
     names = {plain(each): each for each in MODELS} | {plain(each): full for each, full in SYNONYMS.items()}
     if wanted in names:
         return MODELS[names[wanted]]
     motor, generation = split(name)
+    same = [
+        full for each, full in names.items() if generation in ("1", "2") and each.startswith(f"{motor}V{generation}")
+    ]
+    if len(same) == 1:  # the only board of that generation: V2 is V2.0
+        return MODELS[same[0]]
     if generation.startswith("3") or any(plain(only) == motor for only in ONLY_V3):
         raise ValueError(
             f"{name} has a V3.0 board, whose protocol differs from V1 and V2: use CubeMarsV3, or "
@@ -159,8 +173,14 @@ def _same_motor(motor):
 
 def split(name: str) -> tuple[str, str]:
     """'AK80-9 V3.0' gives ('AK809', '3.0'): the motor, and the generation of its board, '' where the name has none."""
-    match = re.match(r"(.*?)[\s_-]*V[\s_.-]*([\d.]+)$", str(name).strip().upper())
+    name = without_vendor(name)
+    match = re.match(r"(.*?)[\s_-]*V[\s_.-]*([\d.]+)$", name.strip().upper())
     return (plain(match[1]), match[2]) if match else (plain(name), "")
+
+
+def without_vendor(name: str) -> str:
+    """Return a name without the vendor's: 'CubeMars AK80-9' and 'T-Motor AK80-9' give 'AK80-9'."""
+    return re.sub(r"^\s*(cube\s*mars|t[\s_-]?motor)[\s_-]*(?=\w)", "", str(name), flags=re.IGNORECASE)
 
 
 def spelt(name: str) -> str:

@@ -7,6 +7,9 @@ board, are not published.
 Two kinds of ampere: the product pages print RMS, and the manuals' constant is per ampere of amplitude (the q axis),
 which is what a board commands and reports. Rated torque over constant over √2 is 0.90 to 1.09 of the rated RMS current,
 0.975 on average.
+
+Supply: "allowable working voltage range" of all three V3.0 boards, AK54-4810, AK60-4820 and AK80-4830. (AK Series
+Product Manual V3.2.0, section 1.1.)
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from blocks.actuators.cubemars import models
 from graph.names import suggestion
 
 POSITION = 12.56  # rad, half the wire range of every model
+SUPPLY = (18.0, 52.0)  # V
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,7 @@ class Model(models.Motor):
     gear : reduction
     torque_constant : N·m per ampere of amplitude, at the output
     rated_rms_current, peak_rms_current : A RMS, of the product page
+    supply : (lowest, highest) operating voltage in V
     ambiguous : whether the motor is also sold with boards of other generations
     """
 
@@ -43,6 +48,7 @@ class Model(models.Motor):
     peak_rms_current: float | None
     pole_pairs: int
     ambiguous: bool = False
+    supply: tuple[float, float] = SUPPLY
     wire_position: float = POSITION
     wire_stiffness: float = models.STIFFNESS
     wire_damping: float = models.DAMPING

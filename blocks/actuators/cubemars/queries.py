@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 MIT, SERVO = "CubeMars in MIT mode", "CubeMars in servo mode, or a V3.0 board"
 V3 = "CubeMars with a V3.0 board"
 V3_PURPOSE = "disable of V3.0 boards"
-DISABLED = 0x77  # error byte of a V3.0 board's reply to a disable
 LAST_KIND = 8  # of the commands in servo mode, force control of V3.0 boards
 NO_ID = 0xFE  # not the id of a drive: identifiers that end so are replies of other vendors' drives
 
@@ -99,7 +98,7 @@ def status(identifier: int, extended: bool, data: bytes, model: Any = None) -> A
     if model is not None:
         _, rate, torque = frames.scales(model, 1.0, model.torque_constant or math.nan)
         answer.velocity, answer.torque = speed * rate, current * 0.01 * torque
-    if error == DISABLED:
+    if error == frames.DISABLED:
         answer.family, answer.block = V3, "CubeMarsV3"
     else:
         answer.fault = frames.in_words(error) if error else ""

@@ -51,8 +51,8 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     to servo mode with the vendor's tool. Each mode has one input: `duty_command`, `current_command`,
     `current_brake_command`, `velocity_command`, or `position_command`. Only a current bounds the torque, to
     `limit`; in the other modes the current is limited only by the settings of the drive. Commands have no reply: a
-    report counts as the answer. The safe stop commands zero current, and disables a V3.0 board; a current below 0.32 A
-    confirms it. A board V1 or V2 has no disable.
+    report counts as the answer. The safe stop commands zero current, and disables a V3.0 board. Statuses of a current
+    near zero confirm it, of a V3.0 board with its answer to the disable. A board V1 or V2 has no disable.
     """
 
     model, bus, can_id, limit, invert, offset = (
@@ -95,8 +95,6 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         fixed=True,
         kernel=False,
     )
-    restart_time = Reporting.restart_time
-    max_transit: float = Joint.max_transit.default  # of reports, whose transit cannot be measured
     safe_stop = Param("disable", "1", "safe stop: disable, or brake first", choices=("disable", "brake"))
     stop_current = Param(1.0, "A", "braking current in the safe stop", above=0.0, max=CURRENT, fixed=True, kernel=False)
     stop_time = Joint.stop_time
@@ -114,7 +112,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     zero, disable, active = Joint.zero, Joint.disable, Joint.active
     position, velocity, torque, current = Joint.position, Joint.velocity, Reporting.torque, Reporting.current
     temperature = Joint.temperature
-    fault, age, rms_torque = Joint.fault, Joint.age, Joint.rms_torque
+    fault, age, rms_torque = Joint.fault, Output("s", "time since the newest report"), Joint.rms_torque
     current_sent = Output("A", "current command after fade-in and rounding")
     scales, notice = Reporting.scales, Reporting.notice
     limits = Memory((0.0,) * 3, "lowest and highest command, and its permitted fraction")
@@ -127,7 +125,6 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
     encode = kernels.encode.renamed(command="current_command", sent="current_sent")
-    unanswered_frames = 1  # of the stop's two: one report may confirm it
     reports_a_tick: int
     # Joint and Reporting are not base classes, since this block does not have all of their ports
     watched, find_limit, given_limit, rated_torque = (
@@ -137,9 +134,8 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         Joint.rated_torque,
     )
     check_reports, feedback_range = Reporting.check_reports, Reporting.feedback_range
-    command_replies = Reporting.command_replies  # pyright: ignore[reportAssignmentType]
     prepare = Reporting.prepare  # pyright: ignore[reportAssignmentType]
-    check_temperatures, fastest = Joint.check_temperatures, Joint.fastest
+    check_temperatures, fastest, rest_torque = Joint.check_temperatures, Joint.fastest, Joint.rest_torque
     check_zero, zeroing = Joint.check_zero, Joint.zeroing  # pyright: ignore[reportAssignmentType]
     reach = Joint.reach  # pyright: ignore[reportAssignmentType]
     torque_accuracy, motion_of_any_mode, feedback_ends = (
@@ -242,7 +238,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
 
         A mode without a commanded current may exceed its limit, up to the peak torque.
         """
-        motion = self.motion_of_any_mode() | {"position_code": self.scales[0]}
+        motion = self.motion_of_any_mode()
         if self.mode not in CURRENTS and self.spec.peak is not None:
             motion["limit"] = self.spec.peak * self.gear_ratio
         current = "current_sent" if self.mode == "current" else None

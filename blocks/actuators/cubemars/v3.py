@@ -13,7 +13,7 @@ from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE
 from cext.kernels.devices.cubemars import v3 as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE
-from graph import Actuator, CommandReplies, Interval, Memory, Output, Param
+from graph import Actuator, Deviation, Interval, Memory, Output, Param, StopReply
 
 if TYPE_CHECKING:
     from graph.device import DampedStop, Motion
@@ -34,15 +34,6 @@ class Reporting:
         fixed=True,
         kernel=False,
     )
-    restart_time = Param(
-        0.012,
-        "s",
-        "shortest silence in which the drive may have restarted, which ends the run, since it obeys without an enable; "
-        "0 for never, if it was measured that the drive needs longer than `timeout` to restart",
-        min=0.0,
-        fixed=True,
-        kernel=False,
-    )
     torque = Output("N·m", "torque computed from the drive's current and the torque constant")
     current = Output("A", "current of the motor, in the direction of the joint")
     scales = Memory((0.0,) * 3, "rad and rad/s per code of the feedback, N·m per ampere, at the joint")
@@ -51,7 +42,6 @@ class Reporting:
     reports_a_tick: int
     timeout: Any
     offset: Any
-    max_transit: Any
 
     def check_reports(self) -> None:
         """Raise ValueError if the timeout is shorter than two reports."""
@@ -61,10 +51,6 @@ class Reporting:
                 f"timeout {self.timeout:g} s is shorter than two reports at report_rate {self.report_rate:g} Hz: the "
                 "drive would appear silent"
             )
-
-    def command_replies(self) -> CommandReplies:
-        """Return how the drive answers commands, or reports instead."""
-        return CommandReplies(self.max_transit, self.report_rate, self.restart_time)
 
     def prepare(self, dt: float) -> None:
         """Compute the reports in a tick. dt : s"""
@@ -87,6 +73,9 @@ class ExtendedFrames:
     """Addresses, frames and faults of a drive on extended frames."""
 
     can_id: Any
+    spec: Any
+    scales: Any
+    rest_torque: Any
 
     def fault_in_words(self, code: int) -> str:
         """Return the text of a fault code."""
@@ -104,9 +93,10 @@ class ExtendedFrames:
         """Return the frame that makes the present position of the drive its zero until the power is removed."""
         return frames.origin(self.can_id)
 
-    def replies(self) -> list[tuple[int, int, bool, str]]:
-        """Return the reports that confirm a safe stop."""
-        return frames.replies(self.can_id)
+    def stop_reply(self) -> StopReply:
+        """Return the StopReply: statuses of a current near zero, and of a V3.0 board the answer to the disable."""
+        rest = self.rest_torque(0.0) / self.scales[2]
+        return frames.stop_reply(self.can_id, rest, echoes=self.spec.generation >= 3)
 
 
 class CubeMarsV3(ExtendedFrames, Joint, Actuator):
@@ -115,14 +105,13 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     (AKA Series Product Manual V3.0.0; AK Series Product Manual V3.2.0, section 4.) As CubeMars, on extended frames,
     with different feedback: position, velocity and current at `report_rate`. The feedback covers ± 3276.8° of a motor,
     commands ± 12.56 rad. The torque is computed from the current. With stiffness and damping, the drive must report at
-    least every second tick: both are zero with older feedback. A current below 0.32 A, or the drive's answer to the
-    disable, confirms the safe stop.
+    least every second tick: both are zero with older feedback. Statuses of a current near zero, with the board's answer
+    to the disable, confirm the safe stop.
     """
 
     reports_a_tick: int
-    report_rate, restart_time, check_reports, prepare, feedback_range = (
+    report_rate, check_reports, prepare, feedback_range = (
         Reporting.report_rate,
-        Reporting.restart_time,
         Reporting.check_reports,
         Reporting.prepare,  # pyright: ignore[reportAssignmentType]
         Reporting.feedback_range,
@@ -135,31 +124,32 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         fixed=True,
         kernel=False,
     )
-    command_replies = Reporting.command_replies  # pyright: ignore[reportAssignmentType]
     torque, current, scales, notice = Reporting.torque, Reporting.current, Reporting.scales, Reporting.notice
 
     hardware = (*Joint.hardware, "report_rate", "enter")
     find = staticmethod(models_v3.find)
     decode = kernels.decode
     encode = kernels.encode
-    unanswered_frames = 1  # of the stop's two: drives with periodic reports answer neither
 
     def configure(self) -> None:
         super().configure()
         self.check_reports()
         self.scales = frames.scales(self.spec, self.gear_ratio, self.spec.torque_constant)
 
+    def deviations(self) -> list[Deviation]:
+        """Return the Deviations from the table of the model and from the manual, which has no frame FF..FC."""
+        found = super().deviations()
+        if self.enter:
+            effect = "a board that does not support FF..FC executes it as a command with every field at its maximum"
+            found.append(Deviation("enter", "true", "false", "1", "the manual of V3.0 boards", effect))
+        return found
+
     def motion(self) -> Motion:
         """Return the monitored quantities of the motion.
 
         They include the torque computed from the current, which verifies the torque constant.
         """
-        return replace(
-            super().motion(),
-            position_code=self.scales[0],
-            velocity_code=self.scales[1],
-            torque_tolerance=1e-2 * SCALE_TOLERANCE,
-        )
+        return replace(super().motion(), velocity_code=self.scales[1], torque_tolerance=1e-2 * SCALE_TOLERANCE)
 
     def feedback_ends(self) -> tuple[float, float]:
         found = self.feedback_range()

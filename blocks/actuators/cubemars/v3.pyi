@@ -10,12 +10,11 @@ from graph.device import DampedStop, Motion
 from typing import Any, TYPE_CHECKING as TYPE_CHECKING
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsV3
 from blocks.actuators.joint import Joint
-from graph import Actuator, CommandReplies, Interval, Memory, Output, Param
+from graph import Actuator, Deviation, Interval, Memory, Output, Param, StopReply
 
 NOTHING: bytes
 class Reporting:
     report_rate: Any
-    restart_time: Any
     torque: Any
     current: Any
     scales: Any
@@ -23,21 +22,21 @@ class Reporting:
     reports_a_tick: int
     timeout: Any
     offset: Any
-    max_transit: Any
     def check_reports(self) -> None: ...
-    def command_replies(self) -> CommandReplies: ...
     def prepare(self, dt: float) -> None: ...
     def feedback_range(self) -> dict[str, Interval]: ...
 class ExtendedFrames:
     can_id: Any
+    spec: Any
+    scales: Any
+    rest_torque: Any
     def fault_in_words(self, code: int) -> str: ...
     def addresses(self) -> list[tuple[int, bool]]: ...
     def acceptance_filters(self) -> list[tuple[int, int, bool]]: ...
     def set_zero_frame(self) -> tuple[int, bool, bytes]: ...
-    def replies(self) -> list[tuple[int, int, bool, str]]: ...
+    def stop_reply(self) -> StopReply: ...
 class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     report_rate: Param[float]
-    restart_time: Param[float]
     enter: Param[bool]
     torque: Output
     current: Output
@@ -74,12 +73,10 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         wire_damping: float = 0.0,
         wire_torque: float = 0.0,
         max_acceleration: float = 500.0,
-        max_transit: float = 0.005,
         max_velocity: float = 0.0,
         zero_at_arming: bool = False,
         disabled: bool | Live = False,
         report_rate: float = 0.0,
-        restart_time: float = 0.012,
         enter: bool = False,
         **options: Unpack[BlockOptions],
     ) -> None: ...
@@ -105,6 +102,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         zero: Operand = ...,
         disable: Operand = ...,
     ) -> Outputs: ...
+    def deviations(self) -> list[Deviation]: ...
     def motion(self) -> Motion: ...
     def feedback_ends(self) -> tuple[float, float]: ...
     def traffic(self) -> list[tuple[int, bool]]: ...

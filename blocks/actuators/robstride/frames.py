@@ -6,6 +6,7 @@ RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1
 import struct
 
 OPERATION, FEEDBACK, ENABLE, STOP, SET_ZERO, READ, WRITE, REPORT_FAULTS, REPORT = 1, 2, 3, 4, 6, 17, 18, 21, 24  # types
+MODE_BITS = 3 << 22  # of the identifier of FEEDBACK and REPORT: 0 for a drive that is not enabled
 GET_ID, SET_ID, SAVE, PROTOCOL = 0, 7, 22, 25  # of configuration; a CyberGear interprets 22 as its baud rate
 
 RUN_MODE, IQ_REF, SPD_REF, LIMIT_TORQUE = 0x7005, 0x7006, 0x700A, 0x700B

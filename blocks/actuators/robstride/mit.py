@@ -11,7 +11,7 @@ from blocks.actuators.mit_frames import DISABLE, ENABLE, StopInMitMode
 from blocks.actuators.robstride import frames, models
 from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels.devices.robstride import mit as kernels
-from graph import Actuator, CommandReplies, Device, Interval, Memory, Param
+from graph import Actuator, Device, Interval, Memory, Param
 
 if TYPE_CHECKING:
     from blocks.actuators.robstride.models import Model
@@ -106,13 +106,9 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             (kind | self.can_id, 0x7FF, False) for kind in (READ, WRITE)
         ]
 
-    def replies(self) -> list[tuple[int, int, bool, bytes]]:
+    def reply_frames(self) -> list[tuple[int, int, bool, bytes]]:
+        """Return its replies."""
         return [(self.host_id, 0x7FF, False, bytes([self.can_id]))]
-
-    def command_replies(self) -> CommandReplies:
-        """Return how the drive answers commands: parameters without a sample."""
-        parameters = len(self.write_frames()) + len(self.read_frames())
-        return CommandReplies(self.max_transit, to_enable=len(self.enable_frames()) - parameters)
 
     def enable_frames(self) -> list[tuple[int, bool, bytes]]:
         """Return frames that stop the drive, write time-out and torque limit, read both and the faults, and enable."""

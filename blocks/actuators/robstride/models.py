@@ -128,7 +128,7 @@ def find(name: str) -> Model:
 
     Raises ValueError with a suggestion if there is none.
     """
-    wanted = re.sub(r"^(XIAOMI|ROBSTRIDE)(?=\D)", "", _plain(name))
+    wanted = re.sub(r"(?<=GEAR)(MICRO)?MOTOR$", "", re.sub(r"^(XIAOMI|ROBSTRIDE)(?=\D)", "", _plain(name)))
     for spelling, full in ({full: full for full in MODELS} | ALSO).items():
         if _plain(spelling) == wanted:
             return MODELS[full]

@@ -14,7 +14,6 @@ from cext.kernels.devices.robstride import private as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE_WIRE_TORQUE
 from graph import (
     Actuator,
-    CommandReplies,
     Deviation,
     Input,
     Interval,
@@ -23,6 +22,7 @@ from graph import (
     Output,
     Param,
     ReplyField,
+    StopReply,
     TorqueBound,
 )
 
@@ -163,10 +163,6 @@ class RobStride(Joint, Actuator):
             *limited,
         )
 
-    def command_replies(self) -> CommandReplies:
-        """Return how the drive answers commands: of those that enable it, only the last with a sample."""
-        return CommandReplies(self.max_transit, to_enable=1)
-
     def motion(self) -> Motion:
         """Return the monitored quantities of the motion: in the position and velocity modes without the torque."""
         if self.mode == "operation":
@@ -237,8 +233,21 @@ class RobStride(Joint, Actuator):
         """Return patterns of the frames of this drive to its host, and of frames to it."""
         return [(self.can_id << 8 | self.host_id, 0xFFFF, True), (self.can_id, 0xFF, True)]
 
-    def replies(self) -> list[tuple[int, int, bool, bytes]]:
-        return [(frames.FEEDBACK << 24 | self.can_id << 8 | self.host_id, 0x1F00FFFF, True, b"")]
+    def feedback_frames(self, kind: int) -> tuple[tuple[int, int, bool, bytes], ...]:
+        """Return its frames with its state. kind : FEEDBACK, its replies, or REPORT, those that it sends by itself"""
+        return ((kind << 24 | self.can_id << 8 | self.host_id, 0x1F00FFFF, True, b""),)
+
+    def stop_reply(self) -> StopReply:
+        """Return the StopReply: a torque near zero in the mode of a drive that is not enabled."""
+        replies, half = self.feedback_frames(frames.FEEDBACK), self.wire[4]
+        return StopReply(
+            replies,
+            unasked=self.feedback_frames(frames.REPORT),
+            length=8,
+            torque=ReplyField(replies, first=32, bits=16, low=-half, high=half),
+            rest=self.rest_torque(2.0 * half / 0xFFFF),
+            disabled=(frames.MODE_BITS, 0),
+        )
 
     def traffic(self) -> list[tuple[int, bool]]:
         count = 1 if self.mode in ("operation", "current") else 2
@@ -292,11 +301,8 @@ class RobStride(Joint, Actuator):
         return [*stopped, frames.reports(False, self.can_id, self.host_id)] if self.active_reporting else stopped
 
     def damped_stop(self) -> DampedStop | None:
-        reports = tuple(
-            (kind << 24 | self.can_id << 8 | self.host_id, 0x1F00FFFF, True, b"")
-            for kind in (frames.FEEDBACK, frames.REPORT)
-        )
-        velocity = ReplyField(reports, first=16, bits=16, low=-self.wire[1], high=self.wire[1])
+        replies = self.feedback_frames(frames.FEEDBACK) + self.feedback_frames(frames.REPORT)
+        velocity = ReplyField(replies, first=16, bits=16, low=-self.wire[1], high=self.wire[1])
         return damped_stop(self, self.damping_frames, velocity)
 
     def damping_frames(self, damping: float) -> list[tuple[int, bool, bytes]]:

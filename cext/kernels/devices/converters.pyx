@@ -15,6 +15,7 @@ from cext.abi cimport (
     FOREIGN, ITEMS, MALFORMED, NOTED, NOT_FINITE, TAKEN, TIME, Frame, Rest, decode_t, each, encode_t, export_decode,
     export_encode, items,
 )
+from cext.conversion cimport to_u32
 from cext.lines.i2c_answers cimport TROUBLE, answer_id, big, code_of, failures, put_big, transfer_of
 from cext.kernels.devices.taring cimport tared
 
@@ -133,7 +134,7 @@ cdef inline double stuck(double *arena, const Emulated *at, double code) noexcep
 cdef inline void begin(double *arena, const Emulated *at, Frame *frame, int transfer) noexcept nogil:
     cdef uint32_t identity = <uint32_t>arena[at.identity]
     if arena[at.wrong_address] > 0.0:
-        identity = (identity & ~<uint32_t>0xFF) | (<uint32_t>arena[at.wrong_address] & 0x7F)
+        identity = (identity & ~<uint32_t>0xFF) | (to_u32(arena[at.wrong_address]) & 0x7F)
     memset(frame, 0, sizeof(Frame))
     frame.id = answer_id(identity, transfer)
     frame.length = 4

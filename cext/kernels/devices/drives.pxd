@@ -8,6 +8,7 @@ from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t, uint64_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport FRAMES_PER_DEVICE, TIME, Frame
+from cext.conversion cimport to_u32
 
 cdef struct Drive:              # of blocks.actuators.emulated.EmulatedDrive; each family's struct contains it
     int32_t position, velocity, temperature, fault
@@ -96,7 +97,7 @@ cdef inline int deliver(double *arena, const Drive *at, Frame *frames) noexcept 
 
 cdef inline uint32_t own_id(double *arena, const Drive *at) noexcept nogil:
     """Return the id that the drive reports."""
-    return <uint32_t>arena[at.wrong_id if arena[at.wrong_id] > 0.0 else at.can_id]
+    return to_u32(arena[at.wrong_id if arena[at.wrong_id] > 0.0 else at.can_id])
 
 
 cdef inline double turned(double *arena, const Drive *at, double x) noexcept nogil:

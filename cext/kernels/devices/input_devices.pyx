@@ -16,6 +16,7 @@ from cext.abi cimport (
     FOREIGN, ITEMS, MALFORMED, NOTED, NOT_FINITE, TAKEN, Frame, Rest, decode_t, each, encode_t, export_decode,
     export_encode, items,
 )
+from cext.conversion cimport to_i32
 from cext.lines.stream_frames cimport BACK, BYTES, LOST
 
 cdef enum: # of each axis or button, in `plan`
@@ -114,9 +115,9 @@ cdef int emulated_encode_kernel(double *arena, const Emulated *at, const Emulate
         kind, code = <uint16_t>plan[WORDS * index + KIND], <uint16_t>plan[WORDS * index + CODE]
         value = <int32_t>(arena[inputs[index]] != 0.0)
         if kind == AXIS:
-            value = <int32_t>rint(plan[WORDS * index + LOW]
+            value = to_i32(rint(plan[WORDS * index + LOW]
                                   + 0.5 * (1.0 + arena[inputs[index]]) * (plan[WORDS * index + HIGH]
-                                      - plan[WORDS * index + LOW]))
+                                      - plan[WORDS * index + LOW])))
         if value == <int32_t>last[index] or count == 4:
             continue
         last[index] = value

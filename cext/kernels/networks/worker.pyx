@@ -6,6 +6,11 @@ virtual time it waits for them. In real time it never waits: while a result is n
 tick counts as an overrun. A ring without space drops the samples; a streaming network then begins again.
 
     taken <= done <= submitted      counters of jobs; a slot is free again once its job is done and taken
+
+Both sides sleep in the same way: the sleeper clears a word, looks once more for what it waits for, and sleeps while the
+word is 0; the other stores what is waited for, and then sets the word. These are stores followed by loads of what the
+other side stores, so all four are sequentially consistent. Otherwise the sleeper can miss the newest counter while the
+other side misses the cleared word, and sleeps for up to LONG.
 """
 
 import weakref
@@ -18,7 +23,10 @@ from posix.types cimport pid_t
 from posix.unistd cimport getpid
 
 from cext.abi cimport ITEMS, OK, REAL_TIME, TICK, TIME, export, items, kernel_t
-from cext.atomics cimport load_i32, load_u64, store_i32, store_u64
+from cext.atomics cimport (
+    load_i32, load_i32_in_order, load_u64, load_u64_in_order, store_i32, store_i32_in_order, store_u64,
+    store_u64_in_order,
+)
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport Histogram
 from cext.kernels.networks.model cimport FAILED, IN_USE, NO_THREAD, STALE, Inference, Model, infer
@@ -148,8 +156,8 @@ cdef void submit(Ring *ring, double *arena, const Network *at) noexcept nogil:
     job.valid = ring.samples >= arena[at.plan + NEEDED]
     memcpy(job.samples, arena + at.operands, ring.model.signal_size * sizeof(float))
     ring.restarts = False
-    store_u64(&ring.submitted, ring.submitted + 1)
-    if load_i32(&ring.work) == 0:
+    store_u64_in_order(&ring.submitted, ring.submitted + 1)     # before the load, as in the thread the other way round
+    if load_i32_in_order(&ring.work) == 0:
         store_i32(&ring.work, 1)
         wake(&ring.work)
 
@@ -160,8 +168,8 @@ cdef void wait_for(Ring *ring, int64_t due) noexcept nogil:
     while end < ring.submitted and ring.jobs[end % ring.capacity].tick <= due:
         end += 1
     while load_u64(&ring.done) < end:
-        store_i32(&ring.result, 0)
-        if load_u64(&ring.done) < end:
+        store_i32_in_order(&ring.result, 0)
+        if load_u64_in_order(&ring.done) < end:
             doze(&ring.result, monotonic() + LONG)
 
 
@@ -173,8 +181,8 @@ cdef void *enter(void *context) noexcept nogil:
     be_called("tickwork-net", 0)
     while not load_i32(&ring.leave):
         if ring.done == load_u64(&ring.submitted):
-            store_i32(&ring.work, 0)
-            if ring.done == load_u64(&ring.submitted):
+            store_i32_in_order(&ring.work, 0)
+            if ring.done == load_u64_in_order(&ring.submitted) and not load_i32_in_order(&ring.leave):
                 doze(&ring.work, monotonic() + LONG)
             continue
         job = &ring.jobs[ring.done % ring.capacity]
@@ -185,8 +193,8 @@ cdef void *enter(void *context) noexcept nogil:
             memcpy(ring.operands, job.samples, model.signal_size * sizeof(float))
             job.failed = infer(model, ring.operands, ring.computed) != 0
             memcpy(job.results, ring.computed, model.result_size * sizeof(float))
-        store_u64(&ring.done, ring.done + 1)
-        store_i32(&ring.result, 1)
+        store_u64_in_order(&ring.done, ring.done + 1)
+        store_i32_in_order(&ring.result, 1)
         wake(&ring.result)
     return NULL
 
@@ -194,8 +202,8 @@ cdef void *enter(void *context) noexcept nogil:
 cdef void end_thread(Ring *ring) noexcept nogil:
     if ring.process == 0 or ring.process != getpid():
         return
-    store_i32(&ring.leave, 1)
-    store_i32(&ring.work, 1)
+    store_i32_in_order(&ring.leave, 1)              # before the word: the thread clears it and then looks here
+    store_i32_in_order(&ring.work, 1)
     wake(&ring.work)
     pthread_join(ring.thread, NULL)
     ring.process = ring.leave = 0

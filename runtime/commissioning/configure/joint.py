@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from blocks.families import families, family_of
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import refuse_company
-from runtime.console.confirm import enter_pressed
+from runtime.console.confirm import discard_typed, enter_pressed
 from runtime.console.terminal import print_lines
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ class Motor:
 def until_entered(motor: Motor, instruction: str) -> list[tuple[float, float]]:
     """Return [(time in s, angle in rad)] of a joint until the operator presses Enter."""
     print_lines([f"{instruction}, then press Enter"])
+    discard_typed()
     seen = []
     live = sys.stdout.isatty()
     while not enter_pressed():

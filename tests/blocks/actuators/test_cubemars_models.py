@@ -64,11 +64,10 @@ def test_v3_boards_are_rejected_by_name(name):
     [
         ("AK80-90", "AK80-9"),
         ("AK-80-09", "AK80-9"),
-        ("AK10-9-V2", "AK10-9-V2.0"),
         ("AK10-9 V1.1", "AK10-9-V2.0"),
         ("AK80-9-V1", "AK80-9"),
         ("AK80-6 V1", "AK80-6"),
-        ("AK60-6 V1", "AK60-6-V1.1"),
+        ("AK60-6 V2", "AK60-6-V1.1"),
         ("AK80-80", "AK80-64"),
         ("AK70-1O", "AK70-10"),
     ],
@@ -78,7 +77,21 @@ def test_a_misspelt_model_is_refused_with_a_suggestion_of_the_same_motor(name, w
         CubeMars(name)
 
 
-@pytest.mark.parametrize("name", ["AK80-9-V2.0", "ak80-9 v2.0"])
+@pytest.mark.parametrize(
+    "name, model",
+    [
+        ("AK10-9 V2", "AK10-9-V2.0"),
+        ("AK60-6-V1", "AK60-6-V1.1"),
+        ("CubeMars AK80-64", "AK80-64"),
+        ("T-Motor AK80-9", "AK80-9"),
+        ("TMotor AK10-9 V2.0", "AK10-9-V2.0"),
+    ],
+)
+def test_spellings_of_vendors_and_papers_select_the_only_model_of_that_name(name, model):
+    assert CubeMars(name).spec is MODELS[model]
+
+
+@pytest.mark.parametrize("name", ["AK80-9-V2.0", "ak80-9 v2.0", "AK80-9 V2"])
 def test_synonym_selects_the_model_of_the_table(name):
     assert CubeMars(name).spec is EmulatedCubeMars(name).spec is MODELS["AK80-9"]
 

@@ -27,7 +27,7 @@ from tests.blocks.actuators.wire import (
     Wired,
 )
 
-NOTED, COMMANDED, MOVING = 2, 3, 4  # cext/abi.pxd
+NOTED, COMMANDED = 2, 3  # cext/abi.pxd
 PERIOD, PERIOD_SLOT = 0.005, 3
 FIELDS = ("position", "velocity", "stiffness", "damping", "torque")
 RANGES = {name: reference.ranges(model) for name, model in MODELS.items()}
@@ -159,7 +159,7 @@ def test_a_status_is_decoded_as_by_the_reference(data, model, invert, offset, ra
     drive, found = wired(model, invert=invert, offset=offset, gear_ratio=ratio), MODELS[model]
     drive.arena[AUTHORITY] = 0.0
     frame = reference.status(7, *codes, temperature, error)
-    assert drive.hear(*frame) == (TAKEN if -32 <= codes[2] < 32 or error == 0x77 else MOVING)
+    assert drive.hear(*frame) == TAKEN
     wanted = reference.read_status(
         found, found.torque_constant, frame[1], sign=-1 if invert else 1, offset=offset, ratio=ratio
     )
@@ -238,12 +238,12 @@ def test_any_frame_changes_only_the_feedback(identifier, data, length):
     drive = Wired.again(DRIVES["AKE90-8"])
     before = drive.arena.copy()
     answer = drive.hear(identifier, data, length)
-    assert answer in (FOREIGN, TAKEN, NOTED, COMMANDED, MOVING, MALFORMED)
+    assert answer in (FOREIGN, TAKEN, NOTED, COMMANDED, MALFORMED)
     mine = np.zeros(len(before), bool)
     for name in ("position", "velocity", "torque", "current", "temperature", "fault", "notice"):
         mine[drive.place[name]] = True
     assert not ((drive.arena != before) & ~mine).any()
-    if answer in (TAKEN, MOVING):
+    if answer == TAKEN:
         assert length == 8 and identifier == reference.identifier(0x29, 7)
         promised = drive.block.output_range()
         assert all(

@@ -179,6 +179,10 @@ def test_mounting_has_no_table(mounting):
         assert found(kind(model, **mounting)) == {}
 
 
+def test_the_frame_that_may_command_full_torque_must_be_accepted():
+    assert found(CubeMarsV3("AK10-9-V3.0", enter=True)) == {"enter": (None, False)}
+
+
 def test_a_verified_wake_shift_needs_no_acceptance():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK80-9", name="knee", wake_shift=0.0)(torque_command=1.0)

@@ -128,7 +128,7 @@ def test_arming_disables_selects_operation_and_enables():
         (0x305, False),
         (0x405, False),
     }
-    assert block.replies() == [(0xFD, 0x7FF, False, b"\5")], "the guardian tells drives apart by their first byte"
+    assert block.reply_frames() == [(0xFD, 0x7FF, False, b"\5")], "the guardian tells drives apart by their first byte"
     with pytest.raises(DiagramError, match="the CyberGear has no MIT protocol: use RobStride"):
         RobStrideMIT("CyberGear")
     with pytest.raises(DiagramError, match="can_id and host_id are both 5"):

@@ -20,6 +20,8 @@ from tests.blocks.actuators import robstride_reference as reference
         *ALSO.items(),
         ("RobStride EL05", "EL05"),
         ("Xiaomi CyberGear", "CyberGear"),
+        ("CyberGear Micromotor", "CyberGear"),
+        ("Xiaomi CyberGear Micro Motor", "CyberGear"),
         ("RobStride RS04", "RS04"),
         ("RobStride EduLite 05", "EL05"),
     ],
@@ -314,7 +316,7 @@ def test_swapping_one_actuator_for_another_changes_one_line():
 
 
 def test_only_feedback_confirms_a_stop():
-    ((wanted, mask, extended, begin),) = RobStride("RS03", can_id=9).replies()
+    ((wanted, mask, extended, begin),) = RobStride("RS03", can_id=9).stop_reply().frames
     limits = reference.ranges(MODELS["RS03"])
     assert extended and begin == b""
     for frame, expected in (

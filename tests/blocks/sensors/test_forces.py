@@ -71,7 +71,7 @@ def test_contact_has_hysteresis_and_nan_does_not_change_it():
 @pytest.mark.parametrize(
     "kind, parameters, words",
     [
-        (FSR, {"press": 2.0, "release": 3.0}, "release must not exceed press"),
+        (FSR, {"press": 2.0, "release": 3.0}, r"release must be at most press"),
         (LoadCell, {"at_capacity": 0.0}, "must not be 0"),
         (LoadCell, {"capacity": 0.0}, "above 0"),
     ],

@@ -193,7 +193,7 @@ def test_foot_contact_has_hysteresis_and_detects_heel_strikes():
     outputs = by_hand(block, len(force), force=force, heel=heel)
     assert list(outputs["contact"]) == [0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 1, 0]  # at the sixth it had just left the ground
     assert list(np.flatnonzero(outputs["heel_strike"])) == [2] and list(np.flatnonzero(outputs["toe_off"])) == [4, 11]
-    with pytest.raises(DiagramError, match="release must not exceed press, 50 N, got 60 N"):
+    with pytest.raises(DiagramError, match=r"release must be at most press \(50 N\), got 60 N"):
         FootContact(release=60.0)
 
 

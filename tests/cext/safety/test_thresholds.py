@@ -40,6 +40,8 @@ NO_THRESHOLDS = {  # times of processes and of Python, sizes, bit masks
     "BACKLOG",
     "NAME_BYTES",
     "EXIT_CODE",
+    "FOREVER",
+    "GO_ON_PERIOD",
 }
 
 
@@ -99,7 +101,7 @@ def test_every_threshold_has_a_value_a_unit_and_a_meaning():
     assert {each.name: each.value for each in table()} == {
         name: int(value) for name, value in vars(thresholds).items() if name.isupper()
     }
-    units = {"ns", "periods", "ticks", "failures", "replies", "%", "mrad", "mrad/s", "rad/s²", "°C"}
+    units = {"ns", "s", "‰", "periods", "ticks", "failures", "replies", "%", "mrad", "mrad/s", "°C"}
     assert all(each.unit in units and (each.value > 0 or each.unit == "°C") for each in table())
 
 

@@ -191,7 +191,7 @@ def test_a_confirmation_arms_again():
     assert [change.kind for change in robot.rig.changes] == [4]
 
 
-@pytest.mark.parametrize("tick", range(53, 60))
+@pytest.mark.parametrize("tick", range(55, 62))
 def test_a_request_early_in_the_wait_is_not_lost(tick):
     robot = Survivor({50: nan, tick: "rearm"})
     outcome = robot.run()

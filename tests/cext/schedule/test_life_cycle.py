@@ -23,7 +23,7 @@ def test_a_run_arms_runs_and_stops_in_frames():
     assert outcome.unconfirmed == outcome.unanswered == () and not outcome.faulted
     sent = rig.sent()
     assert sent[:2] == [ENABLE, NOTHING] and sent[-2:] == STOP
-    assert len(sent) == 2 + 100 + 2 and all(data not in (ENABLE, DISABLE) for data in sent[2:-2])
+    assert len(sent) == 2 + 100 + 4 and all(data not in (ENABLE, DISABLE) for data in sent[2:-4])
     assert ends_in_the_safe_stop(rig)
     statistics = rig.statistics()
     assert (statistics["ticks"], statistics["missed"], statistics["dropped"], statistics["last_tick"]) == (
@@ -52,7 +52,7 @@ def test_frame_times_never_decrease():
 def test_a_run_of_no_ticks_arms_and_stops():
     rig = one_drive(lambda knee: 0.0)
     outcome = rig.run(0)
-    assert outcome.status == "ok" and outcome.tick == -1 and rig.sent() == [ENABLE, NOTHING, *STOP]
+    assert outcome.status == "ok" and outcome.tick == -1 and rig.sent() == [ENABLE, NOTHING, *STOP, *STOP]
 
 
 def test_a_rig_may_be_run_again_and_does_the_same():
@@ -110,7 +110,7 @@ def test_two_drives_on_two_buses_arm_and_stop_independently():
     assert rig.run(50).status == "ok"
     for number, sign in ((0, 1.0), (1, -1.0)):
         sent = [frame.data for frame in rig.frames if frame.sent and frame.bus == number]
-        assert sent[:2] == [ENABLE, NOTHING] and sent[-2:] == STOP and len(sent) == 54
+        assert sent[:2] == [ENABLE, NOTHING] and sent[-4:] == 2 * STOP and len(sent) == 56
         assert math.copysign(1.0, rig[("left" if number == 0 else "right") + "_knee.torque_sent"][-1]) == sign
 
 

@@ -95,6 +95,7 @@ class Robot(Rig):
 
 OUT = "taken out; left.disabled=false arms it again"
 BACK = "armed again; its commands fade in"
+UNCONFIRMED = "has not confirmed that it is disabled; disable is repeated. Cut its power"
 REFUSED = (
     "not armed again: it does not reply, it reports a fault, or the angle of its joint is out of range or ambiguous"
 )
@@ -117,7 +118,7 @@ def test_drive_that_is_out_gets_only_zero_torque_and_disable():
     robot = Robot({200: 1, 300: 0})
     robot.run(500)
     assert robot.page.out == 0
-    assert set(robot.to_left(205, 300)) == {NOTHING, DISABLE} and set(robot.to_left(250, 300)) == {DISABLE}
+    assert set(robot.to_left(202, 300)) == {NOTHING, DISABLE} and set(robot.to_left(250, 300)) == {DISABLE}
     assert robot.to_left(301, 310).count(ENABLE) >= 1
 
 
@@ -148,8 +149,8 @@ def test_drive_stays_out_while_its_input_is_true():
 def test_drive_that_does_not_reply_stays_out_after_a_second():
     robot = Robot({200: 1, 300: 0}, silent=range(250, 1000))
     assert robot.run(700).status == "ok"
-    assert robot.what() == [OUT, REFUSED] and not robot["left.active"][202:].any()
-    assert NOTHING in robot.to_left(400, 450) and NOTHING not in robot.to_left(545, 700)
+    assert robot.what() == [OUT, REFUSED, UNCONFIRMED] and not robot["left.active"][202:].any()
+    assert NOTHING in robot.to_left(400, 450) and ENABLE not in robot.to_left(510, 700)
 
 
 def test_drive_with_a_fault_or_out_of_range_stays_out():

@@ -47,6 +47,7 @@ def test_findings_on_a_raspberry_pi_4_with_a_can_hat(look):
         "hardware": OK,
         "governor": WORSE,
         "idle states": OK,
+        "sleep": OK,
         "throttling": WORSE,
         "swap": WORSE,
         "interrupts": OK,

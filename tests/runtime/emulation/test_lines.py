@@ -236,4 +236,4 @@ def test_a_drive_behind_the_relay_of_a_charge_pump_answers_because_the_run_toggl
     assert (
         "zero torque, then disable: confirmed by knee" in run.stdout and "nothing stops" not in run.stdout + run.stderr
     )
-    assert "power loss of the computer (the charge pump 'pump')" in " ".join(run.stderr.split())
+    assert "suspend of the computer (the charge pump 'pump')" in " ".join(run.stderr.split())

@@ -116,7 +116,19 @@ class Bus:
         """A run of the robot, that has been started."""
         robot = write(self.folder, ROBOT.format(law=law, torque=torque, blocks=blocks, more=more, drive=drive))
         self.runs.append(
-            started(robot, "--rig", self.rig, "--realtime", "off", "--yes", *words, cwd=self.folder, **how)
+            started(
+                robot,
+                "--rig",
+                self.rig,
+                "--realtime",
+                "off",
+                "--yes",
+                "--stop-for",
+                "0.2",
+                *words,
+                cwd=self.folder,
+                **how,
+            )
         )
         return self.runs[-1]
 

@@ -3,6 +3,7 @@ stop goes out.
 """
 
 import errno
+import json
 import math
 import mmap
 import os
@@ -12,11 +13,13 @@ import time
 
 import pytest
 
+from blocks.actuators import CubeMars
 from blocks.limiters import TorqueLimiter
 from cext.ring.rings import Line, Lines
 from cext.safety.shared_state import SharedState
 from cext.safety.thresholds import HANG_REPORT_DELAY
-from graph import Block, Input, Output
+from graph import Block, Diagram, Input, Output, compile
+from runtime.guardian import plan
 from runtime.guardian.process import Guardian, decoded
 from tests.cext.rigs import one_drive
 
@@ -53,11 +56,11 @@ class Carrying:
         self.wires = [Log(), Log()]
         read, self.orders = os.pipe()
         self.guardian = guardian = Guardian(self.page, self.lines, -1, self.orders, read)
-        frames = {"zero": [[1, NOTHING.hex()]], "disable": [[1, DISABLE.hex()]], "damp": None}
-        guardian.devices = [
-            decoded({"name": f"{bus}", "number": bus, "bus": bus, "replies": [[1, 0x7FF, "01"]], **frames})
-            for bus in range(2)
-        ]
+        with Diagram("robot", rate=200) as robot:
+            for bus in range(2):
+                CubeMars("AK80-9", can_id=1, bus=f"{bus}", name=f"{bus}")(torque_command=0.0)
+        planned = json.loads(json.dumps(plan([], compile(robot), None)))
+        guardian.devices = [decoded(device) for device in planned["devices"]]
         guardian.buses = [{"name": f"{bus}", "line": bus} for bus in range(2)]
         guardian.items, guardian.limit = ["law"], 40_000_000
         guardian.harmless = {(bus, 1, data) for bus in range(2) for data in STOP}
@@ -126,27 +129,29 @@ def test_the_fence_is_up_before_the_first_frame_of_the_stop(robot):
 
 
 def test_stop_repeats_until_both_drives_acknowledge_it(robot):
-    answers = [(1, b"\1 answer", 0)]
+    answers = [(1, bytes.fromhex("017FFF7FF7FF4100"), 0)]
     robot.wires[0].receive = lambda: answers * 2  # they lie there when the stop begins: of the last torques
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
     assert robot.guardian.stop.report()["confirmed"] == []
     robot.guardian.receive(0)  # these were on their way
     assert robot.guardian.stop.report()["confirmed"] == []
-    robot.guardian.stop.step(robot.guardian.stop.due)
+    stop = robot.guardian.stop
+    stop.step(stop.due)
     robot.guardian.receive(0)
-    assert robot.guardian.stop.report() | {"took": 0} == {
-        "confirmed": ["0"],
-        "unconfirmed": ["1"],
-        "sent": 8,
-        "took": 0,
-    }
-    robot.wires[1].receive = lambda: answers
-    robot.guardian.carry()
-    assert not robot.guardian.stop.over
-    robot.guardian.carry()
-    assert robot.guardian.stop.over
+    stop.step(stop.due)  # no frame to the first, and none from it
+    stop.step(stop.due)
+    report = stop.report()
+    assert (report["confirmed"], report["unconfirmed"], report["sent"]) == (["0"], ["1"], 12)
+    robot.wires[0].receive, robot.wires[1].receive = list, lambda: answers
+    for _ in range(2):
+        robot.guardian.carry()  # one answer each time
+    robot.wires[1].receive = list
+    for _ in range(2):
+        assert not stop.over
+        stop.step(stop.due)
+    assert stop.over
     # the loop hears them, too
-    assert [frame[:3] for frame in robot.ends[1].receive()] == [(1, False, b"\1 answer")] * 2
+    assert [frame[:3] for frame in robot.ends[1].receive()] == [(1, False, answers[0][1])] * 2
 
 
 def test_frames_queued_before_stop_reach_loop_before_stop_replies(robot):
@@ -161,10 +166,10 @@ def test_guardian_receives_on_loop_driven_bus_from_stop_on(robot):
     heard = {}
     for number, wire in enumerate(robot.wires):
         wire.listen = lambda replies, number=number: heard.update({number: replies})
-    robot.guardian.devices[1]["replies"] = [[2, 0x7FF, "02"]]
+    frames = robot.guardian.devices[1]["stop_reply"]["frames"]
     robot.guardian.buses[1]["line"] = None
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
-    assert heard == {1: [[2, 0x7FF, "02"]]}
+    assert heard == {1: frames} and [1, 0xE00007FF, "01"] in frames
 
 
 def test_interface_counters_and_failure_reach_loop_once(robot):
@@ -261,7 +266,7 @@ def test_drives_are_stopped_at_once_when_process_exits():
     assert judged(look).verdict["because"] == "died"
 
 
-HUNG, CRASHED = 32, 36  # bytes, of cext.safety.shared_state.SharedLayout
+HUNG, CRASHED, ASLEEP = 72, 76, 88  # bytes, of cext.safety.shared_state.SharedLayout
 
 
 def write(page, offset, number):
@@ -300,6 +305,24 @@ def test_crash_is_reported_with_signal_and_block():
         "SIGSEGV",
     )
     assert guardian.stuck_at is None
+
+
+def suspend(shared, seconds):
+    """Let the shared state show that the computer was suspended since the run began. shared : its file descriptor"""
+    with mmap.mmap(shared, 0) as memory:
+        [before] = struct.unpack_from("=q", memory, ASLEEP)
+        struct.pack_into("=q", memory, ASLEEP, before - round(seconds * 1e9))
+
+
+def test_after_a_suspend_of_the_computer_the_guardian_stops_the_drives():
+    def look(guardian, page):
+        suspend(page.fd, 3600.0)
+        guardian.check_loop(page.beat)
+
+    guardian = judged(look)
+    assert guardian.verdict["because"] == "suspended" and guardian.page.fenced
+    assert guardian.verdict["silent"] == pytest.approx(3600.0, abs=1.0)
+    assert [wire.sent for wire in guardian.wires.values()] == [STOP] * 2
 
 
 def test_finished_loop_is_not_stopped():

@@ -5,13 +5,14 @@ import math
 
 import pytest
 
-from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3
+from blocks.actuators import CubeMars
 from cext.safety.thresholds import STOP_LIMIT, STOP_ROUND
 from graph import Diagram, compile
 from runtime.guardian import plan
 from runtime.guardian.process import decoded
 from runtime.guardian.stop import SafeStop
 from tests.blocks.actuators import reference
+from tests.own_drives import FAMILIES, OwnDrive
 from tests.played_drive import PlayedDrive, never_gains
 
 ALL = 0xFFFFFFFF
@@ -44,7 +45,18 @@ def device(name, bus, identifier, begin=b"", damp_time=0.0, bands=None, velocity
         "zero": [(identifier, b"zero")],
         "disable": [(identifier, b"disable")],
         "damp": damp or None,
-        "replies": [(identifier + 0x100, ALL, begin.hex())],
+        "unanswered": 0,
+        "stop_reply": {
+            "frames": [(identifier + 0x100, ALL, begin.hex())],
+            "unasked": [],
+            "length": 0,
+            "torque": None,
+            "rest": 0.0,
+            "disabled": (0, 0),
+            "enabled": None,
+            "echo": (),
+            "reports": False,
+        },
     }
 
 
@@ -66,17 +78,27 @@ def test_stop_is_sent_to_all_drives_at_once_and_every_round(legs):
     assert len(wires[0].sent) == 8 and stop.report()["sent"] == 12
 
 
-def test_drive_that_acknowledges_both_frames_is_confirmed(legs):
+def test_drive_that_answers_both_frames_and_is_silent_then_is_confirmed(legs):
     stop, wires = legs
     stop.step(0)
     stop.receive(0, 0x101, b"", 1)
     stop.step(STOP_ROUND)  # one answer is not enough, and counts no more
     stop.receive(0, 0x101, b"", STOP_ROUND + 1)
-    assert stop.report()["confirmed"] == []
     stop.receive(0, 0x101, b"", STOP_ROUND + 2)
-    assert stop.report()["confirmed"] == ["left"]
-    stop.step(2 * STOP_ROUND)
-    assert wires[0].sent[8:] == [(2, b"zero"), (2, b"disable")]
+    stop.step(2 * STOP_ROUND)  # nothing is sent to it, and it sends nothing
+    assert stop.report()["confirmed"] == [] and wires[0].sent[8:] == [(2, b"zero"), (2, b"disable")]
+    stop.step(3 * STOP_ROUND)
+    assert stop.report()["confirmed"] == ["left"] and stop.report()["after"] == {"left": 0.015}
+    assert wires[0].sent[10:] == [(2, b"zero"), (2, b"disable")]
+
+
+def test_drive_that_goes_on_sending_while_nothing_is_asked_is_not_confirmed(legs):
+    stop, _ = legs
+    for now in range(0, STOP_LIMIT, 1_000_000):
+        stop.step(now)
+        if now % 2_500_000 < 1_000_000:
+            stop.receive(0, 0x101, b"", now)
+    assert stop.report()["confirmed"] == []
 
 
 def test_times_start_at_the_beginning_of_the_section():
@@ -114,9 +136,10 @@ def test_one_reply_confirms_only_one_device():
     wire = Log()
     stop = SafeStop([device("left", 0, 1), device("twin", 0, 1)], {0: wire}, 0)
     stop.step(0)
-    stop.step(STOP_ROUND)
-    for _ in range(2):
-        stop.receive(0, 0x101, b"", STOP_ROUND + 1)
+    for round in range(4):
+        stop.step(round * STOP_ROUND)
+        for _ in range(2 * (round == 1)):
+            stop.receive(0, 0x101, b"", STOP_ROUND + 1)
     assert stop.report()["confirmed"] == ["left"] and not stop.over
 
 
@@ -127,13 +150,16 @@ def test_stop_ends_when_all_drives_confirm(legs):
     stop.step(STOP_ROUND)
     for bus, identifier, data in ((0, 0x102, b""), (0, 0x101, b""), (1, 0x101, b"\1!")):
         stop.receive(bus, identifier, data, STOP_ROUND + 1_000_000)
-        assert not stop.over
         stop.receive(bus, identifier, data, STOP_ROUND + 2_000_000)
+    stop.step(2 * STOP_ROUND)
+    assert not stop.over
+    stop.step(3 * STOP_ROUND)
     assert stop.over and stop.report() == {
         "confirmed": ["left", "right", "hip"],
         "unconfirmed": [],
+        "after": {"left": 0.015, "right": 0.015, "hip": 0.015},
         "sent": 12,
-        "took": 0.007,
+        "took": pytest.approx(0.015),
     }
 
 
@@ -146,6 +172,36 @@ def test_a_stop_times_out_and_reports_missing_drives(legs):
     assert len(wires[1].sent) == 2 * STOP_LIMIT // STOP_ROUND
     stop.step(2 * STOP_LIMIT)
     assert len(wires[1].sent) == 2 * STOP_LIMIT // STOP_ROUND
+
+
+@pytest.mark.hazard("H9d")
+def test_after_that_frames_go_on_at_a_falling_rate():
+    wire = Log()
+    stop = SafeStop([device("knee", 0, 1)], {0: wire}, 0, lasts=10_000_000_000)
+    times = []
+    for now in range(0, 5_000_000_000, 1_000_000):
+        before = len(wire.sent)
+        stop.step(now)
+        times += [now / 1e9] * (len(wire.sent) > before)
+    assert stop.is_due(STOP_LIMIT) and not stop.over
+    gaps = [round(later - earlier, 3) for earlier, later in zip(times, times[1:])]
+    assert gaps[:40] == [0.005] * 40
+    assert gaps[40:46] == [0.01, 0.02, 0.04, 0.08, 0.16, 0.2] and set(gaps[46:]) == {0.2}
+
+
+@pytest.mark.parametrize("away", [0.15, 1.0, 5.0])
+def test_a_drive_whose_bus_returns_late_is_stopped_and_confirmed(away):
+    wire = Log(working=False)
+    stop = SafeStop([device("knee", 0, 1)], {0: wire}, 0, lasts=10_000_000_000)
+    for now in range(0, 10_000_000_000, 1_000_000):
+        wire.working = now >= away * 1e9
+        before = len(wire.sent)
+        stop.step(now)
+        for _ in wire.sent[before:] if wire.working else ():
+            stop.receive(0, 0x101, b"", now + 500_000)
+        if stop.over:
+            break
+    assert stop.report()["confirmed"] == ["knee"] and away < stop.report()["after"]["knee"] < away + 0.61
 
 
 @pytest.mark.parametrize(
@@ -183,6 +239,9 @@ def test_drive_is_damped_for_its_time_then_disabled():
     stop.step(300_000_000 + STOP_ROUND)
     for now in (300_000_001 + STOP_ROUND, 300_000_002 + STOP_ROUND):
         stop.receive(0, 0x101, b"", now)
+    stop.step(300_000_000 + 2 * STOP_ROUND)
+    assert stop.report()["confirmed"] == []
+    stop.step(300_000_000 + 3 * STOP_ROUND)
     assert stop.report()["confirmed"] == ["knee"] and stop.report()["unconfirmed"] == ["hip"]
     stop.step(500_000_000)
     assert stop.over
@@ -214,34 +273,82 @@ def test_devices_without_stop_frames_are_not_awaited():
     assert stop.over
 
 
-@pytest.mark.parametrize(
-    "kind, model, disable",
-    [(CubeMarsV3, "AK80-9-V3.0", (0x80000F05, b"")), (CubeMarsServo, "AK80-9", (0x80000105, bytes(4)))],
-)
-def test_a_report_without_current_confirms_the_stop(kind, model, disable):
-    """The plan as the guardian gets it, in JSON. A report of a current from before the stop is not a reply to
-    it.
-    """
+class Answered(Log):
+    """A wire with an OwnDrive at its end. late : ns that its frames are under way"""
+
+    def __init__(self, drive, late=0):
+        super().__init__()
+        self.drive, self.late, self.now, self.replies = drive, late, 0, []
+
+    def send(self, identifier, data):
+        bare, extended = identifier & 0x1FFFFFFF, bool(identifier & 0x80000000)
+        self.add(self.drive.hear(bare, extended, data, self.now))
+        return super().send(identifier, data)
+
+    def add(self, frames):
+        self.replies += [(self.now + self.late, frame) for frame in frames]
+
+
+def stop_of(name, drive, late=0):
+    """The guardian's stop of a drive that was under torque, in steps of a millisecond. Returns the SafeStop."""
+    family = FAMILIES[name]
     with Diagram("robot", rate=200) as robot:
-        drive = kind(model, can_id=5, name="knee")
-        drive(**{"torque_command" if kind is CubeMarsV3 else "current_command": 0.0})
-    schedule = compile(robot)
-    [device] = map(decoded, json.loads(json.dumps(plan([], schedule, robot, None)))["devices"])
-    wire = Log()
+        family.block(family.model, can_id=1, name="knee", **family.options)(**{family.names[0]: 0.0})
+    [device] = map(decoded, json.loads(json.dumps(plan([], compile(robot), None)))["devices"])
+    drive.obey("enable")
+    drive.obey("command")
+    wire = Answered(drive, late)
     stop = SafeStop([device], {0: wire}, 0)
-    stop.step(0)
-    assert wire.sent[-1] == disable
-    for data in ("0123456703e81e00", "0123456700201e00", "01234567ffdf1e00"):  # 10, 0.32 and -0.33 A
-        stop.receive(0, 0x80002905, bytes.fromhex(data), 1000)
-        stop.receive(0, 0x80002906, bytes(8), 1000)
-        assert not stop.over
-    stop.step(STOP_ROUND)
-    assert len(wire.sent) == 4
-    stop.receive(0, 0x80002905, bytes.fromhex("01234567001f1e00"), STOP_ROUND + 1000)
-    assert stop.over and stop.report()["confirmed"] == ["knee"]
+    for wire.now in range(0, 2 * STOP_LIMIT, 1_000_000):
+        wire.add(drive.advance(wire.now))
+        for due, frame in [entry for entry in wire.replies if entry[0] <= wire.now]:
+            wire.replies.remove((due, frame))
+            stop.receive(0, frame.identifier | 0x80000000 * frame.extended, frame.data, wire.now)
+        stop.step(wire.now)
+    return stop
 
 
-SPEED = {"frames": [[0x101, ALL, "01"]], "first": 8, "bits": 16, "low": -65.536, "high": 65.534, "signed": True}
+@pytest.mark.parametrize("hold", [0.5, 2.0, 5.0])
+@pytest.mark.parametrize("times", [0, 1, 2, 5, 10])
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_drive_that_keeps_its_torque_is_not_confirmed(name, times, hold):
+    """It misses the stop and reports by itself at a multiple of 200 Hz; or, at 0, answers the stop and ignores it."""
+    drive = OwnDrive(FAMILIES[name], hold=hold, misses_stop=times > 0, reports=200.0 * (times or name == "servo"))
+    stop = stop_of(name, drive)
+    assert drive.torque == hold and stop.over and stop.report()["unconfirmed"] == ["knee"]
+
+
+@pytest.mark.parametrize("times", [1, 2, 5, 10])
+@pytest.mark.parametrize("name", [name for name in FAMILIES if name != "servo"])
+def test_reports_of_no_torque_of_a_drive_that_misses_the_stop_confirm_nothing(name, times):
+    drive = OwnDrive(FAMILIES[name], hold=5.0, reported=0.0, misses_stop=True, reports=200.0 * times)
+    assert stop_of(name, drive).report()["unconfirmed"] == ["knee"]
+
+
+@pytest.mark.parametrize("before", [False, True], ids=["after", "before"])
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_healthy_drive_confirms_within_four_rounds(name, before):
+    drive = OwnDrive(FAMILIES[name], before=before, reports=200.0 * (name == "servo"))
+    report = stop_of(name, drive).report()
+    assert drive.torque == 0.0 and report["confirmed"] == ["knee"] and report["took"] <= 4 * STOP_ROUND * 1e-9 + 0.02
+
+
+@pytest.mark.parametrize("late", [0.008, 0.016, 0.030])
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_healthy_drive_with_late_replies_confirms_within_the_limit(name, late):
+    drive = OwnDrive(FAMILIES[name], reports=200.0 * (name == "servo"))
+    assert stop_of(name, drive, round(late * 1e9)).report()["confirmed"] == ["knee"]
+
+
+SPEED = {
+    "frames": [[0x101, ALL, "01"]],
+    "first": 8,
+    "bits": 16,
+    "low": -65.536,
+    "high": 65.534,
+    "signed": True,
+    "little_endian": False,
+}
 
 
 def speed_of(velocity):
@@ -298,7 +405,7 @@ def test_a_limb_at_8_rad_per_s_is_damped_inside_the_limit_by_the_guardian():
     """
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK80-9", can_id=1, name="knee", limit=5.0, safe_stop="damp", stop_damping=1.0)(torque_command=0.0)
-    [device] = map(decoded, json.loads(json.dumps(plan([], compile(robot), robot, None)))["devices"])
+    [device] = map(decoded, json.loads(json.dumps(plan([], compile(robot), None)))["devices"])
     for jitter in (0, 700_000):  # ns by which it comes late
         drive = PlayedDrive(reference.ranges(velocity=50.0, torque=18.0))
         wire = Answering(drive)

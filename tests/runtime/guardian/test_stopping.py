@@ -5,13 +5,19 @@ listens.
 import os
 import signal
 import time
+from contextlib import suppress
+from pathlib import Path
 
+import psutil
 import pytest
 
+from cext.safety.shared_state import SharedState
 from runtime.analysis.trial import Trial
+from runtime.live.running import MEMORY
 from tests.blocks.actuators import reference
-from tests.runtime.guardian.bus import Bus, assert_nothing_is_left, family, guardian_of
+from tests.runtime.guardian.bus import Bus, assert_nothing_is_left, family, guardian_of, is_torque
 from tests.runtime.guardian.drives import AK10_9
+from tests.runtime.guardian.test_carrying import suspend
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files
 
 pytestmark = pytest.mark.paced
@@ -78,6 +84,47 @@ def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
     assert bus.stopped_after(stopped) < STALL  # and none since
     assert process.returncode == 3 and "fenced by the guardian" in err and "had stalled for" in err
     assert_nothing_is_left(everybody, bus.channel)
+
+
+def test_after_a_suspend_of_the_computer_no_torque_ever_follows(bus, tmp_path):
+    """The run finds that the computer was suspended since it began. A kernel that really suspends one ends the test."""
+    process = bus.start("--record", "out")
+    bus.await_torque()
+    everybody = family(process)
+    suspended = time.time()
+    for descriptor in Path(f"/proc/{process.pid}/fd").iterdir():
+        if os.readlink(descriptor) == f"{MEMORY} (deleted)":
+            with open(descriptor, "r+b") as memory, suppress(ValueError):  # of another kind
+                assert SharedState(fd=memory.fileno()).control == process.pid
+                suspend(memory.fileno(), 3600.0)
+                break
+    bus.listen(0.3)
+    _, err = process.communicate(timeout=10)
+    bus.listen()
+    assert bus.stopped_after(suspended) < DEATH
+    assert process.returncode == 3 and "the computer was suspended for 3600.0 s. The drives kept their last" in err
+    assert_nothing_is_left(everybody, bus.channel)
+    assert Files(tmp_path / "out").sidecar["ended"].startswith("fault: suspended, tick ")
+
+
+@pytest.mark.hazard("H4d")
+def test_after_a_pause_of_both_processes_no_torque_follows(bus):
+    """As of a container or a cgroup that is frozen: their clocks go on."""
+    process = bus.start("--no-record")
+    bus.await_torque()
+    both = [psutil.Process(process.pid), guardian_of(process)]
+    for each in both:
+        each.suspend()
+    bus.listen(0.5)
+    bus.frames.clear()
+    resumed = time.time()
+    for each in reversed(both):
+        each.resume()
+    bus.listen(0.3)
+    process.communicate(timeout=10)
+    bus.listen()
+    assert process.returncode == 3 and bus.stopped_after(resumed) < DEATH
+    assert not [frame for frame in bus.frames if is_torque(frame)]
 
 
 def test_after_kill_9_the_joint_is_damped(bus):

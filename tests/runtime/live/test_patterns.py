@@ -104,16 +104,16 @@ def legs(tmp_path_factory):
 
 def test_a_setting_at_the_start_accepts_a_pattern(legs):
     _, diagram = load(legs / "legs.py", [])
-    set_block_parameters(diagram, "*/profile.scale", "0.7")
+    set_block_parameters(diagram, [("*/profile.scale", "0.7")])
     assert diagram["left/profile"].scale == diagram["right/profile"].scale == 0.7
     with pytest.raises(
         BadInput,
         match=r"setting right/profile.scale=0.9: scale: must be between its live bounds 0 and "
         r"0.8, got 0.9",
     ):
-        set_block_parameters(diagram, "*/profile.scale", "0.9")
+        set_block_parameters(diagram, [("*/profile.scale", "0.9")])
     with pytest.raises(BadInput) as refused:
-        set_block_parameters(diagram, "*/profile.scales", "0.5")
+        set_block_parameters(diagram, [("*/profile.scales", "0.5")])
     assert str(refused.value) == (
         "setting */profile.scales=0.5: legs has no parameter that matches; did you mean '*/profile.scale'?"
     )

@@ -5,13 +5,41 @@ import math
 import pytest
 
 from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride
-from blocks.families import families
-from graph import Diagram, DiagramError
+from blocks.actuators.cubemars import models, models_v3
+from blocks.families import families, find_model
+from cext.kernels import no_io
+from graph import Actuator, Diagram, DiagramError, Input, Output
 from runtime.rig import RigError, require_supply
 from runtime.rig.battery import Battery, continuous_current, overloads, peak_current, supply_current, windings
 from runtime.rig.file import parse
 
+
+def accepts(drive, name):
+    try:
+        return drive.find(name).name == name
+    except ValueError:
+        return False
+
+
 TABLE = "[battery]\nvoltage = 24.0\ncapacity = 4\n"
+
+
+EVERY_MODEL = [
+    (drive.block, name)
+    for family in families()
+    for drive in family.drives
+    for table in family.tables
+    for name in table.models
+    if accepts(drive, name)
+]
+
+
+class Winch(Actuator):
+    """A motor of a laboratory, of which nothing is known."""
+
+    torque_command = Input("N·m", "torque", default=0.0)
+    temperature = Output("°C", "of the motor")
+    decode, encode = no_io.ignore_all, no_io.send_nothing
 
 
 def robot(actuator, *arguments, **keywords):
@@ -132,3 +160,44 @@ def test_battery_that_would_damage_a_drive_is_rejected(full, fits):
         return require_supply(rig.battery, diagram, rig.path)
     with pytest.raises(RigError, match=r"TW137 .*: \[battery\] of up to 29.4 V exceeds the supply range of knee, 16"):
         require_supply(rig.battery, diagram, rig.path)
+
+
+@pytest.mark.parametrize("block, name", EVERY_MODEL)
+def test_no_drive_survives_a_battery_of_100_volts(block, name):
+    constant = {"torque_constant": 0.5} if (block, name) == (CubeMarsServo, "AK80-6") else {}
+    diagram = robot(block, name, limit=1.0, **constant)
+    with pytest.raises(RigError, match=r"100.8 V exceeds the supply range of knee"):
+        require_supply(Battery(96.0, 4.0, 100.8), diagram, "lab.toml")
+
+
+@pytest.mark.parametrize(
+    "name, supply",
+    [
+        *(
+            (name, (18.0, 52.0))
+            for name in ("AK10-9-V2.0", "AK70-10", "AK80-6", "AK80-8", "AK80-9", "AK80-64", *models_v3.MODELS)
+        ),
+        *((name, (18.0, 28.0)) for name in ("AK40-10", "AK45-10", "AK45-36", "AK60-6-V1.1")),
+    ],
+)
+def test_supply_of_a_cubemars_is_that_of_its_board(name, supply):
+    assert find_model(name)[1].supply == supply
+
+
+def test_all_supplies_of_cubemars_are_stated():
+    assert len(models.MODELS) + len(models_v3.MODELS) == 21
+
+
+def test_an_assumed_supply_range_is_reported():
+    [problem] = overloads(Battery(24.0, 4.0, 25.2), windings(robot(CubeMars, "AK40-10")))
+    assert problem.code == "TW137"
+    assert problem.message.startswith("the supply range of knee, 18 to 28 V, is assumed: no source states")
+
+
+def test_unpublished_properties_never_count_as_fitting():
+    drives = windings(robot(Winch))
+    [supply] = overloads(Battery(24.0, 4.0, 25.2), drives)
+    assert supply.message == "the supply range of knee is not published: [battery] of up to 25.2 V is not compared"
+    for limits in ({"fuse": 20.0}, {"max_current": 40.0}):
+        [_, current] = overloads(Battery(24.0, 4.0, 25.2, **limits), drives)
+        assert current.message == "the current of knee is not known: fuse and max_current are not compared with it"

@@ -22,8 +22,8 @@ from tests.runtime.terminals import Terminal
 
 pytestmark = pytest.mark.paced
 
-WIDE = Console(200)
-BOTH_GONE = "kill -9 of guardian and control process together, power loss of the computer"
+WIDE = Console(260)
+BOTH_GONE = "kill -9 of guardian and control process together, power loss of the computer, suspend of the computer"
 NO_MEANS = "no time-out in the drive, no charge pump"
 
 
@@ -279,7 +279,7 @@ def test_drive_timeout_covers_loss_of_power_and_of_both_processes():
         one, other = both = [CubeMars("AK80-9", bus="legs", can_id=number, name=f"knee{number}") for number in (1, 2)]
 
     def last():
-        return [(entry["failure"], entry["covered"], entry["by"]) for entry in coverage(both, both)[-2:]]
+        return [(entry["failure"], entry["covered"], entry["by"]) for entry in coverage(both, both)[-3:]]
 
     failures = BOTH_GONE.split(", ")
     assert last() == [
@@ -306,7 +306,7 @@ def test_table_lists_how_each_device_is_stopped():
         "knee": "damped within 9 N·m for 2 s then disable",
         "button": "nothing to stop",
     }
-    assert {bus["bus"]: len(bus["coverage"]) for bus in rows["buses"]} == {"can": 7, "estop": 0}
+    assert {bus["bus"]: len(bus["coverage"]) for bus in rows["buses"]} == {"can": 8, "estop": 0}
     assert any(
         line.startswith("  button  estop 256   yes") and line.endswith("safe stop: nothing to stop")
         for line in text(rows, WIDE)
@@ -333,6 +333,7 @@ def test_check_lists_covered_failures(command_line):
         "loss of the guardian": True,
         "kill -9 of guardian and control process together": False,
         "power loss of the computer": False,
+        "suspend of the computer": False,
     }
 
 

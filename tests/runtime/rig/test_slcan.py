@@ -99,7 +99,9 @@ def rig_of(folder, channel, more="sleep_after_open = 0.05\n"):
 
 def run(folder, adapter, *words, **options):
     robot, rig = knee(folder, "return 2.0"), rig_of(folder, adapter.channel, **options)
-    return started(robot, "--rig", rig, "--realtime", "off", "--yes", "--no-record", *words, cwd=folder)
+    return started(
+        robot, "--rig", rig, "--realtime", "off", "--yes", "--no-record", "--stop-for", "0.2", *words, cwd=folder
+    )
 
 
 def awaited(condition, seconds=10.0):
@@ -312,3 +314,27 @@ def test_socketcan_has_no_options(tmp_path):
 
 def test_can_fd_is_off_by_default(tmp_path):
     assert read(rig_of(tmp_path, "/dev/ttyACM0")).buses["legs"].fd is False
+
+
+@pytest.mark.hazard("H9d")
+@pytest.mark.parametrize("away", [0.15, 1.0, 3.0])
+def test_a_drive_gets_its_stop_over_an_adapter_that_returns_late(tmp_path, away):
+    """The adapter is plugged in again, as another device under the same link."""
+    link = tmp_path / "port"
+    with Adapter() as adapter:
+        link.symlink_to(adapter.channel)
+        adapter.channel = str(link)
+        process = run(tmp_path, adapter, "--stop-for", "8")
+        assert awaited(adapter.torque), "no torque was commanded"
+        adapter.unplug()
+        time.sleep(away)  # the time that the adapter is away
+        link.unlink()
+        with Adapter() as again:
+            link.symlink_to(again.channel)
+            at = time.monotonic()
+            assert awaited(lambda: DISABLE in [data for _, data in list(again.frames)], 5.0), "it got no stop"
+            took = time.monotonic() - at
+            out, errors = process.communicate(timeout=10)
+        assert took < 1.5 and {data for _, data in again.frames} == {NOTHING, DISABLE}
+        assert process.returncode == FAULT and "NOT confirmed by knee; its frames go on at a falling rate" in errors
+        assert re.search(r"confirmed by knee only after [\d.]+ s", out)

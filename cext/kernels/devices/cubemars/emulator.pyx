@@ -22,6 +22,7 @@ from cext.abi cimport (
     DT, EXTENDED, FOREIGN, ID_MASK, ITEMS, MALFORMED, NOT_FINITE, OK, TAKEN, TIME, Frame, decode_t, encode_t,
     export, export_decode, export_encode, items, kernel_t,
 )
+from cext.conversion cimport to_u8
 cimport cext.kernels.devices.cubemars.status as wire
 from cext.kernels.devices.drives cimport (
     RUNNING, ZERO, Drive, answerable, deliver, drive_sizes, forget, law, look, owe, own_id, seen_position,
@@ -147,7 +148,7 @@ cdef int drive_decode_(double *arena, const Board *at, const Board *sizes, const
 
 cdef inline uint8_t error_code(double *arena, const Board *at) noexcept nogil:
     if arena[at.drive.fault] != 0.0:
-        return <uint8_t>arena[at.drive.fault]
+        return to_u8(arena[at.drive.fault])
     return TOO_HOT if arena[at.drive.temperature] >= arena[at.drive.trip_temperature] else 0
 
 

@@ -19,6 +19,7 @@ from cext.abi cimport (
     FOREIGN, ITEMS, MALFORMED, NOT_FINITE, OK, TAKEN, Frame, decode_t, encode_t, export, export_decode,
     export_encode, items, kernel_t,
 )
+from cext.conversion cimport to_u8
 cimport cext.kernels.devices.drives as drives
 from cext.kernels.devices.mit cimport Mit, all_ones, decode_motion, encode_command, mit_sizes, pack_motion, unpack
 
@@ -95,7 +96,7 @@ cdef int emulated_decode(double *arena, const Emulated *at, const Emulated *size
 
 cdef inline uint8_t error_code(double *arena, const drives.Drive *at) noexcept nogil:
     if arena[at.fault] != 0.0:
-        return <uint8_t>arena[at.fault]
+        return to_u8(arena[at.fault])
     return TOO_HOT if arena[at.temperature] >= arena[at.trip_temperature] else 0
 
 

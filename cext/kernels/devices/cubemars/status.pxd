@@ -15,7 +15,7 @@ commanded drive.
 from libc.math cimport floor
 from libc.stdint cimport int8_t, int16_t, int32_t, uint8_t, uint16_t, uint32_t
 
-from cext.abi cimport AUTHORITY, COMMANDED, EXTENDED, FOREIGN, ID_MASK, MALFORMED, MOVING, NOTED, TAKEN, Frame
+from cext.abi cimport AUTHORITY, COMMANDED, EXTENDED, FOREIGN, ID_MASK, MALFORMED, NOTED, TAKEN, Frame
 
 cdef enum: # kinds of frames
     DUTY, CURRENT, BRAKE, SPEED, POSITION, ORIGIN, POSITION_SPEED, FORCE = 8, DISABLE = 15, CONFIGURE
@@ -23,7 +23,6 @@ cdef enum: # kinds of frames
 
 cdef enum:
     DISABLED = 0x77
-    QUIET = 32                  # codes of current, 0.32 A: below it, a drive is at rest
 
 cdef struct Status:             # of the joint
     double position             # rad, without the offset
@@ -41,12 +40,11 @@ cdef inline int16_t word(const uint8_t *data) noexcept nogil:
 cdef inline int read_frame(
         double *arena, const Frame *frame, uint32_t id, double sign, const double *scales, double *notice,
         Status *status) noexcept nogil:
-    """Return the result of decoding a frame. For TAKEN and MOVING, `status` receives the status.
+    """Return the result of decoding a frame. For TAKEN, `status` receives the status.
 
     A commanded drive that reports a disable or a power-on sets `notice`: it would not obey the next command safely.
     """
     cdef uint32_t kind = (frame.id & <uint32_t>ID_MASK) >> 8
-    cdef int16_t current
     if (frame.id & ~<uint32_t>ID_MASK) != EXTENDED or (frame.id & 0xFF) != id:
         return FOREIGN
     if kind <= CONFIGURE:
@@ -67,14 +65,13 @@ cdef inline int read_frame(
         return MALFORMED
     if frame.data[7] == DISABLED and arena[AUTHORITY] > 0.0:
         notice[0] = DISABLED
-    current = word(&frame.data[4])
     status.position = sign * scales[0] * word(&frame.data[0])
     status.velocity = sign * scales[1] * word(&frame.data[2])
-    status.current = sign * 0.01 * current
+    status.current = sign * 0.01 * word(&frame.data[4])
     status.torque = scales[2] * status.current
     status.temperature = <int8_t>frame.data[6]
     status.fault = notice[0] if frame.data[7] == 0 or frame.data[7] == DISABLED else frame.data[7]
-    return TAKEN if -QUIET <= current < QUIET or frame.data[7] == DISABLED else MOVING
+    return TAKEN
 
 
 cdef inline void put_word(uint8_t *data, double x) noexcept nogil:

@@ -22,6 +22,7 @@ from cext.abi cimport (
     FOREIGN, ITEMS, MALFORMED, NOTED, NOT_FINITE, TAKEN, TIME, Frame, decode_t, encode_t, export_decode,
     export_encode, items,
 )
+from cext.conversion cimport to_u32
 from cext.lines.i2c_answers cimport TROUBLE, answer_id, big, code_of, failures, little, put_big, put_little, transfer_of
 
 cdef enum: # in `state` of an emulated chip
@@ -185,7 +186,7 @@ cdef inline bint due(double *arena, const Emulated *at, int transfer) noexcept n
 cdef inline Frame *fresh(double *arena, const Emulated *at, Frame *frame, int transfer, int length) noexcept nogil:
     cdef uint32_t identity = <uint32_t>arena[at.identity]
     if arena[at.wrong_address] > 0.0:
-        identity = (identity & ~<uint32_t>0xFF) | (<uint32_t>arena[at.wrong_address] & 0x7F)
+        identity = (identity & ~<uint32_t>0xFF) | (to_u32(arena[at.wrong_address]) & 0x7F)
     memset(frame, 0, sizeof(Frame))
     frame.id = answer_id(identity, transfer)
     frame.length = <uint8_t>length

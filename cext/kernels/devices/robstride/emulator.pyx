@@ -14,6 +14,7 @@ from cext.abi cimport (
     EXTENDED, FOREIGN, ID_MASK, ITEMS, MALFORMED, NOT_FINITE, OK, TAKEN, TIME, Frame, decode_t, encode_t, export,
     export_decode, export_encode, items, kernel_t,
 )
+from cext.conversion cimport to_u32
 from cext.kernels.devices.drives cimport (
     LAST_COMMAND, RUNNING, ZERO, Drive, answerable, deliver, drive_sizes, forget, law, look, owe, own_id, seen_position,
     seen_velocity, turned, unreachable, unwritten, within,
@@ -137,7 +138,7 @@ cdef void read(double *arena, const RobStride *at, uint32_t host, uint32_t index
         elif place == IQF:
             single = <float>(motor_torque(arena, at) / gear / (arena + at.memory_of_drive)[TORQUE_CONSTANT])
     if whole(place):
-        bits = <uint32_t>registers[place]
+        bits = to_u32(registers[place])
     else:
         memcpy(&bits, &single, 4)
     data[0] = <uint8_t>index
@@ -278,7 +279,7 @@ cdef int drive_kernel(double *arena, const RobStride *at, const RobStride *sizes
         forget(arena, &at.drive)
         memcpy(registers, arena + at.defaults, 64 * sizeof(double))
         memory[LATCHED] = memory[REPORTED] = memory[REPORTING] = 0.0
-    memory[LATCHED] = <int>memory[LATCHED] | (<int>fault & FAULTS if fault > 0.0 else 0) | (
+    memory[LATCHED] = <int>memory[LATCHED] | <int>(to_u32(fault) & FAULTS) | (
         HOT if arena[at.drive.temperature] >= arena[at.drive.trip_temperature] else 0)
     if memory[LATCHED] != 0.0 or fault >= WORD:
         stop(arena, at)
@@ -292,7 +293,7 @@ cdef int drive_kernel(double *arena, const RobStride *at, const RobStride *sizes
 cdef void unasked(double *arena, const RobStride *at) noexcept nogil:
     """Queue new faults of type 21, and reports of type 24 that are due."""
     cdef double *memory = arena + at.memory_of_drive
-    cdef double word = <double><uint32_t>(arena[at.drive.fault] / WORD) if arena[at.drive.fault] >= WORD else 0.0
+    cdef double word = <double>to_u32(arena[at.drive.fault] / WORD)
     cdef double scan = (arena + at.registers)[EPSCAN_TIME]
     cdef uint8_t data[8]
     if arena[at.drive.power_lost] != 0.0:

@@ -24,8 +24,8 @@ from cext.abi cimport (
     ANSWERED, AUTHORITY, COMMANDED, FOREIGN, ITEMS, MALFORMED, NOTED, NOT_FINITE, OK, PERIOD, POWER_LOSS, TAKEN, TIME,
     Frame, decode_t, encode_t, export, export_decode, export_encode, items, kernel_t,
 )
+from cext.conversion cimport to_u32
 cimport cext.kernels.devices.drives as drives
-from cext.kernels.devices.drive_law cimport oldest_age
 from cext.kernels.devices.mit cimport Mit, all_ones, decode_motion, encode_command, mit_sizes, pack_motion, unpack
 
 cdef enum: # in `talk`
@@ -181,7 +181,6 @@ cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame 
     cdef double *talk = arena + at.talk
     cdef double *sent = arena + at.mit.sent
     cdef double period = arena[PERIOD]
-    cdef double transit = arena[at.mit.transit]
     cdef double torque = arena[at.mit.torque_sent]
     cdef double[5] held
     cdef bint asks = reads_faults_now(arena, at, talk)
@@ -190,11 +189,11 @@ cdef int mit_encode(double *arena, const Driver *at, const Driver *sizes, Frame 
     # the command before a request stays in force for one more period: its law is bounded over that, too
     talk[PREPARED] = (
         not asks and (talk[READY] != 0.0 or talk[COUNTS] == 0.0)
-        and arena[TIME] + period + 1e-9 >= talk[NEXT] and arena[at.mit.age] <= oldest_age(period, arena[at.mit.max_transit]))
+        and arena[TIME] + period + 1e-9 >= talk[NEXT] and arena[at.mit.age] <= 2.0 * period + 1e-9)
     if talk[PREPARED] != 0.0:
-        arena[PERIOD], arena[at.mit.transit] = 1.5 * period, transit + 0.5 * period
+        arena[PERIOD] = 1.5 * period
     count = encode_command(arena, &at.mit, &frames[0])
-    arena[PERIOD], arena[at.mit.transit] = period, transit
+    arena[PERIOD] = period
     if count != 1:
         return count
     if asks:                    # the command is checked but not sent; the last one stays in force
@@ -264,7 +263,7 @@ cdef void parameter(double *arena, const Emulated *at, uint32_t kind, const uint
     memcpy(out, data, 8)
     if kind == WRITE:
         registers[index & 63] = little_endian(data + 4)
-    put_little(out + 4, <uint32_t>registers[index & 63])
+    put_little(out + 4, to_u32(registers[index & 63]))
     drives.owe(arena, &at.drive, kind | drives.own_id(arena, &at.drive), 8, out)
 
 
@@ -301,7 +300,7 @@ cdef int drive_kernel(double *arena, const Emulated *at, const Emulated *sizes) 
         drives.forget(arena, &at.drive)
         memset(registers, 0, 64 * sizeof(double))
         latched[0] = 0.0
-    latched[0] = <double>(<uint32_t>latched[0] | (<uint32_t>fault if fault > 0.0 else 0) | (
+    latched[0] = <double>(<uint32_t>latched[0] | to_u32(fault) | (
         1 if arena[at.drive.temperature] >= arena[at.drive.trip_temperature] else 0))
     if latched[0] != 0.0 or (timeout > 0.0 and state[drives.RUNNING] != 0.0 and arena[TIME]
             - state[drives.LAST_COMMAND] > timeout):

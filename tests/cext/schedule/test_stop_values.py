@@ -1,0 +1,162 @@
+"""What confirms a safe stop: values in replies to it, for drives of every family that are not as they should be.
+
+In virtual time, on in-memory buses, with the drives of tests.own_drives. The run commands every 5 ms.
+"""
+
+import random
+
+import pytest
+
+from graph import Diagram
+from tests.cext.rigs import Rig
+from tests.own_drives import FAMILIES, OwnDrive, Wired
+
+RATE, PLANT = 200, 2000
+COMMANDS = {name: RATE for name in FAMILIES}
+HOLDS = (0.5, 2.0, 5.0)
+PERIODIC = ("v3", "servo")
+
+
+def robot_with(names, **options):
+    """A robot with a drive of each family, each on its own bus. options : of the blocks"""
+    with Diagram("robot", rate=RATE) as robot:
+        for index, name in enumerate(names):
+            family = FAMILIES[name]
+            drive = family.block(
+                family.model, can_id=1, bus=f"bus{index}", name=f"drive{index}", **family.options | options
+            )
+            drive(**{family.names[0]: 1.0})
+    return robot
+
+
+def run(name, drives, ticks=20, transit=lambda: 0, lost=lambda: False, **options):
+    """Run a robot with the block of a family, and these drives on its bus. Returns the Outcome and the Rig."""
+    robot = robot_with([name])
+    with Diagram("plant", rate=PLANT) as plant:
+        wired = Wired(drives, PLANT, transit, lost, name="drives")
+    rig = Rig(robot, plant)
+    wired.end = rig.buses["bus0"].device
+    outcome = rig.run(ticks, **options)
+    return outcome, rig
+
+
+def own(name, **options):
+    """A drive of a family. A family that reports by itself does so at 200 Hz by default."""
+    default = {"reports": 200.0} if name == "servo" else {}
+    return OwnDrive(FAMILIES[name], **default | options)
+
+
+def stop_of(rig):
+    """Time in s from the first to the last frame of the stop."""
+    times = [frame.time for frame in rig.frames if frame.sent]
+    ends = [frame.time for frame in rig.frames if frame.sent and frame.time > rig.last_tick]
+    return (times[-1] - ends[0]) * 1e-9
+
+
+@pytest.mark.parametrize("hold", HOLDS)
+@pytest.mark.parametrize("times", [1, 2, 5, 10])
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_drive_that_misses_the_stop_and_reports_by_itself_is_not_confirmed(name, times, hold):
+    drive = own(name, hold=hold, misses_stop=True, reports=times * RATE)
+    outcome, rig = run(name, [drive])
+    assert drive.deaf and drive.torque == hold
+    assert outcome.unconfirmed == ("drive0",)
+
+
+@pytest.mark.parametrize("times", [1, 2, 5, 10])
+@pytest.mark.parametrize("name", [name for name in FAMILIES if name not in PERIODIC])
+def test_reports_of_no_torque_by_a_drive_that_misses_the_stop_confirm_nothing(name, times):
+    """They do not stop when the questions do. In V3 the answer to the disable is missing."""
+    drive = own(name, hold=5.0, reported=0.0, misses_stop=True, reports=times * RATE)
+    outcome, _ = run(name, [drive])
+    assert drive.deaf and outcome.unconfirmed == ("drive0",)
+
+
+def test_reports_of_no_torque_without_an_answer_to_the_disable_confirm_nothing():
+    drive = own("v3", hold=5.0, reported=0.0, misses_stop=True, reports=400.0)
+    outcome, _ = run("v3", [drive])
+    assert drive.deaf and outcome.unconfirmed == ("drive0",)
+
+
+@pytest.mark.parametrize("hold", HOLDS)
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_drive_that_answers_the_stop_and_keeps_its_torque_is_not_confirmed(name, hold):
+    outcome, _ = run(name, [own(name, hold=hold)])
+    assert outcome.unconfirmed == ("drive0",)
+
+
+@pytest.mark.parametrize("before", [False, True], ids=["after", "before"])
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_healthy_drive_is_confirmed_within_four_rounds(name, before):
+    """Also one that packs its reply before it unpacks the command: its replies are one command old."""
+    drive = own(name, before=before)
+    outcome, rig = run(name, [drive])
+    assert (outcome.status, outcome.unconfirmed) == ("ok", ()) and drive.torque == 0.0
+    stops = [now for now, kind in drive.heard if kind in ("zero", "disable") and now > 100_000_000]
+    assert len({now // 1_000_000 for now in stops}) <= 4
+    assert stops[-1] - stops[0] <= 20_000_000
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("delay", [0.008, 0.016, 0.030])
+def test_a_healthy_drive_with_late_replies_is_confirmed_within_the_limit(name, delay):
+    drive = own(name)
+    outcome, _ = run(name, [drive], ticks=60, transit=lambda: round(delay * 1e9))
+    assert (outcome.status, outcome.unconfirmed) == ("ok", ()) and drive.torque == 0.0
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_healthy_drive_with_lost_replies_is_confirmed_within_the_limit(name):
+    chance = random.Random(7)
+    for _ in range(10):
+        outcome, _ = run(name, [own(name)], ticks=60, lost=lambda: chance.random() < 0.1)
+        assert (outcome.status, outcome.unconfirmed) == ("ok", ())
+
+
+@pytest.mark.parametrize("delay", [0.008, 0.016, 0.030])
+@pytest.mark.parametrize("name", ["mit", "robstride", "robstride mit"])
+def test_late_replies_to_earlier_commands_confirm_nothing(name, delay):
+    """The drive misses the stop and reports no torque: only replies to earlier commands arrive after its begin."""
+    drive = own(name, hold=5.0, reported=0.0, misses_stop=True)
+    outcome, _ = run(name, [drive], ticks=60, transit=lambda: round(delay * 1e9))
+    assert drive.deaf and outcome.unconfirmed == ("drive0",)
+
+
+@pytest.mark.parametrize("name", [name for name in FAMILIES if name not in PERIODIC])
+def test_frames_of_another_node_do_not_confirm_a_dead_drive(name):
+    """The drive loses its power in the stop; another node sends what its replies look like, with any period."""
+    family = FAMILIES[name]
+    for period in (0.0025, 0.005, 0.010, 0.02, 0.05):
+        dead = own(name, misses_stop=True)
+        imposter = OwnDrive(family, reports=1.0 / period)
+        imposter.deaf = True
+        imposter.due = 10**12
+
+        class Late(Wired):
+            def step(self, tick):
+                if dead.deaf and imposter.due == 10**12:
+                    imposter.due = tick * self.period
+                return super().step(tick)
+
+        robot = robot_with([name])
+        with Diagram("plant", rate=PLANT) as plant:
+            wired = Late([dead, imposter], PLANT, name="drives")
+        rig = Rig(robot, plant)
+        wired.end = rig.buses["bus0"].device
+        outcome = rig.run(20)
+        assert dead.deaf and outcome.unconfirmed == ("drive0",), period
+
+
+def test_replies_from_two_ids_are_not_of_one_drive():
+    """MIT mode: a drive answers from its id or from 0, not from both."""
+
+    class Mixed(OwnDrive):
+        count = 0
+
+        def hear(self, *frame):
+            frames = super().hear(*frame)
+            self.count += len(frames)
+            return [frame._replace(identifier=0) if self.count % 2 else frame for frame in frames]
+
+    outcome, _ = run("mit", [Mixed(FAMILIES["mit"])])
+    assert outcome.unconfirmed == ("drive0",)
