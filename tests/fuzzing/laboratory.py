@@ -25,6 +25,7 @@ CORPUS = ROOT / "build" / "fuzzing"  # what earlier runs have found, and in `fai
 CHECKS = "address,undefined,float-cast-overflow"
 BUT = "-fno-sanitize=pointer-overflow"  # Cython adds nothing to NULL where a call has no arguments
 CLANG = next(filter(shutil.which, ("clang-19", "clang")), "clang-19")
+SYMBOLIZER = shutil.which("llvm-symbolizer-19") or shutil.which("llvm-symbolizer")  # names the covered functions
 OPTIONS = (
     "-max_len=1500",
     "-timeout=5",
@@ -66,7 +67,9 @@ def why_not():
     if not sys.platform.startswith("linux"):
         return "fuzzing wants Linux"
     if shutil.which(CLANG) is None:
-        return "fuzzing wants clang: sudo apt install clang-19 libclang-rt-19-dev"
+        return "fuzzing wants clang: sudo apt install clang-19 libclang-rt-19-dev llvm-19"
+    if SYMBOLIZER is None:
+        return "fuzzing wants llvm-symbolizer: sudo apt install llvm-19"
     missing = [name for name in ("fuzzer_no_main", "asan") if runtime(name) is None]
     return (
         f"fuzzing wants clang's own libraries ({', '.join(missing)}): sudo apt install libclang-rt-19-dev"
@@ -85,6 +88,11 @@ def runtime(name):
         ):
             return path
     return None
+
+
+def symbols_of(module):
+    """Prefix of the names that Cython gives to the functions of a module."""
+    return "__pyx_f_" + "".join(f"{len(part)}{part}_" for part in module.split("/"))
 
 
 class Laboratory:
@@ -163,10 +171,8 @@ class Laboratory:
         length = f"-max_total_time={round(seconds)}" if seconds else "-runs=0"
         code, said = self.start(name, length, f"-artifact_prefix={failures}/{name}-", *OPTIONS, str(kept))
         numbers = {key: int(value) for key, value in re.findall(r"stat::(\w+):\s+(\d+)", said)}
-        functions = re.findall(
-            r"COVERED_FUNC: hits: (\d+) edges: (\d+)/(\d+) __pyx_f_(\S+) \S*(?:%s)\.pyx:" % "|".join(modules_of(name)),
-            said,
-        )
+        prefixes = "|".join(map(symbols_of, modules_of(name)))
+        functions = re.findall(rf"COVERED_FUNC: hits: (\d+) edges: (\d+)/(\d+) (?:{prefixes})(\S+) ", said)
         entered = [(int(some), int(all_)) for hits, some, all_, _ in functions if int(hits)]
         failure = re.search(r"tickwork: (.*)|(\S+: runtime error: .*)|ERROR: (AddressSanitizer.*|libFuzzer.*)", said)
         return Run(
@@ -185,6 +191,7 @@ class Laboratory:
             **os.environ,
             "LD_PRELOAD": f"{self.engine} {runtime('asan')}",
             "PYTHONMALLOC": "malloc",
+            "ASAN_SYMBOLIZER_PATH": SYMBOLIZER,
             "ASAN_OPTIONS": "verify_asan_link_order=0:detect_leaks=0:handle_segv=1",
             "UBSAN_OPTIONS": "print_stacktrace=1",
         }

@@ -13,7 +13,6 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 from tests.checkout import ROOT
 
@@ -21,7 +20,7 @@ FOLDER = ROOT / "build" / "sanitizing"
 PARTS = ("blocks", "cext", "diagrams", "docs", "graph", "runtime", "tests", "pyproject.toml", "setup.py")
 PARTS += ("tickwork_command.py", "Makefile", "README.md", "CITATION.cff", "MANIFEST.in", "LICENSE")
 BUILT = (".so", ".c")
-# Crashes belong to the handlers of the tested process. Locks of Python are not in the order that TSan expects.
+# Crashes belong to the handlers of the tested process.
 COMMON = "detect_leaks=0:handle_segv=0:handle_sigbus=0:handle_sigfpe=0:handle_sigill=0:handle_abort=0"
 
 
@@ -52,8 +51,8 @@ KINDS = {
         (
             "-m",
             "not soak",
-            "tests/sanitizing/test_two_owners.py",
-            "tests/cext/schedule/test_watchdog.py",
+            # not test_watchdog.py: ThreadSanitizer delivers a signal only at the next system call of the thread
+            "tests/cext/schedule/test_two_owners.py",
             "tests/cext/schedule/test_life_cycle.py",
             "tests/cext/schedule/test_mailbox.py",
             "tests/cext/schedule/test_live.py",
@@ -131,8 +130,6 @@ def environment_of(kind, reports):
         found.variable: f"{found.options}:log_path={reports}/report",
         "UBSAN_OPTIONS": f"print_stacktrace=1:log_path={reports}/report",
     }
-    if kind == "thread":
-        environment[found.variable] += f":suppressions={Path(__file__).parent / 'thread.suppressions'}"
     return environment
 
 
