@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 from tests.checkout import ROOT
 
@@ -47,7 +48,8 @@ KINDS = {
         "thread",
         "libtsan.so",
         "TSAN_OPTIONS",
-        f"{COMMON}:report_signal_unsafe=0:report_mutex_bugs=0:report_thread_leaks=0:exitcode=0:history_size=4",
+        f"{COMMON}:report_signal_unsafe=0:report_mutex_bugs=0:report_thread_leaks=0:exitcode=0:history_size=4"
+        f":die_after_fork=0:suppressions={Path(__file__).parent / 'thread.suppressions'}",
         (
             "-m",
             "not soak",

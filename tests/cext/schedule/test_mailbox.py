@@ -81,7 +81,8 @@ def test_concurrent_writers_receive_the_recorded_ticks():
     for index, (reader, writer) in pipes.items():
         told = struct.unpack(f"={LETTERS_EACH}q", os.read(reader, 1 << 16))
         assert recorded[index] == [(number / 10.0, tick) for number, tick in enumerate(told, 1)]
-        assert list(told) == sorted(set(told)), "a letter a tick, since each waits for its answer"
+        # a writer that is answered while the loop still takes letters may be answered twice in a tick
+        assert list(told) == sorted(told)
         os.close(reader)
         os.close(writer)
 
