@@ -33,7 +33,7 @@ cdef struct Inference:              # one session, with its tensors: the signal 
     size_t result_size              # floats of all outputs before the states
     size_t state_size               # floats of all states
     Histogram times                 # of the inferences of the present run
-    char error[ERROR_BYTES]         # of the last inference that failed
+    char error[ERROR_BYTES]         # of the first inference that failed
 
 cdef int infer(Inference *model, float *inputs, float *outputs) noexcept nogil
 

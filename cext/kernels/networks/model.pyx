@@ -105,7 +105,8 @@ cdef int infer(Inference *model, float *inputs, float *outputs) noexcept nogil:
     for index in range(count):
         api.ReleaseValue(values[index])
     if status != NULL:
-        strncpy(model.error, api.GetErrorMessage(status), ERROR_BYTES - 1)
+        if model.error[0] == 0:                 # written once: it may be read while later inferences fail
+            strncpy(model.error, api.GetErrorMessage(status), ERROR_BYTES - 1)
         api.ReleaseStatus(status)
         return -1
     memcpy(inputs + model.signal_size, outputs + model.result_size, model.state_size * sizeof(float))
