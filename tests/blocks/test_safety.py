@@ -309,6 +309,7 @@ def test_recorded_frames_that_are_repeated_in_turn_are_no_heartbeat(recorded):
     assert outcome.status in ("silent", "kernel status 64") and outcome.culprit == "button" and outcome.tick <= 40
 
 
+@pytest.mark.hazard("H9c")
 @pytest.mark.parametrize("offset", [0, 1, 2, 5, 40, 100, 128, 200, 255])
 @pytest.mark.parametrize("dies", ["neither", "first", "second"])
 def test_two_senders_of_one_id_end_the_run_before_the_death_of_either_is_hidden(offset, dies):

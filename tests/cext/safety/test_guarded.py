@@ -123,6 +123,7 @@ def test_each_tick_updates_the_heartbeat_of_the_loop():
     assert before < beat <= at and at < rig.page.beat < time.monotonic_ns()
 
 
+@pytest.mark.hazard("H4d")
 def test_fence_raised_within_tick_blocks_its_frames():
     rig = guarded(lambda: rig.page.raise_fence())
     outcome = rig.run(200)

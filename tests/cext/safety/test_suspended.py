@@ -65,6 +65,7 @@ def outcome_of(namespace, tick, guard=60.0):
     return json.loads(run.stdout)
 
 
+@pytest.mark.hazard("H4d")
 def test_a_suspend_within_a_tick_ends_the_run_before_the_commands_of_that_tick_are_sent(later):
     status, culprit, tick, commands, stopped, seconds, fenced = outcome_of(later, 20)
     assert (status, culprit, tick, commands) == ("suspended", None, 20, 20)

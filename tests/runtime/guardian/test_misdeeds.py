@@ -103,12 +103,13 @@ TAKEN = {
 }
 
 
+@pytest.mark.hazard("H8f")
 @pytest.mark.parametrize(
     "by, what",
     # a process of another account cannot end a guardian of root that is suspended
     [(by, what) for by in ("SIGKILL", "SIGSTOP") for what in TAKEN if (by, what) != ("SIGSTOP", "another account")],
 )
-def test_the_run_stops_the_motors_after_the_death_of_its_guardian_whatever_a_block_has_taken_away(bus, by, what):
+def test_the_run_stops_the_motors_after_the_death_of_its_guardian_whatever_a_block_has_done(bus, by, what):
     """The guardian ends at the time of the deed, so that the control process itself reaches the drives."""
     allowed = STOP + (0.1 if by == "SIGSTOP" else 0.0)
     process, out, err = misled(bus, f"{FIND_GUARDIAN}os.kill(guardian, signal.{by})\n{TAKEN[what]}", allowed=allowed)

@@ -68,7 +68,7 @@ def test_run_reports_stop_response_time_of_drives(bus, tmp_path):
         )
 
 
-@pytest.mark.hazard("H4d", "H8e")
+@pytest.mark.hazard("H8e")
 def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
     process = bus.start("--no-record")
     bus.await_torque()
@@ -107,7 +107,6 @@ def test_after_a_suspend_of_the_computer_no_torque_ever_follows(bus, tmp_path):
     assert Files(tmp_path / "out").sidecar["ended"].startswith("fault: suspended, tick ")
 
 
-@pytest.mark.hazard("H4d")
 def test_after_a_pause_of_both_processes_no_torque_follows(bus):
     """As of a container or a cgroup that is frozen: their clocks go on."""
     process = bus.start("--no-record")
