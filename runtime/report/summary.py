@@ -231,8 +231,12 @@ def hints(result: RunResult, program: str) -> list[str]:
     if not result.request.fast and result.rig is None:
         tries.append(f"simulate a minute in virtual time: {start} --duration 60 --fast")
     viewers = [sink.block for sink in result.schedule.sinks if isinstance(sink.block, PlotJuggler)]
-    if any(viewer.is_active(result.request.fast) for viewer in viewers):
-        tries.append("watch live in PlotJuggler: Streaming, UDP Server, port 9870, JSON, field `timestamp` as time")
+    ports = dict.fromkeys(str(viewer.port) for viewer in viewers if viewer.is_active(result.request.fast))
+    if ports:
+        tries.append(
+            f"watch live in PlotJuggler: Streaming, UDP Server, port {' or '.join(ports)}, JSON, field `timestamp` as "
+            "time"
+        )
     tries.append(f"show what is proved: {program} check {name}{on_rig}")
     tries.append(f"measure this machine: {program} bench")
     return ["try next", *(f"  {line}" for line in tries[:3])]

@@ -8,11 +8,14 @@ import sysconfig
 
 import pytest
 
+import runtime
+from blocks.families import find_model
 from runtime.base.errors import CHECK_FAILED, FAULT, OK
 from tests.runtime.runs import ROOT, environment, finished, write
 from tests.runtime.test_documents import python_of
 
-KNEE, ZERO, PLANT = python_of((ROOT / "docs" / "reference" / "actuators.md").read_text())
+PAGE = (ROOT / "docs" / "reference" / "actuators.md").read_text()
+KNEE, ZERO, PLANT = python_of(PAGE)
 FAMILIES = (ROOT / "docs" / "how_to" / "device_families.md").read_text()
 BOARD = python_of(FAMILIES)[0]
 
@@ -45,6 +48,17 @@ def test_the_plant_of_the_page_ends_the_run(tmp_path):
     write(tmp_path, KNEE + "\n\n" + PLANT, "deaf.py")
     process = finished("deaf.py", "--fast", "--duration", "2", "--no-record", cwd=tmp_path)
     assert process.returncode == FAULT and "knee" in process.stderr, process.stderr
+    seconds = float(re.search(r"frames are lost from ([\d.]+) s on", PLANT)[1])
+    trial = runtime.run(tmp_path / "deaf.py", 2.0)
+    period = trial.time[1] - trial.time[0]
+    fresh = trial.time[trial["knee.age"] < 1.5 * period]
+    assert seconds - 0.02 < fresh.max() < seconds + 0.02 and len(fresh) == pytest.approx(seconds / period, abs=4)
+
+
+def test_the_names_of_the_page_are_accepted():
+    [line] = re.findall(r"^\* Names are accepted.*?:\s(.*?)\.$", PAGE, re.DOTALL | re.MULTILINE)
+    names = re.findall(r"`(.*?)`", line)
+    assert len(names) > 4 and all(find_model(name) for name in names)
 
 
 @pytest.mark.skipif(shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler")

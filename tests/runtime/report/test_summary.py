@@ -150,6 +150,15 @@ def test_three_things_to_try_next(walked, tmp_path):
     ]
 
 
+def test_the_hint_on_plotjuggler_names_the_port_that_the_run_sends_to(tmp_path):
+    viewer = "PlotJuggler(port=9999, virtual_time=True)"
+    text = KNEE.format(law="return 1.0").replace("CsvRecorder()", f"CsvRecorder()\n    {viewer}")
+    path = write(
+        tmp_path, text.replace("import CsvRecorder", "import CsvRecorder\nfrom blocks.sinks import PlotJuggler")
+    )
+    assert any("UDP Server, port 9999, JSON" in line for line in summary.hints(carry_out(path), "tickwork"))
+
+
 def test_a_file_with_a_space_in_its_name_is_quoted(tmp_path):
     path = write(tmp_path, KNEE.format(law="return 1.0"), "my robot.py")
     assert summary.hints(carry_out(path), "tickwork")[1] == f"  show what is proved: tickwork check '{path}'"
