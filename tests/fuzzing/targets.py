@@ -4,6 +4,7 @@ The packets are those that the tests of the devices make, by their own reference
 """
 
 import importlib
+import inspect
 import pkgutil
 import socket
 import struct
@@ -74,7 +75,8 @@ class Driven:
     def __init__(self, target):
         wired = Wired(target.device, *target.values, **target.parameters)
         block = wired.block
-        ranges = {**{name: port.range for name, port in block.outputs.items()}, **block.output_range()}
+        anything = {name: Interval() for name in inspect.signature(block.output_range).parameters}
+        ranges = {**{name: port.range for name, port in block.outputs.items()}, **block.output_range(**anything)}
         self.is_emulated = target.device.__name__.startswith("Emulated")
         self.is_stream, self.protocol, self.tail = target.is_stream, target.protocol, target.tail
         steps = wired.schedule.devices[0]

@@ -70,9 +70,8 @@ def compiler():
     return os.environ.get("CC", "gcc").split()
 
 
-def library_of(kind):
-    """Path of a sanitizer's library. Ends the program if the compiler has none."""
-    name = KINDS[kind].library
+def path_of(name):
+    """Path of a library of the compiler. Ends the program if it has none."""
     try:
         found = subprocess.run(
             [*compiler(), f"-print-file-name={name}"], capture_output=True, text=True, check=True
@@ -80,7 +79,7 @@ def library_of(kind):
     except (OSError, subprocess.CalledProcessError) as error:
         sys.exit(f"no compiler: {error}. Install gcc with its sanitizers: sudo apt install gcc libc6-dev")
     if not os.path.isabs(found):
-        sys.exit(f"{' '.join(compiler())} has no {name}. Install the sanitizers of gcc: sudo apt install gcc")
+        sys.exit(f"{' '.join(compiler())} has no {name}. Install the sanitizers of gcc: sudo apt install gcc g++")
     return found
 
 
@@ -126,7 +125,8 @@ def environment_of(kind, reports):
     found = KINDS[kind]
     environment = {
         **os.environ,
-        "LD_PRELOAD": library_of(kind),
+        # and that of C++, whose exceptions the sanitizer looks for at the start
+        "LD_PRELOAD": f"{path_of(KINDS[kind].library)} {path_of('libstdc++.so.6')}",
         "PYTHONMALLOC": "malloc",
         "SANITIZER": kind,
         found.variable: f"{found.options}:log_path={reports}/report",
@@ -138,7 +138,7 @@ def environment_of(kind, reports):
 def run(kind, arguments):
     """Build, and run tests in the copy. Returns an exit code."""
     target, reports = FOLDER / kind, FOLDER / f"{kind}_reports"
-    library_of(kind)
+    path_of(KINDS[kind].library)
     synchronize(target)
     build(kind, target)
     shutil.rmtree(reports, ignore_errors=True)
