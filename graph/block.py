@@ -96,11 +96,11 @@ class Block:
         for kind, field in ((Input, "inputs"), (Output, "outputs"), (Param, "parameters"), (Memory, "memory")):
             setattr(cls, field, {n: d for n, d in declared.items() if isinstance(d, kind)})
         check_class(cls, declared, _WORDS)
-        cls._rules = rules_of(cls)
-        held_bounds_of(cls, cls.held_within)
         if cls.step is not Block.step:
             replace_kernels(cls)
         check_kernels(cls)
+        cls._rules = rules_of(cls)
+        held_bounds_of(cls, cls.held_within)
 
     def __init__(
         self, *values: Any, name: str | None = None, every: int = 1, hold_exceptions: int = 0, **named: Any
