@@ -130,7 +130,7 @@ class OwnDrive:
     family : of FAMILIES
     hold : N·m that it makes whatever is commanded; None for a drive that obeys and makes 1 N·m while commanded
     misses_stop : whether it receives nothing from the first disable or zero current on
-    reports : Hz of its reports
+    reports : Hz of its reports; of a drive that misses the stop and whose protocol has none, from the stop on
     reported : N·m that it reports in place of its torque, or None
     before : whether it packs its reply before it unpacks the command
     position : rad
@@ -196,6 +196,8 @@ class OwnDrive:
     def advance(self, now):
         """Reports that are due. now : ns"""
         frames = []
+        if self.misses_stop and not self.deaf and self.family.block not in (CubeMarsV3, CubeMarsServo):
+            self.due = now + 1  # before the stop, replies that nothing asks for would end the run
         while self.reports and self.due <= now:
             self.due += round(1e9 / self.reports)
             frames.append(self.family.report(self.can_id, self.told(), self.enabled, position=self.position))

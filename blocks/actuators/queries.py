@@ -9,6 +9,8 @@ from blocks.actuators.mit_frames import DISABLE
 from graph.family import Answer
 
 MIT_PURPOSE = "disable of drives in MIT mode"
+APART = 0.02  # rad, between the positions of two drives whose reports alternate
+ALTERNATIONS = 4  # fewest of them
 
 
 def symmetric(code: int, half: float, bits: int) -> float:
@@ -54,6 +56,16 @@ def same_id(count: int, can_id: int) -> str:
         f"{count} replies to one query: {count} drives have id {can_id}. Disconnect all but one and set another id. "
         "Enable none: in MIT mode each interprets the other's replies as commands"
     )
+
+
+def alternates(positions: Sequence[float]) -> bool:
+    """Return whether reports of one id alternate between two positions, as those of two drives do. positions : rad
+
+    A joint does not go to and fro by APART between reports.
+    """
+    pairs = zip(positions, positions[1:], positions[2:])
+    back = [abs(third - first) < 0.1 * abs(second - first) > 0.1 * APART for first, second, third in pairs]
+    return len(back) >= ALTERNATIONS and sum(back) >= 0.8 * len(back)
 
 
 def one_of(answers: Sequence[Answer], can_id: int, read_before: bool = False) -> Any:

@@ -43,6 +43,7 @@ cdef class StopConfirmation:
 
     cdef int load(self, reply) except -1
     cdef bint is_at_rest(self, const Frame *frame) noexcept nogil
+    cdef bint is_reply(self, const Frame *frame) noexcept nogil
     cdef bint note(self, const Frame *frame) noexcept nogil
     cdef void note_rest(self, const Frame *frame, int source) noexcept nogil
     cdef void judge_answers(self, int64_t now, int64_t round) noexcept nogil

@@ -92,6 +92,11 @@ cdef class StopConfirmation:
             return False
         return fabs(self.newest) <= self.rest                      # not for NaN
 
+    cdef bint is_reply(self, const Frame *frame) noexcept nogil:
+        """Return whether a frame answers one to the device."""
+        return (not self.length or frame.length == self.length) and find_pattern(
+            self.replies, self.reply_count, frame) >= 0
+
     cdef bint note(self, const Frame *frame) noexcept nogil:
         """Note a received frame. Returns False if it is none of this device."""
         cdef int source = find_pattern(self.replies, self.reply_count, frame)

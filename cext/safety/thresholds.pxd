@@ -34,6 +34,12 @@ cpdef enum:
     KEYS_UNTAKEN_LIMIT = 1000000000
     # ns: time for which the computer was suspended above which a run ends
     SUSPEND_LIMIT = 1000000
+    # replies: surplus of replies over the frames to a drive that shows two drives with one id; each frame removes a
+    #     quarter of a reply
+    TWIN_REPLIES = 10
+    # ns: time after which a reply counts as lost in that comparison
+    TWIN_LATE = 500000000
+
     # ns: time for which the input of --arm-on must be active, after it was inactive
     ARM_HOLD = 1000000000
 

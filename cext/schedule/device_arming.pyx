@@ -4,9 +4,10 @@
 from libc.stdint cimport int64_t
 from libc.string cimport memcpy
 
-from cext.abi cimport OK
+from cext.abi cimport FRAMES_PER_BATCH, OK
 from cext.safety.drive_state cimport ACTIVE, OUT
 from cext.safety.stop_confirmation cimport StopConfirmation
+from cext.safety.twins cimport forget_twins, note_questions
 from cext.safety.zeroing cimport begin_rest
 from cext.schedule.device_table cimport Device
 from cext.schedule.drive_zeroing cimport zero_while_arming
@@ -38,6 +39,8 @@ cdef class DeviceArming:
                 if device.drive.unconfirmed and device.confirmation != NULL:
                     (<StopConfirmation>device.confirmation).begin(self.table.now)
             begin_rest(&device.zeroing, self.table.now)
+            # frames of a stop were not counted
+            forget_twins(&device.twins, self.table.now, FRAMES_PER_BATCH if self.table.stopping else 0)
         self.expect_replies()
 
     cdef void expect_replies(self) noexcept nogil:
@@ -76,21 +79,25 @@ cdef class DeviceArming:
 
     cdef int send_batches(self, bint enable, int64_t now) noexcept nogil:
         """Send zero torque to every device, and enable to those that have not replied, if wanted."""
-        cdef int number
+        cdef int number, count
         cdef Device *device
         cdef int status = OK
         for number in range(self.table.count):
             device = &self.table.devices[number]
+            count = device.zero.count
             if device.drive.state != ACTIVE:
                 status |= self.buses.send(device.bus, device.disable.frames, device.disable.count, now, False)
                 continue
             if enable and not self.table.has_replied(device) and device.enable.count > 0:
                 if device.rounds % device.enable.count == 0:       # less often for many frames, to limit the bus load
                     status |= self.buses.send(device.bus, device.enable.frames, device.enable.count, now, False)
+                    count += device.enable.count
                 device.rounds += 1
             status |= self.buses.send(device.bus, device.zero.frames, device.zero.count, now, False)
             if enable and zero_while_arming(self.table, self.events, number):
                 status |= self.buses.send(device.bus, device.set_zero.frames, device.set_zero.count, now, False)
+                count += device.set_zero.count
+            note_questions(&device.twins, count, now)
             if device.relay > 0:
                 status |= pump(self.table, self.buses, device, now, False)
         return self.buses.status(status, False)

@@ -4,6 +4,7 @@ from cext.abi cimport FRAME_BYTES, FRAMES_PER_BATCH, decode_t, encode_t
 from cext.bus.batch cimport Batch
 from cext.clock.histogram cimport Histogram
 from cext.safety.drive_state cimport DriveState
+from cext.safety.twins cimport Twins
 from cext.safety.zeroing cimport Zeroing
 
 cdef enum:
@@ -31,6 +32,7 @@ cdef struct Device:
     int64_t damp_due             # ns since the begin of the stop, of the next damping frame
     bint damped                  # whether it is damped, and not disabled yet
     void *confirmation           # StopConfirmation, borrowed; NULL for a device without frames of a safe stop
+    Twins twins
     int unanswered               # of the frames of disable
     int64_t relay                # ns without a frame after which its relay drops; 0: it holds none
     int64_t pumped               # ns of the last frame to it

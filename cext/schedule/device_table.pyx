@@ -10,6 +10,7 @@ from cext.safety.drive_state cimport OUT, forget_state
 from cext.safety.shared_state cimport DEVICE_LIMIT
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
+from cext.safety.twins cimport forget_twins
 from cext.safety.zeroing cimport forget_zero
 
 from cext.schedule.kernel_table import address, words
@@ -71,6 +72,8 @@ cdef class DeviceTable:
             confirmation = StopConfirmation(entry.stop_reply)
             self.keep.append(confirmation)
             device.confirmation = <void *>confirmation
+            reply = entry.stop_reply
+            device.twins.counted = reply is not None and reply.torque is not None and not reply.reports
         device.relay = round(entry.relay_time * 1e9)
         device.drive.disabled, device.drive.disable = entry.disabled_slot, entry.disable_slot
         device.drive.active = entry.active_slot
@@ -114,6 +117,7 @@ cdef class DeviceTable:
             device = &self.devices[index]
             forget_zero(&device.zeroing)
             forget_state(&device.drive, self.arena)
+            forget_twins(&device.twins, 0, 0)
             device.fades_from = device.asked = -1
             device.reply_time = device.replies = device.replies_wanted = device.missed = 0
             device.owed = device.answered = device.doubtful = False
@@ -131,4 +135,5 @@ cdef class DeviceTable:
         """Return whether arming or the safe stop need not wait for a device any longer."""
         if self.stopping:
             return device.confirmation == NULL or (<StopConfirmation>device.confirmation).confirmed
-        return device.drive.state == OUT or self.has_replied(device) and not device.zeroing.due
+        return device.drive.state == OUT or (
+            self.has_replied(device) and not device.zeroing.due and device.twins.surplus < 2.0)

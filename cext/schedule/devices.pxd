@@ -43,6 +43,7 @@ cdef class Devices:
     cdef int offer(self, int bus, int count) noexcept nogil
     cdef int offer_one(self, int bus, Frame *frame, int *status) noexcept nogil
     cdef bint is_foreign_command(self, const Frame *frame, int answer, int number) noexcept nogil
+    cdef bint is_twin(self, Device *device, const Frame *frame) noexcept nogil
     cdef bint is_unconfigured(self, const Device *device) noexcept nogil
     cdef int watch(self, int64_t now) noexcept nogil
     cdef int command(self) noexcept nogil

@@ -14,7 +14,8 @@ from libc.string cimport memset
 
 from cext.abi cimport (
     ANSWERED, AUTHORITY, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES,
-    FRAMES_PER_DEVICE, FRAMES_PER_TICK, HUNG, MALFORMED, OK, PERIOD, PRESSED, SILENT, TAKEN, TICK,
+    FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, HUNG, MALFORMED, OK, PERIOD, PRESSED, SILENT, TAKEN, TICK,
+    TWO_DEVICES,
 )
 from cext.clock.deadline_clock cimport monotonic
 from cext.clock.histogram cimport add
@@ -25,6 +26,7 @@ from cext.safety.shared_state cimport FENCED_FOR_GOOD, load_i32
 from cext.safety.speed_bands cimport SpeedBands
 from cext.safety.stop_confirmation cimport StopConfirmation
 from cext.safety.thresholds cimport FADE_IN
+from cext.safety.twins cimport forget_twins, note_answer, note_questions
 from cext.safety.zeroing cimport note_command, note_position
 from cext.schedule.drive_zeroing cimport add_zero, end_zeroing
 from cext.schedule.foreign_commands cimport commanded_device, may_be_reply
@@ -174,6 +176,9 @@ cdef class Devices:
             elif answer == MALFORMED:
                 device.malformed[frame.length if frame.length < FRAME_BYTES else FRAME_BYTES] += 1
                 device.rejected_id = frame.data[0] if frame.length > 0 else -1
+            if device.twins.counted and answer != MALFORMED and self.is_twin(device, frame):
+                self.table.failed = number
+                status[0] = TWO_DEVICES
             if device.bands != NULL and answer != MALFORMED:
                 (<SpeedBands>device.bands).note(frame)
             if device.confirmation != NULL and (self.table.stopping or device.drive.state >= OUT):
@@ -197,6 +202,13 @@ cdef class Devices:
             device.doubtful = True
             return False
         return not (self.buses.page != NULL and load_i32(&self.buses.page.fence) == FENCED_FOR_GOOD)
+
+    cdef bint is_twin(self, Device *device, const Frame *frame) noexcept nogil:
+        """Note a reply. Returns whether it shows that two devices have the id of a commanded one."""
+        if self.table.stopping or self.table.waiting or device.drive.state != ACTIVE:
+            forget_twins(&device.twins, self.table.now, FRAMES_PER_BATCH)
+            return False
+        return (<StopConfirmation>device.confirmation).is_reply(frame) and note_answer(&device.twins)
 
     cdef bint is_unconfigured(self, const Device *device) noexcept nogil:
         """Return whether a sensor that has lost its settings may provide no samples before the next arming writes them.
@@ -256,6 +268,7 @@ cdef class Devices:
                 return -count
             count = add_zero(self.table, self.events, number, &self.outgoing[total], count)
             total += count
+            note_questions(&device.twins, count, self.table.now)
             self.outgoing_count[device.bus] += count
             if self.laps != NULL and self.laps.each != NULL:
                 lap(self.laps, self.item + number)

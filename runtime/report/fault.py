@@ -94,6 +94,7 @@ def what(result: RunResult, block: Block | None, program: Program) -> str:
             "e-stop": "the emergency stop was pressed",
             "hung": hung(outcome),
             "unclear pose": unclear(result),
+            "two devices": two_devices(block),
             "program silent": "a pass of the connected program's loop took longer than its loop_timeout: raise "
             "loop_timeout, or move what takes long to another thread",
             "suspended": suspended(result),
@@ -248,6 +249,17 @@ def suspended(result: RunResult) -> str:
     return (
         f"the computer was suspended for {seconds:.1f} s. The drives kept their last command "
         "meanwhile, unless they have a time-out, and were stopped when it resumed"
+    )
+
+
+def two_devices(block: Block | None) -> str:
+    """Return which id two devices answer to, and the remedy."""
+    if not isinstance(block, Device):
+        return "two devices answer to one id"
+    ids = ", ".join(str(identifier) for identifier, _ in block.addresses())
+    return (
+        f"more replies from id {ids} on bus {block.bus} than frames to it: two devices have this id, or another "
+        "controller commands it. Connect the devices one at a time, and set an id of its own in each with `configure`"
     )
 
 

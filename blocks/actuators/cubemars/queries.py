@@ -14,7 +14,7 @@ from blocks.actuators.cubemars import frames
 from blocks.actuators.cubemars.frames import FAULTS, REPLIES
 from blocks.actuators.cubemars.models import POSITION
 from blocks.actuators.mit_frames import DISABLE
-from blocks.actuators.queries import one_of, same_id, state_in_mit_mode
+from blocks.actuators.queries import alternates, one_of, same_id, state_in_mit_mode
 from graph.family import Answer
 
 if TYPE_CHECKING:
@@ -138,6 +138,13 @@ def all_reports(
         replies = sum(status_of(can_id)(*frame) is not None for frame in received)
         if can_id not in reported and answer.family == V3 and replies > 1:
             answer.remarks.append(same_id(replies, can_id))
+    for can_id, answer in (reported | queried).items():
+        states = [state for frame in [*before, *received] if (state := status_of(can_id)(*frame)) is not None]
+        if not answer.remarks and alternates([state.position or 0.0 for state in states]):
+            answer.remarks.append(
+                f"its reports alternate between two positions: 2 drives have id {can_id}. Disconnect all but one and "
+                "set another id"
+            )
     return list((reported | queried).values())
 
 
