@@ -118,7 +118,8 @@ class GuardianProcess(ChildProcess):
 
     def configure(self, plan: Plan) -> None:
         """Send the plan and wait until every bus is open. Raises GuardianError, with nothing left open."""
-        self._plan = plan | {"locks": self._locks}
+        plan = {**plan, "locks": self._locks}
+        self._plan = plan
         answer: dict[str, Any] | None
         try:
             self._send(json.dumps(self._plan).encode() + b"\n")

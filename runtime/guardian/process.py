@@ -148,7 +148,7 @@ class Guardian:
                 self._listen(self.stop)
                 self.stop.step(now)
                 if self.reported and now >= self.open_again:
-                    self._open_again(now)
+                    self._open_again(self.stop, now)
                 self._report_stop(self.stop, self.verdict, now)
             if self.stuck_at is not None and now >= self.stuck_at:
                 self._report_hang()
@@ -282,10 +282,10 @@ class Guardian:
         self.stop = SafeStop(devices, self.wires, now, moving, relays, self.page.out, round(lasts * 1e9))
         self.stop.step(now)
 
-    def _open_again(self, now):
+    def _open_again(self, stop, now):
         """Open the interfaces again over which a safe stop cannot send, as their adapter may have returned."""
         self.open_again = now + STOP_ROUND_MAXIMUM
-        lost = {self.stop.stopped[name]["bus"] for name in self.stop.waiting} & self.stop.failing
+        lost = {stop.stopped[name]["bus"] for name in stop.waiting} & stop.failing
         for index in lost:
             wire, line = self.wires[index], self.buses[index]["line"]
             with suppress(CannotOpen):
@@ -300,9 +300,10 @@ class Guardian:
                     continue
                 self.carried = [entry for entry in self.carried if entry[0] != index] + [(index, line, again)]
                 self.restless = any(each.fileno() is None for _, _, each in self.carried)
-                if again.fileno() is not None:
-                    self.places[again.fileno()] = index
-                    self.poll.register(again.fileno(), select.POLLIN)
+                descriptor = again.fileno()
+                if descriptor is not None:
+                    self.places[descriptor] = index
+                    self.poll.register(descriptor, select.POLLIN)
 
     def _block_name(self):
         """Return the name of the item in which the tick hangs."""
