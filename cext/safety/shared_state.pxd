@@ -49,8 +49,6 @@ cdef struct SharedLayout:
     uint64_t capacity           # of the ring, bytes, a power of two
     int32_t state
     int32_t fence               # while it is not 0, no process sends a command frame
-    int32_t sending             # not 0: the loop has checked the fence, and may be sending commands
-    Operator operator
     int32_t closed              # 1: no further records
     int32_t status              # reason for the end
     int32_t hung                # 1 + stopwatch item of a tick that hung, -1 if unknown, 0: none
@@ -96,7 +94,9 @@ cdef struct SharedLayout:
     uint64_t tail               # bytes read, in total; owned by the consumer
     uint64_t more[7]
     Mailbox mailbox
+    Operator operator
     KeyRing keys
+    int32_t sending             # not 0: the loop has checked the fence, and may be sending commands
 
 cdef struct Shown:              # a live parameter, after the ring; the JSON follows them
     double value                # in the newest tick

@@ -8,6 +8,7 @@ from cpython.buffer cimport PyBUF_WRITABLE, PyObject_GetBuffer, PyBuffer_Release
 from libc.string cimport memcpy, memset
 from posix.unistd cimport close
 
+from cext.atomics cimport load_i32_in_order, store_i32_in_order
 from cext.clock.histogram cimport buckets, summary
 from cext.clock.deadline_clock cimport suspended_time
 from cext.fused.locate cimport IN_RUN
@@ -150,7 +151,12 @@ cdef class SharedState:
 
     def raise_fence(self) -> None:
         """Raise the fence permanently: no process of this run sends command frames from now on."""
-        store_i32(&self.layout.fence, FENCED_FOR_GOOD)
+        store_i32_in_order(&self.layout.fence, FENCED_FOR_GOOD)
+
+    @property
+    def sending(self) -> bool:
+        """Whether the loop has checked the fence and may be sending commands, or has died or was suspended there."""
+        return load_i32_in_order(&self.layout.sending) != 0
 
     @property
     def stopped_by(self) -> str:

@@ -119,6 +119,7 @@ cdef class KeyReader:
 
     def __init__(self, SharedState page, int file, processors=()):
         cdef sched_param parameters
+        cdef int64_t until
         cdef int failed
         CPU_ZERO(&self.processors)
         for number in processors:
@@ -131,8 +132,10 @@ cdef class KeyReader:
         if failed:
             raise OSError(failed, "cannot start the thread that reads the keys: %s" % os.strerror(failed))
         self.running = True
+        until = monotonic() + START_LIMIT
         with nogil:
-            doze(&self.begun, monotonic() + START_LIMIT)
+            while not load_i32(&self.begun) and monotonic() < until:        # a signal ends a doze
+                doze(&self.begun, until)
 
     def stop(self) -> None:
         """End the thread, and restore the terminal."""

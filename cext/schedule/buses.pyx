@@ -6,6 +6,7 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
 from cext.abi cimport BUS_ERROR, FENCED, OK
+from cext.atomics cimport load_i32_in_order, store_i32, store_i32_in_order
 from cext.bus.memory_bus cimport BusEnd
 from cext.safety.shared_state cimport FRAME, RECEIVED, commit, load_i32, reserve
 from cext.safety.suspend cimport fence_after_suspend
@@ -76,10 +77,15 @@ cdef class Buses:
             frames[index].time = now
             frames[index].bus = <uint8_t>bus
             frames[index].sent = 1
-        # last: the process, or the computer, may be suspended before
-        if not stopping and self.page != NULL and (load_i32(&self.page.fence) or fence_after_suspend(self.page)):
-            return FENCED
+        # the process, or the computer, may be suspended between the fence and the send: the guardian then repeats its stop
+        if not stopping and self.page != NULL:
+            store_i32_in_order(&self.page.sending, 1)
+            if load_i32_in_order(&self.page.fence) or fence_after_suspend(self.page):
+                store_i32(&self.page.sending, 0)
+                return FENCED
         count = (<BusEnd>self.buses[bus]).bus.send((<BusEnd>self.buses[bus]).bus.context, frames, count)
+        if not stopping and self.page != NULL:
+            store_i32(&self.page.sending, 0)
         if count < 0:
             self.failed = bus
             return BUS_ERROR

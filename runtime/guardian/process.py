@@ -76,6 +76,7 @@ class Guardian:
         # cut off: it no longer has the pipe for orders; ordered: it waits for the end of the stop
         self.released = self.dead = self.gone = self.cut_off = self.reported = self.ordered = False
         self.stop = self.verdict = self.owner_death = self.groups = None
+        self.in_send = False  # whether the loop was in a send when the fence was raised, and may still be
         self.stuck_at = None  # ns at which to check whether the block still hangs
         self.wires, self.carried, self.places, self.relays = {}, [], {}, []
         self.drained = {}  # ns, by the index of a wire: everything older has been read
@@ -144,6 +145,7 @@ class Guardian:
             if self.stop is None and (self.dead or now >= grace or reported):
                 self.check_loop(now)
             self.carry()
+            self.stop_again_if_due(now)
             if self.stop is not None and self.verdict is not None and not self.stop.over:
                 self._listen(self.stop)
                 self.stop.step(now)
@@ -159,7 +161,8 @@ class Guardian:
 
         Without the control process, a stop continues until another process wants a bus.
         """
-        if not (self.released or self.gone or (self.cut_off and self.page.state not in ACTIVE)):
+        over = self.released or self.gone or (self.cut_off and self.page.state not in ACTIVE)
+        if not over or self.in_send:
             return False
         return self.stop is None or self.reported and (self.released or self.stop.over or self._bus_is_wanted())
 
@@ -280,6 +283,20 @@ class Guardian:
         devices = [device for device in self.devices if only is None or device["name"] in only]
         moving = only is None and self.verdict["last_tick"] >= 0
         self.stop = SafeStop(devices, self.wires, now, moving, relays, self.page.out, round(lasts * 1e9))
+        self.stop.step(now)
+        self.in_send = self.page.sending and not self.dead
+
+    def stop_again_if_due(self, now: int) -> None:
+        """Repeat the stop once the loop has left the send that it had begun before the fence: its commands came last.
+
+        now : ns of CLOCK_MONOTONIC
+        """
+        if not self.in_send or (self.page.sending and not self.dead):
+            return
+        self.in_send = self.reported = False
+        self.page.show_stop(True)
+        self.verdict["again"] = True
+        self.stop = SafeStop(self.devices, self.wires, now, moving=False, lasts=round(STOP_ORPHANED * 1e9))
         self.stop.step(now)
 
     def _open_again(self, stop, now):
@@ -432,6 +449,8 @@ def _in_words(verdict):
     )
     done += [f"NOT confirmed by {', '.join(verdict['unconfirmed'])}"] * bool(verdict["unconfirmed"])
     done += ["its frames go on at a falling rate"] * bool(verdict["unconfirmed"])
+    if verdict.get("again"):
+        why += "; a send that had begun before followed, and the stop is repeated"
     return f"tickwork guardian: {why}; zero torque, then disable: {'; '.join(done) or 'no actuator to stop'}"
 
 

@@ -99,6 +99,7 @@ class Rearming:
             **{
                 **vars(self.prepared),
                 "rig": None,
+                "page": self.page,
                 "outcome": outcome,
                 "control": self.control,
                 "statistics": self.page.statistics(),

@@ -266,7 +266,7 @@ def test_drives_are_stopped_at_once_when_process_exits():
     assert judged(look).verdict["because"] == "died"
 
 
-HUNG, CRASHED, ASLEEP = 72, 76, 88  # bytes, of cext.safety.shared_state.SharedLayout
+HUNG, CRASHED, ASLEEP = 32, 36, 48  # bytes, of cext.safety.shared_state.SharedLayout
 
 
 def write(page, offset, number):
@@ -330,3 +330,37 @@ def test_finished_loop_is_not_stopped():
     guardian.gone = True
     guardian.check_loop(time.monotonic_ns() + 10 * guardian.limit)
     assert guardian.page.state == "safe" and guardian.verdict is None
+
+
+# A bus that the loop drives itself
+
+
+@pytest.mark.parametrize("end", ["goes on", "dies"])
+def test_the_stop_is_repeated_after_a_send_that_had_begun_before_the_fence(end):
+    """The loop is suspended between its check of the fence and its send for longer than a whole stop."""
+
+    class Held(SharedState):
+        sending = True
+
+    page = Held(1 << 12)
+    robot = Carrying(page)
+    guardian, wire = robot.guardian, robot.wires[0]
+    guardian.begin_stop("stalled", 50_000_000, 0)
+    for now in range(0, 300_000_000, 5_000_000):
+        guardian.stop.step(now)
+    assert not guardian._is_over() and guardian.in_send
+    guardian.released = guardian.reported = True
+    assert not guardian._is_over(), "it stays until the loop has left the send"
+    wire.sent.append(TORQUE)
+    if end == "goes on":
+        Held.sending = False
+    else:
+        guardian.dead = guardian.gone = True
+    guardian.stop_again_if_due(400_000_000)
+    assert wire.sent[-3:] == [TORQUE, *STOP] and not guardian.reported
+    for now in range(405_000_000, 700_000_000, 5_000_000):
+        guardian.stop.step(now)
+    assert wire.sent[-2:] == STOP
+    stop = guardian.stop
+    guardian.stop_again_if_due(700_000_000)
+    assert guardian.stop is stop, "once"
